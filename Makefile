@@ -1,0 +1,38 @@
+PYTHON ?= python3
+BIN := .venv/bin
+STAMP := .venv/.installed
+
+.PHONY: demo test slow lint bench docs lock clean
+
+demo: $(STAMP)  ## install, run paper 000 (quick), show figures' paths and the claims table
+	$(BIN)/stickslip reproduce disk-array --quick --overwrite --out results/disk-array-quick
+
+test: $(STAMP)  ## the tests, under ten minutes on two cores
+	$(BIN)/python -m pytest
+
+slow: $(STAMP)  ## the long checks
+	$(BIN)/python -m pytest -m slow
+
+lint: $(STAMP)  ## style and the layers of the architecture
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports
+
+bench: $(STAMP)  ## ratios against peers and references, measured in this run; writes bench.json
+	$(BIN)/python -m benchmarks
+
+docs: $(STAMP)  ## the API reference, into docs/_build
+	$(BIN)/pdoc --docformat numpy --output-directory docs/_build stickslip
+
+lock:  ## resolve the pinned dependencies again (needs uv)
+	uv pip compile --universal --generate-hashes --no-emit-index-url --python-version 3.11 --extra dev pyproject.toml -o requirements.lock
+
+$(STAMP): requirements.lock pyproject.toml
+	@echo "installing into .venv (about half a minute, once)"
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@touch $@
+
+clean:
+	rm -rf .venv results docs/_build

@@ -1,0 +1,283 @@
+"""Forces, torques and trial memory of all contacts.
+
+`forces` returns loads and *trial* contacts and leaves the state alone; only `accept` commits them. The kernel `sweep`
+works in place on whatever list it is given: a copy here, the stepper's own list in `integrate`.
+"""
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from .geometry import carried, normal_and_overlap, pair_vector, rolled, tangential
+from .laws import DAMPING_N, DAMPING_T, MU, SMOOTH, Law, mobilised, normal_force, tangential_stiffness
+from .neighbors import body_positions, body_radii, updated
+from .state import OPEN, SLIDE, STICK, State
+
+# what a sweep does with the memory: use it as it is; carry it along with every mode held; carry it along
+FROZEN, HELD, FREE = 0, 1, 2
+
+CLOSED, OPENED, REACHED_LIMIT = 0, 1, 2
+EVENT_COLUMNS = ("kind", "time", "i", "j", "image_x", "image_y", "image_z", "x", "y", "z")
+
+
+class Bodies(NamedTuple):
+    """Grains and walls in one set of arrays, as kernels take them."""
+
+    position: np.ndarray  # (B, 3)
+    angle: np.ndarray  # (B, 3)
+    velocity: np.ndarray  # (B, 3)
+    spin: np.ndarray  # (B, 3)
+    radius: np.ndarray  # (B,)
+    material: np.ndarray  # (B,)
+    normal: np.ndarray  # (W, 3)
+
+
+class Loads(NamedTuple):
+    """Resultants of the contacts on every body; external loads are not included."""
+
+    force: np.ndarray  # (N + W, 3) [force]
+    torque: np.ndarray  # (N + W, 3) [force length]
+
+
+def bodies(state: State) -> Bodies:
+    """Fresh arrays of grains followed by walls."""
+    grains, walls = state.grains, state.walls
+    still = np.zeros((len(walls.mass), 3))
+    return Bodies(
+        body_positions(state),
+        np.concatenate([grains.angle, still]),
+        np.concatenate([grains.velocity, walls.velocity]),
+        np.concatenate([grains.spin, still]),
+        body_radii(state),
+        np.concatenate([grains.material, walls.material]),
+        walls.normal,
+    )
+
+
+@njit(fastmath=True, error_model="numpy")
+def carried_memory(stiffness, limit, sx, sy, sz, mode, memory):
+    """Slip truncated at Coulomb's limit, and the mode that follows; with memory HELD the mode decides."""
+    pull = stiffness * stiffness * (sx * sx + sy * sy + sz * sz)
+    slides = mode == SLIDE if memory == HELD else pull > limit * limit
+    if slides:
+        scale = limit / np.sqrt(pull) if pull > 0.0 else 0.0
+        return sx * scale, sy * scale, sz * scale, SLIDE
+    return sx, sy, sz, STICK
+
+
+@njit(fastmath=True, error_model="numpy")
+def tangential_force(coulomb, stiffness, limit, sx, sy, sz):
+    """−k_t (mobilisation) s: the force on i that the slip stands for."""
+    factor = -stiffness
+    if coulomb == SMOOTH:
+        if limit > 0.0:
+            factor *= mobilised(coulomb, stiffness * np.sqrt(sx * sx + sy * sy + sz * sz) / limit)
+        else:
+            factor = 0.0
+    return factor * sx, factor * sy, factor * sz
+
+
+@njit(fastmath=True, error_model="numpy")
+def record_event(events, event_count, kind, time, i, j, image, c, position):
+    """Append one row of EVENT_COLUMNS; rows beyond the capacity are counted but not stored."""
+    k = event_count[0]
+    event_count[0] = k + 1
+    if k >= len(events):
+        return
+    events[k, 0], events[k, 1], events[k, 2], events[k, 3] = kind, time, i, j
+    for m in range(3):
+        events[k, 4 + m] = image[c, m]
+        events[k, 7 + m] = position[i, m]
+
+
+@njit(fastmath=True, error_model="numpy", forceinline=True)
+def sweep(kind, coulomb, dim, bodies, contacts, cell, p, viscous, memory, force, torque, time, events, event_count):
+    """Add the loads of all contacts and update their memory in place; compiled into its callers."""
+    position, angle, velocity, spin, radius, material, wall_normal = bodies
+    n_grains = len(radius) - len(wall_normal)
+    slip, mode, pair, roll = contacts.slip, contacts.mode, contacts.pair, contacts.roll
+    for c in range(contacts.count[0]):
+        i, j = contacts.i[c], contacts.j[c]
+        rx, ry, rz = pair_vector(dim, position, cell, contacts.image, c, i, j)
+        nx, ny, nz, overlap, _ = normal_and_overlap(i, j, n_grains, radius, wall_normal, rx, ry, rz)
+        before = mode[c]
+        if overlap <= 0.0:
+            if before != OPEN:
+                mode[c] = OPEN
+                contacts.reached[c] = False
+                slip[c, 0] = slip[c, 1] = slip[c, 2] = 0.0
+                record_event(events, event_count, OPENED, time, i, j, contacts.image, c, position)
+            continue
+        ax, ay, az = rolled(dim, angle, radius, i, j)
+        sx = sy = sz = 0.0
+        if before != OPEN:
+            sx, sy = slip[c, 0], slip[c, 1]
+            if dim == 3:
+                sz = slip[c, 2]
+            if memory != FROZEN:
+                dz = rz - pair[c, 2] if dim == 3 else 0.0
+                dax, day = (ax - roll[c, 0], ay - roll[c, 1]) if dim == 3 else (0.0, 0.0)
+                sx, sy, sz = carried(
+                    nx, ny, nz, sx, sy, sz, rx - pair[c, 0], ry - pair[c, 1], dz, dax, day, az - roll[c, 2]
+                )
+                sx, sy, sz = tangential(nx, ny, nz, sx, sy, sz)
+        a, b = material[i], material[j]
+        fn = normal_force(kind, p, a, b, overlap)
+        vx = vy = vz = 0.0
+        if viscous:
+            wx, wy, wz = rolled(dim, spin, radius, i, j)
+            vx, vy, vz = carried(
+                nx,
+                ny,
+                nz,
+                0.0,
+                0.0,
+                0.0,
+                velocity[i, 0] - velocity[j, 0],
+                velocity[i, 1] - velocity[j, 1],
+                velocity[i, 2] - velocity[j, 2] if dim == 3 else 0.0,
+                wx,
+                wy,
+                wz,
+            )
+            vn = vx * nx + vy * ny + vz * nz
+            vx, vy, vz = vx - vn * nx, vy - vn * ny, vz - vn * nz
+            fn -= p[a, b, DAMPING_N] * vn
+        limit = p[a, b, MU] * max(fn, 0.0)
+        stiffness = tangential_stiffness(kind, p, a, b, overlap)
+        after = before
+        if memory != FROZEN or before == OPEN:
+            sx, sy, sz, after = carried_memory(stiffness, limit, sx, sy, sz, before, memory)
+            slip[c, 0], slip[c, 1], pair[c, 0], pair[c, 1], roll[c, 2] = sx, sy, rx, ry, az
+            if dim == 3:
+                slip[c, 2], pair[c, 2], roll[c, 0], roll[c, 1] = sz, rz, ax, ay
+            if after != before:
+                mode[c] = after
+                if before == OPEN:
+                    record_event(events, event_count, CLOSED, time, i, j, contacts.image, c, position)
+                if after == SLIDE and not contacts.reached[c]:
+                    contacts.reached[c] = True
+                    record_event(events, event_count, REACHED_LIMIT, time, i, j, contacts.image, c, position)
+        tx, ty, tz = tangential_force(coulomb, stiffness, limit, sx, sy, sz)
+        if viscous:
+            g = p[a, b, DAMPING_T]
+            tx, ty, tz = tx - g * vx, ty - g * vy, tz - g * vz
+            size = np.sqrt(tx * tx + ty * ty + tz * tz)
+            if size > limit:
+                tx, ty, tz = tx * limit / size, ty * limit / size, tz * limit / size
+        fx, fy, fz = fn * nx + tx, fn * ny + ty, fn * nz + tz
+        qx, qy, qz = nz * ty - ny * tz, nx * tz - nz * tx, ny * tx - nx * ty
+        force[i, 0] += fx
+        force[i, 1] += fy
+        force[j, 0] -= fx
+        force[j, 1] -= fy
+        torque[i, 2] += radius[i] * qz
+        torque[j, 2] += radius[j] * qz
+        if dim == 3:
+            force[i, 2] += fz
+            force[j, 2] -= fz
+            torque[i, 0] += radius[i] * qx
+            torque[i, 1] += radius[i] * qy
+            torque[j, 0] += radius[j] * qx
+            torque[j, 1] += radius[j] * qy
+
+
+@cache
+def evaluation(kind: int, coulomb: int, dim: int):
+    """Compiled evaluation of all contacts for one law and dimension.
+
+    Numba's disk cache hits for closures over integers, and the compiler drops the branches that they decide.
+    """
+
+    @njit(cache=True, fastmath=True, error_model="numpy")
+    def evaluate(bodies, contacts, cell, p, viscous, memory, force, torque, events, event_count):
+        sweep(kind, coulomb, dim, bodies, contacts, cell, p, viscous, memory, force, torque, 0.0, events, event_count)
+
+    return evaluate
+
+
+NO_EVENTS = np.zeros((0, len(EVENT_COLUMNS)))
+
+
+def has_dashpots(law: Law) -> bool:
+    """True if any pair of materials has viscous damping."""
+    return bool(law.table[..., [DAMPING_N, DAMPING_T]].any())
+
+
+def forces(state: State, law: Law, *, memory: int = FREE):
+    """Contact loads on every body and the trial memory; the state is left alone.
+
+    F_ij = F_n n + F_t on body i, T_i = −R_i n × F_t. With lever arms R rather than R − δ/2, as in the papers, total
+    angular momentum changes by O(δ).
+
+    Parameters
+    ----------
+    state : State; positions may differ from those at which its memory was committed
+    law : Law
+    memory : FREE (default), HELD (no contact changes between stick and slide) or FROZEN (slip as committed)
+
+    Returns
+    -------
+    Loads
+        (N + W, 3) forces and torques of the contacts
+    Contacts
+        trial memory: `accept(state, trial)` commits it
+
+    Source
+    ------
+    doi:10.48550/arXiv.1908.11724, Eqs 1–5, supplement Eqs 5–7 and 25.
+    """
+    check_materials(state, law)
+    state = updated(state)
+    contacts = state.contacts
+    trial = contacts._replace(
+        slip=contacts.slip.copy(),
+        mode=contacts.mode.copy(),
+        pair=contacts.pair.copy(),
+        roll=contacts.roll.copy(),
+        reached=contacts.reached.copy(),
+    )
+    loads = Loads(np.zeros((state.n_bodies, 3)), np.zeros((state.n_bodies, 3)))
+    evaluation(law.kind, law.coulomb, state.cell.dim)(
+        bodies(state),
+        trial,
+        state.cell.vectors,
+        law.table,
+        has_dashpots(law),
+        memory,
+        *loads,
+        NO_EVENTS,
+        np.zeros(1, np.int64),
+    )
+    return loads, trial
+
+
+def accept(state: State, trial) -> State:
+    """The state with trial memory committed."""
+    return state._replace(contacts=trial)
+
+
+def check_materials(state: State, law: Law) -> None:
+    """Raise ValueError if a body's material has no row in the law's table."""
+    worst = max(int(state.grains.material.max()), int(state.walls.material.max(initial=0)))
+    if worst >= len(law.table):
+        raise ValueError(
+            f"material {worst} is used but the law knows {len(law.table)} of them: add it with between(law, a, b, …)"
+        )
+
+
+def unbalanced(state: State, loads: Loads):
+    """Generalised force on every body: (N + W, 6) force and torque/R, external loads included, zero where not free."""
+    grains, control = state.grains, state.control
+    n = len(grains.radius)
+    total = np.zeros((state.n_bodies, 6))
+    total[:, :3] = loads.force + control.force
+    total[:n, :3] += grains.mass[:, None] * control.gravity
+    total[n:, :3] += state.walls.mass[:, None] * control.gravity
+    total[:n, 3:] = (loads.torque[:n] + control.torque[:n]) / grains.radius[:, None]
+    total[~control.free] = 0.0
+    if state.cell.dim == 2:
+        total[:, 2:5] = 0.0
+    return total

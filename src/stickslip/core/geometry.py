@@ -1,0 +1,64 @@
+"""Geometry of one contact, the same for all laws and both dimensions: pair vector, normal, overlap, slip.
+
+Scalars in, scalars out; in two dimensions the z parts are literal zeros that the compiler removes.
+"""
+
+import numpy as np
+from numba import njit
+
+
+@njit(fastmath=True, error_model="numpy")
+def pair_vector(dim, x, cell, image, c, i, j):
+    """r_i − r_j + cellᵀ·image [length], x the positions of all bodies."""
+    rx = x[i, 0] - x[j, 0]
+    ry = x[i, 1] - x[j, 1]
+    rz = x[i, 2] - x[j, 2] if dim == 3 else 0.0
+    for k in range(dim):
+        m = image[c, k]
+        if m != 0:
+            rx += m * cell[k, 0]
+            ry += m * cell[k, 1]
+            if dim == 3:
+                rz += m * cell[k, 2]
+    return rx, ry, rz
+
+
+@njit(fastmath=True, error_model="numpy")
+def normal_and_overlap(i, j, n_grains, radius, wall_normal, rx, ry, rz):
+    """Normal from j to i, overlap δ, and 1/|r_ij|, which is zero for a wall: its normal does not turn."""
+    if j < n_grains:
+        distance = np.sqrt(rx * rx + ry * ry + rz * rz)
+        inverse = 1.0 / distance
+        return rx * inverse, ry * inverse, rz * inverse, radius[i] + radius[j] - distance, inverse
+    w = j - n_grains
+    nx, ny, nz = wall_normal[w, 0], wall_normal[w, 1], wall_normal[w, 2]
+    return nx, ny, nz, radius[i] - (rx * nx + ry * ny + rz * nz), 0.0
+
+
+@njit(fastmath=True, error_model="numpy")
+def rolled(dim, angle, radius, i, j):
+    """R_i angle_i + R_j angle_j [length]; the radius of a wall is zero."""
+    z = radius[i] * angle[i, 2] + radius[j] * angle[j, 2]
+    if dim == 2:
+        return 0.0, 0.0, z
+    return radius[i] * angle[i, 0] + radius[j] * angle[j, 0], radius[i] * angle[i, 1] + radius[j] * angle[j, 1], z
+
+
+@njit(fastmath=True, error_model="numpy")
+def carried(nx, ny, nz, sx, sy, sz, dx, dy, dz, ax, ay, az):
+    """Slip carried along: s + dr + n × d(roll), before it is projected on the plane of contact.
+
+    Source: doi:10.48550/arXiv.1908.11724, Eq 2 and supplement Eq 7, as differences of stored vectors.
+    """
+    return (
+        sx + dx + ny * az - nz * ay,
+        sy + dy + nz * ax - nx * az,
+        sz + dz + nx * ay - ny * ax,
+    )
+
+
+@njit(fastmath=True, error_model="numpy")
+def tangential(nx, ny, nz, wx, wy, wz):
+    """Part of w perpendicular to the unit vector n."""
+    along = wx * nx + wy * ny + wz * nz
+    return wx - along * nx, wy - along * ny, wz - along * nz

@@ -1,0 +1,190 @@
+"""The exact Jacobian of contact forces and torques with memory: one 6 × 6 block a contact.
+
+Coordinates of a body are (x, y, z, R·angle), torques are divided by R. A contact depends on r = r_i − r_j and
+ρ = R_i angle_i + R_j angle_j only; its loads on i are (F, T/R) = (F, −n × F). Geometry is derived here by hand, the
+law's tangents come from the law's own source. With w = s + Δr + n × Δρ, u = P w the slip, P = I − n nᵀ and φ(δ, |u|)
+the tangential force:
+
+    dF = −F_n' n (n·dr) + F_n dn − [φ/|u| (I − û ûᵀ) + ∂φ/∂|u| û ûᵀ] du + ∂φ/∂δ û (n·dr)
+    du = P (dr + dn × Δρ) − dn (n·w) − n (u·dn) + n × dρ,      dn = P dr / |r|
+
+The term −n (u·dn), the turning of the memory with the contact, is left out in the papers' supplements.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from .forces import FROZEN, HELD, bodies, carried_memory, check_materials
+from .geometry import carried, normal_and_overlap, pair_vector, rolled, tangential
+from .laws import (
+    DAMPING_N,
+    DAMPING_T,
+    MU,
+    Law,
+    mobilised,
+    mobilised_tangent,
+    normal_force,
+    tangential_stiffness,
+    tangents,
+)
+from .state import OPEN, SLIDE, State
+
+
+class Linear(NamedTuple):
+    """Each contact's vectors and scalars that its linearisation is made of, one row a contact."""
+
+    normal: np.ndarray  # (C, 3)
+    inverse: np.ndarray  # (C,) 1/|r|, zero at walls
+    carried: np.ndarray  # (C, 3) w, the slip before projection
+    turn: np.ndarray  # (C, 3) Δρ since the memory was committed
+    closed: np.ndarray  # (C,) 1 if it touches, else 0
+    remembers: np.ndarray  # (C,) 1 if it touched already when the memory was committed
+    slides: np.ndarray  # (C,)
+    force_n: np.ndarray  # (C,) F_n
+    slope_n: np.ndarray  # (C,) dF_n/dδ
+    secant: np.ndarray  # (C,) φ/|u|
+    along: np.ndarray  # (C,) ∂φ/∂|u|
+    by_overlap: np.ndarray  # (C,) ∂φ/∂δ at fixed |u|
+    by_force: np.ndarray  # (C,) ∂φ/∂F_n, as a dashpot changes F_n
+    damping_n: np.ndarray  # (C,)
+    damping_t: np.ndarray  # (C,)
+
+
+@njit(error_model="numpy")
+def _friction_tangent(coulomb, stiffness, slope_k, mu, force_n, slope_n, stretch, slides):
+    """φ/|u|, ∂φ/∂|u|, ∂φ/∂δ and ∂φ/∂F_n of the tangential force φ = k_t |u| (mobilised), at most μ F_n."""
+    limit = mu * force_n
+    if slides or limit <= 0.0:
+        return limit / stretch if stretch > 0.0 else 0.0, 0.0, mu * slope_n, mu
+    x = stiffness * stretch / limit
+    h, g = mobilised(coulomb, x), mobilised_tangent(coulomb, x)
+    by_force = -mu * x * x * g
+    return stiffness * h, stiffness * (h + x * g), slope_k * stretch * (h + x * g) + by_force * slope_n, by_force
+
+
+@njit(cache=True, error_model="numpy")
+def _linearise(kind, coulomb, dim, bodies, contacts, cell, p, memory, out):
+    position, angle, _, _, radius, material, wall_normal = bodies
+    n_grains = len(radius) - len(wall_normal)
+    for c in range(contacts.count[0]):
+        i, j = contacts.i[c], contacts.j[c]
+        rx, ry, rz = pair_vector(dim, position, cell, contacts.image, c, i, j)
+        nx, ny, nz, overlap, inverse = normal_and_overlap(i, j, n_grains, radius, wall_normal, rx, ry, rz)
+        if overlap <= 0.0:
+            continue
+        before = contacts.mode[c]
+        sx = sy = sz = 0.0
+        if before != OPEN:
+            sx, sy, sz = contacts.slip[c, 0], contacts.slip[c, 1], contacts.slip[c, 2]
+            if memory != FROZEN:
+                ax, ay, az = rolled(dim, angle, radius, i, j)
+                old, turned = contacts.pair[c], contacts.roll[c]
+                ax, ay, az = ax - turned[0], ay - turned[1], az - turned[2]
+                out.turn[c, 0], out.turn[c, 1], out.turn[c, 2] = ax, ay, az
+                sx, sy, sz = carried(nx, ny, nz, sx, sy, sz, rx - old[0], ry - old[1], rz - old[2], ax, ay, az)
+        ux, uy, uz = tangential(nx, ny, nz, sx, sy, sz)
+        a, b = material[i], material[j]
+        force_n, stiffness = normal_force(kind, p, a, b, overlap), tangential_stiffness(kind, p, a, b, overlap)
+        slope_n, slope_k = tangents(kind, p, a, b, overlap)
+        _, _, _, mode = carried_memory(stiffness, p[a, b, MU] * force_n, ux, uy, uz, before, memory)
+        out.secant[c], out.along[c], out.by_overlap[c], out.by_force[c] = _friction_tangent(
+            coulomb, stiffness, slope_k, p[a, b, MU], force_n, slope_n, np.sqrt(ux**2 + uy**2 + uz**2), mode == SLIDE
+        )
+        out.normal[c, 0], out.normal[c, 1], out.normal[c, 2], out.inverse[c] = nx, ny, nz, inverse
+        out.carried[c, 0], out.carried[c, 1], out.carried[c, 2] = sx, sy, sz
+        out.closed[c], out.remembers[c], out.slides[c] = 1.0, before != OPEN, mode == SLIDE
+        out.force_n[c], out.slope_n[c] = force_n, slope_n
+        out.damping_n[c], out.damping_t[c] = p[a, b, DAMPING_N], p[a, b, DAMPING_T]
+
+
+def linearised(state: State, law: Law, *, memory: int = HELD) -> Linear:
+    """Scalars and vectors of every contact's linearisation, at rest; see `contact_blocks` for the arguments."""
+    check_materials(state, law)
+    count = int(state.contacts.count[0])
+    vectors = ("normal", "carried", "turn")
+    out = Linear(*(np.zeros((count, 3) if name in vectors else count) for name in Linear._fields))
+    _linearise(
+        law.kind, law.coulomb, state.cell.dim, bodies(state), state.contacts, state.cell.vectors, law.table, memory, out
+    )
+    return out
+
+
+def cross_matrix(v: np.ndarray) -> np.ndarray:
+    """(C, 3, 3) matrices X with X y = v × y, for rows v (C, 3)."""
+    x, y, z = v.T
+    zero = np.zeros_like(x)
+    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
+
+
+def contact_blocks(state: State, law: Law, *, memory: int = HELD):
+    """Derivatives of (F, T/R) on body i with respect to (r, ρ) and to their rates, at rest.
+
+    Parameters
+    ----------
+    state : State, its list of contacts valid at its positions
+    memory : HELD, each contact stays in its mode (default: the Jacobian of an accepted state); FREE, the mode that the
+        trial memory has (for Newton's method); FROZEN, no slip accumulates
+
+    Returns
+    -------
+    (C, 6, 6) [force/length], (C, 6, 6) [force time/length]
+
+    Source
+    ------
+    doi:10.48550/arXiv.1908.11724, supplement Eqs 9–35, with the errata of the documentation.
+    """
+    c = linearised(state, law, memory=memory)
+
+    def col(a):
+        return a[:, None, None]
+
+    eye, nn = np.eye(3), c.normal[:, :, None] * c.normal[:, None, :]
+    along = np.einsum("ca,ca->c", c.normal, c.carried)
+    slip = c.carried - along[:, None] * c.normal
+    size = np.linalg.norm(slip, axis=1)
+    hat = np.divide(slip, size[:, None], out=np.zeros_like(slip), where=size[:, None] > 0)
+    hh = hat[:, :, None] * hat[:, None, :]
+    project, cross_n = eye - nn, cross_matrix(c.normal)
+    dn = col(c.inverse) * project
+    du_dr = (
+        project @ (eye - cross_matrix(c.turn) @ dn)
+        - col(along) * dn
+        - c.normal[:, :, None] * (np.einsum("ca,cab->cb", slip, dn)[:, None, :])
+    )
+    spring = -col(c.remembers) * (col(c.secant) * (eye - hh) + col(c.along) * hh)
+    force = c.force_n[:, None] * c.normal - c.secant[:, None] * slip
+    n_row, hat_col = c.normal[:, None, :], hat[:, :, None]
+
+    stiff, damp = np.zeros((2, len(size), 6, 6))
+    stiff[:, :3, :3] = -col(c.slope_n) * nn + col(c.force_n) * dn + spring @ du_dr + col(c.by_overlap) * hat_col * n_row
+    stiff[:, :3, 3:] = spring @ cross_n
+    stiff[:, 3:] = -cross_n @ stiff[:, :3]
+    stiff[:, 3:, :3] += cross_matrix(force) @ dn
+    dashpot = col(c.damping_t) * (eye - col(c.slides) * hh)
+    damp[:, :3, :3] = -dashpot @ project + col(c.damping_n) * (col(c.by_force) * hat_col * n_row - nn)
+    damp[:, :3, 3:] = -dashpot @ cross_n
+    damp[:, 3:] = -cross_n @ damp[:, :3]
+    return col(c.closed) * stiff, col(c.closed) * damp
+
+
+def triplets(state: State, blocks: np.ndarray):
+    """Rows, columns and values of the (6B, 6B) matrix of all bodies that contact blocks add up to.
+
+    Body i feels +F, body j −F; both feel the same torque/R. r = x_i − x_j, ρ = ρ_i + ρ_j. Entries of one pair may
+    occur more than once: they add.
+    """
+    count = len(blocks)
+    ends = (
+        (state.contacts.i[:count], np.array([1.0, 1, 1, 1, 1, 1])),
+        (state.contacts.j[:count], np.array([-1.0, -1, -1, 1, 1, 1])),
+    )
+    rows, cols, values = [], [], []
+    k, shape = np.arange(6), (count, 6, 6)
+    for body, sign in ends:
+        for other, other_sign in ends:
+            rows.append(np.broadcast_to((6 * body[:, None] + k)[:, :, None], shape).ravel())
+            cols.append(np.broadcast_to((6 * other[:, None] + k)[:, None, :], shape).ravel())
+            values.append((blocks * sign[:, None] * other_sign).ravel())
+    return np.concatenate(rows), np.concatenate(cols), np.concatenate(values)

@@ -1,0 +1,44 @@
+"""How a solve ended: data first, exception second."""
+
+from enum import Enum
+from typing import NamedTuple
+
+
+class Status(Enum):
+    """Each member is the sentence that a user should read, remedy included."""
+
+    CONVERGED = "equilibrium was reached"
+    STEPS_SPENT = "equilibrium was not reached in the allowed number of steps: allow more, or use stronger drag"
+    NOT_A_NUMBER = "a grain's position became infinite or not a number: use a smaller time step or smaller load steps"
+    STALLED = "Newton's method stopped getting closer: use smaller load steps, or damped dynamics"
+    SINGULAR = (
+        "the Jacobian is singular (a rattler, or sliding without resistance): remove rattlers, or use damped dynamics"
+    )
+    CONTACT_LOST = "grains flew apart and lost all their contacts: use a smaller load"
+    INTERRUPTED = "the run ended before its last step"
+
+
+class Outcome(NamedTuple):
+    """Result of a solve."""
+
+    status: Status
+    residual: float  # largest unbalanced force or torque/radius [force]
+    iterations: int
+    where: int = -1  # body with the largest residual, or the one that blew up
+
+    @property
+    def ok(self) -> bool:
+        """True if equilibrium was reached."""
+        return self.status is Status.CONVERGED
+
+    def __str__(self) -> str:
+        at = f", grain {self.where + 1}" if self.where >= 0 and not self.ok else ""
+        return f"{self.status.value} (residual {self.residual:.3g}{at}, {self.iterations} iterations)"
+
+
+class NotInEquilibriumError(RuntimeError):
+    """A run that needs an equilibrium did not find one; `outcome` holds how the solve ended."""
+
+    def __init__(self, sentence: str, outcome: Outcome):
+        super().__init__(f"{sentence}: {outcome}")
+        self.outcome = outcome

@@ -1,0 +1,267 @@
+"""The nouns: grains, walls, cell, contacts, control, and the state that holds them. Values, not objects with habits.
+
+Two dimensions are three dimensions held in a plane: every vector has three components and `cell.dim` says how many
+of them move. A *body* is a grain or a wall: bodies 0…N−1 are the grains, N…N+W−1 the walls.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+OPEN, STICK, SLIDE = 0, 1, 2
+
+
+class Grains(NamedTuple):
+    """Disks or spheres, one row each."""
+
+    position: np.ndarray  # (N, 3) [length], never wrapped
+    angle: np.ndarray  # (N, 3) [rad], time integral of spin
+    velocity: np.ndarray  # (N, 3) [length/time]
+    spin: np.ndarray  # (N, 3) [rad/time]
+    radius: np.ndarray  # (N,) [length]
+    mass: np.ndarray  # (N,) [mass]
+    inertia: np.ndarray  # (N,) [mass length²]
+    material: np.ndarray  # (N,) row of the law's table
+
+
+class Walls(NamedTuple):
+    """Flat bodies that translate; grains live on the side to which the normal points."""
+
+    point: np.ndarray  # (W, 3) [length]
+    normal: np.ndarray  # (W, 3) unit vectors
+    velocity: np.ndarray  # (W, 3) [length/time]
+    mass: np.ndarray  # (W,) [mass]
+    material: np.ndarray  # (W,)
+
+
+class Cell(NamedTuple):
+    """The box: vectors as rows, which of them are periodic, and the number of dimensions."""
+
+    vectors: np.ndarray  # (3, 3) [length]
+    periodic: np.ndarray  # (3,) bool
+    dim: int
+
+
+class Contacts(NamedTuple):
+    """Pairs within reach, sorted by key, each with its memory; the first `count[0]` rows are valid.
+
+    The list holds all pairs closer than a skin, so that it outlives many steps; `mode` says which of them touch.
+    r_ij = r_i − r_j + cellᵀ·image. `pair` and `roll` are r_ij and R_i angle_i + R_j angle_j at which `slip` was last
+    committed. `origin` holds the bodies' positions at which the list was made.
+    """
+
+    i: np.ndarray  # (C,)
+    j: np.ndarray  # (C,)
+    image: np.ndarray  # (C, 3)
+    key: np.ndarray  # (C,) packed (i, j, image)
+    slip: np.ndarray  # (C, 3) [length], perpendicular to the normal
+    mode: np.ndarray  # (C,) OPEN, STICK or SLIDE
+    pair: np.ndarray  # (C, 3) [length]
+    roll: np.ndarray  # (C, 3) [length]
+    reached: np.ndarray  # (C,) bool: was at Coulomb's limit since it closed
+    origin: np.ndarray  # (N + W, 3) [length]
+    skin: np.ndarray  # (1,) [length]
+    count: np.ndarray  # (1,)
+
+
+class Control(NamedTuple):
+    """What is imposed. A component that is not free moves at its `rate`: zero means frozen, anything else driven."""
+
+    force: np.ndarray  # (N + W, 3) [force]
+    torque: np.ndarray  # (N + W, 3) [force length]
+    free: np.ndarray  # (N + W, 6) bool: x, y, z, then rotation about x, y, z
+    rate: np.ndarray  # (N + W, 6) [length/time], [rad/time]
+    gravity: np.ndarray  # (3,) [length/time²]
+
+
+class State(NamedTuple):
+    """Everything that the future depends on, except the law."""
+
+    grains: Grains
+    walls: Walls
+    cell: Cell
+    contacts: Contacts
+    control: Control
+    time: float
+
+    @property
+    def n_bodies(self) -> int:
+        """Number of grains plus number of walls."""
+        return len(self.grains.radius) + len(self.walls.mass)
+
+
+def rows(value, n, width=None, dtype=float):
+    """Contiguous copy of `value`, broadcast to (n,) or (n, width); plane vectors get a zero third component."""
+    array = np.asarray(value, dtype)
+    if width == 3 and array.shape[-1:] == (2,):
+        array = np.concatenate([array, np.zeros((*array.shape[:-1], 1))], axis=-1)
+    shape = (n,) if width is None else (n, width)
+    try:
+        return np.array(np.broadcast_to(array, shape), order="C")
+    except ValueError:
+        raise ValueError(
+            f"an array of shape {array.shape} was given where {shape} is needed: one row for each body, or one for all"
+        ) from None
+
+
+def disks(position, radius, *, mass=1.0, i0=0.5, material=0, velocity=0.0, spin=0.0, angle=0.0) -> Grains:
+    """Grains at rest unless told otherwise; the moment of inertia is i0 m R².
+
+    Parameters
+    ----------
+    position : (N, 2) or (N, 3) [length]
+    radius, mass : float or (N,) [length], [mass]
+    i0 : float, 1/2 for disks, 2/5 for spheres
+    material : int or (N,), row of the law's table
+    velocity, spin, angle : broadcast to (N, 3)
+
+    Examples
+    --------
+    >>> disks([[0, 0.5], [1, 0.5]], 0.5).inertia
+    array([0.125, 0.125])
+    """
+    position = np.atleast_2d(np.asarray(position, float))
+    n = len(position)
+    radius, mass = rows(radius, n), rows(mass, n)
+    return Grains(
+        rows(position, n, 3),
+        rows(angle, n, 3),
+        rows(velocity, n, 3),
+        rows(spin, n, 3),
+        radius,
+        mass,
+        i0 * mass * radius**2,
+        rows(material, n, dtype=np.int64),
+    )
+
+
+def spheres(position, radius, *, i0=0.4, **rest) -> Grains:
+    """Like `disks`, with the moment of inertia of a homogeneous sphere."""
+    return disks(position, radius, i0=i0, **rest)
+
+
+def flat_walls(point=(), normal=(), *, mass=1.0, material=0, velocity=0.0) -> Walls:
+    """Flat walls through `point` with `normal` (any length but zero) towards the grains."""
+    point, normal = np.asarray(point, float), np.asarray(normal, float)
+    point, normal = (np.atleast_2d(a) if a.size else np.zeros((0, 3)) for a in (point, normal))
+    n = max(len(point), len(normal))
+    normal = rows(normal, n, 3)
+    size = np.linalg.norm(normal, axis=1, keepdims=True)
+    if not (size > 0).all():
+        raise ValueError("a wall's normal of length zero was given: give a vector that points towards the grains")
+    return Walls(
+        rows(point, n, 3), normal / size, rows(velocity, n, 3), rows(mass, n), rows(material, n, dtype=np.int64)
+    )
+
+
+def box(size=(1.0, 1.0, 1.0), periodic=(False, False, False), dim=3) -> Cell:
+    """An orthogonal cell (three lengths) or any cell (three vectors as rows)."""
+    size = np.asarray(size, float)
+    vectors = np.diag(size) if size.ndim == 1 else size
+    return Cell(np.ascontiguousarray(vectors), np.array(periodic, bool), int(dim))
+
+
+@njit(cache=True)
+def empty_contacts(n_bodies, capacity, skin):
+    """A list without pairs, with room for `capacity`; the first evaluation of forces fills it."""
+    c = capacity
+    return Contacts(
+        np.zeros(c, np.int64),
+        np.zeros(c, np.int64),
+        np.zeros((c, 3), np.int64),
+        np.zeros(c, np.int64),
+        np.zeros((c, 3)),
+        np.zeros(c, np.int64),
+        np.zeros((c, 3)),
+        np.zeros((c, 3)),
+        np.zeros(c, np.bool_),
+        np.full((n_bodies, 3), np.inf),
+        np.full(1, skin),
+        np.zeros(1, np.int64),
+    )
+
+
+def loads(n_grains: int, n_walls: int = 0, *, force=0.0, torque=0.0, gravity=(0.0, 0.0, 0.0)) -> Control:
+    """Control with free grains, frozen walls, and the given loads on the grains.
+
+    Parameters
+    ----------
+    force, torque : broadcast to (n_grains, 3) [force], [force length]
+    gravity : (3,) [length/time²]
+    """
+    n = n_grains + n_walls
+    control = Control(
+        np.zeros((n, 3)), np.zeros((n, 3)), np.ones((n, 6), bool), np.zeros((n, 6)), np.array(gravity, float)
+    )
+    control.force[:n_grains] = rows(force, n_grains, 3)
+    control.torque[:n_grains] = rows(torque, n_grains, 3)
+    control.free[n_grains:] = False
+    return control
+
+
+def frozen(control: Control, bodies) -> Control:
+    """Control in which all components of the given bodies stand still."""
+    return driven(control, bodies, 0.0)
+
+
+def driven(control: Control, bodies, rate) -> Control:
+    """Control in which all components of the given bodies move at `rate`, broadcast to (bodies, 6)."""
+    free, speed = control.free.copy(), control.rate.copy()
+    free[bodies] = False
+    speed[bodies] = rate
+    return control._replace(free=free, rate=speed)
+
+
+def assembly(
+    grains: Grains,
+    walls: Walls | None = None,
+    cell: Cell | None = None,
+    control: Control | None = None,
+    *,
+    skin: float | None = None,
+    time: float = 0.0,
+) -> State:
+    """A checked state; the list of contacts is made at the first evaluation of forces.
+
+    Raises
+    ------
+    ValueError
+        with one sentence, if the parts do not fit or hold impossible values.
+    """
+    walls = flat_walls() if walls is None else walls
+    cell = box() if cell is None else cell
+    control = loads(len(grains.radius), len(walls.mass)) if control is None else control
+    if not len(grains.radius):
+        raise ValueError("an assembly of 0 grains was given: at least 1 is needed")
+    skin = 0.2 * float(np.min(grains.radius)) if skin is None else skin
+    state = State(grains, walls, cell, empty_contacts(len(grains.radius) + len(walls.mass), 0, skin), control, time)
+    check(state)
+    return state
+
+
+def check(state: State) -> None:
+    """Raise ValueError with one sentence if a state holds what no state may hold."""
+    grains, walls, cell, contacts, control, _ = state
+    n, b = len(grains.radius), state.n_bodies
+    for noun, part, count in (("grains", grains, n), ("walls", walls, len(walls.mass)), ("control", control, None)):
+        for name, array in zip(part._fields, part, strict=True):
+            if count is not None and len(array) != count:
+                raise ValueError(f"{noun}.{name} has {len(array)} rows where {count} are needed: one for each body")
+            if array.dtype == float and not np.isfinite(array).all():
+                raise ValueError(f"{noun}.{name} holds NaN or infinity: every entry must be a finite number")
+    for name in ("radius", "mass", "inertia"):
+        values = getattr(grains, name)
+        if not (values > 0).all():
+            bad = int(np.argmin(values))
+            raise ValueError(f"grain {bad} has {name} {values[bad]:g}: it must be positive")
+    if cell.dim not in (2, 3):
+        raise ValueError(f"a cell of {cell.dim} dimensions was given: 2 and 3 are allowed")
+    if len(control.force) != b:
+        raise ValueError(f"control has {len(control.force)} rows where {b} are needed: one for each grain and wall")
+    if cell.periodic.any() and abs(np.linalg.det(cell.vectors)) < 1e-300:
+        raise ValueError("the cell's vectors span no volume: give three independent vectors")
+    if cell.dim == 2 and (cell.periodic[2] or walls.normal[:, 2].any()):
+        raise ValueError("a cell of 2 dimensions lies in the plane: it cannot be periodic or walled along z")
+    if not contacts.skin[0] > 0:
+        raise ValueError(f"a skin of {contacts.skin[0]:g} was given: it must be positive")

@@ -1,0 +1,1 @@
+"""The papers, end to end: scenario, result, claims, figures."""

@@ -1,0 +1,1 @@
+"""What the laboratory does to a sample: builds it, loads it, lets it go."""

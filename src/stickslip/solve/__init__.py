@@ -1,0 +1,1 @@
+"""Equilibrium and stability, in generalised coordinates."""

@@ -1,0 +1,77 @@
+"""Generalised coordinates: which components of which bodies move, built from `Control`."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy import sparse
+
+from ..core.forces import Loads, unbalanced
+from ..core.jacobian import triplets
+from ..core.state import State
+
+
+class Freedom(NamedTuple):
+    """x = P q + x₀: P picks the free components of (x, y, z, R·angle) of every body; the rest is prescribed.
+
+    Components are ordered body by body; in two dimensions a grain has x, y and R·angle_z.
+    """
+
+    component: np.ndarray  # (n,) position of each coordinate in the flattened (B, 6) array
+    mass: np.ndarray  # (n,) mass, or I/R² for rotations [mass]
+    dim: int
+
+    @property
+    def axis(self) -> np.ndarray:
+        """(n,) 0, 1, 2 for x, y, z; 3, 4, 5 for rotations about them."""
+        return self.component % 6
+
+    @property
+    def body(self) -> np.ndarray:
+        """(n,) body to which each coordinate belongs."""
+        return self.component // 6
+
+    def __len__(self):
+        return len(self.component)
+
+
+def freedom(state: State) -> Freedom:
+    """Free coordinates of a state. Walls translate only."""
+    grains, walls, free = state.grains, state.walls, state.control.free.copy()
+    n = len(grains.radius)
+    free[n:, 3:] = False
+    if state.cell.dim == 2:
+        free[:, 2:5] = False
+    mass = np.ones((state.n_bodies, 6))
+    mass[:n, :3], mass[n:, :3] = grains.mass[:, None], walls.mass[:, None]
+    mass[:n, 3:] = (grains.inertia / grains.radius**2)[:, None]
+    component = np.flatnonzero(free)
+    return Freedom(component, mass.ravel()[component], state.cell.dim)
+
+
+def residual_vector(state: State, loads: Loads, free: Freedom) -> np.ndarray:
+    """(n,) generalised unbalanced force Pᵀf [force]."""
+    return unbalanced(state, loads).ravel()[free.component]
+
+
+def restricted(state: State, blocks: np.ndarray, free: Freedom):
+    """(n, n) sparse PᵀKP of the matrix K that contact blocks add up to."""
+    rows, cols, values = triplets(state, blocks)
+    place = np.full(6 * state.n_bodies, -1)
+    place[free.component] = np.arange(len(free))
+    rows, cols = place[rows], place[cols]
+    keep = (rows >= 0) & (cols >= 0)
+    return sparse.csr_array((values[keep], (rows[keep], cols[keep])), shape=(len(free), len(free)))
+
+
+def displaced(state: State, free: Freedom, step: np.ndarray) -> State:
+    """The state with its free coordinates moved by `step` (n,) [length]; memory is not touched."""
+    full = np.zeros(6 * state.n_bodies)
+    full[free.component] = step
+    full = full.reshape(-1, 6)
+    grains, n = state.grains, len(state.grains.radius)
+    return state._replace(
+        grains=grains._replace(
+            position=grains.position + full[:n, :3], angle=grains.angle + full[:n, 3:] / grains.radius[:, None]
+        ),
+        walls=state.walls._replace(point=state.walls.point + full[n:, :3]),
+    )

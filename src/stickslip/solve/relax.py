@@ -1,0 +1,56 @@
+"""Equilibrium by strongly damped dynamics."""
+
+import numpy as np
+
+from ..core.forces import forces, unbalanced
+from ..core.integrate import run
+from ..core.laws import Law
+from ..core.outcome import Status
+from ..core.state import OPEN, State
+
+
+def residual(state: State, law: Law):
+    """Largest unbalanced force or torque/R of a state [force], and the body that carries it."""
+    size = np.abs(unbalanced(state, forces(state, law)[0])).max(axis=1)
+    return float(size.max()), int(size.argmax())
+
+
+def relax(
+    state: State,
+    law: Law,
+    *,
+    tolerance: float = 1e-14,
+    drag: float = 0.05,
+    spin_drag: float | None = None,
+    dt: float = 0.1,
+    steps: int = 2_000_000,
+):
+    """Damped Newtonian dynamics until nothing moves: the quasi-static limit of the papers' protocol.
+
+    The drag acts on translations and on rotations; it must exceed twice the growth rate of any instability that is to
+    be held down.
+
+    Parameters
+    ----------
+    tolerance : float [force]; drag, spin_drag : float [1/time]; dt : float [time]; steps : int, the most allowed
+
+    Returns
+    -------
+    State, Outcome
+        at rest on success. If the outcome is not CONVERGED, the state is where the run ended.
+
+    Source
+    ------
+    doi:10.48550/arXiv.1908.11724, computational protocol of the supplement.
+    """
+    end, _, outcome = run(state, law, steps, dt, drag=drag, spin_drag=spin_drag, tolerance=tolerance)
+    if outcome.ok:
+        grains, walls = end.grains, end.walls
+        end = end._replace(
+            grains=grains._replace(velocity=0 * grains.velocity, spin=0 * grains.spin),
+            walls=walls._replace(velocity=0 * walls.velocity),
+            time=state.time,
+        )
+    elif not (end.contacts.mode[: end.contacts.count[0]] != OPEN).any():
+        outcome = outcome._replace(status=Status.CONTACT_LOST)
+    return end, outcome

@@ -1,0 +1,154 @@
+"""The spectrum of −M⁻¹J: stability, complex pairs, growth rates, mode shapes, and pairs followed along a load."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import eig, eigvals
+from scipy.optimize import linear_sum_assignment
+
+from ..core.jacobian import contact_blocks
+from ..core.laws import Law
+from ..core.state import State
+from .freedom import Freedom, freedom, restricted
+
+REAL_BELOW = 1e-9  # |Im λ| below this share of the largest |λ| is round-off: J carries noise of 1e-15
+
+
+class Spectrum(NamedTuple):
+    """All eigenvalues λ of −M⁻¹J, sorted by real part, with their modes.
+
+    A stable mode has λ > 0 and frequency √λ; λ < 0 is buckling. A complex pair λ_r ± iλ_i oscillates at ω_r and grows
+    as exp(ω_i t), ω_r + iω_i = √(λ_r + iλ_i).
+    """
+
+    eigenvalues: np.ndarray  # (n,) complex [1/time²]
+    modes: np.ndarray  # (n, n) complex, columns: generalised displacements of unit mass-weighted norm
+    free: Freedom
+
+    @property
+    def pairs(self) -> np.ndarray:
+        """Indices of the eigenvalues with Im λ > 0, one for each complex pair, fastest growing first."""
+        index = np.flatnonzero(self.eigenvalues.imag > 0)
+        return index[np.argsort(-self.growth_rate[index])]
+
+    @property
+    def im_lambda(self) -> np.ndarray:
+        """Im λ [1/time²] of each eigenvalue."""
+        return self.eigenvalues.imag
+
+    @property
+    def frequency(self) -> np.ndarray:
+        """ω_r = |Re √λ| [1/time] of each eigenvalue."""
+        return np.abs(np.sqrt(self.eigenvalues).real)
+
+    @property
+    def growth_rate(self) -> np.ndarray:
+        """ω_i = |Im √λ| [1/time]: displacements grow as exp(ω_i t), M(t) as exp(2 ω_i t); zero for stable modes."""
+        return np.abs(np.sqrt(self.eigenvalues).imag)
+
+    @property
+    def stable(self) -> bool:
+        """True if no complex pair and no negative eigenvalue is found (beyond round-off)."""
+        floor = -REAL_BELOW * np.abs(self.eigenvalues).max()
+        return not len(self.pairs) and bool((self.eigenvalues.real > floor).all())
+
+    def shares(self) -> np.ndarray:
+        """(n, 6) share of each mode's mass-weighted norm in x, y, z and in rotations about them; rows add up to 1."""
+        weight = self.free.mass[:, None] * np.abs(self.modes) ** 2
+        axis = self.free.axis
+        return np.stack([weight[axis == k].sum(axis=0) for k in range(6)], axis=1)
+
+
+def spectrum(state: State, law: Law) -> Spectrum:
+    """All eigenvalues and modes of −M⁻¹J at an accepted state, dense; each contact is held in its mode.
+
+    Velocity-dependent parts of the law and drag do not enter; `damped_growth` has them.
+
+    Raises
+    ------
+    ValueError
+        beyond 10,000 coordinates, where a dense solution takes hours.
+
+    Source
+    ------
+    doi:10.48550/arXiv.1908.11724, Eq 8; the mass matrix of its supplement, Eq 2, with I = I0 m R² for any I0.
+    """
+    free = freedom(state)
+    if not len(free):
+        raise ValueError("nothing is free to move: the spectrum needs at least one free coordinate")
+    if len(free) > 10_000:
+        raise ValueError(f"{len(free)} coordinates were given: the dense spectrum takes at most 10000")
+    stiffness, _ = contact_blocks(state, law)
+    matrix = -restricted(state, stiffness, free).toarray()
+    root = np.sqrt(free.mass)
+    values, vectors = eig(matrix / root[:, None] / root)
+    order = np.lexsort((values.imag, values.real))
+    values, vectors = values[order], vectors[:, order]
+    real = np.abs(values.imag) <= REAL_BELOW * np.abs(values).max()
+    values = np.where(real, values.real, values)
+    return Spectrum(values, vectors / root[:, None], free)
+
+
+def damped_growth(state: State, law: Law, *, drag: float = 0.0, spin_drag: float | None = None) -> np.ndarray:
+    """Exponents s of exp(st) of the linearised motion M q̈ = J q + C q̇ − M ν q̇, sorted by real part, largest first.
+
+    Parameters
+    ----------
+    drag, spin_drag : float [1/time]
+
+    Returns
+    -------
+    (2n,) complex [1/time]; unstable if any real part is positive. Without drag and dashpots, s² = −λ.
+    """
+    free = freedom(state)
+    stiffness, dashpots = contact_blocks(state, law)
+    rate = np.where(free.axis < 3, drag, drag if spin_drag is None else spin_drag)
+    upper = np.hstack([np.zeros((len(free), len(free))), np.eye(len(free))])
+    pull = restricted(state, stiffness, free).toarray() / free.mass[:, None]
+    friction = restricted(state, dashpots, free).toarray() / free.mass[:, None] - np.diag(rate)
+    values = eigvals(np.vstack([upper, np.hstack([pull, friction])]))
+    return values[np.argsort(-values.real)]
+
+
+def overlap(a: np.ndarray, b: np.ndarray, mass: np.ndarray) -> float:
+    """How much of the plane of one complex mode lies in another's, 0 to 1, in the mass-weighted metric.
+
+    The plane is spanned by real and imaginary part; the result is the smaller cosine of the principal angles.
+    """
+
+    def plane(mode):
+        columns = np.stack([mode.real, mode.imag], axis=1) * np.sqrt(mass)[:, None]
+        return np.linalg.qr(columns)[0]
+
+    return float(np.linalg.svd(plane(a).T @ plane(b), compute_uv=False).min())
+
+
+def follow(spectra, *, at_least: float = 0.5) -> list[dict[int, int]]:
+    """Complex pairs followed through a sequence of spectra by the overlap of their modes.
+
+    Parameters
+    ----------
+    spectra : sequence of Spectrum, at neighbouring loads
+    at_least : float, smallest overlap that counts as the same pair
+
+    Returns
+    -------
+    list of dict
+        one for each family: index of the spectrum -> index of the eigenvalue. A family ends where its pair turns real.
+    """
+    families: list[dict[int, int]] = []
+    for k, now in enumerate(spectra):
+        living = [f for f in families if k - 1 in f]
+        pairs = now.pairs
+        taken = set()
+        if living and len(pairs):
+            before = spectra[k - 1]
+            score = np.array(
+                [[overlap(before.modes[:, f[k - 1]], now.modes[:, p], now.free.mass) for p in pairs] for f in living]
+            )
+            for row, col in zip(*linear_sum_assignment(-score), strict=True):
+                if score[row, col] >= at_least:
+                    living[row][k] = int(pairs[col])
+                    taken.add(int(pairs[col]))
+        families += [{k: int(p)} for p in pairs if int(p) not in taken]
+    return families

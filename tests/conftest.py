@@ -1,0 +1,59 @@
+"""Shared assemblies, and a process in which NaN cannot pass unnoticed."""
+
+import numpy as np
+import pytest
+from hypothesis import settings
+
+from stickslip.core.forces import accept, forces
+from stickslip.core.laws import between, hertz_mindlin, linear
+from stickslip.core.state import assembly, box, disks, flat_walls, loads, spheres
+
+settings.register_profile("ci", deadline=None, max_examples=40, derandomize=True)
+settings.load_profile("ci")
+
+
+@pytest.fixture(autouse=True)
+def _loud_floating_point():
+    with np.errstate(all="raise", under="ignore"):
+        yield
+
+
+def make_law(name, coulomb, mu=0.4, **more):
+    """A law whose grain–wall friction differs from its grain–grain friction."""
+    kind = {"hertz_mindlin": hertz_mindlin, "linear": linear}[name]
+    return between(kind(1.0, 2 / 7, mu, coulomb=coulomb, **more), 0, 1, mu=0.7 * mu, kn=1.3, kt=0.5)
+
+
+def make_packing(dim, seed=0, n=7, wall=True, overlap=0.05):
+    """Grains of unlike radii in a periodic box so small that some touch through two images, on a floor."""
+    rng = np.random.default_rng(seed)
+    radius = rng.uniform(0.4, 0.6, n)
+    axes = [0] if dim == 2 else [0, 1]
+    up = 1 if dim == 2 else 2
+    position = np.zeros((n, 3))
+    position[:, up] = np.linspace(0.5 - overlap, 0.5 - overlap + 0.62 * (n - 1), n)
+    for a in axes:
+        position[:, a] = np.cumsum(rng.choice([-1, 1], n) * rng.uniform(0.4, 0.5, n))
+    size, periodic = np.array([1.55, 1.55, 1.55]), np.zeros(3, bool)
+    periodic[axes] = True
+    size[up] = 10.0
+    normal = np.eye(3)[up]
+    walls = flat_walls([0, 0, 0], normal, material=1) if wall else flat_walls()
+    make = disks if dim == 2 else spheres
+    grains = make(position, radius, mass=rng.uniform(0.5, 2, n))
+    return assembly(grains, walls, box(size, periodic, dim), loads(n, len(walls.mass)))
+
+
+def stirred(state, law, rng, size=0.02, times=3):
+    """The state after some random displacements, each committed, so that contacts carry slip and some slide."""
+    dim, n = state.cell.dim, len(state.grains.radius)
+    for _ in range(times):
+        _, trial = forces(state, law)
+        state = accept(state, trial)
+        move, turn = rng.normal(0, size, (2, n, 3))
+        if dim == 2:
+            move[:, 2] = turn[:, :2] = 0
+        grains = state.grains
+        state = state._replace(grains=grains._replace(position=grains.position + move, angle=grains.angle + turn))
+    _, trial = forces(state, law)
+    return accept(state, trial)

@@ -1,0 +1,116 @@
+"""The analytic Jacobian against fourth-order central differences of trial evaluations."""
+
+import numpy as np
+import pytest
+
+from stickslip.core.forces import FREE, HELD, bodies, forces
+from stickslip.core.geometry import normal_and_overlap, pair_vector
+from stickslip.core.jacobian import contact_blocks
+from stickslip.core.neighbors import updated
+from stickslip.core.state import SLIDE, STICK
+from stickslip.solve.freedom import displaced, freedom, residual_vector, restricted
+from tests.conftest import make_law, make_packing, stirred
+
+CASES = [
+    (law, coulomb, dim) for law in ("hertz_mindlin", "linear") for coulomb in ("smooth", "sharp") for dim in (2, 3)
+]
+
+
+def overlaps(state):
+    b, c = bodies(state), state.contacts
+    out = []
+    for k in range(int(c.count[0])):
+        r = pair_vector(state.cell.dim, b.position, state.cell.vectors, c.image, k, c.i[k], c.j[k])
+        out.append(normal_and_overlap(c.i[k], c.j[k], len(state.grains.radius), b.radius, b.normal, *r)[3])
+    return np.array(out)
+
+
+def differences(state, law, free, memory, h):
+    """Fourth-order central differences of the unbalanced force with respect to every free coordinate."""
+    out = np.zeros((len(free), len(free)))
+    for k in range(len(free)):
+        step = np.zeros(len(free))
+        for weight, shift in ((1, -2), (-8, -1), (8, 1), (-1, 2)):
+            step[k] = shift * h
+            moved = displaced(state, free, step)
+            out[:, k] += weight * residual_vector(moved, forces(moved, law, memory=memory)[0], free)
+    return out / (12 * h)
+
+
+def sample(law_name, coulomb, dim, seed):
+    """A stirred packing with sticking and sliding at grains and at the wall.
+
+    Without grazing contacts, whose force has no second derivative, and without contacts of zero slip, where the smooth
+    law's |s| s has none.
+    """
+    law = make_law(law_name, coulomb)
+    for attempt in range(1000):
+        rng = np.random.default_rng(1000 * seed + attempt)
+        state = stirred(make_packing(dim, seed=1000 * seed + attempt), law, rng)
+        modes = state.contacts.mode[: state.contacts.count[0]]
+        at_wall = state.contacts.j[: len(modes)] >= len(state.grains.radius)
+        wanted = SLIDE if seed % 2 else STICK
+        if (
+            np.abs(overlaps(state)).min() > 2e-3
+            and np.linalg.norm(state.contacts.slip[: len(modes)][modes > 0], axis=1).min() > 2e-3
+            and {STICK, SLIDE} <= set(modes[~at_wall])
+            and wanted in modes[at_wall]
+        ):
+            return state, law
+    raise AssertionError("no suitable packing in a thousand attempts")
+
+
+@pytest.mark.parametrize(("law_name", "coulomb", "dim"), CASES)
+@pytest.mark.parametrize("seed", range(3))
+def test_jacobian_of_an_accepted_state(law_name, coulomb, dim, seed):
+    state, law = sample(law_name, coulomb, dim, seed)
+    modes = state.contacts.mode[: state.contacts.count[0]]
+    free = freedom(state)
+    exact = restricted(state, contact_blocks(state, law)[0], free).toarray()
+    numeric = differences(state, law, free, HELD, h=1e-4 * overlaps(state)[modes > 0].min() ** 0.5)
+    # h⁴ and round-off/h balance near 1e-10 of the largest entry; 1e-8 is what the project promises
+    np.testing.assert_allclose(exact, numeric, atol=1e-8 * np.abs(exact).max(), rtol=0)
+
+
+@pytest.mark.parametrize(("law_name", "coulomb", "dim"), CASES)
+def test_jacobian_of_a_trial_state_with_pending_increments(law_name, coulomb, dim):
+    state, law = sample(law_name, coulomb, dim, seed=5)
+    free = freedom(state)
+    rng = np.random.default_rng(0)
+    pending = updated(displaced(state, free, rng.normal(0, 3e-4, len(free))))
+    exact = restricted(pending, contact_blocks(pending, law, memory=FREE)[0], free).toarray()
+    numeric = differences(pending, law, free, FREE, h=1e-6)
+    # a contact on the edge between stick and slide would be off by its whole stiffness, not by round-off
+    np.testing.assert_allclose(exact, numeric, atol=1e-8 * np.abs(exact).max(), rtol=0)
+
+
+def test_jacobian_is_symmetric_without_friction():
+    law = make_law("hertz_mindlin", "sharp", mu=0.0)
+    state = stirred(make_packing(3), law, np.random.default_rng(1))
+    free = freedom(state)
+    jacobian = restricted(state, contact_blocks(state, law)[0], free).toarray()
+    # equal up to the order of additions
+    np.testing.assert_allclose(jacobian, jacobian.T, atol=1e-14 * np.abs(jacobian).max())
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_dashpot_matrix_against_differences_in_velocity(dim):
+    law = make_law("hertz_mindlin", "smooth", damping_n=0.3, damping_t=0.2)
+    state = stirred(make_packing(dim, seed=3), law, np.random.default_rng(3), size=0.001)
+    count = state.contacts.count[0]
+    stick_only = state.contacts.mode[:count] != SLIDE
+    assert stick_only.all(), "the dashpot of a sliding contact has two one-sided derivatives"
+    free = freedom(state)
+    exact = restricted(state, contact_blocks(state, law)[1], free).toarray()
+    numeric = np.zeros_like(exact)
+    h, n = 1e-6, len(state.grains.radius)
+    for k in range(len(free)):
+        for sign in (1, -1):
+            rate = np.zeros(6 * state.n_bodies)
+            rate[free.component[k]] = sign * h
+            rate = rate.reshape(-1, 6)[:n]
+            grains = state.grains._replace(velocity=rate[:, :3], spin=rate[:, 3:] / state.grains.radius[:, None])
+            moving = state._replace(grains=grains)
+            numeric[:, k] += sign * residual_vector(moving, forces(moving, law, memory=HELD)[0], free) / (2 * h)
+    # the limit's dependence on velocity is quadratic at rest: central differences are good to h² and round-off/h
+    np.testing.assert_allclose(exact, numeric, atol=1e-8 * np.abs(exact).max(), rtol=0)
