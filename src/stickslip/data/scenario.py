@@ -1,0 +1,238 @@
+"""A scenario: everything that defines a run, validated, hashable, readable from TOML or built in Python."""
+
+import difflib
+import hashlib
+import tomllib
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+_Listed = BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)  # TOML and JSON have lists
+Several = Annotated[Positive | tuple[Positive, ...], _Listed]
+Loads = Annotated[tuple[Finite, ...], _Listed]
+
+
+class ScenarioError(ValueError):
+    """A scenario that cannot be run; the message is one sentence for the user."""
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+class Array(_Part):
+    """Disks in a row on a substrate, periodic along the row."""
+
+    disks: Annotated[int, Field(ge=1, le=400)] = 10
+    radius: Several = Field(0.5, description="one radius, or one for each disk")
+    mass: Several = Field(1.0, description="one mass, or one for each disk")
+    i0: Positive = Field(0.5, description="moment of inertia I0 m R²: 1/2 for a disk")
+    gap: Finite = Field(0.0, description="distance between neighbouring disks before loading; negative presses them")
+
+    @model_validator(mode="after")
+    def _one_for_each(self):
+        for name in ("radius", "mass"):
+            value = getattr(self, name)
+            if isinstance(value, tuple) and len(value) != self.disks:
+                raise ValueError(
+                    f"{name} has {len(value)} entries but there are {self.disks} disks: give one or {self.disks}"
+                )
+        smallest = min(self.radius) if isinstance(self.radius, tuple) else self.radius
+        if self.gap <= -smallest:
+            raise ValueError(
+                f"gap = {self.gap:g} pushes disks deeper than a radius into each other: use a gap above {-smallest:g}"
+            )
+        return self
+
+
+class Parameters(_Part):
+    """Parameters of the disk–wall contact where they differ from those between disks."""
+
+    kn: Positive | None = None
+    kt: NotNegative | None = None
+    mu: NotNegative | None = None
+    damping_n: NotNegative | None = None
+    damping_t: NotNegative | None = None
+
+
+class LawChoice(_Part):
+    """Contact law and its parameters."""
+
+    kind: Literal["hertz_mindlin", "linear"] = "hertz_mindlin"
+    coulomb: Literal["smooth", "sharp"] = "smooth"
+    kn: Positive = 1.0
+    kt: NotNegative = 2 / 7
+    mu: NotNegative = 10.0
+    damping_n: NotNegative = 0.0
+    damping_t: NotNegative = 0.0
+    wall: Parameters = Parameters()
+
+
+class Load(_Part):
+    """Forces: `press` on every disk towards the substrate, `push` along the row on one disk, in units of `unit`."""
+
+    unit: Positive = Field(1 / 2000, description="what a force of 1 in this table is, in units of the scenario")
+    press: Finite = 0.1
+    push: Loads = Field((0.0, 0.09), description="turning points of the quasi-static path")
+    step: Positive = Field(5e-4, description="largest increment of the push between two equilibria")
+    disk: Annotated[int, Field(ge=1)] = Field(1, description="the disk that is pushed, counted from 1")
+
+    @field_validator("press")
+    @classmethod
+    def _presses(cls, value):
+        if value <= 0:
+            raise ValueError(
+                f"press = {value:g} leaves the disks without contact to the substrate: use a positive force"
+            )
+        return value
+
+    @field_validator("push")
+    @classmethod
+    def _has_path(cls, value):
+        if len(value) < 2 or value[0] != 0.0:
+            raise ValueError("push needs at least two turning points, the first of them 0.0, such as [0.0, 0.09]")
+        return value
+
+    @model_validator(mode="after")
+    def _affordable(self):
+        steps = sum(abs(b - a) for a, b in zip(self.push, self.push[1:], strict=False)) / self.step
+        if steps > 100_000:
+            raise ValueError(
+                f"push takes {steps:.0f} equilibria of step {self.step:g}: at most 100000 are allowed, use a larger step"
+            )
+        return self
+
+
+class Relaxation(_Part):
+    """How equilibria are found: damped dynamics (drag on translations and rotations) or Newton's method."""
+
+    method: Literal["dynamics", "newton"] = "dynamics"
+    drag: Positive = 0.05
+    spin_drag: NotNegative | None = None
+    dt: Positive = 0.1
+    tolerance: Positive = 1e-14
+    steps: Annotated[int, Field(ge=1)] = 2_000_000
+
+
+class Dynamics(_Part):
+    """Newtonian runs from the equilibria at some loads, with a tiny random velocity as seed."""
+
+    loads: Loads = (0.03, 0.04, 0.062, 0.083, 0.087, 0.09)
+    duration: Positive = 60_000.0
+    dt: Positive = 0.1
+    seed_velocity: Positive = 1e-13
+    drag: NotNegative = 0.0
+    spin_drag: NotNegative | None = None
+
+
+class Sliding(_Part):
+    """Many realizations of the transition at loads where the array slides: fronts and sliding velocity."""
+
+    loads: Loads = ()
+    realizations: Annotated[int, Field(ge=1)] = 25
+    duration: Positive = 40_000.0
+    thresholds: Annotated[tuple[Positive, ...], _Listed] = Field((0.01, 0.02, 0.05, 0.1), min_length=1)
+
+
+class Scenario(_Part):
+    """Everything that defines a run of an array of disks on a substrate."""
+
+    experiment: Literal["disk-array"] = "disk-array"
+    seed: Annotated[int, Field(ge=0)] = 0
+    array: Array = Array()
+    law: LawChoice = LawChoice()
+    load: Load = Load()
+    relaxation: Relaxation = Relaxation()
+    dynamics: Dynamics = Dynamics()
+    sliding: Sliding = Sliding()
+
+    @model_validator(mode="after")
+    def _reachable(self):
+        if self.load.disk > self.array.disks:
+            raise ValueError(f"load.disk = {self.load.disk} is pushed but there are {self.array.disks} disks")
+        low, high = min(self.load.push), max(self.load.push)
+        for table in ("dynamics", "sliding"):
+            for value in getattr(self, table).loads:
+                if not low <= value <= high:
+                    raise ValueError(
+                        f"{table}.loads holds {value:g}, which load.push ({low:g} to {high:g}) never reaches"
+                    )
+        return self
+
+    @property
+    def text(self) -> str:
+        """Canonical text: the same for the same run."""
+        return self.model_dump_json(indent=1)
+
+    @property
+    def digest(self) -> str:
+        """Hash of the canonical text."""
+        return hashlib.sha256(self.text.encode()).hexdigest()[:16]
+
+
+def scenario(**tables) -> Scenario:
+    """A scenario from nested dictionaries, as in the TOML file.
+
+    Raises
+    ------
+    ScenarioError
+        with one sentence that names the key, what was got and what is allowed.
+
+    Examples
+    --------
+    >>> scenario(array={"disks": 5}, load={"push": (0.0, 0.05)}, dynamics={"loads": (0.03,)}).array.disks
+    5
+    """
+    try:
+        return Scenario.model_validate(tables)
+    except ValidationError as problem:
+        raise ScenarioError(_sentence(problem)) from None
+
+
+def read(path: str | Path) -> Scenario:
+    """A scenario from a TOML file, or from the canonical text that a run left behind."""
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+        tables = Scenario.model_validate_json(text).model_dump() if path.suffix == ".json" else tomllib.loads(text)
+    except OSError as problem:
+        raise ScenarioError(
+            f"the scenario {path} cannot be read ({problem.strerror}): give the path of a TOML file"
+        ) from None
+    except UnicodeDecodeError:
+        raise ScenarioError(f"the scenario {path} is not a text file: give the path of a TOML file") from None
+    except tomllib.TOMLDecodeError as problem:
+        raise ScenarioError(f"the scenario {path} is not valid TOML: {problem}") from None
+    except ValidationError as problem:
+        raise ScenarioError(_sentence(problem)) from None
+    return scenario(**tables)
+
+
+def _sentence(problem: ValidationError) -> str:
+    first = problem.errors()[0]
+    where = [
+        str(part) for part in first["loc"] if not str(part).startswith(("constrained", "function", "tuple", "float"))
+    ]
+    key = ".".join(where)
+    if first["type"] == "extra_forbidden":
+        return _unknown_key(where)
+    message = first["msg"].removeprefix("Value error, ")
+    message = message[0].lower() + message[1:]
+    if first["type"] == "value_error":
+        return message
+    return f"{key} = {first['input']!r} was given, but {message.replace('input ', 'it ')}"
+
+
+def _unknown_key(where: list[str]) -> str:
+    table = Scenario
+    for part in where[:-1]:
+        table = table.model_fields[part].annotation
+    known = list(table.model_fields)
+    place = f"the table [{'.'.join(where[:-1])}]" if where[:-1] else "a scenario"
+    near = difflib.get_close_matches(where[-1], known, n=1, cutoff=0.5)
+    hint = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(known)}"
+    return f"{place} has no key {where[-1]!r}: {hint}"

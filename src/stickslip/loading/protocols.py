@@ -1,0 +1,244 @@
+"""Load histories: quasi-static ramps with spectra, births and deaths of complex pairs, free runs from a tiny seed."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from ..core.integrate import run
+from ..core.laws import Law
+from ..core.outcome import NotInEquilibriumError, Outcome
+from ..core.state import State
+from ..solve.newton import newton
+from ..solve.relax import relax
+from ..solve.spectrum import Spectrum, follow, overlap, spectrum
+
+SAME_PAIR = 0.5  # overlap of modes above which two pairs at neighbouring loads are one
+
+
+class Equilibrium(NamedTuple):
+    """One point of a quasi-static path."""
+
+    load: float
+    state: State
+    spectrum: Spectrum
+    outcome: Outcome
+
+
+class Change(NamedTuple):
+    """Birth (or death) of a pair: it is absent (present) at `below` and present (absent) at `above`."""
+
+    below: float
+    above: float
+
+    @property
+    def load(self) -> float:
+        """Middle of the bracket."""
+        return 0.5 * (self.below + self.above)
+
+
+class Family(NamedTuple):
+    """A complex pair followed along a path."""
+
+    loads: np.ndarray  # (K,)
+    eigenvalues: np.ndarray  # (K,) complex
+    birth: Change | None  # None: there at the first point
+    death: Change | None  # None: alive at the last point
+
+
+def path_of(turning_points, step: float, through=()) -> np.ndarray:
+    """Loads from turning point to turning point in increments of at most `step`, passing exactly through others.
+
+    Examples
+    --------
+    >>> path_of([0.0, 0.02, 0.01], 0.01, through=[0.015])
+    array([0.   , 0.01 , 0.015, 0.02 , 0.01 ])
+    """
+    loads, waiting = [turning_points[0]], list(dict.fromkeys(through))
+    for a, b in zip(turning_points, turning_points[1:], strict=False):
+        inside = [x for x in waiting if min(a, b) <= x <= max(a, b)]
+        waiting = [x for x in waiting if x not in inside]
+        n = max(1, round(abs(b - a) / step, 6).__ceil__())
+        leg = np.union1d(np.round(np.linspace(a, b, n + 1), 12), inside)
+        loads += list((leg if b > a else leg[::-1])[1:]) if a != b else []
+    return np.array(loads)
+
+
+def equilibrium(state: State, law: Law, *, method: str = "dynamics", what: str = "this load", **options):
+    """Bring a state to rest by `relax` ("dynamics") or `newton`.
+
+    Raises
+    ------
+    NotInEquilibriumError
+        says at which load, how the solve ended and what to try.
+    """
+    end, outcome = newton(state, law, **options) if method == "newton" else relax(state, law, **options)
+    if not outcome.ok:
+        raise NotInEquilibriumError(f"no equilibrium at {what}", outcome)
+    return end, outcome
+
+
+def ramp(
+    state: State, law: Law, loads, apply: Callable[[State, float], State], settle: Callable, report=None
+) -> list[Equilibrium]:
+    """Equilibria along a path of loads, each from the one before it, with its spectrum.
+
+    Parameters
+    ----------
+    loads : sequence of float
+    apply : apply(state, load) -> State with that load
+    settle : settle(state, load) -> (State, Outcome), an equilibrium
+    report : called as report(equilibrium) after each
+    """
+    path = []
+    for load in loads:
+        state, outcome = settle(apply(state, load), load)
+        path.append(Equilibrium(float(load), state, spectrum(state, law), outcome))
+        if report:
+            report(path[-1])
+    return path
+
+
+def bisect_change(
+    start: Equilibrium, target: float, law: Law, apply, settle, present: Callable[[Spectrum], bool], *, relative=1e-6
+) -> Change:
+    """Load at which `present` changes, by bisection between `start` and `target`.
+
+    Every trial is one load step from the fixed state `start`, so that the path does not depend on the search. The
+    state at `start` itself depends on the load steps that led there: report it beside the result.
+    """
+    before, low, high = present(start.spectrum), start.load, target
+    while abs(high - low) > relative * max(abs(low), abs(high)):
+        middle = 0.5 * (low + high)
+        state, _ = settle(apply(start.state, middle), middle)
+        if present(spectrum(state, law)) == before:
+            low = middle
+        else:
+            high = middle
+    return Change(low, high)
+
+
+def families(path: list[Equilibrium], law: Law, apply, settle, *, relative: float = 1e-6) -> list[Family]:
+    """Every complex pair along a path, with its birth and death to `relative` in the load."""
+    spectra = [point.spectrum for point in path]
+    out = []
+    for members in follow(spectra, at_least=SAME_PAIR):
+        first, last = min(members), max(members)
+
+        def looks_like(k, members=members):
+            mode, mass = spectra[k].modes[:, members[k]], spectra[k].free.mass
+            return lambda s: any(overlap(mode, s.modes[:, p], mass) >= SAME_PAIR for p in s.pairs)
+
+        birth = death = None
+        if first > 0:
+            birth = bisect_change(
+                path[first - 1], path[first].load, law, apply, settle, looks_like(first), relative=relative
+            )
+        if last < len(path) - 1:
+            death = bisect_change(
+                path[last], path[last + 1].load, law, apply, settle, looks_like(last), relative=relative
+            )
+        index = sorted(members)
+        out.append(
+            Family(
+                np.array([path[k].load for k in index]),
+                np.array([spectra[k].eigenvalues[members[k]] for k in index]),
+                birth,
+                death,
+            )
+        )
+    return out
+
+
+def stable_window(path: list[Equilibrium], near: float, law: Law, apply, settle, *, relative=1e-6):
+    """[low, high] of the window of loads without any complex pair that lies nearest to `near`; None if there is none.
+
+    The path must rise. An end of the window at an end of the path is that end.
+    """
+    quiet = [k for k, point in enumerate(path) if not len(point.spectrum.pairs)]
+    if not quiet:
+        return None
+    first = last = min(quiet, key=lambda k: abs(path[k].load - near))
+    while first - 1 in quiet:
+        first -= 1
+    while last + 1 in quiet:
+        last += 1
+    low, high = path[first].load, path[last].load
+    has_pairs = lambda s: bool(len(s.pairs))  # noqa: E731
+    if first > 0:
+        low = bisect_change(path[first - 1], low, law, apply, settle, has_pairs, relative=relative).load
+    if last < len(path) - 1:
+        high = bisect_change(path[last], path[last + 1].load, law, apply, settle, has_pairs, relative=relative).load
+    return [low, high]
+
+
+def shaken(state: State, seed: int, velocity: float) -> State:
+    """The state with normal random velocities of standard deviation `velocity` [length/time] in all free coordinates."""
+    rng = np.random.default_rng(seed)
+    grains, n = state.grains, len(state.grains.radius)
+    kick = rng.normal(0.0, velocity, (n, 6)) * state.control.free[:n]
+    if state.cell.dim == 2:
+        kick[:, 2:5] = 0.0
+    return state._replace(
+        grains=grains._replace(velocity=kick[:, :3].copy(), spin=kick[:, 3:] / grains.radius[:, None])
+    )
+
+
+class Growth(NamedTuple):
+    """Exponential growth fitted to M(t) = e^{2 ω_i t} [A + B cos(2 ω_r t + φ)]."""
+
+    growth_rate: float  # ω_i [1/time]
+    frequency: float  # ω_r [1/time]
+    start: float  # window of the fit [time]
+    stop: float
+    decades: float  # of M inside the window
+
+
+def fitted_growth(time, msd, *, growth_rate: float, frequency: float, window=(1e-19, 1e-11)) -> Growth | None:
+    """Fit growth and frequency while `msd` lies in the window; None if it does not cross it.
+
+    The window must lie in the linear range: nearly open contacts, with overlaps of 1e-6, end it near M = 1e-11.
+
+    Parameters
+    ----------
+    time, msd : (T,) [time], [length²]
+    growth_rate, frequency : first guesses [1/time], from the spectrum
+    """
+    above_top = np.flatnonzero(msd > window[1])
+    above_floor = np.flatnonzero(msd > window[0])
+    if not len(above_top) or not len(above_floor) or above_top[0] - above_floor[0] < 20:
+        return None
+    inside = slice(above_floor[0], above_top[0])
+    t = time[inside] - time[inside][0]
+    y = msd[inside]
+
+    def misfit(x):
+        shape = np.stack([np.ones_like(t), np.cos(2 * x[1] * t), np.sin(2 * x[1] * t)], axis=1)
+        flat = y * np.exp(-2 * x[0] * t) / y[0]
+        return shape @ np.linalg.lstsq(shape, flat, rcond=None)[0] / flat.mean() - flat / flat.mean()
+
+    best = least_squares(misfit, [growth_rate, frequency], x_scale=[growth_rate * 1e-2, frequency * 1e-5])
+    return Growth(
+        float(best.x[0]),
+        float(best.x[1]),
+        float(time[inside][0]),
+        float(time[inside][-1]),
+        float(np.log10(y[-1] / y[0])),
+    )
+
+
+def free_run(state: State, law: Law, *, duration: float, dt: float, sample: float, drag=0.0, spin_drag=None):
+    """Newtonian dynamics from a state, all grains probed every `sample` [time], events recorded."""
+    probes = np.arange(len(state.grains.radius))
+    return run(
+        state,
+        law,
+        round(duration / dt),
+        dt,
+        drag=drag,
+        spin_drag=spin_drag,
+        every=max(1, round(sample / dt)),
+        probes=probes,
+        events=True,
+    )

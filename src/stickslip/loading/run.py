@@ -1,0 +1,293 @@
+"""A scenario, run: press, push quasi-statically with spectra, let go from chosen loads, many realizations of sliding."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.laws import Law
+from ..core.outcome import NotInEquilibriumError, Status
+from ..core.state import State
+from ..data.scenario import Scenario
+from ..ensemble import run_members
+from ..solve.spectrum import Spectrum, spectrum
+from . import fronts
+from .packing import array_of, pushed
+from .protocols import (
+    Equilibrium,
+    Family,
+    Growth,
+    equilibrium,
+    families,
+    fitted_growth,
+    free_run,
+    path_of,
+    ramp,
+    shaken,
+    stable_window,
+)
+
+SLID = 0.1  # every disk moved by a tenth of a diameter (in units of twice the mean radius): the array slides
+SAMPLE = 2.0  # [time] between samples of a free run
+
+Report = Callable[[str, float, str], None]
+
+
+class FreeRun(NamedTuple):
+    """Newtonian dynamics from the equilibrium at one load."""
+
+    load: float
+    time: np.ndarray  # (T,)
+    msd: np.ndarray  # (T,) M(t) = Σ|Δr|² [length²]
+    center: np.ndarray  # (T, 2) [length]
+    kinetic_energy: np.ndarray  # (T,)
+    touching: np.ndarray  # (T,)
+    breach: np.ndarray  # (N,) first Coulomb limit of each wall contact; NaN if never [time]
+    first_limit: np.ndarray  # (3,) time, i, j of the first contact anywhere to reach Coulomb's limit; NaN if none
+    predicted_growth: float  # ω_i of the fastest pair [1/time]
+    predicted_frequency: float
+    growth: Growth | None
+    saturation: float  # mean of M over the last half of the run
+    slid: bool
+
+
+class Trajectory(NamedTuple):
+    """All disks around the transition, finely sampled."""
+
+    load: float
+    time: np.ndarray  # (T,)
+    position: np.ndarray  # (T, N, 2)
+    angle: np.ndarray  # (T, N)
+    breach: np.ndarray  # (N,)
+    slide: np.ndarray  # (N,) first displacement by SLID diameters
+
+
+class Ensemble(NamedTuple):
+    """Many realizations of sliding at one load."""
+
+    load: float
+    breach: np.ndarray  # (S, N)
+    slide: np.ndarray  # (S, H, N)
+    velocity: np.ndarray  # (S,) [length/time]
+    time: np.ndarray  # (T,)
+    center: np.ndarray  # (T, 2) of the first realization
+    failures: tuple[str, ...]
+
+
+class Result(NamedTuple):
+    """Everything that a run of a scenario found."""
+
+    scenario: Scenario
+    law: Law
+    pressed: State
+    pressed_spectrum: Spectrum
+    path: list[Equilibrium]  # loads in the scenario's numbers
+    families: list[Family]
+    free_runs: dict[float, FreeRun]
+    trajectory: Trajectory | None
+    sliding: dict[float, Ensemble]
+
+
+def _quiet(stage: str, share: float, words: str) -> None:
+    pass
+
+
+class Protocol(NamedTuple):
+    """How a scenario's loads are applied and equilibria found."""
+
+    scenario: Scenario
+    law: Law
+
+    def apply(self, state: State, load: float) -> State:
+        """The state under another push, in the scenario's numbers."""
+        return pushed(state, load * self.scenario.load.unit, self.scenario.load.disk - 1)
+
+    def settle(self, state: State, load: float):
+        """Equilibrium at a load, or NotInEquilibriumError that names it."""
+        how = self.scenario.relaxation
+        options = {"tolerance": how.tolerance}
+        if how.method == "dynamics":
+            options |= {"drag": how.drag, "spin_drag": how.spin_drag, "dt": how.dt, "steps": how.steps}
+        return equilibrium(state, self.law, method=how.method, what=f"push = {load:g}", **options)
+
+    def change_of(self, path, near):
+        """The window without complex pairs next to a load."""
+        return stable_window(path, near, self.law, self.apply, self.settle)
+
+
+def press(scenario: Scenario) -> tuple[State, Law]:
+    """The array at rest under its normal load."""
+    state, law = array_of(scenario)
+    how = scenario.relaxation
+    state, _ = equilibrium(
+        state,
+        law,
+        what="the normal load alone",
+        tolerance=how.tolerance,
+        drag=how.drag,
+        spin_drag=how.spin_drag,
+        dt=how.dt,
+        steps=how.steps,
+    )
+    return state, law
+
+
+def push(scenario: Scenario, *, step: float | None = None, report: Report = _quiet):
+    """Press the array and push it along its path: State, Law and list of Equilibrium.
+
+    Parameters
+    ----------
+    step : float, another load step than the scenario's, to see how much the path depends on it
+    """
+    state, law = press(scenario)
+    protocol = Protocol(scenario, law)
+    through = (*scenario.dynamics.loads, *scenario.sliding.loads)
+    loads = path_of(scenario.load.push, step or scenario.load.step, through)
+    seen = []
+
+    def tell(point: Equilibrium):
+        seen.append(point)
+        fastest = point.spectrum.growth_rate.max()
+        words = f"push {point.load:.4f}, {len(point.spectrum.pairs)} pairs, growth rate {fastest:.2e}"
+        report("quasi-static ramp", len(seen) / len(loads), f"{words}, residual {point.outcome.residual:.0e}")
+
+    return state, law, ramp(state, law, loads, protocol.apply, protocol.settle, tell)
+
+
+def at_load(path: list[Equilibrium], load: float) -> Equilibrium:
+    """The first point of a path at a load."""
+    return min(path, key=lambda point: abs(point.load - load))
+
+
+def let_go(point: Equilibrium, law: Law, scenario: Scenario) -> FreeRun:
+    """Newtonian dynamics from one equilibrium, from a tiny random velocity."""
+    how, n = scenario.dynamics, scenario.array.disks
+    start = shaken(point.state, scenario.seed, how.seed_velocity)
+    _, record, outcome = free_run(
+        start, law, duration=how.duration, dt=how.dt, sample=SAMPLE, drag=how.drag, spin_drag=how.spin_drag
+    )
+    if outcome.status is Status.NOT_A_NUMBER:
+        raise NotInEquilibriumError(f"the free run at push = {point.load:g} blew up", outcome)
+    modes = point.spectrum
+    fastest = int(np.argmax(modes.growth_rate))
+    rate, frequency = float(modes.growth_rate[fastest]), float(modes.frequency[fastest])
+    growth = None
+    if rate > 0 and frequency > 0:
+        growth = fitted_growth(record.time, record.msd, growth_rate=rate, frequency=frequency)
+    late = record.time >= record.time[0] + 0.5 * how.duration
+    moved = np.abs(record.position[-1, :, 0] - start.grains.position[:, 0])
+    limits = record.events[record.events["kind"] == "limit"][:1]
+    first = np.array([[e["time"], e["i"], e["j"]] for e in limits], float).reshape(-1, 3)
+    return FreeRun(
+        point.load,
+        record.time,
+        record.msd,
+        record.center[:, :2],
+        record.kinetic_energy,
+        record.touching,
+        fronts.breach_times(record.events, n),
+        first[0] if len(first) else np.full(3, np.nan),
+        rate,
+        frequency,
+        growth,
+        float(record.msd[late].mean()),
+        bool((moved > SLID * 2 * start.grains.radius.mean()).all()),
+    )
+
+
+def around_transition(point: Equilibrium, law: Law, scenario: Scenario, known: FreeRun) -> Trajectory | None:
+    """The free run again, the same to the last bit, finely sampled from before the first breach to well after sliding."""
+    if not np.isfinite(known.breach).any():
+        return None
+    how = scenario.dynamics
+    begin = max(0.0, float(np.nanmin(known.breach)) - 600.0)
+    options = {"drag": how.drag, "spin_drag": how.spin_drag, "dt": how.dt}
+    start = shaken(point.state, scenario.seed, how.seed_velocity)
+    before, _, _ = free_run(start, law, duration=begin, sample=how.duration, **options)
+    length = min(how.duration - begin, 6000.0)
+    _, record, _ = free_run(before, law, duration=length, sample=0.5, **options)
+    along = record.position[:, :, 0] - point.state.grains.position[:, 0]
+    slide = fronts.crossing_times(record.time, along, [SLID * 2 * point.state.grains.radius.mean()])[0]
+    return Trajectory(point.load, record.time, record.position[:, :, :2], record.angle[:, :, 2], known.breach, slide)
+
+
+def slide_many(
+    points: list[Equilibrium], law: Law, scenario: Scenario, workers: int | None, report: Report = _quiet
+) -> dict[float, Ensemble]:
+    """Realizations of sliding at every load, in parallel processes; seeds are the scenario's seed + 1, 2, 3 …"""
+    how, dynamics = scenario.sliding, scenario.dynamics
+    options = {
+        "velocity": dynamics.seed_velocity,
+        "duration": how.duration,
+        "dt": dynamics.dt,
+        "thresholds": how.thresholds,
+        "drag": dynamics.drag,
+        "spin_drag": dynamics.spin_drag,
+    }
+    seeds = [scenario.seed + 1 + k for k in range(how.realizations)]
+    tasks = [(p.state, law, seed, options) for p in points for seed in seeds]
+
+    def tell(done, total, member):
+        speed = f"sliding velocity {member.result.velocity:.2e}" if member.result else member.failure
+        report("realizations of sliding", done / total, f"{done} of {total}, {speed}")
+
+    members = run_members(_one_transition, tasks, workers=workers, report=tell)
+    out = {}
+    for k, point in enumerate(points):
+        mine = members[k * len(seeds) : (k + 1) * len(seeds)]
+        good = [m.result for m in mine if m.failure is None]
+        failures = tuple(f"seed {seed}: {m.failure}" for seed, m in zip(seeds, mine, strict=True) if m.failure)
+        if not good:
+            raise RuntimeError(f"every realization at push = {point.load:g} failed, the first with {failures[0]}")
+        out[point.load] = Ensemble(
+            point.load,
+            np.array([t.breach for t in good]),
+            np.array([t.slide for t in good]),
+            np.array([t.velocity for t in good]),
+            good[0].time,
+            good[0].center,
+            failures,
+        )
+    return out
+
+
+def _one_transition(state, law, seed, options):
+    return fronts.transition(state, law, seed, **options)
+
+
+def simulate(scenario: Scenario, *, workers: int | None = None, report: Report = _quiet) -> Result:
+    """Run a scenario from beginning to end.
+
+    Parameters
+    ----------
+    workers : processes for the realizations of sliding; the result does not depend on it
+    report : called as report(stage, share done, words with the quantities that matter)
+
+    Raises
+    ------
+    NotInEquilibriumError
+        if a load has no equilibrium that the scenario's method finds; says which load and what to try.
+
+    Examples
+    --------
+    >>> from stickslip.data.scenario import scenario
+    >>> short = scenario(load={"push": (0.0, 0.02), "step": 0.01}, dynamics={"loads": ()})
+    >>> [len(point.spectrum.pairs) for point in simulate(short).path]
+    [0, 1, 1]
+    """
+    pressed, law, path = push(scenario, report=report)
+    protocol = Protocol(scenario, law)
+    report("births and deaths of pairs", 0.0, "bisection in the push")
+    born = families(path, law, protocol.apply, protocol.settle)
+    free_runs, trajectory = {}, None
+    for k, load in enumerate(scenario.dynamics.loads):
+        point = at_load(path, load)
+        free_runs[load] = let_go(point, law, scenario)
+        report("free runs", (k + 1) / len(scenario.dynamics.loads), f"push {load:g}, M = {free_runs[load].msd[-1]:.1e}")
+        if free_runs[load].slid and trajectory is None:
+            trajectory = around_transition(point, law, scenario, free_runs[load])
+    sliding = {}
+    if scenario.sliding.loads:
+        points = [at_load(path, load) for load in scenario.sliding.loads]
+        sliding = slide_many(points, law, scenario, workers, report)
+    return Result(scenario, law, pressed, spectrum(pressed, law), path, born, free_runs, trajectory, sliding)
