@@ -1,1 +1,40 @@
+"""A laboratory for frictional grains: build them, load them, know when and how they will slip.
+
+Every public name is here, and is loaded when first used: `import stickslip` itself imports nothing heavy.
+"""
+
+from importlib import import_module
+
 __version__ = "0.1.0"
+
+_WHERE = {
+    "core.state": (
+        "State Grains Walls Cell Contacts Control assembly box check disks driven flat_walls frozen loads spheres "
+        "OPEN STICK SLIDE"
+    ),
+    "core.laws": "Law between hertz_mindlin linear",
+    "core.outcome": "Outcome Status NotInEquilibriumError",
+    "core.forces": "Loads accept forces unbalanced FREE FROZEN HELD",
+    "core.integrate": "Record run",
+    "core.jacobian": "contact_blocks",
+    "solve.freedom": "Freedom displaced freedom residual_vector restricted",
+    "solve.newton": "newton",
+    "solve.relax": "relax residual",
+    "solve.spectrum": "Spectrum damped_growth follow spectrum",
+    "data.scenario": "Scenario ScenarioError scenario",
+    "loading.packing": "disk_array pushed",
+    "loading.protocols": "Equilibrium Protocol families fitted_growth free_run path_of ramp shaken stable_window",
+    "loading.run": "Result push simulate",
+}
+_ROOM = {name: room for room, names in _WHERE.items() for name in names.split()}
+__all__ = ["__version__", *sorted(_ROOM)]
+
+
+def __getattr__(name: str):
+    if name in _ROOM:
+        return getattr(import_module(f".{_ROOM[name]}", __name__), name)
+    raise AttributeError(f"stickslip has no name {name!r}: see dir(stickslip)")
+
+
+def __dir__():
+    return __all__

@@ -3,6 +3,7 @@
 import difflib
 import hashlib
 import tomllib
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -99,10 +100,10 @@ class Load(_Part):
 
     @model_validator(mode="after")
     def _affordable(self):
-        steps = sum(abs(b - a) for a, b in zip(self.push, self.push[1:], strict=False)) / self.step
+        steps = sum(abs(b - a) for a, b in pairwise(self.push)) / self.step
         if steps > 100_000:
             raise ValueError(
-                f"push takes {steps:.0f} equilibria of step {self.step:g}: at most 100000 are allowed, use a larger step"
+                f"push takes {steps:.0f} steps of {self.step:g}: at most 100000 are allowed, use a larger step"
             )
         return self
 
@@ -122,6 +123,9 @@ class Dynamics(_Part):
     """Newtonian runs from the equilibria at some loads, with a tiny random velocity as seed."""
 
     loads: Loads = (0.03, 0.04, 0.062, 0.083, 0.087, 0.09)
+    watch: Finite | None = Field(
+        None, description="load whose transition is sampled finely; else the first that slides"
+    )
     duration: Positive = 60_000.0
     dt: Positive = 0.1
     seed_velocity: Positive = 1e-13
@@ -154,6 +158,10 @@ class Scenario(_Part):
     def _reachable(self):
         if self.load.disk > self.array.disks:
             raise ValueError(f"load.disk = {self.load.disk} is pushed but there are {self.array.disks} disks")
+        if self.dynamics.watch is not None and self.dynamics.watch not in self.dynamics.loads:
+            raise ValueError(
+                f"dynamics.watch = {self.dynamics.watch:g} is not among dynamics.loads {self.dynamics.loads}"
+            )
         low, high = min(self.load.push), max(self.load.push)
         for table in ("dynamics", "sliding"):
             for value in getattr(self, table).loads:

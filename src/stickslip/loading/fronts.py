@@ -16,7 +16,7 @@ class Transition(NamedTuple):
 
     breach: np.ndarray  # (N,) first time at Coulomb's limit of each disk's contact with the substrate [time]
     slide: np.ndarray  # (H, N) first time that a disk has moved along the row by each threshold [time]
-    velocity: float  # of the center of mass along the row, over the second half of the run [length/time]
+    velocity: float  # of the center of mass over the last third of the run; NaN unless all slid before it [length/time]
     time: np.ndarray  # (S,) [time]
     center: np.ndarray  # (S, 2) center of mass [length]
 
@@ -67,12 +67,14 @@ def transition(
     if not np.isfinite(record.center).all():
         raise FloatingPointError(str(outcome))
     along = record.position[:, :, 0] - state.grains.position[:, 0]
-    late = record.time >= record.time[0] + 0.5 * duration
+    slide = crossing_times(record.time, along, thresholds) - state.time
+    late = record.time - state.time >= duration * 2 / 3
+    slides = late.sum() > 2 and bool((slide[np.argmax(thresholds)] < duration * 2 / 3).all())
     thin = slice(None, None, max(1, len(record.time) // 500))
     return Transition(
         breach_times(record.events, n) - state.time,
-        crossing_times(record.time, along, thresholds) - state.time,
-        float(np.polyfit(record.time[late], record.center[late, 0], 1)[0]) if late.sum() > 2 else np.nan,
+        slide,
+        float(np.polyfit(record.time[late], record.center[late, 0], 1)[0]) if slides else np.nan,
         record.time[thin],
         record.center[thin, :2],
     )

@@ -1,6 +1,7 @@
 """Load histories: quasi-static ramps with spectra, births and deaths of complex pairs, free runs from a tiny seed."""
 
 from collections.abc import Callable
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -56,7 +57,7 @@ def path_of(turning_points, step: float, through=()) -> np.ndarray:
     array([0.   , 0.01 , 0.015, 0.02 , 0.01 ])
     """
     loads, waiting = [turning_points[0]], list(dict.fromkeys(through))
-    for a, b in zip(turning_points, turning_points[1:], strict=False):
+    for a, b in pairwise(turning_points):
         inside = [x for x in waiting if min(a, b) <= x <= max(a, b)]
         waiting = [x for x in waiting if x not in inside]
         n = max(1, round(abs(b - a) / step, 6).__ceil__())
@@ -79,79 +80,92 @@ def equilibrium(state: State, law: Law, *, method: str = "dynamics", what: str =
     return end, outcome
 
 
-def ramp(
-    state: State, law: Law, loads, apply: Callable[[State, float], State], settle: Callable, report=None
-) -> list[Equilibrium]:
-    """Equilibria along a path of loads, each from the one before it, with its spectrum.
+class Protocol(NamedTuple):
+    """How loads are applied and equilibria found."""
 
-    Parameters
-    ----------
-    loads : sequence of float
-    apply : apply(state, load) -> State with that load
-    settle : settle(state, load) -> (State, Outcome), an equilibrium
-    report : called as report(equilibrium) after each
-    """
+    law: Law
+    apply: Callable[[State, float], State]  # the state under another load
+    settle: Callable[[State, float], tuple[State, Outcome]]  # the equilibrium at that load, or NotInEquilibriumError
+
+    def step(self, state: State, load: float) -> Equilibrium:
+        """The equilibrium that one increment of the load leads to."""
+        state, outcome = self.settle(self.apply(state, load), load)
+        return Equilibrium(float(load), state, spectrum(state, self.law), outcome)
+
+
+def ramp(state: State, loads, protocol: Protocol, report=None) -> list[Equilibrium]:
+    """Equilibria along a path of loads, each from the one before it; `report(equilibrium)` is called after each."""
     path = []
     for load in loads:
-        state, outcome = settle(apply(state, load), load)
-        path.append(Equilibrium(float(load), state, spectrum(state, law), outcome))
+        path.append(protocol.step(state, load))
+        state = path[-1].state
         if report:
             report(path[-1])
     return path
 
 
 def bisect_change(
-    start: Equilibrium, target: float, law: Law, apply, settle, present: Callable[[Spectrum], bool], *, relative=1e-6
+    start: Equilibrium,
+    target: float,
+    protocol: Protocol,
+    present: Callable[[Spectrum], bool],
+    *,
+    relative: float = 1e-6,
 ) -> Change:
     """Load at which `present` changes, by bisection between `start` and `target`.
 
     Every trial is one load step from the fixed state `start`, so that the path does not depend on the search. The
-    state at `start` itself depends on the load steps that led there: report it beside the result.
+    state at `start` itself depends on the load steps that led there: report that beside the result.
     """
     before, low, high = present(start.spectrum), start.load, target
     while abs(high - low) > relative * max(abs(low), abs(high)):
         middle = 0.5 * (low + high)
-        state, _ = settle(apply(start.state, middle), middle)
-        if present(spectrum(state, law)) == before:
+        if present(protocol.step(start.state, middle).spectrum) == before:
             low = middle
         else:
             high = middle
     return Change(low, high)
 
 
-def families(path: list[Equilibrium], law: Law, apply, settle, *, relative: float = 1e-6) -> list[Family]:
-    """Every complex pair along a path, with its birth and death to `relative` in the load."""
-    spectra = [point.spectrum for point in path]
-    out = []
-    for members in follow(spectra, at_least=SAME_PAIR):
-        first, last = min(members), max(members)
+def family(path: list[Equilibrium], members: dict[int, int], protocol: Protocol, *, relative: float = 1e-6) -> Family:
+    """One pair, given by point of the path -> eigenvalue, with its birth and death to `relative` in the load."""
+    first, last = min(members), max(members)
 
-        def looks_like(k, members=members):
-            mode, mass = spectra[k].modes[:, members[k]], spectra[k].free.mass
-            return lambda s: any(overlap(mode, s.modes[:, p], mass) >= SAME_PAIR for p in s.pairs)
+    def looks_like(k):
+        known = path[k].spectrum
+        mode, mass = known.modes[:, members[k]], known.free.mass
+        return lambda s: any(overlap(mode, s.modes[:, p], mass) >= SAME_PAIR for p in s.pairs)
 
-        birth = death = None
-        if first > 0:
-            birth = bisect_change(
-                path[first - 1], path[first].load, law, apply, settle, looks_like(first), relative=relative
-            )
-        if last < len(path) - 1:
-            death = bisect_change(
-                path[last], path[last + 1].load, law, apply, settle, looks_like(last), relative=relative
-            )
-        index = sorted(members)
-        out.append(
-            Family(
-                np.array([path[k].load for k in index]),
-                np.array([spectra[k].eigenvalues[members[k]] for k in index]),
-                birth,
-                death,
-            )
-        )
-    return out
+    birth = death = None
+    if first > 0:
+        birth = bisect_change(path[first - 1], path[first].load, protocol, looks_like(first), relative=relative)
+    if last < len(path) - 1:
+        death = bisect_change(path[last], path[last + 1].load, protocol, looks_like(last), relative=relative)
+    index = sorted(members)
+    return Family(
+        np.array([path[k].load for k in index]),
+        np.array([path[k].spectrum.eigenvalues[members[k]] for k in index]),
+        birth,
+        death,
+    )
 
 
-def stable_window(path: list[Equilibrium], near: float, law: Law, apply, settle, *, relative=1e-6):
+def families(path: list[Equilibrium], protocol: Protocol) -> list[Family]:
+    """Every complex pair along a path, with its birth and death."""
+    return [family(path, members, protocol) for members in follow([p.spectrum for p in path], at_least=SAME_PAIR)]
+
+
+def dominant_family(path: list[Equilibrium], protocol: Protocol) -> Family | None:
+    """The pair with the largest Im λ at the end of a path, followed back to its birth; None if there is no pair."""
+    last = path[-1].spectrum
+    if not len(last.pairs):
+        return None
+    top = int(np.argmax(last.im_lambda))
+    found = follow([p.spectrum for p in path], at_least=SAME_PAIR)
+    return family(path, next(f for f in found if f.get(len(path) - 1) == top), protocol)
+
+
+def stable_window(path: list[Equilibrium], near: float, protocol: Protocol) -> list[float] | None:
     """[low, high] of the window of loads without any complex pair that lies nearest to `near`; None if there is none.
 
     The path must rise. An end of the window at an end of the path is that end.
@@ -164,17 +178,20 @@ def stable_window(path: list[Equilibrium], near: float, law: Law, apply, settle,
         first -= 1
     while last + 1 in quiet:
         last += 1
+
+    def has_pairs(spectrum):
+        return bool(len(spectrum.pairs))
+
     low, high = path[first].load, path[last].load
-    has_pairs = lambda s: bool(len(s.pairs))  # noqa: E731
     if first > 0:
-        low = bisect_change(path[first - 1], low, law, apply, settle, has_pairs, relative=relative).load
+        low = bisect_change(path[first - 1], low, protocol, has_pairs).load
     if last < len(path) - 1:
-        high = bisect_change(path[last], path[last + 1].load, law, apply, settle, has_pairs, relative=relative).load
+        high = bisect_change(path[last], path[last + 1].load, protocol, has_pairs).load
     return [low, high]
 
 
 def shaken(state: State, seed: int, velocity: float) -> State:
-    """The state with normal random velocities of standard deviation `velocity` [length/time] in all free coordinates."""
+    """The state with normal random velocities of standard deviation `velocity` [length/time], where it is free."""
     rng = np.random.default_rng(seed)
     grains, n = state.grains, len(state.grains.radius)
     kick = rng.normal(0.0, velocity, (n, 6)) * state.control.free[:n]

@@ -1,4 +1,4 @@
-"""A scenario, run: press, push quasi-statically with spectra, let go from chosen loads, many realizations of sliding."""
+"""A scenario, run: press, push quasi-statically with spectra, let go from chosen loads, slide many times."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -17,6 +17,7 @@ from .protocols import (
     Equilibrium,
     Family,
     Growth,
+    Protocol,
     equilibrium,
     families,
     fitted_growth,
@@ -24,7 +25,6 @@ from .protocols import (
     path_of,
     ramp,
     shaken,
-    stable_window,
 )
 
 SLID = 0.1  # every disk moved by a tenth of a diameter (in units of twice the mean radius): the array slides
@@ -58,6 +58,7 @@ class Trajectory(NamedTuple):
     time: np.ndarray  # (T,)
     position: np.ndarray  # (T, N, 2)
     angle: np.ndarray  # (T, N)
+    first_limit: float  # first time that any contact reached Coulomb's limit
     breach: np.ndarray  # (N,)
     slide: np.ndarray  # (N,) first displacement by SLID diameters
 
@@ -88,31 +89,24 @@ class Result(NamedTuple):
     sliding: dict[float, Ensemble]
 
 
-def _quiet(stage: str, share: float, words: str) -> None:
-    pass
+def silent(stage: str, share: float, words: str) -> None:
+    """Report nothing."""
 
 
-class Protocol(NamedTuple):
-    """How a scenario's loads are applied and equilibria found."""
+def protocol_of(scenario: Scenario, law: Law) -> Protocol:
+    """How a scenario applies a push (in its own numbers) and finds equilibria."""
+    how = scenario.relaxation
+    options = {"tolerance": how.tolerance}
+    if how.method == "dynamics":
+        options |= {"drag": how.drag, "spin_drag": how.spin_drag, "dt": how.dt, "steps": how.steps}
 
-    scenario: Scenario
-    law: Law
+    def apply(state, load):
+        return pushed(state, load * scenario.load.unit, scenario.load.disk - 1)
 
-    def apply(self, state: State, load: float) -> State:
-        """The state under another push, in the scenario's numbers."""
-        return pushed(state, load * self.scenario.load.unit, self.scenario.load.disk - 1)
+    def settle(state, load):
+        return equilibrium(state, law, method=how.method, what=f"push = {load:g}", **options)
 
-    def settle(self, state: State, load: float):
-        """Equilibrium at a load, or NotInEquilibriumError that names it."""
-        how = self.scenario.relaxation
-        options = {"tolerance": how.tolerance}
-        if how.method == "dynamics":
-            options |= {"drag": how.drag, "spin_drag": how.spin_drag, "dt": how.dt, "steps": how.steps}
-        return equilibrium(state, self.law, method=how.method, what=f"push = {load:g}", **options)
-
-    def change_of(self, path, near):
-        """The window without complex pairs next to a load."""
-        return stable_window(path, near, self.law, self.apply, self.settle)
+    return Protocol(law, apply, settle)
 
 
 def press(scenario: Scenario) -> tuple[State, Law]:
@@ -132,7 +126,7 @@ def press(scenario: Scenario) -> tuple[State, Law]:
     return state, law
 
 
-def push(scenario: Scenario, *, step: float | None = None, report: Report = _quiet):
+def push(scenario: Scenario, *, step: float | None = None, report: Report = silent):
     """Press the array and push it along its path: State, Law and list of Equilibrium.
 
     Parameters
@@ -140,7 +134,6 @@ def push(scenario: Scenario, *, step: float | None = None, report: Report = _qui
     step : float, another load step than the scenario's, to see how much the path depends on it
     """
     state, law = press(scenario)
-    protocol = Protocol(scenario, law)
     through = (*scenario.dynamics.loads, *scenario.sliding.loads)
     loads = path_of(scenario.load.push, step or scenario.load.step, through)
     seen = []
@@ -151,7 +144,7 @@ def push(scenario: Scenario, *, step: float | None = None, report: Report = _qui
         words = f"push {point.load:.4f}, {len(point.spectrum.pairs)} pairs, growth rate {fastest:.2e}"
         report("quasi-static ramp", len(seen) / len(loads), f"{words}, residual {point.outcome.residual:.0e}")
 
-    return state, law, ramp(state, law, loads, protocol.apply, protocol.settle, tell)
+    return state, law, ramp(state, loads, protocol_of(scenario, law), tell)
 
 
 def at_load(path: list[Equilibrium], load: float) -> Equilibrium:
@@ -196,11 +189,11 @@ def let_go(point: Equilibrium, law: Law, scenario: Scenario) -> FreeRun:
 
 
 def around_transition(point: Equilibrium, law: Law, scenario: Scenario, known: FreeRun) -> Trajectory | None:
-    """The free run again, the same to the last bit, finely sampled from before the first breach to well after sliding."""
+    """The free run again, bit for bit, finely sampled from before the first slip to well after sliding."""
     if not np.isfinite(known.breach).any():
         return None
     how = scenario.dynamics
-    begin = max(0.0, float(np.nanmin(known.breach)) - 600.0)
+    begin = max(0.0, float(known.first_limit[0]) - 300.0)
     options = {"drag": how.drag, "spin_drag": how.spin_drag, "dt": how.dt}
     start = shaken(point.state, scenario.seed, how.seed_velocity)
     before, _, _ = free_run(start, law, duration=begin, sample=how.duration, **options)
@@ -208,11 +201,19 @@ def around_transition(point: Equilibrium, law: Law, scenario: Scenario, known: F
     _, record, _ = free_run(before, law, duration=length, sample=0.5, **options)
     along = record.position[:, :, 0] - point.state.grains.position[:, 0]
     slide = fronts.crossing_times(record.time, along, [SLID * 2 * point.state.grains.radius.mean()])[0]
-    return Trajectory(point.load, record.time, record.position[:, :, :2], record.angle[:, :, 2], known.breach, slide)
+    return Trajectory(
+        point.load,
+        record.time,
+        record.position[:, :, :2],
+        record.angle[:, :, 2],
+        float(known.first_limit[0]),
+        known.breach,
+        slide,
+    )
 
 
 def slide_many(
-    points: list[Equilibrium], law: Law, scenario: Scenario, workers: int | None, report: Report = _quiet
+    points: list[Equilibrium], law: Law, scenario: Scenario, workers: int | None, report: Report = silent
 ) -> dict[float, Ensemble]:
     """Realizations of sliding at every load, in parallel processes; seeds are the scenario's seed + 1, 2, 3 …"""
     how, dynamics = scenario.sliding, scenario.dynamics
@@ -255,7 +256,7 @@ def _one_transition(state, law, seed, options):
     return fronts.transition(state, law, seed, **options)
 
 
-def simulate(scenario: Scenario, *, workers: int | None = None, report: Report = _quiet) -> Result:
+def simulate(scenario: Scenario, *, workers: int | None = None, report: Report = silent) -> Result:
     """Run a scenario from beginning to end.
 
     Parameters
@@ -276,15 +277,15 @@ def simulate(scenario: Scenario, *, workers: int | None = None, report: Report =
     [0, 1, 1]
     """
     pressed, law, path = push(scenario, report=report)
-    protocol = Protocol(scenario, law)
     report("births and deaths of pairs", 0.0, "bisection in the push")
-    born = families(path, law, protocol.apply, protocol.settle)
+    born = families(path, protocol_of(scenario, law))
     free_runs, trajectory = {}, None
     for k, load in enumerate(scenario.dynamics.loads):
         point = at_load(path, load)
         free_runs[load] = let_go(point, law, scenario)
         report("free runs", (k + 1) / len(scenario.dynamics.loads), f"push {load:g}, M = {free_runs[load].msd[-1]:.1e}")
-        if free_runs[load].slid and trajectory is None:
+        wanted = free_runs[load].slid if scenario.dynamics.watch is None else load == scenario.dynamics.watch
+        if wanted and trajectory is None:
             trajectory = around_transition(point, law, scenario, free_runs[load])
     sliding = {}
     if scenario.sliding.loads:

@@ -1,0 +1,131 @@
+"""The command line: thin; every command calls one function of the layer below and shows what came back."""
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from . import __version__
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    help="A laboratory for frictional grains: build them, load them, know when and how they will slip.",
+)
+
+Out = Annotated[Path | None, typer.Option("--out", help="Folder for results; made if it does not exist.")]
+Workers = Annotated[
+    int | None, typer.Option("--workers", min=1, help="Processes for independent runs; default: all cores.")
+]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace results of another scenario in the folder.")]
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        print(f"stickslip {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _main(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command()
+def reproduce(
+    experiment: Annotated[str, typer.Argument(help="Which paper: disk-array.")],
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Fewer realizations and shorter runs; says what it cuts.")
+    ] = False,
+    out: Out = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of all random velocities.")] = 0,
+    workers: Workers = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Run a paper's experiment end to end: figures, an animation, raw numbers and the claims table."""
+    _one_of("experiment", experiment, ["disk-array"])
+    from .experiments import disk_array, report
+
+    folder = out or Path("results") / (experiment + ("-quick" if quick else ""))
+    scenario = disk_array.paper_scenario(quick=quick, seed=seed)
+    report.claim_folder(folder, scenario, overwrite=overwrite)
+    if quick:
+        report.console.print(f"--quick cuts: {disk_array.CUTS}.")
+    with report.progress() as tell:
+        found = disk_array.reproduce(quick=quick, seed=seed, workers=workers, report=tell)
+        tell("figures", 0.0, str(folder))
+        paths = report.write_reproduction(folder, found)
+    report.show_claims(found.claims)
+    report.show_paths(paths)
+
+
+@app.command()
+def run(
+    scenario: Annotated[Path, typer.Argument(help="A scenario in TOML, such as examples/disk_array.toml.")],
+    out: Annotated[Path, typer.Option("--out", help="Folder for results; made if it does not exist.")],
+    workers: Workers = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Run your own scenario: press, push with spectra, let go, slide."""
+    from .data.scenario import read
+    from .experiments import report
+    from .loading.run import simulate
+
+    chosen = read(scenario)
+    report.claim_folder(out, chosen, overwrite=overwrite)
+    with report.progress() as tell:
+        found = simulate(chosen, workers=workers, report=tell)
+        tell("figures", 0.0, str(out))
+        paths = report.write_result(out, found)
+    report.show_result(found)
+    report.show_paths(paths)
+
+
+def _one_of(name: str, got: str, allowed: list[str]) -> None:
+    if got not in allowed:
+        raise ValueError(f"{name} {got!r} is not known: use {', '.join(allowed)}")
+
+
+def main() -> None:
+    """Entry point: errors of the user end with one sentence and exit code 2, failed runs with one and exit code 1."""
+    from .core.outcome import NotInEquilibriumError
+
+    try:
+        app(standalone_mode=False)
+    except (ValueError, OSError) as problem:
+        _fail(_words(problem), 2)
+    except (NotInEquilibriumError, RuntimeError) as problem:
+        _fail(str(problem), 1)
+    except KeyboardInterrupt:
+        _fail("stopped by the user; what was reported as saved is complete", 130)
+    except Exception as problem:
+        if hasattr(problem, "format_message"):
+            _fail(problem.format_message().rstrip("."), 2)
+        if type(problem).__name__ in ("Exit", "Abort"):
+            sys.exit(getattr(problem, "exit_code", 1))
+        raise
+
+
+def _words(problem: Exception) -> str:
+    if isinstance(problem, OSError) and problem.strerror:
+        return f"{problem.filename}: {problem.strerror.lower()}"
+    return str(problem)
+
+
+def _fail(sentence: str, code: int) -> None:
+    print(f"stickslip: {sentence}", file=sys.stderr)
+    sys.stderr.flush()
+    sys.exit(code)
+
+
+if __name__ == "__main__":
+    os.environ.setdefault("COLUMNS", "120")
+    main()

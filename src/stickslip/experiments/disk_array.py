@@ -1,0 +1,329 @@
+"""Paper 000, end to end: the transition from static to dynamic friction in an array of disks.
+
+Charan, Chattoraj, Pica Ciamarra, Procaccia, doi:10.48550/arXiv.1908.11724. Units: 2R = m = k_n = 1, forces in the
+paper's numbers (a force of 1 is 1/2000 here, as k_n = 2000 there), time in √(m/(k_n √(2R))).
+
+Two scenarios. `main` is the printed model with I0 = 1/2, a disk's. `quarter` is a hypothesis found by search, without
+a documented reason: disk–disk normal stiffness a quarter of the printed one, I0 = 1. It is labelled so everywhere.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..data.scenario import Scenario, scenario
+from ..loading import fronts
+from ..loading.protocols import Equilibrium, Protocol, dominant_family, stable_window
+from ..loading.run import Ensemble, Report, Result, at_load, protocol_of, push, silent, simulate
+from ..solve.spectrum import Spectrum
+from .claims import Claim, claim
+
+FRONT_LOADS = (0.083, 0.087, 0.090)
+V2_THRESHOLD = 0.05
+LINE_TOP = 0.1  # Eq 10 is fitted from the onset of sliding to here: a fifth above it; the paper prints no range
+SOURCE_DOI = "10.48550/arXiv.1908.11724"
+CUTS = (
+    "16 realizations of sliding at each load instead of 120 (quarter: 8 instead of 40); "
+    "M(t) for 30000 time units instead of 60000; sliding for 25000 instead of 40000 (quarter: 40000 instead of 80000)"
+)
+
+
+class Reproduction(NamedTuple):
+    """Both scenarios, run, and the claims that they support."""
+
+    main: Result
+    quarter: Result
+    claims: list[Claim]
+
+
+def paper_scenario(*, quick: bool = False, seed: int = 0) -> Scenario:
+    """The printed model: N = 10, μ = 10, k_t = 2/7 k_n, smooth Coulomb, F_y = 0.1."""
+    return scenario(
+        seed=seed,
+        load={"push": (0.0, 0.12), "step": 5e-4},
+        dynamics={"duration": 30_000.0 if quick else 60_000.0, "watch": 0.083},
+        sliding={
+            "loads": (*FRONT_LOADS, 0.095, 0.1, 0.12),
+            "realizations": 16 if quick else 120,
+            "duration": 25_000.0 if quick else 40_000.0,
+        },
+    )
+
+
+def quarter_scenario(*, quick: bool = False, seed: int = 0) -> Scenario:
+    """The hypothesis: disk–disk normal stiffness divided by four, I0 = 1; everything else as printed."""
+    main = paper_scenario(quick=quick, seed=seed)
+    return scenario(
+        seed=seed,
+        array={"i0": 1.0},
+        law={"kn": 0.25, "wall": {"kn": 1.0}},
+        load=main.load.model_dump(),
+        dynamics={"loads": ()},
+        sliding=main.sliding.model_dump()
+        | {"realizations": 8 if quick else 40, "duration": 40_000.0 if quick else 80_000.0},
+    )
+
+
+def reproduce(
+    *, quick: bool = False, seed: int = 0, workers: int | None = None, report: Report = silent
+) -> Reproduction:
+    """Run both scenarios and judge every claim of the paper.
+
+    Parameters
+    ----------
+    quick : fewer realizations and shorter runs (CUTS says which)
+    seed : of all random velocities
+    workers : processes for the realizations
+    report : called as report(stage, share done, words)
+    """
+    main = simulate(paper_scenario(quick=quick, seed=seed), workers=workers, report=report)
+    quarter = simulate(
+        quarter_scenario(quick=quick, seed=seed),
+        workers=workers,
+        report=lambda stage, share, words: report(f"{stage} (quarter)", share, words),
+    )
+    report("claims", 0.0, "births by bisection, for four load steps")
+    return Reproduction(main, quarter, judged(main, quarter))
+
+
+def judged(main: Result, quarter: Result) -> list[Claim]:
+    """All claims, the main scenario's first."""
+    printed = _wall_mode(main) + _spectra(main, "", 0.05) + _dynamics(main)
+    printed += _fronts(main) + _sliding(main, "") + _y_mode(main)
+    suffix = "@quarter"
+    return printed + _spectra(quarter, suffix, 0.07) + _sliding(quarter, suffix) + [_backward(quarter, suffix)]
+
+
+def _wall_mode(main: Result) -> list[Claim]:
+    modes = main.pressed_spectrum
+    k = y_mode(modes)
+    press = main.scenario.load.press * main.scenario.load.unit
+    closed = np.sqrt(1.5 * press ** (1 / 3))
+    note = f"closed form sqrt(1.5 sqrt(delta_w)), delta_w = (F_y/k_n)^(2/3): {closed:.6f}; fixes the units"
+    return [claim("wall-mode-frequency", "Fig 6", 0.235, float(modes.frequency[k]), "sqrt(k_n (2R)^1/2/m)", 0.01, note)]
+
+
+def _spectra(result: Result, suffix: str, near: float) -> list[Claim]:
+    paper_pairs = {0.030: 1, 0.040: 1, 0.062: 0}
+    out = []
+    for load, paper in paper_pairs.items():
+        modes = at_load(result.path, load).spectrum
+        values = ", ".join(f"{v:.2e}" for v in modes.im_lambda[modes.pairs])
+        note = f"Im lambda {values}" if values else "all eigenvalues real"
+        out.append(claim(f"pairs-at-{load:.3f}{suffix}", "Figs 2, 3", paper, len(modes.pairs), "pairs", 0.0, note))
+    window = stable_window(result.path, near, protocol_of(result.scenario, result.law))
+    out.append(
+        claim(
+            f"stable-window{suffix}",
+            "Fig 2",
+            [0.062, 0.082],
+            window,
+            "F_x",
+            0.02,
+            "the paper says that 0.062 is stable and that all above 0.082 is unstable; its lower end is not printed",
+        )
+    )
+    out.append(_late_pair(result, suffix))
+    for load, paper in ((0.083, 2.4e-4), (0.087, 7.7e-4), (0.090, 1.0e-3)):
+        modes = at_load(result.path, load).spectrum
+        largest = float(modes.im_lambda.max())
+        out.append(
+            claim(
+                f"im-lambda-{load:.3f}{suffix}",
+                "p. 4",
+                paper,
+                largest,
+                "k_n (2R)^1/2/m",
+                0.1,
+                f"{len(modes.pairs)} pairs",
+            )
+        )
+    return out
+
+
+def late_birth(path: list[Equilibrium], protocol: Protocol, load: float = 0.083) -> float | None:
+    """F_x at which the pair that dominates (largest Im λ) at `load` was born, on a rising path."""
+    found = dominant_family([point for point in path if point.load <= load], protocol)
+    if found is None:
+        return None
+    return found.birth.load if found.birth else float(found.loads[0])
+
+
+def _late_pair(result: Result, suffix: str) -> Claim:
+    protocol = protocol_of(result.scenario, result.law)
+    born = late_birth(result.path, protocol)
+    by_step = {step: late_birth(push(result.scenario, step=step)[2], protocol) for step in (5e-3, 2e-3, 1e-3)}
+    by_step[result.scenario.load.step] = born
+    words = ", ".join(f"{step:g}: {load:.6f}" if load else f"{step:g}: none" for step, load in by_step.items())
+    note = f"bisected to 1e-6 from one state; by load step of the ramp {words}"
+    return claim(f"late-pair-birth{suffix}", "Fig 2", 0.082, born, "F_x", 0.01, note)
+
+
+def _dynamics(main: Result) -> list[Claim]:
+    out = []
+    for load in (0.030, 0.040, 0.083, 0.087, 0.090):
+        free = main.free_runs[load]
+        ratio = free.growth.growth_rate / free.predicted_growth if free.growth else None
+        note = f"predicted {free.predicted_growth:.4e}"
+        if free.growth:
+            note += f", fitted {free.growth.growth_rate:.4e} over {free.growth.decades:.1f} decades of M"
+        out.append(claim(f"growth-rate-ratio-{load:.3f}", "p. 3", 1.0, ratio, "1", 0.02, note))
+    for load in (0.030, 0.040):
+        free = main.free_runs[load]
+        wall = "a wall contact reaches" if np.isfinite(free.breach).any() else "no wall contact reaches"
+        note = f"paper: about 1e-5, so within a factor of two; {wall} Coulomb's limit"
+        out.append(claim(f"msd-saturation-{load:.3f}", "Fig 3", 1e-5, free.saturation, "(2R)^2", 1.0, note))
+    free = main.free_runs[0.083]
+    note = "no contact reaches Coulomb's limit"
+    if np.isfinite(free.breach).any():
+        _, i, j = free.first_limit
+        first = np.nanargmin(free.breach) + 1
+        note = f"contact {i + 1:.0f}–{j + 1:.0f} is first at the limit, disk {first} is first among wall contacts"
+    out.append(claim("sliding-0.083", "Fig 3", True, free.slid, "", 0.0, note))
+    return out
+
+
+def forward_front(result: Result, ensemble: Ensemble) -> fronts.Front | None:
+    """Breaching of Coulomb's limit at the substrate, from the pushed disk along the row."""
+    order, distance = fronts.along_row(result.pressed, result.scenario.load.disk - 1)
+    return fronts.front(ensemble.breach, order, distance, result.scenario.seed)
+
+
+def front_threshold(result: Result) -> float:
+    """The displacement that counts as sliding in the backward front: V2_THRESHOLD if the scenario has it."""
+    thresholds = result.scenario.sliding.thresholds
+    return V2_THRESHOLD if V2_THRESHOLD in thresholds else thresholds[0]
+
+
+def backward_front(result: Result, threshold: float = V2_THRESHOLD) -> fronts.Front | None:
+    """Actual sliding beyond a threshold, from the last disk against the row, over the loads of the paper's Fig 5."""
+    n, how = result.scenario.array.disks, result.scenario.sliding
+    if threshold not in how.thresholds:
+        return None
+    order, distance = fronts.along_row(result.pressed, (result.scenario.load.disk - 2) % n, backward=True)
+    times = [e.slide[:, how.thresholds.index(threshold)] for load, e in result.sliding.items() if load in FRONT_LOADS]
+    times = times or [e.slide[:, how.thresholds.index(threshold)] for e in result.sliding.values()]
+    return fronts.front(np.concatenate(times), order, distance, result.scenario.seed) if times else None
+
+
+def _fronts(main: Result) -> list[Claim]:
+    out = []
+    for load, paper in zip(FRONT_LOADS, (0.0014, 0.0022, 0.0028), strict=True):
+        ensemble = main.sliding[load]
+        found = forward_front(main, ensemble)
+        strongest = float(at_load(main.path, load).spectrum.im_lambda.max())
+        note = "no front"
+        if found:
+            note = (
+                f"± {found.speed_error:.1e}, {len(ensemble.breach)} realizations; "
+                f"with free intercept {found.free_intercept:.2e}; "
+                f"V_1/Im lambda {found.speed / strongest:.2f} (paper 4.3 ± 1.5)"
+            )
+        out.append(
+            claim(
+                f"forward-front-speed-{load:.3f}",
+                "Fig 5",
+                paper,
+                found.speed if found else None,
+                "length/time",
+                0.25,
+                note,
+            )
+        )
+    return [*out, _backward(main, "")]
+
+
+def _backward(result: Result, suffix: str) -> Claim:
+    found = backward_front(result)
+    if not found:
+        return claim(f"backward-front-speed{suffix}", "Fig 5", 0.075, None, "length/time", 0.25, "no front")
+    others = (f"{t:g}: {f.speed:.3f}" for t in result.scenario.sliding.thresholds if (f := backward_front(result, t)))
+    picked = np.concatenate(
+        [
+            e.slide[:, result.scenario.sliding.thresholds.index(V2_THRESHOLD)]
+            for load, e in result.sliding.items()
+            if load in FRONT_LOADS
+        ]
+    )
+    complete = picked[np.isfinite(picked).all(axis=1)]
+    last = float((complete.argmin(axis=1) == complete.shape[1] - 1).mean()) if len(complete) else 0.0
+    note = (
+        f"± {found.speed_error:.1e}, {len(picked)} realizations; by threshold {', '.join(others)}; "
+        f"with free intercept {found.free_intercept:.3f}; the last disk slides first in {last:.0%}"
+    )
+    return claim(f"backward-front-speed{suffix}", "Fig 5", 0.075, found.speed, "length/time", 0.25, note)
+
+
+class Line(NamedTuple):
+    """Sliding velocity against push, with V = intercept + slope F_x fitted up to LINE_TOP, weighted by the errors."""
+
+    push: np.ndarray
+    velocity: np.ndarray
+    error: np.ndarray
+    slope: float
+    intercept: float
+    slope_error: float
+    intercept_error: float
+
+
+def velocity_line(result: Result, top: float | None = None) -> Line | None:
+    """Fit of Eq 10 to mean sliding velocities at pushes up to `top`; realizations that slid too late do not count."""
+    rows = []
+    for load, ensemble in result.sliding.items():
+        good = ensemble.velocity[np.isfinite(ensemble.velocity)]
+        if len(good) > 2:
+            rows.append((load, good.mean(), good.std(ddof=1) / np.sqrt(len(good))))
+    if len(rows) < 3:
+        return None
+    load, mean, error = np.array(rows).T
+    use = load <= (load.max() if top is None else top)
+    (slope, intercept), covariance = np.polyfit(load[use], mean[use], 1, w=1 / error[use], cov="unscaled")
+    slope_error, intercept_error = np.sqrt(np.diag(covariance))
+    return Line(load, mean, error, float(slope), float(intercept), float(slope_error), float(intercept_error))
+
+
+def _sliding(result: Result, suffix: str) -> list[Claim]:
+    line = velocity_line(result, LINE_TOP)
+    if line is None:
+        note = "fewer than three loads at which realizations slide in time"
+        return [claim(f"sliding-velocity-slope{suffix}", "Eq 10", 4.5e-4, None, "velocity per F_x", 0.1, note)]
+    note = (
+        f"± {line.slope_error:.1e}, pushes from {line.push[0]:g} to {LINE_TOP:g}; V is convex: up to {line.push[-1]:g} "
+        f"the slope is {velocity_line(result).slope:.2e}"
+    )
+    out = [claim(f"sliding-velocity-slope{suffix}", "Eq 10", 4.5e-4, line.slope, "velocity per F_x", 0.1, note)]
+    if not suffix:
+        note = (
+            f"± {line.intercept_error:.1e}; as printed every velocity would be negative: with -1.3e-5, "
+            f"which the paper's figure implies, the deviation is {abs(line.intercept / -1.3e-5 - 1):.0%}"
+        )
+        out.append(claim("sliding-velocity-intercept", "Eq 10", -1.3e-3, line.intercept, "velocity", 0.2, note))
+    return out
+
+
+def mode_point(result: Result) -> Equilibrium:
+    """The equilibrium whose y mode is shown: at F_x = 0.083, or the largest push below it that the path reached."""
+    return at_load(result.path, 0.083)
+
+
+def y_mode(modes: Spectrum) -> int:
+    """Index of the mode with the largest share in y."""
+    return int(np.argmax(modes.shares()[:, 1]))
+
+
+def _y_mode(main: Result) -> list[Claim]:
+    modes = mode_point(main).spectrum
+    k, shares = y_mode(modes), modes.shares()
+    others = f"x {shares[k, 0]:.1%}, rotation {shares[k, 5]:.1%}, at F_x = 0.083"
+    return [
+        claim("y-mode-share", "Fig 6", 1.0, float(shares[k, 1]), "fraction", 0.1, others),
+        claim(
+            "y-mode-frequency",
+            "Fig 6",
+            0.235,
+            float(modes.frequency[k]),
+            "sqrt(k_n (2R)^1/2/m)",
+            0.05,
+            "the mode with the largest share in y",
+        ),
+    ]
