@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stickslip.core.forces import FREE, HELD, bodies, forces
-from stickslip.core.geometry import normal_and_overlap, pair_vector
+from stickslip.core.geometry import normal_and_overlap, pair_vector, shifts
 from stickslip.core.jacobian import contact_blocks
 from stickslip.core.neighbors import updated
 from stickslip.core.state import SLIDE, STICK
@@ -20,8 +20,9 @@ def overlaps(state):
     b, c = bodies(state), state.contacts
     out = []
     for k in range(int(c.count[0])):
-        r = pair_vector(state.cell.dim, b.position, state.cell.vectors, c.image, k, c.i[k], c.j[k])
-        out.append(normal_and_overlap(c.i[k], c.j[k], len(state.grains.radius), b.radius, b.normal, *r)[3])
+        wall = c.j[k] - len(state.grains.radius)
+        r = pair_vector(state.cell.dim, b.position, shifts(c, state.cell.vectors), k, c.i[k], c.j[k])
+        out.append(normal_and_overlap(c.i[k], c.j[k], wall >= 0, wall, b.radius, b.normal, *r)[3])
     return np.array(out)
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .geometry import carried, normal_and_overlap, pair_vector, rolled, tangential
+from .geometry import carried, normal_and_overlap, pair_vector, rolled, shifts, tangential
 from .laws import DAMPING_N, DAMPING_T, MU, SMOOTH, Law, mobilised, normal_force, tangential_stiffness
 from .neighbors import body_positions, body_radii, updated
 from .state import OPEN, SLIDE, STICK, State
@@ -93,15 +93,17 @@ def record_event(events, event_count, kind, time, i, j, image, c, position):
 
 
 @njit(fastmath=True, error_model="numpy", forceinline=True)
-def sweep(kind, coulomb, dim, bodies, contacts, cell, p, viscous, memory, force, torque, time, events, event_count):
+def sweep(kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, force, torque, time, events, event_count):
     """Add the loads of all contacts and update their memory in place; compiled into its callers."""
     position, angle, velocity, spin, radius, material, wall_normal = bodies
     n_grains = len(radius) - len(wall_normal)
     slip, mode, pair, roll = contacts.slip, contacts.mode, contacts.pair, contacts.roll
     for c in range(contacts.count[0]):
-        i, j = contacts.i[c], contacts.j[c]
-        rx, ry, rz = pair_vector(dim, position, cell, contacts.image, c, i, j)
-        nx, ny, nz, overlap, _ = normal_and_overlap(i, j, n_grains, radius, wall_normal, rx, ry, rz)
+        is_wall = contacts.j[c] >= n_grains
+        # unsigned, so that no index is checked for counting from the end
+        i, j, wall = np.uint64(contacts.i[c]), np.uint64(contacts.j[c]), np.uint64(contacts.j[c] - n_grains)
+        rx, ry, rz = pair_vector(dim, position, shift, c, i, j)
+        nx, ny, nz, overlap, _ = normal_and_overlap(i, j, is_wall, wall, radius, wall_normal, rx, ry, rz)
         before = mode[c]
         if overlap <= 0.0:
             if before != OPEN:
@@ -123,7 +125,7 @@ def sweep(kind, coulomb, dim, bodies, contacts, cell, p, viscous, memory, force,
                     nx, ny, nz, sx, sy, sz, rx - pair[c, 0], ry - pair[c, 1], dz, dax, day, az - roll[c, 2]
                 )
                 sx, sy, sz = tangential(nx, ny, nz, sx, sy, sz)
-        a, b = material[i], material[j]
+        a, b = np.uint64(material[i]), np.uint64(material[j])
         fn = normal_force(kind, p, a, b, overlap)
         vx = vy = vz = 0.0
         if viscous:
@@ -192,8 +194,8 @@ def evaluation(kind: int, coulomb: int, dim: int):
     """
 
     @njit(cache=True, fastmath=True, error_model="numpy")
-    def evaluate(bodies, contacts, cell, p, viscous, memory, force, torque, events, event_count):
-        sweep(kind, coulomb, dim, bodies, contacts, cell, p, viscous, memory, force, torque, 0.0, events, event_count)
+    def evaluate(bodies, contacts, shift, p, viscous, memory, force, torque, events, event_count):
+        sweep(kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, force, torque, 0.0, events, event_count)
 
     return evaluate
 
@@ -243,7 +245,7 @@ def forces(state: State, law: Law, *, memory: int = FREE):
     evaluation(law.kind, law.coulomb, state.cell.dim)(
         bodies(state),
         trial,
-        state.cell.vectors,
+        shifts(trial, state.cell.vectors),
         law.table,
         has_dashpots(law),
         memory,

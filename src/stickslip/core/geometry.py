@@ -7,31 +7,32 @@ import numpy as np
 from numba import njit
 
 
+@njit(cache=True)
+def shifts(contacts, cell):
+    """(C, 3) cellᵀ·image of every pair [length]."""
+    out = np.zeros((contacts.count[0], 3))
+    for c in range(contacts.count[0]):
+        for k in range(3):
+            for m in range(3):
+                out[c, m] += contacts.image[c, k] * cell[k, m]
+    return out
+
+
 @njit(fastmath=True, error_model="numpy")
-def pair_vector(dim, x, cell, image, c, i, j):
+def pair_vector(dim, x, shift, c, i, j):
     """r_i − r_j + cellᵀ·image [length], x the positions of all bodies."""
-    rx = x[i, 0] - x[j, 0]
-    ry = x[i, 1] - x[j, 1]
-    rz = x[i, 2] - x[j, 2] if dim == 3 else 0.0
-    for k in range(dim):
-        m = image[c, k]
-        if m != 0:
-            rx += m * cell[k, 0]
-            ry += m * cell[k, 1]
-            if dim == 3:
-                rz += m * cell[k, 2]
-    return rx, ry, rz
+    rz = x[i, 2] - x[j, 2] + shift[c, 2] if dim == 3 else 0.0
+    return x[i, 0] - x[j, 0] + shift[c, 0], x[i, 1] - x[j, 1] + shift[c, 1], rz
 
 
 @njit(fastmath=True, error_model="numpy")
-def normal_and_overlap(i, j, n_grains, radius, wall_normal, rx, ry, rz):
+def normal_and_overlap(i, j, is_wall, wall, radius, wall_normal, rx, ry, rz):
     """Normal from j to i, overlap δ, and 1/|r_ij|, which is zero for a wall: its normal does not turn."""
-    if j < n_grains:
+    if not is_wall:
         distance = np.sqrt(rx * rx + ry * ry + rz * rz)
         inverse = 1.0 / distance
         return rx * inverse, ry * inverse, rz * inverse, radius[i] + radius[j] - distance, inverse
-    w = j - n_grains
-    nx, ny, nz = wall_normal[w, 0], wall_normal[w, 1], wall_normal[w, 2]
+    nx, ny, nz = wall_normal[wall, 0], wall_normal[wall, 1], wall_normal[wall, 2]
     return nx, ny, nz, radius[i] - (rx * nx + ry * ny + rz * nz), 0.0
 
 
@@ -50,11 +51,7 @@ def carried(nx, ny, nz, sx, sy, sz, dx, dy, dz, ax, ay, az):
 
     Source: doi:10.48550/arXiv.1908.11724, Eq 2 and supplement Eq 7, as differences of stored vectors.
     """
-    return (
-        sx + dx + ny * az - nz * ay,
-        sy + dy + nz * ax - nx * az,
-        sz + dz + nx * ay - ny * ax,
-    )
+    return (sx + dx + ny * az - nz * ay, sy + dy + nz * ax - nx * az, sz + dz + nx * ay - ny * ax)
 
 
 @njit(fastmath=True, error_model="numpy")

@@ -7,13 +7,14 @@ import numpy as np
 from numba import njit
 
 from .forces import EVENT_COLUMNS, FREE, FROZEN, bodies, check_materials, has_dashpots, sweep
+from .geometry import shifts
 from .laws import Law
-from .neighbors import images, moved_too_far, rebuilt, updated
+from .neighbors import TOO_FAR, images, rebuilt, updated
 from .outcome import Outcome, Status
 from .state import OPEN, SLIDE, State
 
 SERIES = ("time", "msd", "kinetic_energy", "center_x", "center_y", "center_z", "touching", "sliding")
-_DONE, _CONVERGED, _BAD, _FULL, _TOO_FAR = range(5)
+_DONE, _CONVERGED, _BAD, _FULL, _MOVED = range(5)
 
 
 class Record(NamedTuple):
@@ -31,7 +32,7 @@ class Record(NamedTuple):
 
 
 @njit(cache=True)
-def _first_bad(x, angle):
+def first_bad(x, angle):
     """First body with a coordinate that is not finite, or −1. Kept away from fastmath."""
     for a in range(len(x)):
         for k in range(3):
@@ -60,6 +61,46 @@ def _sample(row, track, bodies, contacts, mass, inertia, reference, probes, time
             track[m, 3 + k] = angle[probes[m], k]
 
 
+@njit(cache=True, error_model="numpy")
+def _unbalanced(v, spin, force, torque, motion, drag, radius_or_one, h):
+    """Largest of force, torque/R and drag force over the free components, and the body that carries it."""
+    residual, worst = 0.0, -1
+    for a in range(len(v)):
+        for k in range(3):
+            q, r = 3 * a + k, radius_or_one[a]
+            if motion[0, q] > 0.0:
+                size = max(abs(force[a, k]), drag[a, k] * abs(v[a, k]) * h / motion[0, q])
+                residual, worst = (size, a) if size > residual else (residual, worst)
+            if motion[3, q] > 0.0:
+                size = max(abs(torque[a, k]), drag[a, 3 + k] * abs(spin[a, k]) * h / motion[3, q]) / r
+                residual, worst = (size, a) if size > residual else (residual, worst)
+    return residual, worst
+
+
+@njit(fastmath=True, error_model="numpy", forceinline=True)
+def first_half(x, v, force, kick, keep, dt):
+    """Half a kick with explicit drag, then the drift, on flat arrays so that it is done in vectors."""
+    for q in range(len(x)):
+        v[q] = keep[q] * v[q] + kick[q] * force[q]
+        x[q] += dt * v[q]
+
+
+@njit(fastmath=True, error_model="numpy", forceinline=True)
+def second_half(v, force, kick, slow):
+    """The other half of the kick, with implicit drag."""
+    for q in range(len(v)):
+        v[q] = (v[q] + kick[q] * force[q]) * slow[q]
+
+
+@njit(fastmath=True, error_model="numpy", forceinline=True)
+def moved(x, origin, limit):
+    """True if some coordinate is further than `limit` from its origin, or if fastmath cannot say so because of NaN."""
+    far = 0.0
+    for q in range(len(x)):
+        far = max(far, abs(x[q] - origin[q]))
+    return far > limit
+
+
 @cache
 def stepper(kind: int, coulomb: int, dim: int):
     """Compiled loop over time steps for one law and dimension."""
@@ -68,18 +109,19 @@ def stepper(kind: int, coulomb: int, dim: int):
     def advance(
         bodies,
         contacts,
-        images,
+        shift,
         p,
         viscous,
         mass,
         inertia,
         radius_or_one,
         external,
-        kick,
+        motion,
         drag,
         dt,
         steps,
         start,
+        drifted,
         time,
         check_every,
         tolerance,
@@ -92,80 +134,43 @@ def stepper(kind: int, coulomb: int, dim: int):
         event_count,
     ):
         x, angle, v, spin = bodies.position, bodies.angle, bodies.velocity, bodies.spin
-        n_bodies = len(x)
-        cell = images.vectors
-        first_turn = 0 if dim == 3 else 2
-        force, torque = np.zeros((n_bodies, 3)), np.zeros((n_bodies, 3))
-        h = 0.5 * dt
-        room = len(events)
-        memory = FROZEN
-        residual, worst = np.inf, -1
+        force, torque = np.zeros_like(x), np.zeros_like(x)
+        flat_x, flat_v, flat_f = x.reshape(-1), v.reshape(-1), force.reshape(-1)
+        flat_angle, flat_spin, flat_t = angle.reshape(-1), spin.reshape(-1), torque.reshape(-1)
+        kick, keep, slow, kick_t, keep_t, slow_t = motion[0], motion[1], motion[2], motion[3], motion[4], motion[5]
+        load, load_t = external[0].reshape(-1), external[1].reshape(-1)
+        origin, limit = contacts.origin.reshape(-1), 0.5 * contacts.skin[0] / np.sqrt(dim)
+        room, residual, worst = len(events), np.inf, -1
         for step in range(start, steps + 1):
+            fresh = step == start and not drifted
             if step > start:
+                first_half(flat_x, flat_v, flat_f, kick, keep, dt)
+                first_half(flat_angle, flat_spin, flat_t, kick_t, keep_t, dt)
+                if moved(flat_x, origin, limit):
+                    return _MOVED, step, residual, worst
                 if room > 0 and event_count[0] + contacts.count[0] > room:
-                    return _FULL, step - 1, residual, worst, contacts
-                for a in range(n_bodies):
-                    for k in range(dim):
-                        v[a, k] = (1.0 - h * drag[a, k]) * v[a, k] + h * kick[a, k] * force[a, k]
-                        x[a, k] += dt * v[a, k]
-                    for k in range(first_turn, 3):
-                        spin[a, k] = (1.0 - h * drag[a, 3 + k]) * spin[a, k] + h * kick[a, 3 + k] * torque[a, k]
-                        angle[a, k] += dt * spin[a, k]
-                if moved_too_far(x, contacts):
-                    bad = _first_bad(x, angle)
-                    if bad >= 0:
-                        return _BAD, step, residual, bad, contacts
-                    contacts = rebuilt(x, bodies.radius, bodies.normal, images, contacts)
-                    if contacts.count[0] < 0:
-                        return _TOO_FAR, step, residual, worst, contacts
-                memory = FREE
-            for a in range(n_bodies):
-                for k in range(3):
-                    force[a, k] = external[a, k]
-                    torque[a, k] = external[a, 3 + k]
+                    return _FULL, step, residual, worst
+            for q in range(len(flat_f)):
+                flat_f[q], flat_t[q] = load[q], load_t[q]
             sweep(
-                kind,
-                coulomb,
-                dim,
-                bodies,
-                contacts,
-                cell,
-                p,
-                viscous,
-                memory,
-                force,
-                torque,
-                time + step * dt,
-                events,
-                event_count,
-            )
-            if step > start:
-                for a in range(n_bodies):
-                    for k in range(dim):
-                        v[a, k] = (v[a, k] + h * kick[a, k] * force[a, k]) / (1.0 + h * drag[a, k])
-                    for k in range(first_turn, 3):
-                        spin[a, k] = (spin[a, k] + h * kick[a, 3 + k] * torque[a, k]) / (1.0 + h * drag[a, 3 + k])
-            if every > 0 and step % every == 0 and (step > start or start == 0):
+                kind, coulomb, dim, bodies, contacts, shift, p, viscous, FROZEN if fresh else FREE, force, torque,
+                time + step * dt, events, event_count,
+            )  # fmt: skip
+            if not fresh:
+                second_half(flat_v, flat_f, kick, slow)
+                second_half(flat_spin, flat_t, kick_t, slow_t)
+            if every > 0 and step % every == 0:
                 row = step // every
                 _sample(series[row], tracks[row], bodies, contacts, mass, inertia, reference, probes, time + step * dt)
             if check_every > 0 and step % check_every == 0:
-                bad = _first_bad(x, angle)
+                bad = first_bad(x, angle)
                 if bad >= 0:
-                    return _BAD, step, residual, bad, contacts
+                    return _BAD, step, residual, bad
                 if tolerance > 0.0:
-                    residual = 0.0
-                    for a in range(n_bodies):
-                        for k in range(6):
-                            if kick[a, k] > 0.0:
-                                f = force[a, k] if k < 3 else torque[a, k - 3] / radius_or_one[a]
-                                speed = v[a, k] if k < 3 else spin[a, k - 3] * radius_or_one[a]
-                                scale = kick[a, k] if k < 3 else kick[a, k] * radius_or_one[a] ** 2
-                                size = max(abs(f), drag[a, k] * abs(speed) / scale)
-                                if size > residual:
-                                    residual, worst = size, a
+                    residual, worst = _unbalanced(v, spin, force, torque, motion, drag, radius_or_one, 0.5 * dt)
                     if residual <= tolerance:
-                        return _CONVERGED, step, residual, worst, contacts
-        return _DONE, steps, residual, worst, contacts
+                        return _CONVERGED, step, residual, worst
+        return _DONE, steps, residual, worst
 
     return advance
 
@@ -218,7 +223,9 @@ def run(
     work = bodies(state)
     work.velocity[:] = np.where(control.free[:, :3], work.velocity, control.rate[:, :3])
     work.spin[:] = np.where(control.free[:, 3:], work.spin, control.rate[:, 3:])
-    kick, damping, external = _coefficients(state, drag, drag if spin_drag is None else spin_drag)
+    if state.cell.dim == 2:
+        work.velocity[:, 2], work.spin[:, :2] = 0.0, 0.0
+    motion, rate, external = _coefficients(state, drag, drag if spin_drag is None else spin_drag, dt)
     contacts = type(state.contacts)(*(a.copy() for a in state.contacts))
     probes = np.asarray(probes, np.int64)
     samples = steps // every + 1 if every else 0
@@ -228,42 +235,27 @@ def run(
     grid = images(state.cell, float(grains.radius.max()), float(contacts.skin[0]))
     radius_or_one = np.where(work.radius > 0, work.radius, 1.0)
     reference = grains.position if reference is None else np.ascontiguousarray(reference, dtype=float)
-    advance, start = stepper(law.kind, law.coulomb, state.cell.dim), 0
+    advance, done, drifted = stepper(law.kind, law.coulomb, state.cell.dim), 0, False
     while True:
-        code, done, residual, worst, contacts = advance(
-            work,
-            contacts,
-            grid,
-            law.table,
-            has_dashpots(law),
-            grains.mass,
-            grains.inertia,
-            radius_or_one,
-            external,
-            kick,
-            damping,
-            dt,
-            steps,
-            start,
-            state.time,
-            200,
-            tolerance,
-            every,
-            reference,
-            probes,
-            series,
-            tracks,
-            rows,
-            count,
-        )
-        if code != _FULL:
+        code, done, residual, worst = advance(
+            work, contacts, shifts(contacts, state.cell.vectors), law.table, has_dashpots(law), grains.mass,
+            grains.inertia, radius_or_one, external, motion, rate, dt, steps, done, drifted, state.time, 200, tolerance,
+            every, reference, probes, series, tracks, rows, count,
+        )  # fmt: skip
+        if code not in (_MOVED, _FULL):
             break
-        start = done
-        rows = np.concatenate([rows, np.zeros_like(rows)])
-    if code == _TOO_FAR:
-        raise ValueError("two touching grains are 64 or more periodic boxes apart: shift positions by whole boxes")
-    if code == _DONE and _first_bad(work.position, work.angle) >= 0:
-        code, worst = _BAD, _first_bad(work.position, work.angle)
+        drifted = True
+        if code == _FULL:
+            rows = np.concatenate([rows, np.zeros_like(rows)])
+        elif (worst := first_bad(work.position, work.angle)) >= 0:
+            code = _BAD
+            break
+        else:
+            contacts = rebuilt(work.position, work.radius, work.normal, grid, contacts)
+            if contacts.count[0] < 0:
+                raise ValueError(TOO_FAR)
+    if code == _DONE and (bad := first_bad(work.position, work.angle)) >= 0:
+        code, worst = _BAD, bad
     end = state._replace(
         grains=grains._replace(
             position=work.position[:n], angle=work.angle[:n], velocity=work.velocity[:n], spin=work.spin[:n]
@@ -278,21 +270,25 @@ def run(
     return end, record, Outcome(status, residual, done, worst)
 
 
-def _coefficients(state: State, drag: float, spin_drag: float):
-    """Inverse masses (zero where not free), drag rates and external loads, each (N + W, 6)."""
+def _coefficients(state: State, drag: float, spin_drag: float, dt: float):
+    """What the loop multiplies with: motion (6, 3B), drag rates (B, 6), and external loads (2, B, 3).
+
+    Rows 0–2 of `motion` are for translations, 3–5 for rotations: half a step over mass (zero where not free), factor
+    of explicit drag, factor of implicit drag.
+    """
     grains, walls, control = state.grains, state.walls, state.control
-    n = len(grains.radius)
-    kick, damping, external = (np.zeros((state.n_bodies, 6)) for _ in range(3))
+    n, half = len(grains.radius), 0.5 * dt
+    kick, rate = np.zeros((2, state.n_bodies, 6))
     mass = np.concatenate([grains.mass, walls.mass])
-    kick[:, :3], kick[:n, 3:] = 1 / mass[:, None], 1 / grains.inertia[:, None]
+    kick[:, :3], kick[:n, 3:] = half / mass[:, None], half / grains.inertia[:, None]
     kick[~control.free] = 0.0
     if state.cell.dim == 2:
         kick[:, 2:5] = 0.0
-    damping[:, :3], damping[:, 3:] = drag, spin_drag
-    damping[kick == 0.0] = 0.0
-    external[:, :3] = control.force + mass[:, None] * control.gravity
-    external[:, 3:] = control.torque
-    return kick, damping, external
+    rate[:, :3], rate[:, 3:] = drag, spin_drag
+    rate[kick == 0.0] = 0.0
+    parts = (kick, 1.0 - half * rate, 1.0 / (1.0 + half * rate))
+    motion = np.stack([part[:, side].ravel() for side in (slice(0, 3), slice(3, 6)) for part in parts])
+    return motion, rate, np.stack([control.force + mass[:, None] * control.gravity, control.torque])
 
 
 _EVENT_TYPE = np.dtype(

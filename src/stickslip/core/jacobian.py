@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 
 from .forces import FROZEN, HELD, bodies, carried_memory, check_materials
-from .geometry import carried, normal_and_overlap, pair_vector, rolled, tangential
+from .geometry import carried, normal_and_overlap, pair_vector, rolled, shifts, tangential
 from .laws import (
     DAMPING_N,
     DAMPING_T,
@@ -65,13 +65,15 @@ def _friction_tangent(coulomb, stiffness, slope_k, mu, force_n, slope_n, stretch
 
 
 @njit(cache=True, error_model="numpy")
-def _linearise(kind, coulomb, dim, bodies, contacts, cell, p, memory, out):
+def _linearise(kind, coulomb, dim, bodies, contacts, shift, p, memory, out):
     position, angle, _, _, radius, material, wall_normal = bodies
     n_grains = len(radius) - len(wall_normal)
     for c in range(contacts.count[0]):
         i, j = contacts.i[c], contacts.j[c]
-        rx, ry, rz = pair_vector(dim, position, cell, contacts.image, c, i, j)
-        nx, ny, nz, overlap, inverse = normal_and_overlap(i, j, n_grains, radius, wall_normal, rx, ry, rz)
+        rx, ry, rz = pair_vector(dim, position, shift, c, i, j)
+        nx, ny, nz, overlap, inverse = normal_and_overlap(
+            i, j, j >= n_grains, j - n_grains, radius, wall_normal, rx, ry, rz
+        )
         if overlap <= 0.0:
             continue
         before = contacts.mode[c]
@@ -106,7 +108,15 @@ def linearised(state: State, law: Law, *, memory: int = HELD) -> Linear:
     vectors = ("normal", "carried", "turn")
     out = Linear(*(np.zeros((count, 3) if name in vectors else count) for name in Linear._fields))
     _linearise(
-        law.kind, law.coulomb, state.cell.dim, bodies(state), state.contacts, state.cell.vectors, law.table, memory, out
+        law.kind,
+        law.coulomb,
+        state.cell.dim,
+        bodies(state),
+        state.contacts,
+        shifts(state.contacts, state.cell.vectors),
+        law.table,
+        memory,
+        out,
     )
     return out
 

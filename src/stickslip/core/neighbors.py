@@ -14,6 +14,7 @@ from .state import Cell, State, empty_contacts
 _BODY_BITS, _IMAGE_BITS = 21, 7
 _IMAGE_OFFSET = 1 << (_IMAGE_BITS - 1)
 MAX_BODIES = 1 << _BODY_BITS
+TOO_FAR = f"two touching grains are {_IMAGE_OFFSET} or more periodic boxes apart: shift positions by whole boxes"
 
 
 @njit(cache=True)
@@ -160,7 +161,5 @@ def updated(state: State) -> State:
     grid = images(state.cell, float(state.grains.radius.max()), float(state.contacts.skin[0]))
     contacts = rebuilt(x, body_radii(state), state.walls.normal, grid, state.contacts)
     if contacts.count[0] < 0:
-        raise ValueError(
-            f"two touching grains are {_IMAGE_OFFSET} or more periodic boxes apart: shift positions by whole boxes"
-        )
+        raise ValueError(TOO_FAR)
     return state._replace(contacts=contacts)
