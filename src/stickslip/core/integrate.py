@@ -31,9 +31,9 @@ class Record(NamedTuple):
     events: np.ndarray  # structured: kind ("closed", "opened", "limit"), time, i, j, image, position of i
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath=False)  # said aloud: a function inherits fastmath from whoever compiles it first
 def first_bad(x, angle):
-    """First body with a coordinate that is not finite, or −1. Kept away from fastmath."""
+    """First body with a coordinate that is not finite, or −1."""
     for a in range(len(x)):
         for k in range(3):
             if not (np.isfinite(x[a, k]) and np.isfinite(angle[a, k])):
@@ -61,7 +61,7 @@ def _sample(row, track, bodies, contacts, mass, inertia, reference, probes, time
             track[m, 3 + k] = angle[probes[m], k]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, fastmath=False, error_model="numpy")
 def _unbalanced(v, spin, force, torque, motion, drag, radius_or_one, h):
     """Largest of force, torque/R and drag force over the free components, and the body that carries it."""
     residual, worst = 0.0, -1

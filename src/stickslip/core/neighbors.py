@@ -110,7 +110,7 @@ def carry_memory(old, new):
             new.mode[m], new.reached[m] = old.mode[c], old.reached[c]
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath=False)
 def moved_too_far(x, contacts):
     """True if some body has moved by half the skin since the list was made, or if none was made."""
     limit = (0.5 * contacts.skin[0]) ** 2

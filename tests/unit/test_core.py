@@ -1,0 +1,123 @@
+"""Closed forms, slow twins and small facts about the core."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.core import laws
+from stickslip.core.neighbors import updated
+from tests.conftest import make_law, make_packing, stirred
+
+
+def test_disk_on_a_wall_sinks_as_hertz_says():
+    state = ss.disk_array(1, press=5e-5, gap=0.5)
+    state, outcome = ss.relax(state, ss.between(ss.hertz_mindlin(), 0, 1))
+    assert outcome.ok
+    assert 0.5 - state.grains.position[0, 1] == pytest.approx((5e-5) ** (2 / 3), rel=1e-9)
+
+
+def test_pushed_disk_that_cannot_turn_slips_by_force_over_stiffness_then_slides():
+    law = ss.between(ss.linear(kn=1.0, kt=0.5, mu=0.4), 0, 1)
+    state = ss.disk_array(1, press=0.01, gap=0.5)
+    free = state.control.free.copy()
+    free[:, 3:] = False
+    state, _ = ss.relax(state._replace(control=state.control._replace(free=free)), law, drag=0.5)
+    at_rest, outcome = ss.relax(ss.pushed(state, 0.002), law, drag=0.5)
+    assert outcome.ok
+    assert at_rest.grains.position[0, 0] - state.grains.position[0, 0] == pytest.approx(0.002 / 0.5, rel=1e-9)
+    beyond, outcome = ss.relax(ss.pushed(state, 0.0041), law, drag=0.5, steps=4000)
+    assert not outcome.ok  # Coulomb's limit is 0.004
+    assert beyond.grains.velocity[0, 0] == pytest.approx((0.0041 - 0.004) / 0.5, rel=1e-3)  # terminal: force over drag
+
+
+@pytest.mark.parametrize(("kind", "power"), [(laws.HERTZ_MINDLIN, 1.5), (laws.LINEAR, 1.0)])
+def test_tangents_by_complex_step_equal_closed_forms(kind, power):
+    table = np.array([[[2.0, 0.6, 0.5, 0, 0]]])
+    for overlap in (1e-8, 1e-3, 0.2):
+        slope_n, slope_t = laws.tangents(kind, table, 0, 0, overlap)
+        assert slope_n == pytest.approx(2.0 * power * overlap ** (power - 1), rel=1e-15)
+        assert slope_t == pytest.approx(0.6 * (power - 1) * overlap ** (power - 2), rel=1e-15, abs=1e-300)
+
+
+def test_smooth_coulomb_meets_its_limit_with_zero_slope():
+    assert laws.mobilised(laws.SMOOTH, 1.0) == 1.0
+    assert laws.mobilised(laws.SMOOTH, 1.0) + laws.mobilised_tangent(laws.SMOOTH, 1.0) == pytest.approx(0, abs=1e-15)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("seed", range(5))
+def test_candidate_pairs_equal_a_slow_twin(dim, seed):
+    state = updated(make_packing(dim, seed))
+    x = np.concatenate([state.grains.position, state.walls.point])
+    n, skin, found = len(state.grains.radius), float(state.contacts.skin[0]), set()
+    span = [range(-4, 5) if p else (0,) for p in state.cell.periodic]
+    for i, image in itertools.product(range(n), itertools.product(*span)):
+        for j in range(i, n):
+            if i == j and image <= (0, 0, 0):
+                continue
+            r = x[i] - x[j] + np.array(image) @ state.cell.vectors
+            if np.linalg.norm(r) < state.grains.radius[i] + state.grains.radius[j] + skin:
+                found.add((i, j, image))
+    for i, w in itertools.product(range(n), range(len(state.walls.mass))):
+        if (x[i] - state.walls.point[w]) @ state.walls.normal[w] < state.grains.radius[i] + skin:
+            found.add((i, n + w, (0, 0, 0)))
+    c = state.contacts
+    listed = [(int(c.i[k]), int(c.j[k]), tuple(int(m) for m in c.image[k])) for k in range(c.count[0])]
+    assert listed == sorted(found)
+    assert (np.diff(c.key[: c.count[0]]) > 0).all()
+
+
+def test_two_disks_touch_through_two_images():
+    state = ss.disk_array(2, press=5e-5, gap=-0.01)
+    loads, trial = ss.forces(state, ss.between(ss.hertz_mindlin(), 0, 1))
+    pairs = trial.j[: trial.count[0]] < 2
+    assert pairs.sum() == 2
+    assert sorted(trial.image[: trial.count[0], 0][pairs]) == [0, 1]
+    assert np.abs(loads.force[:2, 0]).max() < 1e-17  # pressed from both sides alike
+
+
+def test_one_disk_that_touches_its_own_image_is_pressed_but_not_moved():
+    state = ss.disk_array(1, press=5e-5, gap=-0.01)
+    loads, trial = ss.forces(state, ss.between(ss.hertz_mindlin(), 0, 1))
+    assert (trial.mode[: trial.count[0]] > 0).sum() == 1
+    assert loads.force[0, 0] == 0
+
+
+def test_memory_survives_a_rebuild():
+    law = make_law("hertz_mindlin", "sharp")
+    state = stirred(make_packing(3, 2), law, np.random.default_rng(0))
+    bigger = state.contacts._replace(origin=np.full_like(state.contacts.origin, np.inf), skin=np.array([0.6]))
+    rebuilt = updated(state._replace(contacts=bigger))
+    assert rebuilt.contacts.count[0] > state.contacts.count[0]
+    before, after = ss.forces(state, law), ss.forces(rebuilt, law)
+    assert np.array_equal(before[0].force, after[0].force)
+
+
+def test_wall_friction_may_differ():
+    law = ss.between(ss.hertz_mindlin(mu=0.5), 0, 1, mu=0.1)
+    assert law.table[0, 1, laws.MU] == law.table[1, 0, laws.MU] == 0.1
+    assert law.table[0, 0, laws.MU] == 0.5
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: ss.hertz_mindlin(mu=-0.1), "mu = -0.1"),
+        (lambda: ss.hertz_mindlin(kn=float("nan")), "kn = nan"),
+        (lambda: ss.hertz_mindlin(coulomb="soft"), "'sharp' and 'smooth'"),
+        (lambda: ss.between(ss.linear(), 0, 1, nu=0.3), "no parameter 'nu'"),
+        (lambda: ss.assembly(ss.disks([[0, 0]], -1.0)), "grain 0 has radius -1"),
+        (lambda: ss.assembly(ss.disks([[0, np.nan]], 1.0)), "NaN"),
+        (lambda: ss.assembly(ss.disks([[0, 0], [1, 0]], [0.5, 0.5, 0.5])), "shape"),
+        (lambda: ss.assembly(ss.disks([[0, 0]], 1.0), cell=ss.box(dim=4)), "4 dimensions"),
+        (lambda: ss.flat_walls([0, 0, 0], [0, 0, 0]), "normal of length zero"),
+        (lambda: ss.run(ss.disk_array(1, press=1e-5), ss.linear(), 1, 0.1), "material 1 is used"),
+        (lambda: ss.run(ss.assembly(ss.disks([[0, 0]], 1.0)), ss.linear(), 1, -0.1), "time step must be positive"),
+        (lambda: ss.nonsense, "no name 'nonsense'"),
+    ],
+)
+def test_bad_input_is_one_clear_sentence(make, words):
+    with pytest.raises((ValueError, AttributeError), match=words):
+        make()
