@@ -108,7 +108,7 @@ def main() -> None:
         _fail("stopped by the user; what was reported as saved is complete", 130)
     except Exception as problem:
         if hasattr(problem, "format_message"):
-            _fail(problem.format_message().rstrip("."), 2)
+            _fail(problem.format_message().rstrip(".") or "say what to do, as listed above", 2)
         if type(problem).__name__ in ("Exit", "Abort"):
             sys.exit(getattr(problem, "exit_code", 1))
         raise

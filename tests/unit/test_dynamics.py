@@ -63,8 +63,10 @@ def test_a_run_split_in_two_gives_the_same_bits(dim, coulomb):
     for name in ("position", "angle", "velocity", "spin"):
         assert np.array_equal(getattr(whole.grains, name), getattr(rest.grains, name)), name
     count = whole.contacts.count[0]
-    assert np.array_equal(whole.contacts.slip[:count][whole.contacts.mode[:count] > 0],
-                          rest.contacts.slip[: rest.contacts.count[0]][rest.contacts.mode[: rest.contacts.count[0]] > 0])
+    assert np.array_equal(
+        whole.contacts.slip[:count][whole.contacts.mode[:count] > 0],
+        rest.contacts.slip[: rest.contacts.count[0]][rest.contacts.mode[: rest.contacts.count[0]] > 0],
+    )
 
 
 def test_recording_and_events_do_not_change_the_motion():
@@ -82,7 +84,9 @@ def test_recording_and_events_do_not_change_the_motion():
 def test_events_beyond_the_first_buffer_are_kept():
     """A disk hopping under gravity on a frictionless floor closes and opens more often than the first buffer holds."""
     state = ss.assembly(
-        ss.disks([[0.0, 0.52]], 0.5), ss.flat_walls([0, 0, 0], [0, 1, 0]), ss.box(dim=2),
+        ss.disks([[0.0, 0.52]], 0.5),
+        ss.flat_walls([0, 0, 0], [0, 1, 0]),
+        ss.box(dim=2),
         ss.loads(1, 1, gravity=(0, -1.0, 0)),
     )
     law = ss.linear(kn=1e4, mu=0.0)

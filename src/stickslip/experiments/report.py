@@ -1,6 +1,6 @@
 """What a run leaves in its folder and on the terminal: figures, raw numbers, tables, progress."""
 
-import os
+import tempfile
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -39,13 +39,22 @@ def claim_folder(folder: Path, scenario: Scenario, *, overwrite: bool = False) -
             )
         if folder.exists() and not folder.is_dir():
             raise ValueError(f"{folder} is a file, not a folder: choose another --out")
-        above = folder
-        while not above.exists():
-            above = above.parent
-        if not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
-            raise ValueError(f"the folder {folder} cannot be written: choose another --out")
+        _probe(folder)
     except OSError as problem:
-        raise ValueError(f"the folder {folder} cannot be used ({problem.strerror}): choose another --out") from None
+        raise ValueError(f"the folder {folder} cannot be written ({problem.strerror}): choose another --out") from None
+
+
+def _probe(folder: Path) -> None:
+    """Write and remove a file there, and every folder that this needed."""
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    finally:
+        for path in missing:
+            if path.exists():
+                path.rmdir()
 
 
 @contextmanager

@@ -1,0 +1,127 @@
+"""The command line: wrong input is one sentence and exit code 2, nothing written; runs of one's own work."""
+
+import os
+
+import numpy as np
+import pytest
+
+from stickslip.data import archive
+from tests.published.test_disk_array import stickslip
+
+SHORT = """
+[array]
+disks = {disks}
+{array}
+[law]
+{law}
+[load]
+push = [0.0, 0.02, 0.01]
+step = 5e-3
+{load}
+[relaxation]
+{relaxation}
+[dynamics]
+loads = [0.02]
+duration = 2000.0
+[sliding]
+loads = [0.02]
+realizations = 3
+duration = 600.0
+"""
+
+
+def short(path, disks=4, array="", law="mu = 10.0", load="", relaxation=""):
+    path.write_text(SHORT.format(disks=disks, array=array, law=law, load=load, relaxation=relaxation))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["reproduce", "disk-aray"], "'disk-aray' is not known: use disk-array"),
+        (["reproduce", "disk-array", "--workers", "0"], "greater than or equal to 1"),
+        (["reproduce", "disk-array", "--seed", "x"], "valid integer"),
+        (["reproduce", "disk-array", "--fast"], "No such option: --fast"),
+        (["run", "absent.toml", "--out", "out"], "absent.toml cannot be read"),
+        (["jump"], "No such command 'jump'"),
+    ],
+)
+def test_wrong_words(words, sentence, tmp_path):
+    run = stickslip(*words, cwd=tmp_path)
+    assert run.returncode == 2
+    assert sentence in run.stderr
+    assert run.stderr.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"disks": 0}, "array.disks = 0"),
+        ({"array": "radius = -0.5"}, "array.radius = -0.5"),
+        ({"law": "mu = -1.0"}, "law.mu = -1.0"),
+        ({"law": "mu = nan"}, "law.mu = nan"),
+        ({"law": "my = 1.0"}, "did you mean 'mu'"),
+        ({"load": "press = 0.0"}, "without contact"),
+        ({"load": 'press = "strong"'}, "load.press = 'strong'"),
+    ],
+)
+def test_wrong_scenarios(change, sentence, tmp_path):
+    scenario = short(tmp_path / "s.toml", **change)
+    run = stickslip("run", scenario, "--out", tmp_path / "out")
+    assert run.returncode == 2
+    assert sentence in run.stderr
+    assert run.stderr.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="permissions are those of POSIX")
+def test_unwritable_folders(tmp_path):
+    scenario = short(tmp_path / "s.toml")
+    (tmp_path / "file").write_text("")
+    run = stickslip("run", scenario, "--out", tmp_path / "file")
+    assert run.returncode == 2
+    assert "is a file, not a folder" in run.stderr
+    run = stickslip("run", scenario, "--out", "/proc/stickslip")
+    assert run.returncode == 2
+    assert "cannot be written" in run.stderr
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {},
+        {"array": "radius = [0.5, 0.49, 0.51, 0.5]", "law": 'kind = "linear"\nmu = 2.0\ncoulomb = "sharp"'},
+        {"disks": 2, "relaxation": 'method = "newton"', "array": "gap = -0.001"},
+    ],
+    ids=["paper", "unlike-radii-linear", "two-newton"],
+)
+def test_a_run_of_ones_own(change, tmp_path):
+    scenario = short(tmp_path / "s.toml", **change)
+    run = stickslip("run", scenario, "--out", tmp_path / "out", "--workers", "1")
+    assert run.returncode == 0, run.stderr
+    assert "Free runs" in run.stdout
+    numbers = archive.read(tmp_path / "out" / "results.h5")["main"]
+    assert numbers["ramp"]["load"].tolist() == pytest.approx([0, 0.005, 0.01, 0.015, 0.02, 0.015, 0.01])
+    assert numbers["ramp"]["residual"].max() <= 1e-14
+
+
+@pytest.mark.parametrize("change", [{"law": "mu = 0.0"}, {"disks": 1}], ids=["frictionless", "rolls"])
+def test_a_push_that_nothing_holds_ends_with_the_load_and_a_remedy(change, tmp_path):
+    scenario = short(tmp_path / "s.toml", **change)
+    run = stickslip("run", scenario, "--out", tmp_path / "out")
+    assert run.returncode == 1
+    assert "no equilibrium at push = 0.005" in run.stderr
+    assert "stronger drag" in run.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_number_of_workers_does_not_change_the_numbers(tmp_path):
+    scenario = short(tmp_path / "s.toml")
+    found = []
+    for workers in (1, 2):
+        out = tmp_path / str(workers)
+        assert stickslip("run", scenario, "--out", out, "--workers", workers).returncode == 0
+        found.append(archive.read(out / "results.h5")["main"]["sliding"]["0.020000"])
+    for name in ("breach", "slide", "velocity", "center"):
+        assert np.array_equal(found[0][name], found[1][name], equal_nan=True), name

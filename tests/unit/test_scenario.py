@@ -1,0 +1,100 @@
+"""Scenarios: bad input is one sentence, good input survives a round trip; archives keep every bit."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.data import archive
+from stickslip.data.scenario import ScenarioError, read, scenario
+from tests.conftest import make_law, make_packing, stirred
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+@pytest.mark.parametrize(
+    ("tables", "words"),
+    [
+        ({"aray": {}}, "a scenario has no key 'aray': did you mean 'array'"),
+        ({"array": {"raduis": 0.5}}, r"the table \[array\] has no key 'raduis': did you mean 'radius'"),
+        ({"law": {"wall": {"mo": 0.5}}}, r"the table \[law.wall\] has no key 'mo': did you mean 'mu'"),
+        ({"array": {"radius": -0.5}}, "array.radius = -0.5 was given"),
+        ({"array": {"radius": [0.5, 0.5]}}, "radius has 2 entries but there are 10 disks"),
+        ({"array": {"disks": 0}}, "array.disks = 0 was given"),
+        ({"array": {"disks": 2.5}}, "array.disks = 2.5 was given"),
+        ({"array": {"gap": -0.6}}, "deeper than a radius"),
+        ({"law": {"mu": -1.0}}, "law.mu = -1.0 was given"),
+        ({"law": {"mu": float("nan")}}, "law.mu = nan was given"),
+        ({"law": {"mu": "rough"}}, "law.mu = 'rough' was given"),
+        ({"law": {"kind": "hertz"}}, "law.kind = 'hertz' was given, but it should be 'hertz_mindlin' or 'linear'"),
+        ({"load": {"press": 0.0}}, "press = 0 leaves the disks without contact"),
+        ({"load": {"push": [0.01, 0.02]}}, "first of them 0.0"),
+        ({"load": {"step": 1e-9}}, "use a larger step"),
+        ({"load": {"disk": 11}}, "load.disk = 11 is pushed but there are 10 disks"),
+        ({"load": {"push": [0.0, 0.05]}}, "dynamics.loads holds 0.062, which load.push"),
+        ({"dynamics": {"watch": 0.01}}, "not among dynamics.loads"),
+        ({"seed": True}, "seed = True was given"),
+        ({"experiment": "disks"}, "experiment = 'disks' was given"),
+    ],
+)
+def test_a_bad_scenario_is_one_sentence(tables, words):
+    with pytest.raises(ScenarioError, match=words) as caught:
+        scenario(**tables)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"), [("[array\n", "not valid TOML"), ("[array]\ndisks = 'ten'\n", "array.disks = 'ten' was given")]
+)
+def test_a_bad_file_is_one_sentence(tmp_path, text, words):
+    path = tmp_path / "bad.toml"
+    path.write_text(text)
+    with pytest.raises(ScenarioError, match=words):
+        read(path)
+    with pytest.raises(ScenarioError, match="cannot be read"):
+        read(tmp_path / "absent.toml")
+
+
+def test_the_example_is_the_paper_and_survives_a_round_trip(tmp_path):
+    from stickslip.experiments.disk_array import paper_scenario
+
+    example, paper = read(EXAMPLES / "disk_array.toml"), paper_scenario()
+    assert example.array == paper.array
+    assert example.law == paper.law
+    assert example.load.press == paper.load.press
+    (tmp_path / "scenario.json").write_text(example.text)
+    again = read(tmp_path / "scenario.json")
+    assert again == example
+    assert again.digest == example.digest != paper_scenario(seed=1).digest
+
+
+def test_path_passes_through_turning_points_and_wanted_loads():
+    path = ss.path_of([0.0, 0.03, 0.01], 0.01, through=[0.015, 0.012])
+    np.testing.assert_allclose(path, [0, 0.01, 0.012, 0.015, 0.02, 0.03, 0.02, 0.01], atol=1e-15)
+
+
+def test_archive_keeps_states_with_contact_memory_bit_for_bit(tmp_path):
+    law = make_law("hertz_mindlin", "sharp")
+    state = stirred(make_packing(3, 1), law, np.random.default_rng(1))
+    archive.write(tmp_path / "a.h5", {"frame": state, "words": "grain", "numbers": {"x": np.arange(3), "y": 1.5}})
+    back = archive.read(tmp_path / "a.h5")
+    assert back["words"] == "grain"
+    assert back["numbers"]["y"] == 1.5
+    assert np.array_equal(back["numbers"]["x"], np.arange(3))
+    end, _, _ = ss.run(state, law, 300, 0.05)
+    again, _, _ = ss.run(back["frame"], law, 300, 0.05)
+    assert np.array_equal(end.grains.position, again.grains.position)
+    assert np.array_equal(end.grains.spin, again.grains.spin)
+
+
+def test_archive_that_fails_leaves_the_old_file(tmp_path):
+    path = tmp_path / "a.h5"
+    archive.write(path, {"x": 1.0})
+    with pytest.raises(TypeError):
+        archive.write(path, {"x": 2.0, "bad": object()})
+    assert archive.read(path) == {"x": 1.0}
+    assert [p.name for p in tmp_path.iterdir()] == ["a.h5"]
+    path.write_text("not HDF5")
+    with pytest.raises(ValueError, match="not an archive"):
+        archive.read(path)
