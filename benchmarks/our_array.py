@@ -1,0 +1,21 @@
+"""The array of `lammps_array.py` with our own stepper: prints seconds per step, kernels warm."""
+
+import sys
+import time
+
+import stickslip as ss
+
+
+def main(steps: int) -> None:
+    """Relax the array as the peer does, run once to warm, then time one run."""
+    law = ss.between(ss.hertz_mindlin(kn=1.0, kt=2 / 7, mu=10.0, coulomb="sharp"), 0, 1)
+    state = ss.disk_array(10, press=5e-5, push=1.5e-5)
+    state, _, _ = ss.run(state, law, 20_000, 0.1, drag=0.05, spin_drag=0.0)
+    state, _, _ = ss.run(state, law, 1000, 0.1)
+    start = time.perf_counter()
+    ss.run(state, law, steps, 0.1)
+    print((time.perf_counter() - start) / steps)
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]))
