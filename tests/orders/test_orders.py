@@ -19,7 +19,7 @@ def test_frictionless_energy_error_is_of_second_order_in_dt():
     state = state._replace(grains=state.grains._replace(velocity=kick))
 
     def error(dt):
-        end, record, _ = ss.run(state, law, round(40 / dt), dt, every=1, probes=range(3))
+        _, record, _ = ss.run(state, law, round(40 / dt), dt, every=1, probes=range(3))
         assert (record.touching == record.touching[0]).all()
         energy = record.kinetic_energy + potential(record.position) + 0.02 * record.position[:, :, 1].sum(axis=1)
         return np.abs(energy - energy[0]).max()
