@@ -189,7 +189,7 @@ def traveling_fronts(forward: dict, backward, threshold: float):
         words = f"$V_2$ = {backward.speed:.3f}({backward.speed_error:.3f})"
         _front(bottom, backward, PURPLE, words)
     bottom.set(
-        xlabel=rf"mean delay of sliding by {threshold:g} diameters [$\sqrt{{m/(k_n\sqrt{{2R}})}}$]",
+        xlabel=rf"mean delay of sliding by {threshold:g} $\times 2R$ [$\sqrt{{m/(k_n\sqrt{{2R}})}}$]",
         ylabel="distance from the last disk [$2R$]",
     )
     for axes in (top, bottom):
@@ -254,6 +254,7 @@ def center_of_mass(result, load: float, line=None, printed=None):
     for color, (push, ensemble) in zip(COLORS, sorted(result.sliding.items()), strict=False):
         bottom.plot(ensemble.time, ensemble.center[:, 0] - ensemble.center[0, 0], color=color, label=f"{push:.3f}")
     bottom.set(xlabel=TIME, ylabel=r"$C^x_\mathrm{mass}-C^x_\mathrm{mass}(0)$ [$2R$]")
+    bottom.xaxis.set_major_locator(plt.MaxNLocator(5))
     bottom.set_ylim(top=2.1 * max(1e-3, bottom.get_ylim()[1]))
     if result.sliding:
         bottom.legend(title=LOAD, loc="upper left", ncol=2, title_fontsize=6.5)

@@ -136,3 +136,15 @@ def test_wall_mode_of_a_lone_disk():
     assert share[k, 1] == pytest.approx(1.0, abs=1e-12)
     assert modes.frequency[k] == pytest.approx(np.sqrt(1.5 * (5e-5) ** (1 / 3)), rel=1e-9)
     assert modes.stable
+
+
+def test_modes_solve_the_eigenvalue_problem_and_shares_add_up():
+    state, law = pressed()
+    modes = ss.spectrum(state, law)
+    jacobian = ss.restricted(state, ss.contact_blocks(state, law)[0], modes.free).toarray()
+    left = -jacobian @ modes.modes
+    right = modes.free.mass[:, None] * modes.modes * modes.eigenvalues
+    # backward error of a dense eigensolver: a few hundred roundings of the largest entry
+    np.testing.assert_allclose(left, right, atol=1e-13 * np.abs(jacobian).max())
+    np.testing.assert_allclose(modes.shares().sum(axis=1), 1.0, atol=1e-12)
+    assert not modes.stable
