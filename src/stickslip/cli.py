@@ -1,7 +1,7 @@
 """The command line: thin; every command calls one function of the layer below and shows what came back."""
 
-import os
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -16,6 +16,8 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
     help="A laboratory for frictional grains: build them, load them, know when and how they will slip.",
 )
+
+STOPPED = 130  # what shells expect of a process that ctrl-C ended
 
 Out = Annotated[Path | None, typer.Option("--out", help="Folder for results; made if it does not exist.")]
 Workers = Annotated[
@@ -59,7 +61,7 @@ def reproduce(
     report.claim_folder(folder, scenario, overwrite=overwrite)
     if quick:
         report.console.print(f"--quick cuts: {disk_array.CUTS}.")
-    with report.progress() as tell:
+    with _working(), report.progress() as tell:
         found = disk_array.reproduce(quick=quick, seed=seed, workers=workers, report=tell)
         tell("figures", 0.0, str(folder))
         paths = report.write_reproduction(folder, found)
@@ -81,8 +83,8 @@ def run(
 
     chosen = read(scenario)
     report.claim_folder(out, chosen, overwrite=overwrite)
-    with report.progress() as tell:
-        found = simulate(chosen, workers=workers, report=tell)
+    with _working(), report.progress() as tell:
+        found = simulate(chosen, workers=workers, sensitivity=True, report=tell)
         tell("figures", 0.0, str(out))
         paths = report.write_result(out, found)
     report.show_result(found)
@@ -94,24 +96,32 @@ def _one_of(name: str, got: str, allowed: list[str]) -> None:
         raise ValueError(f"{name} {got!r} is not known: use {', '.join(allowed)}")
 
 
-def main() -> None:
-    """Entry point: errors of the user end with one sentence and exit code 2, failed runs with one and exit code 1."""
-    from .core.outcome import NotInEquilibriumError
-
+@contextmanager
+def _working():
+    """What goes wrong after the input was accepted is a failed run, not bad input."""
     try:
-        app(standalone_mode=False)
+        yield
+    except (ValueError, ArithmeticError, MemoryError) as problem:
+        raise RuntimeError(f"the run failed ({type(problem).__name__}: {problem})") from problem
+
+
+def main() -> None:
+    """Entry point: bad input ends with one sentence and exit code 2, a failed run with one and exit code 1."""
+    try:
+        code = app(standalone_mode=False)
     except (ValueError, OSError) as problem:
         _fail(_words(problem), 2)
-    except (NotInEquilibriumError, RuntimeError) as problem:
+    except RuntimeError as problem:
         _fail(str(problem), 1)
     except KeyboardInterrupt:
-        _fail("stopped by the user; what was reported as saved is complete", 130)
+        code = STOPPED
     except Exception as problem:
-        if hasattr(problem, "format_message"):
-            _fail(problem.format_message().rstrip(".") or "say what to do, as listed above", 2)
-        if type(problem).__name__ in ("Exit", "Abort"):
-            sys.exit(getattr(problem, "exit_code", 1))
-        raise
+        if not hasattr(problem, "format_message"):
+            raise
+        _fail(problem.format_message().rstrip(".") or "say what to do, as listed above", 2)
+    if code == STOPPED:
+        _fail("stopped by the user; nothing that was not reported as written was left behind", STOPPED)
+    sys.exit(code or 0)
 
 
 def _words(problem: Exception) -> str:
@@ -124,8 +134,3 @@ def _fail(sentence: str, code: int) -> None:
     print(f"stickslip: {sentence}", file=sys.stderr)
     sys.stderr.flush()
     sys.exit(code)
-
-
-if __name__ == "__main__":
-    os.environ.setdefault("COLUMNS", "120")
-    main()

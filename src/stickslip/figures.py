@@ -127,7 +127,7 @@ def mean_square_displacement(result):
     for line in legend.get_lines():
         line.set_linewidth(1.5)
     axes.set(xlabel=TIME, ylabel=r"$M(t)=\Sigma_i|\mathbf{r}_i(t)-\mathbf{r}_i(0)|^2$ [$(2R)^2$]")
-    axes.set_ylim(bottom=1e-27)
+    axes.set_ylim(bottom=0.1 * min(np.percentile(f.msd[f.msd > 0], 1) for f in result.free_runs.values()))
     return figure
 
 
@@ -146,7 +146,7 @@ def trajectory(result, grain: int = 3):
         ((first, end), "from there until its own contact with the substrate does"),
     )
     for axes, ((start, stop), title) in zip(panels, windows, strict=True):
-        shown = (data.time >= start) & (data.time <= stop)
+        shown = (data.time >= start) & (data.time <= max(stop, start + 150))
         power = -int(np.floor(np.log10(np.ptp(data.position[shown, grain], axis=0).max())))
         xy = 10.0**power * (data.position[shown, grain] - data.position[shown, grain].mean(axis=0))
         lines = LineCollection(np.stack([xy[:-1], xy[1:]], axis=1), cmap="viridis", array=data.time[shown][1:], lw=0.5)

@@ -85,6 +85,19 @@ def test_jacobian_of_a_trial_state_with_pending_increments(law_name, coulomb, di
     np.testing.assert_allclose(exact, numeric, atol=1e-8 * np.abs(exact).max(), rtol=0)
 
 
+@pytest.mark.parametrize("dim", [2, 3])
+def test_jacobian_of_a_free_wall(dim):
+    state, law = sample("hertz_mindlin", "smooth", dim, seed=1)
+    free_wall = state.control.free.copy()
+    free_wall[-1, :3] = True
+    state = state._replace(control=state.control._replace(free=free_wall))
+    free = freedom(state)
+    assert (free.body == state.n_bodies - 1).sum() == dim
+    exact = restricted(state, contact_blocks(state, law)[0], free).toarray()
+    numeric = differences(state, law, free, HELD, h=1e-6)
+    np.testing.assert_allclose(exact, numeric, atol=1e-8 * np.abs(exact).max(), rtol=0)
+
+
 def test_jacobian_is_symmetric_without_friction():
     law = make_law("hertz_mindlin", "sharp", mu=0.0)
     state = stirred(make_packing(3), law, np.random.default_rng(1))

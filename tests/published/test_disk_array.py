@@ -54,9 +54,9 @@ def test_every_claim_is_there_with_exactly_the_agreed_keys(claims):
     for row in claims.values():
         assert list(row) == ["id", "source", "paper", "measured", "unit", "tolerance", "verdict", "note"]
         assert row["verdict"] in (table.REPRODUCED, table.PARTLY, table.NOT_REPRODUCED)
-        assert row["verdict"] == table.claim(
-            row["id"], "", row["paper"], row["measured"], "", row["tolerance"]
-        ).verdict  # fmt: skip
+        if "too few realizations" not in row["note"]:
+            again = table.claim(row["id"], "", row["paper"], row["measured"], "", row["tolerance"])
+            assert row["verdict"] == again.verdict, row["id"]
         assert row["note"] or row["verdict"] == table.REPRODUCED, row["id"]
 
 

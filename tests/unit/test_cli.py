@@ -1,6 +1,9 @@
 """The command line: wrong input is one sentence and exit code 2, nothing written; runs of one's own work."""
 
 import os
+import signal
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -113,6 +116,33 @@ def test_a_push_that_nothing_holds_ends_with_the_load_and_a_remedy(change, tmp_p
     assert run.returncode == 1
     assert "no equilibrium at push = 0.005" in run.stderr
     assert "stronger drag" in run.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_disk_whose_own_contact_is_first_at_the_limit_can_be_drawn(tmp_path):
+    text = "\n".join([
+        "[array]", "disks = 2", "[law.wall]", "mu = 1.0", "[load]", "push = [0.0, 0.06]", "step = 5e-3", "disk = 2",
+        "[dynamics]", "loads = [0.06]", "duration = 20000.0",
+    ])  # fmt: skip
+    (tmp_path / "two.toml").write_text(text)
+    run = stickslip("run", tmp_path / "two.toml", "--out", tmp_path / "out")
+    assert run.returncode == 0, run.stderr
+    assert not [p for p in tmp_path.iterdir() if p.name.startswith(".")]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals are those of POSIX")
+def test_control_c_ends_with_a_sentence_and_130(tmp_path):
+    code = "from stickslip.cli import main; main()"
+    words = ["reproduce", "disk-array", "--out", str(tmp_path / "out")]
+    run = subprocess.Popen(
+        [sys.executable, "-c", code, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert "quasi-static ramp" in run.stdout.readline() + run.stdout.readline()
+    run.send_signal(signal.SIGINT)
+    _, said = run.communicate(timeout=60)
+    assert run.returncode == 130
+    assert "stopped by the user" in said
+    assert "Traceback" not in said
     assert not (tmp_path / "out").exists()
 
 

@@ -101,6 +101,54 @@ def test_wall_friction_may_differ():
     assert law.table[0, 0, laws.MU] == 0.5
 
 
+def test_unlike_disks_start_in_touch():
+    state = ss.disk_array(3, [0.5, 0.3, 0.4], press=1e-5)
+    x, r = state.grains.position, state.grains.radius
+    ring = np.vstack([x, x[:1] + state.cell.vectors[0]])
+    np.testing.assert_allclose(np.linalg.norm(np.diff(ring, axis=0), axis=1), r + np.roll(r, -1), rtol=1e-14)
+
+
+def test_nan_is_not_an_equilibrium():
+    state = ss.assembly(ss.disks([[0, 0], [0, 0], [5, 0]], 0.5), cell=ss.box(dim=2))
+    with np.errstate(all="ignore"):
+        for _, outcome in (ss.relax(state, ss.linear()), ss.newton(state, ss.linear())):
+            assert outcome.status is ss.Status.NOT_A_NUMBER
+
+
+def test_jacobian_refuses_contacts_that_were_never_committed():
+    law = ss.between(ss.hertz_mindlin(), 0, 1)
+    with pytest.raises(ValueError, match="equilibrate, or accept"):
+        ss.spectrum(ss.disk_array(3, press=5e-5, gap=-0.01), law)
+
+
+def test_newton_leaves_alone_what_nothing_resists():
+    """Without friction the rotations, and a disk that touches nothing, have no stiffness."""
+    grains = ss.disks([[0, 0.499], [5, 3.0]], 0.5)
+    control = ss.loads(2, 1, force=[[0, -1e-3, 0], [0, 0, 0]])
+    state = ss.assembly(grains, ss.flat_walls([0, 0, 0], [0, 1, 0]), ss.box(dim=2), control)
+    free = state.control.free.copy()
+    free[0, 0] = False  # nothing holds the disk along the wall
+    state = state._replace(control=state.control._replace(free=free))
+    end, outcome = ss.newton(state, ss.linear(mu=0.0))
+    assert outcome.ok, outcome
+    assert end.grains.position[0, 1] == pytest.approx(0.499, rel=1e-12)
+    pulled = state._replace(control=ss.loads(2, 1, force=[[0, -1e-3, 0], [1e-3, 0, 0]]))
+    assert ss.newton(pulled, ss.linear(mu=0.0))[1].status is ss.Status.SINGULAR
+
+
+def test_an_equilibrium_forgets_which_contacts_were_at_the_limit_on_the_way():
+    law = ss.between(ss.linear(kn=1.0, kt=0.5, mu=0.4), 0, 1)
+    state = ss.disk_array(1, press=0.01, gap=0.5)
+    free = state.control.free.copy()
+    free[:, 3:] = False
+    state, _ = ss.relax(state._replace(control=state.control._replace(free=free)), law, drag=0.5)
+    overshot, outcome = ss.relax(ss.pushed(state, 0.003), law, drag=0.05)
+    assert outcome.ok
+    assert not overshot.contacts.reached.any()
+    _, record, _ = ss.run(ss.pushed(overshot, 0.01), law, 1000, 0.1, events=True)
+    assert "limit" in record.events["kind"]
+
+
 @pytest.mark.parametrize(
     ("make", "words"),
     [
@@ -115,6 +163,14 @@ def test_wall_friction_may_differ():
         (lambda: ss.flat_walls([0, 0, 0], [0, 0, 0]), "normal of length zero"),
         (lambda: ss.run(ss.disk_array(1, press=1e-5), ss.linear(), 1, 0.1), "material 1 is used"),
         (lambda: ss.run(ss.assembly(ss.disks([[0, 0]], 1.0)), ss.linear(), 1, -0.1), "time step must be positive"),
+        (lambda: ss.assembly(ss.disks([[0, 0]], 1.0), cell=ss.box([10, 5])), "three lengths"),
+        (lambda: ss.run(ss.assembly(ss.disks([[0, 0]], 1.0)), ss.linear(), 1, 0.1, probes=[9]), "between 0 and 0"),
+        (
+            lambda: ss.run(ss.assembly(ss.disks([[0, 0]], 1.0)), ss.linear(), 1, 0.1, reference=np.zeros((2, 3))),
+            "shape",
+        ),
+        (lambda: ss.run(ss.assembly(ss.disks([[0, 0]], 1.0)), ss.linear(), 1, 0.1, tolerance=1.0), "without drag"),
+        (lambda: ss.forces(ss.assembly(ss.disks([[0, 0]], 1.0, material=-1)), ss.linear()), "material -1"),
         (lambda: ss.nonsense, "no name 'nonsense'"),
     ],
 )

@@ -34,6 +34,12 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
         ({"load": {"disk": 11}}, "load.disk = 11 is pushed but there are 10 disks"),
         ({"load": {"push": [0.0, 0.05]}}, "dynamics.loads holds 0.062, which load.push"),
         ({"dynamics": {"watch": 0.01}}, "not among dynamics.loads"),
+        ({"load": {"press": 2000.0}}, "deep into the substrate"),
+        ({"dynamics": {"duration": 1e13}}, "should be less than or equal to 10000000"),
+        ({"sliding": {"realizations": 10**9}}, "sliding.realizations = 1000000000 was given"),
+        ({"float_array": 3}, "a scenario has no key 'float_array'"),
+        ({"array": {"float_radius": 3}}, r"the table \[array\] has no key 'float_radius'"),
+        ({"relaxation": {"spin_drag": 0.0}}, "relaxation.spin_drag = 0.0"),
         ({"seed": True}, "seed = True was given"),
         ({"experiment": "disks"}, "experiment = 'disks' was given"),
     ],
@@ -52,6 +58,9 @@ def test_a_bad_file_is_one_sentence(tmp_path, text, words):
     path.write_text(text)
     with pytest.raises(ScenarioError, match=words):
         read(path)
+    (tmp_path / "bad.json").write_text("{not json")
+    with pytest.raises(ScenarioError, match="the scenario = "):
+        read(tmp_path / "bad.json")
     with pytest.raises(ScenarioError, match="cannot be read"):
         read(tmp_path / "absent.toml")
 

@@ -15,7 +15,8 @@ from .laws import DAMPING_N, DAMPING_T, MU, SMOOTH, Law, mobilised, normal_force
 from .neighbors import body_positions, body_radii, updated
 from .state import OPEN, SLIDE, STICK, State
 
-# what a sweep does with the memory: use it as it is; carry it along with every mode held; carry it along
+# what a sweep does with the memory: carry it along, but keep to the last bit what has not moved since it was committed;
+# carry it along with every mode held; carry it along
 FROZEN, HELD, FREE = 0, 1, 2
 
 CLOSED, OPENED, REACHED_LIMIT = 0, 1, 2
@@ -60,7 +61,7 @@ def bodies(state: State) -> Bodies:
 def carried_memory(stiffness, limit, sx, sy, sz, mode, memory):
     """Slip truncated at Coulomb's limit, and the mode that follows; with memory HELD the mode decides."""
     pull = stiffness * stiffness * (sx * sx + sy * sy + sz * sz)
-    slides = mode == SLIDE if memory == HELD else pull > limit * limit
+    slides = mode == SLIDE if memory == HELD else pull > limit * limit or limit == 0.0
     if slides:
         scale = limit / np.sqrt(pull) if pull > 0.0 else 0.0
         return sx * scale, sy * scale, sz * scale, SLIDE
@@ -77,6 +78,13 @@ def tangential_force(coulomb, stiffness, limit, sx, sy, sz):
         else:
             factor = 0.0
     return factor * sx, factor * sy, factor * sz
+
+
+@njit(fastmath=True, error_model="numpy")
+def rests(dim, pair, roll, c, rx, ry, rz, ax, ay, az):
+    """True if pair vector and rolled angle are those at which the contact's memory was committed."""
+    plane = rx == pair[c, 0] and ry == pair[c, 1] and az == roll[c, 2]
+    return plane and (dim == 2 or (rz == pair[c, 2] and ax == roll[c, 0] and ay == roll[c, 1]))
 
 
 @njit(fastmath=True, error_model="numpy")
@@ -114,11 +122,12 @@ def sweep(kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, force
             continue
         ax, ay, az = rolled(dim, angle, radius, i, j)
         sx = sy = sz = 0.0
+        kept = memory == FROZEN and before != OPEN and rests(dim, pair, roll, c, rx, ry, rz, ax, ay, az)
         if before != OPEN:
             sx, sy = slip[c, 0], slip[c, 1]
             if dim == 3:
                 sz = slip[c, 2]
-            if memory != FROZEN:
+            if not kept:
                 dz = rz - pair[c, 2] if dim == 3 else 0.0
                 dax, day = (ax - roll[c, 0], ay - roll[c, 1]) if dim == 3 else (0.0, 0.0)
                 sx, sy, sz = carried(
@@ -150,7 +159,7 @@ def sweep(kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, force
         limit = p[a, b, MU] * max(fn, 0.0)
         stiffness = tangential_stiffness(kind, p, a, b, overlap)
         after = before
-        if memory != FROZEN or before == OPEN:
+        if not kept:
             sx, sy, sz, after = carried_memory(stiffness, limit, sx, sy, sz, before, memory)
             slip[c, 0], slip[c, 1], pair[c, 0], pair[c, 1], roll[c, 2] = sx, sy, rx, ry, az
             if dim == 3:
@@ -159,7 +168,7 @@ def sweep(kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, force
                 mode[c] = after
                 if before == OPEN:
                     record_event(events, event_count, CLOSED, time, i, j, contacts.image, c, position)
-                if after == SLIDE and not contacts.reached[c]:
+                if after == SLIDE and limit > 0.0 and not contacts.reached[c]:
                     contacts.reached[c] = True
                     record_event(events, event_count, REACHED_LIMIT, time, i, j, contacts.image, c, position)
         tx, ty, tz = tangential_force(coulomb, stiffness, limit, sx, sy, sz)
@@ -218,7 +227,8 @@ def forces(state: State, law: Law, *, memory: int = FREE):
     ----------
     state : State; positions may differ from those at which its memory was committed
     law : Law
-    memory : FREE (default), HELD (no contact changes between stick and slide) or FROZEN (slip as committed)
+    memory : FREE (default), HELD (no contact changes between stick and slide) or FROZEN (contacts that have not moved
+        since their memory was committed keep it to the last bit)
 
     Returns
     -------
@@ -263,8 +273,9 @@ def accept(state: State, trial) -> State:
 
 def check_materials(state: State, law: Law) -> None:
     """Raise ValueError if a body's material has no row in the law's table."""
-    worst = max(int(state.grains.material.max()), int(state.walls.material.max(initial=0)))
-    if worst >= len(law.table):
+    used = np.concatenate([state.grains.material, state.walls.material])
+    worst = int(used.min()) if used.min() < 0 else int(used.max())
+    if not 0 <= worst < len(law.table):
         raise ValueError(
             f"material {worst} is used but the law knows {len(law.table)} of them: add it with between(law, a, b, …)"
         )

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .forces import EVENT_COLUMNS, FREE, FROZEN, bodies, check_materials, has_dashpots, sweep
+from .forces import EVENT_COLUMNS, FREE, FROZEN, OPENED, Bodies, bodies, check_materials, has_dashpots, sweep
 from .geometry import shifts
 from .laws import Law
 from .neighbors import TOO_FAR, images, rebuilt, updated
@@ -22,7 +22,7 @@ class Record(NamedTuple):
 
     time: np.ndarray  # (T,) [time]
     msd: np.ndarray  # (T,) Σ|Δr|² over grains, from the reference positions [length²]
-    kinetic_energy: np.ndarray  # (T,) [energy], translations and rotations of free grains
+    kinetic_energy: np.ndarray  # (T,) [energy], translations and rotations of all grains
     center: np.ndarray  # (T, 3) mean position of the grains [length]
     touching: np.ndarray  # (T,) number of closed contacts
     sliding: np.ndarray  # (T,) number of contacts at Coulomb's limit
@@ -63,17 +63,21 @@ def _sample(row, track, bodies, contacts, mass, inertia, reference, probes, time
 
 @njit(cache=True, fastmath=False, error_model="numpy")
 def _unbalanced(v, spin, force, torque, motion, drag, radius_or_one, h):
-    """Largest of force, torque/R and drag force over the free components, and the body that carries it."""
+    """Largest of force, torque/R and drag force over the free components, NaN above all, and its body."""
     residual, worst = 0.0, -1
     for a in range(len(v)):
-        for k in range(3):
-            q, r = 3 * a + k, radius_or_one[a]
-            if motion[0, q] > 0.0:
-                size = max(abs(force[a, k]), drag[a, k] * abs(v[a, k]) * h / motion[0, q])
-                residual, worst = (size, a) if size > residual else (residual, worst)
-            if motion[3, q] > 0.0:
-                size = max(abs(torque[a, k]), drag[a, 3 + k] * abs(spin[a, k]) * h / motion[3, q]) / r
-                residual, worst = (size, a) if size > residual else (residual, worst)
+        for k in range(6):
+            turning, q = k >= 3, 3 * a + k % 3
+            kick = motion[3, q] if turning else motion[0, q]
+            if kick > 0.0:
+                f = torque[a, k - 3] if turning else force[a, k]
+                rate = spin[a, k - 3] if turning else v[a, k]
+                size = abs(f) + 0.0 * rate
+                if not np.isfinite(size):
+                    return np.nan, a
+                size = max(size, drag[a, k] * abs(rate) * h / kick) / (radius_or_one[a] if turning else 1.0)
+                if size > residual:
+                    residual, worst = size, a
     return residual, worst
 
 
@@ -140,6 +144,9 @@ def stepper(kind: int, coulomb: int, dim: int):
         kick, keep, slow, kick_t, keep_t, slow_t = motion[0], motion[1], motion[2], motion[3], motion[4], motion[5]
         load, load_t = external[0].reshape(-1), external[1].reshape(-1)
         origin, limit = contacts.origin.reshape(-1), 0.5 * contacts.skin[0] / np.sqrt(dim)
+        # dashpots see velocities at the full step, predicted from the forces before it: second order in dt
+        seen = Bodies(x, angle, np.zeros_like(x), np.zeros_like(x), bodies.radius, bodies.material, bodies.normal)
+        ahead_v, ahead_t = seen.velocity.reshape(-1), seen.spin.reshape(-1)
         room, residual, worst = len(events), np.inf, -1
         for step in range(start, steps + 1):
             fresh = step == start and not drifted
@@ -148,12 +155,18 @@ def stepper(kind: int, coulomb: int, dim: int):
                 first_half(flat_angle, flat_spin, flat_t, kick_t, keep_t, dt)
                 if moved(flat_x, origin, limit):
                     return _MOVED, step, residual, worst
-                if room > 0 and event_count[0] + contacts.count[0] > room:
-                    return _FULL, step, residual, worst
+            if room > 0 and event_count[0] + contacts.count[0] > room:
+                return _FULL, step, residual, worst
+            if viscous:
+                for q in range(len(flat_v)):
+                    ahead_v[q], ahead_t[q] = flat_v[q], flat_spin[q]
+                    if not fresh:
+                        ahead_v[q] += kick[q] * flat_f[q]
+                        ahead_t[q] += kick_t[q] * flat_t[q]
             for q in range(len(flat_f)):
                 flat_f[q], flat_t[q] = load[q], load_t[q]
             sweep(
-                kind, coulomb, dim, bodies, contacts, shift, p, viscous, FROZEN if fresh else FREE, force, torque,
+                kind, coulomb, dim, seen, contacts, shift, p, viscous, FROZEN if fresh else FREE, force, torque,
                 time + step * dt, events, event_count,
             )  # fmt: skip
             if not fresh:
@@ -168,6 +181,8 @@ def stepper(kind: int, coulomb: int, dim: int):
                     return _BAD, step, residual, bad
                 if tolerance > 0.0:
                     residual, worst = _unbalanced(v, spin, force, torque, motion, drag, radius_or_one, 0.5 * dt)
+                    if not np.isfinite(residual):
+                        return _BAD, step, residual, worst
                     if residual <= tolerance:
                         return _CONVERGED, step, residual, worst
         return _DONE, steps, residual, worst
@@ -207,7 +222,7 @@ def run(
     Returns
     -------
     State, Record, Outcome
-        the outcome is CONVERGED, STEPS_SPENT (with `tolerance`), NOT_A_NUMBER, CONTACT_LOST, or INTERRUPTED never
+        the outcome is DONE, or with `tolerance` CONVERGED or STEPS_SPENT, or NOT_A_NUMBER with the grain
 
     Source
     ------
@@ -220,21 +235,27 @@ def run(
         raise ValueError(f"steps = {steps}, every = {every} were given: neither may be negative")
     state = updated(state)
     grains, walls, control, n = state.grains, state.walls, state.control, len(state.grains.radius)
+    probes = np.asarray(probes, np.int64)
+    if ((probes < 0) | (probes >= n)).any():
+        raise ValueError(f"probes {probes.tolist()} were given: they must be grains between 0 and {n - 1}")
+    reference = grains.position if reference is None else np.ascontiguousarray(reference, dtype=float)
+    if reference.shape != grains.position.shape:
+        raise ValueError(f"a reference of shape {reference.shape} was given: it must be {grains.position.shape}")
     work = bodies(state)
     work.velocity[:] = np.where(control.free[:, :3], work.velocity, control.rate[:, :3])
     work.spin[:] = np.where(control.free[:, 3:], work.spin, control.rate[:, 3:])
     if state.cell.dim == 2:
         work.velocity[:, 2], work.spin[:, :2] = 0.0, 0.0
     motion, rate, external = _coefficients(state, drag, drag if spin_drag is None else spin_drag, dt)
+    if tolerance > 0 and not (rate[_free(motion)] > 0).all():
+        raise ValueError("a tolerance was given without drag on every free component: rest is not reached without it")
     contacts = type(state.contacts)(*(a.copy() for a in state.contacts))
-    probes = np.asarray(probes, np.int64)
     samples = steps // every + 1 if every else 0
     series, tracks = np.zeros((samples, len(SERIES))), np.zeros((samples, len(probes), 6))
     rows = np.zeros((max(1024, 8 * len(contacts.i)) if events else 0, len(EVENT_COLUMNS)))
     count = np.zeros(1, np.int64)
     grid = images(state.cell, float(grains.radius.max()), float(contacts.skin[0]))
     radius_or_one = np.where(work.radius > 0, work.radius, 1.0)
-    reference = grains.position if reference is None else np.ascontiguousarray(reference, dtype=float)
     advance, done, drifted = stepper(law.kind, law.coulomb, state.cell.dim), 0, False
     while True:
         code, done, residual, worst = advance(
@@ -251,9 +272,11 @@ def run(
             code = _BAD
             break
         else:
-            contacts = rebuilt(work.position, work.radius, work.normal, grid, contacts)
+            before, contacts = contacts, rebuilt(work.position, work.radius, work.normal, grid, contacts)
             if contacts.count[0] < 0:
                 raise ValueError(TOO_FAR)
+            if events:
+                rows = _with_lost(rows, count, before, contacts, work.position, state.time + done * dt)
     if code == _DONE and (bad := first_bad(work.position, work.angle)) >= 0:
         code, worst = _BAD, bad
     end = state._replace(
@@ -264,10 +287,29 @@ def run(
         contacts=contacts,
         time=state.time + done * dt,
     )
-    status = {_BAD: Status.NOT_A_NUMBER, _CONVERGED: Status.CONVERGED}.get(code, Status.STEPS_SPENT)
+    finished = Status.STEPS_SPENT if tolerance > 0 else Status.DONE
+    status = {_BAD: Status.NOT_A_NUMBER, _CONVERGED: Status.CONVERGED}.get(code, finished)
     kept = done // every + 1 if every else 0
     record = _record(series[:kept], tracks[:kept], rows[: count[0]])
     return end, record, Outcome(status, residual, done, worst)
+
+
+def _free(motion):
+    """(B, 6) components that forces can move."""
+    return np.concatenate([motion[0].reshape(-1, 3), motion[3].reshape(-1, 3)], axis=1) > 0
+
+
+def _with_lost(rows, count, before, after, position, time):
+    """Event rows with those contacts opened that left the list in one step."""
+    n = int(before.count[0])
+    lost = np.flatnonzero((before.mode[:n] != OPEN) & ~np.isin(before.key[:n], after.key[: after.count[0]]))
+    if count[0] + len(lost) > len(rows):
+        rows = np.concatenate([rows, np.zeros((len(rows) + len(lost), rows.shape[1]))])
+    for c in lost:
+        i = before.i[c]
+        rows[count[0]] = OPENED, time, i, before.j[c], *before.image[c], *position[i]
+        count[0] += 1
+    return rows
 
 
 def _coefficients(state: State, drag: float, spin_drag: float, dt: float):

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .forces import FROZEN, HELD, bodies, carried_memory, check_materials
+from .forces import HELD, bodies, carried_memory, check_materials
 from .geometry import carried, normal_and_overlap, pair_vector, rolled, shifts, tangential
 from .laws import (
     DAMPING_N,
@@ -29,6 +29,7 @@ from .laws import (
     tangential_stiffness,
     tangents,
 )
+from .neighbors import body_positions, moved_too_far
 from .state import OPEN, SLIDE, State
 
 
@@ -80,12 +81,11 @@ def _linearise(kind, coulomb, dim, bodies, contacts, shift, p, memory, out):
         sx = sy = sz = 0.0
         if before != OPEN:
             sx, sy, sz = contacts.slip[c, 0], contacts.slip[c, 1], contacts.slip[c, 2]
-            if memory != FROZEN:
-                ax, ay, az = rolled(dim, angle, radius, i, j)
-                old, turned = contacts.pair[c], contacts.roll[c]
-                ax, ay, az = ax - turned[0], ay - turned[1], az - turned[2]
-                out.turn[c, 0], out.turn[c, 1], out.turn[c, 2] = ax, ay, az
-                sx, sy, sz = carried(nx, ny, nz, sx, sy, sz, rx - old[0], ry - old[1], rz - old[2], ax, ay, az)
+            ax, ay, az = rolled(dim, angle, radius, i, j)
+            old, turned = contacts.pair[c], contacts.roll[c]
+            ax, ay, az = ax - turned[0], ay - turned[1], az - turned[2]
+            out.turn[c, 0], out.turn[c, 1], out.turn[c, 2] = ax, ay, az
+            sx, sy, sz = carried(nx, ny, nz, sx, sy, sz, rx - old[0], ry - old[1], rz - old[2], ax, ay, az)
         ux, uy, uz = tangential(nx, ny, nz, sx, sy, sz)
         a, b = material[i], material[j]
         force_n, stiffness = normal_force(kind, p, a, b, overlap), tangential_stiffness(kind, p, a, b, overlap)
@@ -104,6 +104,10 @@ def _linearise(kind, coulomb, dim, bodies, contacts, shift, p, memory, out):
 def linearised(state: State, law: Law, *, memory: int = HELD) -> Linear:
     """Scalars and vectors of every contact's linearisation, at rest; see `contact_blocks` for the arguments."""
     check_materials(state, law)
+    if moved_too_far(body_positions(state), state.contacts):
+        raise ValueError(
+            "the list of contacts is not that of these positions: equilibrate, or accept(state, trial) first"
+        )
     count = int(state.contacts.count[0])
     vectors = ("normal", "carried", "turn")
     out = Linear(*(np.zeros((count, 3) if name in vectors else count) for name in Linear._fields))
@@ -118,6 +122,8 @@ def linearised(state: State, law: Law, *, memory: int = HELD) -> Linear:
         memory,
         out,
     )
+    if memory == HELD and (out.closed > out.remembers).any():
+        raise ValueError("a contact touches that was never committed: equilibrate, or accept(state, trial) first")
     return out
 
 
@@ -135,11 +141,16 @@ def contact_blocks(state: State, law: Law, *, memory: int = HELD):
     ----------
     state : State, its list of contacts valid at its positions
     memory : HELD, each contact stays in its mode (default: the Jacobian of an accepted state); FREE, the mode that the
-        trial memory has (for Newton's method); FROZEN, no slip accumulates
+        trial memory has (for Newton's method)
 
     Returns
     -------
     (C, 6, 6) [force/length], (C, 6, 6) [force time/length]
+
+    Raises
+    ------
+    ValueError
+        if the list of contacts is not valid at these positions, or (with HELD) a touching contact was never committed.
 
     Source
     ------

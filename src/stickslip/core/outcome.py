@@ -8,14 +8,17 @@ class Status(Enum):
     """Each member is the sentence that a user should read, remedy included."""
 
     CONVERGED = "equilibrium was reached"
-    STEPS_SPENT = "equilibrium was not reached in the allowed number of steps: allow more, or use stronger drag"
+    DONE = "the run reached its last step"
+    STEPS_SPENT = (
+        "equilibrium was not reached in the allowed number of steps: "
+        "allow more, use stronger drag, or a tolerance above round-off"
+    )
     NOT_A_NUMBER = "a grain's position became infinite or not a number: use a smaller time step or smaller load steps"
     STALLED = "Newton's method stopped getting closer: use smaller load steps, or damped dynamics"
     SINGULAR = (
         "the Jacobian is singular (a rattler, or sliding without resistance): remove rattlers, or use damped dynamics"
     )
-    CONTACT_LOST = "grains flew apart and lost all their contacts: use a smaller load"
-    INTERRUPTED = "the run ended before its last step"
+    CONTACT_LOST = "grains flew apart and lost all their contacts: use stronger drag or a smaller load"
 
 
 class Outcome(NamedTuple):
@@ -28,8 +31,8 @@ class Outcome(NamedTuple):
 
     @property
     def ok(self) -> bool:
-        """True if equilibrium was reached."""
-        return self.status is Status.CONVERGED
+        """True if equilibrium was reached, or the last step where no equilibrium was asked for."""
+        return self.status in (Status.CONVERGED, Status.DONE)
 
     def __str__(self) -> str:
         at = f", grain {self.where + 1}" if self.where >= 0 and not self.ok else ""

@@ -182,6 +182,11 @@ def empty_contacts(n_bodies, capacity, skin):
     )
 
 
+def at_rest(contacts: Contacts) -> Contacts:
+    """Contacts of an equilibrium: at Coulomb's limit is what slides now, whatever happened on the way."""
+    return contacts._replace(reached=contacts.mode == SLIDE)
+
+
 def loads(n_grains: int, n_walls: int = 0, *, force=0.0, torque=0.0, gravity=(0.0, 0.0, 0.0)) -> Control:
     """Control with free grains, frozen walls, and the given loads on the grains.
 
@@ -257,8 +262,14 @@ def check(state: State) -> None:
             raise ValueError(f"grain {bad} has {name} {values[bad]:g}: it must be positive")
     if cell.dim not in (2, 3):
         raise ValueError(f"a cell of {cell.dim} dimensions was given: 2 and 3 are allowed")
-    if len(control.force) != b:
-        raise ValueError(f"control has {len(control.force)} rows where {b} are needed: one for each grain and wall")
+    for name in ("force", "torque", "free", "rate"):
+        if len(getattr(control, name)) != b:
+            got = len(getattr(control, name))
+            raise ValueError(f"control.{name} has {got} rows where {b} are needed: one for each grain and wall")
+    if cell.vectors.shape != (3, 3) or cell.periodic.shape != (3,):
+        raise ValueError(
+            f"a cell of shape {cell.vectors.shape} was given: give three lengths, or three vectors as rows"
+        )
     if cell.periodic.any() and abs(np.linalg.det(cell.vectors)) < 1e-300:
         raise ValueError("the cell's vectors span no volume: give three independent vectors")
     if cell.dim == 2 and (cell.periodic[2] or walls.normal[:, 2].any()):

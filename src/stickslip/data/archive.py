@@ -13,10 +13,11 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from ..core.laws import Law
 from ..core.state import Cell, Contacts, Control, Grains, State, Walls
 
 SCHEMA = 1
-_NOUNS = {noun.__name__: noun for noun in (State, Grains, Walls, Cell, Contacts, Control)}
+_NOUNS = {noun.__name__: noun for noun in (State, Grains, Walls, Cell, Contacts, Control, Law)}
 
 
 def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = "") -> None:

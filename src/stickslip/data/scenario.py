@@ -12,6 +12,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+Duration = Annotated[float, Field(gt=0, le=1e7, allow_inf_nan=False)]
 _Listed = BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)  # TOML and JSON have lists
 Several = Annotated[Positive | tuple[Positive, ...], _Listed]
 Loads = Annotated[tuple[Finite, ...], _Listed]
@@ -113,7 +114,7 @@ class Relaxation(_Part):
 
     method: Literal["dynamics", "newton"] = "dynamics"
     drag: Positive = 0.05
-    spin_drag: NotNegative | None = None
+    spin_drag: Positive | None = None
     dt: Positive = 0.1
     tolerance: Positive = 1e-14
     steps: Annotated[int, Field(ge=1)] = 2_000_000
@@ -126,7 +127,7 @@ class Dynamics(_Part):
     watch: Finite | None = Field(
         None, description="load whose transition is sampled finely; else the first that slides"
     )
-    duration: Positive = 60_000.0
+    duration: Duration = 60_000.0
     dt: Positive = 0.1
     seed_velocity: Positive = 1e-13
     drag: NotNegative = 0.0
@@ -137,8 +138,8 @@ class Sliding(_Part):
     """Many realizations of the transition at loads where the array slides: fronts and sliding velocity."""
 
     loads: Loads = ()
-    realizations: Annotated[int, Field(ge=1)] = 25
-    duration: Positive = 40_000.0
+    realizations: Annotated[int, Field(ge=1, le=100_000)] = 25
+    duration: Duration = 40_000.0
     thresholds: Annotated[tuple[Positive, ...], _Listed] = Field((0.01, 0.02, 0.05, 0.1), min_length=1)
 
 
@@ -161,6 +162,18 @@ class Scenario(_Part):
         if self.dynamics.watch is not None and self.dynamics.watch not in self.dynamics.loads:
             raise ValueError(
                 f"dynamics.watch = {self.dynamics.watch:g} is not among dynamics.loads {self.dynamics.loads}"
+            )
+        if max(self.dynamics.duration, self.sliding.duration) / self.dynamics.dt > 1e9:
+            raise ValueError(
+                f"dynamics.dt = {self.dynamics.dt:g} makes more than 1e9 steps of one run: use shorter runs"
+            )
+        radius = self.array.radius if isinstance(self.array.radius, tuple) else (self.array.radius,)
+        power = 2 / 3 if self.law.kind == "hertz_mindlin" else 1.0
+        overlap = (self.load.press * self.load.unit / (self.law.wall.kn or self.law.kn)) ** power
+        if overlap > 0.2 * min(radius):
+            raise ValueError(
+                f"load.press = {self.load.press:g} presses disks {overlap:.3g} deep into the substrate, more than a "
+                f"fifth of a radius, beyond any contact law: use a smaller press or a larger kn"
             )
         low, high = min(self.load.push), max(self.load.push)
         for table in ("dynamics", "sliding"):
@@ -222,17 +235,25 @@ def read(path: str | Path) -> Scenario:
 
 def _sentence(problem: ValidationError) -> str:
     first = problem.errors()[0]
-    where = [
-        str(part) for part in first["loc"] if not str(part).startswith(("constrained", "function", "tuple", "float"))
-    ]
-    key = ".".join(where)
+    where = [str(part) for part in first["loc"]]
     if first["type"] == "extra_forbidden":
         return _unknown_key(where)
+    key = ".".join(_fields(where)) or "the scenario"
     message = first["msg"].removeprefix("Value error, ")
     message = message[0].lower() + message[1:]
     if first["type"] == "value_error":
         return message
     return f"{key} = {first['input']!r} was given, but {message.replace('input ', 'it ')}"
+
+
+def _fields(where: list[str]) -> list[str]:
+    """The keys of a location, without pydantic's words for branches of a union and places in a list."""
+    table, keys = Scenario, []
+    for part in where:
+        if part in getattr(table, "model_fields", {}):
+            keys.append(part)
+            table = table.model_fields[part].annotation
+    return keys
 
 
 def _unknown_key(where: list[str]) -> str:

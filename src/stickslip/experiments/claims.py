@@ -22,18 +22,25 @@ class Claim(NamedTuple):
     note: str
 
 
-def claim(id: str, source: str, paper: Value, measured: Value, unit: str, tolerance: float, note: str = "") -> Claim:
+def claim(
+    id: str, source: str, paper: Value, measured: Value, unit: str, tolerance: float, note: str = "", error: float = 0.0
+) -> Claim:
     """A row with its verdict.
 
-    Numbers: reproduced within the tolerance, partly within twice it. Windows: each end counts for half. Booleans:
-    equal or not. Nothing measured: not reproduced.
+    Numbers: reproduced if the larger over the smaller exceeds 1 by at most the tolerance, partly within twice it.
+    Windows: each end counts for half. Booleans: equal or not. Nothing measured: not reproduced. A measurement whose own
+    error (one standard deviation) exceeds the tolerance is partly reproduced if it is within two errors.
 
     Examples
     --------
     >>> claim("speed", "Fig 5", 0.075, 0.080, "1", 0.25).verdict
     'reproduced'
     """
-    return Claim(id, source, paper, measured, unit, tolerance, _verdict(paper, measured, tolerance), note)
+    verdict = _verdict(paper, measured, tolerance)
+    if measured is not None and error > 0 and error > tolerance * abs(paper):
+        verdict = PARTLY if abs(measured - paper) <= 2 * error else NOT_REPRODUCED
+        note = f"{note}; its error exceeds the tolerance: too few realizations to decide"
+    return Claim(id, source, paper, measured, unit, tolerance, verdict, note)
 
 
 def _verdict(paper: Value, measured: Value, tolerance: float) -> str:
@@ -42,12 +49,19 @@ def _verdict(paper: Value, measured: Value, tolerance: float) -> str:
     if isinstance(paper, bool):
         return REPRODUCED if measured == paper else NOT_REPRODUCED
     if isinstance(paper, list):
-        good = sum(abs(m - p) <= tolerance * abs(p) for m, p in zip(measured, paper, strict=True))
+        good = sum(_distance(m, p) <= tolerance for m, p in zip(measured, paper, strict=True))
         return (NOT_REPRODUCED, PARTLY, REPRODUCED)[good]
-    error = abs(measured - paper)
-    if error <= tolerance * abs(paper):
-        return REPRODUCED
-    return PARTLY if error <= 2 * tolerance * abs(paper) else NOT_REPRODUCED
+    distance = _distance(measured, paper)
+    return REPRODUCED if distance <= tolerance else PARTLY if distance <= 2 * tolerance else NOT_REPRODUCED
+
+
+def _distance(a: float, b: float) -> float:
+    """Larger over smaller, minus one: symmetric, and the relative error where that is small."""
+    if a == b:
+        return 0.0
+    if a * b <= 0:
+        return float("inf")
+    return max(a / b, b / a) - 1
 
 
 def write(path: str | Path, claims: list[Claim]) -> None:

@@ -19,6 +19,14 @@ from . import claims as claims_table
 from . import disk_array
 
 console = Console(soft_wrap=False)
+FIGURES = (
+    "fig2_complex_pairs.png",
+    "fig3_mean_square_displacement.png",
+    "fig4_trajectory.png",
+    "fig5_fronts.png",
+    "fig6_y_mode.png",
+    "fig7_center_of_mass.png",
+)
 SCENARIO, NUMBERS, CLAIMS, MOVIE = "scenario.json", "results.h5", "claims.json", "transition.gif"
 COLORS = {claims_table.REPRODUCED: "green", claims_table.PARTLY: "yellow", claims_table.NOT_REPRODUCED: "red"}
 
@@ -33,7 +41,7 @@ def claim_folder(folder: Path, scenario: Scenario, *, overwrite: bool = False) -
     """
     known = folder / SCENARIO
     try:
-        if known.exists() and known.read_text(encoding="utf-8") != scenario.text and not overwrite:
+        if known.exists() and known.read_bytes() != scenario.text.encode() and not overwrite:
             raise ValueError(
                 f"{folder} holds the results of another scenario: choose another --out, or add --overwrite"
             )
@@ -85,62 +93,68 @@ def progress():
 
 def write_reproduction(folder: Path, found: disk_array.Reproduction) -> list[Path]:
     """Figures, animation, claims.json, scenario and raw numbers of the disk array; returns their paths."""
-    _save(folder, found.main.scenario, {"main": _numbers(found.main), "quarter": _numbers(found.quarter)})
-    paper = {0.083: 2.4e-4, 0.087: 7.7e-4, 0.090: 1.0e-3}
-    both = {
-        "printed model, $I_0$ = 1/2": found.main,
-        "hypothesis: disk–disk stiffness $k_n$/4, $I_0$ = 1": found.quarter,
-    }
-    line = disk_array.velocity_line(found.main, disk_array.LINE_TOP)
-    paths = [figures.save(figures.complex_pairs(both, paper), folder / "fig2_complex_pairs.png")]
-    paths += _figures(folder, found.main, line, printed=(4.5e-4, -1.3e-5), center_load=0.087)
-    claims_table.write(folder / CLAIMS, found.claims)
-    return [*paths, folder / CLAIMS, folder / NUMBERS, folder / SCENARIO]
+    main, paper = found.main, {0.083: 2.4e-4, 0.087: 7.7e-4, 0.090: 1.0e-3}
+    both = {"printed model, $I_0$ = 1/2": main, "hypothesis: disk–disk stiffness $k_n$/4, $I_0$ = 1": found.quarter}
+    with _complete(folder) as room:
+        _save(room, main.scenario, {"main": _numbers(main), "quarter": _numbers(found.quarter)})
+        figures.save(figures.complex_pairs(both, paper), room / FIGURES[0])
+        line = disk_array.velocity_line(main, disk_array.LINE_TOP)
+        point = at_load(main.path, disk_array.MODE_LOAD)
+        _figures(room, main, point, disk_array.FRONT_LOADS, line, center_load=0.087, printed=(4.5e-4, -1.3e-5))
+        claims_table.write(room / CLAIMS, found.claims)
+    return sorted(folder / name for name in _names(folder))
 
 
 def write_result(folder: Path, result: Result) -> list[Path]:
     """Figures, animation, scenario and raw numbers of a user's scenario; returns their paths."""
-    _save(folder, result.scenario, {"main": _numbers(result)})
-    paths = [figures.save(figures.complex_pairs({"": result}), folder / "fig2_complex_pairs.png")]
-    loads = [load for load, free in result.free_runs.items() if free.slid] or list(result.free_runs)
-    paths += _figures(folder, result, disk_array.velocity_line(result), center_load=loads[0] if loads else None)
-    return [*paths, folder / NUMBERS, folder / SCENARIO]
+    slid = [load for load, free in result.free_runs.items() if free.slid] or list(result.free_runs)
+    loads, line = list(result.sliding)[:4], disk_array.velocity_line(result)
+    with _complete(folder) as room:
+        _save(room, result.scenario, {"main": _numbers(result)})
+        figures.save(figures.complex_pairs({"": result}), room / FIGURES[0])
+        point = at_load(result.path, slid[0]) if slid else result.path[-1]
+        _figures(room, result, point, loads, line, center_load=slid[0] if slid else None)
+    return sorted(folder / name for name in _names(folder))
 
 
-def _save(folder: Path, scenario: Scenario, numbers: dict) -> None:
-    """Raw numbers and scenario, in the place of whatever an earlier run left."""
+@contextmanager
+def _complete(folder: Path):
+    """A room beside the folder, whose files go there all at once at the end, in the place of an earlier run's."""
     folder.mkdir(parents=True, exist_ok=True)
-    for old in (*folder.glob("fig[0-9]_*.png"), folder / MOVIE, folder / CLAIMS):
-        old.unlink(missing_ok=True)
-    archive.write(folder / NUMBERS, numbers, scenario=scenario.text, version=__version__)
-    (folder / SCENARIO).write_text(scenario.text, encoding="utf-8")
+    with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as room:
+        yield Path(room)
+        for name in _names(folder):
+            if not (Path(room) / name).exists():
+                (folder / name).unlink()
+        for path in Path(room).iterdir():
+            path.replace(folder / path.name)
 
 
-def _figures(folder: Path, result: Result, line, *, center_load: float | None, printed=None) -> list[Path]:
-    paths = []
+def _names(folder: Path) -> list[str]:
+    """Files of ours that a folder holds."""
+    return [name for name in (*FIGURES, MOVIE, CLAIMS, NUMBERS, SCENARIO) if (folder / name).exists()]
+
+
+def _save(room: Path, scenario: Scenario, numbers: dict) -> None:
+    archive.write(room / NUMBERS, numbers, scenario=scenario.text, version=__version__)
+    (room / SCENARIO).write_text(scenario.text, encoding="utf-8")
+
+
+def _figures(room: Path, result: Result, point, front_loads, line, *, center_load: float | None, printed=None) -> None:
     if result.free_runs:
-        paths.append(
-            figures.save(figures.mean_square_displacement(result), folder / "fig3_mean_square_displacement.png")
-        )
+        figures.save(figures.mean_square_displacement(result), room / FIGURES[1])
     if result.trajectory:
-        grain = min(3, result.scenario.array.disks - 1)
-        paths.append(figures.save(figures.trajectory(result, grain), folder / "fig4_trajectory.png"))
-    if result.sliding:
-        shown = [load for load in result.sliding if load in disk_array.FRONT_LOADS] or list(result.sliding)[:3]
-        forward = {load: disk_array.forward_front(result, result.sliding[load]) for load in shown}
-        threshold = disk_array.front_threshold(result)
-        backward = disk_array.backward_front(result, threshold)
-        paths.append(figures.save(figures.traveling_fronts(forward, backward, threshold), folder / "fig5_fronts.png"))
-    point = disk_array.mode_point(result)
-    figure = figures.mode_shape(point.spectrum, disk_array.y_mode(point.spectrum))
-    paths.append(figures.save(figure, folder / "fig6_y_mode.png"))
+        figures.save(figures.trajectory(result, min(3, result.scenario.array.disks - 1)), room / FIGURES[2])
+        figures.transition_movie(result, room / MOVIE)
+    if front_loads:
+        thresholds = result.scenario.sliding.thresholds
+        threshold = disk_array.V2_THRESHOLD if disk_array.V2_THRESHOLD in thresholds else thresholds[0]
+        forward = {load: disk_array.forward_front(result, result.sliding[load]) for load in front_loads}
+        backward = disk_array.backward_front(result, threshold, front_loads)
+        figures.save(figures.traveling_fronts(forward, backward, threshold), room / FIGURES[3])
+    figures.save(figures.mode_shape(point.spectrum, disk_array.y_mode(point.spectrum)), room / FIGURES[4])
     if center_load is not None:
-        paths.append(
-            figures.save(figures.center_of_mass(result, center_load, line, printed), folder / "fig7_center_of_mass.png")
-        )
-    if result.trajectory:
-        paths.append(figures.transition_movie(result, folder / MOVIE))
-    return paths
+        figures.save(figures.center_of_mass(result, center_load, line, printed), room / FIGURES[5])
 
 
 def _numbers(result: Result) -> dict:
@@ -219,14 +233,18 @@ def show_result(result: Result) -> None:
     pairs = Table(
         title="Complex pairs along the path of pushes", title_justify="left", header_style="bold", box=SIMPLE_HEAD
     )
-    for name in ("pair", "born at", "dies at", "largest Im λ", "at push"):
+    for name in ("pair", "born at", "by load step", "dies at", "largest Im λ", "at push"):
         pairs.add_column(name, justify="right")
+    coarse = np.array([f.birth.load for f in result.coarse_families if f.birth])
     for k, f in enumerate(result.families):
         top = int(np.argmax(f.eigenvalues.imag))
         birth = f"{f.birth.load:.6g}" if f.birth else "the start"
+        shift = f"± {np.abs(coarse - f.birth.load).min():.0e}" if f.birth and len(coarse) else "–"
         death = f"{f.death.load:.6g}" if f.death else "lives"
-        pairs.add_row(str(k + 1), birth, death, f"{f.eigenvalues.imag[top]:.3e}", f"{f.loads[top]:.6g}")
+        pairs.add_row(str(k + 1), birth, shift, death, f"{f.eigenvalues.imag[top]:.3e}", f"{f.loads[top]:.6g}")
     console.print(pairs if result.families else "No complex pair along the path: no oscillatory instability.")
+    if result.families:
+        console.print("  by load step: distance to the nearest birth on the same path with twice the load step")
     if result.free_runs:
         runs = Table(title="Free runs", title_justify="left", header_style="bold", box=SIMPLE_HEAD)
         for name in ("push", "predicted growth rate", "fitted", "M at the end", "verdict"):

@@ -1,11 +1,13 @@
 """The transition from static to dynamic friction of a row of disks: who slips when, and how fast that travels."""
 
+import warnings
 from typing import NamedTuple
 
 import numpy as np
 
 from ..core.laws import Law
-from ..core.state import State
+from ..core.outcome import Status
+from ..core.state import SLIDE, State
 from .protocols import free_run, shaken
 
 BOOTSTRAPS = 1000
@@ -30,14 +32,22 @@ class Front(NamedTuple):
     speed: float  # [length/time]
     speed_error: float  # bootstrap over realizations, one standard deviation [length/time]
     free_intercept: float  # speed by regression of time on distance without fixing the start [length/time]
+    complete: int  # realizations in which the event happened at every disk
+    counted: int  # realizations that enter
 
 
-def breach_times(events: np.ndarray, n: int) -> np.ndarray:
-    """(N,) first time that each grain's contact with a wall reached Coulomb's limit; NaN where it never did."""
+def breach_times(events: np.ndarray, start: State) -> np.ndarray:
+    """(N,) first time that each grain's contact with a wall reached Coulomb's limit, after a run from `start`.
+
+    The time of `start` where the contact was at the limit already; NaN where it never was.
+    """
+    n, contacts = len(start.grains.radius), start.contacts
     times = np.full(n, np.nan)
+    at_limit = (contacts.mode == SLIDE) & (contacts.j >= n) & (np.arange(len(contacts.i)) < contacts.count[0])
     at_wall = events[(events["kind"] == "limit") & (events["j"] >= n)]
     for event in at_wall[::-1]:
         times[event["i"]] = event["time"]
+    times[contacts.i[at_limit]] = start.time
     return times
 
 
@@ -56,15 +66,15 @@ def transition(
     velocity: float,
     duration: float,
     dt: float,
+    sample: float,
     thresholds,
     drag=0.0,
     spin_drag=None,
 ) -> Transition:
     """One free run from an equilibrium, shaken by random velocities."""
-    n = len(state.grains.radius)
     start = shaken(state, seed, velocity)
-    _, record, outcome = free_run(start, law, duration=duration, dt=dt, sample=1.0, drag=drag, spin_drag=spin_drag)
-    if not np.isfinite(record.center).all():
+    _, record, outcome = free_run(start, law, duration=duration, dt=dt, sample=sample, drag=drag, spin_drag=spin_drag)
+    if outcome.status is Status.NOT_A_NUMBER:
         raise FloatingPointError(str(outcome))
     along = record.position[:, :, 0] - state.grains.position[:, 0]
     slide = crossing_times(record.time, along, thresholds) - state.time
@@ -72,7 +82,7 @@ def transition(
     slides = late.sum() > 2 and bool((slide[np.argmax(thresholds)] < duration * 2 / 3).all())
     thin = slice(None, None, max(1, len(record.time) // 500))
     return Transition(
-        breach_times(record.events, n) - state.time,
+        breach_times(record.events, start) - state.time,
         slide,
         float(np.polyfit(record.time[late], record.center[late, 0], 1)[0]) if slides else np.nan,
         record.time[thin],
@@ -104,8 +114,10 @@ def front(times: np.ndarray, order: np.ndarray, distance: np.ndarray, seed: int 
     error = np.nanstd(delay, axis=0) / np.sqrt(np.maximum(counted - 1, 1))
     rng = np.random.default_rng(seed)
     picks = rng.integers(0, len(delay), (BOOTSTRAPS, len(delay)))
-    filled = np.where(np.isfinite(delay), delay, mean)
-    spread = distance @ distance / (filled[picks].mean(axis=1) @ distance)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # a resample may hold no delay of some disk
+        resampled = np.nanmean(delay[picks], axis=1) @ distance
+    spread = distance @ distance / resampled[np.isfinite(resampled)]
     slope = np.polyfit(distance, mean, 1)[0]
     return Front(
         distance,
@@ -114,4 +126,6 @@ def front(times: np.ndarray, order: np.ndarray, distance: np.ndarray, seed: int 
         float(distance @ distance / (distance @ mean)),
         float(np.std(spread)),
         float(1 / slope) if slope else np.inf,
+        int(np.isfinite(delay).all(axis=1).sum()),
+        len(delay),
     )

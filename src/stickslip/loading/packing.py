@@ -41,8 +41,10 @@ def disk_array(
     array([0.5, 1.5, 2.5])
     """
     radius = np.broadcast_to(np.asarray(radius, float), (n,))
-    centers = np.concatenate([[0.0], np.cumsum(radius[:-1] + radius[1:] + gap)]) + radius[0]
-    length = float(np.sum(2 * radius + gap))
+    after = np.roll(radius, -1)
+    spacing = np.sqrt((radius + after + gap) ** 2 - (radius - after) ** 2)  # centers of unlike disks differ in height
+    centers = radius[0] + np.concatenate([[0.0], np.cumsum(spacing[:-1])])
+    length = float(spacing.sum())
     grains = disks(np.stack([centers, radius], axis=1), radius, mass=mass, i0=i0)
     force = np.zeros((n, 3))
     force[:, 1] = -press

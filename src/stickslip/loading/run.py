@@ -27,8 +27,7 @@ from .protocols import (
     shaken,
 )
 
-SLID = 0.1  # every disk moved by a tenth of a diameter (in units of twice the mean radius): the array slides
-SAMPLE = 2.0  # [time] between samples of a free run
+SLID = 0.1  # every disk moved by a tenth of a mean diameter: the array slides
 
 Report = Callable[[str, float, str], None]
 
@@ -84,6 +83,7 @@ class Result(NamedTuple):
     pressed_spectrum: Spectrum
     path: list[Equilibrium]  # loads in the scenario's numbers
     families: list[Family]
+    coarse_families: list[Family]  # on the same path with twice the load step, if asked for
     free_runs: dict[float, FreeRun]
     trajectory: Trajectory | None
     sliding: dict[float, Ensemble]
@@ -152,12 +152,28 @@ def at_load(path: list[Equilibrium], load: float) -> Equilibrium:
     return min(path, key=lambda point: abs(point.load - load))
 
 
+def diameter(state: State) -> float:
+    """Mean diameter of the grains, the unit of displacements [length]."""
+    return 2 * float(state.grains.radius.mean())
+
+
+def fastest_period(point: Equilibrium) -> float:
+    """Period of the fastest mode, the unit of sampling [time]."""
+    return 2 * np.pi / float(point.spectrum.frequency.max())
+
+
 def let_go(point: Equilibrium, law: Law, scenario: Scenario) -> FreeRun:
     """Newtonian dynamics from one equilibrium, from a tiny random velocity."""
-    how, n = scenario.dynamics, scenario.array.disks
+    how = scenario.dynamics
     start = shaken(point.state, scenario.seed, how.seed_velocity)
     _, record, outcome = free_run(
-        start, law, duration=how.duration, dt=how.dt, sample=SAMPLE, drag=how.drag, spin_drag=how.spin_drag
+        start,
+        law,
+        duration=how.duration,
+        dt=how.dt,
+        sample=fastest_period(point) / 5,
+        drag=how.drag,
+        spin_drag=how.spin_drag,
     )
     if outcome.status is Status.NOT_A_NUMBER:
         raise NotInEquilibriumError(f"the free run at push = {point.load:g} blew up", outcome)
@@ -166,7 +182,8 @@ def let_go(point: Equilibrium, law: Law, scenario: Scenario) -> FreeRun:
     rate, frequency = float(modes.growth_rate[fastest]), float(modes.frequency[fastest])
     growth = None
     if rate > 0 and frequency > 0:
-        growth = fitted_growth(record.time, record.msd, growth_rate=rate, frequency=frequency)
+        scale = diameter(start) ** 2
+        growth = fitted_growth(record.time, record.msd / scale, growth_rate=rate, frequency=frequency)
     late = record.time >= record.time[0] + 0.5 * how.duration
     moved = np.abs(record.position[-1, :, 0] - start.grains.position[:, 0])
     limits = record.events[record.events["kind"] == "limit"][:1]
@@ -178,29 +195,30 @@ def let_go(point: Equilibrium, law: Law, scenario: Scenario) -> FreeRun:
         record.center[:, :2],
         record.kinetic_energy,
         record.touching,
-        fronts.breach_times(record.events, n),
+        fronts.breach_times(record.events, start),
         first[0] if len(first) else np.full(3, np.nan),
         rate,
         frequency,
         growth,
         float(record.msd[late].mean()),
-        bool((moved > SLID * 2 * start.grains.radius.mean()).all()),
+        bool((moved > SLID * diameter(start)).all()),
     )
 
 
 def around_transition(point: Equilibrium, law: Law, scenario: Scenario, known: FreeRun) -> Trajectory | None:
     """The free run again, bit for bit, finely sampled from before the first slip to well after sliding."""
-    if not np.isfinite(known.breach).any():
+    if not (np.isfinite(known.breach).any() and np.isfinite(known.first_limit[0])):
         return None
     how = scenario.dynamics
-    begin = max(0.0, float(known.first_limit[0]) - 300.0)
+    period = fastest_period(point)
+    begin = max(0.0, float(known.first_limit[0]) - 30 * period)
     options = {"drag": how.drag, "spin_drag": how.spin_drag, "dt": how.dt}
     start = shaken(point.state, scenario.seed, how.seed_velocity)
     before, _, _ = free_run(start, law, duration=begin, sample=how.duration, **options)
-    length = min(how.duration - begin, 6000.0)
-    _, record, _ = free_run(before, law, duration=length, sample=0.5, **options)
+    length = min(how.duration - begin, 600 * period)
+    _, record, _ = free_run(before, law, duration=length, sample=period / 20, **options)
     along = record.position[:, :, 0] - point.state.grains.position[:, 0]
-    slide = fronts.crossing_times(record.time, along, [SLID * 2 * point.state.grains.radius.mean()])[0]
+    slide = fronts.crossing_times(record.time, along, [SLID * diameter(point.state)])[0]
     return Trajectory(
         point.load,
         record.time,
@@ -226,7 +244,7 @@ def slide_many(
         "spin_drag": dynamics.spin_drag,
     }
     seeds = [scenario.seed + 1 + k for k in range(how.realizations)]
-    tasks = [(p.state, law, seed, options) for p in points for seed in seeds]
+    tasks = [(p.state, law, seed, options | {"sample": fastest_period(p) / 10}) for p in points for seed in seeds]
 
     def tell(done, total, member):
         speed = f"sliding velocity {member.result.velocity:.2e}" if member.result else member.failure
@@ -256,12 +274,15 @@ def _one_transition(state, law, seed, options):
     return fronts.transition(state, law, seed, **options)
 
 
-def simulate(scenario: Scenario, *, workers: int | None = None, report: Report = silent) -> Result:
+def simulate(
+    scenario: Scenario, *, workers: int | None = None, sensitivity: bool = False, report: Report = silent
+) -> Result:
     """Run a scenario from beginning to end.
 
     Parameters
     ----------
     workers : processes for the realizations of sliding; the result does not depend on it
+    sensitivity : also follow the pairs on the same path with twice the load step, to see how much births depend on it
     report : called as report(stage, share done, words with the quantities that matter)
 
     Raises
@@ -279,6 +300,10 @@ def simulate(scenario: Scenario, *, workers: int | None = None, report: Report =
     pressed, law, path = push(scenario, report=report)
     report("births and deaths of pairs", 0.0, "bisection in the push")
     born = families(path, protocol_of(scenario, law))
+    coarse = []
+    if sensitivity:
+        report("births and deaths of pairs", 0.5, "again with twice the load step")
+        coarse = families(push(scenario, step=2 * scenario.load.step)[2], protocol_of(scenario, law))
     free_runs, trajectory = {}, None
     for k, load in enumerate(scenario.dynamics.loads):
         point = at_load(path, load)
@@ -291,4 +316,4 @@ def simulate(scenario: Scenario, *, workers: int | None = None, report: Report =
     if scenario.sliding.loads:
         points = [at_load(path, load) for load in scenario.sliding.loads]
         sliding = slide_many(points, law, scenario, workers, report)
-    return Result(scenario, law, pressed, spectrum(pressed, law), path, born, free_runs, trajectory, sliding)
+    return Result(scenario, law, pressed, spectrum(pressed, law), path, born, coarse, free_runs, trajectory, sliding)

@@ -1,7 +1,9 @@
 """Equilibrium by Newton's method with incremental memory."""
 
+import warnings
+
 import numpy as np
-from scipy.linalg import LinAlgError, lu_factor, lu_solve
+from scipy.linalg import LinAlgError, LinAlgWarning, lu_factor, lu_solve
 from scipy.sparse.linalg import splu
 
 from ..core.forces import FREE, accept, forces
@@ -9,7 +11,7 @@ from ..core.jacobian import contact_blocks
 from ..core.laws import Law
 from ..core.neighbors import updated
 from ..core.outcome import Outcome, Status
-from ..core.state import State
+from ..core.state import State, at_rest
 from .freedom import Freedom, displaced, freedom, residual_vector, restricted
 
 DENSE_BELOW = 400  # coordinates; below it LAPACK is faster than a sparse factorisation
@@ -36,7 +38,9 @@ def newton(state: State, law: Law, *, tolerance: float = 1e-14, iterations: int 
     reach = 0.5 * float(here.contacts.skin[0])
     vector, trial = _evaluate(here, law, free)
     used = 0
-    while (worst := np.abs(vector).max()) > tolerance:
+    while not (worst := np.abs(vector).max(initial=0.0)) <= tolerance:
+        if not np.isfinite(worst):
+            return state, _failure(Status.NOT_A_NUMBER, vector, free, used)
         if used == iterations:
             return state, _failure(Status.STALLED, vector, free, used)
         used += 1
@@ -56,7 +60,7 @@ def newton(state: State, law: Law, *, tolerance: float = 1e-14, iterations: int 
         here, vector, trial = candidate, new_vector, new_trial
     grains = here.grains
     rest = here._replace(grains=grains._replace(velocity=0 * grains.velocity, spin=0 * grains.spin))
-    return accept(rest, trial), Outcome(Status.CONVERGED, float(worst), used)
+    return accept(rest, at_rest(trial)), Outcome(Status.CONVERGED, float(worst), used)
 
 
 def _evaluate(state: State, law: Law, free: Freedom):
@@ -73,9 +77,17 @@ def _solve(state: State, law: Law, free: Freedom, vector: np.ndarray) -> np.ndar
     """The displacement that the linearised contacts need to take up the unbalanced force."""
     stiffness, _ = contact_blocks(state, law, memory=FREE)
     jacobian = restricted(state, stiffness, free)
-    if len(free) < DENSE_BELOW:
-        factor = lu_factor(jacobian.toarray(), check_finite=True)
-        if np.abs(np.diag(factor[0])).min() < 1e-14 * np.abs(jacobian.data).max():
-            raise LinAlgError("singular")
-        return -lu_solve(factor, vector)
-    return -splu(jacobian.tocsc()).solve(vector)
+    # what nothing resists (a rattler, a rotation without friction) stays where it is, if nothing loads it
+    idle = (np.abs(jacobian).sum(axis=1) == 0) & (vector == 0)
+    step, held = np.zeros(len(free)), np.flatnonzero(~idle)
+    jacobian, load = jacobian[held][:, held], vector[held]
+    if len(held) >= DENSE_BELOW:
+        step[held] = -splu(jacobian.tocsc()).solve(load)
+        return step
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", LinAlgWarning)  # singularity is judged below
+        factor = lu_factor(jacobian.toarray())
+    if np.abs(np.diag(factor[0])).min() <= 1e-14 * np.abs(jacobian.data).max(initial=0.0):
+        raise LinAlgError("singular")
+    step[held] = -lu_solve(factor, load)
+    return step

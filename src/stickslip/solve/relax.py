@@ -6,7 +6,7 @@ from ..core.forces import forces, unbalanced
 from ..core.integrate import run
 from ..core.laws import Law
 from ..core.outcome import Status
-from ..core.state import OPEN, State
+from ..core.state import OPEN, State, at_rest
 
 
 def residual(state: State, law: Law):
@@ -49,8 +49,9 @@ def relax(
         end = end._replace(
             grains=grains._replace(velocity=0 * grains.velocity, spin=0 * grains.spin),
             walls=walls._replace(velocity=0 * walls.velocity),
+            contacts=at_rest(end.contacts),
             time=state.time,
         )
-    elif not (end.contacts.mode[: end.contacts.count[0]] != OPEN).any():
+    elif outcome.status is not Status.NOT_A_NUMBER and not (end.contacts.mode[: end.contacts.count[0]] != OPEN).any():
         outcome = outcome._replace(status=Status.CONTACT_LOST)
     return end, outcome
