@@ -27,7 +27,7 @@ def claim(
 ) -> Claim:
     """A row with its verdict.
 
-    Numbers: reproduced if the larger over the smaller exceeds 1 by at most the tolerance, partly within twice it.
+    Numbers: reproduced within the tolerance, partly within twice it; a tolerance of 1 is a factor of two either way.
     Windows: each end counts for half. Booleans: equal or not. Nothing measured: not reproduced. A measurement whose own
     error (one standard deviation) exceeds the tolerance is partly reproduced if it is within two errors.
 
@@ -49,19 +49,18 @@ def _verdict(paper: Value, measured: Value, tolerance: float) -> str:
     if isinstance(paper, bool):
         return REPRODUCED if measured == paper else NOT_REPRODUCED
     if isinstance(paper, list):
-        good = sum(_distance(m, p) <= tolerance for m, p in zip(measured, paper, strict=True))
+        good = sum(_within(m, p, tolerance) for m, p in zip(measured, paper, strict=True))
         return (NOT_REPRODUCED, PARTLY, REPRODUCED)[good]
-    distance = _distance(measured, paper)
-    return REPRODUCED if distance <= tolerance else PARTLY if distance <= 2 * tolerance else NOT_REPRODUCED
+    if _within(measured, paper, tolerance):
+        return REPRODUCED
+    return PARTLY if _within(measured, paper, 2 * tolerance) else NOT_REPRODUCED
 
 
-def _distance(a: float, b: float) -> float:
-    """Larger over smaller, minus one: symmetric, and the relative error where that is small."""
-    if a == b:
-        return 0.0
-    if a * b <= 0:
-        return float("inf")
-    return max(a / b, b / a) - 1
+def _within(measured: float, paper: float, tolerance: float) -> bool:
+    """Relative distance from the paper's number; from a half on, tolerances are factors 1 + tolerance either way."""
+    if tolerance < 0.5:
+        return abs(measured - paper) <= tolerance * abs(paper)
+    return measured * paper > 0 and 1 / (1 + tolerance) <= measured / paper <= 1 + tolerance
 
 
 def write(path: str | Path, claims: list[Claim]) -> None:
