@@ -14,6 +14,7 @@ from PIL import Image
 from stickslip.core.state import State
 from stickslip.data import archive
 from stickslip.experiments import claims as table
+from stickslip.experiments import disk_array
 
 FORWARD = [f"forward-front-speed-{f}" for f in ("0.083", "0.087", "0.090")]
 IM = [f"im-lambda-{f}" for f in ("0.083", "0.087", "0.090")]
@@ -114,3 +115,25 @@ def test_a_folder_with_other_results_is_left_alone(folder):
     assert run.returncode == 2
     assert "another scenario" in run.stderr
     assert (folder / "claims.json").read_bytes() == before
+
+
+@pytest.mark.slow
+def test_statistics_of_the_full_experiment():
+    """Fronts and sliding velocity of some thousand transitions, against an independent trial implementation.
+
+    It found V_1 rising with F_x, |V_2| within a quarter of 0.075 at all thresholds, V_mass linear in F_x with the
+    paper's slope; three standard errors are allowed here.
+    """
+    found = disk_array.reproduce()
+    main = found.main
+    fronts = [disk_array.forward_front(main, main.sliding[load]) for load in disk_array.FRONT_LOADS]
+    assert fronts[0].speed < fronts[1].speed < fronts[2].speed
+    assert all(f.complete > 190 and f.speed_error < 0.1 * f.speed for f in fronts)
+    for threshold in main.scenario.sliding.thresholds:
+        back = disk_array.backward_front(main, threshold, disk_array.FRONT_LOADS)
+        assert abs(back.speed - 0.075) < 0.25 * 0.075 + 3 * back.speed_error
+        assert back.speed > 20 * fronts[2].speed
+    line = disk_array.velocity_line(main, disk_array.LINE_TOP)
+    assert abs(line.slope - 4.5e-4) < 3 * line.slope_error
+    assert line.intercept < 0
+    assert {c.id for c in found.claims} == IDS

@@ -69,6 +69,17 @@ def carried_memory(stiffness, limit, sx, sy, sz, mode, memory):
 
 
 @njit(fastmath=True, error_model="numpy")
+def approach(dim, velocity, spin, radius, i, j, nx, ny, nz):
+    """Normal part, and tangential vector, of the velocity of i relative to j at the contact [length/time]."""
+    wx, wy, wz = rolled(dim, spin, radius, i, j)
+    vx, vy = velocity[i, 0] - velocity[j, 0], velocity[i, 1] - velocity[j, 1]
+    vz = velocity[i, 2] - velocity[j, 2] if dim == 3 else 0.0
+    vx, vy, vz = carried(nx, ny, nz, 0.0, 0.0, 0.0, vx, vy, vz, wx, wy, wz)
+    vn = vx * nx + vy * ny + vz * nz
+    return vn, vx - vn * nx, vy - vn * ny, vz - vn * nz
+
+
+@njit(fastmath=True, error_model="numpy")
 def tangential_force(coulomb, stiffness, limit, sx, sy, sz):
     """−k_t (mobilisation) s: the force on i that the slip stands for."""
     factor = -stiffness
@@ -138,23 +149,7 @@ def sweep(kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, force
         fn = normal_force(kind, p, a, b, overlap)
         vx = vy = vz = 0.0
         if viscous:
-            wx, wy, wz = rolled(dim, spin, radius, i, j)
-            vx, vy, vz = carried(
-                nx,
-                ny,
-                nz,
-                0.0,
-                0.0,
-                0.0,
-                velocity[i, 0] - velocity[j, 0],
-                velocity[i, 1] - velocity[j, 1],
-                velocity[i, 2] - velocity[j, 2] if dim == 3 else 0.0,
-                wx,
-                wy,
-                wz,
-            )
-            vn = vx * nx + vy * ny + vz * nz
-            vx, vy, vz = vx - vn * nx, vy - vn * ny, vz - vn * nz
+            vn, vx, vy, vz = approach(dim, velocity, spin, radius, i, j, nx, ny, nz)
             fn -= p[a, b, DAMPING_N] * vn
         limit = p[a, b, MU] * max(fn, 0.0)
         stiffness = tangential_stiffness(kind, p, a, b, overlap)

@@ -14,6 +14,7 @@ from .outcome import Outcome, Status
 from .state import OPEN, SLIDE, State
 
 SERIES = ("time", "msd", "kinetic_energy", "center_x", "center_y", "center_z", "touching", "sliding")
+CHECK_EVERY = 200  # steps between checks for NaN and, with a tolerance, for rest
 _DONE, _CONVERGED, _BAD, _FULL, _MOVED = range(5)
 
 
@@ -31,6 +32,34 @@ class Record(NamedTuple):
     events: np.ndarray  # structured: kind ("closed", "opened", "limit"), time, i, j, image, position of i
 
 
+class Plan(NamedTuple):
+    """What the loop multiplies with, constant during a run.
+
+    Rows 0–2 of `motion` are for translations, 3–5 for rotations: half a step over mass (zero where not free), factor
+    of explicit drag, factor of implicit drag.
+    """
+
+    motion: np.ndarray  # (6, 3B)
+    drag: np.ndarray  # (B, 6) [1/time]
+    external: np.ndarray  # (2, B, 3) forces and torques
+    mass: np.ndarray  # (N,)
+    inertia: np.ndarray  # (N,)
+    lever: np.ndarray  # (B,) radius, 1 for walls
+    dt: float
+
+
+class Writing(NamedTuple):
+    """Where the loop writes samples and events."""
+
+    every: int
+    reference: np.ndarray  # (N, 3)
+    probes: np.ndarray  # (P,)
+    series: np.ndarray  # (T, len(SERIES))
+    tracks: np.ndarray  # (T, P, 6)
+    events: np.ndarray  # (E, len(EVENT_COLUMNS))
+    event_count: np.ndarray  # (1,)
+
+
 @njit(cache=True, fastmath=False)  # said aloud: a function inherits fastmath from whoever compiles it first
 def first_bad(x, angle):
     """First body with a coordinate that is not finite, or −1."""
@@ -42,28 +71,30 @@ def first_bad(x, angle):
 
 
 @njit(cache=True)
-def _sample(row, track, bodies, contacts, mass, inertia, reference, probes, time):
+def _sample(k, bodies, contacts, plan, writing, time):
+    """Row k of the series and of the tracks."""
     x, angle, v, spin = bodies.position, bodies.angle, bodies.velocity, bodies.spin
-    n = len(mass)
+    row, track, n = writing.series[k], writing.tracks[k], len(plan.mass)
     row[:] = 0.0
     row[0] = time
     for a in range(n):
-        for k in range(3):
-            row[1] += (x[a, k] - reference[a, k]) ** 2
-            row[2] += 0.5 * mass[a] * v[a, k] ** 2 + 0.5 * inertia[a] * spin[a, k] ** 2
-            row[3 + k] += x[a, k] / n
+        for m in range(3):
+            row[1] += (x[a, m] - writing.reference[a, m]) ** 2
+            row[2] += 0.5 * plan.mass[a] * v[a, m] ** 2 + 0.5 * plan.inertia[a] * spin[a, m] ** 2
+            row[3 + m] += x[a, m] / n
     for c in range(contacts.count[0]):
         row[6] += contacts.mode[c] != OPEN
         row[7] += contacts.mode[c] == SLIDE
-    for m in range(len(probes)):
-        for k in range(3):
-            track[m, k] = x[probes[m], k]
-            track[m, 3 + k] = angle[probes[m], k]
+    for a in range(len(writing.probes)):
+        for m in range(3):
+            track[a, m] = x[writing.probes[a], m]
+            track[a, 3 + m] = angle[writing.probes[a], m]
 
 
 @njit(cache=True, fastmath=False, error_model="numpy")
-def _unbalanced(v, spin, force, torque, motion, drag, radius_or_one, h):
+def _unbalanced(v, spin, force, torque, plan):
     """Largest of force, torque/R and drag force over the free components, NaN above all, and its body."""
+    motion, drag = plan.motion, plan.drag
     residual, worst = 0.0, -1
     for a in range(len(v)):
         for k in range(6):
@@ -75,7 +106,8 @@ def _unbalanced(v, spin, force, torque, motion, drag, radius_or_one, h):
                 size = abs(f) + 0.0 * rate
                 if not np.isfinite(size):
                     return np.nan, a
-                size = max(size, drag[a, k] * abs(rate) * h / kick) / (radius_or_one[a] if turning else 1.0)
+                size = max(size, drag[a, k] * abs(rate) * 0.5 * plan.dt / kick)
+                size /= plan.lever[a] if turning else 1.0
                 if size > residual:
                     residual, worst = size, a
     return residual, worst
@@ -111,38 +143,21 @@ def stepper(kind: int, coulomb: int, dim: int):
 
     @njit(cache=True, fastmath=True, error_model="numpy")
     def advance(
-        bodies,
-        contacts,
-        shift,
-        p,
-        viscous,
-        mass,
-        inertia,
-        radius_or_one,
-        external,
-        motion,
-        drag,
-        dt,
-        steps,
-        start,
-        drifted,
-        time,
-        check_every,
-        tolerance,
-        every,
-        reference,
-        probes,
-        series,
-        tracks,
-        events,
-        event_count,
-    ):
+        bodies, contacts, shift, p, viscous, plan, force, torque, time, start, steps, drifted, tolerance, writing
+    ):  # fmt: skip
+        """Steps `start` + 1 … `steps`; `drifted`: positions are those of step `start` already, velocities not yet."""
         x, angle, v, spin = bodies.position, bodies.angle, bodies.velocity, bodies.spin
-        force, torque = np.zeros_like(x), np.zeros_like(x)
+        events, event_count, every, dt, motion = (
+            writing.events,
+            writing.event_count,
+            writing.every,
+            plan.dt,
+            plan.motion,
+        )
         flat_x, flat_v, flat_f = x.reshape(-1), v.reshape(-1), force.reshape(-1)
         flat_angle, flat_spin, flat_t = angle.reshape(-1), spin.reshape(-1), torque.reshape(-1)
         kick, keep, slow, kick_t, keep_t, slow_t = motion[0], motion[1], motion[2], motion[3], motion[4], motion[5]
-        load, load_t = external[0].reshape(-1), external[1].reshape(-1)
+        load, load_t = plan.external[0].reshape(-1), plan.external[1].reshape(-1)
         origin, limit = contacts.origin.reshape(-1), 0.5 * contacts.skin[0] / np.sqrt(dim)
         # dashpots see velocities at the full step, predicted from the forces before it: second order in dt
         seen = Bodies(x, angle, np.zeros_like(x), np.zeros_like(x), bodies.radius, bodies.material, bodies.normal)
@@ -173,14 +188,13 @@ def stepper(kind: int, coulomb: int, dim: int):
                 second_half(flat_v, flat_f, kick, slow)
                 second_half(flat_spin, flat_t, kick_t, slow_t)
             if every > 0 and step % every == 0:
-                row = step // every
-                _sample(series[row], tracks[row], bodies, contacts, mass, inertia, reference, probes, time + step * dt)
-            if check_every > 0 and step % check_every == 0:
+                _sample(step // every, bodies, contacts, plan, writing, time + step * dt)
+            if step % CHECK_EVERY == 0:
                 bad = first_bad(x, angle)
                 if bad >= 0:
                     return _BAD, step, residual, bad
                 if tolerance > 0.0:
-                    residual, worst = _unbalanced(v, spin, force, torque, motion, drag, radius_or_one, 0.5 * dt)
+                    residual, worst = _unbalanced(v, spin, force, torque, plan)
                     if not np.isfinite(residual):
                         return _BAD, step, residual, worst
                     if residual <= tolerance:
@@ -234,64 +248,75 @@ def run(
     if steps < 0 or every < 0:
         raise ValueError(f"steps = {steps}, every = {every} were given: neither may be negative")
     state = updated(state)
-    grains, walls, control, n = state.grains, state.walls, state.control, len(state.grains.radius)
-    probes = np.asarray(probes, np.int64)
-    if ((probes < 0) | (probes >= n)).any():
-        raise ValueError(f"probes {probes.tolist()} were given: they must be grains between 0 and {n - 1}")
-    reference = grains.position if reference is None else np.ascontiguousarray(reference, dtype=float)
-    if reference.shape != grains.position.shape:
-        raise ValueError(f"a reference of shape {reference.shape} was given: it must be {grains.position.shape}")
-    work = bodies(state)
+    plan = _plan(state, drag, drag if spin_drag is None else spin_drag, dt)
+    if tolerance > 0 and not (plan.drag[_free(plan.motion)] > 0).all():
+        raise ValueError("a tolerance was given without drag on every free component: rest is not reached without it")
+    writing = _writing(state, steps, every, probes, events, reference)
+    end, code, done, residual, worst, writing = _advanced(state, law, plan, steps, tolerance, writing)
+    finished = Status.STEPS_SPENT if tolerance > 0 else Status.DONE
+    status = {_BAD: Status.NOT_A_NUMBER, _CONVERGED: Status.CONVERGED}.get(code, finished)
+    return end, _record(writing, done), Outcome(status, residual, done, worst)
+
+
+def _advanced(state: State, law: Law, plan: Plan, steps: int, tolerance: float, writing: Writing):
+    """Enter the compiled loop, again whenever it asks for a new list of contacts or for more room for events."""
+    work, contacts = _moving(state), type(state.contacts)(*(a.copy() for a in state.contacts))
+    force, torque = np.zeros((2, state.n_bodies, 3))
+    grid = images(state.cell, float(state.grains.radius.max()), float(contacts.skin[0]))
+    advance, done, drifted = stepper(law.kind, law.coulomb, state.cell.dim), 0, False
+    while True:
+        code, done, residual, worst = advance(
+            work, contacts, shifts(contacts, state.cell.vectors), law.table, has_dashpots(law), plan, force, torque,
+            state.time, done, steps, drifted, tolerance, writing,
+        )  # fmt: skip
+        drifted = True
+        bad = first_bad(work.position, work.angle)
+        if bad >= 0:
+            code, worst = _BAD, bad
+        if code == _FULL:
+            writing = writing._replace(events=np.concatenate([writing.events, np.zeros_like(writing.events)]))
+        elif code == _MOVED:
+            before, contacts = contacts, rebuilt(work.position, work.radius, work.normal, grid, contacts)
+            if contacts.count[0] < 0:
+                raise ValueError(TOO_FAR)
+            writing = _with_lost(writing, before, contacts, work.position, state.time + done * plan.dt)
+        else:
+            break
+    n = len(state.grains.radius)
+    end = state._replace(
+        grains=state.grains._replace(
+            position=work.position[:n], angle=work.angle[:n], velocity=work.velocity[:n], spin=work.spin[:n]
+        ),
+        walls=state.walls._replace(point=work.position[n:], velocity=work.velocity[n:]),
+        contacts=contacts,
+        time=state.time + done * plan.dt,
+    )
+    return end, code, done, residual, worst, writing
+
+
+def _moving(state: State):
+    """Fresh arrays of all bodies, with the velocities that `Control` prescribes."""
+    work, control = bodies(state), state.control
     work.velocity[:] = np.where(control.free[:, :3], work.velocity, control.rate[:, :3])
     work.spin[:] = np.where(control.free[:, 3:], work.spin, control.rate[:, 3:])
     if state.cell.dim == 2:
         work.velocity[:, 2], work.spin[:, :2] = 0.0, 0.0
-    motion, rate, external = _coefficients(state, drag, drag if spin_drag is None else spin_drag, dt)
-    if tolerance > 0 and not (rate[_free(motion)] > 0).all():
-        raise ValueError("a tolerance was given without drag on every free component: rest is not reached without it")
-    contacts = type(state.contacts)(*(a.copy() for a in state.contacts))
-    samples = steps // every + 1 if every else 0
-    series, tracks = np.zeros((samples, len(SERIES))), np.zeros((samples, len(probes), 6))
-    rows = np.zeros((max(1024, 8 * len(contacts.i)) if events else 0, len(EVENT_COLUMNS)))
-    count = np.zeros(1, np.int64)
-    grid = images(state.cell, float(grains.radius.max()), float(contacts.skin[0]))
-    radius_or_one = np.where(work.radius > 0, work.radius, 1.0)
-    advance, done, drifted = stepper(law.kind, law.coulomb, state.cell.dim), 0, False
-    while True:
-        code, done, residual, worst = advance(
-            work, contacts, shifts(contacts, state.cell.vectors), law.table, has_dashpots(law), grains.mass,
-            grains.inertia, radius_or_one, external, motion, rate, dt, steps, done, drifted, state.time, 200, tolerance,
-            every, reference, probes, series, tracks, rows, count,
-        )  # fmt: skip
-        if code not in (_MOVED, _FULL):
-            break
-        drifted = True
-        if code == _FULL:
-            rows = np.concatenate([rows, np.zeros_like(rows)])
-        elif (worst := first_bad(work.position, work.angle)) >= 0:
-            code = _BAD
-            break
-        else:
-            before, contacts = contacts, rebuilt(work.position, work.radius, work.normal, grid, contacts)
-            if contacts.count[0] < 0:
-                raise ValueError(TOO_FAR)
-            if events:
-                rows = _with_lost(rows, count, before, contacts, work.position, state.time + done * dt)
-    if code == _DONE and (bad := first_bad(work.position, work.angle)) >= 0:
-        code, worst = _BAD, bad
-    end = state._replace(
-        grains=grains._replace(
-            position=work.position[:n], angle=work.angle[:n], velocity=work.velocity[:n], spin=work.spin[:n]
-        ),
-        walls=walls._replace(point=work.position[n:], velocity=work.velocity[n:]),
-        contacts=contacts,
-        time=state.time + done * dt,
-    )
-    finished = Status.STEPS_SPENT if tolerance > 0 else Status.DONE
-    status = {_BAD: Status.NOT_A_NUMBER, _CONVERGED: Status.CONVERGED}.get(code, finished)
-    kept = done // every + 1 if every else 0
-    record = _record(series[:kept], tracks[:kept], rows[: count[0]])
-    return end, record, Outcome(status, residual, done, worst)
+    return work
+
+
+def _writing(state: State, steps: int, every: int, probes, events: bool, reference) -> Writing:
+    n, samples = len(state.grains.radius), steps // every + 1 if every else 0
+    probes = np.asarray(probes, np.int64)
+    if ((probes < 0) | (probes >= n)).any():
+        raise ValueError(f"probes {probes.tolist()} were given: they must be grains between 0 and {n - 1}")
+    reference = state.grains.position if reference is None else np.ascontiguousarray(reference, dtype=float)
+    if reference.shape != (n, 3):
+        raise ValueError(f"a reference of shape {reference.shape} was given: it must be {(n, 3)}")
+    room = max(1024, 8 * len(state.contacts.i)) if events else 0
+    return Writing(
+        every, reference, probes, np.zeros((samples, len(SERIES))), np.zeros((samples, len(probes), 6)),
+        np.zeros((room, len(EVENT_COLUMNS))), np.zeros(1, np.int64),
+    )  # fmt: skip
 
 
 def _free(motion):
@@ -299,25 +324,18 @@ def _free(motion):
     return np.concatenate([motion[0].reshape(-1, 3), motion[3].reshape(-1, 3)], axis=1) > 0
 
 
-def _with_lost(rows, count, before, after, position, time):
-    """Event rows with those contacts opened that left the list in one step."""
-    n = int(before.count[0])
+def _with_lost(writing: Writing, before, after, position, time) -> Writing:
+    """Record as opened those contacts that left the list in one step."""
+    n, count = int(before.count[0]), int(writing.event_count[0])
     lost = np.flatnonzero((before.mode[:n] != OPEN) & ~np.isin(before.key[:n], after.key[: after.count[0]]))
-    if count[0] + len(lost) > len(rows):
-        rows = np.concatenate([rows, np.zeros((len(rows) + len(lost), rows.shape[1]))])
-    for c in lost:
-        i = before.i[c]
-        rows[count[0]] = OPENED, time, i, before.j[c], *before.image[c], *position[i]
-        count[0] += 1
-    return rows
+    if not len(lost) or not len(writing.events):
+        return writing
+    rows = [(OPENED, time, before.i[c], before.j[c], *before.image[c], *position[before.i[c]]) for c in lost]
+    writing.event_count[0] += len(lost)
+    return writing._replace(events=np.concatenate([writing.events[:count], rows, writing.events[count:]]))
 
 
-def _coefficients(state: State, drag: float, spin_drag: float, dt: float):
-    """What the loop multiplies with: motion (6, 3B), drag rates (B, 6), and external loads (2, B, 3).
-
-    Rows 0–2 of `motion` are for translations, 3–5 for rotations: half a step over mass (zero where not free), factor
-    of explicit drag, factor of implicit drag.
-    """
+def _plan(state: State, drag: float, spin_drag: float, dt: float) -> Plan:
     grains, walls, control = state.grains, state.walls, state.control
     n, half = len(grains.radius), 0.5 * dt
     kick, rate = np.zeros((2, state.n_bodies, 6))
@@ -330,7 +348,9 @@ def _coefficients(state: State, drag: float, spin_drag: float, dt: float):
     rate[kick == 0.0] = 0.0
     parts = (kick, 1.0 - half * rate, 1.0 / (1.0 + half * rate))
     motion = np.stack([part[:, side].ravel() for side in (slice(0, 3), slice(3, 6)) for part in parts])
-    return motion, rate, np.stack([control.force + mass[:, None] * control.gravity, control.torque])
+    external = np.stack([control.force + mass[:, None] * control.gravity, control.torque])
+    lever = np.append(grains.radius, np.ones(len(walls.mass)))
+    return Plan(motion, rate, external, grains.mass, grains.inertia, lever, float(dt))
 
 
 _EVENT_TYPE = np.dtype(
@@ -339,7 +359,9 @@ _EVENT_TYPE = np.dtype(
 _EVENT_NAMES = np.array(["closed", "opened", "limit"])
 
 
-def _record(series, tracks, rows) -> Record:
+def _record(writing: Writing, done: int) -> Record:
+    kept = done // writing.every + 1 if writing.every else 0
+    series, tracks, rows = writing.series[:kept], writing.tracks[:kept], writing.events[: writing.event_count[0]]
     events = np.zeros(len(rows), _EVENT_TYPE)
     events["kind"] = _EVENT_NAMES[rows[:, 0].astype(int)]
     events["time"], events["i"], events["j"] = rows[:, 1], rows[:, 2], rows[:, 3]
