@@ -10,8 +10,8 @@ class Status(Enum):
     CONVERGED = "equilibrium was reached"
     DONE = "the run reached its last step"
     STEPS_SPENT = (
-        "equilibrium was not reached in the allowed number of steps: "
-        "allow more, use stronger drag, or a tolerance above round-off"
+        "equilibrium was not reached in the allowed number of steps: perhaps nothing holds this load; "
+        "else allow more, use stronger drag, or a tolerance above round-off"
     )
     NOT_A_NUMBER = "a grain's position became infinite or not a number: use a smaller time step or smaller load steps"
     STALLED = "Newton's method stopped getting closer: use smaller load steps, or damped dynamics"

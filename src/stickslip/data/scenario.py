@@ -121,7 +121,7 @@ class Relaxation(_Part):
 
 
 class Dynamics(_Part):
-    """Newtonian runs from the equilibria at some loads, with a tiny random velocity as seed."""
+    """Newtonian runs, with a tiny random velocity as seed, from the equilibria where the path first passes some loads."""
 
     loads: Loads = (0.03, 0.04, 0.062, 0.083, 0.087, 0.09)
     watch: Finite | None = Field(

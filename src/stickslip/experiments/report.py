@@ -239,7 +239,10 @@ def show_result(result: Result) -> None:
     for k, f in enumerate(result.families):
         top = int(np.argmax(f.eigenvalues.imag))
         birth = f"{f.birth.load:.6g}" if f.birth else "the start"
-        shift = f"± {np.abs(coarse - f.birth.load).min():.0e}" if f.birth and len(coarse) else "–"
+        shift = "–"
+        if f.birth and len(coarse):
+            bracket = abs(f.birth.above - f.birth.below)
+            shift = f"± {max(np.abs(coarse - f.birth.load).min(), bracket):.0e}"
         death = f"{f.death.load:.6g}" if f.death else "lives"
         pairs.add_row(str(k + 1), birth, shift, death, f"{f.eigenvalues.imag[top]:.3e}", f"{f.loads[top]:.6g}")
     console.print(pairs if result.families else "No complex pair along the path: no oscillatory instability.")

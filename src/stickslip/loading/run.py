@@ -5,12 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.forces import has_dashpots
 from ..core.laws import Law
 from ..core.outcome import NotInEquilibriumError, Status
 from ..core.state import State
-from ..data.scenario import Scenario
+from ..data.scenario import Dynamics, Scenario
 from ..ensemble import run_members
-from ..solve.spectrum import Spectrum, spectrum
+from ..solve.spectrum import Spectrum, damped_growth, spectrum
 from . import fronts
 from .packing import array_of, pushed
 from .protocols import (
@@ -43,7 +44,7 @@ class FreeRun(NamedTuple):
     touching: np.ndarray  # (T,)
     breach: np.ndarray  # (N,) first Coulomb limit of each wall contact; NaN if never [time]
     first_limit: np.ndarray  # (3,) time, i, j of the first contact anywhere to reach Coulomb's limit; NaN if none
-    predicted_growth: float  # ω_i of the fastest pair [1/time]
+    predicted_growth: float  # ω_i of what grows fastest, with drag and dashpots [1/time]
     predicted_frequency: float
     growth: Growth | None
     saturation: float  # mean of M over the last half of the run
@@ -162,9 +163,30 @@ def fastest_period(point: Equilibrium) -> float:
     return 2 * np.pi / float(point.spectrum.frequency.max())
 
 
+def predicted_growth(point: Equilibrium, law: Law, how: Dynamics) -> tuple[float, float]:
+    """Growth rate and frequency of what grows fastest in a free run, with its drag and the law's dashpots [1/time]."""
+    if how.drag or how.spin_drag or has_dashpots(law):
+        fastest = damped_growth(point.state, law, drag=how.drag, spin_drag=how.spin_drag)[0]
+        return max(0.0, float(fastest.real)), abs(float(fastest.imag))
+    modes = point.spectrum
+    k = int(np.argmax(modes.growth_rate))
+    return float(modes.growth_rate[k]), float(modes.frequency[k])
+
+
+def check_time_step(point: Equilibrium, dt: float) -> None:
+    """Raise ValueError if velocity Verlet cannot follow the fastest mode."""
+    longest = 2 / float(point.spectrum.frequency.max())
+    if dt >= longest:
+        raise ValueError(
+            f"dynamics.dt = {dt:g} is too long at push = {point.load:g}: velocity Verlet explodes from {longest:.3g} on, "
+            f"use at most {0.2 * longest:.1g}"
+        )
+
+
 def let_go(point: Equilibrium, law: Law, scenario: Scenario) -> FreeRun:
     """Newtonian dynamics from one equilibrium, from a tiny random velocity."""
     how = scenario.dynamics
+    check_time_step(point, how.dt)
     start = shaken(point.state, scenario.seed, how.seed_velocity)
     _, record, outcome = free_run(
         start,
@@ -177,9 +199,7 @@ def let_go(point: Equilibrium, law: Law, scenario: Scenario) -> FreeRun:
     )
     if outcome.status is Status.NOT_A_NUMBER:
         raise NotInEquilibriumError(f"the free run at push = {point.load:g} blew up", outcome)
-    modes = point.spectrum
-    fastest = int(np.argmax(modes.growth_rate))
-    rate, frequency = float(modes.growth_rate[fastest]), float(modes.frequency[fastest])
+    rate, frequency = predicted_growth(point, law, how)
     growth = None
     if rate > 0 and frequency > 0:
         scale = diameter(start) ** 2
@@ -243,6 +263,8 @@ def slide_many(
         "drag": dynamics.drag,
         "spin_drag": dynamics.spin_drag,
     }
+    for point in points:
+        check_time_step(point, dynamics.dt)
     seeds = [scenario.seed + 1 + k for k in range(how.realizations)]
     tasks = [(p.state, law, seed, options | {"sample": fastest_period(p) / 10}) for p in points for seed in seeds]
 
