@@ -146,6 +146,20 @@ def test_damped_growth_without_damping_is_the_spectrum():
     assert calmed.real.max() < 0
 
 
+def test_growth_with_dashpots_and_drag_is_what_the_damped_spectrum_predicts():
+    law = ss.between(ss.hertz_mindlin(mu=10, coulomb="smooth", damping_n=1e-3, damping_t=1e-3), 0, 1)
+    state, _ = ss.relax(ss.disk_array(10, press=5e-5), law)
+    for load in (0.015, 0.03):
+        state, outcome = ss.relax(ss.pushed(state, load / 2000), law)
+        assert outcome.ok
+    fastest = ss.damped_growth(state, law, drag=1e-4)[0]
+    assert fastest.real < 0.7 * ss.spectrum(state, law).growth_rate.max()  # damping matters here
+    start = ss.shaken(state, 3, 1e-13)
+    _, record, _ = free_run(start, law, duration=20_000, dt=0.1, sample=2.0, drag=1e-4)
+    growth = fitted_growth(record.time, record.msd, growth_rate=fastest.real, frequency=abs(fastest.imag))
+    assert growth.growth_rate == pytest.approx(fastest.real, rel=5e-3)
+
+
 def test_wall_mode_of_a_lone_disk():
     law = ss.between(ss.hertz_mindlin(mu=10), 0, 1)
     state, _ = ss.relax(ss.disk_array(1, press=5e-5, gap=0.5), law)

@@ -120,10 +120,10 @@ def test_a_push_that_nothing_holds_ends_with_the_load_and_a_remedy(change, tmp_p
 
 
 def test_a_time_step_that_cannot_work_is_named(tmp_path):
-    (tmp_path / "s.toml").write_text("[load]\npush = [0.0, 0.01]\nstep = 5e-3\n[dynamics]\ndt = 5.0\nloads = [0.01]\n")
+    (tmp_path / "s.toml").write_text("[load]\npush = [0.0, 0.01]\nstep = 5e-3\n[dynamics]\ndt = 20.0\nloads = [0.01]\n")
     run = stickslip("run", tmp_path / "s.toml", "--out", tmp_path / "out")
     assert run.returncode == 1
-    assert "dynamics.dt = 5 is too long at push = 0.01" in run.stderr
+    assert "dynamics.dt = 20 is too long at push = 0.01" in run.stderr
     assert not (tmp_path / "out").exists()
 
 

@@ -121,7 +121,7 @@ class Relaxation(_Part):
 
 
 class Dynamics(_Part):
-    """Newtonian runs, with a tiny random velocity as seed, from the equilibria where the path first passes some loads."""
+    """Newtonian runs from the equilibria where the path first passes some loads, seeded by a tiny random velocity."""
 
     loads: Loads = (0.03, 0.04, 0.062, 0.083, 0.087, 0.09)
     watch: Finite | None = Field(

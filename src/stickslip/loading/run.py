@@ -178,7 +178,7 @@ def check_time_step(point: Equilibrium, dt: float) -> None:
     longest = 2 / float(point.spectrum.frequency.max())
     if dt >= longest:
         raise ValueError(
-            f"dynamics.dt = {dt:g} is too long at push = {point.load:g}: velocity Verlet explodes from {longest:.3g} on, "
+            f"dynamics.dt = {dt:g} is too long at push = {point.load:g}: velocity Verlet explodes from {longest:.3g}, "
             f"use at most {0.2 * longest:.1g}"
         )
 
