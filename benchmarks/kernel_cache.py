@@ -11,7 +11,7 @@ def main() -> None:
     state = ss.disk_array(10, press=5e-5, push=1e-5)
     ss.forces(state, law)
     ss.run(state, law, 10, 0.1)
-    kernels = [make(law.kind, law.coulomb, 2).stats for make in (stepper, evaluation)]
+    kernels = [make(law.kind, law.coulomb, 2, 0).stats for make in (stepper, evaluation)]
     print(sum(sum(k.cache_hits.values()) for k in kernels), sum(sum(k.cache_misses.values()) for k in kernels))
 
 

@@ -191,14 +191,14 @@ def sweep(kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, force
 
 
 @cache
-def evaluation(kind: int, coulomb: int, dim: int):
-    """Compiled evaluation of all contacts for one law and dimension.
+def evaluation(kind: int, coulomb: int, dim: int, viscous: int):
+    """Compiled evaluation of all contacts for one law and dimension, with or without dashpots.
 
     Numba's disk cache hits for closures over integers, and the compiler drops the branches that they decide.
     """
 
     @njit(cache=True, fastmath=True, error_model="numpy")
-    def evaluate(bodies, contacts, shift, p, viscous, memory, force, torque, events, event_count):
+    def evaluate(bodies, contacts, shift, p, memory, force, torque, events, event_count):
         sweep(kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, force, torque, 0.0, events, event_count)
 
     return evaluate
@@ -207,9 +207,9 @@ def evaluation(kind: int, coulomb: int, dim: int):
 NO_EVENTS = np.zeros((0, len(EVENT_COLUMNS)))
 
 
-def has_dashpots(law: Law) -> bool:
-    """True if any pair of materials has viscous damping."""
-    return bool(law.table[..., [DAMPING_N, DAMPING_T]].any())
+def has_dashpots(law: Law) -> int:
+    """1 if any pair of materials has viscous damping, else 0: an integer, as kernels are cached by it."""
+    return int(law.table[..., [DAMPING_N, DAMPING_T]].any())
 
 
 def forces(state: State, law: Law, *, memory: int = FREE):
@@ -247,12 +247,11 @@ def forces(state: State, law: Law, *, memory: int = FREE):
         reached=contacts.reached.copy(),
     )
     loads = Loads(np.zeros((state.n_bodies, 3)), np.zeros((state.n_bodies, 3)))
-    evaluation(law.kind, law.coulomb, state.cell.dim)(
+    evaluation(law.kind, law.coulomb, state.cell.dim, has_dashpots(law))(
         bodies(state),
         trial,
         shifts(trial, state.cell.vectors),
         law.table,
-        has_dashpots(law),
         memory,
         *loads,
         NO_EVENTS,

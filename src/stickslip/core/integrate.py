@@ -138,12 +138,12 @@ def moved(x, origin, limit):
 
 
 @cache
-def stepper(kind: int, coulomb: int, dim: int):
-    """Compiled loop over time steps for one law and dimension."""
+def stepper(kind: int, coulomb: int, dim: int, viscous: int):
+    """Compiled loop over time steps for one law and dimension, with or without dashpots."""
 
     @njit(cache=True, fastmath=True, error_model="numpy")
     def advance(
-        bodies, contacts, shift, p, viscous, plan, force, torque, time, start, steps, drifted, tolerance, writing
+        bodies, contacts, shift, p, plan, force, torque, time, start, steps, drifted, tolerance, writing
     ):  # fmt: skip
         """Steps `start` + 1 … `steps`; `drifted`: positions are those of step `start` already, velocities not yet."""
         x, angle, v, spin = bodies.position, bodies.angle, bodies.velocity, bodies.spin
@@ -263,10 +263,11 @@ def _advanced(state: State, law: Law, plan: Plan, steps: int, tolerance: float, 
     work, contacts = _moving(state), type(state.contacts)(*(a.copy() for a in state.contacts))
     force, torque = np.zeros((2, state.n_bodies, 3))
     grid = images(state.cell, float(state.grains.radius.max()), float(contacts.skin[0]))
-    advance, done, drifted = stepper(law.kind, law.coulomb, state.cell.dim), 0, False
+    advance = stepper(law.kind, law.coulomb, state.cell.dim, has_dashpots(law))
+    done, drifted = 0, False
     while True:
         code, done, residual, worst = advance(
-            work, contacts, shifts(contacts, state.cell.vectors), law.table, has_dashpots(law), plan, force, torque,
+            work, contacts, shifts(contacts, state.cell.vectors), law.table, plan, force, torque,
             state.time, done, steps, drifted, tolerance, writing,
         )  # fmt: skip
         drifted = True
