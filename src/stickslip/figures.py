@@ -241,12 +241,12 @@ def center_of_mass(result, load: float, line=None, printed=None):
     inset = top.inset_axes([0.15, 0.55, 0.36, 0.36])
     y = 1e4 * (free.center[:, 1] - free.center[0, 1])
     inset.plot(free.time, y, color=GREEN, lw=0.3, rasterized=True)
-    inset.set_ylabel(r"$10^4\,\Delta C^y_\mathrm{mass}$", fontsize=6)
+    inset.set_title(r"$10^4\,\Delta C^y_\mathrm{mass}$", fontsize=6, pad=2)
     started = int(np.argmax(np.abs(x) > 0.02)) if (np.abs(x) > 0.02).any() else len(x) - 1
     zoom = top.inset_axes([0.72, 0.1, 0.26, 0.3])
     near = slice(max(started - 900, 0), started + 600)
     zoom.plot(free.time[near], x[near], color=BLUE, lw=0.7)
-    zoom.set_ylabel(r"$\Delta C^x_\mathrm{mass}$", fontsize=6)
+    zoom.set_title(r"$\Delta C^x_\mathrm{mass}$", fontsize=6, pad=2)
     for small in (inset, zoom):
         small.tick_params(labelsize=5.5, length=2)
         small.xaxis.set_major_locator(plt.MaxNLocator(3))

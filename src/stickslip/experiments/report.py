@@ -108,6 +108,8 @@ def write_reproduction(folder: Path, found: disk_array.Reproduction) -> list[Pat
 def write_result(folder: Path, result: Result) -> list[Path]:
     """Figures, animation, scenario and raw numbers of a user's scenario; returns their paths."""
     slid = [load for load, free in result.free_runs.items() if free.slid] or list(result.free_runs)
+    if result.trajectory:
+        slid = [result.trajectory.load]
     loads, line = list(result.sliding)[:4], disk_array.velocity_line(result)
     with _complete(folder) as room:
         _save(room, result.scenario, {"main": _numbers(result)})
