@@ -23,7 +23,8 @@ neighbor 0.1 bin
 neigh_modify delay 0 every 1 check yes
 pair_style gran/hertz/history 2.0 {kt_pair} 0.0 0.0 10.0 0
 pair_coeff * *
-fix floor all wall/gran hertz/history {kn_wall} {kt_wall} 1e-30 0.0 10.0 0 yplane 0.0 NULL
+fix floor all wall/gran granular hertz {kn_wall} 0.0 tangential mindlin {kt_wall} 0.0 10.0 damping velocity &
+    yplane 0.0 NULL
 group first id 1
 fix press all addforce 0.0 -5e-5 0.0
 fix push first addforce 1.5e-5 0.0 0.0

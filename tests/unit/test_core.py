@@ -18,12 +18,18 @@ def test_disk_on_a_wall_sinks_as_hertz_says():
     assert 0.5 - state.grains.position[0, 1] == pytest.approx((5e-5) ** (2 / 3), rel=1e-9)
 
 
-def test_pushed_disk_that_cannot_turn_slips_by_force_over_stiffness_then_slides():
+def disk_that_cannot_turn():
+    """One disk pressed by 0.01 on a wall of friction 0.4, at rest: a mass on a spring of 0.5 that slides at 0.004."""
     law = ss.between(ss.linear(kn=1.0, kt=0.5, mu=0.4), 0, 1)
     state = ss.disk_array(1, press=0.01, gap=0.5)
     free = state.control.free.copy()
     free[:, 3:] = False
     state, _ = ss.relax(state._replace(control=state.control._replace(free=free)), law, drag=0.5)
+    return state, law
+
+
+def test_pushed_disk_that_cannot_turn_slips_by_force_over_stiffness_then_slides():
+    state, law = disk_that_cannot_turn()
     at_rest, outcome = ss.relax(ss.pushed(state, 0.002), law, drag=0.5)
     assert outcome.ok
     assert at_rest.grains.position[0, 0] - state.grains.position[0, 0] == pytest.approx(0.002 / 0.5, rel=1e-9)
@@ -137,11 +143,7 @@ def test_newton_leaves_alone_what_nothing_resists():
 
 
 def test_an_equilibrium_forgets_which_contacts_were_at_the_limit_on_the_way():
-    law = ss.between(ss.linear(kn=1.0, kt=0.5, mu=0.4), 0, 1)
-    state = ss.disk_array(1, press=0.01, gap=0.5)
-    free = state.control.free.copy()
-    free[:, 3:] = False
-    state, _ = ss.relax(state._replace(control=state.control._replace(free=free)), law, drag=0.5)
+    state, law = disk_that_cannot_turn()
     overshot, outcome = ss.relax(ss.pushed(state, 0.003), law, drag=0.05)
     assert outcome.ok
     assert not overshot.contacts.reached.any()

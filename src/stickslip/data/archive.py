@@ -54,12 +54,6 @@ def read(path: str | Path) -> dict:
         raise ValueError(f"{path} is not an archive that can be read: give the results.h5 of a run") from None
 
 
-def scenario_text(path: str | Path) -> str:
-    """The canonical text of the scenario that an archive was made from."""
-    with h5py.File(path) as file:
-        return str(file.attrs["scenario"])
-
-
 def _put(group, name: str, value) -> None:
     if isinstance(value, Contacts):
         count = int(value.count[0])

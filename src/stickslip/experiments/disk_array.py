@@ -22,7 +22,6 @@ FRONT_LOADS = (0.083, 0.087, 0.090)
 V2_THRESHOLD = 0.05
 LINE_TOP = 0.090  # Eq 10 is fitted to the loads that the paper names
 MODE_LOAD = 0.083  # where the y mode is shown: the smallest push at which the paper's array slides
-SOURCE_DOI = "10.48550/arXiv.1908.11724"
 CUTS = (
     "16 realizations of sliding at each load instead of 200 (quarter: 8 instead of 100); "
     "M(t) for 30000 time units instead of 60000; sliding for 25000 instead of 40000 (quarter: 60000 instead of 80000)"
