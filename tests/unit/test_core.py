@@ -52,20 +52,38 @@ def test_smooth_coulomb_meets_its_limit_with_zero_slope():
     assert laws.mobilised(laws.SMOOTH, 1.0) + laws.mobilised_tangent(laws.SMOOTH, 1.0) == pytest.approx(0, abs=1e-15)
 
 
+def scattered(dim, seed):
+    """Grains at random in a sheared cell, some boxes away from home, periodic along random axes, between walls."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 60))
+    vectors = np.diag(rng.uniform(1.5, 6.0, 3)) + np.triu(rng.uniform(-2.0, 2.0, (3, 3)), 1).T
+    if dim == 2:
+        vectors[2] = 0, 0, 1
+        vectors[:, 2] = 0, 0, 1
+    periodic = rng.random(3) < 0.7
+    periodic[2] &= dim == 3
+    position = rng.uniform(0, 1, (n, 3)) @ vectors + rng.integers(-2, 3, (n, 3)) * periodic @ vectors
+    position[:, dim:] = 0
+    walls = ss.flat_walls([[0, 0, 0]], [[0, 1, 0]]) if seed % 2 else ss.flat_walls()
+    grains = ss.spheres(position, rng.uniform(0.2, 0.7, n))
+    return ss.assembly(grains, walls, ss.box(vectors, periodic, dim))
+
+
 @pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("seed", range(5))
-def test_candidate_pairs_equal_a_slow_twin(dim, seed):
-    state = updated(make_packing(dim, seed))
+@pytest.mark.parametrize("seed", range(24))
+@pytest.mark.parametrize("make", [make_packing, scattered])
+def test_candidate_pairs_equal_a_slow_twin(make, dim, seed):
+    state = updated(make(dim, seed))
     x = np.concatenate([state.grains.position, state.walls.point])
     n, skin, found = len(state.grains.radius), float(state.contacts.skin[0]), set()
-    span = [range(-4, 5) if p else (0,) for p in state.cell.periodic]
-    for i, image in itertools.product(range(n), itertools.product(*span)):
-        for j in range(i, n):
-            if i == j and image <= (0, 0, 0):
-                continue
-            r = x[i] - x[j] + np.array(image) @ state.cell.vectors
-            if np.linalg.norm(r) < state.grains.radius[i] + state.grains.radius[j] + skin:
-                found.add((i, j, image))
+    span = [range(-9, 10) if p else (0,) for p in state.cell.periodic]
+    images = np.array(list(itertools.product(*span)))
+    offset = images @ state.cell.vectors
+    for i, j in itertools.combinations_with_replacement(range(n), 2):
+        reach = state.grains.radius[i] + state.grains.radius[j] + skin
+        for image in images[np.linalg.norm(x[i] - x[j] + offset, axis=1) < reach]:
+            if i < j or tuple(image) > (0, 0, 0):
+                found.add((i, j, tuple(int(m) for m in image)))
     for i, w in itertools.product(range(n), range(len(state.walls.mass))):
         if (x[i] - state.walls.point[w]) @ state.walls.normal[w] < state.grains.radius[i] + skin:
             found.add((i, n + w, (0, 0, 0)))

@@ -9,7 +9,7 @@ from numba import njit
 from .forces import EVENT_COLUMNS, FREE, FROZEN, OPENED, Bodies, bodies, check_materials, has_dashpots, sweep
 from .geometry import shifts
 from .laws import Law
-from .neighbors import TOO_FAR, images, rebuilt, updated
+from .neighbors import TOO_FAR, grid_of, rebuilt, updated
 from .outcome import Outcome, Status
 from .state import OPEN, SLIDE, State
 
@@ -262,7 +262,7 @@ def _advanced(state: State, law: Law, plan: Plan, steps: int, tolerance: float, 
     """Enter the compiled loop, again whenever it asks for a new list of contacts or for more room for events."""
     work, contacts = _moving(state), type(state.contacts)(*(a.copy() for a in state.contacts))
     force, torque = np.zeros((2, state.n_bodies, 3))
-    grid = images(state.cell, float(state.grains.radius.max()), float(contacts.skin[0]))
+    grid = grid_of(state.cell)
     advance = stepper(law.kind, law.coulomb, state.cell.dim, has_dashpots(law))
     done, drifted = 0, False
     while True:

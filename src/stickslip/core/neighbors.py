@@ -1,7 +1,7 @@
-"""Pairs within reach, sorted by key, with memory carried across rebuilds.
+"""Pairs within reach, sorted by key, with memory carried across rebuilds: a cell list in fractional coordinates.
 
-`candidate_pairs` here looks at every pair and every image: right for a few hundred grains. Whatever fills the same
-arrays in the same order can take its place.
+The bins follow the cell's vectors, so that sheared cells and boxes narrower than a grain's reach need no special case:
+every image is a bin some boxes away.
 """
 
 from typing import NamedTuple
@@ -26,67 +26,124 @@ def pack_key(i, j, a, b, c):
     return key
 
 
-class Images(NamedTuple):
+class Grid(NamedTuple):
     """What a search for pairs needs of the cell: constant while the cell does not change."""
 
     vectors: np.ndarray  # (3, 3) [length]
     inverse: np.ndarray  # (3, 3) [1/length]
+    height: np.ndarray  # (3,) distance between opposite faces [length]
     periodic: np.ndarray  # (3,) bool
-    extra: np.ndarray  # (3,) images on either side of the nearest one that can come within reach
 
 
-def images(cell: Cell, largest: float, skin: float) -> Images:
-    """Images that can matter for grains of radius up to `largest`."""
-    extra = np.zeros(3, np.int64)
-    inverse = np.eye(3)
-    if cell.periodic.any():
-        inverse = np.linalg.inv(cell.vectors)
-        inverse_heights = np.linalg.norm(inverse, axis=0)
-        extra[cell.periodic] = np.ceil(0.5 + (2 * largest + skin) * inverse_heights[cell.periodic])
-    return Images(cell.vectors, np.ascontiguousarray(inverse), cell.periodic, extra)
+def grid_of(cell: Cell) -> Grid:
+    """The grid of a cell, sheared or not."""
+    inverse = np.linalg.inv(cell.vectors) if cell.periodic.any() else np.eye(3)
+    vectors = cell.vectors if cell.periodic.any() else np.eye(3)
+    height = 1.0 / np.linalg.norm(inverse, axis=0)
+    return Grid(np.ascontiguousarray(vectors), np.ascontiguousarray(inverse), height, cell.periodic)
+
+
+@njit(cache=True, fastmath=False)
+def _placed(x, n, grid, reach):
+    """Bins of all grains in fractional coordinates.
+
+    Returns bins an axis, bins to look at on either side, the bin of each grain and the box it lies in (N, 3 each), and
+    the grains of every bin as a compressed list (start, member), in ascending order.
+    """
+    fraction, box = np.empty((n, 3)), np.zeros((n, 3), np.int64)
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for a in range(n):
+        for k in range(3):
+            f = 0.0
+            for m in range(3):
+                f += x[a, m] * grid.inverse[m, k]
+            if not abs(f) < 1e15:  # NaN touches nothing, wherever it is put
+                f = 0.0
+            if grid.periodic[k]:
+                box[a, k] = np.int64(np.floor(f))
+                f -= box[a, k]
+            fraction[a, k] = f
+            low[k], high[k] = min(low[k], f), max(high[k], f)
+    bins, around, place = np.ones(3, np.int64), np.zeros(3, np.int64), np.zeros((n, 3), np.int64)
+    most = np.int64(np.ceil((4.0 * n) ** (1 / 3))) + 1
+    for k in range(3):
+        if grid.periodic[k]:
+            low[k], high[k] = 0.0, 1.0
+        span = (high[k] - low[k]) * grid.height[k]
+        wide = max(span / reach, 1.0)
+        bins[k] = np.int64(min(wide, 1e6))
+    while bins[0] * bins[1] * bins[2] > 8 * n + most:
+        bins[np.argmax(bins)] = (bins.max() + 1) // 2
+    for k in range(3):
+        span = (high[k] - low[k]) * grid.height[k]
+        if span > 0.0 and (grid.periodic[k] or bins[k] > 1):
+            around[k] = np.int64(np.ceil(reach * bins[k] / span))
+        for a in range(n):
+            if bins[k] > 1:
+                at = np.int64((fraction[a, k] - low[k]) / (high[k] - low[k]) * bins[k])
+                place[a, k] = min(max(at, 0), bins[k] - 1)
+    start = np.zeros(bins[0] * bins[1] * bins[2] + 1, np.int64)
+    for a in range(n):
+        start[(place[a, 0] * bins[1] + place[a, 1]) * bins[2] + place[a, 2] + 1] += 1
+    start = np.cumsum(start)
+    member, filled = np.empty(n, np.int64), start.copy()
+    for a in range(n):
+        b = (place[a, 0] * bins[1] + place[a, 1]) * bins[2] + place[a, 2]
+        member[filled[b]] = a
+        filled[b] += 1
+    return bins, around, place, box, start, member
 
 
 @njit(cache=True)
-def candidate_pairs(x, radius, wall_normal, images, skin, i, j, image, key):
-    """Fill the arrays with all pairs closer than `skin` beyond touching, sorted by key.
+def _sort_by_key(first, last, i, j, image, key):
+    """Insertion sort of a short stretch of the list."""
+    for c in range(first + 1, last):
+        d = c
+        while d > first and key[d - 1] > key[d]:
+            key[d - 1], key[d] = key[d], key[d - 1]
+            j[d - 1], j[d] = j[d], j[d - 1]
+            for m in range(3):
+                image[d - 1, m], image[d, m] = image[d, m], image[d - 1, m]
+            d -= 1
+
+
+@njit(cache=True)
+def candidate_pairs(x, radius, wall_normal, grid, skin, i, j, image, key):
+    """Fill the arrays with all pairs closer than `skin` beyond touching, sorted by key: a cell list.
 
     Returns the number of pairs, which may exceed the capacity (then call again with more room), or −1 if a pair lies
     more boxes apart than a key can hold.
     """
     n, n_bodies = len(radius) - len(wall_normal), len(radius)
-    cell, inverse, periodic, extra = images
+    vectors, periodic = grid.vectors, grid.periodic
     capacity, count = len(i), 0
-    any_periodic = periodic[0] or periodic[1] or periodic[2]
-    base = np.zeros(3, np.int64)
+    bins, around, place, box, start, member = _placed(x, n, grid, 2 * radius[:n].max() + skin)
     for a in range(n):
-        for b in range(a, n_bodies):
-            if b >= n:
-                gap = -radius[a] - skin
-                for k in range(3):
-                    gap += (x[a, k] - x[b, k]) * wall_normal[b - n, k]
-                if gap < 0.0:
-                    if count < capacity:
-                        i[count], j[count], key[count] = a, b, pack_key(a, b, 0, 0, 0)
-                        image[count] = 0
-                    count += 1
+        first = count
+        for u in range(place[a, 0] - around[0], place[a, 0] + around[0] + 1):
+            q0 = u // bins[0]
+            if q0 != 0 and not periodic[0]:
                 continue
-            if a == b and not any_periodic:
-                continue
-            for k in range(3):
-                if periodic[k]:
-                    fraction = 0.0
-                    for m in range(3):
-                        fraction += (x[a, m] - x[b, m]) * inverse[m, k]
-                    base[k] = -int(np.round(fraction))
-            reach = radius[a] + radius[b] + skin
-            for p in range(base[0] - extra[0], base[0] + extra[0] + 1):
-                for q in range(base[1] - extra[1], base[1] + extra[1] + 1):
-                    for r in range(base[2] - extra[2], base[2] + extra[2] + 1):
+            for v in range(place[a, 1] - around[1], place[a, 1] + around[1] + 1):
+                q1 = v // bins[1]
+                if q1 != 0 and not periodic[1]:
+                    continue
+                for w in range(place[a, 2] - around[2], place[a, 2] + around[2] + 1):
+                    q2 = w // bins[2]
+                    if q2 != 0 and not periodic[2]:
+                        continue
+                    at = ((u - q0 * bins[0]) * bins[1] + v - q1 * bins[1]) * bins[2] + w - q2 * bins[2]
+                    for e in range(start[at], start[at + 1]):
+                        b = member[e]
+                        if b < a:
+                            continue
+                        p, q, r = box[b, 0] - box[a, 0] - q0, box[b, 1] - box[a, 1] - q1, box[b, 2] - box[a, 2] - q2
                         if a == b and (p < 0 or (p == 0 and (q < 0 or (q == 0 and r <= 0)))):
                             continue
+                        reach = radius[a] + radius[b] + skin
                         square = 0.0
                         for m in range(3):
-                            d = x[a, m] - x[b, m] + p * cell[0, m] + q * cell[1, m] + r * cell[2, m]
+                            d = x[a, m] - x[b, m] + p * vectors[0, m] + q * vectors[1, m] + r * vectors[2, m]
                             square += d * d
                         if square < reach * reach:
                             if max(abs(p), abs(q), abs(r)) >= _IMAGE_OFFSET:
@@ -95,6 +152,17 @@ def candidate_pairs(x, radius, wall_normal, images, skin, i, j, image, key):
                                 i[count], j[count], key[count] = a, b, pack_key(a, b, p, q, r)
                                 image[count, 0], image[count, 1], image[count, 2] = p, q, r
                             count += 1
+        if count <= capacity:
+            _sort_by_key(first, count, i, j, image, key)
+        for b in range(n, n_bodies):
+            gap = -radius[a] - skin
+            for k in range(3):
+                gap += (x[a, k] - x[b, k]) * wall_normal[b - n, k]
+            if gap < 0.0:
+                if count < capacity:
+                    i[count], j[count], key[count] = a, b, pack_key(a, b, 0, 0, 0)
+                    image[count] = 0
+                count += 1
     return count
 
 
@@ -125,12 +193,12 @@ def moved_too_far(x, contacts):
 
 
 @njit(cache=True)
-def rebuilt(x, radius, wall_normal, images, old):
+def rebuilt(x, radius, wall_normal, grid, old):
     """A new list of contacts at positions x, with the memory of the old one; its count is −1 on failure."""
     capacity = max(len(old.i), 4 * len(x))
     while True:
         new = empty_contacts(len(x), capacity, old.skin[0])
-        count = candidate_pairs(x, radius, wall_normal, images, new.skin[0], new.i, new.j, new.image, new.key)
+        count = candidate_pairs(x, radius, wall_normal, grid, new.skin[0], new.i, new.j, new.image, new.key)
         if count <= capacity:
             break
         capacity = count + count // 4
@@ -158,8 +226,7 @@ def updated(state: State) -> State:
         return state
     if len(x) > MAX_BODIES:
         raise ValueError(f"{len(x)} bodies were given: at most {MAX_BODIES} are supported")
-    grid = images(state.cell, float(state.grains.radius.max()), float(state.contacts.skin[0]))
-    contacts = rebuilt(x, body_radii(state), state.walls.normal, grid, state.contacts)
+    contacts = rebuilt(x, body_radii(state), state.walls.normal, grid_of(state.cell), state.contacts)
     if contacts.count[0] < 0:
         raise ValueError(TOO_FAR)
     return state._replace(contacts=contacts)
