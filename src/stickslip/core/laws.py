@@ -112,6 +112,13 @@ def normal_force(kind, p, a, b, overlap):
 
 
 @njit(fastmath=True, error_model="numpy")
+def normal_energy(kind, p, a, b, overlap):
+    """Work done against the elastic normal force [energy]; overlap > 0."""
+    power = 2.5 if kind == HERTZ_MINDLIN else 2.0
+    return normal_force(kind, p, a, b, overlap) * overlap / power
+
+
+@njit(fastmath=True, error_model="numpy")
 def tangential_stiffness(kind, p, a, b, overlap):
     """Stiffness of the unmobilised tangential spring [force/length]; overlap > 0."""
     if kind == HERTZ_MINDLIN:

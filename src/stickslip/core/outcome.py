@@ -28,6 +28,9 @@ class Outcome(NamedTuple):
     residual: float  # largest unbalanced force or torque/radius [force]
     iterations: int
     where: int = -1  # body with the largest residual, or the one that blew up
+    how: str = ""  # what the solve did, in words
+    fallback: bool = False  # whether Newton's method failed first and damped dynamics had to help
+    warning: str = ""  # what the user should know although the solve succeeded
 
     @property
     def ok(self) -> bool:

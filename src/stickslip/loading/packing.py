@@ -1,10 +1,19 @@
-"""Samples before loading."""
+"""Samples before loading: a row of disks on a substrate, jammed packings of disks and spheres."""
+
+from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import minimize
 
-from ..core.laws import Law, between, hertz_mindlin, linear
-from ..core.state import State, assembly, box, disks, flat_walls, loads
+from ..core.forces import accept, forces
+from ..core.laws import DAMPING_N, DAMPING_T, MU, Law, between, hertz_mindlin, linear
+from ..core.measure import coordination, elastic_energy, packing_fraction, pressure, rattlers, touching
+from ..core.neighbors import updated
+from ..core.outcome import NotInEquilibriumError
+from ..core.state import State, assembly, box, disks, flat_walls, loads, spheres
 from ..data.scenario import LawChoice, Scenario
+from ..solve.equilibrate import equilibrate
+from .shear import strained
 
 SUBSTRATE = 1  # material of the wall; disks are material 0
 
@@ -77,3 +86,182 @@ def pushed(state: State, push: float, disk: int = 0) -> State:
     force = state.control.force.copy()
     force[disk, 0] = push
     return state._replace(control=state.control._replace(force=force))
+
+
+JAMMED = {2: 0.84, 3: 0.64}  # packing fractions around which frictionless grains jam
+
+
+class Packed(NamedTuple):
+    """What a packing is like, without friction."""
+
+    packing_fraction: float
+    pressure: float  # [force/length^(dim−1)]
+    contacts: int
+    coordination: float  # contacts of a grain that is no rattler
+    rattlers: int
+    overlap: float  # mean over contacts [length]
+    residual: float  # largest unbalanced force [force]
+
+
+def jammed(
+    n: int,
+    *,
+    packing_fraction: float | None = None,
+    pressure: float | None = None,
+    dim: int = 3,
+    radius=(0.5, 0.7),
+    mass=1.0,
+    i0: float | None = None,
+    law: Law | None = None,
+    seed: int = 0,
+    tolerance: float = 5e-14,
+):
+    """A frictionless jammed packing in a periodic box, quenched from random positions; the same for the same seed.
+
+    The energy is minimised by SciPy's L-BFGS-B, then the forces are balanced by `equilibrate`. A wanted pressure is
+    reached by compressing (or expanding) affinely and quenching again.
+
+    Parameters
+    ----------
+    packing_fraction : float, volume of all grains, overlaps counted twice, over that of the box (area in 2D)
+    pressure : float [force/length^(dim−1)], to 1e-6 relative; give one of the two
+    dim : 2 (disks) or 3 (spheres)
+    radius : float; or sizes of equally many grains each, (0.5, 0.7) for half and half; or (n,) radii [length]
+    mass, i0 : as in `disks`; I0 is 1/2 for disks and 2/5 for spheres unless given
+    law : Law whose normal force is used; default `hertz_mindlin()`. Its friction and dashpots are left out
+    tolerance : float, largest unbalanced force [force]
+
+    Returns
+    -------
+    State, Packed
+
+    Raises
+    ------
+    ValueError
+        if input is impossible, or the packing does not jam at this packing fraction.
+
+    Examples
+    --------
+    >>> state, report = jammed(30, packing_fraction=0.68, seed=1)
+    >>> report.rattlers, round(report.packing_fraction, 3)
+    (0, 0.68)
+    """
+    if (packing_fraction is None) == (pressure is None):
+        raise ValueError("give packing_fraction or pressure, and not both")
+    if n < 2:
+        raise ValueError(f"n = {n} was given: a packing needs at least 2 grains")
+    for name, value in (("packing_fraction", packing_fraction), ("pressure", pressure)):
+        if value is not None and not (np.isfinite(value) and value > 0):
+            raise ValueError(f"{name} = {value} was given: it must be positive")
+    law = frictionless(hertz_mindlin() if law is None else law)
+    rng = np.random.default_rng(seed)
+    sizes = _radii(radius, n)
+    volume = np.sum(np.pi * sizes**2 if dim == 2 else 4 / 3 * np.pi * sizes**3)
+    start = packing_fraction or 1.03 * JAMMED[dim]
+    side = float(volume / start) ** (1 / dim)
+    if side < 2 * sizes.max():
+        raise ValueError(
+            f"{n} grains at packing fraction {start:g} fill a box of side {side:.3g}, narrower than the largest grain "
+            f"({2 * sizes.max():g}): use more grains"
+        )
+    position = np.zeros((n, 3))
+    position[:, :dim] = rng.uniform(0, side, (n, dim))
+    make = disks if dim == 2 else spheres
+    grains = make(position, sizes, mass=mass, **({} if i0 is None else {"i0": i0}))
+    cell = box([side, side, side if dim == 3 else 1.0], [True, True, dim == 3], dim)
+    state = _quenched(assembly(grains, cell=cell, control=loads(n)), law, tolerance)
+    if pressure is not None:
+        state = _compressed(state, law, pressure, tolerance)
+    report = packed(state, law)
+    if report.pressure <= 0:
+        raise ValueError(
+            f"packing fraction {report.packing_fraction:.4g} does not jam: nothing touches; grains without friction "
+            f"need about {JAMMED[dim]} in {dim} dimensions"
+        )
+    return state, report
+
+
+def frictionless(law: Law) -> Law:
+    """The same normal force without friction and dashpots."""
+    table = law.table.copy()
+    table[..., [MU, DAMPING_N, DAMPING_T]] = 0.0
+    return law._replace(table=table)
+
+
+def packed(state: State, law: Law) -> Packed:
+    """Report on an accepted frictionless packing."""
+    contacts, rows = state.contacts, touching(state)
+    radius = state.grains.radius
+    overlap = radius[contacts.i[rows]] + radius[contacts.j[rows]] - np.linalg.norm(contacts.pair[rows], axis=1)
+    least = state.cell.dim + 1
+    residual = float(np.abs(forces(state, law)[0].force).max())
+    return Packed(
+        packing_fraction(state),
+        pressure(state, law),
+        len(rows),
+        coordination(state, least),
+        int(rattlers(state, least).sum()),
+        float(overlap.mean()) if len(rows) else 0.0,
+        residual,
+    )
+
+
+def _radii(radius, n: int) -> np.ndarray:
+    sizes = np.atleast_1d(np.asarray(radius, float))
+    if sizes.ndim != 1 or len(sizes) > n or not (np.isfinite(sizes) & (sizes > 0)).all():
+        raise ValueError(f"radius = {radius} was given: give one, one for each of {n} grains, or a few positive sizes")
+    return sizes.copy() if len(sizes) == n else sizes[np.arange(n) * len(sizes) // n]
+
+
+def _quenched(state: State, law: Law, tolerance: float) -> State:
+    """The minimum of the elastic energy into which the positions run, then balanced forces."""
+    n, dim = len(state.grains.radius), state.cell.dim
+
+    def placed(q):
+        position = np.zeros((n, 3))
+        position[:, :dim] = q.reshape(n, dim)
+        return updated(state._replace(grains=state.grains._replace(position=position)))
+
+    def energy(q):
+        here = placed(q)
+        loads, trial = forces(here, law)
+        return elastic_energy(accept(here, trial), law), -loads.force[:n, :dim].ravel()
+
+    scale = float(law.table[0, 0, 0]) * float(state.grains.radius.mean()) ** 2
+    q = state.grains.position[:, :dim].ravel()
+    best = minimize(
+        lambda x: tuple(part / scale for part in energy(x)),
+        q,
+        jac=True,
+        method="L-BFGS-B",
+        options={"maxiter": 20_000, "maxfun": 40_000, "ftol": 1e-15, "gtol": 1e-10, "maxcor": 20},
+    )
+    here = placed(best.x)
+    end, outcome = equilibrate(here, law, tolerance=tolerance, check="nothing")
+    if not outcome.ok:
+        raise NotInEquilibriumError("the packing found no balance of forces", outcome)
+    return end
+
+
+def _compressed(state: State, law: Law, wanted: float, tolerance: float) -> State:
+    """Affine compression and quench until the pressure is as wanted; p^(2/3) is nearly linear in the strain."""
+    dim, strain, step, before = state.cell.dim, 0.0, -0.003, None
+    reference = state
+    for _ in range(60):
+        now = pressure(state, law)
+        if abs(now / wanted - 1) < 1e-6:
+            return state
+        here = (strain, now ** (2 / 3))
+        if now > 0 and before and before[1] > 0 and abs(here[1] - before[1]) > 1e-14:
+            step = (wanted ** (2 / 3) - here[1]) * (here[0] - before[0]) / (here[1] - before[1])
+            step = float(np.clip(step, -0.02, 0.02))
+        elif now > wanted:
+            step = abs(step)
+        before, strain = here, strain + step
+        gradient = np.zeros((3, 3))
+        gradient[:dim, :dim] = step * np.eye(dim)
+        state = _quenched(strained(state, gradient), law, tolerance)
+    raise ValueError(
+        f"pressure {wanted:g} was not reached within 60 compressions (at {pressure(state, law):.3g} now, from "
+        f"{pressure(reference, law):.3g}): give a packing fraction instead"
+    )

@@ -6,7 +6,8 @@ import numpy as np
 from scipy import sparse
 
 from ..core.forces import Loads, unbalanced
-from ..core.jacobian import triplets
+from ..core.jacobian import contact_blocks, triplets
+from ..core.laws import Law
 from ..core.state import State
 
 
@@ -61,6 +62,35 @@ def restricted(state: State, blocks: np.ndarray, free: Freedom):
     rows, cols = place[rows], place[cols]
     keep = (rows >= 0) & (cols >= 0)
     return sparse.csr_array((values[keep], (rows[keep], cols[keep])), shape=(len(free), len(free)))
+
+
+def stiffness(state: State, law: Law, free: Freedom):
+    """(n, n) sparse A = −M^(−1/2) J M^(−1/2) of an accepted state, each contact held in its mode [1/time²].
+
+    Similar to −M⁻¹J, and symmetric where the forces have a potential: its eigenvalues are λ, and its eigenvectors over
+    √mass are modes.
+    """
+    blocks, _ = contact_blocks(state, law)
+    matrix = restricted(state, blocks, free)
+    root = 1 / np.sqrt(free.mass)
+    matrix.data *= -root[matrix.indices] * np.repeat(root, np.diff(matrix.indptr))
+    return matrix
+
+
+def incidence(state: State, count: int, free: Freedom):
+    """(n, 6 count) sparse Q such that blocks B of the first `count` contacts add up to Q B Qᵀ: see `triplets`."""
+    place = np.full(6 * state.n_bodies, -1)
+    place[free.component] = np.arange(len(free))
+    k = np.arange(6)
+    column = np.arange(6 * count)
+    rows, columns, values = [], [], []
+    for body, sign in ((state.contacts.i, np.ones(6)), (state.contacts.j, np.array([-1.0, -1, -1, 1, 1, 1]))):
+        row = place[(6 * body[:count, None] + k).ravel()]
+        rows.append(row[row >= 0])
+        columns.append(column[row >= 0])
+        values.append(np.tile(sign, count)[row >= 0])
+    where = (np.concatenate(rows), np.concatenate(columns))
+    return sparse.csr_array((np.concatenate(values), where), shape=(len(free), 6 * count))
 
 
 def displaced(state: State, free: Freedom, step: np.ndarray) -> State:

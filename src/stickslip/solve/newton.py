@@ -1,93 +1,205 @@
 """Equilibrium by Newton's method with incremental memory."""
 
-import warnings
+from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import LinAlgError, LinAlgWarning, lu_factor, lu_solve
-from scipy.sparse.linalg import splu
+from scipy import sparse
+from scipy.linalg import LinAlgError
+from scipy.sparse.linalg import LinearOperator, gmres
 
 from ..core.forces import FREE, accept, forces
 from ..core.jacobian import contact_blocks
-from ..core.laws import Law
+from ..core.laws import MU, Law
+from ..core.measure import branches
 from ..core.neighbors import updated
 from ..core.outcome import Outcome, Status
-from ..core.state import State, at_rest
-from .freedom import Freedom, displaced, freedom, residual_vector, restricted
+from ..core.state import OPEN, State, at_rest
+from .freedom import Freedom, displaced, freedom, incidence, residual_vector, restricted
+from .linear import DENSE_BELOW, Solve, factorised
 
-DENSE_BELOW = 400  # coordinates; below it LAPACK is faster than a sparse factorisation
+SHIFTS = (1e-9, 1e-5, 1e-3, 1e-1)  # added to −J in units of its largest diagonal entry, the next if one fails
+CHORD = 0.2  # a step with a kept factor must reduce the residual to this share
+KRYLOV = 40  # iterations after which a preconditioner is too old
 
 
-def newton(state: State, law: Law, *, tolerance: float = 1e-14, iterations: int = 30):
+class Kept:
+    """A factorisation of −J that outlives a step: the next steps of a path use it as long as it helps."""
+
+    solve: Solve | None = None
+    factorisations = 0
+    solves = 0
+
+    def renew(self, matrix) -> Solve:
+        """Factorise; the old factor is given back first."""
+        self.solve = None
+        self.solve = factorised(matrix)
+        self.factorisations += 1
+        return self.solve
+
+
+class _Point(NamedTuple):
+    """A trial position, evaluated."""
+
+    state: State
+    trial: object
+    vector: np.ndarray  # (n,) unbalanced force
+
+    @property
+    def size(self) -> float:
+        return float(np.linalg.norm(self.vector))
+
+    @property
+    def worst(self) -> float:
+        return float(np.abs(self.vector).max(initial=0.0))
+
+
+def newton(state: State, law: Law, *, tolerance: float = 1e-14, iterations: int = 30, keep: Kept | None = None):
     """Solve Pᵀf(q) = 0 for the present loads; one increment of memory, committed only on success.
 
     The slip of the whole load step is added in one increment along the final normal, which is a first-order rule: the
     equilibrium differs from that of a slow ramp by O(step²) per step. Steps are halved until the residual falls.
+    Grains that nothing holds (rattlers: without load, and with at most one contact, or at most `dim` without friction)
+    are pushed out of what they touch, as their last contact would vanish at a rate of 3^−3/2 an iteration only.
 
     Parameters
     ----------
     tolerance : float, largest unbalanced force or torque/R [force]
     iterations : int, largest number of linear solves
+    keep : Kept, a factorisation to start with and to leave behind, for the steps of a path
 
     Returns
     -------
     State, Outcome
         the state at rest in equilibrium, or the given one unless the outcome is CONVERGED
     """
-    free = freedom(state)
-    here = updated(state)
-    reach = 0.5 * float(here.contacts.skin[0])
-    vector, trial = _evaluate(here, law, free)
-    used = 0
-    while not (worst := np.abs(vector).max(initial=0.0)) <= tolerance:
-        if not np.isfinite(worst):
-            return state, _failure(Status.NOT_A_NUMBER, vector, free, used)
+    free, keep = freedom(state), keep or Kept()
+    loose = _unloaded(state)
+    least = 2 if law.table[..., MU].any() else state.cell.dim + 1
+    here = _evaluate(updated(state), law, free)
+    before = keep.factorisations
+    for used in range(iterations + 1):
+        here = _pushed_out(here, law, free, loose, least)
+        if not np.isfinite(here.worst):
+            return state, _failure(Status.NOT_A_NUMBER, here, free, used)
+        if here.worst <= tolerance:
+            grains = here.state.grains
+            rest = here.state._replace(
+                grains=grains._replace(velocity=0 * grains.velocity, spin=0 * grains.spin)
+            )
+            how = f"Newton's method, {used} steps, {keep.factorisations - before} factorisations"
+            return accept(rest, at_rest(here.trial)), Outcome(Status.CONVERGED, here.worst, used, how=how)
         if used == iterations:
-            return state, _failure(Status.STALLED, vector, free, used)
-        used += 1
+            break
         try:
-            step = _solve(here, law, free, vector)
-        except (LinAlgError, RuntimeError):
-            return state, _failure(Status.SINGULAR, vector, free, used)
-        step *= min(1.0, reach / max(np.abs(step).max(), reach))
-        for _ in range(12):
-            candidate = updated(displaced(here, free, step))
-            new_vector, new_trial = _evaluate(candidate, law, free)
-            if np.abs(new_vector).max() < worst:
-                break
-            step *= 0.5
-        else:
-            return state, _failure(Status.STALLED, vector, free, used)
-        here, vector, trial = candidate, new_vector, new_trial
-    grains = here.grains
-    rest = here._replace(grains=grains._replace(velocity=0 * grains.velocity, spin=0 * grains.spin))
-    return accept(rest, at_rest(trial)), Outcome(Status.CONVERGED, float(worst), used)
+            closer = _with_kept(here, law, free, keep) or _with_fresh(here, law, free, keep)
+        except LinAlgError:
+            return state, _failure(Status.SINGULAR, here, free, used)
+        if closer is None:
+            break
+        here = closer
+    return state, _failure(Status.STALLED, here, free, used)
 
 
-def _evaluate(state: State, law: Law, free: Freedom):
+def _evaluate(state: State, law: Law, free: Freedom) -> _Point:
+    state = updated(state)
     loads, trial = forces(state, law)
-    return residual_vector(state, loads, free), trial
+    return _Point(state, trial, residual_vector(state, loads, free))
 
 
-def _failure(status: Status, vector: np.ndarray, free: Freedom, used: int) -> Outcome:
-    worst = int(np.argmax(np.abs(vector)))
-    return Outcome(status, float(np.abs(vector[worst])), used, int(free.body[worst]))
+def _failure(status: Status, point: _Point, free: Freedom, used: int) -> Outcome:
+    worst = int(np.argmax(np.abs(point.vector)))
+    return Outcome(status, float(np.abs(point.vector[worst])), used, int(free.body[worst]))
 
 
-def _solve(state: State, law: Law, free: Freedom, vector: np.ndarray) -> np.ndarray:
-    """The displacement that the linearised contacts need to take up the unbalanced force."""
-    stiffness, _ = contact_blocks(state, law, memory=FREE)
-    jacobian = restricted(state, stiffness, free)
-    # what nothing resists (a rattler, a rotation without friction) stays where it is, if nothing loads it
-    idle = (np.abs(jacobian).sum(axis=1) == 0) & (vector == 0)
-    step, held = np.zeros(len(free)), np.flatnonzero(~idle)
-    jacobian, load = jacobian[held][:, held], vector[held]
-    if len(held) >= DENSE_BELOW:
-        step[held] = -splu(jacobian.tocsc()).solve(load)
-        return step
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", LinAlgWarning)  # singularity is judged below
-        factor = lu_factor(jacobian.toarray())
-    if np.abs(np.diag(factor[0])).min() <= 1e-14 * np.abs(jacobian.data).max(initial=0.0):
-        raise LinAlgError("singular")
-    step[held] = -lu_solve(factor, load)
-    return step
+def _unloaded(state: State) -> np.ndarray:
+    """(N,) grains that are free to move and on which nothing but contacts acts."""
+    control, n, dim = state.control, len(state.grains.radius), state.cell.dim
+    acted = control.force[:n].any(axis=1) | control.torque[:n].any(axis=1) | control.gravity.any()
+    return ~acted & control.free[:n, :dim].all(axis=1)
+
+
+def _pushed_out(point: _Point, law: Law, free: Freedom, loose: np.ndarray, least: int) -> _Point:
+    """The point with unloaded grains of fewer than `least` contacts moved until they touch nothing."""
+    n = len(loose)
+    for _ in range(20):
+        state, trial = point.state, point.trial
+        rows = np.flatnonzero(trial.mode[: trial.count[0]] != OPEN)
+        ends = np.stack([trial.i[rows], trial.j[rows]], axis=1)
+        out = np.append(loose, np.zeros(state.n_bodies - n, bool))
+        out &= np.bincount(ends.ravel(), minlength=state.n_bodies) < least
+        rows, ends = rows[out[ends].any(axis=1)], ends[out[ends].any(axis=1)]
+        if not len(rows):
+            break
+        branch = branches(state._replace(contacts=trial))[rows]
+        distance = np.linalg.norm(branch, axis=1)
+        radius = np.append(state.grains.radius, np.zeros(state.n_bodies - n))[ends].sum(axis=1)
+        away = branch * ((radius * (1 + 1e-9) - distance) * 1.1 / distance)[:, None]
+        move = np.zeros((state.n_bodies, 3))
+        for side, sign in ((0, 1.0), (1, -1.0)):
+            mine = out[ends[:, side]]
+            np.add.at(move, ends[mine, side], sign * away[mine])
+        grains = state.grains
+        point = _evaluate(state._replace(grains=grains._replace(position=grains.position + move[:n])), law, free)
+    return point
+
+
+def _moved(point: _Point, law: Law, free: Freedom, step: np.ndarray) -> _Point:
+    return _evaluate(displaced(point.state, free, step), law, free)
+
+
+def _capped(step: np.ndarray, point: _Point) -> np.ndarray:
+    """No coordinate moves further in one step than the list of contacts can see."""
+    reach = 0.5 * float(point.state.contacts.skin[0])
+    return step * min(1.0, reach / max(float(np.abs(step).max(initial=0.0)), reach))
+
+
+def _with_kept(point: _Point, law: Law, free: Freedom, keep: Kept) -> _Point | None:
+    """One step with the factor that is there: as it is, or, when factors are dear, as a preconditioner."""
+    if keep.solve is None:
+        return None
+    keep.solves += 1
+    step = keep.solve(point.vector)
+    if len(step) != len(free) or not np.isfinite(step).all():
+        return None
+    closer = _moved(point, law, free, _capped(step, point))
+    if closer.size <= CHORD * point.size:
+        return closer
+    if len(free) < DENSE_BELOW:
+        return None
+    blocks, _ = contact_blocks(point.state, law, memory=FREE)
+    q = incidence(point.state, len(blocks), free)
+    flat = sparse.bsr_array((blocks, np.arange(len(blocks)), np.arange(len(blocks) + 1)))
+    spent = [0]
+
+    def count(_):
+        spent[0] += 1
+
+    shape = (len(free), len(free))
+    pull = LinearOperator(shape, matvec=lambda x: -(q @ (flat @ (q.T @ x))), dtype=float)
+    before = LinearOperator(shape, matvec=keep.solve, dtype=float)
+    step, _ = gmres(
+        pull, point.vector, M=before, rtol=1e-4, restart=KRYLOV + 20, maxiter=1, callback=count, callback_type="pr_norm"
+    )
+    keep.solves += spent[0]
+    closer = _moved(point, law, free, _capped(step, point))
+    if spent[0] > KRYLOV:
+        keep.solve = None
+    return closer if closer.size <= 0.5 * point.size else None
+
+
+def _with_fresh(point: _Point, law: Law, free: Freedom, keep: Kept) -> _Point | None:
+    """One step with a new factor, halved until the residual falls; if it never does, with a larger shift."""
+    blocks, _ = contact_blocks(point.state, law, memory=FREE)
+    jacobian = restricted(point.state, blocks, free)
+    scale = np.abs(jacobian.data).max(initial=0.0)
+    if scale == 0.0:
+        raise LinAlgError("nothing touches")
+    for shift in SHIFTS:
+        step = _capped(keep.renew(shift * scale * sparse.eye_array(len(free), format="csr") - jacobian)(point.vector), point)
+        keep.solves += 1
+        for _ in range(8):
+            closer = _moved(point, law, free, step)
+            if closer.size < point.size:
+                return closer
+            step = 0.5 * step
+    return None

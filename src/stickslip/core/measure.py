@@ -1,0 +1,140 @@
+"""What a state looks like from outside: stress, pressure, coordination, rattlers, packing fraction."""
+
+import numpy as np
+from numba import njit
+
+from .geometry import normal_and_overlap, pair_vector, shifts
+from .forces import bodies
+from .jacobian import linearised
+from .laws import Law, normal_energy
+from .state import OPEN, State
+
+
+def touching(state: State) -> np.ndarray:
+    """Rows of the contact list that touch."""
+    return np.flatnonzero(state.contacts.mode[: state.contacts.count[0]] != OPEN)
+
+
+def branches(state: State) -> np.ndarray:
+    """(C, 3) vectors r_i − r_j + cellᵀ·image of all pairs in the list; for a wall, from its surface to i [length]."""
+    contacts, grains, count, n = state.contacts, state.grains, int(state.contacts.count[0]), len(state.grains.radius)
+    i, j = contacts.i[:count], contacts.j[:count]
+    place = np.concatenate([grains.position, state.walls.point])
+    out = place[i] - place[j] + contacts.image[:count] @ state.cell.vectors
+    wall = j >= n
+    normal = state.walls.normal[j[wall] - n]
+    out[wall] = np.einsum("ck,ck->c", out[wall], normal)[:, None] * normal
+    return out
+
+
+def contact_forces(state: State, law: Law) -> np.ndarray:
+    """(C, 3) elastic force on body i of every pair in the list of an accepted state, zero where open [force]."""
+    c = linearised(state, law)
+    slip = c.carried - np.einsum("ck,ck->c", c.normal, c.carried)[:, None] * c.normal
+    return c.force_n[:, None] * c.normal - c.secant[:, None] * slip
+
+
+def stress(state: State, law: Law) -> np.ndarray:
+    """σ = (1/V) Σ f ⊗ r over contacts, each once: compression positive, contacts only [force/length^(dim−1)].
+
+    Parameters
+    ----------
+    state : State, accepted; in two dimensions V is the area
+    law : Law
+
+    Returns
+    -------
+    (3, 3); σ_ab holds the force's component a and the branch's component b, symmetric only where torques balance
+
+    Source
+    ------
+    Bonfanti et al., doi:10.1103/PhysRevE.101.052902, before Fig 5, where the sign is opposite and 1/L² stands for 1/V.
+    """
+    return np.einsum("ca,cb->ab", contact_forces(state, law), branches(state)) / volume(state)
+
+
+def pressure(state: State, law: Law) -> float:
+    """Trace of the stress over the number of dimensions."""
+    return float(np.trace(stress(state, law))) / state.cell.dim
+
+
+def mean_normal_force(state: State, law: Law) -> float:
+    """Mean over touching contacts [force]; zero without contacts."""
+    force = linearised(state, law).force_n[touching(state)]
+    return float(force.mean()) if len(force) else 0.0
+
+
+def volume(state: State) -> float:
+    """Of the cell; in two dimensions its area in the plane.
+
+    Raises
+    ------
+    ValueError
+        if the cell is not periodic in all its dimensions: then it encloses nothing.
+    """
+    dim = state.cell.dim
+    if not state.cell.periodic[:dim].all():
+        raise ValueError("the cell is not periodic along all its axes: it has no volume to average over")
+    return abs(float(np.linalg.det(state.cell.vectors[:dim, :dim])))
+
+
+def packing_fraction(state: State) -> float:
+    """Volume of the grains, overlaps counted twice, over that of the cell."""
+    radius = state.grains.radius
+    grains = np.pi * radius**2 if state.cell.dim == 2 else 4 / 3 * np.pi * radius**3
+    return float(grains.sum()) / volume(state)
+
+
+def contact_numbers(state: State) -> np.ndarray:
+    """(N,) touching contacts of each grain, walls included."""
+    n, rows = len(state.grains.radius), touching(state)
+    ends = np.concatenate([state.contacts.i[rows], state.contacts.j[rows]])
+    return np.bincount(ends, minlength=state.n_bodies)[:n]
+
+
+def rattlers(state: State, least: int = 2) -> np.ndarray:
+    """(N,) bool: grains that hold nothing. Those with fewer than `least` contacts, and who loses too many thereby.
+
+    Parameters
+    ----------
+    least : int, 2 with friction (one contact cannot balance itself), dim + 1 without
+    """
+    n, rows = len(state.grains.radius), touching(state)
+    i, j = state.contacts.i[rows], state.contacts.j[rows]
+    loose = np.zeros(state.n_bodies, bool)
+    while True:
+        holds = ~(loose[i] | loose[j])
+        number = np.bincount(np.concatenate([i[holds], j[holds]]), minlength=state.n_bodies)
+        new = (number < least) & ~loose
+        new[n:] = False
+        if not new.any():
+            return loose[:n]
+        loose |= new
+
+
+def coordination(state: State, least: int = 2) -> float:
+    """Mean number of contacts of those grains that are no rattlers; zero if all are."""
+    held = ~rattlers(state, least)
+    n, rows = len(held), touching(state)
+    ends = np.stack([state.contacts.i[rows], state.contacts.j[rows]], axis=1)
+    known = np.append(held, np.ones(state.n_bodies - n, bool))
+    ends = ends[known[ends].all(axis=1)]
+    return float((ends < n).sum()) / held.sum() if held.any() else 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _elastic_energy(kind, dim, bodies, contacts, shift, p):
+    total, radius, n = 0.0, bodies.radius, len(bodies.radius) - len(bodies.normal)
+    for c in range(contacts.count[0]):
+        i, j = contacts.i[c], contacts.j[c]
+        rx, ry, rz = pair_vector(dim, bodies.position, shift, c, i, j)
+        _, _, _, overlap, _ = normal_and_overlap(i, j, j >= n, j - n, radius, bodies.normal, rx, ry, rz)
+        if overlap > 0.0:
+            total += normal_energy(kind, p, bodies.material[i], bodies.material[j], overlap)
+    return total
+
+
+def elastic_energy(state: State, law: Law) -> float:
+    """Work stored in the normal springs [energy]; tangential forces have no potential."""
+    shift = shifts(state.contacts, state.cell.vectors)
+    return _elastic_energy(law.kind, state.cell.dim, bodies(state), state.contacts, shift, law.table)

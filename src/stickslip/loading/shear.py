@@ -1,0 +1,87 @@
+"""Affine strain of a periodic cell, and what it does to the memory of the contacts."""
+
+import numpy as np
+
+from ..core.neighbors import pack_key
+from ..core.state import State
+
+
+def strained(state: State, gradient, *, slip: bool = True) -> State:
+    """The state after an affine displacement x → x + G x of grains and cell; not in equilibrium.
+
+    The cell stays the one that its vectors span, so that simple shear makes it triclinic: Lees–Edwards conditions.
+
+    Parameters
+    ----------
+    gradient : (3, 3) or (dim, dim) displacement gradient G; G[0, 1] = δγ is simple shear along x with gradient y
+    slip : whether the affine displacement of i relative to j enters the slip of their contact. True (default): grains
+        are carried and do not turn, as an observer at the contact sees it. False: the memory is carried along, as by
+        codes that remap the box.
+
+    Raises
+    ------
+    ValueError
+        if G has another shape, leaves the plane, or the state has walls (they would have to bend).
+    """
+    dim = state.cell.dim
+    gradient = np.asarray(gradient, float)
+    if gradient.shape not in ((3, 3), (dim, dim)):
+        raise ValueError(f"a gradient of shape {gradient.shape} was given: (3, 3) or {(dim, dim)} is needed")
+    g = np.zeros((3, 3))
+    g[: len(gradient), : len(gradient)] = gradient
+    if dim == 2 and (g[2].any() or g[:, 2].any()):
+        raise ValueError("a gradient with z components was given in two dimensions: they must be zero")
+    if len(state.walls.mass):
+        raise ValueError("a state with walls was given: only periodic cells can be strained")
+    contacts = state.contacts._replace(origin=np.full_like(state.contacts.origin, np.inf))
+    if not slip:
+        contacts = contacts._replace(pair=contacts.pair + contacts.pair @ g.T)
+    grains, vectors = state.grains, state.cell.vectors
+    return state._replace(
+        grains=grains._replace(position=grains.position + grains.position @ g.T),
+        cell=state.cell._replace(vectors=vectors + vectors @ g.T),
+        contacts=contacts,
+    )
+
+
+def sheared(state: State, strain: float, *, slip: bool = True) -> State:
+    """Simple shear along x with gradient y by `strain`; see `strained`."""
+    gradient = np.zeros((3, 3))
+    gradient[0, 1] = strain
+    return strained(state, gradient, slip=slip)
+
+
+def reduced_cell(state: State) -> State:
+    """The same packing described by the least skewed vectors of its lattice: for shear without end.
+
+    Nothing physical changes; images and keys of the contacts are rewritten.
+    """
+    vectors, change = state.cell.vectors.copy(), np.eye(3, dtype=np.int64)
+    axes = [k for k in range(3) if state.cell.periodic[k]]
+    moved = True
+    while moved:
+        moved = False
+        for a in axes:
+            for b in axes:
+                if a != b and (k := round(float(vectors[a] @ vectors[b] / (vectors[b] @ vectors[b])))):
+                    shorter = vectors[a] - k * vectors[b]
+                    if shorter @ shorter < vectors[a] @ vectors[a] * (1 - 1e-12):
+                        vectors[a], moved = shorter, True
+                        change[a] -= k * change[b]
+    contacts, count = state.contacts, int(state.contacts.count[0])
+    back = np.round(np.linalg.inv(change)).astype(np.int64)
+    image, key, slip, pair = (a.copy() for a in (contacts.image, contacts.key, contacts.slip, contacts.pair))
+    image[:count] = image[:count] @ back
+    lead = np.take_along_axis(image, np.argmax(image != 0, axis=1)[:, None], axis=1)[:, 0]
+    mirrored = (contacts.i == contacts.j) & (lead < 0)  # a grain and its own image: each such pair is listed once
+    for a in (image, slip, pair):
+        a[mirrored] *= -1
+    key[:count] = [pack_key(contacts.i[c], contacts.j[c], *image[c]) for c in range(count)]
+    order = np.concatenate([np.argsort(key[:count]), np.arange(count, len(key))])
+    rows = contacts._replace(image=image, key=key, slip=slip, pair=pair)
+    rows = rows._replace(**{
+        name: np.ascontiguousarray(getattr(rows, name)[order])
+        for name in rows._fields
+        if name not in ("origin", "skin", "count")
+    })
+    return state._replace(cell=state.cell._replace(vectors=vectors), contacts=rows)

@@ -1,0 +1,112 @@
+"""Equilibrium, come what may: Newton's method, and strongly damped dynamics where it fails."""
+
+import warnings
+
+import numpy as np
+from scipy.linalg import LinAlgError, cholesky, eigvals
+
+from ..core.forces import accept, forces
+from ..core.laws import Law
+from ..core.measure import mean_normal_force
+from ..core.neighbors import updated
+from ..core.outcome import Outcome, Status
+from ..core.state import State
+from .freedom import freedom, stiffness
+from .linear import DENSE_BELOW
+from .newton import Kept, newton
+from .relax import relax, residual
+
+STAGES = (3e-3, 3e-5, 3e-7, 3e-9)  # of the mean normal force, to which damped dynamics goes before Newton tries again
+DRAG, STEP = 0.3, 0.2  # of damped dynamics, in units of the highest frequency
+
+
+class UnstableEquilibriumWarning(UserWarning):
+    """The forces balance, but the smallest push leads away."""
+
+
+def equilibrate(
+    state: State,
+    law: Law,
+    *,
+    tolerance: float = 5e-14,
+    keep: Kept | None = None,
+    check: str = "buckling",
+    steps: int = 400_000,
+):
+    """Bring a packing back to equilibrium after a step of load or strain.
+
+    Newton's method with the exact Jacobian first. Where that fails: strongly damped dynamics to 3e-3 of the mean
+    contact force and Newton again, then to 3e-5, 3e-7, 3e-9, each from where the last one ended.
+
+    Parameters
+    ----------
+    tolerance : float, largest unbalanced force or torque/R [force]
+    keep : Kept, a factorisation that is passed from step to step of a path
+    check : what the equilibrium is checked for. "buckling": a direction of negative stiffness, exact below 700
+        coordinates and skipped above, where the outcome says so; "spectrum": also complex pairs, by dense eigenvalues;
+        "nothing"
+    steps : int, the most steps of damped dynamics for each stage
+
+    Returns
+    -------
+    State, Outcome
+        `outcome.how` says what was done, `outcome.fallback` if dynamics had to help, `outcome.warning` if the
+        equilibrium is unstable (then an UnstableEquilibriumWarning is issued too). Unless CONVERGED, the state is the
+        given one.
+    """
+    if check not in ("buckling", "spectrum", "nothing"):
+        raise ValueError(f"check={check!r} was given: 'buckling', 'spectrum' and 'nothing' are allowed")
+    keep = keep or Kept()
+    end, outcome = newton(state, law, tolerance=tolerance, keep=keep)
+    if not outcome.ok:
+        end, outcome = _by_dynamics(state, law, tolerance, steps, outcome)
+        keep.solve = None
+    if outcome.ok and (words := _instability(end, law, check, outcome.fallback)):
+        outcome = outcome._replace(warning=words)
+        warnings.warn(words, UnstableEquilibriumWarning, stacklevel=2)
+    return end, outcome
+
+
+def _by_dynamics(state: State, law: Law, tolerance: float, steps: int, first: Outcome):
+    """Damped dynamics from the start of the step, with Newton's method after each stage."""
+    here, spent, outcome = updated(state), 0, first
+    loads, trial = forces(here, law)
+    held = accept(here, trial)
+    force = mean_normal_force(held, law) or residual(state, law)[0]
+    pace = np.sqrt(np.abs(stiffness(held, law, freedom(held))).sum(axis=1).max(initial=0.0)) or 1.0
+    for stage in STAGES:
+        here, moved = relax(here, law, tolerance=stage * force, drag=DRAG * pace, dt=STEP / pace, steps=steps)
+        spent += moved.iterations
+        if moved.status is Status.NOT_A_NUMBER:
+            return state, moved
+        end, outcome = newton(here, law, tolerance=tolerance, keep=Kept())
+        if outcome.ok:
+            how = f"damped dynamics, {spent} steps, then {outcome.how}; Newton alone: {first.status.name.lower()}"
+            return end, outcome._replace(how=how, fallback=True)
+    here, moved = relax(here, law, tolerance=tolerance, drag=DRAG * pace, dt=STEP / pace, steps=steps)
+    spent += moved.iterations
+    return (here if moved.ok else state), moved._replace(how=f"damped dynamics, {spent} steps", fallback=True)
+
+
+def _instability(state: State, law: Law, check: str, suspicious: bool) -> str:
+    """Why an equilibrium is unstable, in words, or nothing."""
+    if check == "nothing":
+        return ""
+    matrix = stiffness(state, law, freedom(state))
+    if matrix.shape[0] >= DENSE_BELOW and check == "buckling":
+        return ""
+    full = matrix.toarray()
+    scale = np.abs(full).max(initial=0.0)
+    if check == "buckling":
+        try:
+            # if the symmetric part is positive, so is the real part of every eigenvalue
+            cholesky(0.5 * (full + full.T) + 1e-8 * scale * np.eye(len(full)), overwrite_a=True, check_finite=False)
+            return ""
+        except LinAlgError:
+            pass
+    values = eigvals(full, check_finite=False)
+    buckling = int((values.real < -1e-8 * scale).sum())
+    pairs = int((values.imag > 1e-9 * scale).sum()) if check == "spectrum" else 0
+    found = [f"{buckling} direction(s) of negative stiffness"] if buckling else []
+    found += [f"{pairs} complex pair(s), growing as exp({np.abs(np.sqrt(values).imag).max():.2e} t)"] if pairs else []
+    return f"the equilibrium is unstable: {' and '.join(found)}" if found else ""
