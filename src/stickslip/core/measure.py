@@ -3,8 +3,8 @@
 import numpy as np
 from numba import njit
 
-from .geometry import normal_and_overlap, pair_vector, shifts
 from .forces import bodies
+from .geometry import normal_and_overlap, pair_vector, shifts
 from .jacobian import linearised
 from .laws import Law, normal_energy
 from .state import OPEN, State

@@ -79,9 +79,11 @@ def reduced_cell(state: State) -> State:
     key[:count] = [pack_key(contacts.i[c], contacts.j[c], *image[c]) for c in range(count)]
     order = np.concatenate([np.argsort(key[:count]), np.arange(count, len(key))])
     rows = contacts._replace(image=image, key=key, slip=slip, pair=pair)
-    rows = rows._replace(**{
-        name: np.ascontiguousarray(getattr(rows, name)[order])
-        for name in rows._fields
-        if name not in ("origin", "skin", "count")
-    })
+    rows = rows._replace(
+        **{
+            name: np.ascontiguousarray(getattr(rows, name)[order])
+            for name in rows._fields
+            if name not in ("origin", "skin", "count")
+        }
+    )
     return state._replace(cell=state.cell._replace(vectors=vectors), contacts=rows)

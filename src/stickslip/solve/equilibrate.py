@@ -70,7 +70,7 @@ def equilibrate(
 def _by_dynamics(state: State, law: Law, tolerance: float, steps: int, first: Outcome):
     """Damped dynamics from the start of the step, with Newton's method after each stage."""
     here, spent, outcome = updated(state), 0, first
-    loads, trial = forces(here, law)
+    _, trial = forces(here, law)
     held = accept(here, trial)
     force = mean_normal_force(held, law) or residual(state, law)[0]
     pace = np.sqrt(np.abs(stiffness(held, law, freedom(held))).sum(axis=1).max(initial=0.0)) or 1.0

@@ -78,14 +78,13 @@ def newton(state: State, law: Law, *, tolerance: float = 1e-14, iterations: int 
     here = _evaluate(updated(state), law, free)
     before = keep.factorisations
     for used in range(iterations + 1):
-        here = _pushed_out(here, law, free, loose, least)
+        if np.isfinite(here.worst):
+            here = _pushed_out(here, law, free, loose, least)
         if not np.isfinite(here.worst):
             return state, _failure(Status.NOT_A_NUMBER, here, free, used)
         if here.worst <= tolerance:
             grains = here.state.grains
-            rest = here.state._replace(
-                grains=grains._replace(velocity=0 * grains.velocity, spin=0 * grains.spin)
-            )
+            rest = here.state._replace(grains=grains._replace(velocity=0 * grains.velocity, spin=0 * grains.spin))
             how = f"Newton's method, {used} steps, {keep.factorisations - before} factorisations"
             return accept(rest, at_rest(here.trial)), Outcome(Status.CONVERGED, here.worst, used, how=how)
         if used == iterations:
@@ -195,8 +194,9 @@ def _with_fresh(point: _Point, law: Law, free: Freedom, keep: Kept) -> _Point | 
     if scale == 0.0:
         raise LinAlgError("nothing touches")
     for shift in SHIFTS:
-        step = _capped(keep.renew(shift * scale * sparse.eye_array(len(free), format="csr") - jacobian)(point.vector), point)
+        solve = keep.renew(shift * scale * sparse.eye_array(len(free), format="csr") - jacobian)
         keep.solves += 1
+        step = _capped(solve(point.vector), point)
         for _ in range(8):
             closer = _moved(point, law, free, step)
             if closer.size < point.size:
