@@ -190,6 +190,21 @@ def sweep(kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, force
             torque[j, 1] += radius[j] * qy
 
 
+@njit(fastmath=True, error_model="numpy")
+def elastic_pair(kind, coulomb, dim, p, bodies, contacts, shift, c):
+    """Pair vector and elastic force on i of a touching pair of grains whose memory is committed."""
+    i, j = contacts.i[c], contacts.j[c]
+    rx, ry, rz = pair_vector(dim, bodies.position, shift, c, i, j)
+    nx, ny, nz, overlap, _ = normal_and_overlap(i, j, False, 0, bodies.radius, bodies.normal, rx, ry, rz)
+    a, b = bodies.material[i], bodies.material[j]
+    fn = normal_force(kind, p, a, b, overlap)
+    s = contacts.slip[c]
+    tx, ty, tz = tangential_force(
+        coulomb, tangential_stiffness(kind, p, a, b, overlap), p[a, b, MU] * fn, s[0], s[1], s[2]
+    )
+    return (rx, ry, rz), (fn * nx + tx, fn * ny + ty, fn * nz + tz)
+
+
 @cache
 def evaluation(kind: int, coulomb: int, dim: int, viscous: int):
     """Compiled evaluation of all contacts for one law and dimension, with or without dashpots.

@@ -6,14 +6,28 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .forces import EVENT_COLUMNS, FREE, FROZEN, OPENED, Bodies, bodies, check_materials, has_dashpots, sweep
+from .forces import (
+    EVENT_COLUMNS,
+    FREE,
+    FROZEN,
+    OPENED,
+    Bodies,
+    bodies,
+    check_materials,
+    elastic_pair,
+    has_dashpots,
+    sweep,
+)
 from .geometry import shifts
 from .laws import Law
 from .neighbors import TOO_FAR, grid_of, rebuilt, updated
 from .outcome import Outcome, Status
 from .state import OPEN, SLIDE, State
 
-SERIES = ("time", "msd", "kinetic_energy", "center_x", "center_y", "center_z", "touching", "sliding")
+SERIES = (
+    "time", "msd", "kinetic_energy", "center_x", "center_y", "center_z", "touching", "sliding",
+    *(f"virial_{a}{b}" for a in "xyz" for b in "xyz"),
+)  # fmt: skip
 CHECK_EVERY = 200  # steps between checks for NaN and, with a tolerance, for rest
 _DONE, _CONVERGED, _BAD, _FULL, _MOVED = range(5)
 
@@ -27,6 +41,7 @@ class Record(NamedTuple):
     center: np.ndarray  # (T, 3) mean position of the grains [length]
     touching: np.ndarray  # (T,) number of closed contacts
     sliding: np.ndarray  # (T,) number of contacts at Coulomb's limit
+    virial: np.ndarray  # (T, 3, 3) Σ f ⊗ r over contacts between grains, elastic part [energy]; over volume: the stress
     position: np.ndarray  # (T, P, 3) of the probed grains [length]
     angle: np.ndarray  # (T, P, 3) [rad]
     events: np.ndarray  # structured: kind ("closed", "opened", "limit"), time, i, j, image, position of i
@@ -71,7 +86,7 @@ def first_bad(x, angle):
 
 
 @njit(cache=True)
-def _sample(k, bodies, contacts, plan, writing, time):
+def _sample(kind, coulomb, dim, p, k, bodies, contacts, shift, plan, writing, time):
     """Row k of the series and of the tracks."""
     x, angle, v, spin = bodies.position, bodies.angle, bodies.velocity, bodies.spin
     row, track, n = writing.series[k], writing.tracks[k], len(plan.mass)
@@ -85,6 +100,11 @@ def _sample(k, bodies, contacts, plan, writing, time):
     for c in range(contacts.count[0]):
         row[6] += contacts.mode[c] != OPEN
         row[7] += contacts.mode[c] == SLIDE
+        if contacts.mode[c] != OPEN and contacts.j[c] < n:
+            r, f = elastic_pair(kind, coulomb, dim, p, bodies, contacts, shift, c)
+            for m in range(3):
+                for q in range(3):
+                    row[8 + 3 * m + q] += f[m] * r[q]
     for a in range(len(writing.probes)):
         for m in range(3):
             track[a, m] = x[writing.probes[a], m]
@@ -188,7 +208,7 @@ def stepper(kind: int, coulomb: int, dim: int, viscous: int):
                 second_half(flat_v, flat_f, kick, slow)
                 second_half(flat_spin, flat_t, kick_t, slow_t)
             if every > 0 and step % every == 0:
-                _sample(step // every, bodies, contacts, plan, writing, time + step * dt)
+                _sample(kind, coulomb, dim, p, step // every, bodies, contacts, shift, plan, writing, time + step * dt)
             if step % CHECK_EVERY == 0:
                 bad = first_bad(x, angle)
                 if bad >= 0:
@@ -375,6 +395,7 @@ def _record(writing: Writing, done: int) -> Record:
         series[:, 3:6],
         column["touching"],
         column["sliding"],
+        series[:, 8:].reshape(-1, 3, 3),
         tracks[..., :3],
         tracks[..., 3:],
         events,

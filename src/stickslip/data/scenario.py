@@ -2,6 +2,7 @@
 
 import difflib
 import hashlib
+import json
 import tomllib
 from itertools import pairwise
 from pathlib import Path
@@ -195,8 +196,92 @@ class Scenario(_Part):
         return hashlib.sha256(self.text.encode()).hexdigest()[:16]
 
 
-def scenario(**tables) -> Scenario:
-    """A scenario from nested dictionaries, as in the TOML file.
+class Packing(_Part):
+    """Frictionless jammed packing of disks (dim = 2) or spheres (dim = 3) in a periodic box."""
+
+    grains: Annotated[int, Field(ge=10, le=1600)] = 100
+    dim: Literal[2, 3] = 3
+    radius: Several = Field((0.5, 0.7), description="one radius, sizes of equally many grains each, or one for each")
+    mass: Positive = 1.0
+    i0: Positive | None = Field(None, description="moment of inertia I0 m R²; 2/5 for spheres, 1/2 for disks")
+    packing_fraction: Annotated[float, Field(gt=0, le=1.2, allow_inf_nan=False)] | None = Field(
+        None, description="without it and without pressure: 0.68 for spheres, 0.86 for disks"
+    )
+    pressure: Positive | None = None
+
+    @model_validator(mode="after")
+    def _one_measure(self):
+        if self.packing_fraction is not None and self.pressure is not None:
+            raise ValueError("packing.packing_fraction and packing.pressure were both given: give one of them")
+        if isinstance(self.radius, tuple) and len(self.radius) > self.grains:
+            raise ValueError(f"packing.radius has {len(self.radius)} sizes for {self.grains} grains: give fewer")
+        return self
+
+
+class Shear(_Part):
+    """Quasi-static simple shear along x with gradient y."""
+
+    strain: Loads = Field((0.0, 2e-3, 0.02), description="turning points of the path")
+    step: Several = Field((2e-5, 1e-4), description="largest strain step, one or one for each leg of the path")
+    slip: bool = Field(True, description="whether the affine displacement enters the slip of the contacts")
+    tolerance: Positive = 5e-14
+
+    @model_validator(mode="after")
+    def _path(self):
+        if len(self.strain) < 2 or self.strain[0] != 0.0:
+            raise ValueError("shear.strain needs at least two turning points, the first of them 0.0, as in [0.0, 0.02]")
+        legs = len(self.strain) - 1
+        if len(self.steps) != legs:
+            raise ValueError(f"shear.step has {len(self.steps)} entries for {legs} legs: give one or {legs}")
+        steps = sum(abs(b - a) / d for (a, b), d in zip(pairwise(self.strain), self.steps, strict=True))
+        if steps > 100_000:
+            raise ValueError(f"shear takes {steps:.0f} steps: at most 100000 are allowed, use larger steps")
+        return self
+
+    @property
+    def steps(self) -> tuple[float, ...]:
+        """One step for each leg."""
+        return self.step if isinstance(self.step, tuple) else (self.step,) * (len(self.strain) - 1)
+
+
+class Release(_Part):
+    """Newtonian runs from unstable states: one with a single complex pair, and the last one of the path."""
+
+    e_folds: Positive = Field(45.0, description="length of a run in units of 1/(growth rate)")
+    duration: Duration = Field(6e5, description="longest run [time]")
+    dt: Positive = 0.1
+    seed_velocity: Positive = 1e-13
+    snapshots: Annotated[int, Field(ge=0, le=1000)] = Field(40, description="spectra during the run")
+
+
+class ShearScenario(_Part):
+    """Everything that defines the quasi-static shear of a packing and its failure."""
+
+    experiment: Literal["sphere-shear"] = "sphere-shear"
+    seed: Annotated[int, Field(ge=0)] = 0
+    packings: Annotated[int, Field(ge=1, le=1000)] = Field(5, description="independent packings")
+    packing: Packing = Packing()
+    law: LawChoice = LawChoice()
+    shear: Shear = Shear()
+    release: Release = Release()
+
+    text = Scenario.text
+    digest = Scenario.digest
+
+
+EXPERIMENTS = {kind.model_fields["experiment"].default: kind for kind in (Scenario, ShearScenario)}
+
+
+def _kind(tables: dict) -> type[Scenario] | type[ShearScenario]:
+    """The class of scenario that `experiment` names; without it, a disk array."""
+    name = tables.get("experiment", "disk-array")
+    if name not in EXPERIMENTS:
+        raise ScenarioError(f"experiment = {name!r} was given: use {' or '.join(map(repr, EXPERIMENTS))}")
+    return EXPERIMENTS[name]
+
+
+def scenario(**tables) -> Scenario | ShearScenario:
+    """A scenario from nested dictionaries, as in the TOML file; `experiment` says of what.
 
     Raises
     ------
@@ -208,18 +293,19 @@ def scenario(**tables) -> Scenario:
     >>> scenario(array={"disks": 5}, load={"push": (0.0, 0.05)}, dynamics={"loads": (0.03,)}).array.disks
     5
     """
+    kind = _kind(tables)
     try:
-        return Scenario.model_validate(tables)
+        return kind.model_validate(tables)
     except ValidationError as problem:
-        raise ScenarioError(_sentence(problem)) from None
+        raise ScenarioError(_sentence(problem, kind)) from None
 
 
-def read(path: str | Path) -> Scenario:
+def read(path: str | Path) -> Scenario | ShearScenario:
     """A scenario from a TOML file, or from the canonical text that a run left behind."""
     path = Path(path)
     try:
         text = path.read_text(encoding="utf-8")
-        tables = Scenario.model_validate_json(text).model_dump() if path.suffix == ".json" else tomllib.loads(text)
+        tables = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
     except OSError as problem:
         raise ScenarioError(
             f"the scenario {path} cannot be read ({problem.strerror}): give the path of a TOML file"
@@ -228,17 +314,17 @@ def read(path: str | Path) -> Scenario:
         raise ScenarioError(f"the scenario {path} is not a text file: give the path of a TOML file") from None
     except tomllib.TOMLDecodeError as problem:
         raise ScenarioError(f"the scenario {path} is not valid TOML: {problem}") from None
-    except ValidationError as problem:
-        raise ScenarioError(_sentence(problem)) from None
+    except json.JSONDecodeError as problem:
+        raise ScenarioError(f"the scenario {path} is not valid JSON: {problem}") from None
     return scenario(**tables)
 
 
-def _sentence(problem: ValidationError) -> str:
+def _sentence(problem: ValidationError, kind: type[BaseModel]) -> str:
     first = problem.errors()[0]
     where = [str(part) for part in first["loc"]]
     if first["type"] == "extra_forbidden":
-        return _unknown_key(where)
-    key = ".".join(_fields(where)) or "the scenario"
+        return _unknown_key(where, kind)
+    key = ".".join(_fields(where, kind)) or "the scenario"
     message = first["msg"].removeprefix("Value error, ")
     message = message[0].lower() + message[1:]
     if first["type"] == "value_error":
@@ -246,9 +332,9 @@ def _sentence(problem: ValidationError) -> str:
     return f"{key} = {first['input']!r} was given, but {message.replace('input ', 'it ')}"
 
 
-def _fields(where: list[str]) -> list[str]:
+def _fields(where: list[str], table: type[BaseModel]) -> list[str]:
     """The keys of a location, without pydantic's words for branches of a union and places in a list."""
-    table, keys = Scenario, []
+    keys = []
     for part in where:
         if part in getattr(table, "model_fields", {}):
             keys.append(part)
@@ -256,8 +342,7 @@ def _fields(where: list[str]) -> list[str]:
     return keys
 
 
-def _unknown_key(where: list[str]) -> str:
-    table = Scenario
+def _unknown_key(where: list[str], table: type[BaseModel]) -> str:
     for part in where[:-1]:
         table = table.model_fields[part].annotation
     known = list(table.model_fields)

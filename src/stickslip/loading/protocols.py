@@ -86,11 +86,12 @@ class Protocol(NamedTuple):
     law: Law
     apply: Callable[[State, float], State]  # the state under another load
     settle: Callable[[State, float], tuple[State, Outcome]]  # the equilibrium at that load, or NotInEquilibriumError
+    modes: bool = True  # whether spectra hold modes, which pairs need to be followed
 
     def step(self, state: State, load: float) -> Equilibrium:
         """The equilibrium that one increment of the load leads to."""
         state, outcome = self.settle(self.apply(state, load), load)
-        return Equilibrium(float(load), state, spectrum(state, self.law), outcome)
+        return Equilibrium(float(load), state, spectrum(state, self.law, modes=self.modes), outcome)
 
 
 def ramp(state: State, loads, protocol: Protocol, report=None) -> list[Equilibrium]:
@@ -212,7 +213,9 @@ class Growth(NamedTuple):
     decades: float  # of M inside the window
 
 
-def fitted_growth(time, msd, *, growth_rate: float, frequency: float, window=(1e-19, 1e-11)) -> Growth | None:
+def fitted_growth(
+    time, msd, *, growth_rate: float, frequency: float, window=(1e-19, 1e-11), within: float = 0.05
+) -> Growth | None:
     """Fit growth and frequency while `msd` lies in the window; None if it does not cross it.
 
     The window must lie in the linear range: nearly open contacts, with overlaps of 1e-6, end it near M = 1e-11.
@@ -220,7 +223,8 @@ def fitted_growth(time, msd, *, growth_rate: float, frequency: float, window=(1e
     Parameters
     ----------
     time, msd : (T,) [time], [length²]
-    growth_rate, frequency : first guesses [1/time], from the spectrum; good to a factor two and to 5 %
+    growth_rate, frequency : first guesses [1/time], from the spectrum; good to a factor two and to `within`
+    within : float, relative range of frequencies that is searched
     """
     above_top = np.flatnonzero(msd > window[1])
     above_floor = np.flatnonzero(msd > window[0])
@@ -235,8 +239,8 @@ def fitted_growth(time, msd, *, growth_rate: float, frequency: float, window=(1e
         flat = y * np.exp(-2 * x[0] * t) / y[0]
         return shape @ np.linalg.lstsq(shape, flat, rcond=None)[0] / flat.mean() - flat / flat.mean()
 
-    # the misfit has a minimum every π/T in frequency: look at all of them within 5 % of the guess first
-    trials = frequency + np.arange(-0.05 * frequency, 0.05 * frequency, np.pi / (4 * t[-1]))
+    # the misfit has a minimum every π/T in frequency: look at all of them near the guess first
+    trials = frequency + np.arange(-within * frequency, within * frequency, np.pi / (4 * t[-1]))
     nearest = min(trials, key=lambda f: np.sum(misfit((growth_rate, f)) ** 2))
     best = least_squares(misfit, [growth_rate, nearest], x_scale=[growth_rate * 1e-2, frequency * 1e-5])
     return Growth(

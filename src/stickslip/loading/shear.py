@@ -1,9 +1,16 @@
-"""Affine strain of a periodic cell, and what it does to the memory of the contacts."""
+"""Affine strain of a periodic cell, what it does to the memory of the contacts, and quasi-static shear."""
+
+import warnings
 
 import numpy as np
 
+from ..core.laws import Law
 from ..core.neighbors import pack_key
+from ..core.outcome import NotInEquilibriumError
 from ..core.state import State
+from ..solve.equilibrate import UnstableEquilibriumWarning, equilibrate
+from ..solve.newton import Kept
+from .protocols import Protocol
 
 
 def strained(state: State, gradient, *, slip: bool = True) -> State:
@@ -87,3 +94,42 @@ def reduced_cell(state: State) -> State:
         }
     )
     return state._replace(cell=state.cell._replace(vectors=vectors), contacts=rows)
+
+
+def shear_strain(state: State) -> float:
+    """γ = tan of the angle by which the cell's second vector leans along x."""
+    return float(state.cell.vectors[1, 0] / state.cell.vectors[1, 1])
+
+
+def aqs(law: Law, *, slip: bool = True, tolerance: float = 5e-14, modes: bool = False) -> Protocol:
+    """Athermal quasi-static shear: the load is the strain γ of the cell, each step ends in `equilibrate`.
+
+    Parameters
+    ----------
+    slip : whether the affine displacement enters the slip; see `strained`
+    tolerance : float, largest unbalanced force or torque/R [force]
+    modes : whether spectra along the path hold modes
+
+    Examples
+    --------
+    >>> from stickslip.loading.packing import jammed
+    >>> from stickslip.loading.protocols import ramp
+    >>> from stickslip.core.laws import hertz_mindlin
+    >>> state, _ = jammed(30, packing_fraction=0.7)
+    >>> [len(point.spectrum.pairs) for point in ramp(state, [0.0, 1e-5], aqs(hertz_mindlin(mu=10, coulomb="smooth")))]
+    [0, 0]
+    """
+    keep = Kept()
+
+    def apply(state, strain):
+        return sheared(state, strain - shear_strain(state), slip=slip)
+
+    def settle(state, strain):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UnstableEquilibriumWarning)  # the path carries the spectrum itself
+            end, outcome = equilibrate(state, law, tolerance=tolerance, keep=keep, check="nothing")
+        if not outcome.ok:
+            raise NotInEquilibriumError(f"no equilibrium at strain {strain:g}", outcome)
+        return end, outcome
+
+    return Protocol(law, apply, settle, modes)

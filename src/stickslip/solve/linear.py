@@ -1,5 +1,6 @@
 """Solving with −J: dense LAPACK when small, PARDISO where it is installed, SuperLU elsewhere."""
 
+import weakref
 from collections.abc import Callable
 from importlib.util import find_spec
 
@@ -57,18 +58,16 @@ def _superlu(matrix) -> Solve:
     return factor.solve
 
 
-class _pardiso:  # noqa: N801 - used as a function; holds memory outside Python that it must give back
-    def __init__(self, matrix):
-        from pypardiso import PyPardisoSolver
+def _pardiso(matrix) -> Solve:
+    from pypardiso import PyPardisoSolver
 
-        self.matrix = sparse.csr_matrix(matrix)
-        self.matrix.sort_indices()
-        self.solver = PyPardisoSolver(mtype=11)
-        self.solver.factorize(self.matrix)
+    matrix = sparse.csr_matrix(matrix)
+    matrix.sort_indices()
+    solver = PyPardisoSolver(mtype=11)
+    solver.factorize(matrix)
 
-    def __call__(self, b: np.ndarray) -> np.ndarray:
-        return self.solver.solve(self.matrix, b)
+    def solve(b: np.ndarray) -> np.ndarray:
+        return solver.solve(matrix, b)
 
-    def __del__(self):
-        if solver := getattr(self, "solver", None):
-            solver.free_memory(everything=True)
+    weakref.finalize(solve, solver.free_memory, everything=True)  # it lies outside of Python's memory
+    return solve

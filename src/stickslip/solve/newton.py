@@ -191,8 +191,8 @@ def _with_fresh(point: _Point, law: Law, free: Freedom, keep: Kept) -> _Point | 
     blocks, _ = contact_blocks(point.state, law, memory=FREE)
     jacobian = restricted(point.state, blocks, free)
     scale = np.abs(jacobian.data).max(initial=0.0)
-    if scale == 0.0:
-        raise LinAlgError("nothing touches")
+    if ((np.abs(jacobian).sum(axis=1) == 0) & (point.vector != 0)).any():
+        raise LinAlgError("nothing resists a load")
     for shift in SHIFTS:
         solve = keep.renew(shift * scale * sparse.eye_array(len(free), format="csr") - jacobian)
         keep.solves += 1

@@ -9,7 +9,7 @@ from scipy.optimize import linear_sum_assignment
 from ..core.jacobian import contact_blocks
 from ..core.laws import Law
 from ..core.state import State
-from .freedom import Freedom, freedom, restricted
+from .freedom import Freedom, freedom, restricted, stiffness
 
 REAL_BELOW = 1e-9  # |Im λ| below this share of the largest |λ| is round-off: J carries noise of 1e-15
 
@@ -59,15 +59,19 @@ class Spectrum(NamedTuple):
         return np.stack([weight[axis == k].sum(axis=0) for k in range(6)], axis=1)
 
 
-def spectrum(state: State, law: Law) -> Spectrum:
+def spectrum(state: State, law: Law, *, modes: bool = True) -> Spectrum:
     """All eigenvalues and modes of −M⁻¹J at an accepted state, dense; each contact is held in its mode.
 
     Velocity-dependent parts of the law and drag do not enter; `damped_growth` has them.
 
+    Parameters
+    ----------
+    modes : False leaves the modes out (n, 0), at a third of the time
+
     Raises
     ------
     ValueError
-        beyond 10,000 coordinates, where a dense solution takes hours.
+        beyond 10,000 coordinates, where a dense solution takes hours: `complex_pairs`, `fastest_pair`.
 
     Source
     ------
@@ -77,13 +81,17 @@ def spectrum(state: State, law: Law) -> Spectrum:
     if not len(free):
         raise ValueError("nothing is free to move: the spectrum needs at least one free coordinate")
     if len(free) > 10_000:
-        raise ValueError(f"{len(free)} coordinates were given: the dense spectrum takes at most 10000")
-    stiffness, _ = contact_blocks(state, law)
-    matrix = -restricted(state, stiffness, free).toarray()
-    root = np.sqrt(free.mass)
-    values, vectors = eig(matrix / root[:, None] / root)
+        raise ValueError(
+            f"{len(free)} coordinates were given: the dense spectrum takes at most 10000; "
+            f"use complex_pairs up to 12000 and fastest_pair beyond"
+        )
+    matrix, root = stiffness(state, law, free).toarray(), np.sqrt(free.mass)
+    if modes:
+        values, vectors = eig(matrix, overwrite_a=True)
+    else:
+        values, vectors = eigvals(matrix, overwrite_a=True), np.zeros((len(free), 0))
     order = np.lexsort((values.imag, values.real))
-    values, vectors = values[order], vectors[:, order]
+    values, vectors = values[order], vectors[:, order] if modes else vectors
     real = np.abs(values.imag) <= REAL_BELOW * np.abs(values).max()
     values = np.where(real, values.real, values)
     return Spectrum(values, vectors / root[:, None], free)
@@ -101,10 +109,10 @@ def damped_growth(state: State, law: Law, *, drag: float = 0.0, spin_drag: float
     (2n,) complex [1/time]; unstable if any real part is positive. Without drag and dashpots, s² = −λ.
     """
     free = freedom(state)
-    stiffness, dashpots = contact_blocks(state, law)
+    springs, dashpots = contact_blocks(state, law)
     rate = np.where(free.axis < 3, drag, drag if spin_drag is None else spin_drag)
     upper = np.hstack([np.zeros((len(free), len(free))), np.eye(len(free))])
-    pull = restricted(state, stiffness, free).toarray() / free.mass[:, None]
+    pull = restricted(state, springs, free).toarray() / free.mass[:, None]
     friction = restricted(state, dashpots, free).toarray() / free.mass[:, None] - np.diag(rate)
     values = eigvals(np.vstack([upper, np.hstack([pull, friction])]))
     return values[np.argsort(-values.real)]

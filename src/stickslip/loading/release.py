@@ -1,0 +1,175 @@
+"""Newtonian dynamics from an unstable equilibrium of a packing, with the spectrum followed on the way to failure."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.integrate import run
+from ..core.laws import Law
+from ..core.measure import rattlers, volume
+from ..core.neighbors import updated
+from ..core.outcome import NotInEquilibriumError, Status
+from ..core.state import State
+from ..solve.spectrum import Spectrum, spectrum
+from .protocols import Growth, fitted_growth
+
+WINDOW = (1e-22, 1e-11)  # of M, between noise and the first change of the spectrum, in which growth is fitted
+CHANGED = 0.01  # relative change of the fastest pair's Im λ that ends "the spectrum is constant"
+FUNNEL = 1e-13  # M at the end of the trajectories that are kept for the figure [length²]
+KEPT = 20_000  # samples of a series that are kept
+
+
+class Released(NamedTuple):
+    """A run from one unstable state. Stress is compression positive, shear stress is −σ_xy so that it opposes γ > 0."""
+
+    strain: float
+    pairs: int  # complex pairs at the start
+    eigenvalue: complex  # of the fastest
+    growth_rate: float  # predicted ω_i [1/time]
+    frequency: float  # predicted ω_r [1/time]
+    dt: float
+    time: np.ndarray  # (T,)
+    msd: np.ndarray  # (T,) M = mean of |Δr|² + R²|Δangle|² over grains that are no rattlers [length²]
+    shear_stress: np.ndarray  # (T,) [force/length^(dim−1)]
+    pressure: np.ndarray  # (T,)
+    touching: np.ndarray  # (T,) contacts
+    kinetic_energy: np.ndarray  # (T,)
+    growth: Growth | None  # fitted, to be compared after Verlet's correction
+    snapshot_time: np.ndarray  # (S,)
+    snapshot_msd: np.ndarray  # (S,)
+    snapshots: np.ndarray  # (S, n) eigenvalues λ [1/time²]
+    constant: tuple[float, float]  # M at the snapshots before and after the fastest Im λ had changed by 1 %, or NaN
+    track: np.ndarray  # (K, N, 3) displacements while M grows to FUNNEL [length]
+
+    @property
+    def corrected_rate(self) -> float:
+        """ω_i as velocity Verlet makes it, ω_i (1 + ω_r² dt²/8)."""
+        return self.growth_rate * (1 + (self.frequency * self.dt) ** 2 / 8)
+
+    @property
+    def corrected_frequency(self) -> float:
+        """ω_r as velocity Verlet makes it, ω_r (1 + ω_r² dt²/24)."""
+        return self.frequency * (1 + (self.frequency * self.dt) ** 2 / 24)
+
+    @property
+    def drop(self) -> float:
+        """Loss of shear stress from beginning to end, means over the first and the last tenth."""
+        part = max(1, len(self.time) // 10)
+        return float(self.shear_stress[:part].mean() - self.shear_stress[-part:].mean())
+
+    @property
+    def contacts_lost(self) -> int:
+        """Contacts at the start less the mean number over the last tenth."""
+        return round(float(self.touching[0] - self.touching[-max(1, len(self.time) // 10) :].mean()))
+
+
+def mean_square_motion(position, angle, reference: State, held: np.ndarray) -> np.ndarray:
+    """M(t) = mean over `held` grains of |Δr|² + R²|Δangle|² [length²].
+
+    Parameters
+    ----------
+    position, angle : (T, H, 3) of the held grains, unwrapped
+    held : (H,) their numbers: rattlers drift and are left out
+
+    Source
+    ------
+    Bonfanti et al., doi:10.1103/PhysRevE.101.052902, Eq 10.
+    """
+    grains = reference.grains
+    moved = ((position - grains.position[held]) ** 2).sum(axis=2)
+    turned = ((angle - grains.angle[held]) ** 2).sum(axis=2) * grains.radius[held] ** 2
+    return (moved + turned).mean(axis=1)
+
+
+def nudged(state: State, modes: Spectrum, seed: int, velocity: float) -> State:
+    """The state with a random velocity of all modes that something resists: no drift, no spinning rattlers.
+
+    Parameters
+    ----------
+    velocity : standard deviation of each mode's amplitude [length/time]
+    """
+    size = np.abs(modes.eigenvalues)
+    stiff = size > 1e-6 * size.max()
+    free, full = modes.free, np.zeros(6 * state.n_bodies)
+    amplitude = np.random.default_rng(seed).normal(0.0, velocity, stiff.sum())
+    full[free.component] = (modes.modes[:, stiff] @ amplitude).real
+    full = full.reshape(-1, 6)
+    grains, n = state.grains, len(state.grains.radius)
+    return state._replace(
+        grains=grains._replace(velocity=full[:n, :3].copy(), spin=full[:n, 3:] / grains.radius[:, None])
+    )
+
+
+def release(
+    state: State,
+    law: Law,
+    *,
+    strain: float = 0.0,
+    seed: int = 0,
+    e_folds: float = 45.0,
+    duration: float = 6e5,
+    dt: float = 0.1,
+    velocity: float = 1e-13,
+    snapshots: int = 40,
+    report: Callable[[float, str], None] | None = None,
+) -> Released:
+    """Undamped dynamics from an equilibrium with complex pairs, for `e_folds` growth times, at most `duration`.
+
+    The run is made in chunks; in between, the spectrum of the momentary state is taken, `snapshots` times in all.
+
+    Parameters
+    ----------
+    strain : of the state, for the record
+    seed, velocity : of the nudge, see `nudged`
+    report : called as report(share done, words)
+
+    Raises
+    ------
+    ValueError
+        if the state has no complex pair. NotInEquilibriumError if it blows up.
+    """
+    modes = spectrum(state, law)
+    if not len(modes.pairs):
+        raise ValueError("the state has no complex pair: nothing grows; release a state beyond the onset")
+    fastest = int(modes.pairs[0])
+    rate, frequency = float(modes.growth_rate[fastest]), float(modes.frequency[fastest])
+    held = np.flatnonzero(~rattlers(state))
+    steps = int(min(e_folds / rate, duration) / dt)
+    chunks = max(20, snapshots)
+    every = max(1, round(2 * np.pi / frequency / 10 / dt))
+    chunk = max(steps // chunks // every, 1) * every
+    here, series, taken, track = nudged(state, modes, seed, velocity), [], [], np.zeros((0, len(held), 3))
+    area = volume(state)
+    for k in range(chunks):
+        here, record, outcome = run(here, law, chunk, dt, every=every, probes=held)
+        if outcome.status is Status.NOT_A_NUMBER:
+            raise NotInEquilibriumError(f"the run from strain {strain:g} blew up", outcome)
+        msd = mean_square_motion(record.position, record.angle, state, held)
+        stress = record.virial / area
+        pressure = np.trace(stress, axis1=1, axis2=2) / state.cell.dim
+        part = slice(0 if k == 0 else 1, None)  # a chunk starts where the last one ended
+        columns = (record.time, msd, -stress[:, 0, 1], pressure, record.touching, record.kinetic_energy)
+        series.append(np.stack([c[part] for c in columns]))
+        if msd[-1] <= FUNNEL or not len(track):
+            track = record.position - state.grains.position[held]
+        if snapshots:
+            now = spectrum(updated(here), law, modes=False)
+            taken.append((record.time[-1], msd[-1], now.eigenvalues, now.im_lambda.max()))
+        if report:
+            report((k + 1) / chunks, f"strain {strain:g}, growth rate {rate:.1e}, M = {msd[-1]:.0e}")
+    time, msd, *others = np.concatenate(series, axis=1)
+    thin = max(1, len(time) // KEPT)
+    growth = fitted_growth(
+        time, msd, growth_rate=rate, frequency=frequency * (1 + (frequency * dt) ** 2 / 24), window=WINDOW, within=1e-3
+    )
+    before = modes.im_lambda[fastest]
+    changed = [abs(im - before) > CHANGED * before for *_, im in taken]
+    at = changed.index(True) if True in changed else len(changed)
+    constant = (taken[at - 1][1] if at else np.nan, taken[at][1] if at < len(taken) else np.nan)
+    return Released(
+        strain, len(modes.pairs), complex(modes.eigenvalues[fastest]), rate, frequency, dt,
+        time[::thin], msd[::thin], *(o[::thin] for o in others), growth,
+        np.array([t for t, *_ in taken]), np.array([m for _, m, *_ in taken]), np.array([v for _, _, v, _ in taken]),
+        constant, track[:: max(1, len(track) // 2000)],
+    )  # fmt: skip
