@@ -2,6 +2,7 @@
 
 import sys
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated
 
@@ -43,7 +44,7 @@ def _main(
 
 @app.command()
 def reproduce(
-    experiment: Annotated[str, typer.Argument(help="Which paper: disk-array.")],
+    experiment: Annotated[str, typer.Argument(help="Which paper: disk-array or sphere-shear.")],
     quick: Annotated[
         bool, typer.Option("--quick", help="Fewer realizations and shorter runs; says what it cuts.")
     ] = False,
@@ -53,18 +54,18 @@ def reproduce(
     overwrite: Overwrite = False,
 ) -> None:
     """Run a paper's experiment end to end: figures, an animation, raw numbers and the claims table."""
-    _one_of("experiment", experiment, ["disk-array"])
-    from .experiments import disk_array, report
+    _one_of("experiment", experiment, list(_ROOMS))
+    from .experiments import report
 
+    paper, its_report = _rooms(experiment)
     folder = out or Path("results") / (experiment + ("-quick" if quick else ""))
-    scenario = disk_array.paper_scenario(quick=quick, seed=seed)
-    report.claim_folder(folder, scenario, overwrite=overwrite)
+    report.claim_folder(folder, paper.paper_scenario(quick=quick, seed=seed), overwrite=overwrite)
     if quick:
-        report.console.print(f"--quick cuts: {disk_array.CUTS}.")
+        report.console.print(f"--quick cuts: {paper.CUTS}.")
     with _working(), report.progress() as tell:
-        found = disk_array.reproduce(quick=quick, seed=seed, workers=workers, report=tell)
+        found = paper.reproduce(quick=quick, seed=seed, workers=workers, report=tell)
         tell("figures", 0.0, str(folder))
-        paths = report.write_reproduction(folder, found)
+        paths = its_report.write_reproduction(folder, found)
     report.show_claims(found.claims)
     report.show_paths(paths)
 
@@ -76,19 +77,34 @@ def run(
     workers: Workers = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Run your own scenario: press, push with spectra, let go, slide."""
+    """Run your own scenario: an array that is pushed or a packing that is sheared, with spectra, then let go."""
     from .data.scenario import read
     from .experiments import report
-    from .loading.run import simulate
 
     chosen = read(scenario)
     report.claim_folder(out, chosen, overwrite=overwrite)
+    _, its_report = _rooms(chosen.experiment)
     with _working(), report.progress() as tell:
-        found = simulate(chosen, workers=workers, sensitivity=True, report=tell)
+        if chosen.experiment == "disk-array":
+            from .loading.run import simulate
+
+            found = simulate(chosen, workers=workers, sensitivity=True, report=tell)
+        else:
+            from .loading.shear_run import simulate_shear
+
+            found = simulate_shear(chosen, workers=workers, report=tell)
         tell("figures", 0.0, str(out))
-        paths = report.write_result(out, found)
-    report.show_result(found)
+        paths = its_report.write_result(out, found)
+    its_report.show_result(found)
     report.show_paths(paths)
+
+
+_ROOMS = {"disk-array": ("disk_array", "disk_report"), "sphere-shear": ("sphere_shear", "shear_report")}
+
+
+def _rooms(experiment: str):
+    """The module of an experiment and that of its report."""
+    return tuple(import_module(f".experiments.{name}", __package__) for name in _ROOMS[experiment])
 
 
 def _one_of(name: str, got: str, allowed: list[str]) -> None:

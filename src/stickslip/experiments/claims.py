@@ -28,8 +28,9 @@ def claim(
     """A row with its verdict.
 
     Numbers: reproduced within the tolerance, partly within twice it; a tolerance of 1 is a factor of two either way.
-    Windows: each end counts for half. Booleans: equal or not. Nothing measured: not reproduced. A measurement whose own
-    error (one standard deviation) exceeds the tolerance is partly reproduced if it is within two errors.
+    Windows: each end counts for half. Booleans: equal or not. Nothing measured: not reproduced. Measured, but without a
+    number in the paper to compare with: partly. A measurement whose own error (one standard deviation) exceeds the
+    tolerance is partly reproduced if it is within two errors.
 
     Examples
     --------
@@ -44,8 +45,10 @@ def claim(
 
 
 def _verdict(paper: Value, measured: Value, tolerance: float) -> str:
-    if measured is None or paper is None:
+    if measured is None:
         return NOT_REPRODUCED
+    if paper is None:
+        return PARTLY
     if isinstance(paper, bool):
         return REPRODUCED if measured == paper else NOT_REPRODUCED
     if isinstance(paper, list):

@@ -1,77 +1,20 @@
-"""Results into figures, and nothing else: every function takes a result and returns a Figure.
+"""Figures of the disk array (paper 000)."""
 
-One style for all: single-column width (86 mm), colours that colour-blind readers can tell apart (Okabe and Ito).
-"""
-
-from functools import wraps
 from pathlib import Path
 
-import matplotlib
 import numpy as np
-
-matplotlib.use("Agg", force=False)
 from matplotlib import pyplot as plt
 from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.collections import LineCollection, PatchCollection
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
-WIDTH = 3.39  # inches, one column
-BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK = (
-    "#0072B2",
-    "#E69F00",
-    "#009E73",
-    "#D55E00",
-    "#CC79A7",
-    "#56B4E9",
-    "#000000",
-)
-COLORS = (BLUE, SKY, GREEN, ORANGE, RED, PURPLE, BLACK)
-STYLE = {
-    "figure.dpi": 200,
-    "savefig.dpi": 300,
-    "font.size": 8,
-    "axes.labelsize": 8,
-    "legend.fontsize": 6.5,
-    "xtick.labelsize": 7,
-    "ytick.labelsize": 7,
-    "axes.linewidth": 0.7,
-    "lines.linewidth": 1.0,
-    "lines.markersize": 3,
-    "legend.frameon": False,
-    "xtick.direction": "in",
-    "ytick.direction": "in",
-    "xtick.top": True,
-    "ytick.right": True,
-    "axes.formatter.use_mathtext": True,
-    "axes.prop_cycle": plt.cycler(color=COLORS),
-    "figure.constrained_layout.use": True,
-}
-LOAD, TIME = r"push $F_x$", r"time $t$ [$\sqrt{m/(k_n\sqrt{2R})}$]"
+from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, PURPLE, RED, SKY, TIME, axes_of, styled
+
+LOAD = r"push $F_x$"
 
 
-def _styled(function):
-    @wraps(function)
-    def inner(*args, **options):
-        with plt.rc_context(STYLE):
-            return function(*args, **options)
-
-    return inner
-
-
-def _axes(rows: int = 1, height: float = 2.5, **options):
-    return plt.subplots(rows, 1, figsize=(WIDTH, height), **options)
-
-
-@_styled
-def save(figure, path: str | Path) -> Path:
-    """Write a figure (the suffix decides the format) and close it."""
-    figure.savefig(path)
-    plt.close(figure)
-    return Path(path)
-
-
-@_styled
+@styled
 def complex_pairs(results: dict, paper: dict | None = None):
     """Im λ of every complex pair against the push, one panel a result, with births and deaths (Fig 2).
 
@@ -80,7 +23,7 @@ def complex_pairs(results: dict, paper: dict | None = None):
     results : title -> Result
     paper : load -> Im λ that the paper prints, drawn as crosses
     """
-    figure, panels = _axes(len(results), 1.0 + 1.45 * len(results), sharex=True, squeeze=False)
+    figure, panels = axes_of(len(results), 1.0 + 1.45 * len(results), sharex=True, squeeze=False)
     for axes, (title, result) in zip(panels[:, 0], results.items(), strict=True):
         for k, family in enumerate(result.families):
             color = COLORS[k % len(COLORS)]
@@ -107,10 +50,10 @@ def complex_pairs(results: dict, paper: dict | None = None):
     return figure
 
 
-@_styled
+@styled
 def mean_square_displacement(result):
     """M(t) at every load with the predicted growth beside it (Fig 3)."""
-    figure, axes = _axes(height=2.7)
+    figure, axes = axes_of(height=2.7)
     for color, (load, free) in zip(COLORS * 5, result.free_runs.items(), strict=False):
         shown = free.msd > 0
         axes.semilogy(free.time[shown], free.msd[shown], color=color, lw=0.6, label=f"{load:.3f}", rasterized=True)
@@ -131,11 +74,11 @@ def mean_square_displacement(result):
     return figure
 
 
-@_styled
+@styled
 def trajectory(result, grain: int = 3):
     """Path of one disk in the x–y plane, coloured by time: the growing spiral, then all until its breach (Fig 4)."""
     data = result.trajectory
-    figure, panels = _axes(2, 4.6)
+    figure, panels = axes_of(2, 4.6)
     end = data.breach[grain] if np.isfinite(data.breach[grain]) else data.time[-1]
     first = data.first_limit if np.isfinite(data.first_limit) else end
     windows = (
@@ -166,7 +109,7 @@ def _front(axes, found, color, label, sign=1):
     axes.plot(sign * reach / found.speed, reach, "--", color=color, lw=0.8)
 
 
-@_styled
+@styled
 def traveling_fronts(forward: dict, backward, threshold: float):
     """Mean times of breaching (forward) and of sliding (backward) with the fitted speeds (Fig 5).
 
@@ -174,7 +117,7 @@ def traveling_fronts(forward: dict, backward, threshold: float):
     ----------
     forward : load -> Front; backward : Front or None
     """
-    figure, (top, bottom) = _axes(2, 4.2)
+    figure, (top, bottom) = axes_of(2, 4.2)
     for color, (load, found) in zip((BLUE, GREEN, RED, ORANGE), forward.items(), strict=False):
         if found:
             words = (
@@ -201,10 +144,10 @@ def traveling_fronts(forward: dict, backward, threshold: float):
     return figure
 
 
-@_styled
+@styled
 def mode_shape(spectrum, index: int):
     """Components of one mode by coordinate: x, then y, then R·angle of all disks (Fig 6)."""
-    figure, axes = _axes(height=2.3)
+    figure, axes = axes_of(height=2.3)
     mode = spectrum.modes[:, index]
     mode = mode * np.exp(-1j * np.angle(mode[np.argmax(np.abs(mode))]))
     value = mode.real * np.sqrt(spectrum.free.mass)
@@ -221,7 +164,7 @@ def mode_shape(spectrum, index: int):
     return figure
 
 
-@_styled
+@styled
 def center_of_mass(result, load: float, line=None, printed=None):
     """Center of mass through the transition, and sliding velocity against push (Fig 7, Eq 10).
 
@@ -231,19 +174,19 @@ def center_of_mass(result, load: float, line=None, printed=None):
     line : measured velocities with their fit, or None
     printed : (slope, intercept) that the paper's figure shows, dashed
     """
-    figure, (top, bottom) = _axes(2, 5.0)
+    figure, (top, bottom) = axes_of(2, 5.0)
     free = result.free_runs[load]
     x = free.center[:, 0] - free.center[0, 0]
     top.plot(free.time, x, color=BLUE)
     top.set(xlabel=TIME, ylabel=r"$C^x_\mathrm{mass}-C^x_\mathrm{mass}(0)$ [$2R$]")
     top.set_title(f"$F_x$ = {load:.3f}", fontsize=7.5)
     top.set_ylim(top=1.12 * x.max() if x.max() > 0 else None)
-    inset = top.inset_axes([0.15, 0.55, 0.36, 0.36])
+    inset = top.insetaxes_of([0.15, 0.55, 0.36, 0.36])
     y = 1e4 * (free.center[:, 1] - free.center[0, 1])
     inset.plot(free.time, y, color=GREEN, lw=0.3, rasterized=True)
     inset.set_title(r"$10^4\,\Delta C^y_\mathrm{mass}$", fontsize=6, pad=2)
     started = int(np.argmax(np.abs(x) > 0.02)) if (np.abs(x) > 0.02).any() else len(x) - 1
-    zoom = top.inset_axes([0.72, 0.1, 0.26, 0.3])
+    zoom = top.insetaxes_of([0.72, 0.1, 0.26, 0.3])
     near = slice(max(started - 900, 0), started + 600)
     zoom.plot(free.time[near], x[near], color=BLUE, lw=0.7)
     zoom.set_title(r"$\Delta C^x_\mathrm{mass}$", fontsize=6, pad=2)
@@ -259,7 +202,7 @@ def center_of_mass(result, load: float, line=None, printed=None):
     if result.sliding:
         bottom.legend(title=LOAD, loc="upper left", ncol=2, title_fontsize=6.5)
     if line:
-        small = bottom.inset_axes([0.64, 0.56, 0.34, 0.4])
+        small = bottom.insetaxes_of([0.64, 0.56, 0.34, 0.4])
         small.errorbar(line.push, 1e5 * line.velocity, 1e5 * line.error, fmt="o", color=RED, ms=2, capsize=1, lw=0.6)
         ends = np.array([line.push.min(), line.push.max()])
         small.plot(ends, 1e5 * (line.intercept + line.slope * ends), "-", color=RED, lw=0.7, label="fit")
@@ -275,7 +218,7 @@ def center_of_mass(result, load: float, line=None, printed=None):
 STUCK, AT_LIMIT, SLIDES = "stuck", "has reached Coulomb's limit at the substrate", "has slid by a tenth of a diameter"
 
 
-@_styled
+@styled
 def transition_movie(result, path: str | Path, frames: int = 90) -> Path:
     """Animation of the transition as a GIF: disks coloured by what has happened to each."""
     data, radius = result.trajectory, result.pressed.grains.radius
@@ -286,7 +229,7 @@ def transition_movie(result, path: str | Path, frames: int = 90) -> Path:
     length, n = result.pressed.cell.vectors[0, 0], len(radius)
     with plt.rc_context({"figure.constrained_layout.use": False, "savefig.dpi": "figure"}):
         figure = plt.figure(figsize=(6.4, 1.6), dpi=110)
-        axes = figure.add_axes([0.02, 0.2, 0.96, 0.62])
+        axes = figure.addaxes_of([0.02, 0.2, 0.96, 0.62])
         axes.set(xlim=(-0.1, length + 0.1), ylim=(-0.15, 2.3 * radius.max()), aspect="equal")
         axes.axis("off")
         axes.axhspan(-0.15, 0, color="0.75")

@@ -1,0 +1,84 @@
+"""What a sheared packing leaves in its folder and on the terminal."""
+
+from pathlib import Path
+
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+from ..figures import sphere_shear as figures
+from ..figures.style import save as save_figure
+from ..loading.shear_run import ShearResult
+from . import claims as claims_table
+from .report import CLAIMS, complete, console, files_of, plain, save
+from .sphere_shear import Reproduction
+
+
+def write_reproduction(folder: Path, found: Reproduction) -> list[Path]:
+    """Figures, claims.json, scenario and raw numbers of the paper's packings; returns their paths."""
+    return _write(folder, found.main, found.claims)
+
+
+def write_result(folder: Path, result: ShearResult) -> list[Path]:
+    """Figures, scenario and raw numbers of a user's scenario; returns their paths."""
+    return _write(folder, result, None)
+
+
+def _write(folder: Path, result: ShearResult, claims) -> list[Path]:
+    with complete(folder) as room:
+        save(room, result.scenario, _numbers(result))
+        fine = result.scenario.shear.strain[1]
+        save_figure(figures.pairs_along_strain(result.paths, fine), room / "fig1_complex_pairs.png")
+        runs = [r for r in (*result.single, *result.later) if r]
+        if runs:
+            shown = max(runs, key=lambda r: (r.pairs == 1, r.growth.decades if r.growth else 0.0, r.msd[-1]))
+            if len(shown.snapshot_time):
+                save_figure(figures.spectrum_in_time(shown), room / "fig2_spectrum_in_time.png")
+            save_figure(figures.growth(shown), room / "fig3_growth.png")
+            trajectories = figures.trajectories(shown, result.scenario.packing.dim)
+            save_figure(trajectories, room / "fig4_trajectories.png")
+            later = [r for r in result.later if r and r is not shown]
+            violent = [max(later, key=lambda r: r.msd[-1])] if later else []
+            save_figure(figures.stress_through_failure([shown, *violent]), room / "fig5_stress.png")
+        if claims is not None:
+            claims_table.write(room / CLAIMS, claims)
+    return files_of(folder)
+
+
+def _numbers(result: ShearResult) -> dict:
+    out = {"scenario": result.scenario.text, "law": result.law, "units": "2 sigma_1 = m = k_n = 1"}
+    for name, items in (("paths", result.paths), ("single", result.single), ("later", result.later)):
+        out[name] = {
+            f"{path.seed:03d}": plain(item) for path, item in zip(result.paths, items, strict=True) if item is not None
+        }
+    return out
+
+
+def show_result(result: ShearResult) -> None:
+    """What a user's scenario led to, on the terminal."""
+    table = Table(title="Packings, sheared", title_justify="left", header_style="bold", box=SIMPLE_HEAD)
+    for name in ("packing", "fraction", "pressure", "coordination", "rattlers", "first pair at", "pairs at the end"):
+        table.add_column(name, justify="right")
+    for p in result.paths:
+        born = f"{p.onset.strain:.6g}" if p.onset else "at the start" if p.pairs[0] else "never"
+        table.add_row(
+            str(p.seed), f"{p.packed.packing_fraction:.4g}", f"{p.packed.pressure:.3g}",
+            f"{p.packed.coordination:.3g}", str(p.packed.rattlers), born, f"{p.pairs[-1]:.0f} at {p.strain[-1]:.4g}",
+        )  # fmt: skip
+    console.print(table)
+    for p in result.paths:
+        if p.stopped:
+            console.print(f"[yellow]packing {p.seed} stopped early: {p.stopped}[/]")
+    runs = [r for r in (*result.single, *result.later) if r]
+    if runs:
+        table = Table(title="Newtonian runs", title_justify="left", header_style="bold", box=SIMPLE_HEAD)
+        for name in ("strain", "pairs", "predicted growth rate", "fitted", "M at the end", "stress drop / p", "lost"):
+            table.add_column(name, justify="right")
+        for r in runs:
+            fitted = f"{r.growth.growth_rate:.4e}" if r.growth else "–"
+            table.add_row(
+                f"{r.strain:.4g}", str(r.pairs), f"{r.growth_rate:.4e}", fitted, f"{r.msd[-1]:.1e}",
+                f"{r.drop / r.pressure[0]:.3g}", str(r.contacts_lost),
+            )  # fmt: skip
+        console.print(table)
+    for failure in result.failures:
+        console.print(f"[yellow]{failure}[/]")

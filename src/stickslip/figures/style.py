@@ -1,0 +1,69 @@
+"""One style for all figures: single-column width (86 mm), colours that colour-blind readers can tell apart.
+
+The colours are Okabe and Ito's.
+"""
+
+from functools import wraps
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg", force=False)
+from matplotlib import pyplot as plt
+
+WIDTH = 3.39  # inches, one column
+BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK = (
+    "#0072B2",
+    "#E69F00",
+    "#009E73",
+    "#D55E00",
+    "#CC79A7",
+    "#56B4E9",
+    "#000000",
+)
+COLORS = (BLUE, SKY, GREEN, ORANGE, RED, PURPLE, BLACK)
+STYLE = {
+    "figure.dpi": 200,
+    "savefig.dpi": 300,
+    "font.size": 8,
+    "axes.labelsize": 8,
+    "legend.fontsize": 6.5,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "axes.linewidth": 0.7,
+    "lines.linewidth": 1.0,
+    "lines.markersize": 3,
+    "legend.frameon": False,
+    "xtick.direction": "in",
+    "ytick.direction": "in",
+    "xtick.top": True,
+    "ytick.right": True,
+    "axes.formatter.use_mathtext": True,
+    "axes.prop_cycle": plt.cycler(color=COLORS),
+    "figure.constrained_layout.use": True,
+}
+TIME = r"time $t$ [$\sqrt{m/(k_n\sqrt{2R})}$]"
+
+
+def styled(function):
+    """A function that draws, run in the one style."""
+
+    @wraps(function)
+    def inner(*args, **options):
+        with plt.rc_context(STYLE):
+            return function(*args, **options)
+
+    return inner
+
+
+def axes_of(rows: int = 1, height: float = 2.5, **options):
+    """A figure of one column with axes below each other; height in inches."""
+    return plt.subplots(rows, 1, figsize=(WIDTH, height), **options)
+
+
+@styled
+def save(figure, path: str | Path) -> Path:
+    """Write a figure (the suffix decides the format) and close it."""
+    figure.savefig(path)
+    plt.close(figure)
+    return Path(path)
