@@ -99,6 +99,48 @@ def run(
     report.show_paths(paths)
 
 
+@app.command()
+def stability(
+    file: Annotated[Path, typer.Argument(help="A packing: .npz with position, radius, …, or an archive with a state.")],
+    law: Annotated[str | None, typer.Option("--law", help="hertz_mindlin or linear; wins over the file.")] = None,
+    coulomb: Annotated[str | None, typer.Option("--coulomb", help="smooth or sharp.")] = None,
+    kn: Annotated[float | None, typer.Option("--kn", help="Normal stiffness.")] = None,
+    kt: Annotated[float | None, typer.Option("--kt", help="Tangential stiffness.")] = None,
+    mu: Annotated[float | None, typer.Option("--mu", help="Friction coefficient.")] = None,
+    i0: Annotated[float | None, typer.Option("--i0", help="Moment of inertia I0 m R²: 0.4 for spheres.")] = None,
+    frame: Annotated[str | None, typer.Option("--frame", help="Which state of an archive.")] = None,
+    method: Annotated[str, typer.Option("--method", help="auto, dense, pairs or fastest.")] = "auto",
+    modes: Annotated[
+        Path | None, typer.Option("--modes", help="Where modes go; default: FILE's name with -modes.npz, here.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one object; write modes only with --modes.")] = False,
+) -> None:
+    """Is this packing stable? Complex pairs, buckling, floppy modes and rattlers of anybody's packing."""
+    import warnings
+
+    from .data.sample import SampleWarning, read_sample
+    from .experiments import report, stability_report
+    from .solve import stability as room
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", SampleWarning)
+        state, its_law, words = read_sample(file, law=law, coulomb=coulomb, kn=kn, kt=kt, mu=mu, i0=i0, frame=frame)
+    words = [*words, *(str(w.message) for w in caught if issubclass(w.category, SampleWarning))]
+    if as_json:
+        for line in words:
+            print(f"stickslip: {line}", file=sys.stderr)
+        found = room.stability(state, its_law, method=method)
+        print(stability_report.as_json(found))
+    else:
+        with report.progress(transient=True) as tell:
+            found = room.stability(state, its_law, method=method, report=tell)
+        stability_report.show(found, its_law, words)
+    if modes or (not as_json and found.modes.shape[1]):
+        path = stability_report.write_modes(modes or Path(f"{file.stem}-modes.npz"), found)
+        if not as_json:
+            report.show_paths([path])
+
+
 _ROOMS = {"disk-array": ("disk_array", "disk_report"), "sphere-shear": ("sphere_shear", "shear_report")}
 
 

@@ -57,8 +57,13 @@ def _probe(folder: Path) -> None:
 
 
 @contextmanager
-def progress():
-    """A live line for each stage, with the quantities that matter; a plain line a stage where there is no terminal."""
+def progress(*, transient: bool = False):
+    """A live line for each stage, with the quantities that matter; a plain line a stage where there is no terminal.
+
+    Parameters
+    ----------
+    transient : whether the lines go away at the end (and nothing is said where there is no terminal)
+    """
     columns = (
         TextColumn("{task.description:<34}"),
         BarColumn(bar_width=20),
@@ -66,11 +71,11 @@ def progress():
         TextColumn("{task.fields[words]}"),
     )
     stages: dict[str, int] = {}
-    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
+    with Progress(*columns, console=console, disable=not console.is_terminal, transient=transient) as bar:
 
         def tell(stage: str, share: float, words: str) -> None:
             if stage not in stages:
-                if not console.is_terminal:
+                if not console.is_terminal and not transient:
                     console.print(f"{stage} …")
                 for task in stages.values():
                     bar.update(task, completed=1.0)

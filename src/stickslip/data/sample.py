@@ -1,0 +1,302 @@
+"""A packing from elsewhere: arrays, or an .npz or archive file, into an accepted state."""
+
+import difflib
+import warnings
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from ..core.forces import accept, forces
+from ..core.laws import COULOMB, Law, hertz_mindlin, linear
+from ..core.measure import branches
+from ..core.neighbors import grid_of, pack_key, updated
+from ..core.state import OPEN, STICK, State, assembly, box, disks, loads, spheres
+from . import archive
+
+REQUIRED = ("position", "radius")
+CONTACTS = ("pair_i", "pair_j", "image", "slip")
+OPTIONAL = ("mass", "cell", "periodic", *CONTACTS, "external_force", "dim")
+LAW = ("law", "coulomb", "kn", "kt", "mu", "i0")  # a file may carry its law, too
+LAWS = {"hertz_mindlin": hertz_mindlin, "linear": linear}
+
+
+class SampleError(ValueError):
+    """A packing that cannot be taken; the message is one sentence for the user."""
+
+
+class SampleWarning(UserWarning):
+    """Something in a packing was changed or is missing, but it can be taken."""
+
+
+def sample(
+    position, radius, law: Law, *, mass=1.0, cell=None, periodic=None, pair_i=None, pair_j=None, image=None, slip=None,
+    external_force=None, dim=3, i0=None,
+) -> State:  # fmt: skip
+    """An accepted state from anybody's arrays; r_ij = r_i − r_j + cellᵀ·image.
+
+    Parameters
+    ----------
+    position : (N, 3) [length]; radius : (N,) [length]; mass : float or (N,) [mass]
+    law : Law, which decides what its slip may be at most
+    cell : (3, 3) box vectors as rows, sheared or not [length]; without it nothing is periodic
+    periodic : (3,) bool, default all (in two dimensions all but z)
+    pair_i, pair_j : (M,) integers from 0, each pair once; exchanging i and j flips image and slip. Left out: the
+        contacts are found, with zero slip
+    image : (M, 3) integers, default zero; slip : (M, 3) [length], default zero
+    external_force : (N, 3) [force]
+    dim : 2 or 3; i0 : float, moment of inertia I0 m R², default 2/5, or 1/2 in two dimensions
+
+    Raises
+    ------
+    SampleError
+        with one sentence. A SampleWarning tells of slip that was projected or truncated, and of touching pairs that are
+        not in the list.
+
+    Examples
+    --------
+    >>> sample([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], hertz_mindlin()).contacts.mode[:1]
+    array([1])
+    """
+    position, radius = _array("position", position, (None, 3)), _array("radius", radius, (None,))
+    n = len(position)
+    if len(radius) != n:
+        raise SampleError(f"radius has {len(radius)} entries for {n} positions: give one for each grain")
+    mass = _array("mass", np.broadcast_to(mass, (n,)) if np.ndim(mass) == 0 else mass, (n,))
+    force = 0.0 if external_force is None else _array("external_force", external_force, (n, 3))
+    if dim not in (2, 3):
+        raise SampleError(f"dim = {dim} was given: 2 and 3 are allowed")
+    if dim == 2 and (position[:, 2].any() or (slip is not None and np.any(np.asarray(slip)[..., 2:]))):
+        raise SampleError("position or slip leaves the plane although dim is 2: z must be zero")
+    make = disks if dim == 2 else spheres
+    try:
+        grains = make(position, radius, mass=mass, **({} if i0 is None else {"i0": i0}))
+        state = assembly(grains, cell=_cell(cell, periodic, dim), control=loads(n, force=force))
+    except ValueError as problem:
+        raise SampleError(str(problem)) from None
+    _check_box(state)
+    state = updated(state)
+    _check_overlap(state)
+    if pair_i is not None or pair_j is not None:
+        state = _with_contacts(state, pair_i, pair_j, image, slip)
+    elif image is not None or slip is not None:
+        raise SampleError("image or slip was given without pair_i and pair_j: give these too")
+    return _accepted(state, law)
+
+
+def read_sample(path: str | Path, **law_options) -> tuple[State, Law, list[str]]:
+    """State, law and words about where the law comes from, from an .npz (names as in `sample`) or an archive.
+
+    Parameters
+    ----------
+    law_options : law, coulomb, kn, kt, mu, i0, frame; None where not given. What is given wins over the file.
+        `frame` is the path of a state inside an archive that holds several, such as main/frames/0.030000
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise SampleError(f"{path} is no file: give an .npz or an archive (.h5)")
+    frame = law_options.pop("frame", None)
+    given = {name: value for name, value in law_options.items() if value is not None}
+    if path.suffix in (".h5", ".hdf5"):
+        return _from_archive(path, frame, given)
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+    except (ValueError, OSError, EOFError, zipfile.BadZipFile):
+        raise SampleError(f"{path} cannot be read as .npz: write it with numpy.savez, without objects") from None
+    known = (*REQUIRED, *OPTIONAL, *LAW)
+    for name in arrays:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
+            hint = f"did you mean {near[0]!r}?" if near else f"it may hold {', '.join(known)}"
+            raise SampleError(f"{path} has an array {name!r} that is not known: {hint}")
+    for name in REQUIRED:
+        if name not in arrays:
+            raise SampleError(f"{path} has no array {name!r}: it needs {' and '.join(REQUIRED)}")
+    for name in LAW:
+        if name in arrays:
+            value = arrays.pop(name)
+            if value.ndim:
+                raise SampleError(f"{name} has shape {value.shape} in {path}: it must be a single value")
+            given.setdefault(name, value.item())
+    arrays["dim"] = int(_array("dim", arrays.get("dim", 3), ()))
+    arrays["i0"] = given.pop("i0", None)
+    words = [] if given else ["no contact law was given: the defaults are assumed"]
+    law = law_from(**given)
+    return sample(arrays.pop("position"), arrays.pop("radius"), law, **arrays), law, words
+
+
+def law_from(law="hertz_mindlin", coulomb="smooth", kn=1.0, kt=2 / 7, mu=10.0) -> Law:
+    """A law by name; SampleError in one sentence if there is none such."""
+    if law not in LAWS:
+        raise SampleError(f"law {law!r} is not known: use {' or '.join(LAWS)}")
+    if coulomb not in COULOMB:
+        raise SampleError(f"coulomb {coulomb!r} is not known: use {' or '.join(COULOMB)}")
+    try:
+        return LAWS[law](kn, kt, mu, coulomb=coulomb)
+    except (TypeError, ValueError) as problem:
+        raise SampleError(str(problem)) from None
+
+
+def _from_archive(path: Path, frame: str | None, given: dict):
+    tree = archive.read(path)
+    states = dict(_states(tree))
+    if not states:
+        raise SampleError(f"{path} holds no state: give an archive of states, or an .npz")
+    if frame is None and len(states) > 1:
+        some = ", ".join(list(states)[:4]) + (" …" if len(states) > 4 else "")
+        raise SampleError(f"{path} holds {len(states)} states: choose one with --frame, from {some}")
+    frame = frame or next(iter(states))
+    if frame not in states:
+        raise SampleError(f"{path} has no state {frame!r}: it has {', '.join(states)}")
+    state = states[frame]
+    i0 = given.pop("i0", None)
+    if i0 is not None:
+        if not (np.isfinite(i0) and i0 > 0):
+            raise SampleError(f"i0 = {i0} was given: it must be positive")
+        grains = state.grains
+        state = state._replace(grains=grains._replace(inertia=i0 * grains.mass * grains.radius**2))
+    if given:
+        return _accepted(updated(state), law_from(**given)), law_from(**given), []
+    holder, law = tree, tree.get("law")
+    for part in frame.split("/")[:-1]:
+        holder = holder[part]
+        law = holder.get("law", law) if isinstance(holder, dict) else law
+    if law is None:
+        law, words = law_from(), ["the file has no contact law: the defaults are assumed"]
+    else:
+        words = []
+    return _accepted(updated(state), law), law, words
+
+
+def _states(tree: dict, above: str = ""):
+    """Names and values of all states in an archive, however deep."""
+    for name, value in tree.items():
+        if isinstance(value, State):
+            yield above + name, value
+        elif isinstance(value, dict):
+            yield from _states(value, f"{above}{name}/")
+
+
+def _array(name: str, value, shape: tuple, kind=float) -> np.ndarray:
+    try:
+        array = np.asarray(value)
+        if kind is int and array.dtype.kind == "f" and not (array == np.round(array)).all():
+            raise TypeError
+        array = array.astype(np.int64 if kind is int else kind)
+    except (TypeError, ValueError):
+        what = "integers" if kind is int else "numbers"
+        raise SampleError(f"{name} holds something else than {what}: give an array of {what}") from None
+    good = len(array.shape) == len(shape) and all(w is None or w == g for w, g in zip(shape, array.shape, strict=True))
+    if not good:
+        wanted = "(" + ", ".join("any" if w is None else str(w) for w in shape) + ("," if len(shape) == 1 else "") + ")"
+        raise SampleError(f"{name} has shape {array.shape}: {wanted} is needed")
+    if kind is float and not np.isfinite(array).all():
+        raise SampleError(f"{name} holds NaN or infinity: every entry must be a finite number")
+    return array
+
+
+def _cell(cell, periodic, dim: int):
+    if cell is None:
+        if periodic is not None and np.any(periodic):
+            raise SampleError("periodic was given without a cell: give the box vectors as rows of cell")
+        return box(dim=dim)
+    cell = _array("cell", np.diag(cell) if np.shape(cell) == (3,) else cell, (3, 3))
+    flags = [True, True, dim == 3] if periodic is None else _array("periodic", periodic, (3,), bool)
+    if dim == 2:
+        if cell[2, :2].any() or cell[:2, 2].any():
+            raise SampleError("cell leaves the plane although dim is 2: its third row must be along z, others in it")
+        flags = [bool(flags[0]), bool(flags[1]), False]
+    return box(cell, flags, dim)
+
+
+def _check_box(state: State) -> None:
+    height, largest = grid_of(state.cell).height, 2 * float(state.grains.radius.max())
+    for k in np.flatnonzero(state.cell.periodic):
+        if height[k] < largest:
+            raise SampleError(
+                f"the box is {height[k]:.4g} wide across its vector {k}, less than the largest grain ({largest:.4g}): "
+                f"repeat it until it is wider"
+            )
+
+
+def _check_overlap(state: State) -> None:
+    contacts, count, radius = state.contacts, int(state.contacts.count[0]), state.grains.radius
+    i, j = contacts.i[:count], contacts.j[:count]
+    overlap = radius[i] + radius[j] - np.linalg.norm(branches(state), axis=1)
+    share = overlap / np.minimum(radius[i], radius[j])
+    if count and share.max() > 1:
+        c = int(share.argmax())
+        raise SampleError(
+            f"grains {i[c]} and {j[c]} overlap by {overlap[c]:.4g}, more than a radius: no contact law holds there; "
+            f"check positions, radii and cell"
+        )
+
+
+def _with_contacts(state: State, pair_i, pair_j, image, slip) -> State:
+    """The state with a given list of contacts and their slip, not yet projected."""
+    if pair_i is None or pair_j is None:
+        raise SampleError("only one of pair_i and pair_j was given: give both")
+    n = len(state.grains.radius)
+    i = _array("pair_i", pair_i, (None,), int)
+    m = len(i)
+    j = _array("pair_j", pair_j, (m,), int)
+    image = np.zeros((m, 3), int) if image is None else _array("image", image, (m, 3), int)
+    slip = np.zeros((m, 3)) if slip is None else _array("slip", slip, (m, 3))
+    if m and not (min(i.min(), j.min()) >= 0 and max(i.max(), j.max()) < n):
+        raise SampleError(f"a pair names grain {max(i.max(), j.max())} or below 0: there are grains 0 to {n - 1}")
+    if np.abs(image).max(initial=0) > 60:
+        raise SampleError("an image of more than 60 boxes was given: shift positions by whole boxes")
+    lead = np.take_along_axis(image, np.argmax(image != 0, axis=1)[:, None], axis=1)[:, 0] if m else np.zeros(0)
+    flip = (i > j) | ((i == j) & (lead < 0))
+    i, j = np.where(flip, j, i), np.where(flip, i, j)
+    image, slip = np.where(flip[:, None], -image, image), np.where(flip[:, None], -slip, slip)
+    key = np.array([pack_key(*ends, *box) for *ends, box in zip(i, j, image, strict=True)], np.int64)
+    order = np.argsort(key, kind="stable")
+    twice = order[1:][np.diff(key[order]) == 0]
+    if len(twice):
+        c = int(twice[0])
+        raise SampleError(
+            f"the pair of grains {i[c]} and {j[c]} with image {image[c].tolist()} is given twice: give each pair once"
+        )
+    contacts, count = state.contacts, int(state.contacts.count[0])
+    row = np.searchsorted(contacts.key[:count], key)
+    there = row < count
+    there[there] = contacts.key[row[there]] == key[there]
+    new = contacts._replace(slip=contacts.slip.copy(), mode=contacts.mode.copy(), pair=contacts.pair.copy())
+    branch = branches(state)
+    reach = state.grains.radius[contacts.i[:count]] + state.grains.radius[contacts.j[:count]]
+    touches = np.linalg.norm(branch, axis=1) < reach
+    there[there] = touches[row[there]]
+    lost = ~there & slip.any(axis=1)
+    if lost.any():
+        c = int(np.flatnonzero(lost)[0])
+        raise SampleError(
+            f"grains {i[c]} and {j[c]} with image {image[c].tolist()} have slip but do not touch: check the sign of "
+            f"the image, r_ij = r_i - r_j + cell^T image"
+        )
+    new.slip[row[there]], new.mode[row[there]], new.pair[row[there]] = slip[there], STICK, branch[row[there]]
+    missing = int((touches & (new.mode[:count] == OPEN)).sum())
+    if missing:
+        words = f"{missing} touching pair(s) are not in the list: taken with zero slip"
+        warnings.warn(words, SampleWarning, stacklevel=3)
+    return state._replace(contacts=new)
+
+
+def _accepted(state: State, law: Law) -> State:
+    """The state with its memory committed: slip perpendicular to the normal and within Coulomb's limit."""
+    count = int(state.contacts.count[0])
+    _, trial = forces(state, law)
+    branch = branches(state)
+    normal = branch / np.linalg.norm(branch, axis=1)[:, None]
+    slip = np.where(trial.mode[:count, None] != OPEN, state.contacts.slip[:count], 0.0)
+    along = np.einsum("ck,ck->c", slip, normal)
+    size, most = np.linalg.norm(slip, axis=1).max(initial=0.0), np.abs(along).max(initial=0.0)
+    if most > 1e-8 * size:
+        words = f"slip was projected on the plane of contact: its normal part was up to {most:.3g}"
+        warnings.warn(f"{words}, {most / size:.2g} of the largest slip", SampleWarning, stacklevel=3)
+    wanted = np.linalg.norm(slip - along[:, None] * normal, axis=1)
+    cut = int((np.linalg.norm(trial.slip[:count], axis=1) < wanted * (1 - 1e-9)).sum())
+    if cut:
+        warnings.warn(f"{cut} slip(s) exceed Coulomb's limit and were cut to it", SampleWarning, stacklevel=3)
+    return accept(state, trial)

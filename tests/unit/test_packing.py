@@ -1,0 +1,138 @@
+"""Jammed packings, affine strain, cells described in another way."""
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.core.measure import branches, coordination, packing_fraction, pressure, rattlers, stress, touching
+from stickslip.core.neighbors import updated
+from stickslip.loading.packing import frictionless, jammed
+from stickslip.loading.shear import reduced_cell, shear_strain, sheared, strained
+from tests.conftest import make_law, make_packing, stirred
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_packing_has_the_wanted_fraction_and_balanced_forces(dim):
+    wanted = {2: 0.86, 3: 0.68}[dim]
+    state, report = jammed(40, packing_fraction=wanted, dim=dim, seed=3)
+    volume = np.pi * state.grains.radius**2 if dim == 2 else 4 / 3 * np.pi * state.grains.radius**3
+    assert volume.sum() / np.prod(np.diag(state.cell.vectors)[:dim]) == pytest.approx(wanted, rel=1e-12)
+    assert report.packing_fraction == pytest.approx(wanted, rel=1e-12)
+    assert report.residual <= 5e-14
+    assert report.pressure > 0
+    assert report.contacts == len(touching(state))
+    # jammed without friction: at least isostatic, one contact more than degrees of freedom
+    held = 40 - report.rattlers
+    assert report.contacts >= dim * (held - 1) + 1
+    assert report.coordination == pytest.approx(2 * report.contacts / held)
+    assert sorted(set(state.grains.radius)) == [0.5, 0.7]
+    assert (state.grains.radius == 0.5).sum() == 20
+
+
+def test_a_packing_is_the_same_for_the_same_seed():
+    a, b, c = (jammed(30, packing_fraction=0.68, seed=s)[0].grains.position for s in (1, 1, 2))
+    assert np.array_equal(a, b)
+    assert not np.array_equal(a, c)
+
+
+def test_a_packing_reaches_a_wanted_pressure():
+    state, report = jammed(40, pressure=2e-3, seed=0)
+    assert report.pressure == pytest.approx(2e-3, rel=1e-6)
+    assert pressure(state, frictionless(ss.hertz_mindlin())) == pytest.approx(2e-3, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({}, "give packing_fraction or pressure"),
+        ({"packing_fraction": 0.68, "pressure": 1e-3}, "not both"),
+        ({"packing_fraction": 0.4}, "does not jam"),
+        ({"packing_fraction": -1.0}, "must be positive"),
+        ({"packing_fraction": 0.68, "radius": (0.5, -0.7)}, "positive sizes"),
+        ({"packing_fraction": 0.68, "radius": [5.0] + [0.5] * 19}, "use more grains"),
+    ],
+)
+def test_an_impossible_packing_is_one_sentence(options, words):
+    with pytest.raises(ValueError, match=words):
+        jammed(20, **options)
+
+
+def test_stress_of_one_contact_is_force_times_branch_over_volume():
+    grains = ss.spheres([[0, 0, 0], [0.9, 0, 0]], 0.5)
+    state = ss.assembly(grains, cell=ss.box([5.0, 4.0, 3.0], [True] * 3))
+    law = ss.linear(kn=2.0)
+    _, trial = ss.forces(state, law)
+    found = stress(ss.accept(updated(state), trial), law)
+    assert found[0, 0] == pytest.approx(2.0 * 0.1 * 0.9 / 60)  # compression is positive
+    assert np.abs(found).sum() == pytest.approx(found[0, 0])
+    assert packing_fraction(state) == pytest.approx(2 * 4 / 3 * np.pi * 0.125 / 60)
+
+
+def test_rattlers_are_found_through_each_other():
+    """A triangle holds itself; a chain of two hangs on it: the end is loose, then its neighbour."""
+    position = [[0, 0], [0.99, 0], [0.495, 0.85], [-0.9, -0.3], [-1.8, -0.6]]
+    state = ss.assembly(ss.disks(position, 0.5), cell=ss.box(dim=2))
+    _, trial = ss.forces(state, ss.linear())
+    state = ss.accept(updated(state), trial)
+    assert len(touching(state)) == 5
+    assert rattlers(state).tolist() == [False] * 3 + [True] * 2
+    assert coordination(state) == 2.0
+
+
+def test_affine_strain_moves_grains_and_cell_alike():
+    state = jammed(20, packing_fraction=0.68)[0]
+    gradient = np.array([[0.01, 0.2, 0], [0, -0.02, 0.1], [0, 0, 0.03]])
+    moved = strained(state, gradient)
+    deformation = np.eye(3) + gradient
+    np.testing.assert_allclose(moved.grains.position, state.grains.position @ deformation.T)
+    np.testing.assert_allclose(branches(moved), branches(state) @ deformation.T, atol=1e-14)
+    assert shear_strain(sheared(state, 0.07)) == pytest.approx(0.07)
+
+
+@pytest.mark.parametrize("slip", [True, False])
+def test_the_affine_displacement_enters_the_slip_if_wanted(slip):
+    state = jammed(30, packing_fraction=0.7, seed=1)[0]
+    law = ss.hertz_mindlin(mu=10.0)
+    moved = sheared(state, 1e-4, slip=slip)
+    loads, trial = ss.forces(moved, law)
+    rows = np.flatnonzero(trial.mode[: trial.count[0]] == ss.STICK)
+    after = branches(ss.accept(updated(moved), trial))[rows]
+    normal = after / np.linalg.norm(after, axis=1)[:, None]
+    affine = np.zeros_like(after)
+    affine[:, 0] = 1e-4 * after[:, 1]  # displacement of i relative to j: simple shear leaves y as it is
+    wanted = affine - np.einsum("ck,ck->c", affine, normal)[:, None] * normal if slip else 0 * affine
+    np.testing.assert_allclose(trial.slip[rows], wanted, atol=1e-14)
+    assert bool(loads.torque.any()) == slip
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("seed", range(6))
+def test_a_cell_described_by_shorter_vectors_is_the_same_packing(dim, seed):
+    law = make_law("hertz_mindlin", "smooth")
+    state = stirred(make_packing(dim, seed, wall=False), law, np.random.default_rng(seed))
+    skew = np.eye(3)
+    skew[0, 0 if dim == 2 else 1] += 0 if dim == 2 else 2.3
+    state = strained(state, skew - np.eye(3), slip=False)
+    loads, trial = ss.forces(state, law)
+    state = ss.accept(updated(state), trial)
+    shorter = reduced_cell(state)
+    again, new = ss.forces(shorter, law)
+    assert np.linalg.norm(shorter.cell.vectors) <= np.linalg.norm(state.cell.vectors)
+    np.testing.assert_allclose(again.force, loads.force, atol=1e-13)
+    np.testing.assert_allclose(again.torque, loads.torque, atol=1e-13)
+    fresh = updated(shorter._replace(contacts=shorter.contacts._replace(origin=shorter.contacts.origin + np.inf)))
+    assert np.array_equal(fresh.contacts.key[: fresh.contacts.count[0]], new.key[: new.count[0]])
+
+
+@pytest.mark.parametrize(
+    ("gradient", "words"), [(np.eye(4), "shape"), ([[0, 0, 1], [0, 0, 0], [0, 0, 0]], "z components")]
+)
+def test_an_impossible_strain_is_one_sentence(gradient, words):
+    state = jammed(20, packing_fraction=0.86, dim=2)[0]
+    with pytest.raises(ValueError, match=words):
+        strained(state, gradient)
+
+
+def test_walls_cannot_be_strained():
+    with pytest.raises(ValueError, match="walls"):
+        sheared(ss.disk_array(3, press=1e-4), 0.1)

@@ -1,0 +1,194 @@
+"""Packings from elsewhere: arrays and files in, accepted states out, one sentence for what cannot be taken."""
+
+import json
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.core.measure import touching
+from stickslip.data import archive
+from stickslip.data.sample import SampleError, SampleWarning, read_sample, sample
+from stickslip.loading.packing import jammed
+from stickslip.loading.protocols import ramp
+from stickslip.loading.shear import aqs
+from stickslip.solve.stability import stability
+from tests.published.test_disk_array import stickslip as run
+
+LAW = ss.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth")
+
+
+@pytest.fixture(scope="module")
+def unstable():
+    """Thirty spheres, sheared until there are complex pairs; large slip, sheared cell."""
+    state, _ = jammed(30, packing_fraction=0.7, seed=2)
+    path = ramp(state, np.arange(0, 21) * 1e-3, aqs(LAW))
+    return max(path, key=lambda p: len(p.spectrum.pairs)).state
+
+
+def arrays_of(state):
+    rows, c = touching(state), state.contacts
+    return {
+        "position": state.grains.position, "radius": state.grains.radius, "cell": state.cell.vectors,
+        "pair_i": c.i[rows], "pair_j": c.j[rows], "image": c.image[rows], "slip": c.slip[rows],
+    }  # fmt: skip
+
+
+def test_a_packing_comes_back_with_the_same_forces_and_spectrum(unstable, tmp_path):
+    np.savez(tmp_path / "p.npz", **arrays_of(unstable))
+    state, law, words = read_sample(tmp_path / "p.npz", mu=10.0, i0=0.4)
+    assert not words
+    before, after = ss.forces(unstable, LAW)[0], ss.forces(state, law)[0]
+    np.testing.assert_allclose(after.force, before.force, atol=1e-15)
+    found, direct = stability(state, law), ss.spectrum(unstable, LAW)
+    assert len(found.pairs) == len(direct.pairs) > 0
+    np.testing.assert_allclose(found.pairs, direct.eigenvalues[direct.pairs], rtol=1e-9)
+
+
+def test_pairs_may_be_given_the_other_way_round_and_in_any_order(unstable):
+    given = arrays_of(unstable)
+    rng = np.random.default_rng(0)
+    flip = rng.random(len(given["pair_i"])) < 0.5
+    order = rng.permutation(len(flip))
+    sign = np.where(flip, -1, 1)[:, None]
+    other = given | {
+        "pair_i": np.where(flip, given["pair_j"], given["pair_i"])[order],
+        "pair_j": np.where(flip, given["pair_i"], given["pair_j"])[order],
+        "image": (sign * given["image"])[order],
+        "slip": (sign * given["slip"])[order],
+    }
+    a, b = (ss.forces(sample(law=LAW, **arrays), LAW)[0] for arrays in (given, other))
+    assert np.array_equal(a.force, b.force)
+
+
+def test_positions_may_lie_in_other_boxes(unstable):
+    """Shifting grains by whole boxes shifts the images; nothing else changes."""
+    given = arrays_of(unstable)
+    boxes = np.random.default_rng(1).integers(-2, 3, (30, 3))
+    i, j = given["pair_i"], given["pair_j"]
+    other = given | {
+        "position": given["position"] + boxes @ given["cell"],
+        "image": given["image"] - boxes[i] + boxes[j],
+    }
+    a, b = (stability(sample(law=LAW, **arrays), LAW).pairs for arrays in (given, other))
+    np.testing.assert_allclose(a, b, rtol=1e-7)
+
+
+def test_contacts_may_be_left_out(unstable):
+    given = {k: v for k, v in arrays_of(unstable).items() if k in ("position", "radius", "cell")}
+    state = sample(law=LAW, **given)
+    assert len(touching(state)) == len(touching(unstable))
+    assert not state.contacts.slip.any()
+
+
+def test_slip_that_is_not_tangential_is_projected_and_said(unstable):
+    given = arrays_of(unstable)
+    with pytest.warns(SampleWarning, match="normal part was up to"):
+        state = sample(law=LAW, **given | {"slip": given["slip"] + 1e-3})
+    c, rows = state.contacts, touching(state)
+    normal = c.pair[rows] / np.linalg.norm(c.pair[rows], axis=1)[:, None]
+    assert np.abs(np.einsum("ck,ck->c", c.slip[rows], normal)).max() < 1e-17
+
+
+def test_slip_beyond_the_limit_and_missing_pairs_are_said(unstable):
+    given = arrays_of(unstable)
+    with pytest.warns(SampleWarning, match="exceed Coulomb's limit"):
+        sample(law=ss.hertz_mindlin(mu=1e-3), **given)
+    fewer = {k: v[1:] if k in ("pair_i", "pair_j", "image", "slip") else v for k, v in given.items()}
+    with pytest.warns(SampleWarning, match="1 touching pair"):
+        sample(law=LAW, **fewer)
+
+
+def wrong(given, **changes):
+    return {k: v for k, v in (given | changes).items() if v is not None}
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda g: {"radius": g["radius"][:-1]}, "radius has 29 entries"),
+        (lambda g: {"position": g["position"][:, :2]}, r"\(any, 3\) is needed"),
+        (lambda g: {"position": np.where(np.arange(90).reshape(30, 3) == 4, np.nan, g["position"])}, "NaN or infinity"),
+        (lambda g: {"radius": 3 * g["radius"]}, "less than the largest grain"),
+        (lambda g: {"position": 0 * g["position"]}, "more than a radius"),
+        (lambda g: {"cell": g["cell"][:2]}, "cell has shape"),
+        (lambda g: {"cell": 0.2 * g["cell"]}, "less than the largest grain"),
+        (lambda g: {"cell": None, "periodic": [True] * 3}, "without a cell"),
+        (lambda g: {"pair_i": g["pair_i"][[0, *range(len(g["pair_i"]) - 1)]]}, "do not touch|given twice"),
+        (
+            lambda g: {k: np.append(g[k], g[k][-1:], axis=0) for k in ("pair_i", "pair_j", "image", "slip")},
+            "given twice",
+        ),
+        (lambda g: {"pair_j": g["pair_j"] + 30}, "there are grains 0 to 29"),
+        (lambda g: {"pair_i": g["pair_i"] + 0.5}, "else than integers"),
+        (lambda g: {"image": -g["image"] + 1}, "do not touch"),
+        (lambda g: {"pair_i": None}, "give both"),
+        (lambda g: {"pair_i": None, "pair_j": None}, "without pair_i"),
+        (lambda g: {"slip": g["slip"][:, :2]}, "slip has shape"),
+        (lambda g: {"mass": -1.0}, "must be positive"),
+        (lambda g: {"dim": 4}, "2 and 3 are allowed"),
+        (lambda g: {"dim": 2}, "leaves the plane"),
+    ],
+)
+def test_what_cannot_be_taken_is_one_sentence(unstable, change, words):
+    given = arrays_of(unstable)
+    with pytest.raises(SampleError, match=words) as problem:
+        sample(law=LAW, **wrong(given, **change(given)))
+    assert "\n" not in str(problem.value)
+
+
+def test_the_command_prints_one_object_with_the_documented_keys(unstable, tmp_path):
+    np.savez(tmp_path / "p.npz", **arrays_of(unstable))
+    options = ["--law", "hertz_mindlin", "--coulomb", "smooth", "--kn", "1", "--kt", str(2 / 7), "--mu", "10"]
+    done = run("stability", str(tmp_path / "p.npz"), *options, "--i0", "0.4", "--json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert list(found) == ["n", "contacts", "rattlers", "residual", "stable", "pairs", "negative", "zero_modes"]
+    truth = ss.spectrum(unstable, LAW)
+    assert found["n"] == 30
+    assert found["stable"] is False
+    assert found["zero_modes"] == 3
+    assert found["residual"] < 1e-10
+    assert set(found["pairs"][0]) == {"re_lambda", "im_lambda", "omega", "growth_rate"}
+    np.testing.assert_allclose([p["growth_rate"] for p in found["pairs"]], truth.growth_rate[truth.pairs], rtol=1e-6)
+
+
+def test_the_command_says_the_verdict_and_writes_the_modes(unstable, tmp_path):
+    archive.write(tmp_path / "p.h5", {"state": unstable, "law": LAW})
+    done = run("stability", str(tmp_path / "p.h5"), "--modes", str(tmp_path / "m.npz"))
+    assert done.returncode == 0, done.stderr
+    assert "oscillatory instability" in done.stdout
+    modes, truth = np.load(tmp_path / "m.npz"), ss.spectrum(unstable, LAW)
+    # M⁻¹J applied to the mode gives −λ times the mode: check by Rayleigh's quotient of its parts
+    fastest = np.concatenate([modes["translation"][0], modes["rotation"][0]], axis=1).ravel()
+    mine = truth.modes[:, truth.pairs[0]]
+    assert abs(np.vdot(mine * truth.free.mass, fastest[truth.free.component])) == pytest.approx(1, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "options", "words"),
+    [
+        ({"positions": np.zeros((3, 3))}, [], "did you mean 'position'"),
+        ({"radius": None}, [], "has no array 'radius'"),
+        ({}, ["--law", "hooke"], "use hertz_mindlin or linear"),
+        ({}, ["--mu", "-1"], "not negative"),
+        ({}, ["--method", "magic"], "use auto, dense, pairs or fastest"),
+        ({"slip": np.zeros((2, 3))}, [], "slip has shape"),
+    ],
+)
+def test_a_wrong_file_ends_with_code_2_and_one_sentence(unstable, tmp_path, change, options, words):
+    np.savez(tmp_path / "p.npz", **wrong(arrays_of(unstable), **change))
+    done = run("stability", str(tmp_path / "p.npz"), *options)
+    assert done.returncode == 2
+    assert words in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("content", [b"", b"no zip", None])
+def test_a_file_that_is_none_ends_with_code_2(tmp_path, content):
+    if content is not None:
+        (tmp_path / "p.npz").write_bytes(content)
+    done = run("stability", str(tmp_path / "p.npz"))
+    assert done.returncode == 2
+    assert len(done.stderr.strip().splitlines()) == 1
