@@ -179,7 +179,9 @@ def find_onset(clean: Equilibrium, above: float, protocol: Protocol) -> Onset:
 
     Every trial is one strain step from the saved state, so that the path does not depend on the search.
     """
-    change = bisect_change(clean, above, protocol, lambda s: bool(len(s.pairs)), relative=1e-6)
+    # γ_c is needed much better than the smallest distance from it at which Im λ is measured
+    fine = 0.01 * 0.5**HALVINGS * (above - clean.load) / above
+    change = bisect_change(clean, above, protocol, lambda s: bool(len(s.pairs)), relative=min(1e-6, fine))
     offset = (above - change.load) * 0.5 ** np.arange(HALVINGS)
     found = [protocol.step(clean.state, change.load + d).spectrum for d in offset]
     im = np.array([s.im_lambda.max() for s in found])

@@ -1,6 +1,7 @@
 """Equilibrium, come what may: Newton's method, and strongly damped dynamics where it fails."""
 
 import warnings
+from contextlib import nullcontext
 
 import numpy as np
 from scipy.linalg import LinAlgError, cholesky, eigvals
@@ -12,7 +13,7 @@ from ..core.neighbors import updated
 from ..core.outcome import Outcome, Status
 from ..core.state import State
 from .freedom import freedom, stiffness
-from .linear import DENSE_BELOW
+from .linear import DENSE_BELOW, one_thread
 from .newton import Kept, newton
 from .relax import relax, residual
 
@@ -95,7 +96,11 @@ def _instability(state: State, law: Law, check: str, suspicious: bool) -> str:
     matrix = stiffness(state, law, freedom(state))
     if matrix.shape[0] >= DENSE_BELOW and check == "buckling":
         return ""
-    full = matrix.toarray()
+    with one_thread() if matrix.shape[0] < DENSE_BELOW else nullcontext():
+        return _dense_verdict(matrix.toarray(), check)
+
+
+def _dense_verdict(full: np.ndarray, check: str) -> str:
     scale = np.abs(full).max(initial=0.0)
     if check == "buckling":
         try:

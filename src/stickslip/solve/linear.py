@@ -2,15 +2,30 @@
 
 import weakref
 from collections.abc import Callable
+from functools import cache
 from importlib.util import find_spec
 
 import numpy as np
 from scipy import sparse
 from scipy.linalg import LinAlgError, get_lapack_funcs
 from scipy.sparse.linalg import splu
+from threadpoolctl import ThreadpoolController
 
 DENSE_BELOW = 700  # coordinates; below it LAPACK is faster than a sparse factorisation
 Solve = Callable[[np.ndarray], np.ndarray]
+
+
+@cache
+def _controller() -> ThreadpoolController:
+    return ThreadpoolController()
+
+
+def one_thread():
+    """Within it BLAS uses one thread.
+
+    A few hundred coordinates are solved sooner that way, and on a machine that others use, too, ten times sooner.
+    """
+    return _controller().limit(limits=1, user_api="blas")
 
 
 def has_pardiso() -> bool:
@@ -38,11 +53,17 @@ def factorised(matrix, *, method: str | None = None) -> Solve:
 def _dense(matrix) -> Solve:
     full = matrix.toarray(order="F")
     getrf, getrs = get_lapack_funcs(("getrf", "getrs"), (full,))
-    lu, pivots, info = getrf(full, overwrite_a=True)
+    with one_thread():
+        lu, pivots, info = getrf(full, overwrite_a=True)
     diagonal = np.abs(np.diag(lu))
     if info or not diagonal.min(initial=np.inf) > 1e-15 * diagonal.max(initial=0.0):
         raise LinAlgError("singular")
-    return lambda b: getrs(lu, pivots, b)[0]
+
+    def solve(b: np.ndarray) -> np.ndarray:
+        with one_thread():
+            return getrs(lu, pivots, b)[0]
+
+    return solve
 
 
 def _superlu(matrix) -> Solve:

@@ -1,5 +1,6 @@
 """The spectrum of −M⁻¹J: stability, complex pairs, growth rates, mode shapes, and pairs followed along a load."""
 
+from contextlib import nullcontext
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ from ..core.jacobian import contact_blocks
 from ..core.laws import Law
 from ..core.state import State
 from .freedom import Freedom, freedom, restricted, stiffness
+from .linear import DENSE_BELOW, one_thread
 
 REAL_BELOW = 1e-9  # |Im λ| below this share of the largest |λ| is round-off: J carries noise of 1e-15
 
@@ -86,10 +88,11 @@ def spectrum(state: State, law: Law, *, modes: bool = True) -> Spectrum:
             f"use complex_pairs up to 12000 and fastest_pair beyond"
         )
     matrix, root = stiffness(state, law, free).toarray(), np.sqrt(free.mass)
-    if modes:
-        values, vectors = eig(matrix, overwrite_a=True)
-    else:
-        values, vectors = eigvals(matrix, overwrite_a=True), np.zeros((len(free), 0))
+    with one_thread() if len(free) < DENSE_BELOW else nullcontext():
+        if modes:
+            values, vectors = eig(matrix, overwrite_a=True)
+        else:
+            values, vectors = eigvals(matrix, overwrite_a=True), np.zeros((len(free), 0))
     order = np.lexsort((values.imag, values.real))
     values, vectors = values[order], vectors[:, order] if modes else vectors
     real = np.abs(values.imag) <= REAL_BELOW * np.abs(values).max()
