@@ -217,10 +217,13 @@ def _quenched(state: State, law: Law, tolerance: float) -> State:
     """The minimum of the elastic energy into which the positions run, then balanced forces."""
     n, dim = len(state.grains.radius), state.cell.dim
 
+    latest = [state]  # with its list of contacts, which outlives many evaluations
+
     def placed(q):
         position = np.zeros((n, 3))
         position[:, :dim] = q.reshape(n, dim)
-        return updated(state._replace(grains=state.grains._replace(position=position)))
+        latest[0] = updated(latest[0]._replace(grains=state.grains._replace(position=position)))
+        return latest[0]
 
     def energy(q):
         here = placed(q)
@@ -234,7 +237,7 @@ def _quenched(state: State, law: Law, tolerance: float) -> State:
         q,
         jac=True,
         method="L-BFGS-B",
-        options={"maxiter": 20_000, "maxfun": 40_000, "ftol": 1e-15, "gtol": 1e-10, "maxcor": 20},
+        options={"maxiter": 20_000, "maxfun": 40_000, "ftol": 1e-12, "gtol": 1e-7, "maxcor": 20},
     )
     here = placed(best.x)
     end, outcome = equilibrate(here, law, tolerance=tolerance, check="nothing")

@@ -43,9 +43,10 @@ def equilibrate(
     ----------
     tolerance : float, largest unbalanced force or torque/R [force]
     keep : Kept, a factorisation that is passed from step to step of a path
-    check : what the equilibrium is checked for. "buckling": a direction of negative stiffness, exact below 700
-        coordinates and skipped above, where the outcome says so; "spectrum": also complex pairs, by dense eigenvalues;
-        "nothing"
+    check : what the equilibrium is checked for. "buckling": a direction of negative stiffness, below 700 coordinates,
+        whenever a new factorisation was needed (as long as one factor leads from equilibrium to equilibrium five times
+        closer with every step, the Jacobian is nearly the one that was checked); "spectrum": also complex pairs, by
+        dense eigenvalues, always; "nothing"
     steps : int, the most steps of damped dynamics for each stage
 
     Returns
@@ -61,8 +62,12 @@ def equilibrate(
     end, outcome = newton(state, law, tolerance=tolerance, keep=keep)
     if not outcome.ok:
         end, outcome = _by_dynamics(state, law, tolerance, steps, outcome)
-        keep.solve = None
-    if outcome.ok and (words := _instability(end, law, check, outcome.fallback)):
+        keep.solve, keep.found_stable = None, -1
+    if not outcome.ok or (check == "buckling" and keep.found_stable == keep.factorisations):
+        return end, outcome
+    words = _instability(end, law, check)
+    keep.found_stable = -1 if words else keep.factorisations
+    if words:
         outcome = outcome._replace(warning=words)
         warnings.warn(words, UnstableEquilibriumWarning, stacklevel=2)
     return end, outcome
@@ -89,7 +94,7 @@ def _by_dynamics(state: State, law: Law, tolerance: float, steps: int, first: Ou
     return (here if moved.ok else state), moved._replace(how=f"damped dynamics, {spent} steps", fallback=True)
 
 
-def _instability(state: State, law: Law, check: str, suspicious: bool) -> str:
+def _instability(state: State, law: Law, check: str) -> str:
     """Why an equilibrium is unstable, in words, or nothing."""
     if check == "nothing":
         return ""

@@ -1,5 +1,6 @@
 """Solving with −J: dense LAPACK when small, PARDISO where it is installed, SuperLU elsewhere."""
 
+import os
 import weakref
 from collections.abc import Callable
 from functools import cache
@@ -85,6 +86,7 @@ def _pardiso(matrix) -> Solve:
     matrix = sparse.csr_matrix(matrix)
     matrix.sort_indices()
     solver = PyPardisoSolver(mtype=11)
+    os.environ.setdefault("PYPARDISO_MKL_RT", solver.libmkl._name)  # or the next one searches the disk again
     solver.factorize(matrix)
 
     def solve(b: np.ndarray) -> np.ndarray:

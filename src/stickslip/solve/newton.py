@@ -28,6 +28,7 @@ class Kept:
     solve: Solve | None = None
     factorisations = 0
     solves = 0
+    found_stable = -1  # number of factorisations when an equilibrium was last checked and nothing was found
 
     def renew(self, matrix) -> Solve:
         """Factorise; the old factor is given back first."""

@@ -1,0 +1,184 @@
+"""Strain steps of sphere packings against damped dynamics, and the spectrum at size against LAPACK, in one run."""
+
+import pickle
+import time
+from pathlib import Path
+from unittest import mock
+
+import numpy as np
+from scipy.linalg import eigvals
+
+import stickslip as ss
+from stickslip.core.integrate import run
+from stickslip.core.measure import mean_normal_force
+from stickslip.loading.packing import jammed
+from stickslip.loading.shear import aqs, sheared
+from stickslip.solve.equilibrate import equilibrate
+from stickslip.solve.freedom import freedom, stiffness
+from stickslip.solve.linear import has_pardiso
+from stickslip.solve.newton import Kept
+
+LAW = ss.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth")
+TOLERANCE, STEP = 5e-14, 1e-5
+STORE = Path("results") / "benchmark-packings"  # packings of thousands of grains take minutes: kept between runs
+
+
+def packing(n: int, strain: float = 2e-4):
+    """A packing at φ = 0.68, sheared a little so that its contacts carry slip."""
+    path = STORE / f"{n}.pkl"
+    if path.exists():
+        return pickle.loads(path.read_bytes())
+    state, _ = jammed(n, packing_fraction=0.68, seed=0)
+    protocol = aqs(LAW)
+    for gamma in np.arange(1, 11) * strain / 10:
+        state, _ = protocol.settle(protocol.apply(state, gamma), gamma)
+    STORE.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(pickle.dumps(state))
+    return state
+
+
+def damped(state, *, drag, spin_drag, dt):
+    """Force evaluations and seconds until the forces balance, looked at every 200 steps."""
+    evaluations, start = 0, time.perf_counter()
+    here = sheared(state, STEP)
+    while True:
+        here, _, _ = run(here, LAW, 200, dt, drag=drag, spin_drag=spin_drag)
+        evaluations += 200
+        rest = here._replace(grains=here.grains._replace(velocity=0 * here.grains.velocity, spin=0 * here.grains.spin))
+        if ss.residual(rest, LAW)[0] <= TOLERANCE and np.abs(here.grains.velocity).max() * drag <= TOLERANCE:
+            return evaluations, time.perf_counter() - start
+        if evaluations >= 2_000_000:
+            return np.inf, np.inf
+
+
+def newton_steps(state, count: int):
+    """Seconds a strain step once warm, and the largest residual."""
+    keep, worst = Kept(), 0.0
+    state, _ = equilibrate(sheared(state, STEP), LAW, keep=keep)
+    start = time.perf_counter()
+    for _ in range(count):
+        state, outcome = equilibrate(sheared(state, STEP), LAW, keep=keep)
+        if not outcome.ok:
+            raise RuntimeError(str(outcome))
+        worst = max(worst, outcome.residual)
+    return (time.perf_counter() - start) / count, worst
+
+
+def strain_steps() -> list[dict]:
+    """N = 100: Newton with a kept factor, the paper's drag, strong drag, alternating; best of three."""
+    state = packing(100)
+    run(state, LAW, 200, 0.1, drag=0.1)
+    newton_steps(state, 3)
+    ours, paper, strong, call = [], [], [], []
+    for _ in range(3):
+        ours.append(newton_steps(state, 30)[0])
+        paper.append(damped(state, drag=0.022, spin_drag=0.0, dt=0.1))
+        strong.append(damped(state, drag=0.3, spin_drag=0.3, dt=0.2))
+        start = time.perf_counter()
+        run(state, LAW, 5000, 0.1)
+        call.append((time.perf_counter() - start) / 5000)
+    mine, one = min(ours), min(call)
+    rows = [
+        row(
+            "strain step, force evaluations",
+            100,
+            mine / one,
+            min(p[0] for p in paper),
+            "drag 0.022 on translations",
+            "",
+        ),
+        row("strain step", 100, mine, min(p[1] for p in paper), "drag 0.022 on translations"),
+        row("strain step", 100, mine, min(s[1] for s in strong), "drag 0.3 on both"),
+    ]
+    for r in rows:
+        r["ratio"] = r["peer"] / r["ours"]
+    return rows
+
+
+def row(case: str, n: int, ours: float, peer: float | None, peer_name: str, unit: str = "s") -> dict:
+    """One line of the table; the ratio is ours over a budget, a peer's over ours."""
+    ratio = ours / peer if peer else None
+    return {
+        "case": case, "n": n, "threads": 2, "ours": ours, "peer": peer, "peer_name": peer_name, "ratio": ratio,
+        "unit": unit,
+    }  # fmt: skip
+
+
+def steps_at_size(sizes) -> list[dict]:
+    """Seconds a strain step with PARDISO (budget beside) and with SuperLU."""
+    rows = []
+    for n, budget in sizes:
+        state = packing(n)
+        count = 20 if n <= 1000 else 8
+        if has_pardiso():
+            rows.append(row("strain step, PARDISO", n, newton_steps(state, count)[0], budget, "budget"))
+        if n <= 4000:
+            with mock.patch("stickslip.solve.linear.has_pardiso", return_value=False):
+                rows.append(row("strain step, SuperLU", n, newton_steps(state, count)[0], None, ""))
+    return rows
+
+
+def pairs_at_size() -> list[dict]:
+    """All complex pairs at N = 1000 against dense LAPACK; both in this run."""
+    from stickslip.solve.pairs import complex_pairs
+
+    protocol, state = aqs(LAW), packing(1000)
+    for gamma in 2e-4 + np.arange(1, 31) * 2e-5:
+        state, _ = protocol.settle(protocol.apply(state, gamma), gamma)
+    start = time.perf_counter()
+    found = complex_pairs(state, LAW)
+    mine = time.perf_counter() - start
+    matrix = stiffness(state, LAW, freedom(state)).toarray()
+    start = time.perf_counter()
+    values = eigvals(matrix, overwrite_a=True)
+    lapack = time.perf_counter() - start
+    truth = values[values.imag > 1e-9 * np.abs(values).max()]
+    missed = sum(np.abs(found.eigenvalues - v).min(initial=np.inf) > 1e-3 * v.imag + 1e-12 for v in truth)
+    name = f"LAPACK ({len(truth)} pairs; {len(found.eigenvalues)} found, {missed} missed)"
+    out = row("all complex pairs", 1000, mine, lapack, name)
+    out["ratio"] = lapack / mine
+    return [out, row("all complex pairs", 1000, mine, 45.0, "budget")]
+
+
+def fastest_at_size(sizes) -> list[dict]:
+    """Seconds until the fastest excited pair is verified."""
+    from stickslip.solve.fastest import fastest_pair
+
+    rows = []
+    for n, budget in sizes:
+        protocol, state = aqs(LAW), packing(n)
+        for gamma in 2e-4 + np.arange(1, 7) * 1e-4:
+            state, _ = protocol.settle(protocol.apply(state, gamma), gamma)
+        start = time.perf_counter()
+        found = fastest_pair(state, LAW)
+        name = f"budget (growth rate {found.growth_rate:.3g}, exponent {found.exponent:.3g})"
+        rows.append(row("fastest pair", n, time.perf_counter() - start, budget, name))
+    return rows
+
+
+def robustness(n: int, steps: int, seeds) -> list[dict]:
+    """Share of strain steps of 1e-3 in which damped dynamics had to help, and the worst residual."""
+    rows = []
+    for seed, fraction in seeds:
+        state, _ = jammed(n, packing_fraction=fraction, seed=seed)
+        keep, helped, worst, start = Kept(), 0, 0.0, time.perf_counter()
+        for _ in range(steps):
+            state, outcome = equilibrate(sheared(state, 1e-3), LAW, keep=keep, check="nothing")
+            if not outcome.ok:
+                raise RuntimeError(str(outcome))
+            helped, worst = helped + outcome.fallback, max(worst, outcome.residual)
+        each = (time.perf_counter() - start) / steps
+        case = f"{steps} steps of 1e-3 at {fraction}, seed {seed}: steps with fallback"
+        name = f"steps; worst residual {worst:.0e}, {each:.2g} s a step, force {mean_normal_force(state, LAW):.1e}"
+        rows.append(row(case, n, helped, steps, name, ""))
+    return rows
+
+
+def rows(full: bool) -> list[dict]:
+    """Every row; the sizes beyond 1000 take a quarter of an hour and come with `--large`."""
+    out = strain_steps() + steps_at_size([(1000, 0.15)]) + pairs_at_size()
+    seeds = [(s, f) for s, f in enumerate((0.66, 0.67, 0.68, 0.69, 0.70))]
+    out += robustness(100, 300, seeds) + robustness(1000, 60, [(0, 0.68)])
+    if full:
+        out += steps_at_size([(4000, 2.5), (10_000, 10.0)]) + fastest_at_size([(4000, 300.0), (10_000, 900.0)])
+    return out
