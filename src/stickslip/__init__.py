@@ -17,14 +17,25 @@ _WHERE = {
     "core.forces": "Loads accept forces unbalanced FREE FROZEN HELD",
     "core.integrate": "Record run",
     "core.jacobian": "contact_blocks",
-    "solve.freedom": "Freedom displaced freedom residual_vector restricted",
-    "solve.newton": "newton",
+    "core.measure": (
+        "branches contact_forces contact_numbers coordination packing_fraction pressure rattlers stress touching"
+    ),
+    "solve.equilibrate": "UnstableEquilibriumWarning equilibrate",
+    "solve.fastest": "FastestPair fastest_pair",
+    "solve.freedom": "Freedom displaced freedom residual_vector restricted stiffness",
+    "solve.newton": "Kept newton",
+    "solve.pairs": "Pairs complex_pairs",
     "solve.relax": "relax residual",
     "solve.spectrum": "Spectrum damped_growth follow spectrum",
-    "data.scenario": "Scenario ScenarioError scenario",
-    "loading.packing": "disk_array pushed",
+    "solve.stability": "Stability stability",
+    "data.sample": "SampleError SampleWarning read_sample sample",
+    "data.scenario": "Scenario ScenarioError ShearScenario scenario",
+    "loading.packing": "Packed disk_array frictionless jammed pushed",
     "loading.protocols": "Equilibrium Protocol families fitted_growth free_run path_of ramp shaken stable_window",
+    "loading.release": "Released release",
     "loading.run": "Result push simulate",
+    "loading.shear": "aqs reduced_cell shear_strain sheared strained",
+    "loading.shear_run": "ShearPath ShearResult simulate_shear",
 }
 _ROOM = {name: room for room, names in _WHERE.items() for name in names.split()}
 __all__ = ["__version__", *sorted(_ROOM)]

@@ -12,6 +12,8 @@ from . import claims as claims_table
 from .report import CLAIMS, complete, console, files_of, plain, save
 from .sphere_shear import Reproduction
 
+STYLE = {"title_justify": "left", "header_style": "bold", "box": SIMPLE_HEAD, "pad_edge": False}
+
 
 def write_reproduction(folder: Path, found: Reproduction) -> list[Path]:
     """Figures, claims.json, scenario and raw numbers of the paper's packings; returns their paths."""
@@ -30,7 +32,7 @@ def _write(folder: Path, result: ShearResult, claims) -> list[Path]:
         save_figure(figures.pairs_along_strain(result.paths, fine), room / "fig1_complex_pairs.png")
         runs = [r for r in (*result.single, *result.later) if r]
         if runs:
-            shown = max(runs, key=lambda r: (r.pairs == 1, r.growth.decades if r.growth else 0.0, r.msd[-1]))
+            shown = max(runs, key=lambda r: (r.growth is not None, r.pairs == 1, r.msd[-1]))
             if len(shown.snapshot_time):
                 save_figure(figures.spectrum_in_time(shown), room / "fig2_spectrum_in_time.png")
             save_figure(figures.growth(shown), room / "fig3_growth.png")
@@ -55,9 +57,9 @@ def _numbers(result: ShearResult) -> dict:
 
 def show_result(result: ShearResult) -> None:
     """What a user's scenario led to, on the terminal."""
-    table = Table(title="Packings, sheared", title_justify="left", header_style="bold", box=SIMPLE_HEAD)
-    for name in ("packing", "fraction", "pressure", "coordination", "rattlers", "first pair at", "pairs at the end"):
-        table.add_column(name, justify="right")
+    table = Table(title="Packings, sheared", **STYLE)
+    for name in ("packing", "φ", "pressure", "z", "rattlers", "first pair", "pairs at the end"):
+        table.add_column(name, justify="right", no_wrap=True)
     for p in result.paths:
         born = f"{p.onset.strain:.6g}" if p.onset else "at the start" if p.pairs[0] else "never"
         table.add_row(
@@ -70,9 +72,11 @@ def show_result(result: ShearResult) -> None:
             console.print(f"[yellow]packing {p.seed} stopped early: {p.stopped}[/]")
     runs = [r for r in (*result.single, *result.later) if r]
     if runs:
-        table = Table(title="Newtonian runs", title_justify="left", header_style="bold", box=SIMPLE_HEAD)
-        for name in ("strain", "pairs", "predicted growth rate", "fitted", "M at the end", "stress drop / p", "lost"):
-            table.add_column(name, justify="right")
+        table = Table(
+            title="Newtonian runs", title_justify="left", header_style="bold", box=SIMPLE_HEAD, pad_edge=False
+        )
+        for name in ("strain", "pairs", "growth rate", "fitted", "last M", "drop/p", "contacts lost"):
+            table.add_column(name, justify="right", no_wrap=True)
         for r in runs:
             fitted = f"{r.growth.growth_rate:.4e}" if r.growth else "–"
             table.add_row(

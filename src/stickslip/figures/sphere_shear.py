@@ -59,30 +59,22 @@ def growth(run):
     figure, (top, bottom) = axes_of(2, 4.2)
     time, msd = run.time[1:], run.msd[1:]
     top.semilogy(time, msd, color=BLUE, lw=0.7)
-    if run.growth:
-        middle = 0.5 * (run.growth.start + run.growth.stop)
-        period = np.pi / run.growth.frequency
-        level = np.exp(np.log(msd[np.abs(time - middle) < 8 * period]).mean())
-        t = np.linspace(run.growth.start - 0.1 * run.growth.stop, run.growth.stop * 1.1, 200)
-        rise = level * np.exp(2 * run.corrected_rate * (t - middle))
+    if run.growth and len(run.close_time):
+        x, y = run.close_time - run.close_time[0], run.close_msd
+        t = np.linspace(run.growth.start, run.growth.stop, 200)
+        rise = np.exp(np.log(y).mean() + 2 * run.corrected_rate * (t - run.close_time.mean()))
         words = rf"predicted $e^{{2\omega_i t}}$, $\omega_i$ = {run.growth_rate:.3e}"
-        top.semilogy(t, rise, "--", color=RED, lw=0.8, label=words)
+        top.semilogy(t, rise, "--", color=RED, lw=0.9, label=words)
         top.legend(loc="lower right")
-        near = np.abs(time - middle) < 3 * period
-        x, y = time[near] - middle, msd[near]
-        phase = 2 * run.growth.frequency * x
-        shape = np.exp(2 * run.growth.growth_rate * x)[:, None]
-        shape = shape * np.stack([np.ones_like(x), np.cos(phase), np.sin(phase)], axis=1)
-        a = np.linalg.lstsq(shape, y, rcond=None)[0]
-        fine = np.linspace(x.min(), x.max(), 400)
-        turn = 2 * run.growth.frequency * fine
-        fit = np.exp(2 * run.growth.growth_rate * fine) * (a[0] + a[1] * np.cos(turn) + a[2] * np.sin(turn))
+        fine = np.linspace(x.min(), x.max(), 600)
+        shape, drawn = _oscillation(x, run.growth), _oscillation(fine, run.growth)
+        fit = drawn @ np.linalg.lstsq(shape, y, rcond=None)[0]
         power = int(np.floor(np.log10(y.max())))
         bottom.plot(x, y / 10.0**power, "o", color=BLUE, ms=2, label=r"$M$")
         bottom.plot(fine, fit / 10.0**power, "--", color=RED, lw=0.8, label="fit")
-        bottom.set(xlabel=f"time $t$ − {middle:.0f}", ylabel=rf"$10^{{{-power}}}\,M$ [$(2\sigma_1)^2$]")
+        bottom.set(xlabel=f"time $t$ − {run.close_time[0]:.0f}", ylabel=rf"$10^{{{-power}}}\,M$ [$(2\sigma_1)^2$]")
         bottom.legend(loc="upper left", ncol=2)
-        bottom.set_ylim(top=1.2 * y.max() / 10.0**power)
+        bottom.set_ylim(top=1.25 * y.max() / 10.0**power)
     else:
         bottom.text(0.5, 0.5, "M did not cross the window of the fit", ha="center", transform=bottom.transAxes)
     top.set(xlabel=TIME, ylabel=r"$M$ [$(2\sigma_1)^2$]")
@@ -90,29 +82,50 @@ def growth(run):
     return figure
 
 
+def _oscillation(time, growth):
+    """Columns e^{2ω_i t} [1, cos 2ω_r t, sin 2ω_r t] of the fit."""
+    turn = 2 * growth.frequency * time
+    rise = np.exp(2 * growth.growth_rate * time)[:, None]
+    return rise * np.stack([np.ones_like(turn), np.cos(turn), np.sin(turn)], axis=1)
+
+
 @styled
-def trajectories(run, dim: int, grains: int = 5):
-    """Displacements of the grains that move most while the instability grows (Fig 4)."""
-    figure = plt.figure(figsize=(WIDTH, 3.1))
-    size = np.abs(run.track).max(axis=(0, 2))
-    power = -int(np.floor(np.log10(size.max()))) if size.max() > 0 else 0
-    track = run.track[:, np.argsort(-size)[:grains]] * 10.0**power
-    if dim == 2:
-        axes = figure.add_subplot()
-        for color, k in zip(COLORS, range(track.shape[1]), strict=False):
-            axes.plot(track[:, k, 0], track[:, k, 1], color=color, lw=0.4)
-        axes.set(xlabel=rf"$10^{{{power}}}\,\Delta x$", ylabel=rf"$10^{{{power}}}\,\Delta y$", aspect="equal")
+def trajectories(run, dim: int, grains: int = 4):
+    """Displacements while the instability grows, single turns of many: some grains in space, one in time (Fig 4)."""
+    figure = plt.figure(figsize=(WIDTH, 5.4 if dim == 3 else 4.6))
+    if not len(run.turns):
+        figure.text(0.5, 0.5, "M did not grow far enough", ha="center")
         return figure
-    axes = figure.add_subplot(projection="3d")
-    axes.set_box_aspect((1, 1, 1), zoom=0.82)
-    for color, k in zip(COLORS, range(track.shape[1]), strict=False):
-        axes.plot(*track[:, k].T, color=color, lw=0.35)
-    for axis, name in zip((axes.xaxis, axes.yaxis, axes.zaxis), "xyz", strict=True):
-        axis.set_label_text(rf"$10^{{{power}}}\,\Delta {name}$")
-        axis.set_tick_params(pad=-3, labelsize=5.5)
-        axis.labelpad = -7
-        axis.set_major_locator(plt.MaxNLocator(4))
+    size = np.abs(run.turns).max(axis=(0, 1, 3))
+    power = -int(np.floor(np.log10(size.max())))
+    gap = np.full((len(run.turns), 1, len(size), 3), np.nan)  # between turns
+    path = np.concatenate([run.turns, gap], axis=1).reshape(-1, len(size), 3) * 10.0**power
+    most = np.argsort(-size)[:grains]
+    above = figure.add_subplot(2, 1, 1, **({"projection": "3d"} if dim == 3 else {"aspect": "equal"}))
+    for color, k in zip((BLUE, GREEN, ORANGE, RED), most, strict=False):
+        above.plot(*path[:, k, :dim].T, color=color, lw=0.5)
+    funnel = figure.add_subplot(2, 1, 2, projection="3d")
+    one = run.turns[:, :, most[0]]
+    axes = np.linalg.svd(one.reshape(-1, 3), full_matrices=False)[2][:2]
+    turned = np.concatenate([one @ axes.T, np.full((len(one), 1, 2), np.nan)], axis=1) * 10.0**power
+    step = np.arange(one.shape[1] + 1) * 2 * np.pi / run.frequency / 10
+    time = (run.turn_time[:, None] + step - run.turn_time[0]) * run.growth_rate
+    funnel.plot(*turned.reshape(-1, 2).T, time.ravel(), color=BLUE, lw=0.5)
+    names = [rf"$10^{{{power}}}\,\Delta {c}$" for c in "xyz"[:dim]]
+    _label(above, names, dim)
+    _label(funnel, ["major axis", "minor axis", r"$\omega_i t$"], 3)
     return figure
+
+
+def _label(axes, names, dim: int) -> None:
+    """Names at the axes, close to the ticks in three dimensions."""
+    axes.set(**{f"{c}label": name for c, name in zip("xyz", names, strict=False)})
+    if dim == 3:
+        axes.set_box_aspect((1, 1, 0.8), zoom=0.85)
+        for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+            axis.set_tick_params(pad=-3, labelsize=5.5)
+            axis.labelpad = -6
+            axis.set_major_locator(plt.MaxNLocator(4))
 
 
 @styled
@@ -125,13 +138,15 @@ def stress_through_failure(runs):
         top.plot(time, run.shear_stress / run.pressure[0], color=color, lw=0.7, label=words, rasterized=True)
         bottom.plot(time, run.touching, color=color, lw=0.7, rasterized=True)
     first = runs[0]
-    early = (first.msd > 1e-14) & (first.msd < 1e-11)
+    early = first.msd < 1e-11
+    early &= first.time * first.growth_rate > (first.time[early] * first.growth_rate).max() - 3
     if early.any():
         change = first.shear_stress - first.shear_stress[0]
         power = -int(np.floor(np.log10(np.abs(change[early]).max() or 1.0)))
         middle.plot(first.time[early] * first.growth_rate, change[early] * 10.0**power, color=BLUE, lw=0.2)
         middle.set_ylabel(rf"$-10^{{{power}}}\,\Delta\sigma_{{xy}}$")
         middle.set_title("the linear stage of the first, in close-up", fontsize=7)
+    bottom.yaxis.set_major_locator(plt.MaxNLocator(5, integer=True))
     top.set_ylabel(r"$-\sigma_{xy}/p(0)$")
     low, high = top.get_ylim()
     top.set_ylim(low, high + 0.45 * (high - low))

@@ -16,7 +16,8 @@ from .protocols import Growth, fitted_growth
 
 WINDOW = (1e-22, 1e-11)  # of M, between noise and the first change of the spectrum, in which growth is fitted
 CHANGED = 0.01  # relative change of the fastest pair's Im λ that ends "the spectrum is constant"
-FUNNEL = 1e-13  # M at the end of the trajectories that are kept for the figure [length²]
+FUNNEL = (1e-17, 1e-13)  # M between which single turns of the trajectories are kept, for the figure [length²]
+TURN, TURNS = 11, 16  # samples of a turn, turns of a chunk
 KEPT = 20_000  # samples of a series that are kept
 
 
@@ -40,7 +41,10 @@ class Released(NamedTuple):
     snapshot_msd: np.ndarray  # (S,)
     snapshots: np.ndarray  # (S, n) eigenvalues λ [1/time²]
     constant: tuple[float, float]  # M at the snapshots before and after the fastest Im λ had changed by 1 %, or NaN
-    track: np.ndarray  # (K, N, 3) displacements while M grows to FUNNEL [length]
+    turn_time: np.ndarray  # (L,) start of single turns of the motion while M crosses FUNNEL
+    turns: np.ndarray  # (L, TURN, H, 3) displacements of the grains that are no rattlers [length]
+    close_time: np.ndarray  # (K,) every sample of a few turns
+    close_msd: np.ndarray  # (K,)
 
     @property
     def corrected_rate(self) -> float:
@@ -139,7 +143,8 @@ def release(
     chunks = max(20, snapshots)
     every = max(1, round(2 * np.pi / frequency / 10 / dt))
     chunk = max(steps // chunks // every, 1) * every
-    here, series, taken, track = nudged(state, modes, seed, velocity), [], [], np.zeros((0, len(held), 3))
+    here, series, taken, turns = nudged(state, modes, seed, velocity), [], [], []
+    close = (np.zeros(0), np.zeros(0))
     area = volume(state)
     for k in range(chunks):
         here, record, outcome = run(here, law, chunk, dt, every=every, probes=held)
@@ -151,15 +156,17 @@ def release(
         part = slice(0 if k == 0 else 1, None)  # a chunk starts where the last one ended
         columns = (record.time, msd, -stress[:, 0, 1], pressure, record.touching, record.kinetic_energy)
         series.append(np.stack([c[part] for c in columns]))
-        if msd[-1] <= FUNNEL or not len(track):
-            track = record.position - state.grains.position[held]
+        if FUNNEL[0] <= msd[-1] <= FUNNEL[1]:
+            starts = np.linspace(0, len(msd) - TURN, min(TURNS, len(msd) // TURN)).astype(int)
+            turns += [(record.time[s], record.position[s : s + TURN] - state.grains.position[held]) for s in starts]
+            close = (record.time[-6 * TURN :], msd[-6 * TURN :])
         if snapshots:
             now = spectrum(updated(here), law, modes=False)
             taken.append((record.time[-1], msd[-1], now.eigenvalues, now.im_lambda.max()))
         if report:
             report((k + 1) / chunks, f"strain {strain:g}, growth rate {rate:.1e}, M = {msd[-1]:.0e}")
-    time, msd, *others = np.concatenate(series, axis=1)
-    thin = max(1, len(time) // KEPT)
+    table = np.concatenate(series, axis=1)
+    time, msd = table[:2]
     growth = fitted_growth(
         time, msd, growth_rate=rate, frequency=frequency * (1 + (frequency * dt) ** 2 / 24), window=WINDOW, within=1e-3
     )
@@ -169,7 +176,18 @@ def release(
     constant = (taken[at - 1][1] if at else np.nan, taken[at][1] if at < len(taken) else np.nan)
     return Released(
         strain, len(modes.pairs), complex(modes.eigenvalues[fastest]), rate, frequency, dt,
-        time[::thin], msd[::thin], *(o[::thin] for o in others), growth,
+        *table[:, _envelope(table[2], KEPT)], growth,
         np.array([t for t, *_ in taken]), np.array([m for _, m, *_ in taken]), np.array([v for _, _, v, _ in taken]),
-        constant, track[:: max(1, len(track) // 2000)],
+        constant, np.array([t for t, _ in turns]), np.array([x for _, x in turns]).reshape(-1, TURN, len(held), 3),
+        *close,
     )  # fmt: skip
+
+
+def _envelope(values: np.ndarray, most: int) -> np.ndarray:
+    """Rows to keep: of each stretch the smallest and the largest value, so that an oscillation keeps its envelope."""
+    size = 2 * -(-len(values) // most)
+    if size <= 2:
+        return np.arange(len(values))
+    starts = np.arange(0, len(values), size)
+    ends = [(s + np.argmin(values[s : s + size]), s + np.argmax(values[s : s + size])) for s in starts]
+    return np.unique(np.append(ends, [0, len(values) - 1]))

@@ -1,0 +1,104 @@
+"""Paper 001 on the command line: a small run in three and in two dimensions by one key, and the quick reproduction."""
+
+import json
+
+import numpy as np
+import pytest
+
+from stickslip.data import archive
+from stickslip.data.scenario import ScenarioError, scenario
+from tests.published.test_disk_array import stickslip
+
+SMALL = """
+experiment = "sphere-shear"
+packings = 2
+seed = 2
+[packing]
+grains = 30
+dim = {dim}
+packing_fraction = {fraction}
+[shear]
+strain = [0.0, 0.01, 0.02]
+step = [5e-4, 1e-3]
+[release]
+e_folds = 28.0
+duration = 3e4
+snapshots = 8
+"""
+IDS = [
+    "onset-strain", "im-lambda-at-birth-exponent", "pairs-at-zero-slip", "pairs-reappear", "growth-rate-ratio",
+    "frequency-ratio", "decades-of-growth", "spectrum-constant-until", "stress-drop-one-pair", "stress-drop-later",
+    "contacts-lost",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("dim", "fraction"), [(3, 0.7), (2, 0.88)])
+def test_a_small_scenario_runs_in_both_dimensions(tmp_path, dim, fraction):
+    (tmp_path / "s.toml").write_text(SMALL.format(dim=dim, fraction=fraction))
+    done = stickslip("run", tmp_path / "s.toml", "--out", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    assert "Packings, sheared" in done.stdout
+    tree = archive.read(tmp_path / "out" / "results.h5")
+    for seed in ("002", "003"):
+        path = tree["paths"][seed]
+        assert path["strain"][-1] == pytest.approx(0.02)
+        assert path["pairs"][0] == 0
+        assert path["pairs"][-1] > 0
+        assert path["residual"].max() <= 5e-14
+        assert path["zero_modes"] == dim + (6 if dim == 3 else 3) * path["packed"]["rattlers"]
+        run = tree["later"][seed]
+        assert run["growth"]["growth_rate"] == pytest.approx(run["growth_rate"], rel=0.02)
+        assert run["msd"][-1] > 1e-9
+    assert {f"fig{k}" for k in range(1, 6)} <= {p.name[:4] for p in (tmp_path / "out").glob("fig*.png")}
+    last = tree["paths"]["002"]["last"]
+    again = stickslip("stability", tmp_path / "out" / "results.h5", "--frame", "paths/002/last", "--json")
+    assert again.returncode == 0, again.stderr
+    assert len(json.loads(again.stdout)["pairs"]) == tree["paths"]["002"]["pairs"][-1]
+    assert last.cell.vectors[1, 0] / last.cell.vectors[1, 1] == pytest.approx(0.02)
+
+
+def test_the_result_does_not_depend_on_the_number_of_processes(tmp_path):
+    text = SMALL.format(dim=3, fraction=0.7).replace("0.01, 0.02", "1e-3").replace("[5e-4, 1e-3]", "5e-4")
+    (tmp_path / "s.toml").write_text(text)
+    found = []
+    for workers in (1, 2):
+        out = tmp_path / str(workers)
+        assert stickslip("run", tmp_path / "s.toml", "--out", out, "--workers", workers).returncode == 0
+        found.append(archive.read(out / "results.h5")["paths"]["002"]["shear_stress"])
+    np.testing.assert_allclose(*found, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("tables", "words"),
+    [
+        ({"packing": {"dim": 4}}, "packing.dim = 4 was given"),
+        ({"packing": {"packing_fraction": 0.7, "pressure": 1e-3}}, "both given"),
+        ({"packing": {"grains": 3}}, "packing.grains = 3"),
+        ({"shear": {"strain": (0.1, 0.2)}}, "the first of them 0.0"),
+        ({"shear": {"step": (1e-5, 1e-5, 1e-5)}}, "3 entries for 2 legs"),
+        ({"shear": {"step": 1e-9}}, "at most 100000"),
+        ({"packng": {}}, "did you mean 'packing'"),
+        ({"release": {"dt": -0.1}}, "release.dt = -0.1"),
+    ],
+)
+def test_a_wrong_shear_scenario_is_one_sentence(tables, words):
+    with pytest.raises(ScenarioError, match=words) as problem:
+        scenario(experiment="sphere-shear", **tables)
+    assert "\n" not in str(problem.value)
+
+
+def test_an_unknown_experiment_is_one_sentence():
+    with pytest.raises(ScenarioError, match="use 'disk-array' or 'sphere-shear'"):
+        scenario(experiment="sphere")
+
+
+@pytest.mark.slow
+def test_the_quick_reproduction_has_every_claim(tmp_path):
+    done = stickslip("reproduce", "sphere-shear", "--quick", "--out", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    claims = {c["id"]: c for c in json.loads((tmp_path / "out" / "claims.json").read_text())}
+    assert sorted(claims) == sorted(IDS)
+    assert claims["pairs-at-zero-slip"]["measured"] == 0
+    assert 4e-5 < claims["onset-strain"]["measured"] < 1e-3
+    for name in ("im-lambda-at-birth-exponent", "growth-rate-ratio", "frequency-ratio", "decades-of-growth"):
+        assert claims[name]["verdict"] == "reproduced", claims[name]

@@ -1,0 +1,97 @@
+"""The fastest complex pair from random probes: against the dense spectrum, which is the slow obvious twin."""
+
+import numpy as np
+import pytest
+
+from stickslip.core.laws import hertz_mindlin, linear
+from stickslip.core.state import assembly, box, disks, flat_walls, loads, spheres
+from stickslip.solve.fastest import fastest_pair
+from stickslip.solve.freedom import freedom, stiffness
+from stickslip.solve.spectrum import spectrum
+from tests.conftest import stirred
+
+LAW = hertz_mindlin(1, 2 / 7, 10, coulomb="smooth")
+
+
+def lattice(dim, side, stir, spacing=0.92, loose=0):
+    """Grains of unlike masses on a periodic lattice, stirred so that contacts carry slip; some touch nothing."""
+    rng = np.random.default_rng(0)
+    axes = [np.arange(side)] * dim + [np.zeros(1)] * (3 - dim)
+    position = spacing * np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3).astype(float)
+    n = len(position)
+    radius = np.where(np.arange(n) < loose, 0.3, 0.5)
+    grains = (disks if dim == 2 else spheres)(position, radius, mass=rng.uniform(0.5, 2, n))
+    edge = np.array([spacing * side] * dim + [10.0] * (3 - dim))
+    state = assembly(grains, flat_walls(), box(edge, np.arange(3) < dim, dim), loads(n, 0))
+    return stirred(state, LAW, rng, size=stir)
+
+
+@pytest.mark.parametrize(
+    ("dim", "side", "stir", "loose"), [(3, 4, 0.003, 0), (3, 4, 0.01, 0), (2, 8, 0.003, 0), (3, 4, 0.01, 1)]
+)
+def test_finds_the_fastest_pair_of_the_dense_spectrum(dim, side, stir, loose):
+    state = lattice(dim, side, stir, loose=loose)
+    truth = spectrum(state, LAW)
+    found = fastest_pair(state, LAW, rate=5e-4)
+    # a simple eigenvalue of a matrix nearly symmetric: round-off times a condition number of some hundreds
+    assert found.eigenvalue == pytest.approx(truth.eigenvalues[truth.pairs[0]], rel=1e-9)
+    assert found.growth_rate == pytest.approx(truth.growth_rate[truth.pairs[0]], rel=1e-6)
+    assert found.residual < 1e-12
+    free = freedom(state)
+    vector = found.mode * np.sqrt(free.mass)
+    assert np.linalg.norm(vector) == pytest.approx(1, rel=1e-12)
+    defect = stiffness(state, LAW, free) @ vector - found.eigenvalue * vector
+    assert np.linalg.norm(defect) < 1e-12 * np.abs(truth.eigenvalues).max()
+
+
+def test_the_run_ends_early_and_says_how_far_it_looked():
+    found = fastest_pair(lattice(3, 4, 0.01), LAW, rate=1e-5)
+    assert 2e-3 < found.looked < found.growth_rate  # and not 1e-5, which takes 200 times as long
+    assert found.duration == pytest.approx(found.exponent / found.looked)
+    assert "fastest excited pair" in str(found) and "cannot be excluded" in str(found)
+
+
+def test_no_growing_mode_is_no_claim_of_stability():
+    state = lattice(2, 8, 0.001)
+    assert spectrum(state, LAW).stable
+    found = fastest_pair(state, LAW, rate=1e-3)
+    assert found.eigenvalue is None and found.mode is None and found.growth_rate == 0
+    assert found.looked == pytest.approx(1e-3, rel=0.05)  # whole spans
+    assert "no growing mode found" in str(found) and "cannot be excluded" in str(found)
+
+
+def test_a_straight_chain_buckles():
+    law = linear(1.0, mu=0.0)
+    position = 0.99 * np.arange(40)[:, None] * np.array([1.0, 0, 0])
+    state = assembly(
+        disks(position, 0.5), flat_walls(), box([0.99 * 40, 10, 10], [True, False, False], 2), loads(40, 0)
+    )
+    state = stirred(state, law, np.random.default_rng(0), size=0.0)
+    lowest = spectrum(state, law).eigenvalues.real.min()
+    found = fastest_pair(state, law)
+    assert lowest < -0.01
+    assert len(found.candidates) > 1  # the window at zero is too narrow: the probes found it
+    assert found.eigenvalue == pytest.approx(lowest, rel=1e-9) and found.frequency == 0
+    assert "buckling" in str(found)
+
+
+def test_same_seed_same_answer_and_other_seeds_agree():
+    state = lattice(2, 8, 0.01)
+    first, again, other = (fastest_pair(state, LAW, rate=1e-3, seed=seed) for seed in (0, 0, 1))
+    assert first.duration == again.duration and [w.shift for w in first.candidates] == [
+        w.shift for w in again.candidates
+    ]
+    assert other.eigenvalue == pytest.approx(first.eigenvalue, rel=1e-9)
+
+
+def test_nothing_that_touches_is_an_error():
+    with pytest.raises(ValueError, match="no contact"):
+        fastest_pair(lattice(2, 3, 0.0, spacing=1.2), LAW)
+
+
+@pytest.mark.slow
+def test_a_thousand_grains_against_the_dense_spectrum():
+    state = lattice(3, 10, 0.003)
+    truth = spectrum(state, LAW)
+    found = fastest_pair(state, LAW)
+    assert found.eigenvalue == pytest.approx(truth.eigenvalues[truth.pairs[0]], rel=1e-9)
