@@ -1,5 +1,6 @@
 """Is this packing stable? The verdict on any accepted state, with the modes that decide it."""
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -150,7 +151,7 @@ def _dense(matrix):
 def _large(state: State, law: Law, free: Freedom, method: str, report):
     """Pairs, their modes in the coordinates `free`, and what was not looked at."""
     if method == "pairs":
-        found = complex_pairs(state, law, report=report)
+        found = complex_pairs(state, law, report=report and partial(report, "complex pairs"))
         values, modes, scope = found.eigenvalues, found.modes, "all complex pairs that floating point can tell"
     else:
         one = fastest_pair(state, law, report=report)

@@ -1,0 +1,155 @@
+"""Complex pairs by windows: what LAPACK finds, no more and no less."""
+
+import time
+import warnings
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.loading.packing import jammed
+from stickslip.loading.shear import sheared
+from stickslip.solve import pairs as module
+from stickslip.solve.equilibrate import equilibrate
+from stickslip.solve.freedom import freedom, stiffness
+from stickslip.solve.pairs import complex_pairs
+from stickslip.solve.spectrum import overlap, spectrum
+from tests.conftest import make_law, make_packing, stirred
+
+LAW = ss.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth")
+
+
+def sheared_packing(n, dim, fraction, strain, steps):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        state, _ = jammed(n, packing_fraction=fraction, dim=dim, seed=3, tolerance=1e-12)
+        for _ in range(steps):
+            state, outcome = equilibrate(sheared(state, strain / steps), LAW)
+            assert outcome.ok
+    return state
+
+
+@pytest.fixture(scope="module", params=[(70, 3, 0.68, 4e-3), (100, 2, 0.88, 4e-3)], ids=["spheres", "disks"])
+def packing(request):
+    """A packing with several pairs and more modes than a window takes."""
+    state = sheared_packing(*request.param, steps=4)
+    return state, spectrum(state, LAW)
+
+
+def assert_same(found, full):
+    expected = full.eigenvalues[full.pairs]
+    scale = np.abs(full.eigenvalues).max()
+    assert len(found.eigenvalues) == len(expected)
+    # both solve to 1e-15 of the largest |λ|, and eigenvalues next to their birth amplify that by a hundred
+    np.testing.assert_allclose(found.eigenvalues, expected, rtol=0, atol=1e-12 * scale)
+    norm = (found.free.mass[:, None] * np.abs(found.modes) ** 2).sum(axis=0)
+    np.testing.assert_allclose(norm, 1, rtol=1e-12)
+    for k, p in enumerate(full.pairs):
+        assert overlap(found.modes[:, k], full.modes[:, p], full.free.mass) == pytest.approx(1, abs=1e-6)
+    assert np.all(found.residual < 1e-13)
+
+
+def test_windows_find_the_pairs_of_lapack(packing):
+    state, full = packing
+    assert len(full.eigenvalues) > 2 * (module.WINDOW + module.HALO)
+    assert len(full.pairs) > 1
+    assert_same(complex_pairs(state, LAW, dense_below=0), full)
+
+
+def test_small_systems_go_to_lapack_directly(packing):
+    state, full = packing
+    assert_same(complex_pairs(state, LAW), full)
+
+
+def test_strong_skew_coupling_goes_to_lapack(packing, monkeypatch):
+    state, full = packing
+    monkeypatch.setattr(module, "WEAK", 0.0)
+    monkeypatch.setattr(module, "_refined", None)  # would fail if it were called
+    assert_same(complex_pairs(state, LAW, dense_below=0), full)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_walls_and_sliding_contacts(dim):
+    law = make_law("hertz_mindlin", "sharp", mu=0.2)
+    state = stirred(make_packing(dim, 2, n=12), law, np.random.default_rng(2))
+    full = spectrum(state, law)
+    found = complex_pairs(state, law, dense_below=0)
+    scale = np.abs(full.eigenvalues).max()
+    np.testing.assert_allclose(found.eigenvalues, full.eigenvalues[full.pairs], rtol=0, atol=1e-11 * scale)
+
+
+def test_certificate_accounts_for_every_eigenvalue(packing):
+    state, full = packing
+    found = complex_pairs(state, LAW, certificate=True, dense_below=0)
+    certified = found.certified
+    assert_same(found, full)
+    assert certified.consistent
+    assert certified.real + 2 * certified.pairs + certified.members.sum() == certified.size
+    assert certified.size + certified.zero == len(full.eigenvalues)
+    assert certified.pairs + len(certified.members) >= len(full.pairs)
+    assert certified.real > 0.9 * certified.size
+    # the translations coincide at zero and no disc can tell them apart
+    assert np.abs(certified.undecided).min() < 1e-12
+    assert "floating point, not interval arithmetic" in str(certified)
+
+
+def test_certificate_notices_a_missing_and_an_invented_pair(packing):
+    state, full = packing
+    matrix = stiffness(state, LAW, freedom(state))
+    held = np.flatnonzero(abs(matrix).sum(axis=1))
+    matrix = matrix[held][:, held]
+    values = full.eigenvalues[full.pairs]
+    scale = np.abs(full.eigenvalues).max()
+
+    def consistent(pairs):
+        return module._certificate(matrix, None, pairs, 0, lambda share, words: None).consistent
+
+    assert consistent(values)
+    assert not consistent(values[1:])
+    assert not consistent(np.append(values, 0.5 * scale + 1e-3j))
+
+
+def test_a_poor_subspace_is_recovered_by_a_sparse_factor(packing):
+    state, full = packing
+    matrix = stiffness(state, LAW, freedom(state))
+    vector = full.modes[:, full.pairs[0]] * np.sqrt(full.free.mass)
+    scale = np.abs(full.eigenvalues).max()
+    rough = np.stack([vector.real, vector.imag], axis=1) + 1e-5 * np.random.default_rng(0).normal(size=(len(vector), 2))
+    plane = module._inverse_iteration(matrix, np.linalg.qr(rough)[0], scale)
+    values = np.linalg.eigvals(plane.T @ (matrix @ plane))
+    assert abs(values[np.argmax(values.imag)] - full.eigenvalues[full.pairs[0]]) < 1e-10 * scale
+
+
+def test_too_many_coordinates_name_the_other_method(packing, monkeypatch):
+    monkeypatch.setattr(module, "LARGEST", 10)
+    with pytest.raises(ValueError, match="fastest_pair"):
+        complex_pairs(packing[0], LAW)
+
+
+def test_progress_is_told_in_order(packing):
+    told = []
+    complex_pairs(packing[0], LAW, certificate=True, report=lambda share, words: told.append(share))
+    assert told == sorted(told)
+    told.clear()
+    complex_pairs(packing[0], LAW, certificate=True, dense_below=0, report=lambda share, words: told.append(share))
+    assert told == sorted(told)
+    assert told[-1] == 1.0
+
+
+@pytest.mark.slow
+def test_thousand_spheres_agree_with_lapack_and_take_less_time():
+    from scipy.linalg import eigvals
+
+    state = sheared_packing(1000, 3, 0.68, 4e-4, steps=8)
+    matrix = stiffness(state, LAW, freedom(state)).toarray(order="F")
+    start = time.perf_counter()
+    found = complex_pairs(state, LAW)
+    mine = time.perf_counter() - start
+    start = time.perf_counter()
+    full = eigvals(matrix)
+    assert mine < time.perf_counter() - start
+    scale = np.abs(full).max()
+    expected = full[full.imag > module.REAL_BELOW * scale]
+    expected = expected[np.argsort(-np.abs(np.sqrt(expected).imag))]
+    assert len(expected) > 3
+    np.testing.assert_allclose(found.eigenvalues, expected, rtol=0, atol=1e-11 * scale)
