@@ -22,6 +22,7 @@ strain = [0.0, 0.01, 0.02]
 step = [5e-4, 1e-3]
 [release]
 e_folds = 28.0
+least = 100.0
 duration = 3e4
 snapshots = 8
 """

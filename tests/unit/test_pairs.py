@@ -1,10 +1,10 @@
 """Complex pairs by windows: what LAPACK finds, no more and no less."""
 
-import time
 import warnings
 
 import numpy as np
 import pytest
+from scipy.linalg import eigvals
 
 import stickslip as ss
 from stickslip.loading.packing import jammed
@@ -19,10 +19,10 @@ from tests.conftest import make_law, make_packing, stirred
 LAW = ss.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth")
 
 
-def sheared_packing(n, dim, fraction, strain, steps):
+def sheared_packing(n, dim, fraction, strain, steps, seed=3):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        state, _ = jammed(n, packing_fraction=fraction, dim=dim, seed=3, tolerance=1e-12)
+        state, _ = jammed(n, packing_fraction=fraction, dim=dim, seed=seed, tolerance=1e-12)
         for _ in range(steps):
             state, outcome = equilibrate(sheared(state, strain / steps), LAW)
             assert outcome.ok
@@ -46,7 +46,7 @@ def assert_same(found, full):
     np.testing.assert_allclose(norm, 1, rtol=1e-12)
     for k, p in enumerate(full.pairs):
         assert overlap(found.modes[:, k], full.modes[:, p], full.free.mass) == pytest.approx(1, abs=1e-6)
-    assert np.all(found.residual < 1e-13)
+    assert np.all(found.residual < 1e-12)
 
 
 def test_windows_find_the_pairs_of_lapack(packing):
@@ -115,9 +115,9 @@ def test_a_poor_subspace_is_recovered_by_a_sparse_factor(packing):
     vector = full.modes[:, full.pairs[0]] * np.sqrt(full.free.mass)
     scale = np.abs(full.eigenvalues).max()
     rough = np.stack([vector.real, vector.imag], axis=1) + 1e-5 * np.random.default_rng(0).normal(size=(len(vector), 2))
-    plane = module._inverse_iteration(matrix, np.linalg.qr(rough)[0], scale)
-    values = np.linalg.eigvals(plane.T @ (matrix @ plane))
-    assert abs(values[np.argmax(values.imag)] - full.eigenvalues[full.pairs[0]]) < 1e-10 * scale
+    planes = module._by_arnoldi(matrix, np.linalg.qr(rough)[0], scale)
+    found = [np.linalg.eigvals(plane.T @ (matrix @ plane)) for plane in planes]
+    assert min(np.abs(values - full.eigenvalues[full.pairs[0]]).min() for values in found) < 1e-12 * scale
 
 
 def test_too_many_coordinates_name_the_other_method(packing, monkeypatch):
@@ -137,19 +137,23 @@ def test_progress_is_told_in_order(packing):
 
 
 @pytest.mark.slow
-def test_thousand_spheres_agree_with_lapack_and_take_less_time():
-    from scipy.linalg import eigvals
-
-    state = sheared_packing(1000, 3, 0.68, 4e-4, steps=8)
-    matrix = stiffness(state, LAW, freedom(state)).toarray(order="F")
-    start = time.perf_counter()
+@pytest.mark.parametrize("seed", [3, 4])
+def test_thousand_spheres_agree_with_lapack(seed):
+    state = sheared_packing(1000, 3, 0.68, 6e-4, steps=8, seed=seed)
     found = complex_pairs(state, LAW)
-    mine = time.perf_counter() - start
-    start = time.perf_counter()
-    full = eigvals(matrix)
-    assert mine < time.perf_counter() - start
-    scale = np.abs(full).max()
-    expected = full[full.imag > module.REAL_BELOW * scale]
-    expected = expected[np.argsort(-np.abs(np.sqrt(expected).imag))]
-    assert len(expected) > 3
-    np.testing.assert_allclose(found.eigenvalues, expected, rtol=0, atol=1e-11 * scale)
+    values = eigvals(stiffness(state, LAW, freedom(state)).toarray(order="F"), overwrite_a=True)
+    scale = np.abs(values).max()
+    expected = values[values.imag > 1e-9 * scale]
+    assert len(found.eigenvalues) == len(expected) > 0
+    apart = np.abs(found.eigenvalues[:, None] - expected[None, :])
+    assert max(apart.min(axis=0).max(), apart.min(axis=1).max()) < 1e-12 * scale
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(6))
+def test_windows_miss_nothing_on_independent_packings(seed):
+    """At 150 spheres LAPACK is cheap enough for many states; the windows are the same as at 1000."""
+    state = sheared_packing(150, 3, 0.66 + 0.01 * (seed % 4), 2e-3 * (1 + seed), steps=6, seed=seed)
+    full = spectrum(state, LAW)
+    assert len(full.pairs) > 3
+    assert_same(complex_pairs(state, LAW, dense_below=0), full)

@@ -248,6 +248,7 @@ class Release(_Part):
     """Newtonian runs from unstable states: one with a single complex pair, and the last one of the path."""
 
     e_folds: Positive = Field(45.0, description="length of a run in units of 1/(growth rate)")
+    least: Duration = Field(5e4, description="shortest run, for what follows a fast growth [time]")
     duration: Duration = Field(6e5, description="longest run [time]")
     dt: Positive = 0.1
     seed_velocity: Positive = 1e-13

@@ -39,8 +39,8 @@ def _write(folder: Path, result: ShearResult, claims) -> list[Path]:
             trajectories = figures.trajectories(shown, result.scenario.packing.dim)
             save_figure(trajectories, room / "fig4_trajectories.png")
             later = [r for r in result.later if r and r is not shown]
-            violent = [max(later, key=lambda r: r.msd[-1])] if later else []
-            save_figure(figures.stress_through_failure([shown, *violent]), room / "fig5_stress.png")
+            violent = max(later, key=lambda r: r.msd[-1], default=None)
+            save_figure(figures.stress_through_failure(shown, violent), room / "fig5_stress.png")
         if claims is not None:
             claims_table.write(room / CLAIMS, claims)
     return files_of(folder)

@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib import pyplot as plt
 
-from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, RED, TIME, WIDTH, axes_of, styled
+from .style import BLUE, COLORS, GREEN, ORANGE, RED, TIME, WIDTH, axes_of, styled
 
 IM = r"$\mathrm{Im}\,\lambda$ [$k_n\sqrt{2\sigma_1}/m$]"
 
@@ -23,8 +23,9 @@ def pairs_along_strain(paths, fine: float):
         top.plot(1e4 * (path.onset.strain + path.onset.offset), 1e5 * path.onset.im_lambda, "+", color=RED, ms=3)
         top.set_title(rf"packing {path.seed}, first pair at $\gamma_c$ = {path.onset.strain:.6f}", fontsize=7.5)
     top.set(xlabel=r"strain $10^4\,\gamma$", ylabel="$10^5$ " + IM)
+    top.set_yscale("log")
     if alive.any():
-        top.set_ylim(0, 1.25 * 1e5 * path.largest[near].max())
+        top.set_ylim(top=6e5 * path.largest[near].max())
         top.legend(loc="upper left", ncol=2)
     for color, p in zip(COLORS, paths, strict=False):
         bottom.plot(1e2 * p.strain, p.pairs, color=color, lw=0.8, label=f"packing {p.seed}")
@@ -43,7 +44,7 @@ def spectrum_in_time(run):
     top.plot(time, im, ".", ms=1.2, color=BLUE, rasterized=True)
     top.set_yscale("symlog", linthresh=10 ** np.floor(np.log10(0.3 * abs(run.eigenvalue.imag))), linscale=0.6)
     top.set(ylabel=IM)
-    top.set_title(f"strain {run.strain:.3g}, {run.pairs} pair(s) at the start", fontsize=7.5)
+    top.set_title(rf"$\gamma$ = {run.strain:.2g}, {run.pairs} pair(s) at the start", fontsize=7.5)
     bottom.semilogy(run.time[1:], run.msd[1:], color=BLUE, lw=0.6)
     bottom.semilogy(run.snapshot_time, run.snapshot_msd, ".", color=ORANGE, ms=2.5, label="spectrum taken")
     if np.isfinite(run.constant[0]):
@@ -78,7 +79,7 @@ def growth(run):
     else:
         bottom.text(0.5, 0.5, "M did not cross the window of the fit", ha="center", transform=bottom.transAxes)
     top.set(xlabel=TIME, ylabel=r"$M$ [$(2\sigma_1)^2$]")
-    top.set_title(f"strain {run.strain:.4g}", fontsize=7.5)
+    top.set_title(rf"$\gamma$ = {run.strain:.3g}", fontsize=7.5)
     return figure
 
 
@@ -129,27 +130,33 @@ def _label(axes, names, dim: int) -> None:
 
 
 @styled
-def stress_through_failure(runs):
-    """Shear stress over pressure, and contacts, against time in growth times, for several runs (Fig 5)."""
-    figure, (top, middle, bottom) = axes_of(3, 5.0, sharex=False)
-    for color, run in zip((BLUE, RED, GREEN, BLACK), runs, strict=False):
-        time = run.time * run.growth_rate
-        words = rf"$\gamma$ = {run.strain:.2g}, {run.pairs} pair(s)"
-        top.plot(time, run.shear_stress / run.pressure[0], color=color, lw=0.7, label=words, rasterized=True)
-        bottom.plot(time, run.touching, color=color, lw=0.7, rasterized=True)
-    first = runs[0]
+def stress_through_failure(first, later=None):
+    """Shear stress over the initial pressure, and contacts, through one or two runs (Fig 5)."""
+    figure, (top, middle, bottom) = axes_of(3, 5.2)
+    _stress_and_contacts(top, first)
     early = first.msd < 1e-11
     early &= first.time * first.growth_rate > (first.time[early] * first.growth_rate).max() - 3
-    if early.any():
-        change = first.shear_stress - first.shear_stress[0]
-        power = -int(np.floor(np.log10(np.abs(change[early]).max() or 1.0)))
-        middle.plot(first.time[early] * first.growth_rate, change[early] * 10.0**power, color=BLUE, lw=0.2)
-        middle.set_ylabel(rf"$-10^{{{power}}}\,\Delta\sigma_{{xy}}$")
-        middle.set_title("the linear stage of the first, in close-up", fontsize=7)
-    bottom.yaxis.set_major_locator(plt.MaxNLocator(5, integer=True))
-    top.set_ylabel(r"$-\sigma_{xy}/p(0)$")
-    low, high = top.get_ylim()
-    top.set_ylim(low, high + 0.45 * (high - low))
-    top.legend(loc="upper left")
-    bottom.set(xlabel=r"time $\omega_i t$, in growth times of each", ylabel="contacts")
+    change = first.shear_stress - first.shear_stress[0]
+    power = -int(np.floor(np.log10(np.abs(change[early]).max() or 1.0)))
+    middle.plot(first.time[early], change[early] * 10.0**power, color=BLUE, lw=0.2, rasterized=True)
+    middle.set(xlabel=TIME, ylabel=rf"$-10^{{{power}}}\,\Delta\sigma_{{xy}}$")
+    middle.set_title("the same in its linear stage", fontsize=7)
+    if later is None:
+        bottom.axis("off")
+    else:
+        _stress_and_contacts(bottom, later)
     return figure
+
+
+def _stress_and_contacts(axes, run) -> None:
+    axes.plot(run.time, run.shear_stress / run.pressure[0], color=BLUE, lw=0.5, rasterized=True)
+    axes.set(xlabel=TIME, ylabel=r"$-\sigma_{xy}/p(0)$")
+    axes.yaxis.label.set_color(BLUE)
+    other = axes.twinx()
+    axes.set_zorder(other.get_zorder() + 1)  # stress in front
+    axes.patch.set_visible(False)
+    other.plot(run.time, run.touching, color=ORANGE, lw=0.4, rasterized=True)
+    other.set_ylabel("contacts", color=ORANGE)
+    other.yaxis.set_major_locator(plt.MaxNLocator(5, integer=True))
+    pairs = "1 pair" if run.pairs == 1 else f"{run.pairs} pairs"
+    axes.set_title(rf"$\gamma$ = {run.strain:.2g}, {pairs} at the start", fontsize=7)

@@ -112,15 +112,17 @@ def release(
     strain: float = 0.0,
     seed: int = 0,
     e_folds: float = 45.0,
+    least: float = 5e4,
     duration: float = 6e5,
     dt: float = 0.1,
     velocity: float = 1e-13,
     snapshots: int = 40,
     report: Callable[[float, str], None] | None = None,
 ) -> Released:
-    """Undamped dynamics from an equilibrium with complex pairs, for `e_folds` growth times, at most `duration`.
+    """Undamped dynamics from an equilibrium with complex pairs, for `e_folds` growth times, from `least` to `duration`.
 
-    The run is made in chunks; in between, the spectrum of the momentary state is taken, `snapshots` times in all.
+    The run is made in chunks; in between, the spectrum of the momentary state is taken, `snapshots` times during the
+    growth and as often in what follows it.
 
     Parameters
     ----------
@@ -139,15 +141,13 @@ def release(
     fastest = int(modes.pairs[0])
     rate, frequency = float(modes.growth_rate[fastest]), float(modes.frequency[fastest])
     held = np.flatnonzero(~rattlers(state))
-    steps = int(min(e_folds / rate, duration) / dt)
-    chunks = max(20, snapshots)
     every = max(1, round(2 * np.pi / frequency / 10 / dt))
-    chunk = max(steps // chunks // every, 1) * every
+    chunks = _chunks(min(e_folds / rate, duration) / dt / every, min(least, duration) / dt / every, max(20, snapshots))
     here, series, taken, turns = nudged(state, modes, seed, velocity), [], [], []
     close = (np.zeros(0), np.zeros(0))
     area = volume(state)
-    for k in range(chunks):
-        here, record, outcome = run(here, law, chunk, dt, every=every, probes=held)
+    for k, chunk in enumerate(chunks):
+        here, record, outcome = run(here, law, chunk * every, dt, every=every, probes=held)
         if outcome.status is Status.NOT_A_NUMBER:
             raise NotInEquilibriumError(f"the run from strain {strain:g} blew up", outcome)
         msd = mean_square_motion(record.position, record.angle, state, held)
@@ -164,7 +164,7 @@ def release(
             now = spectrum(updated(here), law, modes=False)
             taken.append((record.time[-1], msd[-1], now.eigenvalues, now.im_lambda.max()))
         if report:
-            report((k + 1) / chunks, f"strain {strain:g}, growth rate {rate:.1e}, M = {msd[-1]:.0e}")
+            report(sum(chunks[: k + 1]) / sum(chunks), f"strain {strain:g}, growth rate {rate:.1e}, M = {msd[-1]:.0e}")
     table = np.concatenate(series, axis=1)
     time, msd = table[:2]
     growth = fitted_growth(
@@ -181,6 +181,13 @@ def release(
         constant, np.array([t for t, _ in turns]), np.array([x for _, x in turns]).reshape(-1, TURN, len(held), 3),
         *close,
     )  # fmt: skip
+
+
+def _chunks(growing: float, least: float, count: int) -> list[int]:
+    """Samples of each chunk: `count` chunks for the growth, as many for what follows if the run must be longer."""
+    first = [max(1, int(growing / count))] * count
+    rest = int(least) - sum(first)
+    return first + [max(1, rest // count)] * (count if rest > 0 else 0)
 
 
 def _envelope(values: np.ndarray, most: int) -> np.ndarray:

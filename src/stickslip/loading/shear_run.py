@@ -260,6 +260,7 @@ def _release(scenario: ShearScenario, seed: int, state: State, strain: float, re
         strain=strain,
         seed=seed,
         e_folds=how.e_folds,
+        least=how.least,
         duration=how.duration,
         dt=how.dt,
         velocity=how.seed_velocity,

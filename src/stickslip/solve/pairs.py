@@ -6,22 +6,25 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 from scipy.linalg import LinAlgError, block_diag, eig, eigh, lu_factor, lu_solve, qr, schur
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
 from ..core.laws import Law
 from ..core.state import State
 from .freedom import Freedom, freedom, stiffness
-from .linear import factorised
+from .linear import factorised, one_thread
 from .spectrum import REAL_BELOW
 
 Report = Callable[[float, str], None]
 LARGEST = 12_000  # coordinates: four dense matrices of this size take 3 GB, and the time grows with the cube
 DENSE_BELOW = 1500  # coordinates; below it LAPACK takes a few seconds
-# modes of S treated together, and their neighbours on either side: 88 in all, because OpenBLAS splits the small steps
-# of `eig` over threads from about 95 on, and with other programs on the same cores took up to 200 times as long
-WINDOW, HALO = 32, 28
-NEAR_PAIR = 5e-6  # share of the largest |λ|; windows of 40 with halo 40 were off by 1e-6 at 1000 spheres
+# modes of S treated together, and their neighbours on either side: with 32 and 28, windows of strongly sheared packings
+# were off by as much as their pairs were wide
+WINDOW, HALO = 40, 80
+NEAR_PAIR, MIXED = 5e-6, 5e-3  # windows are trusted to NEAR_PAIR + MIXED mixing² of the largest |λ|
 WEAK = 0.3  # largest first-order share of outer modes in a window's mode for which second order is trusted
 CONVERGED, ENOUGH = 2e-15, 1e-12  # residual over the largest |λ|: aimed at, and accepted where round-off stops earlier
+SAME = 1e-9  # share of the largest |λ| within which two refined eigenvalues with one eigenvector are one
+NEIGHBOURS = 20  # eigenvalues beside those of a subspace that Arnoldi's method looks at
 CLUSTER = 0.3  # |E_ij/(d_j − d_i)| beyond which two modes are left coupled by a similarity pass
 
 
@@ -95,6 +98,7 @@ class Cluster(NamedTuple):
 
     window: Window
     vectors: np.ndarray  # (n, p)
+    expected: np.ndarray  # complex eigenvalues with Im λ > 0 that the window found in it [1/time²]
 
 
 def complex_pairs(
@@ -226,23 +230,25 @@ def _candidates(basis: Basis, tell: Report) -> list[Cluster] | None:
         left = sorted_diagonal[first - 1 : first + 1].mean() - margin if first else -np.inf
         end = first + WINDOW
         right = sorted_diagonal[end - 1 : end + 1].mean() + margin if end < n else np.inf
-        values, vectors = eig(np.linalg.solve(window.N, window.M))
+        with one_thread():
+            values, vectors = eig(np.linalg.solve(window.N, window.M))
         order = np.lexsort((values.imag, values.real))
         values, vectors = values[order] + window.centre, vectors[:, order]
-        for members in _suspects(values, vectors, basis.scale):
+        for members in _suspects(values, vectors, (NEAR_PAIR + MIXED * window.mixing**2) * basis.scale):
             if left <= values[members].real.mean() <= right:
                 plane = np.hstack([vectors[:, members].real, vectors[:, members].imag])
                 small = qr(plane, mode="economic", pivoting=True)[0][:, : len(members)]
                 part = basis.vectors[:, window.inside]
-                clusters.append(Cluster(window, part.astype(float, copy=False) @ small))
+                mine = values[members]
+                clusters.append(Cluster(window, part.astype(float, copy=False) @ small, mine[mine.imag > 0]))
     return clusters
 
 
-def _suspects(values: np.ndarray, vectors: np.ndarray, scale: float) -> list[np.ndarray]:
+def _suspects(values: np.ndarray, vectors: np.ndarray, near: float) -> list[np.ndarray]:
     """Index sets of sorted eigenvalues that hold a pair or real ones about to become one."""
     real = (values.imag[:-1] == 0) & (values.imag[1:] == 0)
     conjugate = (values.imag[:-1] != 0) & (values[:-1] == values[1:].conj())
-    links = np.flatnonzero(conjugate | (real & (_distance(values, vectors) < NEAR_PAIR * scale)))
+    links = np.flatnonzero(conjugate | (real & (_distance(values, vectors) < near)))
     chains = np.split(links, np.flatnonzero(np.diff(links) > 1) + 1) if len(links) else []
     return [np.arange(chain[0], chain[-1] + 2) for chain in chains]
 
@@ -288,9 +294,38 @@ def _refined(matrix, basis: Basis, clusters: list[Cluster], tell: Report, sweeps
         inner = np.hstack([_correction(basis, clusters[k].window, residuals[k][1], r, x) for k, r, x in parts])
         for k, change in zip(active, np.split(V @ inner.astype(single), ends, axis=1), strict=True):
             subspaces[k] = qr(subspaces[k] - change, mode="economic")[0]
+    good = [subspace for subspace, size in zip(subspaces, last, strict=True) if size <= ENOUGH]
     for k in np.flatnonzero(last > ENOUGH):
-        subspaces[k] = _inverse_iteration(matrix, subspaces[k], basis.scale)
-    return *_distinct(matrix, subspaces), basis.scale
+        good += _by_arnoldi(matrix, subspaces[k], basis.scale)
+    values, vectors = _distinct(matrix, good, basis.scale)
+    tell(0.82, "comparing with what the windows found")
+    lost = [clusters[k] for k in _unmatched(values, clusters, 2 * NEAR_PAIR * basis.scale)]
+    if lost:  # refinement ran into a neighbour of the pair that it started from
+        for cluster in lost:
+            good += _by_arnoldi(matrix, qr(cluster.vectors, mode="economic")[0], basis.scale)
+        values, vectors = _distinct(matrix, good, basis.scale)
+    return values, vectors, basis.scale
+
+
+def _unmatched(values: np.ndarray, clusters: list[Cluster], tolerance: float) -> list[int]:
+    """Clusters with an expected pair that no eigenvalue of its own lies near to, clear pairs only."""
+    owner = np.repeat(np.arange(len(clusters)), [len(c.expected) for c in clusters])
+    expected = np.concatenate([np.zeros(0, complex), *(c.expected for c in clusters)])
+    clear = expected.imag > 10 * tolerance
+    owner, expected = owner[clear], expected[clear]
+    if not len(expected):
+        return []
+    if not len(values):
+        return sorted(set(owner.tolist()))
+    # the windows' borders list some pairs twice: one eigenvalue may answer two clusters, but not twice the same
+    apart = np.abs(expected[:, None] - values[None, :])
+    near = apart < tolerance + 0.05 * expected.imag[:, None]
+    lost = set(owner[~near.any(axis=1)].tolist())
+    for k in set(owner.tolist()) - lost:
+        mine = owner == k
+        if len(np.unique(apart[mine].argmin(axis=1))) < mine.sum():
+            lost.add(k)
+    return sorted(lost)
 
 
 def _surely_real(B: np.ndarray, error: float) -> bool:
@@ -336,25 +371,27 @@ def _real_times(K: np.ndarray, z: np.ndarray) -> np.ndarray:
     return product[:, 0] + 1j * product[:, 1]
 
 
-def _inverse_iteration(matrix, subspace: np.ndarray, scale: float, iterations: int = 40) -> np.ndarray:
-    """The invariant subspace nearest to a given one, by shift and invert with a sparse factor of A.
+def _by_arnoldi(matrix, subspace: np.ndarray, scale: float) -> list[np.ndarray]:
+    """Planes of all pairs among the eigenvalues nearest to those of a subspace, by shift and invert.
 
     Raises
     ------
     LinAlgError
-        if the residual stays above ENOUGH.
+        if Arnoldi's method does not converge.
     """
-    shift = np.trace(_residual(matrix, subspace)[1]) / subspace.shape[1]
-    # off the eigenvalue itself, so that the factor exists
-    solve = factorised(sparse.csr_array(matrix - (shift + 1e-9 * scale) * sparse.eye_array(len(subspace))))
-    for _ in range(iterations):
-        subspace = qr(np.column_stack([solve(np.ascontiguousarray(x)) for x in subspace.T]), mode="economic")[0]
-        if np.linalg.norm(_residual(matrix, subspace)[0]) < ENOUGH * scale:
-            return subspace
-    raise LinAlgError(f"the pair near λ = {shift:.6g} could not be refined: use `spectrum`")
+    shift = np.trace(_residual(matrix, subspace)[1]) / subspace.shape[1] + 1e-9 * scale  # off the eigenvalue itself
+    solve = factorised(sparse.csr_array(matrix - shift * sparse.eye_array(len(subspace))))
+    inverse = LinearOperator(matrix.shape, matvec=solve, dtype=float)
+    count = min(subspace.shape[1] + NEIGHBOURS, matrix.shape[0] - 2)
+    try:
+        values, vectors = eigs(matrix, k=count, sigma=shift, OPinv=inverse, v0=subspace.sum(axis=1))
+    except ArpackNoConvergence:
+        raise LinAlgError(f"the pair near λ = {shift:.6g} could not be refined: use `spectrum`") from None
+    pairs = np.flatnonzero(values.imag > 0.1 * REAL_BELOW * scale)
+    return [qr(np.stack([vectors[:, k].real, vectors[:, k].imag], axis=1), mode="economic")[0] for k in pairs]
 
 
-def _distinct(matrix, subspaces: list[np.ndarray]):
+def _distinct(matrix, subspaces: list[np.ndarray], scale: float):
     """Eigenvalues with Im λ > 0 and eigenvectors within subspaces; one that two of them share is taken once."""
     values, vectors = [], []
     for X in subspaces:
@@ -362,8 +399,10 @@ def _distinct(matrix, subspaces: list[np.ndarray]):
         for k in np.flatnonzero(theta.imag > 0):
             x = X @ y[:, k]
             x /= np.linalg.norm(x)
-            # eigenvectors of different pairs are nearly orthogonal, because A is nearly symmetric
-            if not any(abs(np.vdot(other, x)) > 0.9 for other in vectors):
+            if np.linalg.norm(matrix @ x - theta[k] * x) > 10 * ENOUGH * scale:
+                continue
+            near = [w for v, w in zip(values, vectors, strict=True) if abs(theta[k] - v) < SAME * scale]
+            if not any(abs(np.vdot(x, w)) > 0.9 for w in near):
                 values.append(theta[k])
                 vectors.append(x)
     return np.array(values, complex), np.array(vectors, complex).reshape(-1, matrix.shape[0]).T
