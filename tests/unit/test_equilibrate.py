@@ -94,6 +94,16 @@ def test_an_unstable_equilibrium_is_reported():
     assert not quiet.warning
 
 
+def test_an_unstable_equilibrium_is_reported_at_any_size(monkeypatch):
+    monkeypatch.setattr("stickslip.solve.equilibrate.DENSE_BELOW", 0)
+    monkeypatch.setattr("stickslip.solve.linear.DENSE_BELOW", 0)
+    law = ss.hertz_mindlin(mu=0.0)
+    column = ss.assembly(ss.disks([[0, 0.95 * k] for k in range(12)], 0.5), cell=ss.box(dim=2))
+    column = column._replace(control=ss.frozen(column.control, [0, 11]))
+    with pytest.warns(UnstableEquilibriumWarning, match="10 direction"):
+        equilibrate(column, law)
+
+
 def test_complex_pairs_are_reported_on_request():
     state, _ = jammed(30, packing_fraction=0.7, seed=2)
     with warnings.catch_warnings():

@@ -16,6 +16,7 @@ from .freedom import freedom, stiffness
 from .linear import DENSE_BELOW, one_thread
 from .newton import Kept, newton
 from .relax import relax, residual
+from .spectrum import softest
 
 STAGES = (3e-3, 3e-5, 3e-7, 3e-9)  # of the mean normal force, to which damped dynamics goes before Newton tries again
 DRAG, STEP = 0.3, 0.2  # of damped dynamics, in units of the highest frequency
@@ -43,10 +44,10 @@ def equilibrate(
     ----------
     tolerance : float, largest unbalanced force or torque/R [force]
     keep : Kept, a factorisation that is passed from step to step of a path
-    check : what the equilibrium is checked for. "buckling": a direction of negative stiffness, below 700 coordinates,
-        whenever a new factorisation was needed (as long as one factor leads from equilibrium to equilibrium five times
-        closer with every step, the Jacobian is nearly the one that was checked); "spectrum": also complex pairs, by
-        dense eigenvalues, always; "nothing"
+    check : what the equilibrium is checked for. "buckling": directions of negative stiffness, below 700 coordinates all
+        of them, beyond those among the 40 softest; whenever a new factorisation was needed (as long as one factor leads
+        from equilibrium to equilibrium, the Jacobian is nearly the one that was checked); "spectrum": also complex
+        pairs, by dense eigenvalues, always; "nothing"
     steps : int, the most steps of damped dynamics for each stage
 
     Returns
@@ -100,7 +101,8 @@ def _instability(state: State, law: Law, check: str) -> str:
         return ""
     matrix = stiffness(state, law, freedom(state))
     if matrix.shape[0] >= DENSE_BELOW and check == "buckling":
-        return ""
+        held = np.flatnonzero(np.abs(matrix).sum(axis=1) > 0)  # without rattlers, whose zeros would crowd the rest out
+        return _words(len(softest(matrix[held][:, held])[0]), 0, 0.0)
     with one_thread() if matrix.shape[0] < DENSE_BELOW else nullcontext():
         return _dense_verdict(matrix.toarray(), check)
 
@@ -117,6 +119,10 @@ def _dense_verdict(full: np.ndarray, check: str) -> str:
     values = eigvals(full, check_finite=False)
     buckling = int((values.real < -1e-8 * scale).sum())
     pairs = int((values.imag > 1e-9 * scale).sum()) if check == "spectrum" else 0
+    return _words(buckling, pairs, float(np.abs(np.sqrt(values).imag).max()) if pairs else 0.0)
+
+
+def _words(buckling: int, pairs: int, rate: float) -> str:
     found = [f"{buckling} direction(s) of negative stiffness"] if buckling else []
-    found += [f"{pairs} complex pair(s), growing as exp({np.abs(np.sqrt(values).imag).max():.2e} t)"] if pairs else []
+    found += [f"{pairs} complex pair(s), growing as exp({rate:.2e} t)"] if pairs else []
     return f"the equilibrium is unstable: {' and '.join(found)}" if found else ""

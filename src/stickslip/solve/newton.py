@@ -79,7 +79,7 @@ def newton(state: State, law: Law, *, tolerance: float = 1e-14, iterations: int 
     here = _evaluate(updated(state), law, free)
     before = keep.factorisations
     for used in range(iterations + 1):
-        if np.isfinite(here.worst):
+        if np.isfinite(here.worst) and here.worst > tolerance:
             here = _pushed_out(here, law, free, loose, least)
         if not np.isfinite(here.worst):
             return state, _failure(Status.NOT_A_NUMBER, here, free, used)
@@ -127,11 +127,13 @@ def _pushed_out(point: _Point, law: Law, free: Freedom, loose: np.ndarray, least
         ends = np.stack([trial.i[rows], trial.j[rows]], axis=1)
         out = np.append(loose, np.zeros(state.n_bodies - n, bool))
         out &= np.bincount(ends.ravel(), minlength=state.n_bodies) < least
-        rows, ends = rows[out[ends].any(axis=1)], ends[out[ends].any(axis=1)]
-        if not len(rows):
-            break
         branch = branches(state._replace(contacts=trial))[rows]
         distance = np.linalg.norm(branch, axis=1)
+        out &= _leaning(branch / distance[:, None], ends, len(out))
+        mine = out[ends].any(axis=1)
+        ends, branch, distance = ends[mine], branch[mine], distance[mine]
+        if not len(ends):
+            break
         radius = np.append(state.grains.radius, np.zeros(state.n_bodies - n))[ends].sum(axis=1)
         away = branch * ((radius * (1 + 1e-9) - distance) * 1.1 / distance)[:, None]
         move = np.zeros((state.n_bodies, 3))
@@ -141,6 +143,14 @@ def _pushed_out(point: _Point, law: Law, free: Freedom, loose: np.ndarray, least
         grains = state.grains
         point = _evaluate(state._replace(grains=grains._replace(position=grains.position + move[:n])), law, free)
     return point
+
+
+def _leaning(normal: np.ndarray, ends: np.ndarray, count: int) -> np.ndarray:
+    """(B,) bodies whose contacts lie on one side of them, so that pushing helps: not those held between two others."""
+    total = np.zeros((count, 3))
+    np.add.at(total, ends[:, 0], normal)
+    np.add.at(total, ends[:, 1], -normal)
+    return np.linalg.norm(total, axis=1) > 0.3 * np.bincount(ends.ravel(), minlength=count)
 
 
 def _moved(point: _Point, law: Law, free: Freedom, step: np.ndarray) -> _Point:

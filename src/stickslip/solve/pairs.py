@@ -20,7 +20,9 @@ DENSE_BELOW = 1500  # coordinates; below it LAPACK takes a few seconds
 # modes of S treated together, and their neighbours on either side: with 32 and 28, windows of strongly sheared packings
 # were off by as much as their pairs were wide
 WINDOW, HALO = 40, 80
-NEAR_PAIR, MIXED = 5e-6, 5e-3  # windows are trusted to NEAR_PAIR + MIXED mixing² of the largest |λ|
+# windows are trusted to NEAR_PAIR of the largest |λ| and MIXED mixing² of their half width: the largest errors seen
+# were 1e-6 (1000 spheres) and 0.1 (150)
+NEAR_PAIR, MIXED = 5e-6, 0.2
 WEAK = 0.3  # largest first-order share of outer modes in a window's mode for which second order is trusted
 CONVERGED, ENOUGH = 2e-15, 1e-12  # residual over the largest |λ|: aimed at, and accepted where round-off stops earlier
 SAME = 1e-9  # share of the largest |λ| within which two refined eigenvalues with one eigenvector are one
@@ -234,7 +236,8 @@ def _candidates(basis: Basis, tell: Report) -> list[Cluster] | None:
             values, vectors = eig(np.linalg.solve(window.N, window.M))
         order = np.lexsort((values.imag, values.real))
         values, vectors = values[order] + window.centre, vectors[:, order]
-        for members in _suspects(values, vectors, (NEAR_PAIR + MIXED * window.mixing**2) * basis.scale):
+        near = NEAR_PAIR * basis.scale + MIXED * window.mixing**2 * np.ptp(basis.diagonal[window.inside]) / 2
+        for members in _suspects(values, vectors, near):
             if left <= values[members].real.mean() <= right:
                 plane = np.hstack([vectors[:, members].real, vectors[:, members].imag])
                 small = qr(plane, mode="economic", pivoting=True)[0][:, : len(members)]

@@ -4,15 +4,19 @@ from contextlib import nullcontext
 from typing import NamedTuple
 
 import numpy as np
+from scipy import sparse
 from scipy.linalg import eig, eigvals
 from scipy.optimize import linear_sum_assignment
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
 from ..core.jacobian import contact_blocks
 from ..core.laws import Law
 from ..core.state import State
 from .freedom import Freedom, freedom, restricted, stiffness
-from .linear import DENSE_BELOW, one_thread
+from .linear import DENSE_BELOW, factorised, one_thread
 
+ZERO_BELOW = 1e-10  # share of the largest |λ| below which an eigenvalue is zero
+SOFTEST = 40  # eigenvalues nearest to zero that are looked at where not all are
 REAL_BELOW = 1e-9  # |Im λ| below this share of the largest |λ| is round-off: J carries noise of 1e-15
 
 
@@ -98,6 +102,33 @@ def spectrum(state: State, law: Law, *, modes: bool = True) -> Spectrum:
     real = np.abs(values.imag) <= REAL_BELOW * np.abs(values).max()
     values = np.where(real, values.real, values)
     return Spectrum(values, vectors / root[:, None], free)
+
+
+def softest(matrix, count: int = SOFTEST):
+    """Negative λ, number of zero ones and modes of the negative ones, among the eigenvalues nearest to zero.
+
+    Parameters
+    ----------
+    matrix : (n, n) sparse, from `stiffness`
+    count : int, eigenvalues looked at, by Arnoldi's method with shift and invert
+
+    Returns
+    -------
+    (k,) negative λ, sorted [1/time²]; int; (n, k) eigenvectors of the matrix
+    """
+    size, scale = matrix.shape[0], np.abs(matrix.data).max()
+    shift = -1e-7 * scale
+    solve = factorised(sparse.csr_array(matrix - shift * sparse.eye_array(size)))
+    inverse = LinearOperator(matrix.shape, matvec=solve, dtype=float)
+    start = np.random.default_rng(0).normal(size=size)
+    try:
+        values, vectors = eigs(matrix, k=min(count, size - 2), sigma=shift, OPinv=inverse, v0=start, tol=1e-10)
+    except ArpackNoConvergence as problem:
+        values, vectors = problem.eigenvalues, problem.eigenvectors
+    zero = np.abs(values) < ZERO_BELOW * scale
+    negative = np.flatnonzero(~zero & (values.real < 0) & (np.abs(values.imag) <= REAL_BELOW * scale))
+    negative = negative[np.argsort(values.real[negative])]
+    return values.real[negative], int(zero.sum()), vectors[:, negative]
 
 
 def damped_growth(state: State, law: Law, *, drag: float = 0.0, spin_drag: float | None = None) -> np.ndarray:

@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import eig
-from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
 from ..core.forces import forces, unbalanced
 from ..core.laws import MU, Law
@@ -13,12 +12,11 @@ from ..core.measure import mean_normal_force, rattlers, touching
 from ..core.state import State
 from .fastest import fastest_pair
 from .freedom import Freedom, freedom, stiffness
-from .linear import factorised
 from .pairs import complex_pairs
+from .spectrum import SOFTEST, ZERO_BELOW, softest
 
-ZERO_BELOW, PAIR_ABOVE = 1e-10, 1e-9  # of the largest |λ|
+PAIR_ABOVE = 1e-9  # of the largest |λ|
 DENSE_UP_TO, PAIRS_UP_TO = 2_500, 12_000  # coordinates
-SOFTEST = 40  # eigenvalues nearest to zero that are looked at where not all are
 
 
 class Stability(NamedTuple):
@@ -110,7 +108,7 @@ def stability(state: State, law: Law, *, method: str = "auto", report=None) -> S
         modes, scope = vectors / np.sqrt(free.mass)[:, None], ""
     else:
         pairs, modes, scope = _large(state, law, free, method, report)
-        negative, zero_modes, soft = _softest(matrix)
+        negative, zero_modes, soft = softest(matrix)
         modes = np.hstack([modes, soft / np.sqrt(free.mass)[:, None]])
         scope += f"; negative and zero λ were looked for among the {SOFTEST} smallest"
     contact_force = mean_normal_force(state, law)
@@ -161,21 +159,3 @@ def _large(state: State, law: Law, free: Freedom, method: str, report):
         scope = str(one)
     place = np.searchsorted(freedom(state).component, free.component)
     return values, modes[place], scope
-
-
-def _softest(matrix):
-    """Negative λ, number of zero ones and modes of the negative ones, among the eigenvalues nearest to zero."""
-    scale = np.abs(matrix.data).max()
-    size, shift = matrix.shape[0], -1e-7 * scale
-    diagonal = matrix.copy()
-    diagonal.setdiag(matrix.diagonal() - shift)
-    solve = factorised(diagonal)
-    inverse = LinearOperator(matrix.shape, matvec=solve, dtype=float)
-    try:
-        values, vectors = eigs(matrix, k=min(SOFTEST, size - 2), sigma=shift, OPinv=inverse, tol=1e-10)
-    except ArpackNoConvergence as problem:
-        values, vectors = problem.eigenvalues, problem.eigenvectors
-    zero = np.abs(values) < ZERO_BELOW * scale
-    negative = np.flatnonzero(~zero & (values.real < 0) & (np.abs(values.imag) < PAIR_ABOVE * scale))
-    negative = negative[np.argsort(values.real[negative])]
-    return values.real[negative], int(zero.sum()), vectors[:, negative]
