@@ -181,12 +181,12 @@ def center_of_mass(result, load: float, line=None, printed=None):
     top.set(xlabel=TIME, ylabel=r"$C^x_\mathrm{mass}-C^x_\mathrm{mass}(0)$ [$2R$]")
     top.set_title(f"$F_x$ = {load:.3f}", fontsize=7.5)
     top.set_ylim(top=1.12 * x.max() if x.max() > 0 else None)
-    inset = top.insetaxes_of([0.15, 0.55, 0.36, 0.36])
+    inset = top.inset_axes([0.15, 0.55, 0.36, 0.36])
     y = 1e4 * (free.center[:, 1] - free.center[0, 1])
     inset.plot(free.time, y, color=GREEN, lw=0.3, rasterized=True)
     inset.set_title(r"$10^4\,\Delta C^y_\mathrm{mass}$", fontsize=6, pad=2)
     started = int(np.argmax(np.abs(x) > 0.02)) if (np.abs(x) > 0.02).any() else len(x) - 1
-    zoom = top.insetaxes_of([0.72, 0.1, 0.26, 0.3])
+    zoom = top.inset_axes([0.72, 0.1, 0.26, 0.3])
     near = slice(max(started - 900, 0), started + 600)
     zoom.plot(free.time[near], x[near], color=BLUE, lw=0.7)
     zoom.set_title(r"$\Delta C^x_\mathrm{mass}$", fontsize=6, pad=2)
@@ -202,7 +202,7 @@ def center_of_mass(result, load: float, line=None, printed=None):
     if result.sliding:
         bottom.legend(title=LOAD, loc="upper left", ncol=2, title_fontsize=6.5)
     if line:
-        small = bottom.insetaxes_of([0.64, 0.56, 0.34, 0.4])
+        small = bottom.inset_axes([0.64, 0.56, 0.34, 0.4])
         small.errorbar(line.push, 1e5 * line.velocity, 1e5 * line.error, fmt="o", color=RED, ms=2, capsize=1, lw=0.6)
         ends = np.array([line.push.min(), line.push.max()])
         small.plot(ends, 1e5 * (line.intercept + line.slope * ends), "-", color=RED, lw=0.7, label="fit")
