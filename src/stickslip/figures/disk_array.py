@@ -229,7 +229,7 @@ def transition_movie(result, path: str | Path, frames: int = 90) -> Path:
     length, n = result.pressed.cell.vectors[0, 0], len(radius)
     with plt.rc_context({"figure.constrained_layout.use": False, "savefig.dpi": "figure"}):
         figure = plt.figure(figsize=(6.4, 1.6), dpi=110)
-        axes = figure.addaxes_of([0.02, 0.2, 0.96, 0.62])
+        axes = figure.add_axes([0.02, 0.2, 0.96, 0.62])
         axes.set(xlim=(-0.1, length + 0.1), ylim=(-0.15, 2.3 * radius.max()), aspect="equal")
         axes.axis("off")
         axes.axhspan(-0.15, 0, color="0.75")
