@@ -10,6 +10,8 @@ import stickslip as ss
 from stickslip.loading.packing import jammed
 from stickslip.loading.shear import sheared
 from stickslip.solve import pairs as module
+from stickslip.solve import windows
+from stickslip.solve.certificate import certificate_of
 from stickslip.solve.equilibrate import equilibrate
 from stickslip.solve.freedom import freedom, stiffness
 from stickslip.solve.pairs import complex_pairs
@@ -51,7 +53,7 @@ def assert_same(found, full):
 
 def test_windows_find_the_pairs_of_lapack(packing):
     state, full = packing
-    assert len(full.eigenvalues) > 2 * (module.WINDOW + module.HALO)
+    assert len(full.eigenvalues) > 2 * (windows.WINDOW + windows.HALO)
     assert len(full.pairs) > 1
     assert_same(complex_pairs(state, LAW, dense_below=0), full)
 
@@ -63,7 +65,7 @@ def test_small_systems_go_to_lapack_directly(packing):
 
 def test_strong_skew_coupling_goes_to_lapack(packing, monkeypatch):
     state, full = packing
-    monkeypatch.setattr(module, "WEAK", 0.0)
+    monkeypatch.setattr(windows, "WEAK", 0.0)
     monkeypatch.setattr(module, "_refined", None)  # would fail if it were called
     assert_same(complex_pairs(state, LAW, dense_below=0), full)
 
@@ -102,7 +104,7 @@ def test_certificate_notices_a_missing_and_an_invented_pair(packing):
     scale = np.abs(full.eigenvalues).max()
 
     def consistent(pairs):
-        return module._certificate(matrix, None, pairs, 0, lambda share, words: None).consistent
+        return certificate_of(matrix, None, pairs, 0, lambda share, words: None).consistent
 
     assert consistent(values)
     assert not consistent(values[1:])

@@ -1,54 +1,25 @@
 """All complex pairs of −M⁻¹J where dense LAPACK is slow: modes of the symmetric part, coupled window by window."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
-from scipy.linalg import LinAlgError, block_diag, eig, eigh, lu_factor, lu_solve, qr, schur
+from scipy.linalg import LinAlgError, eig, qr, schur
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
 from ..core.laws import Law
 from ..core.state import State
+from .certificate import Certificate, certificate_of
 from .freedom import Freedom, freedom, stiffness
 from .linear import factorised, one_thread
 from .spectrum import REAL_BELOW
+from .windows import NEAR_PAIR, Basis, Cluster, Report, Window, apart, basis_of, candidates, lacking
 
-Report = Callable[[float, str], None]
 LARGEST = 12_000  # coordinates: four dense matrices of this size take 3 GB, and the time grows with the cube
 DENSE_BELOW = 1500  # coordinates; below it LAPACK takes a few seconds
-# modes of S treated together, and their neighbours on either side: with 32 and 28, windows of strongly sheared packings
-# were off by as much as their pairs were wide
-WINDOW, HALO = 40, 80
-# windows are trusted to NEAR_PAIR of the largest |λ| and MIXED mixing² of their half width: the largest errors seen
-# were 1e-6 (1000 spheres) and 0.1 (150)
-NEAR_PAIR, MIXED = 5e-6, 0.2
-WEAK = 0.3  # largest first-order share of outer modes in a window's mode for which second order is trusted
 CONVERGED, ENOUGH = 2e-15, 1e-12  # residual over the largest |λ|: aimed at, and accepted where round-off stops earlier
 SAME = 1e-9  # share of the largest |λ| within which two refined eigenvalues with one eigenvector are one
 NEIGHBOURS = 20  # eigenvalues beside those of a subspace that Arnoldi's method looks at
-CLUSTER = 0.3  # |E_ij/(d_j − d_i)| beyond which two modes are left coupled by a similarity pass
-
-
-class Certificate(NamedTuple):
-    """What Gershgorin discs say about every eigenvalue, in floating point, not interval arithmetic."""
-
-    size: int  # eigenvalues examined
-    real: int  # alone in a disc with a real centre: real, because the spectrum of a real matrix is its own mirror image
-    zero: int  # coordinates that nothing holds: exactly zero, not among those examined
-    pairs: int  # pairs whose disc is isolated and does not touch the real axis
-    undecided: np.ndarray  # (k,) centres of overlapping discs [1/time²]
-    members: np.ndarray  # (k,) eigenvalues in each
-    consistent: bool  # every pair found is certified or among the undecided, and every certified pair was found
-
-    def __str__(self):
-        centres = ", ".join(f"{c:.6g} ({m})" for c, m in zip(self.undecided, self.members, strict=True))
-        return (
-            f"of {self.size} eigenvalues, {self.real} are certified real and {self.pairs} pairs certified complex "
-            f"(floating point, not interval arithmetic); {self.zero} more are exactly zero; "
-            + (f"undecided around λ = {centres}" if centres else "none is undecided")
-            + ("" if self.consistent else "; THE PAIRS FOUND CONTRADICT THIS: use spectrum()")
-        )
 
 
 class Pairs(NamedTuple):
@@ -69,38 +40,6 @@ class Pairs(NamedTuple):
     def frequency(self) -> np.ndarray:
         """(P,) ω_r = |Re √λ| [1/time]."""
         return np.abs(np.sqrt(self.eigenvalues).real)
-
-
-class Basis(NamedTuple):
-    """Modes of the symmetric part S of A = S + K, and A seen in them."""
-
-    vectors: np.ndarray  # (n, n), orthonormal to single precision
-    image: np.ndarray  # (n, n) A times them, in double precision
-    diagonal: np.ndarray  # (n,) Rayleigh quotients, in double precision [1/time²]
-    skew: np.ndarray  # (n, n) single precision: K between the modes [1/time²]
-
-    @property
-    def scale(self) -> float:
-        """Largest |λ| [1/time²], to the precision that thresholds need."""
-        return float(np.abs(self.diagonal).max())
-
-
-class Window(NamedTuple):
-    """Modes `inside`, all others eliminated to second order: (N⁻¹M − (λ − centre)) c = 0."""
-
-    inside: slice
-    centre: float
-    M: np.ndarray
-    N: np.ndarray
-    mixing: float  # largest first-order share of outer modes in one of the window
-
-
-class Cluster(NamedTuple):
-    """Neighbouring eigenvalues that may hold a pair: a real invariant subspace to be refined."""
-
-    window: Window
-    vectors: np.ndarray  # (n, p)
-    expected: np.ndarray  # complex eigenvalues with Im λ > 0 that the window found in it [1/time²]
 
 
 def complex_pairs(
@@ -148,15 +87,15 @@ def complex_pairs(
     matrix = matrix[held][:, held]
     basis, clusters = None, None
     if len(held) >= dense_below:
-        basis = _basis(matrix, np.float64 if certificate else np.float32, tell)
-        clusters = _candidates(basis, tell)
+        basis = basis_of(matrix, np.float64 if certificate else np.float32, tell)
+        clusters = candidates(basis, tell)
     dense = clusters is None  # small, or K too strong
     values, vectors, scale = _dense(matrix, tell) if dense else _refined(matrix, basis, clusters, tell)
     order = np.argsort(-np.abs(np.sqrt(values).imag))
     order = order[values.imag[order] > REAL_BELOW * scale]
     values, vectors = values[order], vectors[:, order]
     residual = np.linalg.norm(matrix @ vectors - vectors * values, axis=0) / (scale or 1.0)
-    certified = _certificate(matrix, basis, values, n - len(held), tell) if certificate else None
+    certified = certificate_of(matrix, basis, values, n - len(held), tell) if certificate else None
     modes = np.zeros((n, len(values)), complex)
     modes[held] = vectors / np.sqrt(free.mass[held])[:, None]
     tell(1.0, f"{len(values)} complex pairs")
@@ -173,98 +112,6 @@ def _dense(matrix, tell: Report):
     values, vectors = eig(matrix.toarray(order="F"), overwrite_a=True)
     upper = values.imag > 0
     return values[upper], vectors[:, upper], float(np.abs(values).max(initial=0.0))
-
-
-def _basis(matrix, precision, tell: Report) -> Basis:
-    tell(0.0, f"modes of the symmetric part of {matrix.shape[0]} coordinates")
-    symmetric = ((matrix + matrix.T) / 2).toarray(order="F").astype(precision, copy=False)
-    vectors = eigh(symmetric, driver="evd", overwrite_a=True, check_finite=False)[1]
-    tell(0.6, "their coupling")
-    vectors = np.ascontiguousarray(vectors)  # rows together: what a sparse matrix multiplies
-    double = vectors.astype(float, copy=False)
-    image = matrix @ double
-    diagonal = np.einsum("ij,ij->j", double, image) / np.einsum("ij,ij->j", double, double)
-    single = vectors.astype(np.float32, copy=False)
-    skew = single.T @ (((matrix - matrix.T) / 2).astype(np.float32) @ single)
-    return Basis(vectors, image, diagonal, skew)
-
-
-def _window(basis: Basis, first: int) -> Window:
-    """The window of modes first … first + WINDOW and its halo.
-
-    Outer modes are eliminated to second order and to first order in λ − centre:
-    M = H − centre G − K_PQ (D_Q − centre)⁻¹ K_QP, N = G + K_PQ (D_Q − centre)⁻² K_QP, with K_PQ = −K_QPᵀ. G differs
-    from one, and H from D + K, by the round-off of the modes, which would blur pairs at first order.
-    """
-    n = len(basis.diagonal)
-    last = min(n, first + WINDOW) - 1
-    inside = slice(max(0, first - HALO), min(n, last + 1 + HALO))
-    centre = (basis.diagonal[first] + basis.diagonal[last]) / 2
-    x = basis.vectors[:, inside].astype(float, copy=False)
-    # products joined: each is split over threads, which then wait for each other
-    G, H = np.split(np.hstack([x, basis.image[:, inside]]).T @ x, 2)
-    H = H.T - centre * G
-    K = -basis.skew[inside].T.astype(float)
-    share = K / _apart(basis.diagonal - centre, basis.scale)[:, None]
-    share[inside] = 0
-    mixing = float(np.linalg.norm(share, axis=0).max())
-    second, slope = np.split(np.hstack([K, share]).T @ share, 2)
-    return Window(inside, centre, H + second, G - slope, mixing)
-
-
-def _apart(gap: np.ndarray, scale: float) -> np.ndarray:
-    """Gaps kept off zero: an outer mode at the very centre makes the mixing huge, not infinite."""
-    least = 1e-12 * scale
-    return np.where(np.abs(gap) < least, least, gap)
-
-
-def _candidates(basis: Basis, tell: Report) -> list[Cluster] | None:
-    """Clusters that are or may be pairs; None where K is too strong for windows."""
-    tell(0.65, "windows")
-    clusters = []
-    # an eigenvalue next to the border of two windows is taken by both, and told apart after refinement
-    margin = 10 * NEAR_PAIR * basis.scale
-    n, sorted_diagonal = len(basis.diagonal), np.sort(basis.diagonal)
-    for first in range(0, n, WINDOW):
-        window = _window(basis, first)
-        if window.mixing > WEAK:
-            return None
-        left = sorted_diagonal[first - 1 : first + 1].mean() - margin if first else -np.inf
-        end = first + WINDOW
-        right = sorted_diagonal[end - 1 : end + 1].mean() + margin if end < n else np.inf
-        with one_thread():
-            values, vectors = eig(np.linalg.solve(window.N, window.M))
-        order = np.lexsort((values.imag, values.real))
-        values, vectors = values[order] + window.centre, vectors[:, order]
-        near = NEAR_PAIR * basis.scale + MIXED * window.mixing**2 * np.ptp(basis.diagonal[window.inside]) / 2
-        for members in _suspects(values, vectors, near):
-            if left <= values[members].real.mean() <= right:
-                plane = np.hstack([vectors[:, members].real, vectors[:, members].imag])
-                small = qr(plane, mode="economic", pivoting=True)[0][:, : len(members)]
-                part = basis.vectors[:, window.inside]
-                mine = values[members]
-                clusters.append(Cluster(window, part.astype(float, copy=False) @ small, mine[mine.imag > 0]))
-    return clusters
-
-
-def _suspects(values: np.ndarray, vectors: np.ndarray, near: float) -> list[np.ndarray]:
-    """Index sets of sorted eigenvalues that hold a pair or real ones about to become one."""
-    real = (values.imag[:-1] == 0) & (values.imag[1:] == 0)
-    conjugate = (values.imag[:-1] != 0) & (values[:-1] == values[1:].conj())
-    links = np.flatnonzero(conjugate | (real & (_distance(values, vectors) < near)))
-    chains = np.split(links, np.flatnonzero(np.diff(links) > 1) + 1) if len(links) else []
-    return [np.arange(chain[0], chain[-1] + 2) for chain in chains]
-
-
-def _distance(values: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """(n − 1,) how much skew coupling neighbouring real eigenvalues lack of being a pair [1/time²].
-
-    [[δ/2, k], [−k, −δ/2]] has eigenvectors with the cosine c = 2k/δ and a gap δ√(1 − c²), so that
-    δ/2 − k = gap/2 · √((1 − c)/(1 + c)): a small gap alone does not mean a pair to come.
-    """
-    gap = np.abs(np.diff(values))
-    cosine = np.minimum(np.abs(np.einsum("ij,ij->j", vectors[:, :-1].conj(), vectors[:, 1:])), 1.0)
-    return gap / 2 * np.sqrt((1 - cosine) / (1 + cosine))
 
 
 def _refined(matrix, basis: Basis, clusters: list[Cluster], tell: Report, sweeps: int = 20):
@@ -294,7 +141,8 @@ def _refined(matrix, basis: Basis, clusters: list[Cluster], tell: Report, sweeps
         border = V.T @ np.hstack([subspaces[k] for k in active]).astype(single)
         ends = np.cumsum([subspaces[k].shape[1] for k in active])[:-1]
         parts = zip(active, np.split(inner, ends, axis=1), np.split(border, ends, axis=1), strict=True)
-        inner = np.hstack([_correction(basis, clusters[k].window, residuals[k][1], r, x) for k, r, x in parts])
+        with one_thread():  # many small systems
+            inner = np.hstack([_correction(basis, clusters[k].window, residuals[k][1], r, x) for k, r, x in parts])
         for k, change in zip(active, np.split(V @ inner.astype(single), ends, axis=1), strict=True):
             subspaces[k] = qr(subspaces[k] - change, mode="economic")[0]
     good = [subspace for subspace, size in zip(subspaces, last, strict=True) if size <= ENOUGH]
@@ -321,12 +169,12 @@ def _unmatched(values: np.ndarray, clusters: list[Cluster], tolerance: float) ->
     if not len(values):
         return sorted(set(owner.tolist()))
     # the windows' borders list some pairs twice: one eigenvalue may answer two clusters, but not twice the same
-    apart = np.abs(expected[:, None] - values[None, :])
-    near = apart < tolerance + 0.05 * expected.imag[:, None]
+    far = np.abs(expected[:, None] - values[None, :])
+    near = far < tolerance + 0.05 * expected.imag[:, None]
     lost = set(owner[~near.any(axis=1)].tolist())
     for k in set(owner.tolist()) - lost:
         mine = owner == k
-        if len(np.unique(apart[mine].argmin(axis=1))) < mine.sum():
+        if len(np.unique(far[mine].argmin(axis=1))) < mine.sum():
             lost.add(k)
     return sorted(lost)
 
@@ -334,7 +182,7 @@ def _unmatched(values: np.ndarray, clusters: list[Cluster], tolerance: float) ->
 def _surely_real(B: np.ndarray, error: float) -> bool:
     """True if two real eigenvalues of a subspace are farther from being a pair than its error."""
     values, vectors = np.linalg.eig(B)
-    return len(B) == 2 and not np.iscomplexobj(values) and _distance(values, vectors)[0] > error
+    return len(B) == 2 and not np.iscomplexobj(values) and lacking(values, vectors)[0] > error
 
 
 def _residual(matrix, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -357,7 +205,7 @@ def _correction(basis: Basis, window: Window, B: np.ndarray, R: np.ndarray, bord
     system[m:, :m] = border[window.inside].T
     for j in range(p):
         right = R[:, j] + Z[:, :j] @ T[:j, j]
-        weight = 1 / _apart(basis.diagonal - T[j, j], basis.scale)
+        weight = 1 / apart(basis.diagonal - T[j, j], basis.scale)
         weight[window.inside] = 0
         outside = right * weight
         right = np.append(right[window.inside] - _real_times(K, outside), np.zeros(p))
@@ -409,73 +257,3 @@ def _distinct(matrix, subspaces: list[np.ndarray], scale: float):
                 values.append(theta[k])
                 vectors.append(x)
     return np.array(values, complex), np.array(vectors, complex).reshape(-1, matrix.shape[0]).T
-
-
-def _certificate(matrix, basis: Basis | None, pairs: np.ndarray, zero: int, tell: Report) -> Certificate:
-    """Discs of A after similarity passes that shrink its off-diagonal part quadratically."""
-    n = matrix.shape[0]
-    if not n:
-        return Certificate(0, 0, zero, 0, np.empty(0), np.empty(0, int), True)
-    if basis is None:
-        basis = _basis(matrix, np.float64, _silent)
-    centres, radii = _discs(basis.vectors.T @ basis.image, basis.scale, tell)
-    real, certain, undecided, loose = 0, [], [], []
-    for group in _touching(centres, radii):
-        c, r = centres[group], radii[group]
-        apart = np.abs(c[:, None] - c) > r[:, None] + r
-        np.fill_diagonal(apart, True)
-        alone = apart.all(axis=1)
-        real += int((alone & (c.imag == 0)).sum())
-        certain += [(z, s) for z, s in zip(c[alone], r[alone], strict=True) if z.imag > s]
-        rest = ~(alone & ((c.imag == 0) | (np.abs(c.imag) > r)))
-        if rest.any():
-            undecided.append((c[rest].real.mean(), int(rest.sum())))
-            loose += zip(c[rest], r[rest], strict=True)
-
-    def within(z, discs):
-        return any(abs(z - c) <= r for c, r in discs)
-
-    met = [sum(abs(z - c) <= r for z in pairs) for c, r in certain]
-    consistent = all(k == 1 for k in met) and all(within(z, certain) or within(z, loose) for z in pairs)
-    centre = np.array([c for c, _ in undecided])
-    return Certificate(n, real, zero, len(certain), centre, np.array([m for _, m in undecided], int), consistent)
-
-
-def _discs(B: np.ndarray, scale: float, tell: Report, passes: int = 3):
-    """Centres and radii of Gershgorin discs of B = D + E after passes (I + W)⁻¹ B (I + W), W_ij = E_ij/(d_j − d_i).
-
-    Modes too close for that keep their coupling; at the end each group of them is diagonalised as a block.
-    """
-    n = len(B)
-    for k in range(passes):
-        tell(0.85 + 0.04 * k, f"certificate, similarity pass {k + 1} of {passes}")
-        d = np.diag(B).copy()
-        W = d - d[:, None]
-        W[np.abs(B) >= CLUSTER * np.abs(W)] = np.inf
-        np.divide(B, W, out=W)
-        B += B @ W
-        W[np.diag_indices(n)] += 1.0
-        B = lu_solve(lu_factor(W, overwrite_a=True, check_finite=False), B, overwrite_b=True, check_finite=False)
-    centres, radii = np.diag(B).astype(complex), np.abs(B).sum(axis=1) - np.abs(np.diag(B))
-    groups = [g for g in _touching(centres, radii) if len(g) > 1]
-    if groups:
-        turned = np.concatenate(groups)
-        blocks = [eig(B[np.ix_(g, g)])[1] for g in groups]
-        Y = block_diag(*blocks)
-        columns = B[:, turned] @ Y
-        inverse = block_diag(*[np.linalg.inv(block) for block in blocks])
-        others = np.setdiff1d(np.arange(n), turned)
-        rows = inverse @ columns[turned]
-        centres[turned] = np.diag(rows)
-        radii[turned] = np.abs(rows).sum(axis=1) - np.abs(np.diag(rows)) + np.abs(inverse @ B[turned][:, others]).sum(1)
-        alone = np.abs(B[np.ix_(others, others)]).sum(axis=1) - np.abs(B[others, others])
-        radii[others] = alone + np.abs(columns[others]).sum(axis=1)
-    return centres, radii + n * np.finfo(float).eps * scale  # the passes' own round-off
-
-
-def _touching(centres: np.ndarray, radii: np.ndarray) -> list[np.ndarray]:
-    """Groups of discs whose shadows on the real axis overlap."""
-    left, right = centres.real - radii, centres.real + radii
-    order = np.argsort(left)
-    reach = np.maximum.accumulate(right[order])
-    return np.split(order, np.flatnonzero(left[order][1:] > reach[:-1]) + 1)

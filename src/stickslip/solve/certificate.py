@@ -1,0 +1,101 @@
+"""Which eigenvalues are certainly real: Gershgorin discs after similarity passes, in floating point."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import block_diag, eig, lu_factor, lu_solve
+
+from .windows import Basis, Report, basis_of
+
+CLUSTER = 0.3  # |E_ij/(d_j − d_i)| beyond which two modes are left coupled by a similarity pass
+
+
+class Certificate(NamedTuple):
+    """What Gershgorin discs say about every eigenvalue, in floating point, not interval arithmetic."""
+
+    size: int  # eigenvalues examined
+    real: int  # alone in a disc with a real centre: real, because the spectrum of a real matrix is its own mirror image
+    zero: int  # coordinates that nothing holds: exactly zero, not among those examined
+    pairs: int  # pairs whose disc is isolated and does not touch the real axis
+    undecided: np.ndarray  # (k,) centres of overlapping discs [1/time²]
+    members: np.ndarray  # (k,) eigenvalues in each
+    consistent: bool  # every pair found is certified or among the undecided, and every certified pair was found
+
+    def __str__(self):
+        centres = ", ".join(f"{c:.6g} ({m})" for c, m in zip(self.undecided, self.members, strict=True))
+        return (
+            f"of {self.size} eigenvalues, {self.real} are certified real and {self.pairs} pairs certified complex "
+            f"(floating point, not interval arithmetic); {self.zero} more are exactly zero; "
+            + (f"undecided around λ = {centres}" if centres else "none is undecided")
+            + ("" if self.consistent else "; THE PAIRS FOUND CONTRADICT THIS: use spectrum()")
+        )
+
+
+def certificate_of(matrix, basis: Basis | None, pairs: np.ndarray, zero: int, tell: Report) -> Certificate:
+    """Discs of A after similarity passes that shrink its off-diagonal part quadratically."""
+    n = matrix.shape[0]
+    if not n:
+        return Certificate(0, 0, zero, 0, np.empty(0), np.empty(0, int), True)
+    if basis is None:
+        basis = basis_of(matrix, np.float64, lambda share, words: None)
+    centres, radii = _discs(basis.vectors.T @ basis.image, basis.scale, tell)
+    real, certain, undecided, loose = 0, [], [], []
+    for group in _touching(centres, radii):
+        c, r = centres[group], radii[group]
+        apart = np.abs(c[:, None] - c) > r[:, None] + r
+        np.fill_diagonal(apart, True)
+        alone = apart.all(axis=1)
+        real += int((alone & (c.imag == 0)).sum())
+        certain += [(z, s) for z, s in zip(c[alone], r[alone], strict=True) if z.imag > s]
+        rest = ~(alone & ((c.imag == 0) | (np.abs(c.imag) > r)))
+        if rest.any():
+            undecided.append((c[rest].real.mean(), int(rest.sum())))
+            loose += zip(c[rest], r[rest], strict=True)
+
+    def within(z, discs):
+        return any(abs(z - c) <= r for c, r in discs)
+
+    met = [sum(abs(z - c) <= r for z in pairs) for c, r in certain]
+    consistent = all(k == 1 for k in met) and all(within(z, certain) or within(z, loose) for z in pairs)
+    centre = np.array([c for c, _ in undecided])
+    return Certificate(n, real, zero, len(certain), centre, np.array([m for _, m in undecided], int), consistent)
+
+
+def _discs(B: np.ndarray, scale: float, tell: Report, passes: int = 3):
+    """Centres and radii of Gershgorin discs of B = D + E after passes (I + W)⁻¹ B (I + W), W_ij = E_ij/(d_j − d_i).
+
+    Modes too close for that keep their coupling; at the end each group of them is diagonalised as a block.
+    """
+    n = len(B)
+    for k in range(passes):
+        tell(0.85 + 0.04 * k, f"certificate, similarity pass {k + 1} of {passes}")
+        d = np.diag(B).copy()
+        W = d - d[:, None]
+        W[np.abs(B) >= CLUSTER * np.abs(W)] = np.inf
+        np.divide(B, W, out=W)
+        B += B @ W
+        W[np.diag_indices(n)] += 1.0
+        B = lu_solve(lu_factor(W, overwrite_a=True, check_finite=False), B, overwrite_b=True, check_finite=False)
+    centres, radii = np.diag(B).astype(complex), np.abs(B).sum(axis=1) - np.abs(np.diag(B))
+    groups = [g for g in _touching(centres, radii) if len(g) > 1]
+    if groups:
+        turned = np.concatenate(groups)
+        blocks = [eig(B[np.ix_(g, g)])[1] for g in groups]
+        Y = block_diag(*blocks)
+        columns = B[:, turned] @ Y
+        inverse = block_diag(*[np.linalg.inv(block) for block in blocks])
+        others = np.setdiff1d(np.arange(n), turned)
+        rows = inverse @ columns[turned]
+        centres[turned] = np.diag(rows)
+        radii[turned] = np.abs(rows).sum(axis=1) - np.abs(np.diag(rows)) + np.abs(inverse @ B[turned][:, others]).sum(1)
+        alone = np.abs(B[np.ix_(others, others)]).sum(axis=1) - np.abs(B[others, others])
+        radii[others] = alone + np.abs(columns[others]).sum(axis=1)
+    return centres, radii + n * np.finfo(float).eps * scale  # the passes' own round-off
+
+
+def _touching(centres: np.ndarray, radii: np.ndarray) -> list[np.ndarray]:
+    """Groups of discs whose shadows on the real axis overlap."""
+    left, right = centres.real - radii, centres.real + radii
+    order = np.argsort(left)
+    reach = np.maximum.accumulate(right[order])
+    return np.split(order, np.flatnonzero(left[order][1:] > reach[:-1]) + 1)

@@ -1,0 +1,142 @@
+"""Windows of modes of the symmetric part S of A = S + K, coupled by the skew part K: where complex pairs can be."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import eig, eigh, qr
+
+from .linear import one_thread
+
+Report = Callable[[float, str], None]
+# modes treated together, and their neighbours on either side; all others enter to second order
+WINDOW, HALO = 40, 40
+# windows are trusted to NEAR_PAIR of the largest |λ| and MIXED mixing² of their half width: the largest errors seen
+# were 1e-6 (1000 spheres) and 0.1 (150)
+NEAR_PAIR, MIXED = 5e-6, 0.2
+WEAK = 0.3  # largest first-order share of outer modes in a window's mode for which second order is trusted
+
+
+class Basis(NamedTuple):
+    """Modes of the symmetric part S of A = S + K, and A seen in them."""
+
+    vectors: np.ndarray  # (n, n), orthonormal to single precision
+    image: np.ndarray  # (n, n) A times them, in double precision
+    diagonal: np.ndarray  # (n,) Rayleigh quotients, in double precision [1/time²]
+    skew: np.ndarray  # (n, n) single precision: K between the modes [1/time²]
+
+    @property
+    def scale(self) -> float:
+        """Largest |λ| [1/time²], to the precision that thresholds need."""
+        return float(np.abs(self.diagonal).max())
+
+
+class Window(NamedTuple):
+    """Modes `inside`, all others eliminated to second order: (N⁻¹M − (λ − centre)) c = 0."""
+
+    inside: slice
+    centre: float
+    M: np.ndarray
+    N: np.ndarray
+    mixing: float  # largest first-order share of outer modes in one of the window
+
+
+class Cluster(NamedTuple):
+    """Neighbouring eigenvalues that may hold a pair: a real invariant subspace to be refined."""
+
+    window: Window
+    vectors: np.ndarray  # (n, p)
+    expected: np.ndarray  # complex eigenvalues with Im λ > 0 that the window found in it [1/time²]
+
+
+def basis_of(matrix, precision, tell: Report) -> Basis:
+    """Modes of the symmetric part of a sparse matrix, in single or double precision."""
+    tell(0.0, f"modes of the symmetric part of {matrix.shape[0]} coordinates")
+    symmetric = ((matrix + matrix.T) / 2).toarray(order="F").astype(precision, copy=False)
+    vectors = eigh(symmetric, driver="evd", overwrite_a=True, check_finite=False)[1]
+    tell(0.6, "their coupling")
+    vectors = np.ascontiguousarray(vectors)  # rows together: what a sparse matrix multiplies
+    double = vectors.astype(float, copy=False)
+    image = matrix @ double
+    diagonal = np.einsum("ij,ij->j", double, image) / np.einsum("ij,ij->j", double, double)
+    single = vectors.astype(np.float32, copy=False)
+    skew = single.T @ (((matrix - matrix.T) / 2).astype(np.float32) @ single)
+    return Basis(vectors, image, diagonal, skew)
+
+
+def window_of(basis: Basis, first: int) -> Window:
+    """The window of modes first … first + WINDOW and its halo.
+
+    Outer modes are eliminated to second order and to first order in λ − centre:
+    M = H − centre G − K_PQ (D_Q − centre)⁻¹ K_QP, N = G + K_PQ (D_Q − centre)⁻² K_QP, with K_PQ = −K_QPᵀ. G differs
+    from one, and H from D + K, by the round-off of the modes, which would blur pairs at first order.
+    """
+    n = len(basis.diagonal)
+    last = min(n, first + WINDOW) - 1
+    inside = slice(max(0, first - HALO), min(n, last + 1 + HALO))
+    centre = (basis.diagonal[first] + basis.diagonal[last]) / 2
+    x = basis.vectors[:, inside].astype(float, copy=False)
+    # products joined: each is split over threads, which then wait for each other
+    G, H = np.split(np.hstack([x, basis.image[:, inside]]).T @ x, 2)
+    H = H.T - centre * G
+    K = -basis.skew[inside].T.astype(float)
+    share = K / apart(basis.diagonal - centre, basis.scale)[:, None]
+    share[inside] = 0
+    mixing = float(np.linalg.norm(share, axis=0).max())
+    second, slope = np.split(np.hstack([K, share]).T @ share, 2)
+    return Window(inside, centre, H + second, G - slope, mixing)
+
+
+def apart(gap: np.ndarray, scale: float) -> np.ndarray:
+    """Gaps kept off zero: an outer mode at the very centre makes the mixing huge, not infinite."""
+    least = 1e-12 * scale
+    return np.where(np.abs(gap) < least, least, gap)
+
+
+def candidates(basis: Basis, tell: Report) -> list[Cluster] | None:
+    """Clusters that are or may be pairs; None where K is too strong for windows."""
+    tell(0.65, "windows")
+    clusters = []
+    # an eigenvalue next to the border of two windows is taken by both, and told apart after refinement
+    margin = 10 * NEAR_PAIR * basis.scale
+    n, sorted_diagonal = len(basis.diagonal), np.sort(basis.diagonal)
+    for first in range(0, n, WINDOW):
+        window = window_of(basis, first)
+        if window.mixing > WEAK:
+            return None
+        left = sorted_diagonal[first - 1 : first + 1].mean() - margin if first else -np.inf
+        end = first + WINDOW
+        right = sorted_diagonal[end - 1 : end + 1].mean() + margin if end < n else np.inf
+        with one_thread():
+            values, vectors = eig(np.linalg.solve(window.N, window.M))
+        order = np.lexsort((values.imag, values.real))
+        values, vectors = values[order] + window.centre, vectors[:, order]
+        near = NEAR_PAIR * basis.scale + MIXED * window.mixing**2 * np.ptp(basis.diagonal[window.inside]) / 2
+        for members in _suspects(values, vectors, near):
+            if left <= values[members].real.mean() <= right:
+                plane = np.hstack([vectors[:, members].real, vectors[:, members].imag])
+                small = qr(plane, mode="economic", pivoting=True)[0][:, : len(members)]
+                part = basis.vectors[:, window.inside]
+                mine = values[members]
+                clusters.append(Cluster(window, part.astype(float, copy=False) @ small, mine[mine.imag > 0]))
+    return clusters
+
+
+def _suspects(values: np.ndarray, vectors: np.ndarray, near: float) -> list[np.ndarray]:
+    """Index sets of sorted eigenvalues that hold a pair or real ones about to become one."""
+    real = (values.imag[:-1] == 0) & (values.imag[1:] == 0)
+    conjugate = (values.imag[:-1] != 0) & (values[:-1] == values[1:].conj())
+    links = np.flatnonzero(conjugate | (real & (lacking(values, vectors) < near)))
+    chains = np.split(links, np.flatnonzero(np.diff(links) > 1) + 1) if len(links) else []
+    return [np.arange(chain[0], chain[-1] + 2) for chain in chains]
+
+
+def lacking(values: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """(n − 1,) how much skew coupling neighbouring real eigenvalues lack of being a pair [1/time²].
+
+    [[δ/2, k], [−k, −δ/2]] has eigenvectors with the cosine c = 2k/δ and a gap δ√(1 − c²), so that
+    δ/2 − k = gap/2 · √((1 − c)/(1 + c)): a small gap alone does not mean a pair to come.
+    """
+    gap = np.abs(np.diff(values))
+    cosine = np.minimum(np.abs(np.einsum("ij,ij->j", vectors[:, :-1].conj(), vectors[:, 1:])), 1.0)
+    return gap / 2 * np.sqrt((1 - cosine) / (1 + cosine))
