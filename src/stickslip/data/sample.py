@@ -143,12 +143,12 @@ def _from_archive(path: Path, frame: str | None, given: dict):
     states = dict(_states(tree))
     if not states:
         raise SampleError(f"{path} holds no state: give an archive of states, or an .npz")
+    some = ", ".join(list(states)[:4]) + (" …" if len(states) > 4 else "")
     if frame is None and len(states) > 1:
-        some = ", ".join(list(states)[:4]) + (" …" if len(states) > 4 else "")
         raise SampleError(f"{path} holds {len(states)} states: choose one with --frame, from {some}")
     frame = frame or next(iter(states))
     if frame not in states:
-        raise SampleError(f"{path} has no state {frame!r}: it has {', '.join(states)}")
+        raise SampleError(f"{path} has no state {frame!r}: it has {some}")
     state = states[frame]
     i0 = given.pop("i0", None)
     if i0 is not None:

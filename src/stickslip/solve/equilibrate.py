@@ -33,7 +33,7 @@ def equilibrate(
     tolerance: float = 5e-14,
     keep: Kept | None = None,
     check: str = "buckling",
-    steps: int = 400_000,
+    steps: int = 30_000,
 ):
     """Bring a packing back to equilibrium after a step of load or strain.
 
