@@ -237,7 +237,7 @@ def _quenched(state: State, law: Law, tolerance: float) -> State:
         q,
         jac=True,
         method="L-BFGS-B",
-        options={"maxiter": 20_000, "maxfun": 40_000, "ftol": 1e-12, "gtol": 1e-7, "maxcor": 20},
+        options={"maxiter": 20_000, "maxfun": 40_000, "ftol": 0.0, "gtol": 1e-9, "maxcor": 20},
     )
     here = placed(best.x)
     end, outcome = equilibrate(here, law, tolerance=tolerance, check="nothing")
