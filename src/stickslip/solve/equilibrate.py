@@ -19,6 +19,7 @@ from .relax import relax, residual
 from .spectrum import softest
 
 STAGES = (3e-3, 3e-5, 3e-7, 3e-9)  # of the mean normal force, to which damped dynamics goes before Newton tries again
+CHECKED = 12  # softest eigenvalues that are looked at where dense algebra is too slow
 DRAG, STEP = 0.3, 0.2  # of damped dynamics, in units of the highest frequency
 
 
@@ -45,7 +46,7 @@ def equilibrate(
     tolerance : float, largest unbalanced force or torque/R [force]
     keep : Kept, a factorisation that is passed from step to step of a path
     check : what the equilibrium is checked for. "buckling": directions of negative stiffness, below 700 coordinates all
-        of them, beyond those among the 40 softest; whenever a new factorisation was needed (as long as one factor leads
+        of them, beyond those among the 12 softest; whenever a new factorisation was needed (as long as one factor leads
         from equilibrium to equilibrium, the Jacobian is nearly the one that was checked); "spectrum": also complex
         pairs, by dense eigenvalues, always; "nothing"
     steps : int, the most steps of damped dynamics for each stage
@@ -102,7 +103,7 @@ def _instability(state: State, law: Law, check: str) -> str:
     matrix = stiffness(state, law, freedom(state))
     if matrix.shape[0] >= DENSE_BELOW and check == "buckling":
         held = np.flatnonzero(np.abs(matrix).sum(axis=1) > 0)  # without rattlers, whose zeros would crowd the rest out
-        return _words(len(softest(matrix[held][:, held])[0]), 0, 0.0)
+        return _words(len(softest(matrix[held][:, held], CHECKED, 1e-4)[0]), 0, 0.0)
     with one_thread() if matrix.shape[0] < DENSE_BELOW else nullcontext():
         return _dense_verdict(matrix.toarray(), check)
 

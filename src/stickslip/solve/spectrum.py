@@ -104,13 +104,14 @@ def spectrum(state: State, law: Law, *, modes: bool = True) -> Spectrum:
     return Spectrum(values, vectors / root[:, None], free)
 
 
-def softest(matrix, count: int = SOFTEST):
+def softest(matrix, count: int = SOFTEST, tolerance: float = 1e-10):
     """Negative λ, number of zero ones and modes of the negative ones, among the eigenvalues nearest to zero.
 
     Parameters
     ----------
     matrix : (n, n) sparse, from `stiffness`
     count : int, eigenvalues looked at, by Arnoldi's method with shift and invert
+    tolerance : float, relative, of the eigenvalues
 
     Returns
     -------
@@ -122,7 +123,7 @@ def softest(matrix, count: int = SOFTEST):
     inverse = LinearOperator(matrix.shape, matvec=solve, dtype=float)
     start = np.random.default_rng(0).normal(size=size)
     try:
-        values, vectors = eigs(matrix, k=min(count, size - 2), sigma=shift, OPinv=inverse, v0=start, tol=1e-10)
+        values, vectors = eigs(matrix, k=min(count, size - 2), sigma=shift, OPinv=inverse, v0=start, tol=tolerance)
     except ArpackNoConvergence as problem:
         values, vectors = problem.eigenvalues, problem.eigenvectors
     zero = np.abs(values) < ZERO_BELOW * scale
