@@ -110,10 +110,12 @@ def versions() -> dict:
 
 
 def main() -> None:
-    """Run everything; `--quick` leaves out the full reproductions and spheres, `--large` adds thousands of spheres."""
-    array = ten_disks()
-    rows = ([array] if array else []) + budgets(full="--quick" not in sys.argv)
-    if "--quick" not in sys.argv:
+    """Run everything; `--quick` leaves out what takes minutes, `--spheres` the rest, `--large` adds thousands of them."""
+    rows, only = [], "--spheres" in sys.argv
+    if not only:
+        array = ten_disks()
+        rows = ([array] if array else []) + budgets(full="--quick" not in sys.argv)
+    if only or "--quick" not in sys.argv:
         rows += spheres.rows("--large" in sys.argv)
     show(rows)
     machine = f"{platform.machine()}, {os.cpu_count()} cores, {platform.system()}"
