@@ -110,7 +110,7 @@ def versions() -> dict:
 
 
 def main() -> None:
-    """Run everything; `--quick` leaves out what takes minutes, `--spheres` the rest, `--large` adds thousands of them."""
+    """Run everything; `--quick` leaves out minutes, `--spheres` all but spheres, `--large` adds thousands of them."""
     rows, only = [], "--spheres" in sys.argv
     if not only:
         array = ten_disks()
