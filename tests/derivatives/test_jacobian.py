@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from stickslip.core.forces import FREE, HELD, bodies, forces
+from stickslip.core.contact import FREE, HELD
+from stickslip.core.forces import bodies, forces
 from stickslip.core.geometry import normal_and_overlap, pair_vector, shifts
 from stickslip.core.jacobian import contact_blocks
 from stickslip.core.neighbors import updated
@@ -12,7 +13,10 @@ from stickslip.solve.freedom import displaced, freedom, residual_vector, restric
 from tests.conftest import make_law, make_packing, stirred
 
 CASES = [
-    (law, coulomb, dim) for law in ("hertz_mindlin", "linear") for coulomb in ("smooth", "sharp") for dim in (2, 3)
+    (law, coulomb, dim)
+    for law in ("hertz_mindlin", "linear", "hertz_mindlin_reff")
+    for coulomb in ("smooth", "sharp")
+    for dim in (2, 3)
 ]
 
 
@@ -107,9 +111,11 @@ def test_jacobian_is_symmetric_without_friction():
     np.testing.assert_allclose(jacobian, jacobian.T, atol=1e-14 * np.abs(jacobian).max())
 
 
+@pytest.mark.parametrize("damping", ["velocity", "mass_velocity", "viscoelastic"])
+@pytest.mark.parametrize("law_name", ["hertz_mindlin", "linear", "hertz_mindlin_reff"])
 @pytest.mark.parametrize("dim", [2, 3])
-def test_dashpot_matrix_against_differences_in_velocity(dim):
-    law = make_law("hertz_mindlin", "smooth", damping_n=0.3, damping_t=0.2)
+def test_dashpot_matrix_against_differences_in_velocity(dim, law_name, damping):
+    law = make_law(law_name, "smooth", damping=damping, damping_n=0.3, damping_t=0.2)
     state = stirred(make_packing(dim, seed=3), law, np.random.default_rng(3), size=0.001)
     count = state.contacts.count[0]
     stick_only = state.contacts.mode[:count] != SLIDE

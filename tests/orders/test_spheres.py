@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.forces import HELD
+from stickslip.core.contact import HELD
 from stickslip.core.jacobian import contact_blocks
 from stickslip.core.measure import branches, touching
 from stickslip.core.neighbors import updated

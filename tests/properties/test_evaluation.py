@@ -6,16 +6,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from stickslip.core.forces import accept, forces, has_dashpots
+from stickslip.core.forces import accept, forces
 from stickslip.core.geometry import normal_and_overlap, pair_vector, shifts
-from stickslip.core.laws import MU, normal_force
+from stickslip.core.contact import effective
+from stickslip.core.laws import MU, dashpots, normal_force, parameters
 from stickslip.core.state import OPEN, SLIDE
 from stickslip.solve.freedom import displaced, freedom
 from tests.conftest import make_law, make_packing, stirred
 
 seeds = st.integers(0, 10_000)
 dims = st.sampled_from([2, 3])
-laws = st.sampled_from(["hertz_mindlin", "linear"])
+laws = st.sampled_from(["hertz_mindlin", "linear", "hertz_mindlin_reff"])
 coulombs = st.sampled_from(["smooth", "sharp"])
 
 
@@ -48,7 +49,8 @@ def test_tangential_force_obeys_coulomb(law_name, coulomb, dim, seed):
         only = c._replace(mode=np.where(np.arange(len(c.mode)) == k, c.mode, OPEN), count=c.count)
         pair_force = single_contact_force(state, law, only, k)
         a, b = material[i], material[j]
-        f_n = normal_force(law.kind, law.table, a, b, overlap)
+        r_eff, _ = effective(law.kind, 0, radius, radius, i, j, j >= n)
+        f_n = normal_force(law.kind, parameters(law.table, a, b), r_eff, overlap)
         along = pair_force @ normal
         across = np.linalg.norm(pair_force - along * np.array(normal))
         assert along == pytest.approx(f_n, rel=1e-9)  # round-off of positions over an overlap of a few hundredths
@@ -120,7 +122,7 @@ def test_without_friction_there_is_no_tangential_force(law_name, dim, seed):
     loads, trial = forces(state, law)
     assert not loads.torque.any()
     assert not trial.slip.any()
-    assert not has_dashpots(law)
+    assert not dashpots(law)
 
 
 @given(coulombs, dims, seeds)

@@ -10,14 +10,21 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from .contact import FREE, FROZEN, carried_memory, damped, effective, tangential_force, with_dashpot
 from .geometry import carried, normal_and_overlap, pair_vector, rolled, shifts, tangential
-from .laws import DAMPING_N, DAMPING_T, MU, SMOOTH, Law, mobilised, normal_force, tangential_stiffness
+from .laws import (
+    DAMPING_N,
+    DAMPING_T,
+    MU,
+    Law,
+    damping_factor,
+    dashpots,
+    normal_force,
+    parameters,
+    tangential_stiffness,
+)
 from .neighbors import body_positions, body_radii, updated
-from .state import OPEN, SLIDE, STICK, State
-
-# what a sweep does with the memory: carry it along, but keep to the last bit what has not moved since it was committed;
-# carry it along with every mode held; carry it along
-FROZEN, HELD, FREE = 0, 1, 2
+from .state import OPEN, SLIDE, State
 
 CLOSED, OPENED, REACHED_LIMIT = 0, 1, 2
 EVENT_COLUMNS = ("kind", "time", "i", "j", "image_x", "image_y", "image_z", "x", "y", "z")
@@ -32,6 +39,7 @@ class Bodies(NamedTuple):
     spin: np.ndarray  # (B, 3)
     radius: np.ndarray  # (B,)
     material: np.ndarray  # (B,)
+    inverse_mass: np.ndarray  # (B,) 1/m, zero for what does not translate
     normal: np.ndarray  # (W, 3)
 
 
@@ -53,19 +61,9 @@ def bodies(state: State) -> Bodies:
         np.concatenate([grains.spin, still]),
         body_radii(state),
         np.concatenate([grains.material, walls.material]),
+        state.control.free[:, : state.cell.dim].any(axis=1) / np.concatenate([grains.mass, walls.mass]),
         walls.normal,
     )
-
-
-@njit(fastmath=True, error_model="numpy")
-def carried_memory(stiffness, limit, sx, sy, sz, mode, memory):
-    """Slip truncated at Coulomb's limit, and the mode that follows; with memory HELD the mode decides."""
-    pull = stiffness * stiffness * (sx * sx + sy * sy + sz * sz)
-    slides = mode == SLIDE if memory == HELD else pull > limit * limit or limit == 0.0
-    if slides:
-        scale = limit / np.sqrt(pull) if pull > 0.0 else 0.0
-        return sx * scale, sy * scale, sz * scale, SLIDE
-    return sx, sy, sz, STICK
 
 
 @njit(fastmath=True, error_model="numpy")
@@ -80,18 +78,6 @@ def approach(dim, velocity, spin, radius, i, j, nx, ny, nz):
 
 
 @njit(fastmath=True, error_model="numpy")
-def tangential_force(coulomb, stiffness, limit, sx, sy, sz):
-    """−k_t (mobilisation) s: the force on i that the slip stands for."""
-    factor = -stiffness
-    if coulomb == SMOOTH:
-        if limit > 0.0:
-            factor *= mobilised(coulomb, stiffness * np.sqrt(sx * sx + sy * sy + sz * sz) / limit)
-        else:
-            factor = 0.0
-    return factor * sx, factor * sy, factor * sz
-
-
-@njit(fastmath=True, error_model="numpy")
 def rests(dim, pair, roll, c, rx, ry, rz, ax, ay, az):
     """True if pair vector and rolled angle are those at which the contact's memory was committed."""
     plane = rx == pair[c, 0] and ry == pair[c, 1] and az == roll[c, 2]
@@ -99,22 +85,22 @@ def rests(dim, pair, roll, c, rx, ry, rz, ax, ay, az):
 
 
 @njit(fastmath=True, error_model="numpy")
-def record_event(events, event_count, kind, time, i, j, image, c, position):
+def record_event(events, event_count, kind, time, contacts, c, x, y, z):
     """Append one row of EVENT_COLUMNS; rows beyond the capacity are counted but not stored."""
     k = event_count[0]
     event_count[0] = k + 1
     if k >= len(events):
         return
-    events[k, 0], events[k, 1], events[k, 2], events[k, 3] = kind, time, i, j
+    events[k, 0], events[k, 1], events[k, 2], events[k, 3] = kind, time, contacts.i[c], contacts.j[c]
     for m in range(3):
-        events[k, 4 + m] = image[c, m]
-        events[k, 7 + m] = position[i, m]
+        events[k, 4 + m] = contacts.image[c, m]
+    events[k, 7], events[k, 8], events[k, 9] = x, y, z
 
 
 @njit(fastmath=True, error_model="numpy", forceinline=True)
 def sweep(kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, force, torque, time, events, event_count):
     """Add the loads of all contacts and update their memory in place; compiled into its callers."""
-    position, angle, velocity, spin, radius, material, wall_normal = bodies
+    position, angle, velocity, spin, radius, material, inverse_mass, wall_normal = bodies
     n_grains = len(radius) - len(wall_normal)
     slip, mode, pair, roll = contacts.slip, contacts.mode, contacts.pair, contacts.roll
     for c in range(contacts.count[0]):
@@ -129,7 +115,9 @@ def sweep(kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, force
                 mode[c] = OPEN
                 contacts.reached[c] = False
                 slip[c, 0] = slip[c, 1] = slip[c, 2] = 0.0
-                record_event(events, event_count, OPENED, time, i, j, contacts.image, c, position)
+                record_event(
+                    events, event_count, OPENED, time, contacts, c, position[i, 0], position[i, 1], position[i, 2]
+                )
             continue
         ax, ay, az = rolled(dim, angle, radius, i, j)
         sx = sy = sz = 0.0
@@ -145,14 +133,16 @@ def sweep(kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, force
                     nx, ny, nz, sx, sy, sz, rx - pair[c, 0], ry - pair[c, 1], dz, dax, day, az - roll[c, 2]
                 )
                 sx, sy, sz = tangential(nx, ny, nz, sx, sy, sz)
-        a, b = np.uint64(material[i]), np.uint64(material[j])
-        fn = normal_force(kind, p, a, b, overlap)
-        vx = vy = vz = 0.0
+        q = parameters(p, np.uint64(material[i]), np.uint64(material[j]))
+        r_eff, m_eff = effective(kind, viscous, radius, inverse_mass, i, j, is_wall)
+        fn = normal_force(kind, q, r_eff, overlap)
+        vx = vy = vz = factor = 0.0
         if viscous:
             vn, vx, vy, vz = approach(dim, velocity, spin, radius, i, j, nx, ny, nz)
-            fn -= p[a, b, DAMPING_N] * vn
-        limit = p[a, b, MU] * max(fn, 0.0)
-        stiffness = tangential_stiffness(kind, p, a, b, overlap)
+            factor = damping_factor(viscous, r_eff, m_eff, overlap)
+            fn = with_dashpot(viscous, fn, factor * q[DAMPING_N], vn)
+        limit = q[MU] * max(fn, 0.0)
+        stiffness = tangential_stiffness(kind, q, r_eff, overlap)
         after = before
         if not kept:
             sx, sy, sz, after = carried_memory(stiffness, limit, sx, sy, sz, before, memory)
@@ -162,17 +152,25 @@ def sweep(kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, force
             if after != before:
                 mode[c] = after
                 if before == OPEN:
-                    record_event(events, event_count, CLOSED, time, i, j, contacts.image, c, position)
+                    record_event(
+                        events, event_count, CLOSED, time, contacts, c, position[i, 0], position[i, 1], position[i, 2]
+                    )
                 if after == SLIDE and limit > 0.0 and not contacts.reached[c]:
                     contacts.reached[c] = True
-                    record_event(events, event_count, REACHED_LIMIT, time, i, j, contacts.image, c, position)
+                    record_event(
+                        events,
+                        event_count,
+                        REACHED_LIMIT,
+                        time,
+                        contacts,
+                        c,
+                        position[i, 0],
+                        position[i, 1],
+                        position[i, 2],
+                    )
         tx, ty, tz = tangential_force(coulomb, stiffness, limit, sx, sy, sz)
         if viscous:
-            g = p[a, b, DAMPING_T]
-            tx, ty, tz = tx - g * vx, ty - g * vy, tz - g * vz
-            size = np.sqrt(tx * tx + ty * ty + tz * tz)
-            if size > limit:
-                tx, ty, tz = tx * limit / size, ty * limit / size, tz * limit / size
+            tx, ty, tz = damped(tx, ty, tz, factor * q[DAMPING_T], limit, vx, vy, vz)
         fx, fy, fz = fn * nx + tx, fn * ny + ty, fn * nz + tz
         qx, qy, qz = nz * ty - ny * tz, nx * tz - nz * tx, ny * tx - nx * ty
         force[i, 0] += fx
@@ -196,12 +194,11 @@ def elastic_pair(kind, coulomb, dim, p, bodies, contacts, shift, c):
     i, j = contacts.i[c], contacts.j[c]
     rx, ry, rz = pair_vector(dim, bodies.position, shift, c, i, j)
     nx, ny, nz, overlap, _ = normal_and_overlap(i, j, False, 0, bodies.radius, bodies.normal, rx, ry, rz)
-    a, b = bodies.material[i], bodies.material[j]
-    fn = normal_force(kind, p, a, b, overlap)
+    q = parameters(p, bodies.material[i], bodies.material[j])
+    r_eff, _ = effective(kind, 0, bodies.radius, bodies.inverse_mass, i, j, False)
+    fn = normal_force(kind, q, r_eff, overlap)
     s = contacts.slip[c]
-    tx, ty, tz = tangential_force(
-        coulomb, tangential_stiffness(kind, p, a, b, overlap), p[a, b, MU] * fn, s[0], s[1], s[2]
-    )
+    tx, ty, tz = tangential_force(coulomb, tangential_stiffness(kind, q, r_eff, overlap), q[MU] * fn, s[0], s[1], s[2])
     return (rx, ry, rz), (fn * nx + tx, fn * ny + ty, fn * nz + tz)
 
 
@@ -220,11 +217,6 @@ def evaluation(kind: int, coulomb: int, dim: int, viscous: int):
 
 
 NO_EVENTS = np.zeros((0, len(EVENT_COLUMNS)))
-
-
-def has_dashpots(law: Law) -> int:
-    """1 if any pair of materials has viscous damping, else 0: an integer, as kernels are cached by it."""
-    return int(law.table[..., [DAMPING_N, DAMPING_T]].any())
 
 
 def forces(state: State, law: Law, *, memory: int = FREE):
@@ -262,7 +254,7 @@ def forces(state: State, law: Law, *, memory: int = FREE):
         reached=contacts.reached.copy(),
     )
     loads = Loads(np.zeros((state.n_bodies, 3)), np.zeros((state.n_bodies, 3)))
-    evaluation(law.kind, law.coulomb, state.cell.dim, has_dashpots(law))(
+    evaluation(law.kind, law.coulomb, state.cell.dim, dashpots(law))(
         bodies(state),
         trial,
         shifts(trial, state.cell.vectors),

@@ -16,16 +16,20 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .forces import HELD, bodies, carried_memory, check_materials
+from .contact import HELD, carried_memory, effective
+from .forces import bodies, check_materials
 from .geometry import carried, normal_and_overlap, pair_vector, rolled, shifts, tangential
 from .laws import (
     DAMPING_N,
     DAMPING_T,
     MU,
     Law,
+    damping_factor,
+    dashpots,
     mobilised,
     mobilised_tangent,
     normal_force,
+    parameters,
     tangential_stiffness,
     tangents,
 )
@@ -66,8 +70,8 @@ def _friction_tangent(coulomb, stiffness, slope_k, mu, force_n, slope_n, stretch
 
 
 @njit(cache=True, error_model="numpy")
-def _linearise(kind, coulomb, dim, bodies, contacts, shift, p, memory, out):
-    position, angle, _, _, radius, material, wall_normal = bodies
+def _linearise(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, out):
+    position, angle, _, _, radius, material, inverse_mass, wall_normal = bodies
     n_grains = len(radius) - len(wall_normal)
     for c in range(contacts.count[0]):
         i, j = contacts.i[c], contacts.j[c]
@@ -87,18 +91,20 @@ def _linearise(kind, coulomb, dim, bodies, contacts, shift, p, memory, out):
             out.turn[c, 0], out.turn[c, 1], out.turn[c, 2] = ax, ay, az
             sx, sy, sz = carried(nx, ny, nz, sx, sy, sz, rx - old[0], ry - old[1], rz - old[2], ax, ay, az)
         ux, uy, uz = tangential(nx, ny, nz, sx, sy, sz)
-        a, b = material[i], material[j]
-        force_n, stiffness = normal_force(kind, p, a, b, overlap), tangential_stiffness(kind, p, a, b, overlap)
-        slope_n, slope_k = tangents(kind, p, a, b, overlap)
-        _, _, _, mode = carried_memory(stiffness, p[a, b, MU] * force_n, ux, uy, uz, before, memory)
+        q = parameters(p, material[i], material[j])
+        r_eff, m_eff = effective(kind, viscous, radius, inverse_mass, i, j, j >= n_grains)
+        force_n, stiffness = normal_force(kind, q, r_eff, overlap), tangential_stiffness(kind, q, r_eff, overlap)
+        slope_n, slope_k = tangents(kind, q, r_eff, overlap)
+        _, _, _, mode = carried_memory(stiffness, q[MU] * force_n, ux, uy, uz, before, memory)
         out.secant[c], out.along[c], out.by_overlap[c], out.by_force[c] = _friction_tangent(
-            coulomb, stiffness, slope_k, p[a, b, MU], force_n, slope_n, np.sqrt(ux**2 + uy**2 + uz**2), mode == SLIDE
+            coulomb, stiffness, slope_k, q[MU], force_n, slope_n, np.sqrt(ux**2 + uy**2 + uz**2), mode == SLIDE
         )
         out.normal[c, 0], out.normal[c, 1], out.normal[c, 2], out.inverse[c] = nx, ny, nz, inverse
         out.carried[c, 0], out.carried[c, 1], out.carried[c, 2] = sx, sy, sz
         out.closed[c], out.remembers[c], out.slides[c] = 1.0, before != OPEN, mode == SLIDE
         out.force_n[c], out.slope_n[c] = force_n, slope_n
-        out.damping_n[c], out.damping_t[c] = p[a, b, DAMPING_N], p[a, b, DAMPING_T]
+        factor = damping_factor(viscous, r_eff, m_eff, overlap)
+        out.damping_n[c], out.damping_t[c] = factor * q[DAMPING_N], factor * q[DAMPING_T]
 
 
 def linearised(state: State, law: Law, *, memory: int = HELD) -> Linear:
@@ -114,6 +120,7 @@ def linearised(state: State, law: Law, *, memory: int = HELD) -> Linear:
     _linearise(
         law.kind,
         law.coulomb,
+        dashpots(law),
         state.cell.dim,
         bodies(state),
         state.contacts,

@@ -10,9 +10,13 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-HERTZ_MINDLIN, LINEAR = 0, 1
+HERTZ_MINDLIN, LINEAR, HERTZ_MINDLIN_REFF = 0, 1, 2
+KINDS = ("hertz_mindlin", "linear", "hertz_mindlin_reff")
 SHARP, SMOOTH = 0, 1
 COULOMB = {"sharp": SHARP, "smooth": SMOOTH}
+VELOCITY, MASS, VISCOELASTIC = 1, 2, 3
+DAMPING = {"velocity": VELOCITY, "mass_velocity": MASS, "viscoelastic": VISCOELASTIC}
+NO_TENSION = 4  # added to the model of damping where dashpots must not make a contact pull
 PARAMETERS = ("kn", "kt", "mu", "damping_n", "damping_t")
 KN, KT, MU, DAMPING_N, DAMPING_T = range(5)
 
@@ -25,10 +29,13 @@ class Law(NamedTuple):
     kind: int
     coulomb: int
     table: np.ndarray  # (materials, materials, parameters), symmetric in the first two
+    damping: int = VELOCITY  # what the dashpots' coefficients multiply, plus NO_TENSION
 
 
-def hertz_mindlin(kn=1.0, kt=2 / 7, mu=0.5, *, coulomb="sharp", damping_n=0.0, damping_t=0.0) -> Law:
-    """F_n = k_n δ^{3/2}; F_t = −k_t √δ s, truncated at |F_t| = μ F_n.
+def hertz_mindlin(
+    kn=1.0, kt=2 / 7, mu=0.5, *, coulomb="sharp", damping="velocity", damping_n=0.0, damping_t=0.0, tension=True
+) -> Law:
+    """F_n = k_n δ^{3/2} − c_n v_n; F_t = −k_t √δ s − c_t v_t, truncated at |F_t| = μ F_n.
 
     The model force of the papers, without R_eff. With `coulomb="smooth"`, F_t = −k_t √δ (1 + x − x²) s with
     x = |s|/s*, s* = μ (k_n/k_t) δ, whose derivative vanishes at the limit.
@@ -38,7 +45,11 @@ def hertz_mindlin(kn=1.0, kt=2 / 7, mu=0.5, *, coulomb="sharp", damping_n=0.0, d
     kn, kt : float [force/length^{3/2}]
     mu : float, not negative
     coulomb : "sharp" or "smooth"
-    damping_n, damping_t : float [force time/length], constant dashpots along the normal and the tangent
+    damping : what `damping_n` and `damping_t` (γ, not negative) are multiplied with to give c_n and c_t
+        [force time/length]: "velocity", nothing; "mass_velocity", the effective mass m_eff = m_i m_j/(m_i + m_j);
+        "viscoelastic", m_eff and the contact's radius √(δ R_eff), R_eff = R_i R_j/(R_i + R_j). Walls and what `Control`
+        does not let move count as infinitely heavy, walls as flat.
+    tension : False clips F_n at zero where the dashpot would make the contact pull
 
     Source
     ------
@@ -47,30 +58,80 @@ def hertz_mindlin(kn=1.0, kt=2 / 7, mu=0.5, *, coulomb="sharp", damping_n=0.0, d
     Examples
     --------
     >>> law = hertz_mindlin(kn=1.0, mu=0.5)
-    >>> float(normal_force(law.kind, law.table, 0, 0, 0.01))
+    >>> float(normal_force(law.kind, parameters(law.table, 0, 0), 1.0, 0.01))
     0.001
     """
-    return _law(HERTZ_MINDLIN, coulomb, kn, kt, mu, damping_n, damping_t)
+    return _law(HERTZ_MINDLIN, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
 
 
-def linear(kn=1.0, kt=2 / 7, mu=0.5, *, coulomb="sharp", damping_n=0.0, damping_t=0.0) -> Law:
-    """F_n = k_n δ; F_t = −k_t s, truncated at |F_t| = μ F_n (smooth: with the factor of `hertz_mindlin`).
+def linear(
+    kn=1.0, kt=2 / 7, mu=0.5, *, coulomb="sharp", damping="velocity", damping_n=0.0, damping_t=0.0, tension=True
+) -> Law:
+    """F_n = k_n δ − c_n v_n; F_t = −k_t s − c_t v_t, truncated at |F_t| = μ F_n (smooth: as in `hertz_mindlin`).
 
-    Parameters are those of `hertz_mindlin`, with k_n, k_t in [force/length].
+    Parameters are those of `hertz_mindlin`, with k_n, k_t in [force/length]. With `damping="mass_velocity"` it is the
+    law of LAMMPS `gran/hooke/history`.
 
     Source
     ------
     Cundall & Strack, doi:10.1680/geot.1979.29.1.47.
     """
-    return _law(LINEAR, coulomb, kn, kt, mu, damping_n, damping_t)
+    return _law(LINEAR, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
 
 
-def _law(kind, coulomb, *values) -> Law:
+def hertz_mindlin_reff(
+    kn=1.0, kt=2 / 7, mu=0.5, *, coulomb="sharp", damping="viscoelastic", damping_n=0.0, damping_t=0.0, tension=True
+) -> Law:
+    """F_n = p (k_n δ − m_eff γ_n v_n); F_t = −p (k_t s + m_eff γ_t v_t), |F_t| ≤ μ |F_n|; p = √(δ R_eff).
+
+    Parameters are those of `hertz_mindlin`, with k_n, k_t in [force/length²] and γ in [1/(time length)]; `stiffnesses`
+    gives k_n and k_t of elastic grains. Run with `memory="rate"` it is evaluated as LAMMPS `gran/hertz/history` does.
+
+    Source
+    ------
+    Silbert et al., doi:10.1103/PhysRevE.64.051302, Eqs 2–3; Zhang & Makse, doi:10.1103/PhysRevE.72.011301.
+    """
+    return _law(HERTZ_MINDLIN_REFF, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
+
+
+def stiffnesses(young: float, poisson: float) -> tuple[float, float]:
+    """k_n = (2/3) E/(1 − ν²) and k_t = 2E/((1 + ν)(2 − ν)) of `hertz_mindlin_reff` for alike elastic grains.
+
+    Parameters
+    ----------
+    young : float, positive [force/length²]
+    poisson : float, above −1 and at most 1/2
+
+    Source
+    ------
+    Mindlin & Deresiewicz, doi:10.1115/1.4010702; values of doi:10.48550/arXiv.2101.08366 [paper 003].
+
+    Examples
+    --------
+    >>> [f"{k:.4g}" for k in stiffnesses(50e9, 0.3)]
+    ['3.663e+10', '4.525e+10']
+    """
+    if not (np.isfinite(young) and young > 0 and -1 < poisson <= 0.5):
+        raise ValueError(
+            f"young = {young}, poisson = {poisson} were given: E must be positive and ν between −1 and 1/2"
+        )
+    return 2 / 3 * young / (1 - poisson**2), 2 * young / ((1 + poisson) * (2 - poisson))
+
+
+def _law(kind, coulomb, damping, tension, *values) -> Law:
     if coulomb not in COULOMB:
         raise ValueError(f"coulomb={coulomb!r} was given: 'sharp' and 'smooth' are allowed")
+    if damping not in DAMPING:
+        raise ValueError(f"damping={damping!r} was given: {', '.join(map(repr, DAMPING))} are allowed")
     for name, value in zip(PARAMETERS, values, strict=True):
         _check_parameter(name, value)
-    return Law(kind, COULOMB[coulomb], np.array(values, float)[None, None, :].copy())
+    table = np.array(values, float)[None, None, :].copy()
+    return Law(kind, COULOMB[coulomb], table, DAMPING[damping] + (0 if tension else NO_TENSION))
+
+
+def dashpots(law: Law) -> int:
+    """The law's model of damping, 0 if no pair of materials has any: an integer, as kernels are cached by it."""
+    return law.damping if law.table[..., [DAMPING_N, DAMPING_T]].any() else 0
 
 
 def _check_parameter(name, value):
@@ -104,26 +165,47 @@ def between(law: Law, a: int, b: int, **parameters) -> Law:
 
 
 @njit(fastmath=True, error_model="numpy")
-def normal_force(kind, p, a, b, overlap):
-    """Elastic normal force [force], positive for repulsion; overlap > 0."""
+def parameters(p, a, b):
+    """Row of the law's table for a pair of materials, as scalars."""
+    return p[a, b, KN], p[a, b, KT], p[a, b, MU], p[a, b, DAMPING_N], p[a, b, DAMPING_T]
+
+
+@njit(fastmath=True, error_model="numpy")
+def normal_force(kind, q, r_eff, overlap):
+    """Elastic normal force [force], positive for repulsion; q from `parameters`, overlap > 0."""
     if kind == HERTZ_MINDLIN:
-        return p[a, b, KN] * overlap * np.sqrt(overlap)
-    return p[a, b, KN] * overlap
+        return q[KN] * overlap * np.sqrt(overlap)
+    if kind == HERTZ_MINDLIN_REFF:
+        return q[KN] * overlap * np.sqrt(overlap * r_eff)
+    return q[KN] * overlap
 
 
 @njit(fastmath=True, error_model="numpy")
-def normal_energy(kind, p, a, b, overlap):
+def normal_energy(kind, q, r_eff, overlap):
     """Work done against the elastic normal force [energy]; overlap > 0."""
-    power = 2.5 if kind == HERTZ_MINDLIN else 2.0
-    return normal_force(kind, p, a, b, overlap) * overlap / power
+    power = 2.0 if kind == LINEAR else 2.5
+    return normal_force(kind, q, r_eff, overlap) * overlap / power
 
 
 @njit(fastmath=True, error_model="numpy")
-def tangential_stiffness(kind, p, a, b, overlap):
+def tangential_stiffness(kind, q, r_eff, overlap):
     """Stiffness of the unmobilised tangential spring [force/length]; overlap > 0."""
     if kind == HERTZ_MINDLIN:
-        return p[a, b, KT] * np.sqrt(overlap)
-    return p[a, b, KT] + 0.0 * overlap
+        return q[KT] * np.sqrt(overlap)
+    if kind == HERTZ_MINDLIN_REFF:
+        return q[KT] * np.sqrt(overlap * r_eff)
+    return q[KT] + 0.0 * overlap
+
+
+@njit(fastmath=True, error_model="numpy")
+def damping_factor(viscous, r_eff, m_eff, overlap):
+    """What the coefficients of the dashpots are multiplied with; see `hertz_mindlin`."""
+    model = viscous & 3
+    if model == VISCOELASTIC:
+        return m_eff * np.sqrt(overlap * r_eff)
+    if model == MASS:
+        return m_eff + 0.0 * overlap
+    return 1.0 + 0.0 * overlap
 
 
 @njit(fastmath=True, error_model="numpy")
@@ -135,10 +217,10 @@ def mobilised(coulomb, x):
 
 
 @njit(fastmath=True, error_model="numpy")
-def tangents(kind, p, a, b, overlap):
+def tangents(kind, q, r_eff, overlap):
     """d(normal force)/d(overlap) and d(tangential stiffness)/d(overlap), by a complex step."""
     z = complex(overlap, _H)
-    return normal_force(kind, p, a, b, z).imag / _H, tangential_stiffness(kind, p, a, b, z).imag / _H
+    return normal_force(kind, q, r_eff, z).imag / _H, tangential_stiffness(kind, q, r_eff, z).imag / _H
 
 
 @njit(fastmath=True, error_model="numpy")

@@ -3,10 +3,11 @@
 import numpy as np
 from numba import njit
 
+from .contact import effective
 from .forces import bodies
 from .geometry import normal_and_overlap, pair_vector, shifts
 from .jacobian import linearised
-from .laws import Law, normal_energy
+from .laws import Law, normal_energy, parameters
 from .state import OPEN, State
 
 
@@ -130,7 +131,9 @@ def _elastic_energy(kind, dim, bodies, contacts, shift, p):
         rx, ry, rz = pair_vector(dim, bodies.position, shift, c, i, j)
         _, _, _, overlap, _ = normal_and_overlap(i, j, j >= n, j - n, radius, bodies.normal, rx, ry, rz)
         if overlap > 0.0:
-            total += normal_energy(kind, p, bodies.material[i], bodies.material[j], overlap)
+            q = parameters(p, bodies.material[i], bodies.material[j])
+            r_eff, _ = effective(kind, 0, radius, bodies.inverse_mass, i, j, j >= n)
+            total += normal_energy(kind, q, r_eff, overlap)
     return total
 
 

@@ -179,17 +179,22 @@ def carry_memory(old, new):
 
 
 @njit(cache=True, fastmath=False)
-def moved_too_far(x, contacts):
-    """True if some body has moved by half the skin since the list was made, or if none was made."""
-    limit = (0.5 * contacts.skin[0]) ** 2
+def farthest(x, contacts):
+    """Distance of the body that moved most since the list was made; infinite if none was made."""
+    most = 0.0
     for a in range(len(x)):
         square = 0.0
         for m in range(3):
             d = x[a, m] - contacts.origin[a, m]
             square += d * d
-        if not square <= limit:
-            return True
-    return False
+        if not square <= most:
+            most = square if square < np.inf else np.inf
+    return np.sqrt(most)
+
+
+def moved_too_far(x, contacts) -> bool:
+    """True if some body has moved by half the skin since the list was made, or if none was made."""
+    return not farthest(x, contacts) <= 0.5 * contacts.skin[0]
 
 
 @njit(cache=True)

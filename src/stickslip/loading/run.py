@@ -5,8 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.forces import has_dashpots
-from ..core.laws import Law
+from ..core.laws import Law, dashpots
 from ..core.outcome import NotInEquilibriumError, Status
 from ..core.state import State
 from ..data.scenario import Dynamics, Scenario
@@ -165,7 +164,7 @@ def fastest_period(point: Equilibrium) -> float:
 
 def predicted_growth(point: Equilibrium, law: Law, how: Dynamics) -> tuple[float, float]:
     """Growth rate and frequency of what grows fastest in a free run, with its drag and the law's dashpots [1/time]."""
-    if how.drag or how.spin_drag or has_dashpots(law):
+    if how.drag or how.spin_drag or dashpots(law):
         fastest = damped_growth(point.state, law, drag=how.drag, spin_drag=how.spin_drag)[0]
         return max(0.0, float(fastest.real)), abs(float(fastest.imag))
     modes = point.spectrum

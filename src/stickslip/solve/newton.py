@@ -7,7 +7,8 @@ from scipy import sparse
 from scipy.linalg import LinAlgError
 from scipy.sparse.linalg import LinearOperator, gmres
 
-from ..core.forces import FREE, accept, forces
+from ..core.contact import FREE
+from ..core.forces import accept, forces
 from ..core.jacobian import contact_blocks
 from ..core.laws import MU, Law
 from ..core.measure import branches

@@ -1,0 +1,391 @@
+"""Contacts of many grains in vectorised blocks of 64: the fast way through the list that time stepping takes.
+
+Grains are kept in space-filling order and cut into tiles of neighbours. A block holds contacts of one pair of
+materials, either within one tile, or between a tile and later ones (`cross`), or with walls. Contacts are evaluated
+block by block; each grain then gathers the loads of its contacts in the order of its partners' numbers. A pair's
+orientation and the order of summation follow from the numbers of the grains in the state alone, and every contact
+goes through the same vector instructions, so that the bits of a trajectory depend neither on the number of threads
+nor on how memory happens to be ordered.
+
+Only touching and nearly touching pairs are in blocks. They are chosen anew from the list of contacts when a grain has
+moved by half the `reach` within which they were chosen.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from .contact import FREE, carried_memory, damped, effective, tangential_force, with_dashpot
+from .laws import DAMPING_N, DAMPING_T, MU, damping_factor, normal_force, parameters, tangential_stiffness
+from .state import OPEN, SLIDE, STICK
+
+LANES = 64
+TILE = 2048
+STUCK_AGAIN = 3  # mode of a block's contact that sticks but was at Coulomb's limit since it closed
+# where the planes of a block's scratch begin; flat, with offsets known when compiled, so that nothing seems to overlap
+_X, _V, _W, _SUM, _AHEAD, _TURN, SCRATCH = (LANES * k for k in (0, 3, 6, 9, 10, 13, 16))
+
+
+class Moving(NamedTuple):
+    """Bodies in internal order: tiles of neighbouring grains, then walls."""
+
+    order: np.ndarray  # (B,) number of each body in the state
+    body: np.ndarray  # (B, 10) position, velocity, spin, radius
+    angle: np.ndarray  # (B, 3)
+    ahead: np.ndarray  # (B, 6) velocity and spin predicted at the full step, for dashpots; else (0, 6)
+    force: np.ndarray  # (B, 6) force and torque, written where a step ends without going on
+    kick: np.ndarray  # (B, 2) half a time step over mass and over inertia
+    free: np.ndarray  # (B, 6) bool
+    whole: np.ndarray  # (B,) bool: all components that this dimension has are free
+    external: np.ndarray  # (B, 6) external forces and torques, or (0, 6) without any
+    origin: np.ndarray  # (B, 3) where the blocks were chosen
+    tile: np.ndarray  # (T + 1,) bounds of the tiles; the last one is that of the walls
+
+
+class Blocks(NamedTuple):
+    """Pairs in blocks of LANES, padded with pairs that never touch."""
+
+    i: np.ndarray  # (K LANES,) uint32, internal
+    j: np.ndarray  # (K LANES,)
+    row: np.ndarray  # (K LANES,) row in the list of contacts, −1 for padding
+    material: np.ndarray  # (K, 2)
+    wall: np.ndarray  # (K,) bool: all pairs of the block are with walls
+    shifted: np.ndarray  # (K,) bool: some pair of the block is across a periodic boundary
+    vector: np.ndarray  # (K · 3 · LANES,) periodic shift, or the wall's normal
+    effective: np.ndarray  # (K · 2 · LANES,) R_eff, m_eff
+    slip: np.ndarray  # (K · 3 · LANES,)
+    mode: np.ndarray  # (K LANES,) int8: OPEN, STICK, SLIDE or STUCK_AGAIN
+    place: np.ndarray  # (K,) first row of a block's loads
+    cross: np.ndarray  # (T + 1,) bounds of the blocks that reach out of each tile
+    inner: np.ndarray  # (T + 1,) bounds of the blocks within each tile
+    load: np.ndarray  # (L, 6) force on i and −n × F_t
+    start: np.ndarray  # (2B + 1,) uint32: body a is j in pairs start[2a]…, i in pairs start[2a+1]…
+    code: np.ndarray  # (2A,) uint32 rows of `load` in the order of summation
+
+
+@njit(cache=True)
+def morton(x, inverse, low, size):
+    """(n,) places along a space-filling curve through cells of `size`."""
+    key = np.zeros(len(x), np.int64)
+    for a in range(len(x)):
+        for k in range(3):
+            f = 0.0
+            for m in range(3):
+                f += (x[a, m] - low[m]) * inverse[m, k]
+            cell = np.int64(max(f, 0.0) / size[k])
+            for bit in range(20):
+                key[a] |= ((cell >> bit) & 1) << (3 * bit + k)
+    return key
+
+
+@njit(cache=True)
+def _chosen(contacts, position, radius, normal, vectors, internal, tile_of, n, reach, materials, material, group, mate):
+    """Group and pair class of every row that touches or may soon touch; others get group −1. Returns their number."""
+    number, tiles = 0, tile_of.max() + 1 if len(tile_of) else 1
+    for c in range(contacts.count[0]):
+        i, j = contacts.i[c], contacts.j[c]
+        wall = j >= n
+        gap, square = -radius[i], 0.0
+        for m in range(3):
+            d = position[i, m] - position[j, m]
+            if wall:
+                gap += d * normal[j - n, m]
+            else:
+                for k in range(3):
+                    d += contacts.image[c, k] * vectors[k, m]
+                square += d * d
+        if not wall:
+            gap = np.sqrt(square) - radius[i] - radius[j]
+        group[c] = -1
+        if gap < reach or contacts.mode[c] != OPEN:
+            number += 1
+            a, b = tile_of[internal[i]], tile_of[internal[j]]
+            group[c] = min(a, b) + (tiles if a == b and not wall else 0)
+            mate[c] = (material[i] * materials + material[j]) * 2 + wall
+    return number
+
+
+@njit(cache=True)
+def _bucketed(count, group, mate, groups, classes):
+    """Blocks of every (group, class) bucket: first block of each, and of each group."""
+    held = np.zeros(groups * classes, np.int64)
+    for c in range(count):
+        if group[c] >= 0:
+            held[group[c] * classes + mate[c]] += 1
+    first = np.zeros(groups * classes + 1, np.int64)
+    for k in range(groups * classes):
+        first[k + 1] = first[k] + (held[k] + LANES - 1) // LANES
+    return first, first[::classes].copy()
+
+
+@njit(cache=True)
+def _in_order(contacts, group, internal, active):
+    """Rows that are in a group, in the order of the first of their bodies in memory."""
+    start = np.zeros(len(internal) + 1, np.int64)
+    for c in range(contacts.count[0]):
+        if group[c] >= 0:
+            start[min(internal[contacts.i[c]], internal[contacts.j[c]]) + 1] += 1
+    start = np.cumsum(start)
+    out = np.empty(active, np.int64)
+    for c in range(contacts.count[0]):
+        if group[c] >= 0:
+            owner = min(internal[contacts.i[c]], internal[contacts.j[c]])
+            out[start[owner]] = c
+            start[owner] += 1
+    return out
+
+
+@njit(cache=True)
+def chosen_blocks(
+    contacts, position, radius, inverse_mass, material, normal, vectors, order, tile, n, reach, materials, kind,
+    viscous, reuse,
+):  # fmt: skip
+    """Blocks of all pairs nearer than `reach`; positions in the state's order. `reuse`: tiles share rows of loads."""
+    count, bodies, tiles = contacts.count[0], len(radius), len(tile) - 1
+    internal, tile_of = np.empty(bodies, np.int64), np.empty(bodies, np.int64)
+    for g in range(bodies):
+        internal[order[g]] = g
+    for t in range(tiles):
+        tile_of[tile[t] : tile[t + 1]] = t
+    tile_of[tile[tiles] :] = tiles
+    group, mate, classes = np.empty(count, np.int64), np.empty(count, np.int64), 2 * materials * materials
+    # the walls' tile has no blocks of its own: groups 0 … tiles are cross, then inner
+    active = _chosen(
+        contacts, position, radius, normal, vectors, internal, tile_of, n, reach, materials, material, group, mate
+    )
+    top = tile_of.max() + 1
+    first, bound = _bucketed(count, group, mate, 2 * top, classes)
+    blocks = first[-1]
+    slots = blocks * LANES
+    i, j, row = np.zeros(slots, np.uint32), np.zeros(slots, np.uint32), np.full(slots, -1, np.int32)
+    vector, eff = np.zeros(3 * slots), np.ones(2 * slots)
+    slip, mode = np.zeros(3 * slots), np.zeros(slots, np.int8)
+    pair, wall, shifted = np.zeros((blocks, 2), np.int64), np.zeros(blocks, np.bool_), np.zeros(blocks, np.bool_)
+    place, crossing, most = np.empty(blocks, np.int64), bound[top], 0
+    for t in range(top, 2 * top):
+        for b in range(bound[t], bound[t + 1]):
+            place[b] = (crossing + b - bound[t] if reuse else b) * LANES
+            most = max(most, place[b] + LANES)
+    for b in range(crossing):
+        place[b] = b * LANES
+        most = max(most, place[b] + LANES)
+    filled = first[:-1] * LANES
+    start = np.zeros(2 * bodies + 2, np.uint32)
+    for c in _in_order(contacts, group, internal, active):
+        bucket = group[c] * classes + mate[c]
+        s = filled[bucket]
+        filled[bucket] += 1
+        b, l = s // LANES, s % LANES
+        a, z = contacts.i[c], contacts.j[c]
+        is_wall = z >= n
+        i[s], j[s], row[s] = internal[a], internal[z], c
+        pair[b, 0], pair[b, 1], wall[b] = material[a], material[z], is_wall
+        at = 3 * LANES * b + l
+        eff[at - LANES * b], eff[at - LANES * b + LANES] = effective(kind, viscous, radius, inverse_mass, a, z, is_wall)
+        for m in range(3):
+            slip[at + m * LANES] = contacts.slip[c, m]
+            if is_wall:
+                vector[at + m * LANES] = normal[z - n, m]
+            else:
+                for k in range(3):
+                    vector[at + m * LANES] += contacts.image[c, k] * vectors[k, m]
+        for k in range(3):
+            shifted[b] |= contacts.image[c, k] != 0
+        was = contacts.mode[c]
+        mode[s] = STUCK_AGAIN if was == STICK and contacts.reached[c] else was
+        start[2 * internal[z] + 2] += 1
+        start[2 * internal[a] + 3] += 1
+        mate[c] = place[b] + l
+    far = 4.0 * radius.max() + 1.0
+    for s in range(slots):
+        if row[s] < 0:  # a pair of a body with itself, far from touching
+            b = s // LANES
+            shifted[b] |= not wall[b]
+            vector[3 * LANES * b + s % LANES] = 0.0 if wall[b] else far
+            if wall[b]:
+                i[s] = j[s] = bodies - 1
+    for k in range(len(start) - 1):
+        start[k + 1] += start[k]
+    code = np.empty(2 * active, np.uint32)
+    for c in range(count):
+        if group[c] >= 0:
+            for at in (2 * internal[contacts.j[c]] + 1, 2 * internal[contacts.i[c]] + 2):
+                code[start[at]] = mate[c]
+                start[at] += 1
+    return Blocks(
+        i, j, row, pair, wall, shifted, vector, eff, slip, mode, place, bound[: top + 1].copy(), bound[top:].copy(),
+        np.zeros((most, 6)), start[: 2 * bodies + 1].copy(), code,
+    )  # fmt: skip
+
+
+@njit(cache=True)
+def committed(blocks, contacts, table):
+    """Write slip and mode of all blocks back to their rows in the list of contacts."""
+    for s in range(len(blocks.row)):
+        c = blocks.row[s]
+        if c >= 0:
+            b, l = s // LANES, s % LANES
+            for m in range(3):
+                contacts.slip[c, m] = blocks.slip[(3 * b + m) * LANES + l]
+            mode, mu = blocks.mode[s], table[blocks.material[b, 0], blocks.material[b, 1], MU]
+            contacts.mode[c] = STICK if mode == STUCK_AGAIN else mode
+            contacts.reached[c] = mode >= SLIDE and mu > 0.0
+
+
+@njit(cache=True, fastmath=False)
+def anchored(contacts, position, angle, radius, normal, shift):
+    """Set the pair vectors and angles at which memory counts as committed to the present ones; True if they were."""
+    rested = True
+    for c in range(contacts.count[0]):
+        if contacts.mode[c] != OPEN:
+            i, j = contacts.i[c], contacts.j[c]
+            for m in range(3):
+                pair = position[i, m] - position[j, m] + shift[c, m]
+                roll = radius[i] * angle[i, m] + radius[j] * angle[j, m]
+                rested &= pair == contacts.pair[c, m] and roll == contacts.roll[c, m]
+                contacts.pair[c, m], contacts.roll[c, m] = pair, roll
+    return rested
+
+
+@njit(fastmath=True, error_model="numpy", forceinline=True)
+def _gathered(dim, predict, blocks, body, ahead, b, scratch):
+    """What the contacts of block b see of their two bodies, plane by plane."""
+    first = b * LANES
+    for lane in range(LANES):
+        # unsigned, so that no index is checked for counting from the end
+        i, j, l = np.uint64(blocks.i[first + lane]), np.uint64(blocks.j[first + lane]), np.uint64(lane)
+        ri, rj = body[i, 9], body[j, 9]
+        scratch[_X + l], scratch[_X + 64 + l] = body[i, 0] - body[j, 0], body[i, 1] - body[j, 1]
+        scratch[_V + l], scratch[_V + 64 + l] = body[i, 3] - body[j, 3], body[i, 4] - body[j, 4]
+        scratch[_W + 128 + l] = ri * body[i, 8] + rj * body[j, 8]
+        scratch[_SUM + l] = ri + rj
+        if dim == 3:
+            scratch[_X + 128 + l], scratch[_V + 128 + l] = body[i, 2] - body[j, 2], body[i, 5] - body[j, 5]
+            scratch[_W + l], scratch[_W + 64 + l] = ri * body[i, 6] + rj * body[j, 6], ri * body[i, 7] + rj * body[j, 7]
+        if predict:
+            scratch[_AHEAD + l], scratch[_AHEAD + 64 + l] = ahead[i, 0] - ahead[j, 0], ahead[i, 1] - ahead[j, 1]
+            scratch[_TURN + 128 + l] = ri * ahead[i, 5] + rj * ahead[j, 5]
+            if dim == 3:
+                scratch[_AHEAD + 128 + l] = ahead[i, 2] - ahead[j, 2]
+                scratch[_TURN + l], scratch[_TURN + 64 + l] = (
+                    ri * ahead[i, 3] + rj * ahead[j, 3],
+                    ri * ahead[i, 4] + rj * ahead[j, 4],
+                )
+    if blocks.shifted[b]:
+        at = np.uint64(3 * LANES * b)
+        for k in range(dim):
+            for lane in range(LANES):
+                l = np.uint64(lane)
+                scratch[_X + k * LANES + l] += blocks.vector[at + k * LANES + l]
+
+
+@njit(fastmath=True, error_model="numpy", forceinline=True)
+def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, scratch):
+    """Forces and memory of one block, all lanes alike: what does not touch gets zeros. With `hold`, memory stays."""
+    predict = viscous > 0 and not rate
+    v, w = (_AHEAD, _TURN) if predict else (_V, _W)
+    mode, eff = blocks.mode[LANES * b : LANES * b + LANES], blocks.effective[2 * LANES * b : 2 * LANES * (b + 1)]
+    slip, vector = blocks.slip[3 * LANES * b : 3 * LANES * (b + 1)], blocks.vector[3 * LANES * b : 3 * LANES * (b + 1)]
+    for l in range(LANES):
+        rx, ry, rz = scratch[_X + l], scratch[_X + 64 + l], scratch[_X + 128 + l] if dim == 3 else 0.0
+        if wall:
+            nx, ny, nz = vector[l], vector[64 + l], vector[128 + l] if dim == 3 else 0.0
+            distance = rx * nx + ry * ny + rz * nz
+        else:
+            distance = np.sqrt(rx * rx + ry * ry + rz * rz)
+            inverse = 1.0 / distance
+            nx, ny, nz = rx * inverse, ry * inverse, rz * inverse
+        overlap = scratch[_SUM + l] - distance
+        touches = overlap > 0.0
+        overlap = overlap if touches else 0.0
+        before = mode[l]
+        # slip: carried by the displacements since the last evaluation, then projected on the plane of contact
+        wx, wy, wz = (
+            scratch[_W + l] if dim == 3 else 0.0,
+            scratch[_W + 64 + l] if dim == 3 else 0.0,
+            scratch[_W + 128 + l],
+        )
+        ox, oy, oz = slip[l], slip[64 + l], slip[128 + l] if dim == 3 else 0.0
+        sx = ox + dt * (scratch[_V + l] + ny * wz - nz * wy)
+        sy = oy + dt * (scratch[_V + 64 + l] + nz * wx - nx * wz)
+        sz = oz + dt * (scratch[_V + 128 + l] + nx * wy - ny * wx) if dim == 3 else 0.0
+        along = sx * nx + sy * ny + sz * nz
+        known = 1.0 if rate or before != OPEN else 0.0
+        sx, sy, sz = known * (sx - along * nx), known * (sy - along * ny), known * (sz - along * nz)
+        sx, sy, sz = (ox, oy, oz) if hold else (sx, sy, sz)
+        r_eff, m_eff = eff[l], eff[64 + l]
+        fn = normal_force(kind, q, r_eff, overlap)
+        stiffness = tangential_stiffness(kind, q, r_eff, overlap)
+        vx = vy = vz = damping = 0.0
+        if viscous:
+            factor = damping_factor(viscous, r_eff, m_eff, overlap)
+            factor = factor if touches else 0.0
+            damping = factor * q[DAMPING_T]
+            ax, ay, az = (
+                scratch[w + l] if dim == 3 else 0.0,
+                scratch[w + 64 + l] if dim == 3 else 0.0,
+                scratch[w + 128 + l],
+            )
+            vx = scratch[v + l] + ny * az - nz * ay
+            vy = scratch[v + 64 + l] + nz * ax - nx * az
+            vz = scratch[v + 128 + l] + nx * ay - ny * ax if dim == 3 else 0.0
+            vn = vx * nx + vy * ny + vz * nz
+            vx, vy, vz = vx - vn * nx, vy - vn * ny, vz - vn * nz
+            fn = with_dashpot(viscous, fn, factor * q[DAMPING_N], vn)
+        if viscous and rate:
+            limit = q[MU] * abs(fn)
+            tx, ty, tz = -stiffness * sx - damping * vx, -stiffness * sy - damping * vy, -stiffness * sz - damping * vz
+            square = tx * tx + ty * ty + tz * tz
+            slides = square > limit * limit
+            share = limit / np.sqrt(square) if slides else 1.0
+            tx, ty, tz = share * tx, share * ty, share * tz
+            stretch = damping / stiffness if stiffness > 0.0 else 0.0
+            slides = slides and not hold
+            share = share - 1.0 if slides else 0.0
+            sx, sy, sz = (
+                sx + share * (sx + stretch * vx),
+                sy + share * (sy + stretch * vy),
+                sz + share * (sz + stretch * vz),
+            )
+        else:
+            limit = q[MU] * max(fn, 0.0)
+            cx, cy, cz, after = carried_memory(stiffness, limit, sx, sy, sz, STICK, FREE)
+            slides = after == SLIDE
+            sx, sy, sz = (sx, sy, sz) if hold else (cx, cy, cz)
+            tx, ty, tz = tangential_force(coulomb, stiffness, limit, sx, sy, sz)
+            if viscous:
+                tx, ty, tz = damped(tx, ty, tz, damping, limit, vx, vy, vz)
+        here = 1.0 if touches else 0.0
+        slip[l], slip[64 + l] = here * sx, here * sy
+        if dim == 3:
+            slip[128 + l] = here * sz
+        sticks = STUCK_AGAIN if before >= SLIDE else STICK
+        after = SLIDE if slides else sticks
+        after = before if hold and before != OPEN else after
+        mode[l] = after if touches else OPEN
+        scratch[l], scratch[64 + l] = fn * nx + tx, fn * ny + ty
+        scratch[320 + l] = ny * tx - nx * ty
+        if dim == 3:
+            scratch[128 + l] = fn * nz + tz
+            scratch[192 + l], scratch[256 + l] = nz * ty - ny * tz, nx * tz - nz * tx
+        else:
+            scratch[128 + l] = scratch[192 + l] = scratch[256 + l] = 0.0
+
+
+@njit(fastmath=True, error_model="numpy", forceinline=True)
+def evaluated(kind, coulomb, dim, viscous, rate, first, last, blocks, body, ahead, p, dt, hold, scratch):
+    """Loads and memory of a stretch of blocks; compiled into its callers."""
+    load, predict = blocks.load, viscous > 0 and not rate
+    for b in range(first, last):
+        _gathered(dim, predict, blocks, body, ahead, b, scratch)
+        q = parameters(p, blocks.material[b, 0], blocks.material[b, 1])
+        if blocks.wall[b]:
+            _responded(kind, coulomb, dim, viscous, rate, True, q, blocks, b, dt, hold, scratch)
+        else:
+            _responded(kind, coulomb, dim, viscous, rate, False, q, blocks, b, dt, hold, scratch)
+        place = blocks.place[b]
+        for lane in range(LANES):
+            l, s = np.uint64(lane), np.uint64(place + lane)
+            load[s, 0], load[s, 1], load[s, 2] = scratch[l], scratch[64 + l], scratch[128 + l]
+            load[s, 3], load[s, 4], load[s, 5] = scratch[192 + l], scratch[256 + l], scratch[320 + l]

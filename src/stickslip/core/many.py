@@ -1,0 +1,149 @@
+"""Runs of many grains: bodies put in order, blocks chosen again when they must be, stops to look and to record."""
+
+import numba
+import numpy as np
+
+from .blocks import TILE, Moving, anchored, chosen_blocks, committed, morton
+from .contact import FROZEN
+from .forces import Bodies, forces
+from .geometry import shifts
+from .laws import Law, dashpots
+from .neighbors import TOO_FAR, farthest, grid_of, rebuilt
+from .plan import BAD, CHECK_EVERY, CONVERGED, DONE, FULL, Plan, driven_bodies, first_bad, largest_unbalanced
+from .record import Writing, sample, with_lost
+from .state import State
+from .tiles import Pace, exported, marcher
+
+MANY = 48  # bodies from which blocks are faster than a plain sweep
+WORTH = 2000  # grains a thread should have
+
+
+def _threads(n: int, asked: int | None, watched: bool) -> int:
+    """Threads of a run; events are recorded in order of memory, so with them it takes one."""
+    available = numba.get_num_threads()
+    return 1 if watched else min(available, max(1, n // WORTH) if asked is None else asked)
+
+
+def _ordered(state: State, radius: float) -> np.ndarray:
+    """(B,) bodies in the order in which they lie in memory: grains along a space-filling curve, then walls."""
+    x, n = state.grains.position, len(state.grains.radius)
+    if n <= TILE:
+        return np.arange(state.n_bodies)
+    grid = grid_of(state.cell)
+    fraction = x @ grid.inverse
+    fraction -= np.where(grid.periodic, np.floor(fraction), 0.0)
+    low = np.where(grid.periodic, 0.0, fraction.min(axis=0))
+    place = morton(fraction, np.eye(3), low, 4.0 * radius / grid.height)
+    return np.append(np.argsort(place, kind="stable"), np.arange(n, state.n_bodies))
+
+
+def _moving(state: State, plan: Plan, here: Bodies, predict: bool, threads: int) -> Moving:
+    """Working copy of all bodies in the order of memory."""
+    n, dim, b = len(state.grains.radius), state.cell.dim, state.n_bodies
+    order = _ordered(state, float(state.grains.radius.mean()))
+    mass, inertia = np.append(state.grains.mass, state.walls.mass), np.append(state.grains.inertia, np.ones(b - n))
+    free = state.control.free.copy()
+    free[n:, 3:] = False
+    if dim == 2:
+        free[:, 2:5] = False
+    used = [0, 1, 5] if dim == 2 else range(6)
+    external = np.concatenate([plan.external[0], plan.external[1]], axis=1)
+    size = TILE if threads == 1 else min(TILE, -(-n // (8 * threads)))
+    return Moving(
+        order,
+        np.concatenate([here.position, here.velocity, here.spin, here.radius[:, None]], axis=1)[order],
+        here.angle[order],
+        np.concatenate([here.velocity, here.spin], axis=1)[order] if predict else np.zeros((0, 6)),
+        np.zeros((b, 6)),
+        (0.5 * plan.dt / np.stack([mass, inertia], axis=1))[order],
+        free[order],
+        free[:, used].all(axis=1)[order],
+        external[order] if external.any() else np.zeros((1, 6)),
+        here.position[order],
+        np.append(np.arange(0, n, size), n),
+    )
+
+
+def marched(state: State, law: Law, plan: Plan, steps: int, tolerance: float, writing: Writing, *, rate: int, threads):
+    """As many steps as asked, in blocks; see `run`. Returns what the plain stepper does."""
+    contacts = type(state.contacts)(*(a.copy() for a in state.contacts))
+    shift = shifts(contacts, state.cell.vectors)
+    here = driven_bodies(state)
+    if not anchored(contacts, here.position, here.angle, here.radius, here.normal, shift):
+        _, contacts = forces(state, law, memory=FROZEN)
+    viscous, dim = dashpots(law), state.cell.dim
+    threads = _threads(len(state.grains.radius), threads, len(writing.events) > 0)
+    march = marcher(law.kind, law.coulomb, dim, viscous, rate, threads > 1)
+    moving = _moving(state, plan, here, viscous > 0 and not rate, threads)
+    drags = [0.5 * plan.dt * nu for nu in plan.drags]
+    pace = Pace(plan.dt, 1 - drags[0], 1 / (1 + drags[0]), 1 - drags[1], 1 / (1 + drags[1]))
+    grid, every = grid_of(state.cell), writing.every
+    step, stop, ended, fresh, code, residual, worst = 0, 0, False, True, DONE, np.inf, -1
+    before = numba.get_num_threads()
+    numba.set_num_threads(threads)
+    try:
+        blocks, limit, contacts, writing = _chosen(moving, here, contacts, law, state, plan, writing, grid, threads, 0)
+        while True:
+            code, step, ended = march(
+                moving, blocks, contacts, law.table, pace, state.time, step, stop, ended, fresh, limit,
+                writing.events, writing.event_count,
+            )  # fmt: skip
+            if code == FULL:
+                writing = writing._replace(events=np.concatenate([writing.events, np.zeros_like(writing.events)]))
+                continue
+            fresh = False
+            exported(moving, here)
+            committed(blocks, contacts, law.table)
+            bad = first_bad(here.position, here.angle)
+            if bad >= 0:
+                code, worst = BAD, bad
+                break
+            if code != DONE:
+                blocks, limit, contacts, writing = _chosen(
+                    moving, here, contacts, law, state, plan, writing, grid, threads, step
+                )
+                continue
+            if every and step % every == 0:
+                shift = shifts(contacts, state.cell.vectors)
+                time = state.time + step * plan.dt
+                sample(law.kind, law.coulomb, dim, law.table, step // every, here, contacts, shift, plan, writing, time)
+            if step % CHECK_EVERY == 0 and tolerance > 0:
+                force = np.empty_like(moving.force)
+                force[moving.order] = moving.force
+                residual, worst = largest_unbalanced(here.velocity, here.spin, force[:, :3], force[:, 3:], plan)
+                code = BAD if not np.isfinite(residual) else CONVERGED if residual <= tolerance else DONE
+            if step == steps or code != DONE:
+                break
+            stop = min(steps, (step // CHECK_EVERY + 1) * CHECK_EVERY, (step // every + 1) * every if every else steps)
+    finally:
+        numba.set_num_threads(before)
+    anchored(contacts, here.position, here.angle, here.radius, here.normal, shifts(contacts, state.cell.vectors))
+    n = len(state.grains.radius)
+    end = state._replace(
+        grains=state.grains._replace(
+            position=here.position[:n], angle=here.angle[:n], velocity=here.velocity[:n], spin=here.spin[:n]
+        ),
+        walls=state.walls._replace(point=here.position[n:], velocity=here.velocity[n:]),
+        contacts=contacts,
+        time=state.time + step * plan.dt,
+    )
+    return end, code, step, residual, worst, writing
+
+
+def _chosen(moving, here, contacts, law, state, plan, writing, grid, threads, step):
+    """Blocks for the positions `here`, and the squared displacement for which they are good; the list if outgrown."""
+    skin, n = float(contacts.skin[0]), len(state.grains.radius)
+    fastest = np.sqrt((here.velocity**2).sum(axis=1).max())
+    reach = min(0.5 * skin, 2 * fastest * plan.dt * (60 + 2e4 / n))
+    reach = max(reach, 1e-3 * skin)
+    if 2 * farthest(here.position, contacts) + reach > skin:
+        old, contacts = contacts, rebuilt(here.position, here.radius, here.normal, grid, contacts)
+        if contacts.count[0] < 0:
+            raise ValueError(TOO_FAR)
+        writing = with_lost(writing, old, contacts, here.position, state.time + step * plan.dt)
+    moving.origin[:] = here.position[moving.order]
+    blocks = chosen_blocks(
+        contacts, here.position, here.radius, here.inverse_mass, here.material, here.normal, state.cell.vectors,
+        moving.order, moving.tile, n, reach, len(law.table), law.kind, dashpots(law), threads == 1,
+    )  # fmt: skip
+    return blocks, (0.5 * reach) ** 2, contacts, writing

@@ -1,0 +1,95 @@
+"""What a run multiplies with, and when it is at rest or broken."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from .forces import Bodies, bodies
+from .state import State
+
+CHECK_EVERY = 200  # steps between checks for NaN and, with a tolerance, for rest
+DONE, CONVERGED, BAD, FULL, MOVED = range(5)  # why a compiled loop over steps came back
+
+
+class Plan(NamedTuple):
+    """What the loop multiplies with, constant during a run.
+
+    Rows 0–2 of `motion` are for translations, 3–5 for rotations: half a step over mass (zero where not free), factor
+    of explicit drag, factor of implicit drag.
+    """
+
+    motion: np.ndarray  # (6, 3B)
+    drag: np.ndarray  # (B, 6) [1/time]
+    external: np.ndarray  # (2, B, 3) forces and torques
+    drags: tuple[float, float]  # of translations and of rotations [1/time]
+    mass: np.ndarray  # (N,)
+    inertia: np.ndarray  # (N,)
+    lever: np.ndarray  # (B,) radius, 1 for walls
+    dt: float
+
+
+@njit(cache=True, fastmath=False)  # said aloud: a function inherits fastmath from whoever compiles it first
+def first_bad(x, angle):
+    """First body with a coordinate that is not finite, or −1."""
+    for a in range(len(x)):
+        for k in range(3):
+            if not (np.isfinite(x[a, k]) and np.isfinite(angle[a, k])):
+                return a
+    return -1
+
+
+@njit(cache=True, fastmath=False, error_model="numpy")
+def largest_unbalanced(v, spin, force, torque, plan):
+    """Largest of force, torque/R and drag force over the free components, NaN above all, and its body."""
+    motion, drag = plan.motion, plan.drag
+    residual, worst = 0.0, -1
+    for a in range(len(v)):
+        for k in range(6):
+            turning, q = k >= 3, 3 * a + k % 3
+            kick = motion[3, q] if turning else motion[0, q]
+            if kick > 0.0:
+                f = torque[a, k - 3] if turning else force[a, k]
+                rate = spin[a, k - 3] if turning else v[a, k]
+                size = abs(f) + 0.0 * rate
+                if not np.isfinite(size):
+                    return np.nan, a
+                size = max(size, drag[a, k] * abs(rate) * 0.5 * plan.dt / kick)
+                size /= plan.lever[a] if turning else 1.0
+                if size > residual:
+                    residual, worst = size, a
+    return residual, worst
+
+
+def driven_bodies(state: State) -> Bodies:
+    """Fresh arrays of all bodies, with the velocities that `Control` prescribes."""
+    work, control = bodies(state), state.control
+    work.velocity[:] = np.where(control.free[:, :3], work.velocity, control.rate[:, :3])
+    work.spin[:] = np.where(control.free[:, 3:], work.spin, control.rate[:, 3:])
+    if state.cell.dim == 2:
+        work.velocity[:, 2], work.spin[:, :2] = 0.0, 0.0
+    return work
+
+
+def moved_by_forces(motion):
+    """(B, 6) components that forces can move."""
+    return np.concatenate([motion[0].reshape(-1, 3), motion[3].reshape(-1, 3)], axis=1) > 0
+
+
+def plan_of(state: State, drag: float, spin_drag: float, dt: float) -> Plan:
+    """Kicks, drags and external loads of all bodies for one time step."""
+    grains, walls, control = state.grains, state.walls, state.control
+    n, half = len(grains.radius), 0.5 * dt
+    kick, rate = np.zeros((2, state.n_bodies, 6))
+    mass = np.concatenate([grains.mass, walls.mass])
+    kick[:, :3], kick[:n, 3:] = half / mass[:, None], half / grains.inertia[:, None]
+    kick[~control.free] = 0.0
+    if state.cell.dim == 2:
+        kick[:, 2:5] = 0.0
+    rate[:, :3], rate[:, 3:] = drag, spin_drag
+    rate[kick == 0.0] = 0.0
+    parts = (kick, 1.0 - half * rate, 1.0 / (1.0 + half * rate))
+    motion = np.stack([part[:, side].ravel() for side in (slice(0, 3), slice(3, 6)) for part in parts])
+    external = np.stack([control.force + mass[:, None] * control.gravity, control.torque])
+    lever = np.append(grains.radius, np.ones(len(walls.mass)))
+    return Plan(motion, rate, external, (float(drag), float(spin_drag)), grains.mass, grains.inertia, lever, float(dt))

@@ -1,0 +1,234 @@
+"""Time steps of many grains, tile by tile, on one thread or several: see `blocks` for how contacts are gone through.
+
+A step evaluates the contacts between tiles, then for each tile those within it, and moves its grains on while they
+are in the processor's cache. The kinematics are compiled without fast mathematics: whether a step is taken in one go
+or stopped at to be looked at changes no bit.
+"""
+
+from functools import cache
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numba import njit, prange
+
+from .blocks import LANES, SCRATCH, evaluated
+from .forces import CLOSED, OPENED, REACHED_LIMIT, record_event
+from .laws import MU
+from .plan import DONE, FULL, MOVED
+from .state import OPEN, SLIDE
+
+_LOST = 1e300  # squared displacement that stands for one that is not a number
+
+# loaded first wins: GNU's or Intel's OpenMP costs a microsecond a parallel region, TBB fifteen, Numba's own eighty
+if not numba.config.THREADING_LAYER or numba.config.THREADING_LAYER == "default":
+    numba.config.THREADING_LAYER_PRIORITY = ["omp", "tbb", "workqueue"]
+
+
+class Pace(NamedTuple):
+    """Time step and the factors of drag, for translations and for rotations."""
+
+    dt: float
+    keep: float  # 1 − ν dt/2
+    slow: float  # 1/(1 + ν dt/2)
+    keep_t: float
+    slow_t: float
+
+
+@njit(fastmath=False, error_model="numpy", forceinline=True)
+def _one(keep, slow, kick, half, go_on, v, f):
+    """Velocity after the end of a step, and after half a kick of the next one, for a free component."""
+    if half:
+        v = (v + kick * f) * slow
+    if go_on:
+        v = keep * v + kick * f
+    return v
+
+
+@njit(fastmath=False, error_model="numpy", forceinline=True)
+def _moved(dim, predict, moving, pace, g, half, go_on, fx, fy, fz, tx, ty, tz):
+    """Half a kick with implicit drag ends a step; half a kick with explicit drag and the drift begin the next one.
+
+    Returns the squared distance from where the blocks were chosen.
+    """
+    body, angle, free, origin = moving.body, moving.angle, moving.free, moving.origin
+    a, b, dt = moving.kick[g, 0], moving.kick[g, 1], pace.dt
+    keep, slow, keep_t, slow_t = pace.keep, pace.slow, pace.keep_t, pace.slow_t
+    x, y, z, vx, vy, vz = body[g, 0], body[g, 1], body[g, 2], body[g, 3], body[g, 4], body[g, 5]
+    wx, wy, wz = body[g, 6], body[g, 7], body[g, 8]
+    if moving.whole[g]:
+        vx, vy = _one(keep, slow, a, half, go_on, vx, fx), _one(keep, slow, a, half, go_on, vy, fy)
+        wz = _one(keep_t, slow_t, b, half, go_on, wz, tz)
+        if dim == 3:
+            vz = _one(keep, slow, a, half, go_on, vz, fz)
+            wx, wy = _one(keep_t, slow_t, b, half, go_on, wx, tx), _one(keep_t, slow_t, b, half, go_on, wy, ty)
+    else:
+        vx = _one(keep, slow, a, half, go_on, vx, fx) if free[g, 0] else vx
+        vy = _one(keep, slow, a, half, go_on, vy, fy) if free[g, 1] else vy
+        wz = _one(keep_t, slow_t, b, half, go_on, wz, tz) if free[g, 5] else wz
+        if dim == 3:
+            vz = _one(keep, slow, a, half, go_on, vz, fz) if free[g, 2] else vz
+            wx = _one(keep_t, slow_t, b, half, go_on, wx, tx) if free[g, 3] else wx
+            wy = _one(keep_t, slow_t, b, half, go_on, wy, ty) if free[g, 4] else wy
+    body[g, 3], body[g, 4], body[g, 8] = vx, vy, wz
+    if dim == 3:
+        body[g, 5], body[g, 6], body[g, 7] = vz, wx, wy
+    if not go_on:
+        return 0.0
+    x, y = x + dt * vx, y + dt * vy
+    dx, dy, dz = x - origin[g, 0], y - origin[g, 1], 0.0
+    body[g, 0], body[g, 1] = x, y
+    angle[g, 2] += dt * wz
+    if dim == 3:
+        z += dt * vz
+        dz = z - origin[g, 2]
+        body[g, 2] = z
+        angle[g, 0] += dt * wx
+        angle[g, 1] += dt * wy
+    if predict:
+        ahead, whole = moving.ahead, moving.whole[g]
+        ahead[g, 0] = vx + a * fx if whole or free[g, 0] else vx
+        ahead[g, 1] = vy + a * fy if whole or free[g, 1] else vy
+        ahead[g, 5] = wz + b * tz if whole or free[g, 5] else wz
+        if dim == 3:
+            ahead[g, 2] = vz + a * fz if whole or free[g, 2] else vz
+            ahead[g, 3] = wx + b * tx if whole or free[g, 3] else wx
+            ahead[g, 4] = wy + b * ty if whole or free[g, 4] else wy
+    square = dx * dx + dy * dy + dz * dz
+    return square if square < _LOST else _LOST
+
+
+@njit(fastmath=False, error_model="numpy", forceinline=True)
+def _pulled(dim, moving, blocks, g):
+    """External loads plus those of all contacts of a body, in the order of its partners."""
+    external, tx, ty, tz = moving.external, 0.0, 0.0, 0.0
+    own = g if len(external) > 1 else np.uint64(0)
+    fx, fy, fz = external[own, 0], external[own, 1], external[own, 2]
+    load, code, start = blocks.load, blocks.code, blocks.start
+    for e in range(np.uint64(start[2 * g]), np.uint64(start[2 * g + 1])):
+        c = np.uint64(code[e])
+        fx -= load[c, 0]
+        fy -= load[c, 1]
+        fz -= load[c, 2]
+        tx += load[c, 3]
+        ty += load[c, 4]
+        tz += load[c, 5]
+    for e in range(np.uint64(start[2 * g + 1]), np.uint64(start[2 * g + 2])):
+        c = np.uint64(code[e])
+        fx += load[c, 0]
+        fy += load[c, 1]
+        fz += load[c, 2]
+        tx += load[c, 3]
+        ty += load[c, 4]
+        tz += load[c, 5]
+    radius = moving.body[g, 9]
+    tx, ty, tz = external[own, 3] + radius * tx, external[own, 4] + radius * ty, external[own, 5] + radius * tz
+    return fx, fy, fz, tx, ty, tz
+
+
+@njit(fastmath=False, error_model="numpy", forceinline=True)
+def _ended(dim, predict, first, last, moving, blocks, pace, fresh, go_on):
+    """End the step of a tile's grains and go on with the next, or keep the forces."""
+    far, force = 0.0, moving.force
+    for at in range(first, last):
+        g = np.uint64(at)
+        fx, fy, fz, tx, ty, tz = _pulled(dim, moving, blocks, g)
+        far = max(far, _moved(dim, predict, moving, pace, g, not fresh, go_on, fx, fy, fz, tx, ty, tz))
+        if not go_on:
+            force[g, 0], force[g, 1], force[g, 2] = fx, fy, fz
+            force[g, 3], force[g, 4], force[g, 5] = tx, ty, tz
+    return far
+
+
+@njit(fastmath=False, error_model="numpy", forceinline=True)
+def _begun(dim, predict, first, last, moving, pace):
+    """Begin the step of a tile's grains with the forces kept."""
+    far, force = 0.0, moving.force
+    for at in range(first, last):
+        g = np.uint64(at)
+        fx, fy, fz, tx, ty, tz = force[g, 0], force[g, 1], force[g, 2], force[g, 3], force[g, 4], force[g, 5]
+        far = max(far, _moved(dim, predict, moving, pace, g, False, True, fx, fy, fz, tx, ty, tz))
+    return far
+
+
+@njit(cache=True)
+def _recorded(blocks, before, contacts, moving, table, time, events, event_count):
+    """Append the contacts whose mode says that they closed, opened or first reached Coulomb's limit."""
+    n = len(moving.order)
+    for s in range(len(blocks.row)):
+        old, new, c = before[s], blocks.mode[s], blocks.row[s]
+        if old == new or c < 0:
+            continue
+        g = blocks.i[s]
+        at = moving.body[g]
+        if new == OPEN or old == OPEN:
+            kind = OPENED if new == OPEN else CLOSED
+            record_event(events, event_count, kind, time, contacts, c, at[0], at[1], at[2])
+        mu = table[blocks.material[s // LANES, 0], blocks.material[s // LANES, 1], MU]
+        if new == SLIDE and old < SLIDE and mu > 0.0:
+            record_event(events, event_count, REACHED_LIMIT, time, contacts, c, at[0], at[1], at[2])
+    return n
+
+
+@cache
+def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel: bool):
+    """Compiled loop over time steps for one law and dimension, on one thread or several."""
+    predict = int(viscous > 0 and not rate)
+
+    @njit(cache=True, fastmath=False, error_model="numpy", parallel=parallel)
+    def march(moving, blocks, contacts, p, pace, time, step, stop, ended, fresh, limit, events, event_count):
+        """From step `step` to the end of step `stop`, or until some body is too far from where the blocks were chosen.
+
+        `ended`: the step has ended, forces are kept; else positions are those of the step, forces not known yet.
+        `fresh`: and velocities are, too; memory is not carried.
+        """
+        tile, body, ahead, cross, inner = moving.tile, moving.body, moving.ahead, blocks.cross, blocks.inner
+        tiles, dt, watch = len(tile) - 1, pace.dt, len(events) > 0
+        far, before = np.zeros(tiles + 1), np.zeros(len(blocks.mode) if watch else 0, np.int8)
+        while True:
+            if not ended:
+                if watch:
+                    if event_count[0] + 2 * len(before) > len(events):
+                        return FULL, step, ended
+                    before[:] = blocks.mode
+                go_on = step < stop and not watch
+                if parallel:
+                    for t in prange(tiles):
+                        scratch, first, last = np.zeros(SCRATCH), cross[t], cross[t + 1]
+                        evaluated(
+                            kind, coulomb, dim, viscous, rate, first, last, blocks, body, ahead, p, dt, fresh, scratch
+                        )
+                for t in prange(tiles):
+                    scratch = np.zeros(SCRATCH)
+                    for k in range(1 if parallel else 0, 2):
+                        first, last = (inner[t], inner[t + 1]) if k else (cross[t], cross[t + 1])
+                        evaluated(
+                            kind, coulomb, dim, viscous, rate, first, last, blocks, body, ahead, p, dt, fresh, scratch
+                        )
+                    far[t] = _ended(dim, predict, tile[t], tile[t + 1], moving, blocks, pace, fresh, go_on)
+                far[tiles] = _ended(dim, predict, tile[tiles], len(body), moving, blocks, pace, fresh, go_on)
+                if watch:
+                    _recorded(blocks, before, contacts, moving, p, time + step * dt, events, event_count)
+                ended, fresh = not go_on, False
+            if ended:
+                if step == stop:
+                    return DONE, step, ended
+                for t in prange(tiles):
+                    far[t] = _begun(dim, predict, tile[t], tile[t + 1], moving, pace)
+                far[tiles] = _begun(dim, predict, tile[tiles], len(body), moving, pace)
+            ended = False
+            step += 1
+            if far.max() > limit:
+                return MOVED, step, ended
+
+    return march
+
+
+@njit(cache=True, fastmath=False)
+def exported(moving, out):
+    """Positions, angles, velocities, spins in the state's order; the body of every moving thing is left alone."""
+    for g in range(len(moving.order)):
+        a = moving.order[g]
+        for k in range(3):
+            out.position[a, k], out.velocity[a, k] = moving.body[g, k], moving.body[g, 3 + k]
+            out.spin[a, k], out.angle[a, k] = moving.body[g, 6 + k], moving.angle[g, k]
