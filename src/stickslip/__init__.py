@@ -12,10 +12,12 @@ _WHERE = {
         "State Grains Walls Cell Contacts Control assembly box check disks driven flat_walls frozen loads spheres "
         "OPEN STICK SLIDE"
     ),
-    "core.laws": "Law between hertz_mindlin linear",
+    "core.contact": "FREE FROZEN HELD",
+    "core.laws": "Law between hertz_mindlin hertz_mindlin_reff linear stiffnesses",
     "core.outcome": "Outcome Status NotInEquilibriumError",
-    "core.forces": "Loads accept forces unbalanced FREE FROZEN HELD",
-    "core.integrate": "Record run",
+    "core.forces": "Loads accept forces unbalanced",
+    "core.integrate": "run",
+    "core.record": "Record",
     "core.jacobian": "contact_blocks",
     "core.measure": (
         "branches contact_forces contact_numbers coordination packing_fraction pressure rattlers stress touching"

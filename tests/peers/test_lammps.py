@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
+from stickslip.loading.packing import jammed
 
 PEER = """
 import json, sys
@@ -19,16 +20,16 @@ L = given["size"]
 code.commands_string(f'''
 units lj
 atom_style sphere
-boundary p p f
+boundary p p {given["boundary"]}
 newton off
 comm_modify vel yes
-region box block 0 {L} 0 {L} -1 {L}
+region box block 0 {L} 0 {L} {given["low"]} {L}
 create_box 1 box
-neighbor 0.3 bin
+neighbor {given["skin"]} bin
 neigh_modify delay 0 every 1 check yes
 pair_style {given["style"]}
 pair_coeff * *
-fix floor all wall/{given["wall"]} zplane 0.0 NULL
+{given["wall"]}
 fix move all nve/sphere
 timestep {given["dt"]}
 ''')
@@ -75,14 +76,15 @@ def test_a_few_steps_agree_with_lammps(law_name, steps):
     if law_name == "linear":
         law = ss.between(ss.linear(1.0, kt, mu), 0, 1)
         style = f"gran/hooke/history 1.0 {kt} 0.0 0.0 {mu} 0"
-        wall = f"gran granular hooke 1.0 0.0 tangential linear_history {kt} 0.0 {mu} damping velocity"
+        wall = f"granular hooke 1.0 0.0 tangential linear_history {kt} 0.0 {mu} damping velocity"
     else:
         law = ss.between(ss.hertz_mindlin(1.0, kt, mu), 0, 1)
         style = f"gran/hertz/history 2.0 {2 * kt} 0.0 0.0 {mu} 0"
-        wall = f"gran granular hertz {2**0.5} 0.0 tangential mindlin {kt * 2**0.5} 0.0 {mu} damping velocity"
+        wall = f"granular hertz {2**0.5} 0.0 tangential mindlin {kt * 2**0.5} 0.0 {mu} damping velocity"
     theirs = peer({
         "size": size, "radius": radius.tolist(), "mass": mass.tolist(), "position": position.tolist(),
-        "velocity": velocity.tolist(), "spin": spin.tolist(), "dt": dt, "steps": steps, "style": style, "wall": wall,
+        "velocity": velocity.tolist(), "spin": spin.tolist(), "dt": dt, "steps": steps, "style": style, "skin": 0.3,
+        "boundary": "f", "low": -1, "wall": f"fix floor all wall/gran {wall} zplane 0.0 NULL",
     })  # fmt: skip
     grains = ss.spheres(position, radius, mass=mass, velocity=velocity, spin=spin)
     cell = ss.box([size, size, 10.0], [True, True, False])
@@ -99,3 +101,41 @@ def test_a_few_steps_agree_with_lammps(law_name, steps):
     assert np.abs(ours.spin - theirs["omega"]).max() < 1e-12
     if steps == 5:
         assert record.sliding[-1] > 10
+
+
+@pytest.fixture(scope="module")
+def ten_thousand():
+    """A dense packing of 10,000 spheres 0.5/0.7, eight copies of one of 1250, with random velocities and spins."""
+    state, _ = jammed(1250, packing_fraction=0.66, seed=0)
+    size, rng = state.cell.vectors[0, 0], np.random.default_rng(3)
+    offsets = size * np.array([[a, b, c] for a in range(2) for b in range(2) for c in range(2)])
+    position = ((state.grains.position % size)[None] + offsets[:, None]).reshape(-1, 3)
+    velocity, spin = rng.normal(0, 0.02, (2, len(position), 3))
+    return position, np.tile(state.grains.radius, 8), rng.uniform(0.5, 2.0, len(position)), velocity, spin, 2 * size
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("steps", [1, 2, 5])
+@pytest.mark.parametrize("style", ["gran/hertz/history", "gran/hooke/history"])
+def test_ten_thousand_spheres_agree_with_lammps(ten_thousand, style, steps):
+    """From zero memory, with dashpots along normal and tangent; contacts close, open, stick and slide on the way."""
+    position, radius, mass, velocity, spin, size = ten_thousand
+    kn, kt, gamma_n, gamma_t, mu, dt = 1.0, 0.4, 0.3, 0.2, 0.3, 0.05
+    theirs = peer({
+        "size": size, "radius": radius.tolist(), "mass": mass.tolist(), "position": position.tolist(),
+        "velocity": velocity.tolist(), "spin": spin.tolist(), "dt": dt, "steps": steps, "skin": 0.1,
+        "style": f"{style} {kn} {kt} {gamma_n} {gamma_t} {mu} 1", "boundary": "p", "low": 0, "wall": "",
+    })  # fmt: skip
+    make, damping = (ss.hertz_mindlin_reff, "viscoelastic") if "hertz" in style else (ss.linear, "mass_velocity")
+    law = make(kn, kt, mu, damping=damping, damping_n=gamma_n, damping_t=gamma_t)
+    grains = ss.spheres(position, radius, mass=mass, velocity=velocity, spin=spin)
+    state = ss.assembly(grains, cell=ss.box([size] * 3, [True] * 3))
+    end, record, _ = ss.run(state, law, steps, dt, every=1, memory="rate")
+    assert record.touching[-1] > 25_000
+    assert 0.02 < record.sliding[-1] / record.touching[-1] < 0.98
+    moved = end.grains.position - theirs["x"]
+    moved -= size * np.round(moved / size)  # LAMMPS wraps
+    # the same arithmetic in another order: round-off, and what five steps make of it
+    assert np.abs(moved).max() < 1e-11 * size
+    assert np.abs(end.grains.velocity - theirs["v"]).max() < 1e-11 * np.abs(theirs["v"]).max()
+    assert np.abs(end.grains.spin - theirs["omega"]).max() < 1e-11 * np.abs(theirs["omega"]).max()

@@ -38,13 +38,15 @@ def test_pushed_disk_that_cannot_turn_slips_by_force_over_stiffness_then_slides(
     assert beyond.grains.velocity[0, 0] == pytest.approx((0.0041 - 0.004) / 0.5, rel=1e-3)  # terminal: force over drag
 
 
-@pytest.mark.parametrize(("kind", "power"), [(laws.HERTZ_MINDLIN, 1.5), (laws.LINEAR, 1.0)])
+@pytest.mark.parametrize(("kind", "power"), [(laws.HERTZ_MINDLIN, 1.5), (laws.LINEAR, 1.0), (laws.HERTZ_MINDLIN_REFF, 1.5)])
 def test_tangents_by_complex_step_equal_closed_forms(kind, power):
-    table = np.array([[[2.0, 0.6, 0.5, 0, 0]]])
+    r_eff = 0.25
+    root = np.sqrt(r_eff) if kind == laws.HERTZ_MINDLIN_REFF else 1.0
+    row = laws.parameters(np.array([[[2.0, 0.6, 0.5, 0, 0]]]), 0, 0)
     for overlap in (1e-8, 1e-3, 0.2):
-        slope_n, slope_t = laws.tangents(kind, table, 0, 0, overlap)
-        assert slope_n == pytest.approx(2.0 * power * overlap ** (power - 1), rel=1e-15)
-        assert slope_t == pytest.approx(0.6 * (power - 1) * overlap ** (power - 2), rel=1e-15, abs=1e-300)
+        slope_n, slope_t = laws.tangents(kind, row, r_eff, overlap)
+        assert slope_n == pytest.approx(root * 2.0 * power * overlap ** (power - 1), rel=1e-15)
+        assert slope_t == pytest.approx(root * 0.6 * (power - 1) * overlap ** (power - 2), rel=1e-15, abs=1e-300)
 
 
 def test_smooth_coulomb_meets_its_limit_with_zero_slope():

@@ -17,7 +17,17 @@ import numpy as np
 from numba import njit
 
 from .contact import FREE, carried_memory, damped, effective, tangential_force, with_dashpot
-from .laws import DAMPING_N, DAMPING_T, MU, damping_factor, normal_force, parameters, tangential_stiffness
+from .laws import (
+    DAMPING_N,
+    DAMPING_T,
+    HERTZ_MINDLIN_REFF,
+    MU,
+    VELOCITY,
+    damping_factor,
+    normal_force,
+    parameters,
+    tangential_stiffness,
+)
 from .state import OPEN, SLIDE, STICK
 
 LANES = 64
@@ -44,7 +54,7 @@ class Moving(NamedTuple):
 
 
 class Blocks(NamedTuple):
-    """Pairs in blocks of LANES, padded with pairs that never touch."""
+    """Pairs in blocks of LANES, padded with pairs that never touch; K of them, the arrays may have room for more."""
 
     i: np.ndarray  # (K LANES,) uint32, internal
     j: np.ndarray  # (K LANES,)
@@ -79,6 +89,22 @@ def morton(x, inverse, low, size):
     return key
 
 
+def no_blocks() -> Blocks:
+    """Blocks without pairs, from which the first ones are made."""
+    whole, flag = np.zeros((0, 2), np.int64), np.zeros(0, np.bool_)
+    pairs, numbers, bounds = np.zeros(0, np.uint32), np.zeros(0), np.zeros(1, np.int64)
+    return Blocks(
+        pairs, pairs, np.zeros(0, np.int32), whole, flag, flag, numbers, numbers, numbers, np.zeros(0, np.int8),
+        bounds[:0], bounds, bounds, np.zeros((0, 6)), pairs, pairs,
+    )  # fmt: skip
+
+
+@njit(cache=True)
+def _room(old, need):
+    """The old array if it is long enough: fresh memory costs more than what is written to it."""
+    return old if len(old) >= need else np.empty(need + need // 8, old.dtype)
+
+
 @njit(cache=True)
 def _chosen(contacts, position, radius, normal, vectors, internal, tile_of, n, reach, materials, material, group, mate):
     """Group and pair class of every row that touches or may soon touch; others get group −1. Returns their number."""
@@ -86,14 +112,16 @@ def _chosen(contacts, position, radius, normal, vectors, internal, tile_of, n, r
     for c in range(contacts.count[0]):
         i, j = contacts.i[c], contacts.j[c]
         wall = j >= n
+        across = contacts.image[c, 0] != 0 or contacts.image[c, 1] != 0 or contacts.image[c, 2] != 0
         gap, square = -radius[i], 0.0
         for m in range(3):
             d = position[i, m] - position[j, m]
             if wall:
                 gap += d * normal[j - n, m]
             else:
-                for k in range(3):
-                    d += contacts.image[c, k] * vectors[k, m]
+                if across:
+                    for k in range(3):
+                        d += contacts.image[c, k] * vectors[k, m]
                 square += d * d
         if not wall:
             gap = np.sqrt(square) - radius[i] - radius[j]
@@ -138,10 +166,13 @@ def _in_order(contacts, group, internal, active):
 
 @njit(cache=True)
 def chosen_blocks(
-    contacts, position, radius, inverse_mass, material, normal, vectors, order, tile, n, reach, materials, kind,
+    old, contacts, position, radius, inverse_mass, material, normal, vectors, order, tile, n, reach, materials, kind,
     viscous, reuse,
 ):  # fmt: skip
-    """Blocks of all pairs nearer than `reach`; positions in the state's order. `reuse`: tiles share rows of loads."""
+    """Blocks of all pairs nearer than `reach`, in the memory of `old` ones; positions in the state's order.
+
+    `reuse`: tiles share rows of loads.
+    """
     count, bodies, tiles = contacts.count[0], len(radius), len(tile) - 1
     internal, tile_of = np.empty(bodies, np.int64), np.empty(bodies, np.int64)
     for g in range(bodies):
@@ -158,11 +189,12 @@ def chosen_blocks(
     first, bound = _bucketed(count, group, mate, 2 * top, classes)
     blocks = first[-1]
     slots = blocks * LANES
-    i, j, row = np.zeros(slots, np.uint32), np.zeros(slots, np.uint32), np.full(slots, -1, np.int32)
-    vector, eff = np.zeros(3 * slots), np.ones(2 * slots)
-    slip, mode = np.zeros(3 * slots), np.zeros(slots, np.int8)
+    i, j, row = _room(old.i, slots), _room(old.j, slots), _room(old.row, slots)
+    vector, eff, slip = _room(old.vector, 3 * slots), _room(old.effective, 2 * slots), _room(old.slip, 3 * slots)
+    mode, place = _room(old.mode, slots), _room(old.place, blocks)
+    row[:slots] = -1
     pair, wall, shifted = np.zeros((blocks, 2), np.int64), np.zeros(blocks, np.bool_), np.zeros(blocks, np.bool_)
-    place, crossing, most = np.empty(blocks, np.int64), bound[top], 0
+    crossing, most, asked = bound[top], 0, kind == HERTZ_MINDLIN_REFF or viscous & 3 > VELOCITY
     for t in range(top, 2 * top):
         for b in range(bound[t], bound[t + 1]):
             place[b] = (crossing + b - bound[t] if reuse else b) * LANES
@@ -182,16 +214,20 @@ def chosen_blocks(
         i[s], j[s], row[s] = internal[a], internal[z], c
         pair[b, 0], pair[b, 1], wall[b] = material[a], material[z], is_wall
         at = 3 * LANES * b + l
-        eff[at - LANES * b], eff[at - LANES * b + LANES] = effective(kind, viscous, radius, inverse_mass, a, z, is_wall)
+        if asked:
+            r_eff, m_eff = effective(kind, viscous, radius, inverse_mass, a, z, is_wall)
+            eff[at - LANES * b], eff[at - LANES * b + LANES] = r_eff, m_eff
         for m in range(3):
             slip[at + m * LANES] = contacts.slip[c, m]
             if is_wall:
                 vector[at + m * LANES] = normal[z - n, m]
-            else:
-                for k in range(3):
+        if contacts.image[c, 0] != 0 or contacts.image[c, 1] != 0 or contacts.image[c, 2] != 0:
+            if not shifted[b]:
+                shifted[b] = True
+                vector[3 * LANES * b : 3 * LANES * (b + 1)] = 0.0
+            for k in range(3):
+                for m in range(3):
                     vector[at + m * LANES] += contacts.image[c, k] * vectors[k, m]
-        for k in range(3):
-            shifted[b] |= contacts.image[c, k] != 0
         was = contacts.mode[c]
         mode[s] = STUCK_AGAIN if was == STICK and contacts.reached[c] else was
         start[2 * internal[z] + 2] += 1
@@ -200,14 +236,22 @@ def chosen_blocks(
     far = 4.0 * radius.max() + 1.0
     for s in range(slots):
         if row[s] < 0:  # a pair of a body with itself, far from touching
-            b = s // LANES
-            shifted[b] |= not wall[b]
-            vector[3 * LANES * b + s % LANES] = 0.0 if wall[b] else far
-            if wall[b]:
-                i[s] = j[s] = bodies - 1
+            b, l = s // LANES, s % LANES
+            i[s] = j[s] = bodies - 1 if wall[b] else 0
+            mode[s] = OPEN
+            if not wall[b] and not shifted[b]:
+                shifted[b] = True
+                vector[3 * LANES * b : 3 * LANES * (b + 1)] = 0.0
+            for m in range(3):
+                slip[(3 * b + m) * LANES + l] = 0.0
+                vector[(3 * b + m) * LANES + l] = 0.0 if wall[b] or m else far
+            for m in range(2):
+                eff[(2 * b + m) * LANES + l] = 1.0
     for k in range(len(start) - 1):
         start[k + 1] += start[k]
-    code = np.empty(2 * active, np.uint32)
+    code, load = _room(old.code, 2 * active), old.load
+    if len(load) < most:
+        load = np.empty((most + most // 8, 6))
     for c in range(count):
         if group[c] >= 0:
             for at in (2 * internal[contacts.j[c]] + 1, 2 * internal[contacts.i[c]] + 2):
@@ -215,14 +259,14 @@ def chosen_blocks(
                 start[at] += 1
     return Blocks(
         i, j, row, pair, wall, shifted, vector, eff, slip, mode, place, bound[: top + 1].copy(), bound[top:].copy(),
-        np.zeros((most, 6)), start[: 2 * bodies + 1].copy(), code,
+        load, start[: 2 * bodies + 1].copy(), code,
     )  # fmt: skip
 
 
 @njit(cache=True)
 def committed(blocks, contacts, table):
     """Write slip and mode of all blocks back to their rows in the list of contacts."""
-    for s in range(len(blocks.row)):
+    for s in range(blocks.inner[-1] * LANES):
         c = blocks.row[s]
         if c >= 0:
             b, l = s // LANES, s % LANES
@@ -339,7 +383,9 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
             square = tx * tx + ty * ty + tz * tz
             slides = square > limit * limit
             share = limit / np.sqrt(square) if slides else 1.0
-            tx, ty, tz = share * tx, share * ty, share * tz
+            # LAMMPS lets go of a contact that slides without ever having been sheared
+            grip = share if not slides or sx * sx + sy * sy + sz * sz > 0.0 else 0.0
+            tx, ty, tz = grip * tx, grip * ty, grip * tz
             stretch = damping / stiffness if stiffness > 0.0 else 0.0
             slides = slides and not hold
             share = share - 1.0 if slides else 0.0

@@ -3,7 +3,7 @@
 import numba
 import numpy as np
 
-from .blocks import TILE, Moving, anchored, chosen_blocks, committed, morton
+from .blocks import TILE, Moving, anchored, chosen_blocks, committed, morton, no_blocks
 from .contact import FROZEN
 from .forces import Bodies, forces
 from .geometry import shifts
@@ -82,7 +82,9 @@ def marched(state: State, law: Law, plan: Plan, steps: int, tolerance: float, wr
     before = numba.get_num_threads()
     numba.set_num_threads(threads)
     try:
-        blocks, limit, contacts, writing = _chosen(moving, here, contacts, law, state, plan, writing, grid, threads, 0)
+        blocks, limit, contacts, writing = _chosen(
+            no_blocks(), moving, here, contacts, law, state, plan, writing, grid, threads, 0
+        )
         while True:
             code, step, ended = march(
                 moving, blocks, contacts, law.table, pace, state.time, step, stop, ended, fresh, limit,
@@ -100,7 +102,7 @@ def marched(state: State, law: Law, plan: Plan, steps: int, tolerance: float, wr
                 break
             if code != DONE:
                 blocks, limit, contacts, writing = _chosen(
-                    moving, here, contacts, law, state, plan, writing, grid, threads, step
+                    blocks, moving, here, contacts, law, state, plan, writing, grid, threads, step
                 )
                 continue
             if every and step % every == 0:
@@ -130,20 +132,20 @@ def marched(state: State, law: Law, plan: Plan, steps: int, tolerance: float, wr
     return end, code, step, residual, worst, writing
 
 
-def _chosen(moving, here, contacts, law, state, plan, writing, grid, threads, step):
+def _chosen(old, moving, here, contacts, law, state, plan, writing, grid, threads, step):
     """Blocks for the positions `here`, and the squared displacement for which they are good; the list if outgrown."""
     skin, n = float(contacts.skin[0]), len(state.grains.radius)
     fastest = np.sqrt((here.velocity**2).sum(axis=1).max())
     reach = min(0.5 * skin, 2 * fastest * plan.dt * (60 + 2e4 / n))
     reach = max(reach, 1e-3 * skin)
     if 2 * farthest(here.position, contacts) + reach > skin:
-        old, contacts = contacts, rebuilt(here.position, here.radius, here.normal, grid, contacts)
+        former, contacts = contacts, rebuilt(here.position, here.radius, here.normal, grid, contacts)
         if contacts.count[0] < 0:
             raise ValueError(TOO_FAR)
-        writing = with_lost(writing, old, contacts, here.position, state.time + step * plan.dt)
+        writing = with_lost(writing, former, contacts, here.position, state.time + step * plan.dt)
     moving.origin[:] = here.position[moving.order]
     blocks = chosen_blocks(
-        contacts, here.position, here.radius, here.inverse_mass, here.material, here.normal, state.cell.vectors,
+        old, contacts, here.position, here.radius, here.inverse_mass, here.material, here.normal, state.cell.vectors,
         moving.order, moving.tile, n, reach, len(law.table), law.kind, dashpots(law), threads == 1,
     )  # fmt: skip
     return blocks, (0.5 * reach) ** 2, contacts, writing

@@ -43,13 +43,22 @@ def grid_of(cell: Cell) -> Grid:
     return Grid(np.ascontiguousarray(vectors), np.ascontiguousarray(inverse), height, cell.periodic)
 
 
-@njit(cache=True, fastmath=False)
-def _placed(x, n, grid, reach):
-    """Bins of all grains in fractional coordinates.
+class Bins(NamedTuple):
+    """Grains sorted into bins, those of a bin side by side in memory."""
 
-    Returns bins an axis, bins to look at on either side, the bin of each grain and the box it lies in (N, 3 each), and
-    the grains of every bin as a compressed list (start, member), in ascending order.
-    """
+    place: np.ndarray  # (N, 3) bin of each grain
+    box: np.ndarray  # (N, 3) periodic box in which it lies
+    start: np.ndarray  # (bins + 1,) first entry of each bin
+    member: np.ndarray  # (N,) grain of each entry
+    wrapped: np.ndarray  # (N, 4) position in box 0 and radius of each entry
+    turn: np.ndarray  # (3, …) where a step beyond the bins along each axis ends up: bin ≥ 0, or −1 outside
+    over: np.ndarray  # (3, …) and how many boxes away
+    around: np.ndarray  # (3,) bins to look at on either side
+
+
+@njit(cache=True, fastmath=False)
+def _placed(x, n, radius, grid, reach):
+    """Bins of all grains in fractional coordinates."""
     fraction, box = np.empty((n, 3)), np.zeros((n, 3), np.int64)
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for a in range(n):
@@ -82,16 +91,28 @@ def _placed(x, n, grid, reach):
             if bins[k] > 1:
                 at = np.int64((fraction[a, k] - low[k]) / (high[k] - low[k]) * bins[k])
                 place[a, k] = min(max(at, 0), bins[k] - 1)
+    stride = np.array([bins[1] * bins[2], bins[2], 1])
+    turn, over = np.full((3, (bins + 2 * around).max()), -1), np.zeros((3, (bins + 2 * around).max()), np.int64)
+    for k in range(3):
+        for u in range(-around[k], bins[k] + around[k]):
+            q = u // bins[k]
+            if q == 0 or grid.periodic[k]:
+                turn[k, u + around[k]], over[k, u + around[k]] = (u - q * bins[k]) * stride[k], q
     start = np.zeros(bins[0] * bins[1] * bins[2] + 1, np.int64)
     for a in range(n):
-        start[(place[a, 0] * bins[1] + place[a, 1]) * bins[2] + place[a, 2] + 1] += 1
+        start[place[a, 0] * stride[0] + place[a, 1] * stride[1] + place[a, 2] + 1] += 1
     start = np.cumsum(start)
-    member, filled = np.empty(n, np.int64), start.copy()
+    member, wrapped, filled = np.empty(n, np.int64), np.empty((n, 4)), start.copy()
     for a in range(n):
-        b = (place[a, 0] * bins[1] + place[a, 1]) * bins[2] + place[a, 2]
-        member[filled[b]] = a
+        b = place[a, 0] * stride[0] + place[a, 1] * stride[1] + place[a, 2]
+        e = filled[b]
         filled[b] += 1
-    return bins, around, place, box, start, member
+        member[e], wrapped[e, 3] = a, radius[a]
+        for m in range(3):
+            wrapped[e, m] = x[a, m]
+            for k in range(3):
+                wrapped[e, m] -= box[a, k] * grid.vectors[k, m]
+    return Bins(place, box, start, member, wrapped, turn, over, around)
 
 
 @njit(cache=True)
@@ -114,44 +135,58 @@ def candidate_pairs(x, radius, wall_normal, grid, skin, i, j, image, key):
     Returns the number of pairs, which may exceed the capacity (then call again with more room), or −1 if a pair lies
     more boxes apart than a key can hold.
     """
-    n, n_bodies = len(radius) - len(wall_normal), len(radius)
-    vectors, periodic = grid.vectors, grid.periodic
+    n, n_bodies, vectors = len(radius) - len(wall_normal), len(radius), grid.vectors
     capacity, count = len(i), 0
-    bins, around, place, box, start, member = _placed(x, n, grid, 2 * radius[:n].max() + skin)
+    bins = _placed(x, n, radius, grid, 2 * radius[:n].max() + skin)
+    start, member, wrapped, box, turn, over = bins.start, bins.member, bins.wrapped, bins.box, bins.turn, bins.over
+    wide, high, deep = 2 * bins.around + 1
+    own = np.empty(3)
     for a in range(n):
-        first = count
-        for u in range(place[a, 0] - around[0], place[a, 0] + around[0] + 1):
-            q0 = u // bins[0]
-            if q0 != 0 and not periodic[0]:
+        first, near = count, radius[a] + skin
+        for m in range(3):
+            own[m] = x[a, m]
+            for k in range(3):
+                own[m] -= box[a, k] * vectors[k, m]
+        for u in range(bins.place[a, 0], bins.place[a, 0] + wide):
+            if turn[0, u] < 0:
                 continue
-            for v in range(place[a, 1] - around[1], place[a, 1] + around[1] + 1):
-                q1 = v // bins[1]
-                if q1 != 0 and not periodic[1]:
+            for v in range(bins.place[a, 1], bins.place[a, 1] + high):
+                if turn[1, v] < 0:
                     continue
-                for w in range(place[a, 2] - around[2], place[a, 2] + around[2] + 1):
-                    q2 = w // bins[2]
-                    if q2 != 0 and not periodic[2]:
+                w = bins.place[a, 2]
+                last = w + deep
+                while w < last:
+                    if turn[2, w] < 0:
+                        w += 1
                         continue
-                    at = ((u - q0 * bins[0]) * bins[1] + v - q1 * bins[1]) * bins[2] + w - q2 * bins[2]
-                    for e in range(start[at], start[at + 1]):
+                    # bins side by side along the last axis are side by side in memory: looked through in one go
+                    q0, q1, q2, at = over[0, u], over[1, v], over[2, w], turn[0, u] + turn[1, v] + turn[2, w]
+                    begin = at
+                    while w < last and over[2, w] == q2 and turn[2, w] >= 0:
+                        at += 1
+                        w += 1
+                    sx, sy, sz = own[0], own[1], own[2]
+                    if q0 != 0 or q1 != 0 or q2 != 0:
+                        sx -= q0 * vectors[0, 0] + q1 * vectors[1, 0] + q2 * vectors[2, 0]
+                        sy -= q0 * vectors[0, 1] + q1 * vectors[1, 1] + q2 * vectors[2, 1]
+                        sz -= q0 * vectors[0, 2] + q1 * vectors[1, 2] + q2 * vectors[2, 2]
+                    for e in range(np.uint64(start[begin]), np.uint64(start[at])):
+                        dx, dy, dz = sx - wrapped[e, 0], sy - wrapped[e, 1], sz - wrapped[e, 2]
+                        reach = near + wrapped[e, 3]
+                        if not dx * dx + dy * dy + dz * dz < reach * reach:
+                            continue
                         b = member[e]
                         if b < a:
                             continue
                         p, q, r = box[b, 0] - box[a, 0] - q0, box[b, 1] - box[a, 1] - q1, box[b, 2] - box[a, 2] - q2
                         if a == b and (p < 0 or (p == 0 and (q < 0 or (q == 0 and r <= 0)))):
                             continue
-                        reach = radius[a] + radius[b] + skin
-                        square = 0.0
-                        for m in range(3):
-                            d = x[a, m] - x[b, m] + p * vectors[0, m] + q * vectors[1, m] + r * vectors[2, m]
-                            square += d * d
-                        if square < reach * reach:
-                            if max(abs(p), abs(q), abs(r)) >= _IMAGE_OFFSET:
-                                return -1
-                            if count < capacity:
-                                i[count], j[count], key[count] = a, b, pack_key(a, b, p, q, r)
-                                image[count, 0], image[count, 1], image[count, 2] = p, q, r
-                            count += 1
+                        if max(abs(p), abs(q), abs(r)) >= _IMAGE_OFFSET:
+                            return -1
+                        if count < capacity:
+                            i[count], j[count], key[count] = a, b, pack_key(a, b, p, q, r)
+                            image[count, 0], image[count, 1], image[count, 2] = p, q, r
+                        count += 1
         if count <= capacity:
             _sort_by_key(first, count, i, j, image, key)
         for b in range(n, n_bodies):

@@ -85,9 +85,11 @@ def writing_of(state: State, steps: int, every: int, probes, events: bool, refer
 
 def with_lost(writing: Writing, before, after, position, time) -> Writing:
     """Record as opened those contacts that left the list in one step."""
+    if not len(writing.events):
+        return writing
     n, count = int(before.count[0]), int(writing.event_count[0])
     lost = np.flatnonzero((before.mode[:n] != OPEN) & ~np.isin(before.key[:n], after.key[: after.count[0]]))
-    if not len(lost) or not len(writing.events):
+    if not len(lost):
         return writing
     rows = [(OPENED, time, before.i[c], before.j[c], *before.image[c], *position[before.i[c]]) for c in lost]
     writing.event_count[0] += len(lost)

@@ -155,7 +155,7 @@ def _begun(dim, predict, first, last, moving, pace):
 def _recorded(blocks, before, contacts, moving, table, time, events, event_count):
     """Append the contacts whose mode says that they closed, opened or first reached Coulomb's limit."""
     n = len(moving.order)
-    for s in range(len(blocks.row)):
+    for s in range(len(before)):
         old, new, c = before[s], blocks.mode[s], blocks.row[s]
         if old == new or c < 0:
             continue
@@ -184,13 +184,13 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
         """
         tile, body, ahead, cross, inner = moving.tile, moving.body, moving.ahead, blocks.cross, blocks.inner
         tiles, dt, watch = len(tile) - 1, pace.dt, len(events) > 0
-        far, before = np.zeros(tiles + 1), np.zeros(len(blocks.mode) if watch else 0, np.int8)
+        far, before = np.zeros(tiles + 1), np.zeros(inner[tiles] * LANES if watch else 0, np.int8)
         while True:
             if not ended:
                 if watch:
                     if event_count[0] + 2 * len(before) > len(events):
                         return FULL, step, ended
-                    before[:] = blocks.mode
+                    before[:] = blocks.mode[: len(before)]
                 go_on = step < stop and not watch
                 if parallel:
                     for t in prange(tiles):

@@ -1,0 +1,115 @@
+"""The same bits on any number of threads, in any order of memory, stopped at or not; the fast way equals the plain."""
+
+import numba
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.core import integrate, many
+from stickslip.loading.packing import jammed
+from tests.conftest import make_law
+
+GRAINS = ("position", "angle", "velocity", "spin")
+
+
+def flowing(n=150, dim=3, seed=0, walls=False):
+    """A packing with random velocities and spins, so fast that contacts open, close and slide within 100 steps."""
+    state, _ = jammed(n, packing_fraction=0.66 if dim == 3 else 0.86, dim=dim, seed=seed)
+    rng = np.random.default_rng(seed)
+    velocity, spin = rng.normal(0, 0.01, (2, n, 3))
+    if dim == 2:
+        velocity[:, 2] = spin[:, :2] = 0
+    grains = state.grains._replace(velocity=velocity, spin=spin, mass=rng.uniform(0.5, 2.0, n))
+    if not walls:
+        return ss.assembly(grains, cell=state.cell, skin=0.1)
+    size = state.cell.vectors[0, 0]
+    up = np.eye(3)[dim - 1]
+    cell = state.cell._replace(periodic=np.array([True, dim == 3, False]))
+    grains = grains._replace(position=np.mod(grains.position, size))
+    floor = ss.flat_walls([0.55 * up, (size - 0.55) * up], [up, -up], material=1)
+    force = np.zeros((n, 3))
+    force[:, dim - 1] = -1e-3
+    return ss.assembly(grains, floor, cell, ss.loads(n, 2, force=force), skin=0.1)
+
+
+def same_bits(one, two):
+    return all(np.array_equal(getattr(one.grains, name), getattr(two.grains, name)) for name in GRAINS)
+
+
+CASES = [
+    ("hertz_mindlin", "sharp", 3, {}, False),
+    ("hertz_mindlin", "smooth", 2, {}, True),
+    ("linear", "smooth", 3, {"damping": "mass_velocity", "damping_n": 0.02, "damping_t": 0.01}, True),
+    ("hertz_mindlin_reff", "sharp", 3, {"damping_n": 0.3, "damping_t": 0.15}, False),
+    ("hertz_mindlin_reff", "sharp", 2, {"damping_n": 0.3, "damping_t": 0.15, "tension": False}, True),
+]
+
+
+@pytest.mark.parametrize(("law_name", "coulomb", "dim", "more", "walls"), CASES)
+def test_blocks_agree_with_a_plain_sweep(law_name, coulomb, dim, more, walls, monkeypatch):
+    law, state = make_law(law_name, coulomb, **more), flowing(dim=dim, walls=walls)
+    fast, record, _ = ss.run(state, law, 100, 0.05, drag=0.01, every=10, events=True)
+    monkeypatch.setattr(integrate, "MANY", 10**9)
+    slow, plain, _ = ss.run(state, law, 100, 0.05, drag=0.01, every=10, events=True)
+    assert plain.sliding[-1] > 10
+    assert {"closed", "opened", "limit"} <= set(plain.events["kind"])
+    # round-off of the positions, 1e-15, is what differs, and a hundred steps of collisions make more of it
+    for name in GRAINS:
+        np.testing.assert_allclose(getattr(fast.grains, name), getattr(slow.grains, name), atol=1e-11)
+    for name in ("msd", "kinetic_energy", "virial", "touching", "sliding"):
+        np.testing.assert_allclose(getattr(record, name), getattr(plain, name), rtol=1e-9, atol=1e-11)
+    count = fast.contacts.count[0]
+    assert np.array_equal(fast.contacts.mode[:count], slow.contacts.mode[:count])
+    np.testing.assert_allclose(fast.contacts.slip[:count], slow.contacts.slip[:count], atol=1e-11)
+    known = [np.sort(r.events, order=["time", "i", "j", "kind"]) for r in (record, plain)]
+    for column in ("kind", "i", "j"):
+        assert np.array_equal(known[0][column], known[1][column])
+
+
+@pytest.mark.parametrize(("law_name", "coulomb", "dim", "more", "walls"), CASES)
+def test_two_threads_give_the_bits_of_one(law_name, coulomb, dim, more, walls):
+    if numba.config.NUMBA_NUM_THREADS < 2:
+        pytest.skip("this machine has one core: two threads cannot be compared with one")
+    law, state = make_law(law_name, coulomb, **more), flowing(n=600, dim=dim, walls=walls)
+    one, _, _ = ss.run(state, law, 150, 0.05, threads=1)
+    two, _, _ = ss.run(state, law, 150, 0.05, threads=2)
+    assert not np.array_equal(one.grains.position, state.grains.position)
+    assert same_bits(one, two)
+
+
+@pytest.mark.parametrize("size", [7, 64, 400])
+def test_order_of_memory_and_tiles_do_not_matter(size, monkeypatch):
+    law, state = make_law("hertz_mindlin", "sharp", damping_n=0.02), flowing(n=300, walls=True)
+    plain, _, _ = ss.run(state, law, 120, 0.05)
+    order = np.append(np.random.default_rng(size).permutation(300), [300, 301])
+    monkeypatch.setattr(many, "TILE", size)
+    monkeypatch.setattr(many, "_ordered", lambda state, radius: order)
+    shuffled, _, _ = ss.run(state, law, 120, 0.05)
+    assert same_bits(plain, shuffled)
+
+
+def test_recording_changes_no_bit():
+    law, state = make_law("hertz_mindlin", "smooth", damping_n=0.02, damping_t=0.01), flowing()
+    silent, _, _ = ss.run(state, law, 300, 0.05, drag=0.002)
+    watched, _, _ = ss.run(state, law, 300, 0.05, drag=0.002, every=7, probes=(0, 3), events=True)
+    relaxed, _, _ = ss.run(state, law, 300, 0.05, drag=0.002, tolerance=1e-30)
+    assert same_bits(silent, watched)
+    assert same_bits(silent, relaxed)
+
+
+@pytest.mark.parametrize("skin", [0.05, 0.3])
+def test_the_skin_changes_no_bit(skin):
+    law, state = make_law("hertz_mindlin", "sharp"), flowing()
+    one, _, _ = ss.run(state, law, 200, 0.05)
+    other = ss.assembly(state.grains, state.walls, state.cell, state.control, skin=skin)
+    two, _, _ = ss.run(other, law, 200, 0.05)
+    assert same_bits(one, two)
+
+
+@pytest.mark.parametrize("memory", ["difference", "rate"])
+def test_a_run_continued_is_the_run(memory):
+    law, state = make_law("hertz_mindlin_reff", "sharp"), flowing()
+    whole, _, _ = ss.run(state, law, 160, 0.05, memory=memory)
+    half, _, _ = ss.run(state, law, 63, 0.05, memory=memory)
+    rest, _, _ = ss.run(half, law, 97, 0.05, memory=memory)
+    assert same_bits(whole, rest)
