@@ -22,6 +22,7 @@ _WHERE = {
     "core.measure": (
         "branches contact_forces contact_numbers coordination packing_fraction pressure rattlers stress touching"
     ),
+    "solve.collision": "Collision collision with_restitution",
     "solve.equilibrate": "UnstableEquilibriumWarning equilibrate",
     "solve.fastest": "FastestPair fastest_pair",
     "solve.freedom": "Freedom displaced freedom residual_vector restricted stiffness",

@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from stickslip.core.contact import effective
 from stickslip.core.forces import accept, forces
 from stickslip.core.geometry import normal_and_overlap, pair_vector, shifts
-from stickslip.core.contact import effective
 from stickslip.core.laws import MU, dashpots, normal_force, parameters
 from stickslip.core.state import OPEN, SLIDE
 from stickslip.solve.freedom import displaced, freedom

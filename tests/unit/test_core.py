@@ -38,7 +38,9 @@ def test_pushed_disk_that_cannot_turn_slips_by_force_over_stiffness_then_slides(
     assert beyond.grains.velocity[0, 0] == pytest.approx((0.0041 - 0.004) / 0.5, rel=1e-3)  # terminal: force over drag
 
 
-@pytest.mark.parametrize(("kind", "power"), [(laws.HERTZ_MINDLIN, 1.5), (laws.LINEAR, 1.0), (laws.HERTZ_MINDLIN_REFF, 1.5)])
+@pytest.mark.parametrize(
+    ("kind", "power"), [(laws.HERTZ_MINDLIN, 1.5), (laws.LINEAR, 1.0), (laws.HERTZ_MINDLIN_REFF, 1.5)]
+)
 def test_tangents_by_complex_step_equal_closed_forms(kind, power):
     r_eff = 0.25
     root = np.sqrt(r_eff) if kind == laws.HERTZ_MINDLIN_REFF else 1.0

@@ -32,7 +32,9 @@ from .state import OPEN, SLIDE, STICK
 
 LANES = 64
 TILE = 2048
-STUCK_AGAIN = 3  # mode of a block's contact that sticks but was at Coulomb's limit since it closed
+# modes of a block's contact besides OPEN, STICK and SLIDE: it sticks but was at Coulomb's limit since it closed; it
+# slides because nothing presses it, and has not been at a limit
+STUCK_AGAIN, LOOSE = 3, 4
 # where the planes of a block's scratch begin; flat, with offsets known when compiled, so that nothing seems to overlap
 _X, _V, _W, _SUM, _AHEAD, _TURN, SCRATCH = (LANES * k for k in (0, 3, 6, 9, 10, 13, 16))
 
@@ -65,7 +67,7 @@ class Blocks(NamedTuple):
     vector: np.ndarray  # (K · 3 · LANES,) periodic shift, or the wall's normal
     effective: np.ndarray  # (K · 2 · LANES,) R_eff, m_eff
     slip: np.ndarray  # (K · 3 · LANES,)
-    mode: np.ndarray  # (K LANES,) int8: OPEN, STICK, SLIDE or STUCK_AGAIN
+    mode: np.ndarray  # (K LANES,) int8: OPEN, STICK, SLIDE, STUCK_AGAIN or LOOSE
     place: np.ndarray  # (K,) first row of a block's loads
     cross: np.ndarray  # (T + 1,) bounds of the blocks that reach out of each tile
     inner: np.ndarray  # (T + 1,) bounds of the blocks within each tile
@@ -229,7 +231,11 @@ def chosen_blocks(
                 for m in range(3):
                     vector[at + m * LANES] += contacts.image[c, k] * vectors[k, m]
         was = contacts.mode[c]
-        mode[s] = STUCK_AGAIN if was == STICK and contacts.reached[c] else was
+        if was == STICK and contacts.reached[c]:
+            was = STUCK_AGAIN
+        elif was == SLIDE and not contacts.reached[c]:
+            was = LOOSE
+        mode[s] = was
         start[2 * internal[z] + 2] += 1
         start[2 * internal[a] + 3] += 1
         mate[c] = place[b] + l
@@ -264,7 +270,7 @@ def chosen_blocks(
 
 
 @njit(cache=True)
-def committed(blocks, contacts, table):
+def committed(blocks, contacts):
     """Write slip and mode of all blocks back to their rows in the list of contacts."""
     for s in range(blocks.inner[-1] * LANES):
         c = blocks.row[s]
@@ -272,9 +278,9 @@ def committed(blocks, contacts, table):
             b, l = s // LANES, s % LANES
             for m in range(3):
                 contacts.slip[c, m] = blocks.slip[(3 * b + m) * LANES + l]
-            mode, mu = blocks.mode[s], table[blocks.material[b, 0], blocks.material[b, 1], MU]
-            contacts.mode[c] = STICK if mode == STUCK_AGAIN else mode
-            contacts.reached[c] = mode >= SLIDE and mu > 0.0
+            mode = blocks.mode[s]
+            contacts.mode[c] = STICK if mode == STUCK_AGAIN else SLIDE if mode == LOOSE else mode
+            contacts.reached[c] = mode in (SLIDE, STUCK_AGAIN)
 
 
 @njit(cache=True, fastmath=False)
@@ -406,8 +412,8 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
         slip[l], slip[64 + l] = here * sx, here * sy
         if dim == 3:
             slip[128 + l] = here * sz
-        sticks = STUCK_AGAIN if before >= SLIDE else STICK
-        after = SLIDE if slides else sticks
+        reached = before == SLIDE or before == STUCK_AGAIN
+        after = (SLIDE if reached or limit > 0.0 else LOOSE) if slides else (STUCK_AGAIN if reached else STICK)
         after = before if hold and before != OPEN else after
         mode[l] = after if touches else OPEN
         scratch[l], scratch[64 + l] = fn * nx + tx, fn * ny + ty

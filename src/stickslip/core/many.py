@@ -95,7 +95,7 @@ def marched(state: State, law: Law, plan: Plan, steps: int, tolerance: float, wr
                 continue
             fresh = False
             exported(moving, here)
-            committed(blocks, contacts, law.table)
+            committed(blocks, contacts)
             bad = first_bad(here.position, here.angle)
             if bad >= 0:
                 code, worst = BAD, bad

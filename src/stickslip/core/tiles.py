@@ -12,9 +12,8 @@ import numba
 import numpy as np
 from numba import njit, prange
 
-from .blocks import LANES, SCRATCH, evaluated
+from .blocks import LANES, SCRATCH, STUCK_AGAIN, evaluated
 from .forces import CLOSED, OPENED, REACHED_LIMIT, record_event
-from .laws import MU
 from .plan import DONE, FULL, MOVED
 from .state import OPEN, SLIDE
 
@@ -152,7 +151,7 @@ def _begun(dim, predict, first, last, moving, pace):
 
 
 @njit(cache=True)
-def _recorded(blocks, before, contacts, moving, table, time, events, event_count):
+def _recorded(blocks, before, contacts, moving, time, events, event_count):
     """Append the contacts whose mode says that they closed, opened or first reached Coulomb's limit."""
     n = len(moving.order)
     for s in range(len(before)):
@@ -164,8 +163,7 @@ def _recorded(blocks, before, contacts, moving, table, time, events, event_count
         if new == OPEN or old == OPEN:
             kind = OPENED if new == OPEN else CLOSED
             record_event(events, event_count, kind, time, contacts, c, at[0], at[1], at[2])
-        mu = table[blocks.material[s // LANES, 0], blocks.material[s // LANES, 1], MU]
-        if new == SLIDE and old < SLIDE and mu > 0.0:
+        if new == SLIDE and old not in (SLIDE, STUCK_AGAIN):
             record_event(events, event_count, REACHED_LIMIT, time, contacts, c, at[0], at[1], at[2])
     return n
 
@@ -208,7 +206,7 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
                     far[t] = _ended(dim, predict, tile[t], tile[t + 1], moving, blocks, pace, fresh, go_on)
                 far[tiles] = _ended(dim, predict, tile[tiles], len(body), moving, blocks, pace, fresh, go_on)
                 if watch:
-                    _recorded(blocks, before, contacts, moving, p, time + step * dt, events, event_count)
+                    _recorded(blocks, before, contacts, moving, time + step * dt, events, event_count)
                 ended, fresh = not go_on, False
             if ended:
                 if step == stop:

@@ -1,0 +1,120 @@
+"""One head-on collision: its restitution, duration and peak force, and the damping that gives a stated restitution."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+from ..core.contact import with_dashpot
+from ..core.laws import DAMPING_N, DAMPING_T, LINEAR, Law, damping_factor, normal_force, parameters
+
+
+class Collision(NamedTuple):
+    """Two grains that meet head-on and part."""
+
+    restitution: float  # speed after over speed before
+    duration: float  # [time]
+    peak_force: float  # largest normal force, dashpot included [force]
+    peak_overlap: float  # [length]
+
+
+def collision(law: Law, *, radius: float, mass: float, speed: float, pair: tuple[int, int] = (0, 0)) -> Collision:
+    """m_eff δ'' = −F_n(δ, −δ') from δ = 0, δ' = `speed` until the grains part, integrated to 1e-10.
+
+    Parameters
+    ----------
+    radius, mass : of each of two alike grains [length], [mass]; R_eff and m_eff are half of them
+    speed : relative speed before, positive [length/time]
+    pair : materials
+
+    Examples
+    --------
+    >>> from stickslip import linear
+    >>> round(collision(linear(kn=1.0), radius=0.5, mass=2.0, speed=0.1).duration, 6)  # half a period of √(m_eff/k_n)
+    3.141593
+    """
+    for name, value in (("radius", radius), ("mass", mass), ("speed", speed)):
+        if not (np.isfinite(value) and value > 0):
+            raise ValueError(f"{name} = {value} was given: it must be positive")
+    q, r_eff, m_eff = parameters(law.table, *pair), radius / 2, mass / 2
+
+    def force(x, v):
+        x = max(x, 0.0)
+        damping = damping_factor(law.damping, r_eff, m_eff, x) * q[DAMPING_N]
+        return with_dashpot(law.damping, normal_force(law.kind, q, r_eff, x), damping, -v)
+
+    # scales of an elastic collision, in which the equation is well conditioned whatever the units are
+    unit = normal_force(law.kind, q, r_eff, 1.0)
+    power = 1.0 if law.kind == LINEAR else 1.5
+    depth = ((power + 1) / 2 * m_eff * speed**2 / unit) ** (1 / (power + 1))
+    span = depth / speed
+
+    def motion(_, y):
+        return [y[1], -force(y[0] * depth, y[1] * speed) * span / (m_eff * speed)]
+
+    def gone(_, y):
+        return y[0] if y[1] < 0 else 1.0
+
+    gone.terminal = True
+    run = solve_ivp(
+        motion,
+        (0, 1e6),
+        [0.0, 1.0],
+        method="DOP853",
+        rtol=1e-10,
+        atol=1e-13,
+        events=gone,
+        max_step=0.1,
+        dense_output=True,
+    )
+    course = run.sol(np.linspace(0, run.t[-1], 4001))
+    peak = max(force(x * depth, v * speed) for x, v in course.T)
+    return Collision(-float(run.y[1, -1]), float(run.t[-1] * span), peak, float(course[0].max() * depth))
+
+
+def with_restitution(
+    law: Law, restitution: float, *, radius: float, mass: float, speed: float, ratio: float = 0.5
+) -> Law:
+    """The law with that γ_n which gives `restitution` to two alike grains at this size and speed, and γ_t = ratio γ_n.
+
+    Only a linear law with mass-weighted dashpots has a restitution that does not depend on size and speed; hence both
+    must be said.
+
+    Parameters
+    ----------
+    restitution : float, above 0 and at most 1
+    radius, mass, speed : as in `collision`
+    ratio : γ_t/γ_n, 0.5 as in LAMMPS
+
+    Examples
+    --------
+    >>> from stickslip import hertz_mindlin_reff, stiffnesses
+    >>> rock = hertz_mindlin_reff(*stiffnesses(50e9, 0.3))
+    >>> mass = 2500 * 4 / 3 * np.pi * 0.0015**3
+    >>> law = with_restitution(rock, 0.98, radius=0.0015, mass=mass, speed=25.0)
+    >>> f"{law.table[0, 0, DAMPING_N]:.1e}"
+    '6.0e+07'
+    """
+    if not 0 < restitution <= 1:
+        raise ValueError(f"restitution = {restitution} was given: it must be above 0 and at most 1")
+    if not (np.isfinite(ratio) and ratio >= 0):
+        raise ValueError(f"ratio = {ratio} was given: it must be zero or positive")
+
+    def damped(gamma):
+        table = law.table.copy()
+        table[..., DAMPING_N], table[..., DAMPING_T] = gamma, ratio * gamma
+        return law._replace(table=table)
+
+    if restitution == 1:
+        return damped(0.0)
+
+    def excess(gamma):
+        return collision(damped(gamma), radius=radius, mass=mass, speed=speed).restitution - restitution
+
+    elastic = collision(damped(0.0), radius=radius, mass=mass, speed=speed)
+    unit = damping_factor(law.damping, radius / 2, mass / 2, elastic.peak_overlap)
+    low, high = 0.0, (1 - restitution) * mass / elastic.duration / unit
+    while excess(high) > 0:
+        low, high = high, 2 * high
+    return damped(brentq(excess, low, high, rtol=1e-9))
