@@ -17,7 +17,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from . import spheres
+from . import engine, spheres
 
 HERE = Path(__file__).parent
 ROUNDS, STEPS = 5, 400_000
@@ -110,12 +110,17 @@ def versions() -> dict:
 
 
 def main() -> None:
-    """Run everything; `--quick` leaves out minutes, `--spheres` all but spheres, `--large` adds thousands of them."""
+    """Run everything; `--quick` leaves out minutes, `--large` adds thousands of grains to what is quasi-static.
+
+    `--engine` and `--spheres` run only time steps of many grains, or only what is quasi-static.
+    """
     rows, only = [], "--spheres" in sys.argv
     if not only:
+        rows = engine.rows(full="--quick" not in sys.argv)
+    if not only and "--engine" not in sys.argv:
         array = ten_disks()
-        rows = ([array] if array else []) + budgets(full="--quick" not in sys.argv)
-    if only or "--quick" not in sys.argv:
+        rows += ([array] if array else []) + budgets(full="--quick" not in sys.argv)
+    if only or not {"--quick", "--engine"} & set(sys.argv):
         rows += spheres.rows("--large" in sys.argv)
     show(rows)
     machine = f"{platform.machine()}, {os.cpu_count()} cores, {platform.system()}"

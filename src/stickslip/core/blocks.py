@@ -52,7 +52,8 @@ class Moving(NamedTuple):
     whole: np.ndarray  # (B,) bool: all components that this dimension has are free
     external: np.ndarray  # (B, 6) external forces and torques, or (0, 6) without any
     origin: np.ndarray  # (B, 3) where the blocks were chosen
-    tile: np.ndarray  # (T + 1,) bounds of the tiles; the last one is that of the walls
+    tile: np.ndarray  # (T + 1,) bounds of the tiles of grains; walls follow
+    share: np.ndarray  # (threads + 1,) bounds of the tiles of each thread
 
 
 class Blocks(NamedTuple):
@@ -168,12 +169,12 @@ def _in_order(contacts, group, internal, active):
 
 @njit(cache=True)
 def chosen_blocks(
-    old, contacts, position, radius, inverse_mass, material, normal, vectors, order, tile, n, reach, materials, kind,
-    viscous, reuse,
+    old, contacts, position, radius, inverse_mass, material, normal, vectors, order, tile, share, n, reach,
+    materials, kind, viscous,
 ):  # fmt: skip
     """Blocks of all pairs nearer than `reach`, in the memory of `old` ones; positions in the state's order.
 
-    `reuse`: tiles share rows of loads.
+    The tiles of a thread share rows of loads, which stay in its cache.
     """
     count, bodies, tiles = contacts.count[0], len(radius), len(tile) - 1
     internal, tile_of = np.empty(bodies, np.int64), np.empty(bodies, np.int64)
@@ -196,14 +197,17 @@ def chosen_blocks(
     mode, place = _room(old.mode, slots), _room(old.place, blocks)
     row[:slots] = -1
     pair, wall, shifted = np.zeros((blocks, 2), np.int64), np.zeros(blocks, np.bool_), np.zeros(blocks, np.bool_)
-    crossing, most, asked = bound[top], 0, kind == HERTZ_MINDLIN_REFF or viscous & 3 > VELOCITY
-    for t in range(top, 2 * top):
-        for b in range(bound[t], bound[t + 1]):
-            place[b] = (crossing + b - bound[t] if reuse else b) * LANES
-            most = max(most, place[b] + LANES)
+    crossing, asked = bound[top], kind == HERTZ_MINDLIN_REFF or viscous & 3 > VELOCITY
     for b in range(crossing):
         place[b] = b * LANES
-        most = max(most, place[b] + LANES)
+    largest = 0
+    for t in range(top, 2 * top):
+        largest = max(largest, bound[t + 1] - bound[t])
+    for k in range(len(share) - 1):
+        for t in range(top + share[k], top + share[k + 1]):
+            for b in range(bound[t], bound[t + 1]):
+                place[b] = (crossing + k * largest + b - bound[t]) * LANES
+    most = (crossing + (len(share) - 1) * largest) * LANES
     filled = first[:-1] * LANES
     start = np.zeros(2 * bodies + 2, np.uint32)
     for c in _in_order(contacts, group, internal, active):
@@ -412,8 +416,9 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
         slip[l], slip[64 + l] = here * sx, here * sy
         if dim == 3:
             slip[128 + l] = here * sz
-        reached = before == SLIDE or before == STUCK_AGAIN
-        after = (SLIDE if reached or limit > 0.0 else LOOSE) if slides else (STUCK_AGAIN if reached else STICK)
+        reached = before in (SLIDE, STUCK_AGAIN)
+        sliding, sticking = SLIDE if reached or limit > 0.0 else LOOSE, STUCK_AGAIN if reached else STICK
+        after = sliding if slides else sticking
         after = before if hold and before != OPEN else after
         mode[l] = after if touches else OPEN
         scratch[l], scratch[64 + l] = fn * nx + tx, fn * ny + ty

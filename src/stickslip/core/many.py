@@ -48,7 +48,8 @@ def _moving(state: State, plan: Plan, here: Bodies, predict: bool, threads: int)
         free[:, 2:5] = False
     used = [0, 1, 5] if dim == 2 else range(6)
     external = np.concatenate([plan.external[0], plan.external[1]], axis=1)
-    size = TILE if threads == 1 else min(TILE, -(-n // (8 * threads)))
+    size = TILE if threads == 1 else min(TILE, -(-n // (4 * threads)))
+    tile = np.append(np.arange(0, n, size), n)
     return Moving(
         order,
         np.concatenate([here.position, here.velocity, here.spin, here.radius[:, None]], axis=1)[order],
@@ -60,7 +61,8 @@ def _moving(state: State, plan: Plan, here: Bodies, predict: bool, threads: int)
         free[:, used].all(axis=1)[order],
         external[order] if external.any() else np.zeros((1, 6)),
         here.position[order],
-        np.append(np.arange(0, n, size), n),
+        tile,
+        np.arange(threads + 1) * (len(tile) - 1) // threads,
     )
 
 
@@ -83,7 +85,7 @@ def marched(state: State, law: Law, plan: Plan, steps: int, tolerance: float, wr
     numba.set_num_threads(threads)
     try:
         blocks, limit, contacts, writing = _chosen(
-            no_blocks(), moving, here, contacts, law, state, plan, writing, grid, threads, 0
+            no_blocks(), moving, here, contacts, law, state, plan, writing, grid, 0
         )
         while True:
             code, step, ended = march(
@@ -102,7 +104,7 @@ def marched(state: State, law: Law, plan: Plan, steps: int, tolerance: float, wr
                 break
             if code != DONE:
                 blocks, limit, contacts, writing = _chosen(
-                    blocks, moving, here, contacts, law, state, plan, writing, grid, threads, step
+                    blocks, moving, here, contacts, law, state, plan, writing, grid, step
                 )
                 continue
             if every and step % every == 0:
@@ -132,12 +134,12 @@ def marched(state: State, law: Law, plan: Plan, steps: int, tolerance: float, wr
     return end, code, step, residual, worst, writing
 
 
-def _chosen(old, moving, here, contacts, law, state, plan, writing, grid, threads, step):
+def _chosen(old, moving, here, contacts, law, state, plan, writing, grid, step):
     """Blocks for the positions `here`, and the squared displacement for which they are good; the list if outgrown."""
     skin, n = float(contacts.skin[0]), len(state.grains.radius)
     fastest = np.sqrt((here.velocity**2).sum(axis=1).max())
     reach = min(0.5 * skin, 2 * fastest * plan.dt * (60 + 2e4 / n))
-    reach = max(reach, 1e-3 * skin)
+    reach = max(reach, 0.05 * skin)
     if 2 * farthest(here.position, contacts) + reach > skin:
         former, contacts = contacts, rebuilt(here.position, here.radius, here.normal, grid, contacts)
         if contacts.count[0] < 0:
@@ -146,6 +148,6 @@ def _chosen(old, moving, here, contacts, law, state, plan, writing, grid, thread
     moving.origin[:] = here.position[moving.order]
     blocks = chosen_blocks(
         old, contacts, here.position, here.radius, here.inverse_mass, here.material, here.normal, state.cell.vectors,
-        moving.order, moving.tile, n, reach, len(law.table), law.kind, dashpots(law), threads == 1,
+        moving.order, moving.tile, moving.share, n, reach, len(law.table), law.kind, dashpots(law),
     )  # fmt: skip
     return blocks, (0.5 * reach) ** 2, contacts, writing

@@ -180,8 +180,9 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
         `ended`: the step has ended, forces are kept; else positions are those of the step, forces not known yet.
         `fresh`: and velocities are, too; memory is not carried.
         """
-        tile, body, ahead, cross, inner = moving.tile, moving.body, moving.ahead, blocks.cross, blocks.inner
-        tiles, dt, watch = len(tile) - 1, pace.dt, len(events) > 0
+        tile, share, body, ahead = moving.tile, moving.share, moving.body, moving.ahead
+        cross, inner = blocks.cross, blocks.inner
+        tiles, workers, dt, watch = len(tile) - 1, len(moving.share) - 1, pace.dt, len(events) > 0
         far, before = np.zeros(tiles + 1), np.zeros(inner[tiles] * LANES if watch else 0, np.int8)
         while True:
             if not ended:
@@ -191,19 +192,22 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
                     before[:] = blocks.mode[: len(before)]
                 go_on = step < stop and not watch
                 if parallel:
-                    for t in prange(tiles):
-                        scratch, first, last = np.zeros(SCRATCH), cross[t], cross[t + 1]
+                    for k in prange(workers):
+                        scratch = np.empty(SCRATCH)
+                        first, last = cross[tiles] * k // workers, cross[tiles] * (k + 1) // workers
                         evaluated(
                             kind, coulomb, dim, viscous, rate, first, last, blocks, body, ahead, p, dt, fresh, scratch
                         )
-                for t in prange(tiles):
-                    scratch = np.zeros(SCRATCH)
-                    for k in range(1 if parallel else 0, 2):
-                        first, last = (inner[t], inner[t + 1]) if k else (cross[t], cross[t + 1])
-                        evaluated(
-                            kind, coulomb, dim, viscous, rate, first, last, blocks, body, ahead, p, dt, fresh, scratch
-                        )
-                    far[t] = _ended(dim, predict, tile[t], tile[t + 1], moving, blocks, pace, fresh, go_on)
+                for k in prange(workers):
+                    scratch = np.empty(SCRATCH)
+                    for t in range(share[k], share[k + 1]):
+                        for within in range(1 if parallel else 0, 2):
+                            first, last = (inner[t], inner[t + 1]) if within else (cross[t], cross[t + 1])
+                            evaluated(
+                                kind, coulomb, dim, viscous, rate, first, last, blocks, body, ahead, p, dt, fresh,
+                                scratch,
+                            )  # fmt: skip
+                        far[t] = _ended(dim, predict, tile[t], tile[t + 1], moving, blocks, pace, fresh, go_on)
                 far[tiles] = _ended(dim, predict, tile[tiles], len(body), moving, blocks, pace, fresh, go_on)
                 if watch:
                     _recorded(blocks, before, contacts, moving, time + step * dt, events, event_count)
@@ -211,13 +215,15 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
             if ended:
                 if step == stop:
                     return DONE, step, ended
-                for t in prange(tiles):
-                    far[t] = _begun(dim, predict, tile[t], tile[t + 1], moving, pace)
+                for k in prange(workers):
+                    for t in range(share[k], share[k + 1]):
+                        far[t] = _begun(dim, predict, tile[t], tile[t + 1], moving, pace)
                 far[tiles] = _begun(dim, predict, tile[tiles], len(body), moving, pace)
             ended = False
             step += 1
-            if far.max() > limit:
-                return MOVED, step, ended
+            for t in range(tiles + 1):  # not far.max(), which would be made a parallel region of its own
+                if far[t] > limit:
+                    return MOVED, step, ended
 
     return march
 

@@ -1,0 +1,131 @@
+"""Time steps of many grains: ours, LAMMPS (two styles) and YADE on the same grains, alternating, best of several."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+HERE, STORE = Path(__file__).parent, Path("results") / "benchmark-packings"
+ROUNDS = 5
+console = Console()
+PEERS = ("gran/hertz/history", "granular")
+
+
+def scene(dim: int, fraction: float, n: int, speed: float) -> Path:
+    """A file with n grains of radii 0.5 and 0.7: copies of one periodic packing, with random velocities."""
+    path = STORE / f"scene-{dim}-{fraction}-{n}-{speed}.npz"
+    if path.exists():
+        return path
+    from stickslip.loading.packing import jammed
+
+    copies = max(1, round((n / 1000) ** (1 / dim))) if n >= 8000 else 1
+    while n % copies**dim:
+        copies -= 1
+    unit = n // copies**dim
+    dense = {2: 0.86, 3: 0.66}[dim]
+    state, _ = jammed(unit, packing_fraction=dense, dim=dim, seed=0)
+    scale = (dense / fraction) ** (1 / dim)
+    size = state.cell.vectors[0, 0] * scale
+    axes = [np.arange(copies)] * dim + [np.zeros(1)] * (3 - dim)
+    offsets = size * np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 1, 3)
+    base = state.grains.position * scale % (size if dim == 3 else np.array([size, size, 1.0]))
+    velocity = np.random.default_rng(0).normal(0, speed, (n, 3))
+    velocity[:, dim:] = 0
+    radius = np.tile(state.grains.radius, copies**dim)
+    STORE.mkdir(parents=True, exist_ok=True)
+    np.savez(
+        path, dim=dim, size=size * copies, dt=0.1, position=(base[None] + offsets).reshape(-1, 3), radius=radius,
+        mass=4 / 3 * np.pi * radius**3, velocity=velocity,
+    )  # fmt: skip
+    return path
+
+
+def timed(side: str, path: Path, steps: int, threads: int = 1) -> tuple[float, float]:
+    """Seconds a step and bytes of memory; raises RuntimeError with the reason if the side cannot run."""
+    env = os.environ | {"LD_LIBRARY_PATH": f"{sys.prefix}/lib:{os.environ.get('LD_LIBRARY_PATH', '')}"}
+    if side == "YADE":
+        if not shutil.which("yade"):
+            raise RuntimeError("YADE is absent: install the Debian package `yade`")
+        words = ["yade", "-j1", "-n", "-x", str(HERE / "engine_yade.py"), str(path), str(steps)]
+        env.pop("PYTHONPATH", None)
+    else:
+        words = [sys.executable, str(HERE / "engine_sides.py"), side, str(path), str(steps), str(threads)]
+    run = subprocess.run(words, capture_output=True, text=True, env=env)
+    lines = [line for line in run.stdout.splitlines() if line.split()[:1] == ["seconds"] or side != "YADE"]
+    if run.returncode or not lines:
+        raise RuntimeError((run.stderr.strip().splitlines() or ["no output"])[-1])
+    numbers = [float(word) for word in lines[-1].split() if word != "seconds"]
+    return numbers[0], numbers[1] if len(numbers) > 1 else np.nan
+
+
+def against(case: str, path: Path, n: int, peers, steps: int, threads: int = 1, rounds: int = ROUNDS) -> list[dict]:
+    """One row a peer: grain-steps a second, best of `rounds`, the sides in turn."""
+    sides = {("ours", threads): []} | {(peer, 1): [] for peer in peers}
+    for _ in range(rounds):
+        for (side, count), found in list(sides.items()):
+            share = max(1, steps // 10) if side == "YADE" else steps
+            try:
+                found.append(timed(side, path, share, count)[0])
+            except RuntimeError as problem:
+                console.print(f"[yellow]{side} skipped[/]: {problem}")
+                del sides[side, count]
+    mine = n / min(sides.pop(("ours", threads)))
+    rows = []
+    for (side, count), found in sides.items():
+        rate = n / min(found)
+        name = f"LAMMPS {side}" if side in PEERS else "ours, 1 thread" if side == "ours" else side
+        rows.append(row(case, n, threads, mine, rate, name))
+        del count
+    return rows or [row(case, n, threads, mine, None, "")]
+
+
+def row(case: str, n: int, threads: int, ours: float, peer: float | None, name: str, unit="grain-steps/s") -> dict:
+    """One line of the table."""
+    return {
+        "case": case, "n": n, "threads": threads, "ours": ours, "peer": peer, "peer_name": name,
+        "ratio": ours / peer if peer else None, "unit": unit,
+    }  # fmt: skip
+
+
+def sizes(counts) -> list[dict]:
+    """Grain-steps a second from few to many grains over those of a thousand, and memory."""
+    rates, rows = {}, []
+    for n in counts:
+        path = scene(3, 0.66, n, 0.001)
+        found = [timed("ours", path, max(20, 3_000_000 // n)) for _ in range(3 if n < 1_000_000 else 2)]
+        rates[n] = n / min(f[0] for f in found)
+        rows.append(row("dense spheres over those of 1000", n, 1, rates[n], rates[counts[0]], "ours, n = 1000"))
+        if n == counts[-1]:
+            rows.append(row("memory a grain", n, 1, min(f[1] for f in found) / n, 1500.0, "budget", "bytes"))
+    return rows
+
+
+def rows(full: bool) -> list[dict]:
+    """Every row; without `full` only the two sizes that have floors."""
+    dense, few = scene(3, 0.66, 10_000, 0.001), scene(3, 0.66, 100, 0.001)
+    out = against("dense spheres", dense, 10_000, (*PEERS, "YADE"), 1000)
+    out += against("dense spheres", few, 100, PEERS[:1], 60_000)
+    out += threads(dense, 10_000)
+    if full:
+        for case, dim, fraction, speed in (
+            ("dilute spheres", 3, 0.3, 0.02), ("dense disks", 2, 0.86, 0.001), ("dilute disks", 2, 0.5, 0.02),
+        ):  # fmt: skip
+            out += against(case, scene(dim, fraction, 10_000, speed), 10_000, PEERS[:1], 1000, rounds=3)
+        out += sizes((1000, 10_000, 100_000, 1_000_000))
+    return out
+
+
+def threads(path: Path, n: int) -> list[dict]:
+    """Two threads over one."""
+    if (os.cpu_count() or 1) < 2:
+        console.print("[yellow]two threads skipped[/]: this machine has one core")
+        return []
+    found = {1: [], 2: []}
+    for _ in range(ROUNDS):
+        for count, times in found.items():
+            times.append(timed("ours", path, 1000, count)[0])
+    return [row("dense spheres", n, 2, n / min(found[2]), n / min(found[1]), "ours, 1 thread")]

