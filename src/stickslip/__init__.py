@@ -18,6 +18,7 @@ _WHERE = {
     "core.forces": "Loads accept forces unbalanced",
     "core.integrate": "run",
     "core.record": "Record",
+    "core.timestep": "stable_time_step",
     "core.jacobian": "contact_blocks",
     "core.measure": (
         "branches contact_forces contact_numbers coordination packing_fraction pressure rattlers stress touching"

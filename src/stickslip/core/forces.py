@@ -85,16 +85,16 @@ def rests(dim, pair, roll, c, rx, ry, rz, ax, ay, az):
 
 
 @njit(fastmath=True, error_model="numpy")
-def record_event(events, event_count, kind, time, contacts, c, x, y, z):
+def record_event(events, event_count, kind, time, i, j, image, c, place, at):
     """Append one row of EVENT_COLUMNS; rows beyond the capacity are counted but not stored."""
     k = event_count[0]
     event_count[0] = k + 1
     if k >= len(events):
         return
-    events[k, 0], events[k, 1], events[k, 2], events[k, 3] = kind, time, contacts.i[c], contacts.j[c]
+    events[k, 0], events[k, 1], events[k, 2], events[k, 3] = kind, time, i, j
     for m in range(3):
-        events[k, 4 + m] = contacts.image[c, m]
-    events[k, 7], events[k, 8], events[k, 9] = x, y, z
+        events[k, 4 + m] = image[c, m]
+        events[k, 7 + m] = place[at, m]
 
 
 @njit(fastmath=True, error_model="numpy", forceinline=True)
@@ -115,9 +115,7 @@ def sweep(kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, force
                 mode[c] = OPEN
                 contacts.reached[c] = False
                 slip[c, 0] = slip[c, 1] = slip[c, 2] = 0.0
-                record_event(
-                    events, event_count, OPENED, time, contacts, c, position[i, 0], position[i, 1], position[i, 2]
-                )
+                record_event(events, event_count, OPENED, time, i, j, contacts.image, c, position, i)
             continue
         ax, ay, az = rolled(dim, angle, radius, i, j)
         sx = sy = sz = 0.0
@@ -152,22 +150,10 @@ def sweep(kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, force
             if after != before:
                 mode[c] = after
                 if before == OPEN:
-                    record_event(
-                        events, event_count, CLOSED, time, contacts, c, position[i, 0], position[i, 1], position[i, 2]
-                    )
+                    record_event(events, event_count, CLOSED, time, i, j, contacts.image, c, position, i)
                 if after == SLIDE and limit > 0.0 and not contacts.reached[c]:
                     contacts.reached[c] = True
-                    record_event(
-                        events,
-                        event_count,
-                        REACHED_LIMIT,
-                        time,
-                        contacts,
-                        c,
-                        position[i, 0],
-                        position[i, 1],
-                        position[i, 2],
-                    )
+                    record_event(events, event_count, REACHED_LIMIT, time, i, j, contacts.image, c, position, i)
         tx, ty, tz = tangential_force(coulomb, stiffness, limit, sx, sy, sz)
         if viscous:
             tx, ty, tz = damped(tx, ty, tz, factor * q[DAMPING_T], limit, vx, vy, vz)

@@ -13,6 +13,7 @@ from .many import MANY, marched
 from .neighbors import TOO_FAR, grid_of, rebuilt, updated
 from .outcome import Outcome, Status
 from .plan import (
+    AWAY,
     BAD,
     CHECK_EVERY,
     CONVERGED,
@@ -25,9 +26,11 @@ from .plan import (
     largest_unbalanced,
     moved_by_forces,
     plan_of,
+    runaway,
 )
 from .record import Writing, record_of, sample, with_lost, writing_of
 from .state import State
+from .timestep import check_time_step, stable_time_step
 
 
 @njit(fastmath=True, error_model="numpy", forceinline=True)
@@ -169,7 +172,13 @@ def run(
     Returns
     -------
     State, Record, Outcome
-        the outcome is DONE, or with `tolerance` CONVERGED or STEPS_SPENT, or NOT_A_NUMBER with the grain
+        the outcome is DONE, or with `tolerance` CONVERGED or STEPS_SPENT, or NOT_A_NUMBER or BLOWN_UP, at once, with
+        the grain, the step, the time and the largest stable time step
+
+    Raises
+    ------
+    ValueError
+        with one sentence, if dt is longer than `stable_time_step` or an argument is not allowed.
 
     Source
     ------
@@ -181,6 +190,7 @@ def run(
     if steps < 0 or every < 0:
         raise ValueError(f"steps = {steps}, every = {every} were given: neither may be negative")
     state = updated(state)
+    check_time_step(state, law, driven_bodies(state), dt)
     plan = plan_of(state, drag, drag if spin_drag is None else spin_drag, dt)
     if tolerance > 0 and not (plan.drag[moved_by_forces(plan.motion)] > 0).all():
         raise ValueError("a tolerance was given without drag on every free component: rest is not reached without it")
@@ -197,8 +207,14 @@ def run(
         result = _advanced(state, law, plan, steps, tolerance, writing)
     end, code, done, residual, worst, writing = result
     finished = Status.STEPS_SPENT if tolerance > 0 else Status.DONE
-    status = {BAD: Status.NOT_A_NUMBER, CONVERGED: Status.CONVERGED}.get(code, finished)
-    return end, record_of(writing, done), Outcome(status, residual, done, worst)
+    ends = {BAD: Status.NOT_A_NUMBER, AWAY: Status.BLOWN_UP, CONVERGED: Status.CONVERGED}
+    how = ""
+    if code in (BAD, AWAY):
+        longest = stable_time_step(state, law)
+        how = (
+            f"step {done}, time {state.time + done * dt:g}; the largest stable time step at the start was {longest:.4g}"
+        )
+    return end, record_of(writing, done), Outcome(ends.get(code, finished), residual, done, worst, how)
 
 
 def _advanced(state: State, law: Law, plan: Plan, steps: int, tolerance: float, writing: Writing):
@@ -214,9 +230,11 @@ def _advanced(state: State, law: Law, plan: Plan, steps: int, tolerance: float, 
             state.time, done, steps, drifted, tolerance, writing,
         )  # fmt: skip
         drifted = True
-        bad = first_bad(work.position, work.angle)
+        bad, away = first_bad(work.position, work.angle), runaway(work.velocity, work.radius, plan.dt)
         if bad >= 0:
             code, worst = BAD, bad
+        elif away >= 0:
+            code, worst = AWAY, away
         if code == FULL:
             writing = writing._replace(events=np.concatenate([writing.events, np.zeros_like(writing.events)]))
         elif code == MOVED:

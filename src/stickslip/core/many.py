@@ -9,7 +9,19 @@ from .forces import Bodies, forces
 from .geometry import shifts
 from .laws import Law, dashpots
 from .neighbors import TOO_FAR, farthest, grid_of, rebuilt
-from .plan import BAD, CHECK_EVERY, CONVERGED, DONE, FULL, Plan, driven_bodies, first_bad, largest_unbalanced
+from .plan import (
+    AWAY,
+    BAD,
+    CHECK_EVERY,
+    CONVERGED,
+    DONE,
+    FULL,
+    Plan,
+    driven_bodies,
+    first_bad,
+    largest_unbalanced,
+    runaway,
+)
 from .record import Writing, sample, with_lost
 from .state import State
 from .tiles import Pace, exported, marcher
@@ -99,8 +111,10 @@ def marched(state: State, law: Law, plan: Plan, steps: int, tolerance: float, wr
             exported(moving, here)
             committed(blocks, contacts)
             bad = first_bad(here.position, here.angle)
+            if bad < 0 and code != DONE and runaway(here.velocity, here.radius, plan.dt) >= 0:
+                bad, code = runaway(here.velocity, here.radius, plan.dt), AWAY
             if bad >= 0:
-                code, worst = BAD, bad
+                code, worst = AWAY if code == AWAY else BAD, bad
                 break
             if code != DONE:
                 blocks, limit, contacts, writing = _chosen(

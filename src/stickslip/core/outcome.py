@@ -14,6 +14,7 @@ class Status(Enum):
         "else allow more, use stronger drag, or a tolerance above round-off"
     )
     NOT_A_NUMBER = "a grain's position became infinite or not a number: use a smaller time step or smaller load steps"
+    BLOWN_UP = "a grain moved by more than its radius in one time step: use a smaller time step"
     STALLED = "Newton's method stopped getting closer: use smaller load steps, or damped dynamics"
     SINGULAR = (
         "the Jacobian is singular (a rattler, or sliding without resistance): remove rattlers, or use damped dynamics"
@@ -37,7 +38,14 @@ class Outcome(NamedTuple):
         """True if equilibrium was reached, or the last step where no equilibrium was asked for."""
         return self.status in (Status.CONVERGED, Status.DONE)
 
+    @property
+    def broken(self) -> bool:
+        """True if the run blew up and its last state means nothing."""
+        return self.status in (Status.NOT_A_NUMBER, Status.BLOWN_UP)
+
     def __str__(self) -> str:
+        if self.broken and self.how:
+            return f"{self.status.value} (grain {self.where + 1}, {self.how})"
         at = f", grain {self.where + 1}" if self.where >= 0 and not self.ok else ""
         return f"{self.status.value} (residual {self.residual:.3g}{at}, {self.iterations} iterations)"
 

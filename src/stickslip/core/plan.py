@@ -9,7 +9,7 @@ from .forces import Bodies, bodies
 from .state import State
 
 CHECK_EVERY = 200  # steps between checks for NaN and, with a tolerance, for rest
-DONE, CONVERGED, BAD, FULL, MOVED = range(5)  # why a compiled loop over steps came back
+DONE, CONVERGED, BAD, FULL, MOVED, AWAY = range(6)  # why a compiled loop over steps came back
 
 
 class Plan(NamedTuple):
@@ -74,6 +74,31 @@ def driven_bodies(state: State) -> Bodies:
 def moved_by_forces(motion):
     """(B, 6) components that forces can move."""
     return np.concatenate([motion[0].reshape(-1, 3), motion[3].reshape(-1, 3)], axis=1) > 0
+
+
+def inverse_mass_of(state: State) -> np.ndarray:
+    """(B,) 1/m of what translates, else zero [1/mass]."""
+    free = state.control.free[:, : state.cell.dim].any(axis=1)
+    return free / np.concatenate([state.grains.mass, state.walls.mass])
+
+
+def inverse_inertia_of(state: State) -> np.ndarray:
+    """(B,) 1/I of what rotates, else zero [1/(mass length²)]."""
+    free = state.control.free[:, 5 if state.cell.dim == 2 else slice(3, 6)]
+    n = len(state.grains.radius)
+    out = np.zeros(state.n_bodies)
+    out[:n] = (free[:n] if free.ndim == 1 else free[:n].any(axis=1)) / state.grains.inertia
+    return out
+
+
+@njit(cache=True, fastmath=False)
+def runaway(velocity, radius, dt):
+    """First grain that moves by more than its radius in one step, or −1."""
+    for a in range(len(radius)):
+        square = velocity[a, 0] ** 2 + velocity[a, 1] ** 2 + velocity[a, 2] ** 2
+        if radius[a] > 0.0 and not square * dt * dt <= radius[a] ** 2:
+            return a
+    return -1
 
 
 def plan_of(state: State, drag: float, spin_drag: float, dt: float) -> Plan:

@@ -158,13 +158,12 @@ def _recorded(blocks, before, contacts, moving, time, events, event_count):
         old, new, c = before[s], blocks.mode[s], blocks.row[s]
         if old == new or c < 0:
             continue
-        g = blocks.i[s]
-        at = moving.body[g]
+        i, j, g = contacts.i[c], contacts.j[c], blocks.i[s]
         if new == OPEN or old == OPEN:
             kind = OPENED if new == OPEN else CLOSED
-            record_event(events, event_count, kind, time, contacts, c, at[0], at[1], at[2])
+            record_event(events, event_count, kind, time, i, j, contacts.image, c, moving.body, g)
         if new == SLIDE and old not in (SLIDE, STUCK_AGAIN):
-            record_event(events, event_count, REACHED_LIMIT, time, contacts, c, at[0], at[1], at[2])
+            record_event(events, event_count, REACHED_LIMIT, time, i, j, contacts.image, c, moving.body, g)
     return n
 
 

@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.laws import Law
-from ..core.outcome import Status
 from ..core.state import SLIDE, State
 from .protocols import free_run, shaken
 
@@ -74,7 +73,7 @@ def transition(
     """One free run from an equilibrium, shaken by random velocities."""
     start = shaken(state, seed, velocity)
     _, record, outcome = free_run(start, law, duration=duration, dt=dt, sample=sample, drag=drag, spin_drag=spin_drag)
-    if outcome.status is Status.NOT_A_NUMBER:
+    if outcome.broken:
         raise FloatingPointError(str(outcome))
     along = record.position[:, :, 0] - state.grains.position[:, 0]
     slide = crossing_times(record.time, along, thresholds) - state.time

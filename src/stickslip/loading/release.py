@@ -9,7 +9,7 @@ from ..core.integrate import run
 from ..core.laws import Law
 from ..core.measure import rattlers, volume
 from ..core.neighbors import updated
-from ..core.outcome import NotInEquilibriumError, Status
+from ..core.outcome import NotInEquilibriumError
 from ..core.state import State
 from ..solve.spectrum import Spectrum, spectrum
 from .protocols import Growth, fitted_growth
@@ -148,7 +148,7 @@ def release(
     area = volume(state)
     for k, chunk in enumerate(chunks):
         here, record, outcome = run(here, law, chunk * every, dt, every=every, probes=held)
-        if outcome.status is Status.NOT_A_NUMBER:
+        if outcome.broken:
             raise NotInEquilibriumError(f"the run from strain {strain:g} blew up", outcome)
         msd = mean_square_motion(record.position, record.angle, state, held)
         stress = record.virial / area

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.laws import Law, dashpots
-from ..core.outcome import NotInEquilibriumError, Status
+from ..core.outcome import NotInEquilibriumError
 from ..core.state import State
 from ..data.scenario import Dynamics, Scenario
 from ..ensemble import run_members
@@ -196,7 +196,7 @@ def let_go(point: Equilibrium, law: Law, scenario: Scenario) -> FreeRun:
         drag=how.drag,
         spin_drag=how.spin_drag,
     )
-    if outcome.status is Status.NOT_A_NUMBER:
+    if outcome.broken:
         raise NotInEquilibriumError(f"the free run at push = {point.load:g} blew up", outcome)
     rate, frequency = predicted_growth(point, law, how)
     growth = None

@@ -10,7 +10,7 @@ from ..core.forces import accept, forces
 from ..core.laws import Law
 from ..core.measure import mean_normal_force
 from ..core.neighbors import updated
-from ..core.outcome import Outcome, Status
+from ..core.outcome import Outcome
 from ..core.state import State
 from .freedom import freedom, stiffness
 from .linear import DENSE_BELOW, one_thread
@@ -85,7 +85,7 @@ def _by_dynamics(state: State, law: Law, tolerance: float, steps: int, first: Ou
     for stage in STAGES:
         here, moved = relax(here, law, tolerance=stage * force, drag=DRAG * pace, dt=STEP / pace, steps=steps)
         spent += moved.iterations
-        if moved.status is Status.NOT_A_NUMBER:
+        if moved.broken:
             return state, moved
         end, outcome = newton(here, law, tolerance=tolerance, keep=Kept())
         if outcome.ok:

@@ -52,6 +52,6 @@ def relax(
             contacts=at_rest(end.contacts),
             time=state.time,
         )
-    elif outcome.status is not Status.NOT_A_NUMBER and not (end.contacts.mode[: end.contacts.count[0]] != OPEN).any():
+    elif not outcome.broken and not (end.contacts.mode[: end.contacts.count[0]] != OPEN).any():
         outcome = outcome._replace(status=Status.CONTACT_LOST)
     return end, outcome
