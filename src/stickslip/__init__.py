@@ -17,6 +17,7 @@ _WHERE = {
     "core.outcome": "Outcome Status NotInEquilibriumError",
     "core.forces": "Loads accept forces unbalanced",
     "core.integrate": "run",
+    "core.ledger": "Ledger",
     "core.record": "Record",
     "core.timestep": "stable_time_step",
     "core.jacobian": "contact_blocks",

@@ -89,13 +89,16 @@ def test_order_of_memory_and_tiles_do_not_matter(size, monkeypatch):
     assert same_bits(plain, shuffled)
 
 
-def test_recording_changes_no_bit():
-    law, state = make_law("hertz_mindlin", "smooth", damping_n=0.02, damping_t=0.01), flowing()
+@pytest.mark.parametrize("n", [30, 150])
+def test_recording_changes_no_bit(n):
+    law, state = make_law("hertz_mindlin", "smooth", damping_n=0.02, damping_t=0.01), flowing(n=n)
     silent, _, _ = ss.run(state, law, 300, 0.05, drag=0.002)
     watched, _, _ = ss.run(state, law, 300, 0.05, drag=0.002, every=7, probes=(0, 3), events=True)
     relaxed, _, _ = ss.run(state, law, 300, 0.05, drag=0.002, tolerance=1e-30)
+    audited, _, _ = ss.run(state, law, 300, 0.05, drag=0.002, every=100, ledger=True)
     assert same_bits(silent, watched)
     assert same_bits(silent, relaxed)
+    assert same_bits(silent, audited)
 
 
 @pytest.mark.parametrize("skin", [0.05, 0.3])

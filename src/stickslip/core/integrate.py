@@ -9,6 +9,7 @@ from .contact import FREE, FROZEN
 from .forces import Bodies, check_materials, sweep
 from .geometry import shifts
 from .laws import SMOOTH, Law, dashpots
+from .ledger import entered, opened_books
 from .many import MANY, marched
 from .neighbors import TOO_FAR, grid_of, rebuilt, updated
 from .outcome import Outcome, Status
@@ -63,9 +64,12 @@ def stepper(kind: int, coulomb: int, dim: int, viscous: int):
 
     @njit(cache=True, fastmath=True, error_model="numpy")
     def advance(
-        bodies, contacts, shift, p, plan, force, torque, time, start, steps, drifted, tolerance, writing
+        bodies, contacts, shift, p, plan, force, torque, time, start, steps, drifted, ended, tolerance, writing
     ):  # fmt: skip
-        """Steps `start` + 1 … `steps`; `drifted`: positions are those of step `start` already, velocities not yet."""
+        """Steps `start` … `steps`; `drifted`: positions are those of step `start` already, velocities not yet.
+
+        `ended`: velocities are, too, and forces known.
+        """
         x, angle, v, spin = bodies.position, bodies.angle, bodies.velocity, bodies.spin
         events, event_count, every, dt, motion = (
             writing.events,
@@ -92,7 +96,7 @@ def stepper(kind: int, coulomb: int, dim: int, viscous: int):
         )
         ahead_v, ahead_t = seen.velocity.reshape(-1), seen.spin.reshape(-1)
         room, residual, worst = len(events), np.inf, -1
-        for step in range(start, steps + 1):
+        for step in range(start + 1 if ended else start, steps + 1):
             fresh = step == start and not drifted
             if step > start:
                 first_half(flat_x, flat_v, flat_f, kick, keep, dt)
@@ -144,6 +148,7 @@ def run(
     every: int = 0,
     probes=(),
     events: bool = False,
+    ledger: bool = False,
     tolerance: float = 0.0,
     reference: np.ndarray | None = None,
     memory: str = "difference",
@@ -161,6 +166,7 @@ def run(
     every : int, sample each `every` steps (0: no samples)
     probes : grains whose position and angle are sampled
     events : also record each contact that closes, opens, or first reaches Coulomb's limit since it closed
+    ledger : also keep the books of energy, entered after every step and sampled each `every` steps: see `Ledger`
     tolerance : float [force]
     reference : (N, 3) positions from which `msd` is taken [length]; default: where the run starts
     memory : "difference", slip is carried by the exact displacements of the grains and dashpots see velocities at the
@@ -195,6 +201,9 @@ def run(
     if tolerance > 0 and not (plan.drag[moved_by_forces(plan.motion)] > 0).all():
         raise ValueError("a tolerance was given without drag on every free component: rest is not reached without it")
     writing = writing_of(state, steps, every, probes, events, reference)
+    if ledger and not every:
+        raise ValueError("a ledger was asked for without samples: give every = 1 or more steps between entries")
+    books = opened_books(len(writing.series), driven_bodies(state), state.contacts) if ledger else None
     if memory not in ("difference", "rate"):
         raise ValueError(f"memory={memory!r} was given: 'difference' and 'rate' are allowed")
     if memory == "rate" and law.coulomb == SMOOTH:
@@ -202,34 +211,34 @@ def run(
     if threads is not None and threads < 1:
         raise ValueError(f"threads = {threads} was given: at least 1 is needed")
     if memory == "rate" or state.n_bodies >= MANY:
-        result = marched(state, law, plan, steps, tolerance, writing, rate=int(memory == "rate"), threads=threads)
+        rate = int(memory == "rate")
+        result = marched(state, law, plan, steps, tolerance, writing, books, rate=rate, threads=threads)
     else:
-        result = _advanced(state, law, plan, steps, tolerance, writing)
-    end, code, done, residual, worst, writing = result
+        result = _advanced(state, law, plan, steps, tolerance, writing, books)
+    end, code, done, residual, worst, writing, books = result
     finished = Status.STEPS_SPENT if tolerance > 0 else Status.DONE
     ends = {BAD: Status.NOT_A_NUMBER, AWAY: Status.BLOWN_UP, CONVERGED: Status.CONVERGED}
     how = ""
     if code in (BAD, AWAY):
         longest = stable_time_step(state, law)
-        how = (
-            f"step {done}, time {state.time + done * dt:g}; the largest stable time step at the start was {longest:.4g}"
-        )
-    return end, record_of(writing, done), Outcome(ends.get(code, finished), residual, done, worst, how)
+        known = f"stable up to dt = {longest:.4g}" if np.isfinite(longest) else "without contacts"
+        how = f"step {done}, time {state.time + done * dt:g}; at the start the grains were {known}"
+    return end, record_of(writing, done, books), Outcome(ends.get(code, finished), residual, done, worst, how)
 
 
-def _advanced(state: State, law: Law, plan: Plan, steps: int, tolerance: float, writing: Writing):
+def _advanced(state: State, law: Law, plan: Plan, steps: int, tolerance: float, writing: Writing, books):
     """Enter the compiled loop, again whenever it asks for a new list of contacts or for more room for events."""
     work, contacts = driven_bodies(state), type(state.contacts)(*(a.copy() for a in state.contacts))
     force, torque = np.zeros((2, state.n_bodies, 3))
     grid = grid_of(state.cell)
     advance = stepper(law.kind, law.coulomb, state.cell.dim, dashpots(law))
-    done, drifted = 0, False
+    done, drifted, ended, stop = 0, False, False, 0 if books else steps
     while True:
         code, done, residual, worst = advance(
             work, contacts, shifts(contacts, state.cell.vectors), law.table, plan, force, torque,
-            state.time, done, steps, drifted, tolerance, writing,
+            state.time, done, stop, drifted, ended, tolerance, writing,
         )  # fmt: skip
-        drifted = True
+        drifted, ended = True, code == DONE
         bad, away = first_bad(work.position, work.angle), runaway(work.velocity, work.radius, plan.dt)
         if bad >= 0:
             code, worst = BAD, bad
@@ -242,7 +251,10 @@ def _advanced(state: State, law: Law, plan: Plan, steps: int, tolerance: float, 
             if contacts.count[0] < 0:
                 raise ValueError(TOO_FAR)
             writing = with_lost(writing, before, contacts, work.position, state.time + done * plan.dt)
-        else:
+        elif code in (DONE, CONVERGED) and books:
+            books = entered(books, law, state, plan, work, contacts, done, writing.every)
+            stop += 1
+        if code not in (FULL, MOVED) and (code != DONE or done == steps):
             break
     n = len(state.grains.radius)
     end = state._replace(
@@ -253,4 +265,4 @@ def _advanced(state: State, law: Law, plan: Plan, steps: int, tolerance: float, 
         contacts=contacts,
         time=state.time + done * plan.dt,
     )
-    return end, code, done, residual, worst, writing
+    return end, code, done, residual, worst, writing, books

@@ -8,6 +8,7 @@ from .contact import FROZEN
 from .forces import Bodies, forces
 from .geometry import shifts
 from .laws import Law, dashpots
+from .ledger import entered
 from .neighbors import TOO_FAR, farthest, grid_of, rebuilt
 from .plan import (
     AWAY,
@@ -78,7 +79,9 @@ def _moving(state: State, plan: Plan, here: Bodies, predict: bool, threads: int)
     )
 
 
-def marched(state: State, law: Law, plan: Plan, steps: int, tolerance: float, writing: Writing, *, rate: int, threads):
+def marched(
+    state: State, law: Law, plan: Plan, steps: int, tolerance: float, writing: Writing, books, *, rate: int, threads
+):
     """As many steps as asked, in blocks; see `run`. Returns what the plain stepper does."""
     contacts = type(state.contacts)(*(a.copy() for a in state.contacts))
     shift = shifts(contacts, state.cell.vectors)
@@ -121,6 +124,8 @@ def marched(state: State, law: Law, plan: Plan, steps: int, tolerance: float, wr
                     blocks, moving, here, contacts, law, state, plan, writing, grid, step
                 )
                 continue
+            if books:
+                books = entered(books, law, state, plan, here, contacts, step, every)
             if every and step % every == 0:
                 shift = shifts(contacts, state.cell.vectors)
                 time = state.time + step * plan.dt
@@ -133,6 +138,7 @@ def marched(state: State, law: Law, plan: Plan, steps: int, tolerance: float, wr
             if step == steps or code != DONE:
                 break
             stop = min(steps, (step // CHECK_EVERY + 1) * CHECK_EVERY, (step // every + 1) * every if every else steps)
+            stop = step + 1 if books else stop
     finally:
         numba.set_num_threads(before)
     anchored(contacts, here.position, here.angle, here.radius, here.normal, shifts(contacts, state.cell.vectors))
@@ -145,7 +151,7 @@ def marched(state: State, law: Law, plan: Plan, steps: int, tolerance: float, wr
         contacts=contacts,
         time=state.time + step * plan.dt,
     )
-    return end, code, step, residual, worst, writing
+    return end, code, step, residual, worst, writing, books
 
 
 def _chosen(old, moving, here, contacts, law, state, plan, writing, grid, step):

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from .forces import EVENT_COLUMNS, OPENED, elastic_pair
+from .ledger import Books, Ledger, ledger_of
 from .state import OPEN, SLIDE, State
 
 SERIES = (
@@ -27,6 +28,7 @@ class Record(NamedTuple):
     position: np.ndarray  # (T, P, 3) of the probed grains [length]
     angle: np.ndarray  # (T, P, 3) [rad]
     events: np.ndarray  # structured: kind ("closed", "opened", "limit"), time, i, j, image, position of i
+    ledger: Ledger | None  # with `ledger=True`
 
 
 class Writing(NamedTuple):
@@ -102,7 +104,7 @@ _EVENT_TYPE = np.dtype(
 _EVENT_NAMES = np.array(["closed", "opened", "limit"])
 
 
-def record_of(writing: Writing, done: int) -> Record:
+def record_of(writing: Writing, done: int, books: Books | None) -> Record:
     """What was written in a run of `done` steps."""
     kept = done // writing.every + 1 if writing.every else 0
     series, tracks, rows = writing.series[:kept], writing.tracks[:kept], writing.events[: writing.event_count[0]]
@@ -122,4 +124,5 @@ def record_of(writing: Writing, done: int) -> Record:
         tracks[..., :3],
         tracks[..., 3:],
         events,
+        ledger_of(books, kept) if books else None,
     )

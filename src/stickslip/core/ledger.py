@@ -1,0 +1,201 @@
+"""Where the energy goes: a ledger kept step by step, apart from the trajectory, which it only looks at.
+
+Over a step from 0 to 1 velocity Verlet changes the kinetic energy by ½(F₀ + F₁)·Δx up to a difference of states, so
+that sums of trapezia close to second order in the time step. With U(|s|, k_t, μF_n) the energy of a tangential spring,
+
+    −F_t·v_t dt = dU − ∂U/∂k_t dk_t − ∂U/∂(μF_n) d(μF_n) + |F_t| d(slid distance):
+
+F_t has no potential, and the terms with ∂U are what a contact creates or destroys when it is sheared at one overlap
+and released at another. They have a column of their own.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from .contact import damped, effective, tangential_force, with_dashpot
+from .forces import Bodies, approach
+from .geometry import carried, normal_and_overlap, pair_vector, rolled, shifts, tangential
+from .laws import (
+    DAMPING_N,
+    DAMPING_T,
+    MU,
+    SMOOTH,
+    damping_factor,
+    dashpots,
+    normal_energy,
+    normal_force,
+    parameters,
+    tangential_stiffness,
+)
+from .plan import Plan
+from .state import OPEN
+
+COLUMNS = ("kinetic", "normal", "tangential", "external", "coulomb", "viscous", "drag", "nonpotential")
+_KINETIC, _NORMAL, _TANGENTIAL, _EXTERNAL, _COULOMB, _VISCOUS, _DRAG, _NONPOTENTIAL = range(8)
+
+
+class Ledger(NamedTuple):
+    """Energies at T samples, and what has flowed since the start of the run [energy]."""
+
+    kinetic: np.ndarray  # (T,) of grains and walls, translations and rotations
+    normal: np.ndarray  # (T,) stored in normal springs
+    tangential: np.ndarray  # (T,) stored in tangential springs
+    external: np.ndarray  # (T,) work of forces, torques, gravity, and of what drives bodies
+    coulomb: np.ndarray  # (T,) dissipated by sliding
+    viscous: np.ndarray  # (T,) dissipated by dashpots
+    drag: np.ndarray  # (T,) dissipated by drag
+    nonpotential: np.ndarray  # (T,) created (negative: destroyed) by tangential springs whose stiffness changed
+
+    @property
+    def defect(self) -> np.ndarray:
+        """(T,) stored + dissipated − put in, less its value at the start: zero up to the error of the integrator."""
+        stored = self.kinetic + self.normal + self.tangential
+        total = stored + self.coulomb + self.viscous + self.drag - self.external - self.nonpotential
+        return total - total[0]
+
+
+@njit(fastmath=False, error_model="numpy")
+def _end(kind, coulomb, dim, viscous, p, b, i, j, shift, c, slip, known):
+    """One end of a contact's step: overlap, normal, energies, (k_t, μF_n, ∂U/∂k_t, ∂U/∂μF_n), |F_t|, power, loads."""
+    n_grains = len(b.radius) - len(b.normal)
+    rx, ry, rz = pair_vector(dim, b.position, shift, c, i, j)
+    nx, ny, nz, overlap, _ = normal_and_overlap(i, j, j >= n_grains, j - n_grains, b.radius, b.normal, rx, ry, rz)
+    q = parameters(p, b.material[i], b.material[j])
+    r_eff, m_eff = effective(kind, viscous, b.radius, b.inverse_mass, i, j, j >= n_grains)
+    if overlap <= 0.0:
+        stiffness, none = tangential_stiffness(kind, q, r_eff, 0.0), (0.0, 0.0, 0.0)
+        return overlap, (nx, ny, nz), 0.0, 0.0, (stiffness, 0.0, 0.0, 0.0), 0.0, 0.0, none, none
+    elastic, stiffness = normal_force(kind, q, r_eff, overlap), tangential_stiffness(kind, q, r_eff, overlap)
+    sx, sy, sz = (slip[0], slip[1], slip[2]) if known else (0.0, 0.0, 0.0)
+    square = sx * sx + sy * sy + sz * sz
+    fn, power, vx, vy, vz, factor = elastic, 0.0, 0.0, 0.0, 0.0, 0.0
+    if viscous:
+        vn, vx, vy, vz = approach(dim, b.velocity, b.spin, b.radius, i, j, nx, ny, nz)
+        factor = damping_factor(viscous, r_eff, m_eff, overlap)
+        fn = with_dashpot(viscous, elastic, factor * q[DAMPING_N], vn)
+        power -= (fn - elastic) * vn
+    limit = q[MU] * max(fn, 0.0)
+    tx, ty, tz = tangential_force(coulomb, stiffness, limit, sx, sy, sz)
+    spring = np.sqrt(tx * tx + ty * ty + tz * tz)
+    energy, by_stiffness, by_limit = 0.5 * stiffness * square, 0.5 * square, 0.0
+    if coulomb == SMOOTH and limit > 0.0:  # ∫ k s (1 + x − x²) ds, x = k s/limit
+        x = stiffness * np.sqrt(square) / limit
+        energy = stiffness * square * (0.5 + x / 3 - x * x / 4)
+        by_stiffness = square * (0.5 + x / 3 - x * x / 4 + x * (1 / 3 - x / 2))
+        by_limit = -stiffness * square * x * (1 / 3 - x / 2) / limit
+    spends = (stiffness, limit, by_stiffness, by_limit)
+    if viscous:
+        ux, uy, uz = damped(tx, ty, tz, factor * q[DAMPING_T], limit, vx, vy, vz)
+        power -= (ux - tx) * vx + (uy - ty) * vy + (uz - tz) * vz
+        tx, ty, tz = ux, uy, uz
+    force = (fn * nx + tx, fn * ny + ty, fn * nz + tz)
+    turn = (nz * ty - ny * tz, nx * tz - nz * tx, ny * tx - nx * ty)
+    stored = normal_energy(kind, q, r_eff, overlap)
+    return overlap, (nx, ny, nz), stored, energy, spends, spring, power, force, turn
+
+
+@njit(cache=True, fastmath=False, error_model="numpy")
+def _contacts(kind, coulomb, dim, viscous, p, old, new, before, after, shift, free, dt, first, row):
+    """Add one step of all contacts to the row; with `first`, only what they store."""
+    m, moved = 0, np.zeros(3)
+    for c in range(after.count[0]):
+        while m < before.count[0] and before.key[m] < after.key[c]:
+            m += 1
+        same = m < before.count[0] and before.key[m] == after.key[c]
+        known = same and before.mode[m] != OPEN
+        i, j = after.i[c], after.j[c]
+        mine = before.slip[m] if same else moved
+        closed = after.mode[c] != OPEN
+        delta, n, stored, energy, spends, spring, power, force, turn = _end(
+            kind, coulomb, dim, viscous, p, new, i, j, shift, c, after.slip[c], closed
+        )
+        row[_NORMAL] += stored
+        row[_TANGENTIAL] += energy
+        if first:
+            continue
+        _, _, _, _, spends0, spring0, power0, force0, turn0 = _end(
+            kind, coulomb, dim, viscous, p, old, i, j, shift, c, mine, known
+        )
+        for k in range(2):
+            row[_NONPOTENTIAL] += 0.5 * (spends[2 + k] + spends0[2 + k]) * (spends[k] - spends0[k])
+        row[_VISCOUS] += 0.5 * dt * (power + power0)
+        if known and delta > 0.0:
+            a0, a1 = pair_vector(dim, old.position, shift, c, i, j), pair_vector(dim, new.position, shift, c, i, j)
+            w0, w1 = rolled(dim, old.angle, old.radius, i, j), rolled(dim, new.angle, new.radius, i, j)
+            sx, sy, sz = carried(
+                n[0], n[1], n[2], mine[0], mine[1], mine[2],
+                a1[0] - a0[0], a1[1] - a0[1], a1[2] - a0[2], w1[0] - w0[0], w1[1] - w0[1], w1[2] - w0[2],
+            )  # fmt: skip
+            sx, sy, sz = tangential(n[0], n[1], n[2], sx, sy, sz)
+            s = after.slip[c]
+            slid = np.sqrt((sx - s[0]) ** 2 + (sy - s[1]) ** 2 + (sz - s[2]) ** 2)
+            row[_COULOMB] += 0.5 * (spring + spring0) * slid
+        for end in range(2):
+            a, sign = (i, 1.0) if end == 0 else (j, -1.0)
+            for k in range(3):
+                if not free[a, k]:
+                    way = new.position[a, k] - old.position[a, k]
+                    row[_EXTERNAL] -= 0.5 * sign * (force[k] + force0[k]) * way
+                if not free[a, 3 + k]:
+                    way = new.radius[a] * (new.angle[a, k] - old.angle[a, k])
+                    row[_EXTERNAL] -= 0.5 * (turn[k] + turn0[k]) * way
+
+
+@njit(cache=True, fastmath=False)
+def _bodies(old, new, mass, inertia, external, free, drag, spin_drag, dt, first, row):
+    """Add kinetic energy, and one step of external work and drag, to the row."""
+    for a in range(len(mass)):
+        for k in range(3):
+            v, w = new.velocity[a, k], new.spin[a, k]
+            row[_KINETIC] += 0.5 * mass[a] * v * v + 0.5 * inertia[a] * w * w
+            if first:
+                continue
+            v0, w0 = old.velocity[a, k], old.spin[a, k]
+            if free[a, k]:
+                row[_EXTERNAL] += external[0, a, k] * (new.position[a, k] - old.position[a, k])
+                row[_DRAG] += 0.5 * dt * drag * mass[a] * (v * v + v0 * v0)
+            if free[a, 3 + k]:
+                row[_EXTERNAL] += external[1, a, k] * (new.angle[a, k] - old.angle[a, k])
+                row[_DRAG] += 0.5 * dt * spin_drag * inertia[a] * (w * w + w0 * w0)
+
+
+class Books(NamedTuple):
+    """What is needed to enter one step: the state before it, and the running row."""
+
+    bodies: Bodies
+    contacts: tuple
+    row: np.ndarray  # (len(COLUMNS),)
+    rows: np.ndarray  # (T, len(COLUMNS))
+
+
+def opened_books(samples: int, bodies: Bodies, contacts) -> Books:
+    """Books before the first entry."""
+    return Books(_copy(bodies), _copy(contacts), np.zeros(len(COLUMNS)), np.zeros((samples, len(COLUMNS))))
+
+
+def entered(books: Books, law, state, plan: Plan, here: Bodies, contacts, step: int, every: int) -> Books:
+    """Books with one step more: from the state in the books to `here` and `contacts`, which are not touched."""
+    row, first, viscous, shift = books.row, step == 0, dashpots(law), shifts(contacts, state.cell.vectors)
+    row[[_KINETIC, _NORMAL, _TANGENTIAL]] = 0.0
+    free, b, n = state.control.free, state.n_bodies, len(plan.mass)
+    mass = np.append(plan.mass, state.walls.mass)
+    inertia = np.append(plan.inertia, np.zeros(b - n))
+    _bodies(books.bodies, here, mass, inertia, plan.external, free, *plan.drags, plan.dt, first, row)
+    _contacts(
+        law.kind, law.coulomb, state.cell.dim, viscous, law.table, books.bodies, here, books.contacts, contacts, shift,
+        free, plan.dt, first, row,
+    )  # fmt: skip
+    if step % every == 0:
+        books.rows[step // every] = row
+    return books._replace(bodies=_copy(here), contacts=_copy(contacts))
+
+
+def _copy(arrays):
+    return type(arrays)(*(a.copy() for a in arrays))
+
+
+def ledger_of(books: Books, kept: int) -> Ledger:
+    """The ledger at the first `kept` samples."""
+    return Ledger(*books.rows[:kept].T)
