@@ -22,7 +22,8 @@ _WHERE = {
     "core.timestep": "stable_time_step",
     "core.jacobian": "contact_blocks",
     "core.measure": (
-        "branches contact_forces contact_numbers coordination packing_fraction pressure rattlers stress touching"
+        "branches contact_forces contact_numbers coordination fabric inertial_number packing_fraction pressure "
+        "rattlers stress touching"
     ),
     "solve.collision": "Collision collision with_restitution",
     "solve.equilibrate": "UnstableEquilibriumWarning equilibrate",

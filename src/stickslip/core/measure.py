@@ -65,6 +65,36 @@ def mean_normal_force(state: State, law: Law) -> float:
     return float(force.mean()) if len(force) else 0.0
 
 
+def fabric(state: State) -> np.ndarray:
+    """(3, 3) mean of n ⊗ n over touching contacts: its trace is 1, isotropic contacts give 1/dim on the diagonal.
+
+    Source
+    ------
+    Oda, doi:10.3208/sandf1972.22.4_96.
+    """
+    normal = branches(state)[touching(state)]
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    return normal.T @ normal / max(len(normal), 1)
+
+
+def inertial_number(shear_rate: float, pressure: float, *, diameter: float, density: float) -> float:
+    """I = γ̇ d √(ρ/P): below 1e-3 a flow counts as quasi-static; in two dimensions density is mass over area.
+
+    Source
+    ------
+    GDR MiDi, doi:10.1140/epje/i2003-10153-0.
+
+    Examples
+    --------
+    >>> round(inertial_number(0.1, 5e6, diameter=3e-3, density=2500.0), 10)
+    6.7e-06
+    """
+    for name, value in (("pressure", pressure), ("diameter", diameter), ("density", density)):
+        if not value > 0:
+            raise ValueError(f"{name} = {value} was given: it must be positive")
+    return abs(shear_rate) * diameter * float(np.sqrt(density / pressure))
+
+
 def volume(state: State) -> float:
     """Of the cell; in two dimensions its area in the plane.
 

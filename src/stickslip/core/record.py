@@ -6,13 +6,17 @@ import numpy as np
 from numba import njit
 
 from .forces import EVENT_COLUMNS, OPENED, elastic_pair
+from .geometry import normal_and_overlap, pair_vector
+from .laws import MU
 from .ledger import Books, Ledger, ledger_of
 from .state import OPEN, SLIDE, State
 
 SERIES = (
     "time", "msd", "kinetic_energy", "center_x", "center_y", "center_z", "touching", "sliding",
-    *(f"virial_{a}{b}" for a in "xyz" for b in "xyz"),
+    *(f"{name}_{a}{b}" for name in ("virial", "fabric", "kinetic") for a in "xyz" for b in "xyz"),
+    "rattlers", "held_contacts", "contacts",
 )  # fmt: skip
+_VIRIAL, _FABRIC, _KINETIC, _RATTLERS, _HELD, _CONTACTS = 8, 17, 26, 35, 36, 37
 
 
 class Record(NamedTuple):
@@ -25,10 +29,20 @@ class Record(NamedTuple):
     touching: np.ndarray  # (T,) number of closed contacts
     sliding: np.ndarray  # (T,) number of contacts at Coulomb's limit
     virial: np.ndarray  # (T, 3, 3) Σ f ⊗ r over contacts between grains, elastic part [energy]; over volume: the stress
+    fabric: np.ndarray  # (T, 3, 3) mean of n ⊗ n over closed contacts, zero without any
+    momentum_flux: np.ndarray  # (T, 3, 3) Σ m v ⊗ v over grains [energy]; over volume: the kinetic stress
+    coordination: np.ndarray  # (T,) contacts of grains, over the number of grains; walls count for those they touch
+    held_coordination: np.ndarray  # (T,) the same without rattlers and their contacts: see `coordination`
+    rattlers: np.ndarray  # (T,) number of grains that hold nothing
     position: np.ndarray  # (T, P, 3) of the probed grains [length]
     angle: np.ndarray  # (T, P, 3) [rad]
     events: np.ndarray  # structured: kind ("closed", "opened", "limit"), time, i, j, image, position of i
     ledger: Ledger | None  # with `ledger=True`
+
+    @property
+    def sliding_fraction(self) -> np.ndarray:
+        """(T,) share of the closed contacts that are at Coulomb's limit, zero without any."""
+        return self.sliding / np.maximum(self.touching, 1)
 
 
 class Writing(NamedTuple):
@@ -44,6 +58,25 @@ class Writing(NamedTuple):
 
 
 @njit(cache=True)
+def _held(contacts, n, bodies, least):
+    """Number of rattlers, and contacts of the other grains: peeled as `measure.rattlers` does."""
+    loose, number = np.zeros(bodies, np.bool_), np.zeros(bodies, np.int64)
+    while True:
+        number[:] = 0
+        for c in range(contacts.count[0]):
+            i, j = contacts.i[c], contacts.j[c]
+            if contacts.mode[c] != OPEN and not loose[i] and not loose[j]:
+                number[i] += 1
+                number[j] += 1
+        peeled = False
+        for a in range(n):
+            if number[a] < least and not loose[a]:
+                loose[a] = peeled = True
+        if not peeled:
+            return loose[:n].sum(), number[:n].sum()
+
+
+@njit(cache=True)
 def sample(kind, coulomb, dim, p, k, bodies, contacts, shift, plan, writing, time):
     """Row k of the series and of the tracks."""
     x, angle, v, spin = bodies.position, bodies.angle, bodies.velocity, bodies.spin
@@ -55,14 +88,28 @@ def sample(kind, coulomb, dim, p, k, bodies, contacts, shift, plan, writing, tim
             row[1] += (x[a, m] - writing.reference[a, m]) ** 2
             row[2] += 0.5 * plan.mass[a] * v[a, m] ** 2 + 0.5 * plan.inertia[a] * spin[a, m] ** 2
             row[3 + m] += x[a, m] / n
+            for q in range(3):
+                row[_KINETIC + 3 * m + q] += plan.mass[a] * v[a, m] * v[a, q]
     for c in range(contacts.count[0]):
         row[6] += contacts.mode[c] != OPEN
         row[7] += contacts.mode[c] == SLIDE
-        if contacts.mode[c] != OPEN and contacts.j[c] < n:
+        if contacts.mode[c] == OPEN:
+            continue
+        i, j = contacts.i[c], contacts.j[c]
+        row[_CONTACTS] += 2.0 if j < n else 1.0
+        x0, x1, x2 = pair_vector(dim, x, shift, c, i, j)
+        n0, n1, n2, _, _ = normal_and_overlap(i, j, j >= n, j - n, bodies.radius, bodies.normal, x0, x1, x2)
+        normal = (n0, n1, n2)
+        for m in range(3):
+            for q in range(3):
+                row[_FABRIC + 3 * m + q] += normal[m] * normal[q]
+        if j < n:
             r, f = elastic_pair(kind, coulomb, dim, p, bodies, contacts, shift, c)
             for m in range(3):
                 for q in range(3):
-                    row[8 + 3 * m + q] += f[m] * r[q]
+                    row[_VIRIAL + 3 * m + q] += f[m] * r[q]
+    row[_FABRIC : _FABRIC + 9] /= max(row[6], 1.0)
+    row[_RATTLERS], row[_HELD] = _held(contacts, n, len(bodies.radius), 2 if p[:, :, MU].max() > 0.0 else dim + 1)
     for a in range(len(writing.probes)):
         for m in range(3):
             track[a, m] = x[writing.probes[a], m]
@@ -107,6 +154,7 @@ _EVENT_NAMES = np.array(["closed", "opened", "limit"])
 def record_of(writing: Writing, done: int, books: Books | None) -> Record:
     """What was written in a run of `done` steps."""
     kept = done // writing.every + 1 if writing.every else 0
+    n = len(writing.reference)
     series, tracks, rows = writing.series[:kept], writing.tracks[:kept], writing.events[: writing.event_count[0]]
     events = np.zeros(len(rows), _EVENT_TYPE)
     events["kind"] = _EVENT_NAMES[rows[:, 0].astype(int)]
@@ -120,7 +168,10 @@ def record_of(writing: Writing, done: int, books: Books | None) -> Record:
         series[:, 3:6],
         column["touching"],
         column["sliding"],
-        series[:, 8:].reshape(-1, 3, 3),
+        *(series[:, at : at + 9].reshape(-1, 3, 3) for at in (_VIRIAL, _FABRIC, _KINETIC)),
+        column["contacts"] / n,
+        column["held_contacts"] / np.maximum(n - column["rattlers"], 1),
+        column["rattlers"],
         tracks[..., :3],
         tracks[..., 3:],
         events,

@@ -1,0 +1,66 @@
+"""What a run samples equals what is measured on its states; a perturbation decays as the damped spectrum says."""
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+import stickslip as ss
+from stickslip.core import measure
+from stickslip.loading.packing import jammed
+from tests.conftest import make_law
+from tests.properties.test_determinism import flowing
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("n", [30, 120])
+def test_samples_are_what_the_states_say(n, dim):
+    law, state = make_law("hertz_mindlin", "sharp"), flowing(n=n, dim=dim)
+    end, record, _ = ss.run(state, law, 60, 0.05, every=20)
+    assert len(record.time) == 4
+    moving = end.grains
+    np.testing.assert_allclose(record.virial[-1] / measure.volume(end), ss.stress(end, law), atol=1e-13)
+    np.testing.assert_allclose(record.fabric[-1], ss.fabric(end), atol=1e-13)
+    assert np.trace(record.fabric[-1]) == pytest.approx(1)
+    np.testing.assert_allclose(
+        record.momentum_flux[-1], np.einsum("a,ab,ac->bc", moving.mass, moving.velocity, moving.velocity), rtol=1e-12
+    )
+    assert record.rattlers[-1] == ss.rattlers(end).sum()
+    assert record.held_coordination[-1] == pytest.approx(ss.coordination(end))
+    assert record.coordination[-1] == pytest.approx(ss.contact_numbers(end).mean())
+    assert 0 < record.sliding_fraction[-1] < 1
+    half, _, _ = ss.run(state, law, 20, 0.05)
+    assert record.coordination[1] == pytest.approx(ss.contact_numbers(half).mean())
+
+
+def test_inertial_number_refuses_what_makes_no_sense():
+    with pytest.raises(ValueError, match="pressure = -1"):
+        ss.inertial_number(0.1, -1, diameter=1.0, density=1.0)
+
+
+@pytest.mark.parametrize("law_name", ["linear", "hertz_mindlin_reff"])
+@pytest.mark.parametrize("damping", ["mass_velocity", "viscoelastic"])
+def test_a_small_perturbation_decays_as_the_linearised_form_says(law_name, damping):
+    """q(t) = exp(t [[0, 1], [M⁻¹J, M⁻¹C]]) q(0) from an equilibrium whose contacts stick."""
+    law = make_law(law_name, "smooth", mu=5.0, damping=damping, damping_n=0.4, damping_t=0.3)
+    packed, _ = jammed(40, packing_fraction=0.68, seed=2)
+    state, outcome = ss.equilibrate(packed, law)
+    assert outcome.ok
+    free = ss.freedom(state)
+    springs, dashpots = ss.contact_blocks(state, law)
+    pull, rub = (ss.restricted(state, b, free).toarray() / free.mass[:, None] for b in (springs, dashpots))
+    size = len(free)
+    rate = np.random.default_rng(0).normal(0, 1e-9, size)
+    full = np.zeros(6 * state.n_bodies)
+    full[free.component] = rate
+    full = full.reshape(-1, 6)
+    grains = state.grains._replace(velocity=full[:, :3].copy(), spin=full[:, 3:] / state.grains.radius[:, None])
+    duration, dt = 20.0, 0.01
+    end, _, _ = ss.run(state._replace(grains=grains), law, round(duration / dt), dt)
+    motion = expm(duration * np.block([[np.zeros((size, size)), np.eye(size)], [pull, rub]]))
+    predicted = motion[:size, size:] @ rate
+    undamped = expm(duration * np.block([[np.zeros((size, size)), np.eye(size)], [pull, 0 * rub]]))[:size, size:] @ rate
+    turned = (end.grains.angle - state.grains.angle) * state.grains.radius[:, None]
+    moved = np.concatenate([end.grains.position - state.grains.position, turned], axis=1).ravel()[free.component]
+    # second order in the time step; the residual of the equilibrium and what is not linear are far below
+    assert np.abs(moved - predicted).max() < 1e-3 * np.abs(predicted).max()
+    assert np.abs(undamped - predicted).max() > 0.1 * np.abs(predicted).max()
