@@ -9,8 +9,8 @@ __version__ = "0.1.0"
 
 _WHERE = {
     "core.state": (
-        "State Grains Walls Cell Contacts Control assembly box check disks driven flat_walls frozen loads spheres "
-        "OPEN STICK SLIDE"
+        "State Grains Walls Cell Contacts Control assembly box check disks driven flat_walls frozen loads rigid "
+        "spheres OPEN STICK SLIDE"
     ),
     "core.contact": "FREE FROZEN HELD",
     "core.laws": "Law between hertz_mindlin hertz_mindlin_reff linear stiffnesses",

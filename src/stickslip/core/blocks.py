@@ -40,7 +40,7 @@ _X, _V, _W, _SUM, _AHEAD, _TURN, SCRATCH = (LANES * k for k in (0, 3, 6, 9, 10, 
 
 
 class Moving(NamedTuple):
-    """Bodies in internal order: tiles of neighbouring grains, then walls."""
+    """Bodies in the order of memory: tiles of neighbouring grains, then rigid groups, then walls."""
 
     order: np.ndarray  # (B,) number of each body in the state
     body: np.ndarray  # (B, 10) position, velocity, spin, radius
@@ -52,7 +52,9 @@ class Moving(NamedTuple):
     whole: np.ndarray  # (B,) bool: all components that this dimension has are free
     external: np.ndarray  # (B, 6) external forces and torques, or (0, 6) without any
     origin: np.ndarray  # (B, 3) where the blocks were chosen
-    tile: np.ndarray  # (T + 1,) bounds of the tiles of grains; walls follow
+    tile: np.ndarray  # (T + 1,) bounds of the tiles of grains; rigid groups and walls follow
+    member: np.ndarray  # (M,) bodies in rigid groups, group after group
+    members: np.ndarray  # (G + 1,) bounds of the groups
     share: np.ndarray  # (threads + 1,) bounds of the tiles of each thread
 
 
@@ -109,7 +111,9 @@ def _room(old, need):
 
 
 @njit(cache=True)
-def _chosen(contacts, position, radius, normal, vectors, internal, tile_of, n, reach, materials, material, group, mate):
+def _chosen(
+    contacts, position, radius, normal, vectors, internal, tile_of, last, n, reach, materials, material, group, mate
+):
     """Group and pair class of every row that touches or may soon touch; others get group −1. Returns their number."""
     number, tiles = 0, tile_of.max() + 1 if len(tile_of) else 1
     for c in range(contacts.count[0]):
@@ -132,7 +136,7 @@ def _chosen(contacts, position, radius, normal, vectors, internal, tile_of, n, r
         if gap < reach or contacts.mode[c] != OPEN:
             number += 1
             a, b = tile_of[internal[i]], tile_of[internal[j]]
-            group[c] = min(a, b) + (tiles if a == b and not wall else 0)
+            group[c] = min(a, b) + (tiles if a == b and a < last else 0)
             mate[c] = (material[i] * materials + material[j]) * 2 + wall
     return number
 
@@ -186,8 +190,9 @@ def chosen_blocks(
     group, mate, classes = np.empty(count, np.int64), np.empty(count, np.int64), 2 * materials * materials
     # the walls' tile has no blocks of its own: groups 0 … tiles are cross, then inner
     active = _chosen(
-        contacts, position, radius, normal, vectors, internal, tile_of, n, reach, materials, material, group, mate
-    )
+        contacts, position, radius, normal, vectors, internal, tile_of, tiles, n, reach, materials, material, group,
+        mate,
+    )  # fmt: skip
     top = tile_of.max() + 1
     first, bound = _bucketed(count, group, mate, 2 * top, classes)
     blocks = first[-1]

@@ -24,7 +24,7 @@ from .laws import (
     tangential_stiffness,
 )
 from .neighbors import body_positions, body_radii, updated
-from .state import OPEN, SLIDE, State
+from .state import OPEN, SLIDE, State, groups
 
 CLOSED, OPENED, REACHED_LIMIT = 0, 1, 2
 EVENT_COLUMNS = ("kind", "time", "i", "j", "image_x", "image_y", "image_z", "x", "y", "z")
@@ -50,6 +50,14 @@ class Loads(NamedTuple):
     torque: np.ndarray  # (N + W, 3) [force length]
 
 
+def moved_masses(state: State) -> np.ndarray:
+    """(B,) mass that moves with each body: its own, or its rigid group's."""
+    own = np.concatenate([state.grains.mass, state.walls.mass])
+    for members in groups(state.control):
+        own[members] = own[members].sum()
+    return own
+
+
 def bodies(state: State) -> Bodies:
     """Fresh arrays of grains followed by walls."""
     grains, walls = state.grains, state.walls
@@ -61,7 +69,7 @@ def bodies(state: State) -> Bodies:
         np.concatenate([grains.spin, still]),
         body_radii(state),
         np.concatenate([grains.material, walls.material]),
-        state.control.free[:, : state.cell.dim].any(axis=1) / np.concatenate([grains.mass, walls.mass]),
+        state.control.free[:, : state.cell.dim].any(axis=1) / moved_masses(state),
         walls.normal,
     )
 
@@ -277,6 +285,8 @@ def unbalanced(state: State, loads: Loads):
     total[:n, :3] += grains.mass[:, None] * control.gravity
     total[n:, :3] += state.walls.mass[:, None] * control.gravity
     total[:n, 3:] = (loads.torque[:n] + control.torque[:n]) / grains.radius[:, None]
+    for members in groups(control):
+        total[members, :3] = total[members, :3].sum(axis=0)
     total[~control.free] = 0.0
     if state.cell.dim == 2:
         total[:, 2:5] = 0.0

@@ -27,6 +27,7 @@ from .plan import (
     largest_unbalanced,
     moved_by_forces,
     plan_of,
+    pooled,
     runaway,
 )
 from .record import Writing, record_of, sample, with_lost, writing_of
@@ -117,6 +118,7 @@ def stepper(kind: int, coulomb: int, dim: int, viscous: int):
                 kind, coulomb, dim, seen, contacts, shift, p, viscous, FROZEN if fresh else FREE, force, torque,
                 time + step * dt, events, event_count,
             )  # fmt: skip
+            pooled(plan.pool.member, plan.pool.start, force)
             if not fresh:
                 second_half(flat_v, flat_f, kick, slow)
                 second_half(flat_spin, flat_t, kick_t, slow_t)

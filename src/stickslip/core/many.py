@@ -5,7 +5,7 @@ import numpy as np
 
 from .blocks import TILE, Moving, anchored, chosen_blocks, committed, morton, no_blocks
 from .contact import FROZEN
-from .forces import Bodies, forces
+from .forces import Bodies, forces, moved_masses
 from .geometry import shifts
 from .laws import Law, dashpots
 from .ledger import entered
@@ -21,6 +21,7 @@ from .plan import (
     driven_bodies,
     first_bad,
     largest_unbalanced,
+    pool_of,
     runaway,
 )
 from .record import Writing, sample, with_lost
@@ -38,31 +39,35 @@ def _threads(n: int, asked: int | None, watched: bool) -> int:
 
 
 def _ordered(state: State, radius: float) -> np.ndarray:
-    """(B,) bodies in the order in which they lie in memory: grains along a space-filling curve, then walls."""
-    x, n = state.grains.position, len(state.grains.radius)
-    if n <= TILE:
-        return np.arange(state.n_bodies)
-    grid = grid_of(state.cell)
-    fraction = x @ grid.inverse
-    fraction -= np.where(grid.periodic, np.floor(fraction), 0.0)
-    low = np.where(grid.periodic, 0.0, fraction.min(axis=0))
-    place = morton(fraction, np.eye(3), low, 4.0 * radius / grid.height)
-    return np.append(np.argsort(place, kind="stable"), np.arange(n, state.n_bodies))
+    """(B,) bodies in the order in which they lie in memory: grains along a curve, those in rigid groups, walls."""
+    n, grouped = len(state.grains.radius), state.control.group >= 0
+    single = np.flatnonzero(~grouped[:n])
+    last = np.append(np.flatnonzero(grouped[:n]), np.arange(n, state.n_bodies))
+    if len(single) > TILE:
+        grid = grid_of(state.cell)
+        fraction = state.grains.position[single] @ grid.inverse
+        fraction -= np.where(grid.periodic, np.floor(fraction), 0.0)
+        low = np.where(grid.periodic, 0.0, fraction.min(axis=0))
+        single = single[np.argsort(morton(fraction, np.eye(3), low, 4.0 * radius / grid.height), kind="stable")]
+    return np.append(single, last)
 
 
 def _moving(state: State, plan: Plan, here: Bodies, predict: bool, threads: int) -> Moving:
     """Working copy of all bodies in the order of memory."""
     n, dim, b = len(state.grains.radius), state.cell.dim, state.n_bodies
     order = _ordered(state, float(state.grains.radius.mean()))
-    mass, inertia = np.append(state.grains.mass, state.walls.mass), np.append(state.grains.inertia, np.ones(b - n))
+    mass, inertia = moved_masses(state), np.append(state.grains.inertia, np.ones(b - n))
     free = state.control.free.copy()
     free[n:, 3:] = False
     if dim == 2:
         free[:, 2:5] = False
     used = [0, 1, 5] if dim == 2 else range(6)
     external = np.concatenate([plan.external[0], plan.external[1]], axis=1)
+    single = int((state.control.group[:n] < 0).sum())
     size = TILE if threads == 1 else min(TILE, -(-n // (4 * threads)))
-    tile = np.append(np.arange(0, n, size), n)
+    tile = np.append(np.arange(0, single, size), single)
+    place = np.empty(b, np.int64)
+    place[order] = np.arange(b)
     return Moving(
         order,
         np.concatenate([here.position, here.velocity, here.spin, here.radius[:, None]], axis=1)[order],
@@ -75,6 +80,7 @@ def _moving(state: State, plan: Plan, here: Bodies, predict: bool, threads: int)
         external[order] if external.any() else np.zeros((1, 6)),
         here.position[order],
         tile,
+        *pool_of(state.control, place),
         np.arange(threads + 1) * (len(tile) - 1) // threads,
     )
 

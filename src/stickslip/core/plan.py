@@ -5,11 +5,37 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .forces import Bodies, bodies
-from .state import State
+from .forces import Bodies, bodies, moved_masses
+from .state import Control, State, groups
 
 CHECK_EVERY = 200  # steps between checks for NaN and, with a tolerance, for rest
 DONE, CONVERGED, BAD, FULL, MOVED, AWAY = range(6)  # why a compiled loop over steps came back
+
+
+class Pool(NamedTuple):
+    """Members of all rigid groups, group after group."""
+
+    member: np.ndarray  # (M,)
+    start: np.ndarray  # (G + 1,)
+
+
+def pool_of(control: Control, place: np.ndarray | None = None) -> Pool:
+    """Members of the rigid groups, `place` says where each body lies in memory."""
+    found = groups(control)
+    member = np.concatenate([*found, np.zeros(0, np.int64)]).astype(np.int64)
+    return Pool(member if place is None else place[member], np.cumsum([0, *map(len, found)]))
+
+
+@njit(cache=True, fastmath=False)
+def pooled(member, start, force):
+    """Give every member of a group the sum of its members' forces, in the order of their numbers."""
+    for g in range(len(start) - 1):
+        for k in range(3):
+            total = 0.0
+            for e in range(start[g], start[g + 1]):
+                total += force[member[e], k]
+            for e in range(start[g], start[g + 1]):
+                force[member[e], k] = total
 
 
 class Plan(NamedTuple):
@@ -23,6 +49,7 @@ class Plan(NamedTuple):
     drag: np.ndarray  # (B, 6) [1/time]
     external: np.ndarray  # (2, B, 3) forces and torques
     drags: tuple[float, float]  # of translations and of rotations [1/time]
+    pool: Pool  # rigid groups
     mass: np.ndarray  # (N,)
     inertia: np.ndarray  # (N,)
     lever: np.ndarray  # (B,) radius, 1 for walls
@@ -68,6 +95,10 @@ def driven_bodies(state: State) -> Bodies:
     work.spin[:] = np.where(control.free[:, 3:], work.spin, control.rate[:, 3:])
     if state.cell.dim == 2:
         work.velocity[:, 2], work.spin[:, :2] = 0.0, 0.0
+    for members in groups(control):
+        mass = np.concatenate([state.grains.mass, state.walls.mass])[members]
+        mean = mass @ work.velocity[members] / mass.sum()
+        work.velocity[members] = np.where(control.free[members, :3], mean, work.velocity[members])
     return work
 
 
@@ -77,9 +108,9 @@ def moved_by_forces(motion):
 
 
 def inverse_mass_of(state: State) -> np.ndarray:
-    """(B,) 1/m of what translates, else zero [1/mass]."""
+    """(B,) 1/m of what translates, else zero; the whole group's mass for its members [1/mass]."""
     free = state.control.free[:, : state.cell.dim].any(axis=1)
-    return free / np.concatenate([state.grains.mass, state.walls.mass])
+    return free / moved_masses(state)
 
 
 def inverse_inertia_of(state: State) -> np.ndarray:
@@ -107,7 +138,7 @@ def plan_of(state: State, drag: float, spin_drag: float, dt: float) -> Plan:
     n, half = len(grains.radius), 0.5 * dt
     kick, rate = np.zeros((2, state.n_bodies, 6))
     mass = np.concatenate([grains.mass, walls.mass])
-    kick[:, :3], kick[:n, 3:] = half / mass[:, None], half / grains.inertia[:, None]
+    kick[:, :3], kick[:n, 3:] = half / moved_masses(state)[:, None], half / grains.inertia[:, None]
     kick[~control.free] = 0.0
     if state.cell.dim == 2:
         kick[:, 2:5] = 0.0
@@ -117,4 +148,14 @@ def plan_of(state: State, drag: float, spin_drag: float, dt: float) -> Plan:
     motion = np.stack([part[:, side].ravel() for side in (slice(0, 3), slice(3, 6)) for part in parts])
     external = np.stack([control.force + mass[:, None] * control.gravity, control.torque])
     lever = np.append(grains.radius, np.ones(len(walls.mass)))
-    return Plan(motion, rate, external, (float(drag), float(spin_drag)), grains.mass, grains.inertia, lever, float(dt))
+    return Plan(
+        motion,
+        rate,
+        external,
+        (float(drag), float(spin_drag)),
+        pool_of(control),
+        grains.mass,
+        grains.inertia,
+        lever,
+        float(dt),
+    )

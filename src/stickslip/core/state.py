@@ -66,13 +66,17 @@ class Contacts(NamedTuple):
 
 
 class Control(NamedTuple):
-    """What is imposed. A component that is not free moves at its `rate`: zero means frozen, anything else driven."""
+    """What is imposed. A component that is not free moves at its `rate`: zero means frozen, anything else driven.
+
+    Bodies of a group move as one and do not rotate: the forces on them add up, and so do their masses.
+    """
 
     force: np.ndarray  # (N + W, 3) [force]
     torque: np.ndarray  # (N + W, 3) [force length]
     free: np.ndarray  # (N + W, 6) bool: x, y, z, then rotation about x, y, z
     rate: np.ndarray  # (N + W, 6) [length/time], [rad/time]
     gravity: np.ndarray  # (3,) [length/time²]
+    group: np.ndarray  # (N + W,) number of the rigid group to which a body belongs, −1 for none
 
 
 class State(NamedTuple):
@@ -197,7 +201,12 @@ def loads(n_grains: int, n_walls: int = 0, *, force=0.0, torque=0.0, gravity=(0.
     """
     n = n_grains + n_walls
     control = Control(
-        np.zeros((n, 3)), np.zeros((n, 3)), np.ones((n, 6), bool), np.zeros((n, 6)), np.array(gravity, float)
+        np.zeros((n, 3)),
+        np.zeros((n, 3)),
+        np.ones((n, 6), bool),
+        np.zeros((n, 6)),
+        np.array(gravity, float),
+        np.full(n, -1),
     )
     control.force[:n_grains] = rows(force, n_grains, 3)
     control.torque[:n_grains] = rows(torque, n_grains, 3)
@@ -216,6 +225,33 @@ def driven(control: Control, bodies, rate) -> Control:
     free[bodies] = False
     speed[bodies] = rate
     return control._replace(free=free, rate=speed)
+
+
+def rigid(control: Control, bodies) -> Control:
+    """Control in which the given bodies are one rigid body without rotation: a plate, a glued layer.
+
+    It is free, frozen, driven or force-controlled along each direction as its members are, which must be alike in that;
+    forces on members add up. Its velocity at the start of a run is that of its centre of mass.
+
+    Examples
+    --------
+    A plate of grains 3 and 4, pressed along y and pulled along x at a given speed:
+
+    >>> control = rigid(loads(5), [3, 4])
+    >>> control.force[3, 1] = -0.1
+    >>> control.free[[3, 4], 0], control.rate[[3, 4], 0] = False, 1e-3
+    >>> control.group
+    array([-1, -1, -1,  0,  0])
+    """
+    free, rate, group = control.free.copy(), control.rate.copy(), control.group.copy()
+    free[bodies, 3:], rate[bodies, 3:] = False, 0.0
+    group[bodies] = group.max() + 1
+    return control._replace(free=free, rate=rate, group=group)
+
+
+def groups(control: Control) -> list[np.ndarray]:
+    """Numbers of the bodies of each rigid group."""
+    return [np.flatnonzero(control.group == g) for g in range(control.group.max(initial=-1) + 1)]
 
 
 def assembly(
@@ -262,10 +298,19 @@ def check(state: State) -> None:
             raise ValueError(f"grain {bad} has {name} {values[bad]:g}: it must be positive")
     if cell.dim not in (2, 3):
         raise ValueError(f"a cell of {cell.dim} dimensions was given: 2 and 3 are allowed")
-    for name in ("force", "torque", "free", "rate"):
+    for name in ("force", "torque", "free", "rate", "group"):
         if len(getattr(control, name)) != b:
             got = len(getattr(control, name))
             raise ValueError(f"control.{name} has {got} rows where {b} are needed: one for each grain and wall")
+    for members in groups(control):
+        if not len(members):
+            continue
+        alike = (control.free[members] == control.free[members[0]]).all() and not control.free[members, 3:].any()
+        if not (alike and (control.rate[members] == control.rate[members[0]]).all()):
+            raise ValueError(
+                f"the rigid group of bodies {members[0]} … {members[-1]} has contradictory control: all its members "
+                f"must be free, frozen or driven alike along each direction, and none may rotate"
+            )
     if cell.vectors.shape != (3, 3) or cell.periodic.shape != (3,):
         raise ValueError(
             f"a cell of shape {cell.vectors.shape} was given: give three lengths, or three vectors as rows"

@@ -14,7 +14,7 @@ from numba import njit, prange
 
 from .blocks import LANES, SCRATCH, STUCK_AGAIN, evaluated
 from .forces import CLOSED, OPENED, REACHED_LIMIT, record_event
-from .plan import DONE, FULL, MOVED
+from .plan import DONE, FULL, MOVED, pooled
 from .state import OPEN, SLIDE
 
 _LOST = 1e300  # squared displacement that stands for one that is not a number
@@ -140,6 +140,24 @@ def _ended(dim, predict, first, last, moving, blocks, pace, fresh, go_on):
 
 
 @njit(fastmath=False, error_model="numpy", forceinline=True)
+def _last_ended(dim, predict, moving, blocks, pace, fresh, go_on):
+    """The same for the last tile: walls, and rigid groups, whose members all get the force on the whole."""
+    first, last, force = moving.tile[-1], len(moving.body), moving.force
+    for at in range(first, last):
+        g = np.uint64(at)
+        fx, fy, fz, tx, ty, tz = _pulled(dim, moving, blocks, g)
+        force[g, 0], force[g, 1], force[g, 2] = fx, fy, fz
+        force[g, 3], force[g, 4], force[g, 5] = tx, ty, tz
+    pooled(moving.member, moving.members, force)
+    far = 0.0
+    for at in range(first, last):
+        g = np.uint64(at)
+        fx, fy, fz, tx, ty, tz = force[g, 0], force[g, 1], force[g, 2], force[g, 3], force[g, 4], force[g, 5]
+        far = max(far, _moved(dim, predict, moving, pace, g, not fresh, go_on, fx, fy, fz, tx, ty, tz))
+    return far
+
+
+@njit(fastmath=False, error_model="numpy", forceinline=True)
 def _begun(dim, predict, first, last, moving, pace):
     """Begin the step of a tile's grains with the forces kept."""
     far, force = 0.0, moving.force
@@ -193,7 +211,7 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
                 if parallel:
                     for k in prange(workers):
                         scratch = np.empty(SCRATCH)
-                        first, last = cross[tiles] * k // workers, cross[tiles] * (k + 1) // workers
+                        first, last = cross[-1] * k // workers, cross[-1] * (k + 1) // workers
                         evaluated(
                             kind, coulomb, dim, viscous, rate, first, last, blocks, body, ahead, p, dt, fresh, scratch
                         )
@@ -207,7 +225,12 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
                                 scratch,
                             )  # fmt: skip
                         far[t] = _ended(dim, predict, tile[t], tile[t + 1], moving, blocks, pace, fresh, go_on)
-                far[tiles] = _ended(dim, predict, tile[tiles], len(body), moving, blocks, pace, fresh, go_on)
+                if not parallel:  # what is between bodies of the last tile
+                    scratch, first, last = np.empty(SCRATCH), cross[tiles], cross[-1]
+                    evaluated(
+                        kind, coulomb, dim, viscous, rate, first, last, blocks, body, ahead, p, dt, fresh, scratch
+                    )
+                far[tiles] = _last_ended(dim, predict, moving, blocks, pace, fresh, go_on)
                 if watch:
                     _recorded(blocks, before, contacts, moving, time + step * dt, events, event_count)
                 ended, fresh = not go_on, False

@@ -78,9 +78,7 @@ def write_modes(path: Path, found: Stability) -> Path:
     A rotation is R·angle; modes have unit norm in the mass-weighted metric. Rattlers and what is not free are zero.
     """
     count = found.modes.shape[1]
-    full = np.zeros((count, max(found.n, int(found.free.body.max()) + 1) * 6), complex)
-    full[:, found.free.component] = found.modes.T
-    full = full.reshape(count, -1, 6)[:, : found.n]
+    full = np.array([found.free.spread(mode)[: found.n] for mode in found.modes.T]).reshape(count, found.n, 6)
     values = np.concatenate([found.pairs, found.negative.astype(complex)])
     beside = path.with_name(f".{path.name}.part.npz")
     try:

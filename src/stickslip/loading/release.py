@@ -95,10 +95,8 @@ def nudged(state: State, modes: Spectrum, seed: int, velocity: float) -> State:
     """
     size = np.abs(modes.eigenvalues)
     stiff = size > 1e-6 * size.max()
-    free, full = modes.free, np.zeros(6 * state.n_bodies)
     amplitude = np.random.default_rng(seed).normal(0.0, velocity, stiff.sum())
-    full[free.component] = (modes.modes[:, stiff] @ amplitude).real
-    full = full.reshape(-1, 6)
+    full = modes.free.spread((modes.modes[:, stiff] @ amplitude).real)
     grains, n = state.grains, len(state.grains.radius)
     return state._replace(
         grains=grains._replace(velocity=full[:n, :3].copy(), spin=full[:n, 3:] / grains.radius[:, None])

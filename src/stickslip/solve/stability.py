@@ -122,9 +122,7 @@ def stability(state: State, law: Law, *, method: str = "auto", report=None) -> S
 
 def _without(state: State, loose: np.ndarray) -> Freedom:
     """Free coordinates of all bodies but the loose grains."""
-    free = freedom(state)
-    held = ~np.append(loose, np.zeros(state.n_bodies - len(loose), bool))[free.body]
-    return Freedom(free.component[held], free.mass[held], free.dim)
+    return freedom(state).without(np.append(loose, np.zeros(state.n_bodies - len(loose), bool)))
 
 
 def _translations(matrix, free: Freedom) -> int:
