@@ -96,7 +96,7 @@ def sizes(counts) -> list[dict]:
     rates, rows = {}, []
     for n in counts:
         path = scene(3, 0.66, n, 0.001)
-        found = [timed("ours", path, max(20, 3_000_000 // n)) for _ in range(3 if n < 1_000_000 else 2)]
+        found = [timed("ours", path, max(200, 3_000_000 // n)) for _ in range(3 if n < 1_000_000 else 2)]
         rates[n] = n / min(f[0] for f in found)
         rows.append(row("dense spheres over those of 1000", n, 1, rates[n], rates[counts[0]], "ours, n = 1000"))
         if n == counts[-1]:

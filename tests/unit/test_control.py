@@ -47,7 +47,7 @@ def test_a_plate_moves_as_one(n, direction):
 
 
 def test_a_plate_does_not_depend_on_threads_or_on_the_way_through_the_list(monkeypatch):
-    law = make_law("linear", "sharp", damping="mass_velocity", damping_n=0.1)
+    law = make_law("hertz_mindlin_reff", "sharp", damping_n=0.3, damping_t=0.15)
     state, *_ = plated(300)
     one, record, _ = ss.run(state, law, 200, 0.05, every=10, ledger=True)
     two, _, _ = ss.run(state, law, 200, 0.05, threads=2)

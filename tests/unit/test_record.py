@@ -14,7 +14,7 @@ from tests.properties.test_determinism import flowing
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("n", [30, 120])
 def test_samples_are_what_the_states_say(n, dim):
-    law, state = make_law("hertz_mindlin", "sharp"), flowing(n=n, dim=dim)
+    law, state = make_law("hertz_mindlin", "sharp" if dim == 3 else "smooth"), flowing(n=n, dim=dim)
     end, record, _ = ss.run(state, law, 60, 0.05, every=20)
     assert len(record.time) == 4
     moving = end.grains
@@ -37,8 +37,7 @@ def test_inertial_number_refuses_what_makes_no_sense():
         ss.inertial_number(0.1, -1, diameter=1.0, density=1.0)
 
 
-@pytest.mark.parametrize("law_name", ["linear", "hertz_mindlin_reff"])
-@pytest.mark.parametrize("damping", ["mass_velocity", "viscoelastic"])
+@pytest.mark.parametrize(("law_name", "damping"), [("linear", "mass_velocity"), ("hertz_mindlin_reff", "viscoelastic")])
 def test_a_small_perturbation_decays_as_the_linearised_form_says(law_name, damping):
     """q(t) = exp(t [[0, 1], [M⁻¹J, M⁻¹C]]) q(0) from an equilibrium whose contacts stick."""
     law = make_law(law_name, "smooth", mu=5.0, damping=damping, damping_n=0.4, damping_t=0.3)

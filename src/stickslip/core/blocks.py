@@ -293,8 +293,11 @@ def committed(blocks, contacts):
 
 
 @njit(cache=True, fastmath=False)
-def anchored(contacts, position, angle, radius, normal, shift):
-    """Set the pair vectors and angles at which memory counts as committed to the present ones; True if they were."""
+def anchored(contacts, position, angle, radius, shift, pair_out, roll_out):
+    """Write the present pair vectors and angles of what touches; True if they are those of the committed memory.
+
+    With empty arrays nothing is written.
+    """
     rested = True
     for c in range(contacts.count[0]):
         if contacts.mode[c] != OPEN:
@@ -303,7 +306,8 @@ def anchored(contacts, position, angle, radius, normal, shift):
                 pair = position[i, m] - position[j, m] + shift[c, m]
                 roll = radius[i] * angle[i, m] + radius[j] * angle[j, m]
                 rested &= pair == contacts.pair[c, m] and roll == contacts.roll[c, m]
-                contacts.pair[c, m], contacts.roll[c, m] = pair, roll
+                if len(pair_out):
+                    pair_out[c, m], roll_out[c, m] = pair, roll
     return rested
 
 

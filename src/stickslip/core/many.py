@@ -89,10 +89,13 @@ def marched(
     state: State, law: Law, plan: Plan, steps: int, tolerance: float, writing: Writing, books, *, rate: int, threads
 ):
     """As many steps as asked, in blocks; see `run`. Returns what the plain stepper does."""
-    contacts = type(state.contacts)(*(a.copy() for a in state.contacts))
+    contacts, here, nothing = state.contacts, driven_bodies(state), np.zeros((0, 3))
     shift = shifts(contacts, state.cell.vectors)
-    here = driven_bodies(state)
-    if not anchored(contacts, here.position, here.angle, here.radius, here.normal, shift):
+    if anchored(contacts, here.position, here.angle, here.radius, shift, nothing, nothing):
+        # what a run writes; pair vectors and angles are written when it ends
+        own = {name: getattr(contacts, name).copy() for name in ("slip", "mode", "reached")}
+        contacts = contacts._replace(**own)
+    else:
         _, contacts = forces(state, law, memory=FROZEN)
     viscous, dim = dashpots(law), state.cell.dim
     threads = _threads(len(state.grains.radius), threads, len(writing.events) > 0)
@@ -147,7 +150,9 @@ def marched(
             stop = step + 1 if books else stop
     finally:
         numba.set_num_threads(before)
-    anchored(contacts, here.position, here.angle, here.radius, here.normal, shifts(contacts, state.cell.vectors))
+    contacts = contacts._replace(pair=np.zeros_like(contacts.pair), roll=np.zeros_like(contacts.roll))
+    shift = shifts(contacts, state.cell.vectors)
+    anchored(contacts, here.position, here.angle, here.radius, shift, contacts.pair, contacts.roll)
     n = len(state.grains.radius)
     end = state._replace(
         grains=state.grains._replace(

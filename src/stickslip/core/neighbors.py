@@ -241,7 +241,7 @@ def rebuilt(x, radius, wall_normal, grid, old):
         count = candidate_pairs(x, radius, wall_normal, grid, new.skin[0], new.i, new.j, new.image, new.key)
         if count <= capacity:
             break
-        capacity = count + count // 4
+        capacity = count + count // 16
     new.count[0] = count
     new.origin[:] = x
     if count > 0:

@@ -51,12 +51,12 @@ class Contacts(NamedTuple):
     committed. `origin` holds the bodies' positions at which the list was made.
     """
 
-    i: np.ndarray  # (C,)
-    j: np.ndarray  # (C,)
-    image: np.ndarray  # (C, 3)
+    i: np.ndarray  # (C,) int32
+    j: np.ndarray  # (C,) int32
+    image: np.ndarray  # (C, 3) int16
     key: np.ndarray  # (C,) packed (i, j, image)
     slip: np.ndarray  # (C, 3) [length], perpendicular to the normal
-    mode: np.ndarray  # (C,) OPEN, STICK or SLIDE
+    mode: np.ndarray  # (C,) int8: OPEN, STICK or SLIDE
     pair: np.ndarray  # (C, 3) [length]
     roll: np.ndarray  # (C, 3) [length]
     reached: np.ndarray  # (C,) bool: was at Coulomb's limit since it closed
@@ -171,12 +171,12 @@ def empty_contacts(n_bodies, capacity, skin):
     """A list without pairs, with room for `capacity`; the first evaluation of forces fills it."""
     c = capacity
     return Contacts(
-        np.zeros(c, np.int64),
-        np.zeros(c, np.int64),
-        np.zeros((c, 3), np.int64),
+        np.zeros(c, np.int32),
+        np.zeros(c, np.int32),
+        np.zeros((c, 3), np.int16),
         np.zeros(c, np.int64),
         np.zeros((c, 3)),
-        np.zeros(c, np.int64),
+        np.zeros(c, np.int8),
         np.zeros((c, 3)),
         np.zeros((c, 3)),
         np.zeros(c, np.bool_),
