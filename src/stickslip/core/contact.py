@@ -14,14 +14,25 @@ from .state import SLIDE, STICK
 FROZEN, HELD, FREE = 0, 1, 2
 
 
+@njit
+def needs_radius(kind, viscous):
+    """True if the law asks for R_eff."""
+    return kind == HERTZ_MINDLIN_REFF or viscous & 3 == VISCOELASTIC
+
+
+@njit
+def needs_mass(viscous):
+    """True if the law asks for m_eff."""
+    return viscous & 3 in (MASS, VISCOELASTIC)
+
+
 @njit(fastmath=True, error_model="numpy")
 def effective(kind, viscous, radius, inverse_mass, i, j, is_wall):
     """R_eff and m_eff of a pair, 1 where the law does not ask; what does not move is infinitely heavy."""
-    model = viscous & 3
     r_eff = m_eff = 1.0
-    if kind == HERTZ_MINDLIN_REFF or model == VISCOELASTIC:
+    if needs_radius(kind, viscous):
         r_eff = radius[i] if is_wall else radius[i] * radius[j] / (radius[i] + radius[j])
-    if model in (VISCOELASTIC, MASS):
+    if needs_mass(viscous):
         inverse = inverse_mass[i] + inverse_mass[j]
         m_eff = 1.0 / inverse if inverse > 0.0 else 0.0
     return r_eff, m_eff
@@ -66,3 +77,22 @@ def damped(tx, ty, tz, damping, limit, vx, vy, vz):
     square = tx * tx + ty * ty + tz * tz
     factor = limit / np.sqrt(square) if square > limit * limit else 1.0
     return tx * factor, ty * factor, tz * factor
+
+
+@njit(fastmath=True, error_model="numpy")
+def in_one_go(stiffness, damping, limit, sx, sy, sz, vx, vy, vz, hold):
+    """Tangential force and slip when spring and dashpot together are held to Coulomb's limit, as LAMMPS does.
+
+    s ← f (s + c v_t/k_t) − c v_t/k_t, F_t ← f F_t, f = limit/|F_t|. Returns force, slip, and whether it slides.
+    """
+    tx, ty, tz = -stiffness * sx - damping * vx, -stiffness * sy - damping * vy, -stiffness * sz - damping * vz
+    square = tx * tx + ty * ty + tz * tz
+    slides = square > limit * limit
+    share = limit / np.sqrt(square) if slides else 1.0
+    # a contact that slides without ever having been sheared is let go altogether
+    grip = share if not slides or sx * sx + sy * sy + sz * sz > 0.0 else 0.0
+    slides = slides and not hold
+    less = share - 1.0 if slides else 0.0
+    stretch = damping / stiffness if stiffness > 0.0 else 0.0
+    sx, sy, sz = sx + less * (sx + stretch * vx), sy + less * (sy + stretch * vy), sz + less * (sz + stretch * vz)
+    return grip * tx, grip * ty, grip * tz, sx, sy, sz, slides

@@ -199,7 +199,8 @@ def run(
         raise ValueError(f"steps = {steps}, every = {every} were given: neither may be negative")
     state = updated(state)
     check_time_step(state, law, driven_bodies(state), dt)
-    plan = plan_of(state, drag, drag if spin_drag is None else spin_drag, dt)
+    many = memory == "rate" or state.n_bodies >= MANY
+    plan = plan_of(state, drag, drag if spin_drag is None else spin_drag, dt, bare=many and not tolerance > 0)
     if tolerance > 0 and not (plan.drag[moved_by_forces(plan.motion)] > 0).all():
         raise ValueError("a tolerance was given without drag on every free component: rest is not reached without it")
     writing = writing_of(state, steps, every, probes, events, reference)
@@ -212,7 +213,7 @@ def run(
         raise ValueError("memory='rate' was given with a smooth law: LAMMPS knows sharp ones only, use coulomb='sharp'")
     if threads is not None and threads < 1:
         raise ValueError(f"threads = {threads} was given: at least 1 is needed")
-    if memory == "rate" or state.n_bodies >= MANY:
+    if many:
         rate = int(memory == "rate")
         result = marched(state, law, plan, steps, tolerance, writing, books, rate=rate, threads=threads)
     else:

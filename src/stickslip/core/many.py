@@ -3,7 +3,7 @@
 import numba
 import numpy as np
 
-from .blocks import TILE, Moving, anchored, chosen_blocks, committed, morton, no_blocks
+from .blocks import TILE, Moving, anchored, committed, no_blocks
 from .contact import FROZEN
 from .forces import Bodies, forces, moved_masses
 from .geometry import shifts
@@ -25,6 +25,7 @@ from .plan import (
     runaway,
 )
 from .record import Writing, sample, with_lost
+from .selection import chosen_blocks, morton
 from .state import State
 from .tiles import Pace, exported, marcher
 

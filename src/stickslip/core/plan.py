@@ -132,30 +132,26 @@ def runaway(velocity, radius, dt):
     return -1
 
 
-def plan_of(state: State, drag: float, spin_drag: float, dt: float) -> Plan:
-    """Kicks, drags and external loads of all bodies for one time step."""
-    grains, walls, control = state.grains, state.walls, state.control
-    n, half = len(grains.radius), 0.5 * dt
+def _factors(state: State, drag: float, spin_drag: float, dt: float):
+    """`motion` and `drag` of a plan."""
+    n, half, free = len(state.grains.radius), 0.5 * dt, state.control.free
     kick, rate = np.zeros((2, state.n_bodies, 6))
-    mass = np.concatenate([grains.mass, walls.mass])
-    kick[:, :3], kick[:n, 3:] = half / moved_masses(state)[:, None], half / grains.inertia[:, None]
-    kick[~control.free] = 0.0
+    kick[:, :3], kick[:n, 3:] = half / moved_masses(state)[:, None], half / state.grains.inertia[:, None]
+    kick[~free] = 0.0
     if state.cell.dim == 2:
         kick[:, 2:5] = 0.0
     rate[:, :3], rate[:, 3:] = drag, spin_drag
     rate[kick == 0.0] = 0.0
     parts = (kick, 1.0 - half * rate, 1.0 / (1.0 + half * rate))
-    motion = np.stack([part[:, side].ravel() for side in (slice(0, 3), slice(3, 6)) for part in parts])
+    return np.stack([part[:, side].ravel() for side in (slice(0, 3), slice(3, 6)) for part in parts]), rate
+
+
+def plan_of(state: State, drag: float, spin_drag: float, dt: float, *, bare: bool = False) -> Plan:
+    """Kicks, drags and external loads of all bodies for one time step; `bare`: without factors for each component."""
+    grains, walls, control = state.grains, state.walls, state.control
+    mass = np.concatenate([grains.mass, walls.mass])
+    motion, rate = (np.zeros((6, 0)), np.zeros((0, 6))) if bare else _factors(state, drag, spin_drag, dt)
     external = np.stack([control.force + mass[:, None] * control.gravity, control.torque])
     lever = np.append(grains.radius, np.ones(len(walls.mass)))
-    return Plan(
-        motion,
-        rate,
-        external,
-        (float(drag), float(spin_drag)),
-        pool_of(control),
-        grains.mass,
-        grains.inertia,
-        lever,
-        float(dt),
-    )
+    drags = (float(drag), float(spin_drag))
+    return Plan(motion, rate, external, drags, pool_of(control), grains.mass, grains.inertia, lever, float(dt))
