@@ -123,9 +123,13 @@ def main() -> None:
     if only or not {"--quick", "--engine"} & set(sys.argv):
         rows += spheres.rows("--large" in sys.argv)
     show(rows)
+    path, today = Path("bench.json"), datetime.now(UTC).date().isoformat()
+    measured, rows = {row["case"] for row in rows}, [row | {"date": today} for row in rows]
+    if path.exists():  # a part that was not run keeps its rows, each with the date of its measurement
+        rows += [row for row in json.loads(path.read_text(encoding="utf-8"))["results"] if row["case"] not in measured]
     machine = f"{platform.machine()}, {os.cpu_count()} cores, {platform.system()}"
-    report = {"machine": machine, "versions": versions(), "date": datetime.now(UTC).date().isoformat(), "results": rows}
-    Path("bench.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+    report = {"machine": machine, "versions": versions(), "date": today, "results": rows}
+    path.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
     console.print("Written: bench.json")
 
 
