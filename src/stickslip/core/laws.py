@@ -104,7 +104,7 @@ def stiffnesses(young: float, poisson: float) -> tuple[float, float]:
 
     Source
     ------
-    Mindlin & Deresiewicz, doi:10.1115/1.4010702; values of doi:10.48550/arXiv.2101.08366 [paper 003].
+    Mindlin & Deresiewicz, doi:10.1115/1.4010702, in the form that the supplement of paper 003 (fault gouge) gives.
 
     Examples
     --------
