@@ -99,3 +99,9 @@ def test_contradictory_control_is_refused():
     control.free[0, 0] = False
     with pytest.raises(ValueError, match="contradictory control"):
         ss.assembly(ss.spheres([[0, 0, 0], [2, 0, 0], [4, 0, 0]], 0.5), control=control)
+
+
+@pytest.mark.parametrize("skin", [0.0, -0.1, 1e-6, np.nan])
+def test_a_skin_too_small_is_refused(skin):
+    with pytest.raises(ValueError, match="at least 5e-05"):
+        ss.assembly(ss.spheres([[0, 0, 0]], 0.5), skin=skin)

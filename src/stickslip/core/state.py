@@ -319,5 +319,9 @@ def check(state: State) -> None:
         raise ValueError("the cell's vectors span no volume: give three independent vectors")
     if cell.dim == 2 and (cell.periodic[2] or walls.normal[:, 2].any()):
         raise ValueError("a cell of 2 dimensions lies in the plane: it cannot be periodic or walled along z")
-    if not contacts.skin[0] > 0:
-        raise ValueError(f"a skin of {contacts.skin[0]:g} was given: it must be positive")
+    least = 1e-4 * float(grains.radius.min())
+    if not contacts.skin[0] >= least:
+        raise ValueError(
+            f"a skin of {contacts.skin[0]:g} was given: it must be at least {least:g}, 1e-4 of the smallest "
+            f"radius, or lists of contacts are made anew at every step"
+        )
