@@ -29,6 +29,7 @@ from .plan import (
     plan_of,
     pooled,
     runaway,
+    state_after,
 )
 from .record import Writing, record_of, sample, with_lost, writing_of
 from .state import State
@@ -259,13 +260,5 @@ def _advanced(state: State, law: Law, plan: Plan, steps: int, tolerance: float, 
             stop += 1
         if code not in (FULL, MOVED) and (code != DONE or done == steps):
             break
-    n = len(state.grains.radius)
-    end = state._replace(
-        grains=state.grains._replace(
-            position=work.position[:n], angle=work.angle[:n], velocity=work.velocity[:n], spin=work.spin[:n]
-        ),
-        walls=state.walls._replace(point=work.position[n:], velocity=work.velocity[n:]),
-        contacts=contacts,
-        time=state.time + done * plan.dt,
-    )
+    end = state_after(state, work, contacts, state.time + done * plan.dt)
     return end, code, done, residual, worst, writing, books

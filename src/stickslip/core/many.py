@@ -23,6 +23,7 @@ from .plan import (
     largest_unbalanced,
     pool_of,
     runaway,
+    state_after,
 )
 from .record import Writing, sample, with_lost
 from .selection import chosen_blocks, morton
@@ -123,11 +124,9 @@ def marched(
             fresh = False
             exported(moving, here)
             committed(blocks, contacts)
-            bad = first_bad(here.position, here.angle)
-            if bad < 0 and code != DONE and runaway(here.velocity, here.radius, plan.dt) >= 0:
-                bad, code = runaway(here.velocity, here.radius, plan.dt), AWAY
-            if bad >= 0:
-                code, worst = AWAY if code == AWAY else BAD, bad
+            bad, away = first_bad(here.position, here.angle), runaway(here.velocity, here.radius, plan.dt)
+            if bad >= 0 or away >= 0:
+                code, worst = (BAD, bad) if bad >= 0 else (AWAY, away)
                 break
             if code != DONE:
                 blocks, limit, contacts, writing = _chosen(
@@ -154,15 +153,7 @@ def marched(
     contacts = contacts._replace(pair=np.zeros_like(contacts.pair), roll=np.zeros_like(contacts.roll))
     shift = shifts(contacts, state.cell.vectors)
     anchored(contacts, here.position, here.angle, here.radius, shift, contacts.pair, contacts.roll)
-    n = len(state.grains.radius)
-    end = state._replace(
-        grains=state.grains._replace(
-            position=here.position[:n], angle=here.angle[:n], velocity=here.velocity[:n], spin=here.spin[:n]
-        ),
-        walls=state.walls._replace(point=here.position[n:], velocity=here.velocity[n:]),
-        contacts=contacts,
-        time=state.time + step * plan.dt,
-    )
+    end = state_after(state, here, contacts, state.time + step * plan.dt)
     return end, code, step, residual, worst, writing, books
 
 

@@ -102,15 +102,19 @@ def driven_bodies(state: State) -> Bodies:
     return work
 
 
+def state_after(state: State, work: Bodies, contacts, time: float) -> State:
+    """The state at the end of a run, from its working copy of all bodies."""
+    n = len(state.grains.radius)
+    grains = state.grains._replace(
+        position=work.position[:n], angle=work.angle[:n], velocity=work.velocity[:n], spin=work.spin[:n]
+    )
+    walls = state.walls._replace(point=work.position[n:], velocity=work.velocity[n:])
+    return state._replace(grains=grains, walls=walls, contacts=contacts, time=time)
+
+
 def moved_by_forces(motion):
     """(B, 6) components that forces can move."""
     return np.concatenate([motion[0].reshape(-1, 3), motion[3].reshape(-1, 3)], axis=1) > 0
-
-
-def inverse_mass_of(state: State) -> np.ndarray:
-    """(B,) 1/m of what translates, else zero; the whole group's mass for its members [1/mass]."""
-    free = state.control.free[:, : state.cell.dim].any(axis=1)
-    return free / moved_masses(state)
 
 
 def inverse_inertia_of(state: State) -> np.ndarray:

@@ -171,7 +171,6 @@ def _begun(dim, predict, first, last, moving, pace):
 @njit(cache=True)
 def _recorded(blocks, before, contacts, moving, time, events, event_count):
     """Append the contacts whose mode says that they closed, opened or first reached Coulomb's limit."""
-    n = len(moving.order)
     for s in range(len(before)):
         old, new, c = before[s], blocks.mode[s], blocks.row[s]
         if old == new or c < 0:
@@ -182,7 +181,6 @@ def _recorded(blocks, before, contacts, moving, time, events, event_count):
             record_event(events, event_count, kind, time, i, j, contacts.image, c, moving.body, g)
         if new == SLIDE and old not in (SLIDE, STUCK_AGAIN):
             record_event(events, event_count, REACHED_LIMIT, time, i, j, contacts.image, c, moving.body, g)
-    return n
 
 
 @cache

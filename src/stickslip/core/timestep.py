@@ -8,7 +8,7 @@ from .forces import Bodies, bodies, check_materials
 from .geometry import normal_and_overlap, pair_vector, shifts
 from .laws import Law, parameters, tangential_stiffness, tangents
 from .neighbors import updated
-from .plan import inverse_inertia_of, inverse_mass_of
+from .plan import inverse_inertia_of
 from .state import State
 
 
@@ -99,9 +99,7 @@ def stable_time_step(state: State, law: Law) -> float:
     state = updated(state)
     here = bodies(state)
     normal, springs = _network(state, law, here)
-    largest = _largest(
-        state.contacts, normal, springs, here.radius, inverse_mass_of(state), inverse_inertia_of(state), 300
-    )
+    largest = _largest(state.contacts, normal, springs, here.radius, here.inverse_mass, inverse_inertia_of(state), 300)
     return float(2 / np.sqrt(largest)) if largest > 0 else np.inf
 
 
@@ -110,7 +108,7 @@ def check_time_step(state: State, law: Law, here: Bodies, dt: float) -> None:
     if not state.contacts.count[0]:
         return
     _, springs = _network(state, law, here)
-    bound = _bound(state.contacts, springs, here.radius, inverse_mass_of(state), inverse_inertia_of(state))
+    bound = _bound(state.contacts, springs, here.radius, here.inverse_mass, inverse_inertia_of(state))
     if dt * dt * bound <= 4.0:
         return
     longest = stable_time_step(state, law)
