@@ -9,12 +9,13 @@ __version__ = "0.1.0"
 
 _WHERE = {
     "core.state": (
-        "State Grains Walls Cell Contacts Control assembly box check disks driven flat_walls frozen loads rigid "
-        "spheres OPEN STICK SLIDE"
+        "State Grains Walls Cell Contacts Control assembly box check disks flat_walls loads spheres OPEN STICK SLIDE"
     ),
     "core.contact": "FREE FROZEN HELD",
+    "core.control": "deformed driven following frozen pressed rigid stress_controlled",
     "core.laws": "Law between hertz_mindlin hertz_mindlin_reff linear stiffnesses",
     "core.outcome": "Outcome Status NotInEquilibriumError",
+    "core.frame": "strained",
     "core.forces": "Loads accept forces unbalanced",
     "core.integrate": "run",
     "core.ledger": "Ledger",
@@ -40,7 +41,7 @@ _WHERE = {
     "loading.protocols": "Equilibrium Protocol families fitted_growth free_run path_of ramp shaken stable_window",
     "loading.release": "Released release",
     "loading.run": "Result push simulate",
-    "loading.shear": "aqs reduced_cell shear_strain sheared strained",
+    "loading.shear": "aqs reduced_cell shear_strain sheared",
     "loading.shear_run": "ShearPath ShearResult simulate_shear",
 }
 _ROOM = {name: room for room, names in _WHERE.items() for name in names.split()}

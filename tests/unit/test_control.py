@@ -105,3 +105,24 @@ def test_contradictory_control_is_refused():
 def test_a_skin_too_small_is_refused(skin):
     with pytest.raises(ValueError, match="at least 5e-05"):
         ss.assembly(ss.spheres([[0, 0, 0]], 0.5), skin=skin)
+
+
+def test_a_servo_controlled_lid_brings_the_floor_under_its_load():
+    grains = ss.disks([[0, 0.497], [1.2, 0.497], [2.4, 0.497]], 0.5)
+    walls = ss.flat_walls([[0, 0, 0], [0, 1.0, 0]], [[0, 1, 0], [0, -1, 0]], mass=2.0)
+    state = ss.assembly(grains, walls, ss.box(dim=2), ss.pressed(ss.loads(3, 2), [4], [0, -0.03]))
+    law = ss.linear(1.0, 0.5, 1.0)
+    calm, outcome = ss.relax(state, law, drag=0.3)
+    assert outcome.ok
+    solved, outcome = ss.newton(calm, law)
+    assert outcome.ok
+    assert ss.forces(solved, law)[0].force[3, 1] == pytest.approx(-0.03, rel=1e-9)
+    assert (ss.freedom(solved).body == 4).sum() == 1
+
+
+def test_the_examples_of_control_work():
+    import doctest
+
+    from stickslip.core import control
+
+    assert doctest.testmod(control).failed == 0

@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit
 
 from .contact import FREE, carried_memory, damped, in_one_go, needs_mass, needs_radius, tangential_force, with_dashpot
+from .frame import SLIDE_BACK
 from .laws import DAMPING_N, DAMPING_T, MU, damping_factor, normal_force, parameters, tangential_stiffness
 from .state import OPEN, SLIDE, STICK
 
@@ -41,6 +42,7 @@ class Moving(NamedTuple):
     free: np.ndarray  # (B, 6) bool
     whole: np.ndarray  # (B,) bool: all components that this dimension has are free
     external: np.ndarray  # (B, 6) external forces and torques, or (0, 6) without any
+    virial: np.ndarray  # (B, 9) Σ f ⊗ r over contacts in which a body is i, written with a frame; else (0, 9)
     origin: np.ndarray  # (B, 3) where the blocks were chosen
     tile: np.ndarray  # (T + 1,) bounds of the tiles of grains; rigid groups and walls follow
     member: np.ndarray  # (M,) bodies in rigid groups, group after group
@@ -57,14 +59,14 @@ class Blocks(NamedTuple):
     material: np.ndarray  # (K, 2)
     wall: np.ndarray  # (K,) bool: all pairs of the block are with walls
     shifted: np.ndarray  # (K,) bool: some pair of the block is across a periodic boundary
-    vector: np.ndarray  # (K · 3 · LANES,) periodic shift, or the wall's normal
+    vector: np.ndarray  # (K · 3 · LANES,) periodic shift (with a frame: the image), or the wall's normal
     effective: np.ndarray  # (K · 2 · LANES,) R_eff, m_eff, or (0,) if the law asks for neither
     slip: np.ndarray  # (K · 3 · LANES,)
     mode: np.ndarray  # (K LANES,) int8: OPEN, STICK, SLIDE, STUCK_AGAIN or LOOSE
     place: np.ndarray  # (K,) first row of a block's loads
     cross: np.ndarray  # (T + 1,) bounds of the blocks that reach out of each tile
     inner: np.ndarray  # (T + 1,) bounds of the blocks within each tile
-    load: np.ndarray  # (L, 6) force on i and −n × F_t
+    load: np.ndarray  # (L, 6) force on i and −n × F_t; with a frame (L, 9), and the pair vector
     start: np.ndarray  # (2B + 1,) uint32: body a is j in pairs start[2a]…, i in pairs start[2a+1]…
     code: np.ndarray  # (2A,) uint32 rows of `load` in the order of summation
 
@@ -113,7 +115,7 @@ def anchored(contacts, position, angle, radius, shift, pair_out, roll_out):
 
 
 @njit(fastmath=True, error_model="numpy", forceinline=True)
-def _gathered(dim, predict, blocks, body, ahead, b, scratch):
+def _gathered(dim, predict, imposed, blocks, body, ahead, b, scratch):
     """What the contacts of block b see of their two bodies, plane by plane."""
     first = b * LANES
     for lane in range(LANES):
@@ -136,12 +138,39 @@ def _gathered(dim, predict, blocks, body, ahead, b, scratch):
                     ri * ahead[i, 3] + rj * ahead[j, 3],
                     ri * ahead[i, 4] + rj * ahead[j, 4],
                 )
-    if blocks.shifted[b]:
+    if blocks.shifted[b] and not imposed:
         at = np.uint64(3 * LANES * b)
         for k in range(dim):
             for lane in range(LANES):
                 l = np.uint64(lane)
                 scratch[_X + k * LANES + l] += blocks.vector[at + k * LANES + l]
+
+
+@njit(fastmath=True, error_model="numpy", forceinline=True)
+def _flowed(dim, predict, blocks, frame, b, scratch):
+    """What a deforming cell adds: the shift across the boundary, and L r to relative velocities.
+
+    (1 + ½ dt L)⁻¹ (Δv + L r), r at the end of the step, is the change of r in the step over dt.
+    """
+    h, rate, back, ahead, at = frame.vectors, frame.rate, frame.matrix[SLIDE_BACK], frame.ahead, 3 * LANES * b
+    for lane in range(LANES):
+        l = np.uint64(lane)
+        if dim == 2:
+            scratch[_X + 128 + l] = scratch[_V + 128 + l] = 0.0
+        x, y, z = scratch[_X + l], scratch[_X + 64 + l], scratch[_X + 128 + l]
+        if blocks.shifted[b]:
+            p, q, r = blocks.vector[at + l], blocks.vector[at + 64 + l], blocks.vector[at + 128 + l]
+            x += p * h[0, 0] + q * h[1, 0] + r * h[2, 0]
+            y += p * h[0, 1] + q * h[1, 1] + r * h[2, 1]
+            z += p * h[0, 2] + q * h[1, 2] + r * h[2, 2]
+            scratch[_X + l], scratch[_X + 64 + l], scratch[_X + 128 + l] = x, y, z
+        u = scratch[_V + l] + rate[0, 0] * x + rate[0, 1] * y + rate[0, 2] * z
+        v = scratch[_V + 64 + l] + rate[1, 0] * x + rate[1, 1] * y + rate[1, 2] * z
+        w = scratch[_V + 128 + l] + rate[2, 0] * x + rate[2, 1] * y + rate[2, 2] * z
+        for k in range(3):
+            scratch[_V + k * LANES + l] = back[k, 0] * u + back[k, 1] * v + back[k, 2] * w
+            if predict:
+                scratch[_AHEAD + k * LANES + l] += ahead[k, 0] * x + ahead[k, 1] * y + ahead[k, 2] * z
 
 
 @njit(fastmath=True, error_model="numpy", forceinline=True)
@@ -228,17 +257,24 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
 
 
 @njit(fastmath=True, error_model="numpy", forceinline=True)
-def evaluated(kind, coulomb, dim, viscous, rate, first, last, blocks, body, ahead, p, dt, hold, scratch):
+def evaluated(
+    kind, coulomb, dim, viscous, rate, imposed, first, last, blocks, body, ahead, p, dt, hold, frame, scratch
+):
     """Loads and memory of a stretch of blocks; compiled into its callers."""
     load, predict = blocks.load, viscous > 0 and not rate
     for b in range(first, last):
-        _gathered(dim, predict, blocks, body, ahead, b, scratch)
+        _gathered(dim, predict, imposed, blocks, body, ahead, b, scratch)
+        place = blocks.place[b]
+        if imposed:
+            _flowed(dim, predict, blocks, frame, b, scratch)
+            for lane in range(LANES):
+                l, s = np.uint64(lane), np.uint64(place + lane)
+                load[s, 6], load[s, 7], load[s, 8] = scratch[_X + l], scratch[_X + 64 + l], scratch[_X + 128 + l]
         q = parameters(p, blocks.material[b, 0], blocks.material[b, 1])
         if blocks.wall[b]:
             _responded(kind, coulomb, dim, viscous, rate, True, q, blocks, b, dt, hold, scratch)
         else:
             _responded(kind, coulomb, dim, viscous, rate, False, q, blocks, b, dt, hold, scratch)
-        place = blocks.place[b]
         for lane in range(LANES):
             l, s = np.uint64(lane), np.uint64(place + lane)
             load[s, 0], load[s, 1], load[s, 2] = scratch[l], scratch[64 + l], scratch[128 + l]

@@ -41,6 +41,7 @@ class Bodies(NamedTuple):
     material: np.ndarray  # (B,)
     inverse_mass: np.ndarray  # (B,) 1/m, zero for what does not translate
     normal: np.ndarray  # (W, 3)
+    rate: np.ndarray  # (3, 3) velocity gradient of the cell
 
 
 class Loads(NamedTuple):
@@ -48,6 +49,7 @@ class Loads(NamedTuple):
 
     force: np.ndarray  # (N + W, 3) [force]
     torque: np.ndarray  # (N + W, 3) [force length]
+    virial: np.ndarray  # (3, 3) Σ f ⊗ r over contacts between grains, elastic; only where the cell is free [energy]
 
 
 def moved_masses(state: State) -> np.ndarray:
@@ -71,15 +73,23 @@ def bodies(state: State) -> Bodies:
         np.concatenate([grains.material, walls.material]),
         state.control.free[:, : state.cell.dim].any(axis=1) / moved_masses(state),
         walls.normal,
+        state.cell.rate.copy(),
     )
 
 
 @njit(fastmath=True, error_model="numpy")
-def approach(dim, velocity, spin, radius, i, j, nx, ny, nz):
-    """Normal part, and tangential vector, of the velocity of i relative to j at the contact [length/time]."""
+def approach(dim, velocity, spin, radius, rate, i, j, rx, ry, rz, nx, ny, nz):
+    """Normal part, and tangential vector, of the velocity of i relative to j at the contact [length/time].
+
+    `rate` is the velocity gradient L of the cell, which adds L r.
+    """
     wx, wy, wz = rolled(dim, spin, radius, i, j)
     vx, vy = velocity[i, 0] - velocity[j, 0], velocity[i, 1] - velocity[j, 1]
     vz = velocity[i, 2] - velocity[j, 2] if dim == 3 else 0.0
+    vx += rate[0, 0] * rx + rate[0, 1] * ry + rate[0, 2] * rz
+    vy += rate[1, 0] * rx + rate[1, 1] * ry + rate[1, 2] * rz
+    if dim == 3:
+        vz += rate[2, 0] * rx + rate[2, 1] * ry + rate[2, 2] * rz
     vx, vy, vz = carried(nx, ny, nz, 0.0, 0.0, 0.0, vx, vy, vz, wx, wy, wz)
     vn = vx * nx + vy * ny + vz * nz
     return vn, vx - vn * nx, vy - vn * ny, vz - vn * nz
@@ -108,7 +118,7 @@ def record_event(events, event_count, kind, time, i, j, image, c, place, at):
 @njit(fastmath=True, error_model="numpy", forceinline=True)
 def sweep(kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, force, torque, time, events, event_count):
     """Add the loads of all contacts and update their memory in place; compiled into its callers."""
-    position, angle, velocity, spin, radius, material, inverse_mass, wall_normal = bodies
+    position, angle, velocity, spin, radius, material, inverse_mass, wall_normal, rate = bodies
     n_grains = len(radius) - len(wall_normal)
     slip, mode, pair, roll = contacts.slip, contacts.mode, contacts.pair, contacts.roll
     for c in range(contacts.count[0]):
@@ -144,7 +154,7 @@ def sweep(kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, force
         fn = normal_force(kind, q, r_eff, overlap)
         vx = vy = vz = factor = 0.0
         if viscous:
-            vn, vx, vy, vz = approach(dim, velocity, spin, radius, i, j, nx, ny, nz)
+            vn, vx, vy, vz = approach(dim, velocity, spin, radius, rate, i, j, rx, ry, rz, nx, ny, nz)
             factor = damping_factor(viscous, r_eff, m_eff, overlap)
             fn = with_dashpot(viscous, fn, factor * q[DAMPING_N], vn)
         limit = q[MU] * max(fn, 0.0)
@@ -194,6 +204,18 @@ def elastic_pair(kind, coulomb, dim, p, bodies, contacts, shift, c):
     s = contacts.slip[c]
     tx, ty, tz = tangential_force(coulomb, tangential_stiffness(kind, q, r_eff, overlap), q[MU] * fn, s[0], s[1], s[2])
     return (rx, ry, rz), (fn * nx + tx, fn * ny + ty, fn * nz + tz)
+
+
+@njit(cache=True)
+def _add_virial(kind, coulomb, dim, p, bodies, contacts, shift, out):
+    """Σ f ⊗ r over all touching pairs of grains whose memory is committed."""
+    n_grains = len(bodies.radius) - len(bodies.normal)
+    for c in range(contacts.count[0]):
+        if contacts.mode[c] != OPEN and contacts.j[c] < n_grains:
+            r, f = elastic_pair(kind, coulomb, dim, p, bodies, contacts, shift, c)
+            for a in range(3):
+                for b in range(3):
+                    out[a, b] += f[a] * r[b]
 
 
 @cache
@@ -247,17 +269,13 @@ def forces(state: State, law: Law, *, memory: int = FREE):
         roll=contacts.roll.copy(),
         reached=contacts.reached.copy(),
     )
-    loads = Loads(np.zeros((state.n_bodies, 3)), np.zeros((state.n_bodies, 3)))
+    loads = Loads(np.zeros((state.n_bodies, 3)), np.zeros((state.n_bodies, 3)), np.zeros((3, 3)))
+    here, shift = bodies(state), shifts(trial, state.cell.vectors)
     evaluation(law.kind, law.coulomb, state.cell.dim, dashpots(law))(
-        bodies(state),
-        trial,
-        shifts(trial, state.cell.vectors),
-        law.table,
-        memory,
-        *loads,
-        NO_EVENTS,
-        np.zeros(1, np.int64),
+        here, trial, shift, law.table, memory, loads.force, loads.torque, NO_EVENTS, np.zeros(1, np.int64)
     )
+    if state.control.cell_free.any():
+        _add_virial(law.kind, law.coulomb, state.cell.dim, law.table, here, trial, shift, loads.virial)
     return loads, trial
 
 

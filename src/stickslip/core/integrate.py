@@ -7,6 +7,7 @@ from numba import njit
 
 from .contact import FREE, FROZEN
 from .forces import Bodies, check_materials, sweep
+from .frame import imposes
 from .geometry import shifts
 from .laws import SMOOTH, Law, dashpots
 from .ledger import entered, opened_books
@@ -66,7 +67,7 @@ def stepper(kind: int, coulomb: int, dim: int, viscous: int):
 
     @njit(cache=True, fastmath=True, error_model="numpy")
     def advance(
-        bodies, contacts, shift, p, plan, force, torque, time, start, steps, drifted, ended, tolerance, writing
+        bodies, contacts, shift, vectors, p, plan, force, torque, time, start, steps, drifted, ended, tolerance, writing
     ):  # fmt: skip
         """Steps `start` … `steps`; `drifted`: positions are those of step `start` already, velocities not yet.
 
@@ -95,6 +96,7 @@ def stepper(kind: int, coulomb: int, dim: int, viscous: int):
             bodies.material,
             bodies.inverse_mass,
             bodies.normal,
+            bodies.rate,
         )
         ahead_v, ahead_t = seen.velocity.reshape(-1), seen.spin.reshape(-1)
         room, residual, worst = len(events), np.inf, -1
@@ -124,7 +126,10 @@ def stepper(kind: int, coulomb: int, dim: int, viscous: int):
                 second_half(flat_v, flat_f, kick, slow)
                 second_half(flat_spin, flat_t, kick_t, slow_t)
             if every > 0 and step % every == 0:
-                sample(kind, coulomb, dim, p, step // every, bodies, contacts, shift, plan, writing, time + step * dt)
+                sample(
+                    kind, coulomb, dim, p, step // every, bodies, contacts, shift, plan, writing, vectors,
+                    time + step * dt,
+                )  # fmt: skip
             if step % CHECK_EVERY == 0:
                 bad = first_bad(x, angle)
                 if bad >= 0:
@@ -200,14 +205,14 @@ def run(
         raise ValueError(f"steps = {steps}, every = {every} were given: neither may be negative")
     state = updated(state)
     check_time_step(state, law, driven_bodies(state), dt)
-    many = memory == "rate" or state.n_bodies >= MANY
+    many = memory == "rate" or state.n_bodies >= MANY or imposes(state)
     plan = plan_of(state, drag, drag if spin_drag is None else spin_drag, dt, bare=many and not tolerance > 0)
     if tolerance > 0 and not (plan.drag[moved_by_forces(plan.motion)] > 0).all():
         raise ValueError("a tolerance was given without drag on every free component: rest is not reached without it")
     writing = writing_of(state, steps, every, probes, events, reference)
     if ledger and not every:
         raise ValueError("a ledger was asked for without samples: give every = 1 or more steps between entries")
-    books = opened_books(len(writing.series), driven_bodies(state), state.contacts) if ledger else None
+    books = opened_books(len(writing.series), driven_bodies(state), state) if ledger else None
     if memory not in ("difference", "rate"):
         raise ValueError(f"memory={memory!r} was given: 'difference' and 'rate' are allowed")
     if memory == "rate" and law.coulomb == SMOOTH:
@@ -239,7 +244,7 @@ def _advanced(state: State, law: Law, plan: Plan, steps: int, tolerance: float, 
     done, drifted, ended, stop = 0, False, False, 0 if books else steps
     while True:
         code, done, residual, worst = advance(
-            work, contacts, shifts(contacts, state.cell.vectors), law.table, plan, force, torque,
+            work, contacts, shifts(contacts, state.cell.vectors), state.cell.vectors, law.table, plan, force, torque,
             state.time, done, stop, drifted, ended, tolerance, writing,
         )  # fmt: skip
         drifted, ended = True, code == DONE

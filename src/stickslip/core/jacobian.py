@@ -71,7 +71,7 @@ def _friction_tangent(coulomb, stiffness, slope_k, mu, force_n, slope_n, stretch
 
 @njit(cache=True, error_model="numpy")
 def _linearise(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, out):
-    position, angle, _, _, radius, material, inverse_mass, wall_normal = bodies
+    position, angle, _, _, radius, material, inverse_mass, wall_normal, _ = bodies
     n_grains = len(radius) - len(wall_normal)
     for c in range(contacts.count[0]):
         i, j = contacts.i[c], contacts.j[c]

@@ -42,7 +42,7 @@ class Ledger(NamedTuple):
     kinetic: np.ndarray  # (T,) of grains and walls, translations and rotations
     normal: np.ndarray  # (T,) stored in normal springs
     tangential: np.ndarray  # (T,) stored in tangential springs
-    external: np.ndarray  # (T,) work of forces, torques, gravity, and of what drives bodies
+    external: np.ndarray  # (T,) work of forces, torques, gravity, of what drives bodies, and of the cell
     coulomb: np.ndarray  # (T,) dissipated by sliding
     viscous: np.ndarray  # (T,) dissipated by dashpots
     drag: np.ndarray  # (T,) dissipated by drag
@@ -72,7 +72,7 @@ def _end(kind, coulomb, dim, viscous, p, b, i, j, shift, c, slip, known):
     square = sx * sx + sy * sy + sz * sz
     fn, power, vx, vy, vz, factor = elastic, 0.0, 0.0, 0.0, 0.0, 0.0
     if viscous:
-        vn, vx, vy, vz = approach(dim, b.velocity, b.spin, b.radius, i, j, nx, ny, nz)
+        vn, vx, vy, vz = approach(dim, b.velocity, b.spin, b.radius, b.rate, i, j, rx, ry, rz, nx, ny, nz)
         factor = damping_factor(viscous, r_eff, m_eff, overlap)
         fn = with_dashpot(viscous, elastic, factor * q[DAMPING_N], vn)
         power -= (fn - elastic) * vn
@@ -97,7 +97,9 @@ def _end(kind, coulomb, dim, viscous, p, b, i, j, shift, c, slip, known):
 
 
 @njit(cache=True, fastmath=False, error_model="numpy")
-def _contacts(kind, coulomb, dim, viscous, p, old, new, before, after, shift, free, dt, first, row):
+def _contacts(
+    kind, coulomb, dim, viscous, p, old, new, before, after, shift0, shift, way, strain, free, dt, first, row
+):
     """Add one step of all contacts to the row; with `first`, only what they store."""
     m, moved = 0, np.zeros(3)
     for c in range(after.count[0]):
@@ -116,13 +118,16 @@ def _contacts(kind, coulomb, dim, viscous, p, old, new, before, after, shift, fr
         if first:
             continue
         _, _, _, _, spends0, spring0, power0, force0, turn0 = _end(
-            kind, coulomb, dim, viscous, p, old, i, j, shift, c, mine, known
+            kind, coulomb, dim, viscous, p, old, i, j, shift0, c, mine, known
         )
         for k in range(2):
             row[_NONPOTENTIAL] += 0.5 * (spends[2 + k] + spends0[2 + k]) * (spends[k] - spends0[k])
         row[_VISCOUS] += 0.5 * dt * (power + power0)
+        a0, a1 = pair_vector(dim, old.position, shift0, c, i, j), pair_vector(dim, new.position, shift, c, i, j)
+        for k in range(3):
+            for q in range(3):
+                row[_EXTERNAL] -= 0.5 * (force[k] * a1[q] + force0[k] * a0[q]) * strain[k, q]
         if known and delta > 0.0:
-            a0, a1 = pair_vector(dim, old.position, shift, c, i, j), pair_vector(dim, new.position, shift, c, i, j)
             w0, w1 = rolled(dim, old.angle, old.radius, i, j), rolled(dim, new.angle, new.radius, i, j)
             sx, sy, sz = carried(
                 n[0], n[1], n[2], mine[0], mine[1], mine[2],
@@ -136,15 +141,14 @@ def _contacts(kind, coulomb, dim, viscous, p, old, new, before, after, shift, fr
             a, sign = (i, 1.0) if end == 0 else (j, -1.0)
             for k in range(3):
                 if not free[a, k]:
-                    way = new.position[a, k] - old.position[a, k]
-                    row[_EXTERNAL] -= 0.5 * sign * (force[k] + force0[k]) * way
+                    row[_EXTERNAL] -= 0.5 * sign * (force[k] + force0[k]) * way[a, k]
                 if not free[a, 3 + k]:
-                    way = new.radius[a] * (new.angle[a, k] - old.angle[a, k])
-                    row[_EXTERNAL] -= 0.5 * (turn[k] + turn0[k]) * way
+                    turned = new.radius[a] * (new.angle[a, k] - old.angle[a, k])
+                    row[_EXTERNAL] -= 0.5 * (turn[k] + turn0[k]) * turned
 
 
 @njit(cache=True, fastmath=False)
-def _bodies(old, new, mass, inertia, external, free, drag, spin_drag, dt, first, row):
+def _bodies(old, new, mass, inertia, external, way, strain, free, drag, spin_drag, dt, first, row):
     """Add kinetic energy, and one step of external work and drag, to the row."""
     for a in range(len(mass)):
         for k in range(3):
@@ -153,8 +157,11 @@ def _bodies(old, new, mass, inertia, external, free, drag, spin_drag, dt, first,
             if first:
                 continue
             v0, w0 = old.velocity[a, k], old.spin[a, k]
+            for q in range(3):
+                flux = v * new.velocity[a, q] + v0 * old.velocity[a, q]
+                row[_EXTERNAL] -= 0.5 * mass[a] * flux * strain[k, q]
             if free[a, k]:
-                row[_EXTERNAL] += external[0, a, k] * (new.position[a, k] - old.position[a, k])
+                row[_EXTERNAL] += external[0, a, k] * way[a, k]
                 row[_DRAG] += 0.5 * dt * drag * mass[a] * (v * v + v0 * v0)
             if free[a, 3 + k]:
                 row[_EXTERNAL] += external[1, a, k] * (new.angle[a, k] - old.angle[a, k])
@@ -166,30 +173,36 @@ class Books(NamedTuple):
 
     bodies: Bodies
     contacts: tuple
+    vectors: np.ndarray  # (3, 3) of the cell
     row: np.ndarray  # (len(COLUMNS),)
     rows: np.ndarray  # (T, len(COLUMNS))
 
 
-def opened_books(samples: int, bodies: Bodies, contacts) -> Books:
+def opened_books(samples: int, bodies: Bodies, state) -> Books:
     """Books before the first entry."""
-    return Books(_copy(bodies), _copy(contacts), np.zeros(len(COLUMNS)), np.zeros((samples, len(COLUMNS))))
+    row, rows = np.zeros(len(COLUMNS)), np.zeros((samples, len(COLUMNS)))
+    return Books(_copy(bodies), _copy(state.contacts), state.cell.vectors, row, rows)
 
 
 def entered(books: Books, law, state, plan: Plan, here: Bodies, contacts, step: int, every: int) -> Books:
     """Books with one step more: from the state in the books to `here` and `contacts`, which are not touched."""
-    row, first, viscous, shift = books.row, step == 0, dashpots(law), shifts(contacts, state.cell.vectors)
+    row, first, viscous, old, vectors = books.row, step == 0, dashpots(law), books.bodies, state.cell.vectors
+    strain = np.zeros((3, 3))
+    if (vectors != books.vectors).any():  # dt L of the step that has taken the cell from there to here
+        strain = 2 * np.linalg.solve((vectors + books.vectors), vectors - books.vectors).T
+    way = here.position - old.position - 0.5 * (here.position + old.position) @ strain.T
     row[[_KINETIC, _NORMAL, _TANGENTIAL]] = 0.0
     free, b, n = state.control.free, state.n_bodies, len(plan.mass)
     mass = np.append(plan.mass, state.walls.mass)
     inertia = np.append(plan.inertia, np.zeros(b - n))
-    _bodies(books.bodies, here, mass, inertia, plan.external, free, *plan.drags, plan.dt, first, row)
+    _bodies(old, here, mass, inertia, plan.external, way, strain, free, *plan.drags, plan.dt, first, row)
     _contacts(
-        law.kind, law.coulomb, state.cell.dim, viscous, law.table, books.bodies, here, books.contacts, contacts, shift,
-        free, plan.dt, first, row,
+        law.kind, law.coulomb, state.cell.dim, viscous, law.table, old, here, books.contacts, contacts,
+        shifts(contacts, books.vectors), shifts(contacts, vectors), way, strain, free, plan.dt, first, row,
     )  # fmt: skip
     if step % every == 0:
         books.rows[step // every] = row
-    return books._replace(bodies=_copy(here), contacts=_copy(contacts))
+    return books._replace(bodies=_copy(here), contacts=_copy(contacts), vectors=vectors)
 
 
 def _copy(arrays):

@@ -6,6 +6,7 @@ import numpy as np
 from .blocks import TILE, Moving, anchored, committed, no_blocks
 from .contact import FROZEN
 from .forces import Bodies, forces, moved_masses
+from .frame import SINCE, frame_of, imposes, room_left, unbalanced_cell
 from .geometry import shifts
 from .laws import Law, dashpots
 from .ledger import entered
@@ -27,7 +28,7 @@ from .plan import (
 )
 from .record import Writing, sample, with_lost
 from .selection import chosen_blocks, morton
-from .state import State
+from .state import State, deforms
 from .tiles import Pace, exported, marcher
 
 MANY = 48  # bodies from which blocks are faster than a plain sweep
@@ -54,7 +55,7 @@ def _ordered(state: State, radius: float) -> np.ndarray:
     return np.append(single, last)
 
 
-def _moving(state: State, plan: Plan, here: Bodies, predict: bool, threads: int) -> Moving:
+def _moving(state: State, plan: Plan, here: Bodies, predict: bool, imposed: bool, threads: int) -> Moving:
     """Working copy of all bodies in the order of memory."""
     n, dim, b = len(state.grains.radius), state.cell.dim, state.n_bodies
     order = _ordered(state, float(state.grains.radius.mean()))
@@ -80,6 +81,7 @@ def _moving(state: State, plan: Plan, here: Bodies, predict: bool, threads: int)
         free[order],
         free[:, used].all(axis=1)[order],
         external[order] if external.any() else np.zeros((1, 6)),
+        np.zeros((b if imposed else 0, 9)),
         here.position[order],
         tile,
         *pool_of(state.control, place),
@@ -101,21 +103,23 @@ def marched(
         _, contacts = forces(state, law, memory=FROZEN)
     viscous, dim = dashpots(law), state.cell.dim
     threads = _threads(len(state.grains.radius), threads, len(writing.events) > 0)
-    march = marcher(law.kind, law.coulomb, dim, viscous, rate, threads > 1)
-    moving = _moving(state, plan, here, viscous > 0 and not rate, threads)
+    imposed = imposes(state)
+    march = marcher(law.kind, law.coulomb, dim, viscous, rate, int(imposed), threads > 1)
+    moving = _moving(state, plan, here, viscous > 0 and not rate, imposed, threads)
+    frame = frame_of(state, moving.order)
     drags = [0.5 * plan.dt * nu for nu in plan.drags]
     pace = Pace(plan.dt, 1 - drags[0], 1 / (1 + drags[0]), 1 - drags[1], 1 / (1 + drags[1]))
-    grid, every = grid_of(state.cell), writing.every
+    every, deforming = writing.every, deforms(state)
     step, stop, ended, fresh, code, residual, worst = 0, 0, False, True, DONE, np.inf, -1
     before = numba.get_num_threads()
     numba.set_num_threads(threads)
     try:
         blocks, limit, contacts, writing = _chosen(
-            no_blocks(), moving, here, contacts, law, state, plan, writing, grid, 0
+            no_blocks(), moving, here, contacts, law, state, plan, writing, frame, 0
         )
         while True:
             code, step, ended = march(
-                moving, blocks, contacts, law.table, pace, state.time, step, stop, ended, fresh, limit,
+                moving, blocks, contacts, law.table, pace, frame, state.time, step, stop, ended, fresh, limit,
                 writing.events, writing.event_count,
             )  # fmt: skip
             if code == FULL:
@@ -123,6 +127,9 @@ def marched(
                 continue
             fresh = False
             exported(moving, here)
+            if deforming:
+                here.rate[:] = frame.rate
+                state = state._replace(cell=state.cell._replace(vectors=frame.vectors.copy(), rate=frame.rate.copy()))
             committed(blocks, contacts)
             bad, away = first_bad(here.position, here.angle), runaway(here.velocity, here.radius, plan.dt)
             if bad >= 0 or away >= 0:
@@ -130,19 +137,22 @@ def marched(
                 break
             if code != DONE:
                 blocks, limit, contacts, writing = _chosen(
-                    blocks, moving, here, contacts, law, state, plan, writing, grid, step
+                    blocks, moving, here, contacts, law, state, plan, writing, frame, step
                 )
                 continue
             if books:
                 books = entered(books, law, state, plan, here, contacts, step, every)
             if every and step % every == 0:
-                shift = shifts(contacts, state.cell.vectors)
-                time = state.time + step * plan.dt
-                sample(law.kind, law.coulomb, dim, law.table, step // every, here, contacts, shift, plan, writing, time)
+                vectors, time = state.cell.vectors, state.time + step * plan.dt
+                sample(
+                    law.kind, law.coulomb, dim, law.table, step // every, here, contacts, shifts(contacts, vectors),
+                    plan, writing, vectors, time,
+                )  # fmt: skip
             if step % CHECK_EVERY == 0 and tolerance > 0:
                 force = np.empty_like(moving.force)
                 force[moving.order] = moving.force
                 residual, worst = largest_unbalanced(here.velocity, here.spin, force[:, :3], force[:, 3:], plan)
+                residual = max(residual, unbalanced_cell(frame, dim, plan.drags[0]) if deforming else 0.0)
                 code = BAD if not np.isfinite(residual) else CONVERGED if residual <= tolerance else DONE
             if step == steps or code != DONE:
                 break
@@ -150,27 +160,39 @@ def marched(
             stop = step + 1 if books else stop
     finally:
         numba.set_num_threads(before)
+    if deforming:  # a list tells whether it is still good by how far grains have moved, not by how the cell has
+        contacts = rebuilt(here.position, here.radius, here.normal, grid_of(state.cell), contacts)
+        if contacts.count[0] < 0:
+            raise ValueError(TOO_FAR)
     contacts = contacts._replace(pair=np.zeros_like(contacts.pair), roll=np.zeros_like(contacts.roll))
     shift = shifts(contacts, state.cell.vectors)
     anchored(contacts, here.position, here.angle, here.radius, shift, contacts.pair, contacts.roll)
-    end = state_after(state, here, contacts, state.time + step * plan.dt)
+    time = float(frame.clock[0]) if imposed else state.time + step * plan.dt
+    end = state_after(state, here, contacts, time)
     return end, code, step, residual, worst, writing, books
 
 
-def _chosen(old, moving, here, contacts, law, state, plan, writing, grid, step):
+def _chosen(old, moving, here, contacts, law, state, plan, writing, frame, step):
     """Blocks for the positions `here`, and the squared displacement for which they are good; the list if outgrown."""
     skin, n = float(contacts.skin[0]), len(state.grains.radius)
     fastest = np.sqrt((here.velocity**2).sum(axis=1).max())
     reach = min(0.5 * skin, 2 * fastest * plan.dt * (60 + 2e4 / n))
     reach = max(reach, 0.05 * skin)
-    if 2 * farthest(here.position, contacts) + reach > skin:
-        former, contacts = contacts, rebuilt(here.position, here.radius, here.normal, grid, contacts)
+    left, carried = skin, contacts
+    if deforms(state):
+        left, deformation = room_left(state.cell.vectors, frame.made, skin, frame.widest)
+        carried = contacts._replace(origin=contacts.origin @ deformation.T)
+    if 2 * farthest(here.position, carried) + reach > left:
+        former, contacts = contacts, rebuilt(here.position, here.radius, here.normal, grid_of(state.cell), contacts)
+        frame.made[:] = state.cell.vectors
         if contacts.count[0] < 0:
             raise ValueError(TOO_FAR)
         writing = with_lost(writing, former, contacts, here.position, state.time + step * plan.dt)
+    frame.reach[0], frame.matrix[SINCE] = reach, np.eye(3)
     moving.origin[:] = here.position[moving.order]
     blocks = chosen_blocks(
         old, contacts, here.position, here.radius, here.inverse_mass, here.material, here.normal, state.cell.vectors,
         moving.order, moving.tile, moving.share, n, reach, len(law.table), law.kind, dashpots(law),
+        len(moving.virial) > 0,
     )  # fmt: skip
     return blocks, (0.5 * reach) ** 2, contacts, writing

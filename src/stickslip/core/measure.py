@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from .contact import effective
+from .contact import HELD, effective
 from .forces import bodies
 from .geometry import normal_and_overlap, pair_vector, shifts
 from .jacobian import linearised
@@ -28,9 +28,12 @@ def branches(state: State) -> np.ndarray:
     return out
 
 
-def contact_forces(state: State, law: Law) -> np.ndarray:
-    """(C, 3) elastic force on body i of every pair in the list of an accepted state, zero where open [force]."""
-    c = linearised(state, law)
+def contact_forces(state: State, law: Law, *, memory: int = HELD) -> np.ndarray:
+    """(C, 3) elastic force on body i of every pair in the list, zero where open [force].
+
+    `memory`: HELD for an accepted state; FREE for the forces that its trial memory has, as in `contact_blocks`.
+    """
+    c = linearised(state, law, memory=memory)
     slip = c.carried - np.einsum("ck,ck->c", c.normal, c.carried)[:, None] * c.normal
     return c.force_n[:, None] * c.normal - c.secant[:, None] * slip
 

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from .control import factors_at
 from .forces import Bodies, bodies, moved_masses
 from .state import Control, State, groups
 
@@ -91,8 +92,11 @@ def largest_unbalanced(v, spin, force, torque, plan):
 def driven_bodies(state: State) -> Bodies:
     """Fresh arrays of all bodies, with the velocities that `Control` prescribes."""
     work, control = bodies(state), state.control
-    work.velocity[:] = np.where(control.free[:, :3], work.velocity, control.rate[:, :3])
-    work.spin[:] = np.where(control.free[:, 3:], work.spin, control.rate[:, 3:])
+    factor = factors_at(control, state.time)
+    rate = control.rate * factor[control.follows]
+    work.velocity[:] = np.where(control.free[:, :3], work.velocity, rate[:, :3])
+    work.spin[:] = np.where(control.free[:, 3:], work.spin, rate[:, 3:])
+    work.rate[:] = np.where(control.cell_free, work.rate, control.cell_rate * factor[control.cell_follows])
     if state.cell.dim == 2:
         work.velocity[:, 2], work.spin[:, :2] = 0.0, 0.0
     for members in groups(control):
@@ -109,7 +113,8 @@ def state_after(state: State, work: Bodies, contacts, time: float) -> State:
         position=work.position[:n], angle=work.angle[:n], velocity=work.velocity[:n], spin=work.spin[:n]
     )
     walls = state.walls._replace(point=work.position[n:], velocity=work.velocity[n:])
-    return state._replace(grains=grains, walls=walls, contacts=contacts, time=time)
+    cell = state.cell._replace(rate=work.rate)
+    return state._replace(grains=grains, walls=walls, cell=cell, contacts=contacts, time=time)
 
 
 def moved_by_forces(motion):

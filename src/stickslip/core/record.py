@@ -14,9 +14,9 @@ from .state import OPEN, SLIDE, State
 SERIES = (
     "time", "msd", "kinetic_energy", "center_x", "center_y", "center_z", "touching", "sliding",
     *(f"{name}_{a}{b}" for name in ("virial", "fabric", "kinetic") for a in "xyz" for b in "xyz"),
-    "rattlers", "held_contacts", "contacts",
+    "rattlers", "held_contacts", "contacts", *(f"cell_{a}{b}" for a in "xyz" for b in "xyz"),
 )  # fmt: skip
-_VIRIAL, _FABRIC, _KINETIC, _RATTLERS, _HELD, _CONTACTS = 8, 17, 26, 35, 36, 37
+_VIRIAL, _FABRIC, _KINETIC, _RATTLERS, _HELD, _CONTACTS, _CELL = 8, 17, 26, 35, 36, 37, 38
 
 
 class Record(NamedTuple):
@@ -34,6 +34,7 @@ class Record(NamedTuple):
     coordination: np.ndarray  # (T,) contacts of grains, over the number of grains; walls count for those they touch
     held_coordination: np.ndarray  # (T,) the same without rattlers and their contacts: see `coordination`
     rattlers: np.ndarray  # (T,) number of grains that hold nothing
+    cell: np.ndarray  # (T, 3, 3) vectors of the cell as rows [length]
     position: np.ndarray  # (T, P, 3) of the probed grains [length]
     angle: np.ndarray  # (T, P, 3) [rad]
     events: np.ndarray  # structured: kind ("closed", "opened", "limit"), time, i, j, image, position of i
@@ -77,7 +78,7 @@ def _held(contacts, n, bodies, least):
 
 
 @njit(cache=True)
-def sample(kind, coulomb, dim, p, k, bodies, contacts, shift, plan, writing, time):
+def sample(kind, coulomb, dim, p, k, bodies, contacts, shift, plan, writing, vectors, time):
     """Row k of the series and of the tracks."""
     x, angle, v, spin = bodies.position, bodies.angle, bodies.velocity, bodies.spin
     row, track, n = writing.series[k], writing.tracks[k], len(plan.mass)
@@ -110,6 +111,7 @@ def sample(kind, coulomb, dim, p, k, bodies, contacts, shift, plan, writing, tim
                     row[_VIRIAL + 3 * m + q] += f[m] * r[q]
     row[_FABRIC : _FABRIC + 9] /= max(row[6], 1.0)
     row[_RATTLERS], row[_HELD] = _held(contacts, n, len(bodies.radius), 2 if p[:, :, MU].max() > 0.0 else dim + 1)
+    row[_CELL : _CELL + 9] = vectors.ravel()
     for a in range(len(writing.probes)):
         for m in range(3):
             track[a, m] = x[writing.probes[a], m]
@@ -172,6 +174,7 @@ def record_of(writing: Writing, done: int, books: Books | None) -> Record:
         column["contacts"] / n,
         column["held_contacts"] / np.maximum(n - column["rattlers"], 1),
         column["rattlers"],
+        series[:, _CELL : _CELL + 9].reshape(-1, 3, 3),
         tracks[..., :3],
         tracks[..., 3:],
         events,

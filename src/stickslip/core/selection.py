@@ -138,12 +138,13 @@ def _order_of_summation(contacts, group, mate, internal, start, code):
 @njit(cache=True)
 def chosen_blocks(
     old, contacts, position, radius, inverse_mass, material, normal, vectors, order, tile, share, n, reach,
-    materials, kind, viscous,
+    materials, kind, viscous, imposed,
 ):  # fmt: skip
     """Blocks of all pairs nearer than `reach`, in the memory of `old` ones; positions in the state's order.
 
     The tiles of a thread share rows of loads, which stay in its cache.
     """
+    across = np.eye(3) if imposed else vectors
     count, bodies, tiles = contacts.count[0], len(radius), len(tile) - 1
     internal, tile_of = np.empty(bodies, np.int64), np.empty(bodies, np.int64)
     for g in range(bodies):
@@ -197,7 +198,7 @@ def chosen_blocks(
                 vector[3 * LANES * b : 3 * LANES * (b + 1)] = 0.0
             for k in range(3):
                 for m in range(3):
-                    vector[at + m * LANES] += contacts.image[c, k] * vectors[k, m]
+                    vector[at + m * LANES] += contacts.image[c, k] * across[k, m]
         was = contacts.mode[c]
         if was == STICK and contacts.reached[c]:
             was = STUCK_AGAIN
@@ -210,7 +211,7 @@ def chosen_blocks(
     _pad(slots, bodies, 4.0 * radius.max() + 1.0, asked, i, j, row, wall, shifted, vector, eff, slip, mode)
     code, load = _room(old.code, 2 * active), old.load
     if len(load) < most:
-        load = np.empty((most + most // 8, 6))
+        load = np.empty((most + most // 8, 9 if imposed else 6))
     _order_of_summation(contacts, group, mate, internal, start, code)
     return Blocks(
         i, j, row, pair, wall, shifted, vector, eff, slip, mode, place, bound[: top + 1].copy(), bound[top:].copy(),

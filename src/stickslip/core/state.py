@@ -36,11 +36,15 @@ class Walls(NamedTuple):
 
 
 class Cell(NamedTuple):
-    """The box: vectors as rows, which of them are periodic, and the number of dimensions."""
+    """The box: vectors as rows, which of them are periodic, the number of dimensions, and how fast it deforms.
+
+    Grains are carried along: ẋ = v + L x. The velocities v of grains in a deforming cell are relative to this flow.
+    """
 
     vectors: np.ndarray  # (3, 3) [length]
     periodic: np.ndarray  # (3,) bool
     dim: int
+    rate: np.ndarray  # (3, 3) velocity gradient L_ab = ∂v_a/∂x_b; each vector h changes as L h [1/time]
 
 
 class Contacts(NamedTuple):
@@ -68,7 +72,9 @@ class Contacts(NamedTuple):
 class Control(NamedTuple):
     """What is imposed. A component that is not free moves at its `rate`: zero means frozen, anything else driven.
 
-    Bodies of a group move as one and do not rotate: the forces on them add up, and so do their masses.
+    Bodies of a group move as one and do not rotate: the forces on them add up, and so do their masses. A component of
+    the cell's velocity gradient that is free obeys M ℓ² L̇ = V (σ − `stress`), ℓ = V^(1/dim). A rate may follow a
+    course: it is then multiplied by a function of time, linear between `knots` and constant beyond them.
     """
 
     force: np.ndarray  # (N + W, 3) [force]
@@ -77,6 +83,14 @@ class Control(NamedTuple):
     rate: np.ndarray  # (N + W, 6) [length/time], [rad/time]
     gravity: np.ndarray  # (3,) [length/time²]
     group: np.ndarray  # (N + W,) number of the rigid group to which a body belongs, −1 for none
+    cell_free: np.ndarray  # (3, 3) bool: components of the cell's velocity gradient that the stress moves
+    cell_rate: np.ndarray  # (3, 3) the others [1/time]
+    stress: np.ndarray  # (3, 3) wanted, compression positive, where the cell is free [force/length^(dim−1)]
+    cell_mass: float  # M, with which the cell resists to being accelerated [mass]; 0: the mass of all grains
+    knots: np.ndarray  # (K,) [time], increasing
+    course: np.ndarray  # (K, C) factors of rates, one column a course
+    follows: np.ndarray  # (N + W, 6) column of `course` that a rate follows, −1: none
+    cell_follows: np.ndarray  # (3, 3) the same for the cell
 
 
 class State(NamedTuple):
@@ -163,7 +177,7 @@ def box(size=(1.0, 1.0, 1.0), periodic=(False, False, False), dim=3) -> Cell:
     """An orthogonal cell (three lengths) or any cell (three vectors as rows)."""
     size = np.asarray(size, float)
     vectors = np.diag(size) if size.ndim == 1 else size
-    return Cell(np.ascontiguousarray(vectors), np.array(periodic, bool), int(dim))
+    return Cell(np.ascontiguousarray(vectors), np.array(periodic, bool), int(dim), np.zeros((3, 3)))
 
 
 @njit(cache=True)
@@ -207,46 +221,19 @@ def loads(n_grains: int, n_walls: int = 0, *, force=0.0, torque=0.0, gravity=(0.
         np.zeros((n, 6)),
         np.array(gravity, float),
         np.full(n, -1),
+        np.zeros((3, 3), bool),
+        np.zeros((3, 3)),
+        np.zeros((3, 3)),
+        0.0,
+        np.zeros(0),
+        np.zeros((0, 0)),
+        np.full((n, 6), -1),
+        np.full((3, 3), -1),
     )
     control.force[:n_grains] = rows(force, n_grains, 3)
     control.torque[:n_grains] = rows(torque, n_grains, 3)
     control.free[n_grains:] = False
     return control
-
-
-def frozen(control: Control, bodies) -> Control:
-    """Control in which all components of the given bodies stand still."""
-    return driven(control, bodies, 0.0)
-
-
-def driven(control: Control, bodies, rate) -> Control:
-    """Control in which all components of the given bodies move at `rate`, broadcast to (bodies, 6)."""
-    free, speed = control.free.copy(), control.rate.copy()
-    free[bodies] = False
-    speed[bodies] = rate
-    return control._replace(free=free, rate=speed)
-
-
-def rigid(control: Control, bodies) -> Control:
-    """Control in which the given bodies are one rigid body without rotation: a plate, a glued layer.
-
-    It is free, frozen, driven or force-controlled along each direction as its members are, which must be alike in that;
-    forces on members add up. Its velocity at the start of a run is that of its centre of mass.
-
-    Examples
-    --------
-    A plate of grains 3 and 4, pressed along y and pulled along x at a given speed:
-
-    >>> control = rigid(loads(5), [3, 4])
-    >>> control.force[3, 1] = -0.1
-    >>> control.free[[3, 4], 0], control.rate[[3, 4], 0] = False, 1e-3
-    >>> control.group
-    array([-1, -1, -1,  0,  0])
-    """
-    free, rate, group = control.free.copy(), control.rate.copy(), control.group.copy()
-    free[bodies, 3:], rate[bodies, 3:] = False, 0.0
-    group[bodies] = group.max() + 1
-    return control._replace(free=free, rate=rate, group=group)
 
 
 def groups(control: Control) -> list[np.ndarray]:
@@ -289,7 +276,7 @@ def check(state: State) -> None:
         for name, array in zip(part._fields, part, strict=True):
             if count is not None and len(array) != count:
                 raise ValueError(f"{noun}.{name} has {len(array)} rows where {count} are needed: one for each body")
-            if array.dtype == float and not np.isfinite(array).all():
+            if not np.isfinite(array).all():
                 raise ValueError(f"{noun}.{name} holds NaN or infinity: every entry must be a finite number")
     for name in ("radius", "mass", "inertia"):
         values = getattr(grains, name)
@@ -298,19 +285,11 @@ def check(state: State) -> None:
             raise ValueError(f"grain {bad} has {name} {values[bad]:g}: it must be positive")
     if cell.dim not in (2, 3):
         raise ValueError(f"a cell of {cell.dim} dimensions was given: 2 and 3 are allowed")
-    for name in ("force", "torque", "free", "rate", "group"):
+    for name in ("force", "torque", "free", "rate", "group", "follows"):
         if len(getattr(control, name)) != b:
             got = len(getattr(control, name))
             raise ValueError(f"control.{name} has {got} rows where {b} are needed: one for each grain and wall")
-    for members in groups(control):
-        if not len(members):
-            continue
-        alike = (control.free[members] == control.free[members[0]]).all() and not control.free[members, 3:].any()
-        if not (alike and (control.rate[members] == control.rate[members[0]]).all()):
-            raise ValueError(
-                f"the rigid group of bodies {members[0]} … {members[-1]} has contradictory control: all its members "
-                f"must be free, frozen or driven alike along each direction, and none may rotate"
-            )
+    _check_control(state)
     if cell.vectors.shape != (3, 3) or cell.periodic.shape != (3,):
         raise ValueError(
             f"a cell of shape {cell.vectors.shape} was given: give three lengths, or three vectors as rows"
@@ -325,3 +304,44 @@ def check(state: State) -> None:
             f"a skin of {contacts.skin[0]:g} was given: it must be at least {least:g}, 1e-4 of the smallest "
             f"radius, or lists of contacts are made anew at every step"
         )
+
+
+def deforms(state: State) -> bool:
+    """True if the cell moves or may move."""
+    control = state.control
+    return bool(control.cell_free.any() or control.cell_rate.any() or state.cell.rate.any())
+
+
+def _check_control(state: State) -> None:
+    """Raise ValueError with one sentence if what is imposed contradicts itself or the cell."""
+    control, cell = state.control, state.cell
+    for members in groups(control):
+        if not len(members):
+            continue
+        alike = (control.free[members] == control.free[members[0]]).all() and not control.free[members, 3:].any()
+        if not (alike and (control.rate[members] == control.rate[members[0]]).all()):
+            raise ValueError(
+                f"the rigid group of bodies {members[0]} … {members[-1]} has contradictory control: all its members "
+                f"must be free, frozen or driven alike along each direction, and none may rotate"
+            )
+    columns = control.course.shape[1] if control.course.ndim == 2 else -1
+    if control.course.shape != (len(control.knots), columns) or (np.diff(control.knots) <= 0).any():
+        raise ValueError(
+            f"courses of shape {control.course.shape} at {len(control.knots)} knots were given: one row for each knot "
+            f"is needed, and knots must increase"
+        )
+    follows = np.concatenate([control.follows.ravel(), control.cell_follows.ravel()])
+    if ((follows < -1) | (follows >= columns)).any():
+        raise ValueError(f"course {follows.max()} is followed where {columns} are known: give its knots and factors")
+    if not deforms(state):
+        return
+    moves = control.cell_free | (control.cell_rate != 0) | (cell.rate != 0)
+    periodic = cell.periodic & (np.arange(3) < cell.dim)
+    if moves[~periodic].any() or moves[:, ~periodic].any():
+        raise ValueError("the cell was told to deform along an axis that is not periodic: only periodic cells deform")
+    if len(state.walls.mass) or (control.group >= 0).any():
+        raise ValueError(
+            "a deforming cell was given with walls or rigid groups, which cannot deform with it: leave one of them out"
+        )
+    if not control.cell_mass >= 0:
+        raise ValueError(f"a cell's mass of {control.cell_mass:g} was given: it must be positive, or 0 for the default")

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from ..core.forces import accept, forces
+from ..core.frame import strained
 from ..core.laws import DAMPING_N, DAMPING_T, MU, Law, between, hertz_mindlin, linear
 from ..core.measure import coordination, elastic_energy, packing_fraction, pressure, rattlers, touching
 from ..core.neighbors import updated
@@ -13,7 +14,6 @@ from ..core.outcome import NotInEquilibriumError
 from ..core.state import State, assembly, box, disks, flat_walls, loads, spheres
 from ..data.scenario import LawChoice, Scenario
 from ..solve.equilibrate import equilibrate
-from .shear import strained
 
 SUBSTRATE = 1  # material of the wall; disks are material 0
 

@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 
+from ..core.frame import strained
 from ..core.laws import Law
 from ..core.neighbors import pack_key
 from ..core.outcome import NotInEquilibriumError
@@ -11,44 +12,6 @@ from ..core.state import State
 from ..solve.equilibrate import UnstableEquilibriumWarning, equilibrate
 from ..solve.newton import Kept
 from .protocols import Protocol
-
-
-def strained(state: State, gradient, *, slip: bool = True) -> State:
-    """The state after an affine displacement x → x + G x of grains and cell; not in equilibrium.
-
-    The cell stays the one that its vectors span, so that simple shear makes it triclinic: Lees–Edwards conditions.
-
-    Parameters
-    ----------
-    gradient : (3, 3) or (dim, dim) displacement gradient G; G[0, 1] = δγ is simple shear along x with gradient y
-    slip : whether the affine displacement of i relative to j enters the slip of their contact. True (default): grains
-        are carried and do not turn, as an observer at the contact sees it. False: the memory is carried along, as by
-        codes that remap the box.
-
-    Raises
-    ------
-    ValueError
-        if G has another shape, leaves the plane, or the state has walls (they would have to bend).
-    """
-    dim = state.cell.dim
-    gradient = np.asarray(gradient, float)
-    if gradient.shape not in ((3, 3), (dim, dim)):
-        raise ValueError(f"a gradient of shape {gradient.shape} was given: (3, 3) or {(dim, dim)} is needed")
-    g = np.zeros((3, 3))
-    g[: len(gradient), : len(gradient)] = gradient
-    if dim == 2 and (g[2].any() or g[:, 2].any()):
-        raise ValueError("a gradient with z components was given in two dimensions: they must be zero")
-    if len(state.walls.mass):
-        raise ValueError("a state with walls was given: only periodic cells can be strained")
-    contacts = state.contacts._replace(origin=np.full_like(state.contacts.origin, np.inf))
-    if not slip:
-        contacts = contacts._replace(pair=contacts.pair + contacts.pair @ g.T)
-    grains, vectors = state.grains, state.cell.vectors
-    return state._replace(
-        grains=grains._replace(position=grains.position + grains.position @ g.T),
-        cell=state.cell._replace(vectors=vectors + vectors @ g.T),
-        contacts=contacts,
-    )
 
 
 def sheared(state: State, strain: float, *, slip: bool = True) -> State:

@@ -5,9 +5,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
+from ..core.contact import HELD
 from ..core.forces import Loads, moved_masses, unbalanced
+from ..core.frame import cell_mass, strained
 from ..core.jacobian import contact_blocks, triplets
 from ..core.laws import Law
+from ..core.measure import branches, contact_forces, volume
 from ..core.state import State, groups
 
 
@@ -15,36 +18,50 @@ class Freedom(NamedTuple):
     """x = P q + x₀: P picks the free components of (x, y, z, R·angle) of every body; the rest is prescribed.
 
     Components are ordered body by body; in two dimensions a grain has x, y and R·angle_z. A rigid group has one
-    coordinate a direction, which stands where its first member does.
+    coordinate a direction, which stands where its first member does. Free components of the cell's strain ε come last:
+    their coordinates are ℓ ε_ab, ℓ = V^(1/dim), and grains are carried along, x → x + ε x.
     """
 
-    component: np.ndarray  # (n,) position of each coordinate in the flattened (B, 6) array
+    component: np.ndarray  # (n,) position of each coordinate in the flattened (B, 6) array, then in that of ε (3, 3)
     mass: np.ndarray  # (n,) mass, or I/R² for rotations [mass]
     dim: int
-    place: np.ndarray  # (6B,) coordinate of each component, −1 for what is prescribed: the ones of P
+    place: np.ndarray  # (6B + 9,) coordinate of each component, −1 for what is prescribed: the ones of P
+    length: float  # ℓ, 0 if the cell is not free [length]
 
     @property
     def axis(self) -> np.ndarray:
-        """(n,) 0, 1, 2 for x, y, z; 3, 4, 5 for rotations about them."""
-        return self.component % 6
+        """(n,) 0, 1, 2 for x, y, z; 3, 4, 5 for rotations about them; 6 for the cell."""
+        return np.where(self.body < self.bodies, self.component % 6, 6)
 
     @property
     def body(self) -> np.ndarray:
-        """(n,) body to which each coordinate belongs."""
-        return self.component // 6
+        """(n,) body to which each coordinate belongs; `bodies` for the cell."""
+        return np.minimum(self.component // 6, self.bodies)
+
+    @property
+    def bodies(self) -> int:
+        """Number of bodies."""
+        return (len(self.place) - 9) // 6
 
     def __len__(self):
         return len(self.component)
 
     def spread(self, q: np.ndarray) -> np.ndarray:
         """(B, 6) P q of coordinates (n,)."""
-        return np.where(self.place >= 0, np.append(q, 0)[self.place], 0).reshape(-1, 6)
+        return self._all(q)[: 6 * self.bodies].reshape(-1, 6)
+
+    def strain(self, q: np.ndarray) -> np.ndarray:
+        """(3, 3) displacement gradient of the cell in coordinates (n,)."""
+        return self._all(q)[6 * self.bodies :].reshape(3, 3) / (self.length or 1.0)
+
+    def _all(self, q):
+        return np.where(self.place >= 0, np.append(q, 0)[self.place], 0)
 
     def without(self, bodies: np.ndarray) -> "Freedom":
         """Freedom in which the given bodies, (B,) bool, are held."""
-        kept = ~bodies[self.body]
+        kept = ~np.append(bodies, False)[self.body]
         number = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)
-        return Freedom(self.component[kept], self.mass[kept], self.dim, number[self.place])
+        return Freedom(self.component[kept], self.mass[kept], self.dim, number[self.place], self.length)
 
 
 def freedom(state: State) -> Freedom:
@@ -61,22 +78,58 @@ def freedom(state: State) -> Freedom:
     together = groups(state.control)
     for members in together:
         leads[members[1:]] = False
-    component = np.flatnonzero(leads)
-    place = np.full(6 * state.n_bodies, -1)
+    cell = state.control.cell_free
+    component = np.flatnonzero(np.append(leads, cell))
+    place = np.full(6 * state.n_bodies + 9, -1)
     place[component] = np.arange(len(component))
-    place = place.reshape(-1, 6)
+    of_bodies = place[:-9].reshape(-1, 6)
     for members in together:
-        place[members] = place[members[0]]
-    return Freedom(component, mass.ravel()[component], state.cell.dim, place.ravel())
+        of_bodies[members] = of_bodies[members[0]]
+    mass = np.append(mass, np.full(9, cell_mass(state)))
+    length = volume(state) ** (1 / state.cell.dim) if cell.any() else 0.0
+    return Freedom(component, mass[component], state.cell.dim, place, length)
 
 
 def residual_vector(state: State, loads: Loads, free: Freedom) -> np.ndarray:
     """(n,) generalised unbalanced force Pᵀf [force]."""
-    return unbalanced(state, loads).ravel()[free.component]
+    force = unbalanced(state, loads).ravel()
+    if free.length:
+        cell = (loads.virial - volume(state) * state.control.stress) / free.length
+        force = np.append(force, cell.ravel())
+    return force[free.component]
+
+
+def jacobian(state: State, law: Law, free: Freedom, *, memory: int = HELD):
+    """(n, n) sparse J = ∂(Pᵀf)/∂q, with each contact held in its mode, or (FREE) in that of its trial memory.
+
+    With Σ f_a r_b − V σ_ab the force on a free component of the cell, its row has, besides what a change of f does,
+    f_a δ_b from the change of r and −V σ_ab δ_cd from that of the volume.
+    """
+    blocks, _ = contact_blocks(state, law, memory=memory)
+    matrix = restricted(state, blocks, free)
+    if not free.length:
+        return matrix
+    force, count = contact_forces(state, law, memory=memory), len(blocks)
+    turn = np.zeros((9, count, 6))  # ∂(f_a r_b)/∂(r, ρ) at constant f
+    for k in range(9):
+        turn[k, :, k % 3] = force[:, k // 3]
+    rows = np.arange(9)[:, None].repeat(6 * count, axis=1).ravel()
+    columns = np.tile(np.arange(6 * count), 9)
+    changed = sparse.csr_array((turn.ravel(), (rows, columns)), shape=(9, 6 * count)) / free.length
+    geometry, places = (changed @ incidence(state, count, free).T).toarray(), free.place[-9:]
+    swells = places[[0, 4, 8]]
+    geometry[:, swells[swells >= 0]] -= (volume(state) / free.length**2 * state.control.stress).reshape(9, 1)
+    own = np.flatnonzero(places >= 0)
+    lift = sparse.csr_array((np.ones(len(own)), (places[own], own)), shape=(len(free), 9))
+    return sparse.csr_array(matrix + lift @ sparse.csr_array(geometry))
 
 
 def restricted(state: State, blocks: np.ndarray, free: Freedom):
     """(n, n) sparse PᵀKP of the matrix K that contact blocks add up to."""
+    if free.length:
+        q = incidence(state, len(blocks), free)
+        flat = sparse.bsr_array((blocks, np.arange(len(blocks)), np.arange(len(blocks) + 1)))
+        return sparse.csr_array(q @ flat @ q.T)
     rows, cols, values = triplets(state, blocks)
     rows, cols = free.place[rows], free.place[cols]
     keep = (rows >= 0) & (cols >= 0)
@@ -89,8 +142,7 @@ def stiffness(state: State, law: Law, free: Freedom):
     Similar to −M⁻¹J, and symmetric where the forces have a potential: its eigenvalues are λ, and its eigenvectors over
     √mass are modes.
     """
-    blocks, _ = contact_blocks(state, law)
-    matrix = restricted(state, blocks, free)
+    matrix = jacobian(state, law, free)
     root = 1 / np.sqrt(free.mass)
     matrix.data *= -root[matrix.indices] * np.repeat(root, np.diff(matrix.indptr))
     return matrix
@@ -106,6 +158,12 @@ def incidence(state: State, count: int, free: Freedom):
         rows.append(row[row >= 0])
         columns.append(column[row >= 0])
         values.append(np.tile(sign, count)[row >= 0])
+    if free.length:  # dr = ε r: ℓ ε_ab moves component a by r_b/ℓ
+        branch = branches(state)[:count] / free.length
+        for k in np.flatnonzero(free.place[-9:] >= 0):
+            rows.append(np.full(count, free.place[6 * free.bodies + k]))
+            columns.append(6 * np.arange(count) + k // 3)
+            values.append(branch[:, k % 3])
     where = (np.concatenate(rows), np.concatenate(columns))
     return sparse.csr_array((np.concatenate(values), where), shape=(len(free), 6 * count))
 
@@ -113,6 +171,8 @@ def incidence(state: State, count: int, free: Freedom):
 def displaced(state: State, free: Freedom, step: np.ndarray) -> State:
     """The state with its free coordinates moved by `step` (n,) [length]; memory is not touched."""
     full = free.spread(step)
+    if free.length:
+        state = strained(state, free.strain(step))
     grains, n = state.grains, len(state.grains.radius)
     return state._replace(
         grains=grains._replace(

@@ -9,13 +9,12 @@ from scipy.sparse.linalg import LinearOperator, gmres
 
 from ..core.contact import FREE
 from ..core.forces import accept, forces
-from ..core.jacobian import contact_blocks
 from ..core.laws import MU, Law
 from ..core.measure import branches
 from ..core.neighbors import updated
 from ..core.outcome import Outcome, Status
 from ..core.state import OPEN, State, at_rest
-from .freedom import Freedom, displaced, freedom, incidence, residual_vector, restricted
+from .freedom import Freedom, displaced, freedom, jacobian, residual_vector
 from .linear import DENSE_BELOW, Solve, factorised
 
 SHIFTS = (1e-9, 1e-5, 1e-3, 1e-1)  # added to −J in units of its largest diagonal entry, the next if one fails
@@ -177,16 +176,14 @@ def _with_kept(point: _Point, law: Law, free: Freedom, keep: Kept) -> _Point | N
         return closer
     if len(free) < DENSE_BELOW:
         return None
-    blocks, _ = contact_blocks(point.state, law, memory=FREE)
-    q = incidence(point.state, len(blocks), free)
-    flat = sparse.bsr_array((blocks, np.arange(len(blocks)), np.arange(len(blocks) + 1)))
+    matrix = jacobian(point.state, law, free, memory=FREE)
     spent = [0]
 
     def count(_):
         spent[0] += 1
 
     shape = (len(free), len(free))
-    pull = LinearOperator(shape, matvec=lambda x: -(q @ (flat @ (q.T @ x))), dtype=float)
+    pull = LinearOperator(shape, matvec=lambda x: -(matrix @ x), dtype=float)
     before = LinearOperator(shape, matvec=keep.solve, dtype=float)
     step, _ = gmres(
         pull, point.vector, M=before, rtol=1e-4, restart=KRYLOV + 20, maxiter=1, callback=count, callback_type="pr_norm"
@@ -200,13 +197,12 @@ def _with_kept(point: _Point, law: Law, free: Freedom, keep: Kept) -> _Point | N
 
 def _with_fresh(point: _Point, law: Law, free: Freedom, keep: Kept) -> _Point | None:
     """One step with a new factor, halved until the residual falls; if it never does, with a larger shift."""
-    blocks, _ = contact_blocks(point.state, law, memory=FREE)
-    jacobian = restricted(point.state, blocks, free)
-    scale = np.abs(jacobian.data).max(initial=0.0)
-    if ((np.abs(jacobian).sum(axis=1) == 0) & (point.vector != 0)).any():
+    pull = jacobian(point.state, law, free, memory=FREE)
+    scale = np.abs(pull.data).max(initial=0.0)
+    if ((np.abs(pull).sum(axis=1) == 0) & (point.vector != 0)).any():
         raise LinAlgError("nothing resists a load")
     for shift in SHIFTS:
-        solve = keep.renew(shift * scale * sparse.eye_array(len(free), format="csr") - jacobian)
+        solve = keep.renew(shift * scale * sparse.eye_array(len(free), format="csr") - pull)
         keep.solves += 1
         step = _capped(solve(point.vector), point)
         for _ in range(8):

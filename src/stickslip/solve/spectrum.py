@@ -12,7 +12,7 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 from ..core.jacobian import contact_blocks
 from ..core.laws import Law
 from ..core.state import State
-from .freedom import Freedom, freedom, restricted, stiffness
+from .freedom import Freedom, freedom, jacobian, restricted, stiffness
 from .linear import DENSE_BELOW, factorised, one_thread
 
 ZERO_BELOW = 1e-10  # share of the largest |λ| below which an eigenvalue is zero
@@ -59,10 +59,10 @@ class Spectrum(NamedTuple):
         return not len(self.pairs) and bool((self.eigenvalues.real > floor).all())
 
     def shares(self) -> np.ndarray:
-        """(n, 6) share of each mode's mass-weighted norm in x, y, z and in rotations about them; rows add up to 1."""
+        """(n, 7) share of the mass-weighted norm of each mode in x, y, z, rotations, and the cell: adds up to 1."""
         weight = self.free.mass[:, None] * np.abs(self.modes) ** 2
         axis = self.free.axis
-        return np.stack([weight[axis == k].sum(axis=0) for k in range(6)], axis=1)
+        return np.stack([weight[axis == k].sum(axis=0) for k in range(7)], axis=1)
 
 
 def spectrum(state: State, law: Law, *, modes: bool = True) -> Spectrum:
@@ -144,10 +144,10 @@ def damped_growth(state: State, law: Law, *, drag: float = 0.0, spin_drag: float
     (2n,) complex [1/time]; unstable if any real part is positive. Without drag and dashpots, s² = −λ.
     """
     free = freedom(state)
-    springs, dashpots = contact_blocks(state, law)
-    rate = np.where(free.axis < 3, drag, drag if spin_drag is None else spin_drag)
+    _, dashpots = contact_blocks(state, law)
+    rate = np.where((free.axis < 3) | (free.axis == 6), drag, drag if spin_drag is None else spin_drag)
     upper = np.hstack([np.zeros((len(free), len(free))), np.eye(len(free))])
-    pull = restricted(state, springs, free).toarray() / free.mass[:, None]
+    pull = jacobian(state, law, free).toarray() / free.mass[:, None]
     friction = restricted(state, dashpots, free).toarray() / free.mass[:, None] - np.diag(rate)
     values = eigvals(np.vstack([upper, np.hstack([pull, friction])]))
     return values[np.argsort(-values.real)]

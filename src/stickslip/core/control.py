@@ -1,0 +1,165 @@
+"""What is imposed on bodies and on the cell: each function returns the control with something added."""
+
+import numpy as np
+
+from .state import Control
+
+
+def frozen(control: Control, bodies) -> Control:
+    """Control in which all components of the given bodies stand still."""
+    return driven(control, bodies, 0.0)
+
+
+def driven(control: Control, bodies, rate) -> Control:
+    """Control in which all components of the given bodies move at `rate`, broadcast to (bodies, 6)."""
+    free, speed = control.free.copy(), control.rate.copy()
+    free[bodies] = False
+    speed[bodies] = rate
+    return control._replace(free=free, rate=speed)
+
+
+def rigid(control: Control, bodies) -> Control:
+    """Control in which the given bodies are one rigid body without rotation: a plate, a glued layer.
+
+    It is free, frozen, driven or force-controlled along each direction as its members are, which must be alike in that;
+    forces on members add up. Its velocity at the start of a run is that of its centre of mass.
+
+    Examples
+    --------
+    A plate of grains 3 and 4, pressed along y and pulled along x at a given speed:
+
+    >>> from stickslip import loads
+    >>> control = rigid(loads(5), [3, 4])
+    >>> control.force[3, 1] = -0.1
+    >>> control.free[[3, 4], 0], control.rate[[3, 4], 0] = False, 1e-3
+    >>> control.group
+    array([-1, -1, -1,  0,  0])
+    """
+    free, rate, group = control.free.copy(), control.rate.copy(), control.group.copy()
+    free[bodies, 3:], rate[bodies, 3:] = False, 0.0
+    group[bodies] = group.max() + 1
+    return control._replace(free=free, rate=rate, group=group)
+
+
+def pressed(control: Control, bodies, force) -> Control:
+    """Control in which walls or rigid groups are servo-controlled: free along a force, which contacts come to balance.
+
+    Parameters
+    ----------
+    bodies : numbers of walls, or of grains of a rigid group
+    force : (3,) or (2,) on each of them, along its components that are not zero; a pressure times the area it acts on,
+        or for a rigid group the force on the whole over the number of its members [force]
+
+    Examples
+    --------
+    A lid, body 101, that is pressed down by 0.5:
+
+    >>> from stickslip import loads, pressed
+    >>> control = pressed(loads(100, 2), [101], [0, -0.5])
+    >>> control.free[101, :3]
+    array([False,  True, False])
+    """
+    whole = np.zeros(3)
+    whole[: len(force)] = force
+    free, rate, forces = control.free.copy(), control.rate.copy(), control.force.copy()
+    for k in np.flatnonzero(whole):
+        free[bodies, k], rate[bodies, k], forces[bodies, k] = True, 0.0, whole[k]
+    return control._replace(free=free, rate=rate, force=forces)
+
+
+def deformed(control: Control, rate) -> Control:
+    """Control in which the cell deforms at a velocity gradient L and carries the grains along: ẋ = v + L x.
+
+    Components that follow the stress (`stress_controlled`) stay free where `rate` is zero, so that shear at constant
+    pressure takes both calls.
+
+    Parameters
+    ----------
+    rate : (3, 3) or (2, 2) L_ab = ∂v_a/∂x_b [1/time]; L[0, 1] = γ̇ is simple shear along x with gradient y, L[1, 1] < 0
+        compresses along y
+
+    Examples
+    --------
+    Shear at constant pressure: the cell's height follows the normal stress.
+
+    >>> from stickslip import deformed, loads, stress_controlled
+    >>> control = stress_controlled(deformed(loads(100), [[0, 1e-4], [0, 0]]), {"yy": 1e-3})
+    >>> float(control.cell_rate[0, 1]), bool(control.cell_free[1, 1])
+    (0.0001, True)
+    """
+    gradient = np.zeros((3, 3))
+    rate = np.asarray(rate, float)
+    if rate.shape not in ((2, 2), (3, 3)):
+        raise ValueError(f"a velocity gradient of shape {rate.shape} was given: (2, 2) or (3, 3) is needed")
+    gradient[: len(rate), : len(rate)] = rate
+    return control._replace(cell_rate=gradient, cell_free=control.cell_free & (gradient == 0))
+
+
+def stress_controlled(control: Control, stress: dict[str, float], *, mass: float = 0.0) -> Control:
+    """Control in which components of the cell's strain follow the stress: M ℓ² L̇_ab = V (σ_ab − wanted), ℓ = V^(1/dim).
+
+    σ holds contacts and the fluctuating velocities, compression positive. Such a component is a degree of freedom in
+    dynamics, in J, and in Newton's method.
+
+    Parameters
+    ----------
+    stress : component -> wanted value, as in {"xx": p, "yy": p, "zz": p} or {"xy": tau}; the first letter is the
+        direction of displacement and force, the second that of the gradient and of the area's normal
+        [force/length^(dim−1)]
+    mass : float, M [mass]; 0: the mass of all grains, with which the cell breathes about as fast as sound crosses it
+
+    Raises
+    ------
+    ValueError
+        if a component is not two letters out of x, y, z.
+    """
+    free, wanted = control.cell_free.copy(), control.stress.copy()
+    for name, value in stress.items():
+        if len(name) != 2 or not set(name) <= set("xyz"):
+            raise ValueError(f"a stress component {name!r} was given: use two letters out of x, y, z, such as 'yy'")
+        where = tuple("xyz".index(letter) for letter in name)
+        free[where], wanted[where] = True, value
+    rate = np.where(free, 0.0, control.cell_rate)
+    return control._replace(cell_free=free, stress=wanted, cell_rate=rate, cell_mass=float(mass))
+
+
+def following(control: Control, bodies, times, factors) -> Control:
+    """Control in which the rates of driven components of the given bodies are multiplied by a function of time.
+
+    Parameters
+    ----------
+    bodies : numbers of grains and walls, or "cell" for the cell's velocity gradient
+    times : (K,) increasing [time]; factors : (K,) dimensionless, linear in between, constant before and after
+
+    Examples
+    --------
+    A floor, body 10, that is shaken sideways with an amplitude of 0.1 in velocity, once in 50 time units:
+
+    >>> import numpy as np
+    >>> from stickslip import driven, following, loads
+    >>> control = driven(loads(10, 1), [10], [0.1, 0, 0, 0, 0, 0])
+    >>> times = np.linspace(0, 200, 401)
+    >>> following(control, [10], times, np.cos(2 * np.pi * times / 50)).follows[10, :3]
+    array([0, 0, 0])
+    """
+    times, factors = np.asarray(times, float), np.asarray(factors, float)
+    if times.ndim != 1 or times.shape != factors.shape or not len(times) or (np.diff(times) <= 0).any():
+        raise ValueError(
+            f"{len(times)} times and {len(factors)} factors were given: as many of both are needed, times increasing"
+        )
+    knots = np.union1d(control.knots, times)
+    old = [np.interp(knots, control.knots, column) for column in control.course.T]
+    course = np.stack([*old, np.interp(knots, times, factors)], axis=1)
+    follows, cell_follows = control.follows.copy(), control.cell_follows.copy()
+    if isinstance(bodies, str):
+        if bodies != "cell":
+            raise ValueError(f"bodies = {bodies!r} was given: give numbers of bodies, or 'cell'")
+        cell_follows[:] = len(old)
+    else:
+        follows[bodies] = len(old)
+    return control._replace(knots=knots, course=course, follows=follows, cell_follows=cell_follows)
+
+
+def factors_at(control: Control, time: float) -> np.ndarray:
+    """(C + 1,) factor of each course at a time; the last is 1, for rates that follow none."""
+    return np.array([*(np.interp(time, control.knots, column) for column in control.course.T), 1.0])

@@ -1,0 +1,227 @@
+"""What moves with time in a run besides bodies under forces: the deforming cell, and rates that follow a course.
+
+The cell deforms at a velocity gradient L and carries the grains along, ẋ = v + L x, v̇ = F/m − L v: for simple shear
+this is Newton's law in Lees–Edwards conditions, written for velocities relative to the flow. Over a step, with
+A = (1 − ½ dt L)⁻¹ (1 + ½ dt L), every vector h of the cell becomes A h, and a grain A (x + ½ dt v) + ½ dt v, so that no
+pair vector depends on where the origin is. What L does to velocities is applied in halves, before and after the drift.
+Where the cell is free, M ℓ² L̇ = V (σ − wanted).
+
+Sources: the equations of motion are those of Evans and Morriss, doi:10.1103/PhysRevA.30.1528; the inertia of the cell
+is that of Parrinello and Rahman, doi:10.1063/1.328693, with one mass.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from .control import factors_at
+from .state import State, deforms
+
+# rows of `matrix`: A; what half a step of L does to a velocity; (1 + ½ dt L)⁻¹; deformation since blocks were chosen
+STRETCH, TURN, SLIDE_BACK, SINCE = range(4)
+
+
+class Frame(NamedTuple):
+    """The cell and the courses during a run; arrays are written in place."""
+
+    vectors: np.ndarray  # (3, 3) of the cell, at the positions
+    rate: np.ndarray  # (3, 3) L
+    ahead: np.ndarray  # (3, 3) L at the end of the step, predicted, for dashpots
+    pull: np.ndarray  # (3, 3) L̇ of what is free
+    matrix: np.ndarray  # (4, 3, 3)
+    free: np.ndarray  # (3, 3) bool
+    given: np.ndarray  # (3, 3) rates of what is not free
+    follows: np.ndarray  # (3, 3) course, or the last column: constant
+    wanted: np.ndarray  # (3, 3) stress
+    mass: float
+    now: np.ndarray  # (C + 1,) factors, mean over the step
+    then: np.ndarray  # (C + 1,) factors at its end
+    knots: np.ndarray  # (K,)
+    course: np.ndarray  # (K, C)
+    area: np.ndarray  # (K, C) integral of `course` from the first knot
+    body_rate: np.ndarray  # (B, 6) in the order of memory
+    body_follows: np.ndarray  # (B, 6)
+    place: np.ndarray  # (N,) where each grain lies in memory
+    grain_mass: np.ndarray  # (N,)
+    made: np.ndarray  # (3, 3) vectors of the cell at which the list of contacts was made
+    clock: (
+        np.ndarray
+    )  # (1,) time, summed up step by step, so that a continued run sees the same courses to the last bit
+    reach: np.ndarray  # (1,) within which pairs were chosen
+    widest: float  # largest sum of two radii
+
+
+def strained(state: State, gradient, *, slip: bool = True) -> State:
+    """The state after an affine displacement x → x + G x of grains and cell; not in equilibrium.
+
+    The cell stays the one that its vectors span, so that simple shear makes it triclinic: Lees–Edwards conditions.
+
+    Parameters
+    ----------
+    gradient : (3, 3) or (dim, dim) displacement gradient G; G[0, 1] = δγ is simple shear along x with gradient y
+    slip : whether the affine displacement of i relative to j enters the slip of their contact. True (default): grains
+        are carried and do not turn, as an observer at the contact sees it. False: the memory is carried along, as by
+        codes that remap the box.
+
+    Raises
+    ------
+    ValueError
+        if G has another shape, leaves the plane, or the state has walls (they would have to bend).
+    """
+    dim = state.cell.dim
+    gradient = np.asarray(gradient, float)
+    if gradient.shape not in ((3, 3), (dim, dim)):
+        raise ValueError(f"a gradient of shape {gradient.shape} was given: (3, 3) or {(dim, dim)} is needed")
+    g = np.zeros((3, 3))
+    g[: len(gradient), : len(gradient)] = gradient
+    if dim == 2 and (g[2].any() or g[:, 2].any()):
+        raise ValueError("a gradient with z components was given in two dimensions: they must be zero")
+    if len(state.walls.mass):
+        raise ValueError("a state with walls was given: only periodic cells can be strained")
+    contacts = state.contacts._replace(origin=np.full_like(state.contacts.origin, np.inf))
+    if not slip:
+        contacts = contacts._replace(pair=contacts.pair + contacts.pair @ g.T)
+    grains, vectors = state.grains, state.cell.vectors
+    return state._replace(
+        grains=grains._replace(position=grains.position + grains.position @ g.T),
+        cell=state.cell._replace(vectors=vectors + vectors @ g.T),
+        contacts=contacts,
+    )
+
+
+def imposes(state: State) -> bool:
+    """True if a run needs a frame."""
+    control = state.control
+    return deforms(state) or bool((control.follows >= 0).any())
+
+
+def cell_mass(state: State) -> float:
+    """M [mass]."""
+    return float(state.control.cell_mass or state.grains.mass.sum())
+
+
+def frame_of(state: State, order: np.ndarray) -> Frame:
+    """The frame at the start of a run; `order` is that of the bodies in memory."""
+    control, cell, n = state.control, state.cell, len(state.grains.radius)
+    columns, place = control.course.shape[1], np.empty(state.n_bodies, np.int64)
+    place[order] = np.arange(len(order))
+    factor = factors_at(control, state.time)
+    rate = np.where(control.cell_free, cell.rate, control.cell_rate * factor[control.cell_follows])
+    spans = np.diff(control.knots)[:, None] * 0.5 * (control.course[1:] + control.course[:-1])
+    area = np.concatenate([np.zeros((min(1, len(control.knots)), columns)), np.cumsum(spans, axis=0)])
+    used = np.where(cell.vectors.any(axis=1)[:, None], cell.vectors, np.eye(3))
+    return Frame(
+        used, rate, rate.copy(), np.zeros((3, 3)), np.tile(np.eye(3), (4, 1, 1)), control.cell_free,
+        control.cell_rate, control.cell_follows % (columns + 1), control.stress, cell_mass(state), factor,
+        factor.copy(), control.knots, control.course, area, control.rate[order],
+        control.follows[order] % (columns + 1), place[:n], state.grains.mass, used.copy(),
+        np.full(1, state.time), np.zeros(1), 2.0 * float(state.grains.radius.max()),
+    )  # fmt: skip
+
+
+@njit(fastmath=False, error_model="numpy")
+def _course(frame, c, time):
+    """A course at a time, and its integral from the first knot on."""
+    knots, course, last = frame.knots, frame.course, len(frame.knots) - 1
+    if time <= knots[0]:
+        return course[0, c], (time - knots[0]) * course[0, c]
+    if time >= knots[last]:
+        return course[last, c], frame.area[last, c] + (time - knots[last]) * course[last, c]
+    k = np.searchsorted(knots, time, side="right") - 1
+    part = (time - knots[k]) / (knots[k + 1] - knots[k])
+    value = course[k, c] + part * (course[k + 1, c] - course[k, c])
+    return value, frame.area[k, c] + 0.5 * (time - knots[k]) * (course[k, c] + value)
+
+
+@njit(fastmath=False, error_model="numpy")
+def inverse(m):
+    """Of a 3 × 3 matrix."""
+    out = np.empty((3, 3))
+    for a in range(3):
+        b, c = (a + 1) % 3, (a + 2) % 3
+        for k in range(3):
+            q, r = (k + 1) % 3, (k + 2) % 3
+            out[k, a] = m[b, q] * m[c, r] - m[b, r] * m[c, q]
+    return out / (m[0, 0] * out[0, 0] + m[0, 1] * out[1, 0] + m[0, 2] * out[2, 0])
+
+
+@njit(fastmath=False, error_model="numpy")
+def product(a, b):
+    """Of two 3 × 3 matrices, always in the same order of operations."""
+    out = np.zeros((3, 3))
+    for i in range(3):
+        for k in range(3):
+            for j in range(3):
+                out[i, j] += a[i, k] * b[k, j]
+    return out
+
+
+@njit(cache=True, fastmath=False, error_model="numpy")
+def begun(frame, pace):
+    """Begin a step: rates, matrices, the cell at its end. Returns the square of the allowed displacement."""
+    dt, half, time = pace.dt, 0.5 * pace.dt, frame.clock[0]
+    frame.clock[0] = time + dt
+    for c in range(frame.course.shape[1]):
+        _, before = _course(frame, c, time)
+        frame.then[c], after = _course(frame, c, frame.clock[0])
+        frame.now[c] = (after - before) / dt
+    for a in range(3):
+        for b in range(3):
+            if frame.free[a, b]:
+                frame.rate[a, b] = pace.keep * frame.rate[a, b] + half * frame.pull[a, b]
+                frame.ahead[a, b] = frame.rate[a, b] + half * frame.pull[a, b]
+            else:
+                frame.rate[a, b] = frame.given[a, b] * frame.now[frame.follows[a, b]]
+                frame.ahead[a, b] = frame.given[a, b] * frame.then[frame.follows[a, b]]
+    one, matrix = np.eye(3), frame.matrix
+    matrix[STRETCH] = product(inverse(one - half * frame.rate), one + half * frame.rate)
+    matrix[TURN] = product(inverse(one + 0.5 * half * frame.rate), one - 0.5 * half * frame.rate)
+    matrix[SLIDE_BACK] = inverse(one + half * frame.rate)
+    matrix[SINCE] = product(matrix[STRETCH], matrix[SINCE])
+    frame.vectors[:] = product(frame.vectors, matrix[STRETCH].T)
+    # a pair further apart than s + reach stays so while the deformation alone takes no more than it leaves
+    strain = np.sqrt(((matrix[SINCE] - one) ** 2).sum())
+    left = frame.reach[0] - strain * (frame.widest + frame.reach[0])
+    return (0.5 * max(left, 0.0)) ** 2
+
+
+@njit(cache=True, fastmath=False, error_model="numpy")
+def finished(dim, frame, pace, moving, fresh):
+    """End a step: the stress, in the order of the grains' numbers, and what it does to the cell."""
+    total = np.zeros((3, 3))
+    for a in range(len(frame.place)):
+        g = frame.place[a]
+        for k in range(3):
+            for m in range(3):
+                flux = frame.grain_mass[a] * moving.body[g, 3 + k] * moving.body[g, 3 + m]
+                total[k, m] += moving.virial[g, 3 * k + m] + flux
+    h = frame.vectors
+    space = h[0, 0] * h[1, 1] - h[0, 1] * h[1, 0]
+    if dim == 3:
+        space = space * h[2, 2] + h[0, 2] * (h[1, 0] * h[2, 1] - h[1, 1] * h[2, 0])
+        space += h[1, 2] * (h[0, 1] * h[2, 0] - h[0, 0] * h[2, 1])
+    space = abs(space)
+    inertia = frame.mass * (space if dim == 2 else space ** (2.0 / 3.0))
+    for a in range(3):
+        for b in range(3):
+            if frame.free[a, b]:
+                frame.pull[a, b] = (total[a, b] - space * frame.wanted[a, b]) / inertia
+                if not fresh:
+                    frame.rate[a, b] = (frame.rate[a, b] + 0.5 * pace.dt * frame.pull[a, b]) * pace.slow
+            elif not fresh:
+                frame.rate[a, b] = frame.given[a, b] * frame.then[frame.follows[a, b]]
+
+
+def unbalanced_cell(frame: Frame, dim: int, drag: float) -> float:
+    """Largest force on a free component of the cell, over ℓ, and of its drag [force]."""
+    length = abs(np.linalg.det(frame.vectors[:dim, :dim])) ** (1 / dim)
+    force = np.maximum(np.abs(frame.pull), drag * np.abs(frame.rate))[frame.free]
+    return float(frame.mass * length * force.max(initial=0.0))
+
+
+def room_left(vectors, made_at, skin: float, widest: float) -> tuple[float, np.ndarray]:
+    """What a deformation of the cell leaves of a skin, and the deformation F, since a list was made."""
+    deformation = np.linalg.solve(made_at, vectors).T
+    strain = float(np.sqrt(((deformation - np.eye(3)) ** 2).sum()))
+    return skin - strain * (widest + skin), deformation
