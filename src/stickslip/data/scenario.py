@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
+from .flow_scenario import FlowScenario
 from .parts import Duration, Finite, Listed, Loads, NotNegative, Part, Positive, ScenarioError, Several, Whole, sentence
 
 
@@ -241,18 +242,18 @@ class ShearScenario(Whole):
     release: Release = Release()
 
 
-EXPERIMENTS = {kind.model_fields["experiment"].default: kind for kind in (Scenario, ShearScenario)}
+EXPERIMENTS = {kind.model_fields["experiment"].default: kind for kind in (Scenario, ShearScenario, FlowScenario)}
 
 
-def _kind(tables: dict) -> type[Scenario] | type[ShearScenario]:
+def _kind(tables: dict) -> type[Whole]:
     """The class of scenario that `experiment` names; without it, a disk array."""
     name = tables.get("experiment", "disk-array")
     if name not in EXPERIMENTS:
-        raise ScenarioError(f"experiment = {name!r} was given: use {' or '.join(map(repr, EXPERIMENTS))}")
+        raise ScenarioError(f"experiment = {name!r} was given: use {', '.join(map(repr, EXPERIMENTS))}")
     return EXPERIMENTS[name]
 
 
-def scenario(**tables) -> Scenario | ShearScenario:
+def scenario(**tables) -> Scenario | ShearScenario | FlowScenario:
     """A scenario from nested dictionaries, as in the TOML file; `experiment` says of what.
 
     Raises
@@ -272,7 +273,7 @@ def scenario(**tables) -> Scenario | ShearScenario:
         raise ScenarioError(sentence(problem, kind)) from None
 
 
-def read(path: str | Path) -> Scenario | ShearScenario:
+def read(path: str | Path) -> Scenario | ShearScenario | FlowScenario:
     """A scenario from a TOML file, or from the canonical text that a run left behind."""
     path = Path(path)
     try:
