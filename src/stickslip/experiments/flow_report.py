@@ -72,16 +72,16 @@ def _write_series(path: Path, result: FlowResult) -> None:
 def show_result(result: FlowResult) -> None:
     """How every stage ended, and the numbers of plane shear, on the terminal."""
     table = Table(title="Stages", **STYLE)
-    for name in ("stage", "until", "energy", "unbalanced", "z", "sliding", "deposit", "its top"):
+    for name in ("stage", "until", "energy", "unbalanced", "z", "deposit along x", "top"):
         table.add_column(name, justify="right", no_wrap=True)
-    series = result.series
+    series, around = result.series, "x" in result.scenario.cell.periodic
     for number, stage in enumerate(result.stages):
         k = np.flatnonzero(series.stage == number)[-1]
         left = deposit(next(f for f in result.frames if f.time == stage.end), result.poured.loose)
         table.add_row(
             stage.name, f"{stage.end:.4g}", f"{series.kinetic_energy[k]:.1e}",
-            f"{series.unbalanced[k]:.1e}", f"{series.coordination[k]:.3g}", f"{series.sliding_fraction[k]:.0%}",
-            f"{left.low[0]:.4g} … {left.high[0]:.4g}", f"{left.high[1]:.4g}",
+            f"{series.unbalanced[k]:.1e}", f"{series.coordination[k]:.3g}",
+            "periodic" if around else f"{left.low[0]:.3g} … {left.high[0]:.3g}", f"{left.high[1]:.3g}",
         )  # fmt: skip
     console.print(table)
     for stage in result.stages:

@@ -19,7 +19,7 @@ def snapshots(result):
     places = [_wrapped(state) for state in shown]
     low, high = _view(result, shown, places)
     wide, tall = high - low
-    columns = 1 if wide > 2.2 * tall else 2 if wide > 0.9 * tall else 3
+    columns = 1 if wide > 2.2 * tall else 2 if wide > 1.3 * tall else 3
     columns = min(columns, len(shown))
     rows = -(-len(shown) // columns)
     width = WIDTH if columns == 1 else WIDE
@@ -34,6 +34,8 @@ def snapshots(result):
         _walls(axes, state)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
         axes.set_title(f"$t$ = {state.time:.4g}", fontsize=7, pad=2)
+        axes.xaxis.set_major_locator(MaxNLocator(5))
+        axes.yaxis.set_major_locator(MaxNLocator(4))
     for axes in panels.flat[len(shown) :]:
         axes.axis("off")
     for axes in panels[-1]:
@@ -142,29 +144,38 @@ def _contacts(axes, series) -> None:
     other = axes.twinx()
     other.plot(series.time, series.sliding_fraction, color=ORANGE, lw=0.7)
     other.set_ylabel("sliding fraction", color=ORANGE)
-    other.set_ylim(0, max(0.05, 1.1 * series.sliding_fraction.max()))
+    other.set_ylim(0, max(0.05, 1.8 * np.quantile(series.sliding_fraction, 0.98)))  # below the other curve
 
 
 def _extent(axes, series) -> None:
     """Centre of mass and the far ends of the grains along x and y."""
-    for k, color in ((0, BLUE), (1, GREEN)):
-        axes.plot(series.time, series.center[:, k], color=color, label=f"centre ${'xy'[k]}$")
-        axes.plot(series.time, series.high[:, k], color=color, ls="--", label=f"99 % of the grains, ${'xy'[k]}$")
+    for k, color, end in ((0, BLUE, "front, $x$"), (1, GREEN, "top, $y$")):
+        axes.plot(series.time, series.center[:, k], color=color, label=f"centre of mass, ${'xy'[k]}$")
+        axes.plot(series.time, series.high[:, k], color=color, ls="--", label=f"{end} (99 %)")
     axes.set_ylabel("position")
-    axes.set_ylim(top=1.35 * max(series.high[:, :2].max(), series.center[:, :2].max()))
-    axes.legend(loc="upper left", ncol=2, columnspacing=1.0)
+    axes.set_ylim(top=1.45 * max(series.high[:, :2].max(), series.center[:, :2].max()))
+    axes.legend(loc="upper left", ncol=2, columnspacing=1.0, fontsize=6)
 
 
 def _plates(top, bottom, series, names) -> None:
-    """Force along x over force along y on each plate, and the height between the outermost."""
+    """Shear over normal force on each plate, with its running mean, and the height between the outermost."""
+    span = max(1, len(series.time) // 40)
+    seen = [0.1]
     for k, name in enumerate(names):
-        normal = np.abs(series.plate_force[:, k, 1])
-        held = normal > 0.1 * np.median(normal)
-        ratio = np.where(held, np.abs(series.plate_force[:, k, 0]) / np.where(held, normal, 1.0), np.nan)
-        top.plot(series.time, ratio, color=COLORS[2 * k % len(COLORS)], lw=0.7, label=f"plate {name!r}")
+        shear, normal = -series.plate_force[:, k, 0] * np.sign(series.plate_force[:, k, 1]), series.plate_force[:, k, 1]
+        size = np.abs(normal)
+        held = size > 0.1 * np.median(size)
+        ratio = np.where(held, shear / np.where(held, size, 1.0), np.nan)
+        color = COLORS[2 * k % len(COLORS)]
+        top.plot(series.time, ratio, color=color, lw=0.4, alpha=0.25)
+        means = [np.convolve(force, np.ones(span), "same") for force in (shear, size)]
+        good = means[1] > 0.1 * np.median(size)
+        smooth = np.where(good, means[0] / np.where(good, means[1], 1.0), np.nan)
+        top.plot(series.time, smooth, color=color, lw=1.0, label=f"plate {name!r}")
+        seen += [float(v) for v in np.abs(smooth[np.isfinite(smooth)])]
+    limit = 2 * float(np.quantile(seen, 0.95))
+    top.set_ylim(-limit, 1.4 * limit)
     top.set_ylabel("shear force\nover normal force")
-    seen = np.concatenate([line.get_ydata() for line in top.lines])
-    top.set_ylim(0, 1.5 * float(np.nanquantile(seen, 0.98)) if np.isfinite(seen).any() else 1.0)
     top.legend(loc="upper left", ncol=2)
     height = np.ptp(series.plate_position[:, :, 1], axis=1)
     bottom.plot(series.time, height, color=BLUE)

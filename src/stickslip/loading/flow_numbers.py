@@ -5,14 +5,15 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
-from ..core.measure import inertial_number, touching
+from ..core.measure import inertial_number
 from ..core.state import State
 from .flow import FlowResult
 
 
 class Deposit(NamedTuple):
-    """The grains that hang together by contacts, largest such cluster: without those that fly or roll away."""
+    """The largest cluster of grains with gaps below a radius: without those that fly or roll away."""
 
     grains: np.ndarray  # numbers
     low: np.ndarray  # (3,) to where it reaches, radii included [length]
@@ -32,15 +33,21 @@ class PlaneShear(NamedTuple):
 
 
 def deposit(state: State, loose: np.ndarray) -> Deposit:
-    """The deposit of a state; `loose` are the numbers of the poured grains."""
-    contacts, rows, n = state.contacts, touching(state), len(state.grains.radius)
-    i, j = contacts.i[rows], contacts.j[rows]
-    mine = np.zeros(state.n_bodies, bool)
-    mine[loose] = True
-    both = mine[i] & mine[j]
-    i, j = i[both], j[both]
-    label = connected_components(coo_array((np.ones(len(i)), (i, j)), shape=(n, n)), directed=False)[1]
-    members = loose[label[loose] == np.bincount(label[loose]).argmax()]
+    """The deposit of a state; `loose` are the numbers of the poured grains.
+
+    Examples
+    --------
+    >>> from stickslip import assembly, disks
+    >>> row = assembly(disks([[0, 0.5], [1, 0.5], [2, 0.5], [8, 0.5]], 0.5))
+    >>> deposit(row, np.arange(4)).high
+    array([2.5, 1. , 0.5])
+    """
+    n, position = len(loose), state.grains.position[loose]
+    reach = 3 * float(state.grains.radius[loose].mean())
+    pairs = cKDTree(position).query_pairs(reach, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(n, n))
+    label = connected_components(graph, directed=False)[1]
+    members = loose[label == np.bincount(label).argmax()]
     position, radius = state.grains.position[members], state.grains.radius[members, None]
     return Deposit(members, (position - radius).min(axis=0), (position + radius).max(axis=0))
 
