@@ -24,7 +24,7 @@ _WHERE = {
     "core.jacobian": "contact_blocks",
     "core.measure": (
         "branches contact_forces contact_numbers coordination fabric inertial_number packing_fraction pressure "
-        "rattlers stress touching"
+        "rattlers stress touching wrapped"
     ),
     "solve.collision": "Collision collision with_restitution",
     "solve.equilibrate": "UnstableEquilibriumWarning equilibrate",

@@ -38,7 +38,10 @@ def sheared(stages, plates=PLATES, **more):
 
 
 def test_grains_come_to_rest_and_the_floor_carries_their_weight():
-    stages = [{"name": "fall", "duration": 6.0}, {"name": "settle", "duration": 60.0, "until": "rest", "drag": 0.5}]
+    stages = [
+        {"name": "fall", "duration": 6.0},
+        {"name": "settle", "duration": 60.0, "until": "rest", "kinetic": 1e-5, "drag": 0.5},
+    ]
     found = ss.simulate_flow(scenario(**flow(stages=stages, samples=100)))
     series, weight = found.series, found.poured.state.grains.mass.sum()
     assert found.stages[1].rested
@@ -77,7 +80,7 @@ def test_grains_pass_where_a_gate_was_and_other_contacts_keep_their_memory():
 
 def test_a_plate_feels_what_presses_it_and_shears_the_grains():
     stages = [
-        {"name": "compress", "duration": 30.0, "until": "rest", "drag": 0.5},
+        {"name": "compress", "duration": 30.0, "until": "rest", "kinetic": 1e-5, "drag": 0.5},
         {"name": "shear", "duration": 30.0, "velocity": {"top": {"x": 1.0}}, "drag": 0.0},
     ]
     found = ss.simulate_flow(sheared(stages, samples=200))
@@ -124,7 +127,7 @@ def test_courses_become_knots():
 
 def test_a_wall_with_a_force_presses_the_grains():
     lid = {"name": "lid", "point": [0.0, 16.0], "normal": [0.0, -1.0], "force": 30.0, "mass": 5.0, "mu": 0.0}
-    stages = [{"name": "press", "duration": 60.0, "until": "rest", "drag": 0.5}]
+    stages = [{"name": "press", "duration": 60.0, "until": "rest", "kinetic": 1e-5, "drag": 0.5}]
     found = ss.simulate_flow(scenario(**flow(walls=[FLOOR, LEFT, GATE, lid], gravity=None, stages=stages)))
     assert found.stages[0].rested
     np.testing.assert_allclose(found.series.wall_force[-1, [0, 3], 1], [-30.0, 30.0], rtol=0.01)

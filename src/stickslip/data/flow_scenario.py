@@ -183,7 +183,7 @@ class Stage(Part):
         1e-2, description="at rest: mean unbalanced force of the grains over mean contact force"
     )
     kinetic: Positive = Field(
-        1e-5, description="and at rest: kinetic over elastic energy; 1e-5 lets forces still swing by 1 %"
+        1e-4, description="and at rest: kinetic over elastic energy; 1e-4 lets forces still swing by 1 %"
     )
     remove: Names = Field((), description="walls")
     velocity: dict[str, Motion] = Field({}, description="of walls and plates")

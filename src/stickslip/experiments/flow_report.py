@@ -24,7 +24,7 @@ def write_result(folder: Path, result: FlowResult) -> list[Path]:
         _write_series(room / SERIES, result)
         save_figure(figures.snapshots(result), room / "fig1_snapshots.png")
         save_figure(figures.time_series(result), room / "fig2_time_series.png")
-        if result.poured.plates or result.scenario.cell.periodic:
+        if result.poured.plates or "x" in result.scenario.cell.periodic:
             profile = figures.velocity_profile(result.edges, velocity_profile(result))
             save_figure(profile, room / "fig3_velocity_profile.png")
     return files_of(folder)

@@ -5,6 +5,7 @@ from matplotlib import pyplot as plt
 from matplotlib.collections import EllipseCollection
 from matplotlib.ticker import MaxNLocator
 
+from ..core.measure import wrapped
 from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, RED, WIDTH, axes_of, styled
 
 WIDE = 2.07 * WIDTH  # two columns and the gap between them
@@ -16,7 +17,7 @@ HIDDEN = 0.002  # share of the grains at either end that need not be in view: a 
 def snapshots(result):
     """States in time, seen along z: poured grains coloured by speed, plates grey, walls as lines."""
     shown = _chosen(result)
-    places = [_wrapped(state) for state in shown]
+    places = [wrapped(state) for state in shown]
     low, high = _view(result, shown, places)
     wide, tall = high - low
     columns = 1 if wide > 2.2 * tall else 2 if wide > 1.3 * tall else 3
@@ -55,14 +56,6 @@ def _chosen(result) -> list:
     return [frames[k] for k in dict.fromkeys(int(np.abs(times - t).argmin()) for t in wanted)]
 
 
-def _wrapped(state) -> np.ndarray:
-    """Positions with whole periods taken off, for a cell along the axes."""
-    position = state.grains.position.copy()
-    for k in np.flatnonzero(state.cell.periodic):
-        position[:, k] %= state.cell.vectors[k, k]
-    return position
-
-
 def _view(result, shown, places):
     """Corners of what is drawn."""
     radius, periodic = shown[0].grains.radius.max(), shown[0].cell.periodic
@@ -82,16 +75,17 @@ def _grains(axes, state, place, loose, top: float):
     size = 2 * state.grains.radius
     order = loose[np.argsort(place[loose, 2], kind="stable")]
     options = {"units": "xy", "offset_transform": axes.transData, "linewidths": 0.1, "edgecolors": BLACK}
-    axes.add_collection(
-        EllipseCollection(
-            size[glued], size[glued], np.zeros(len(glued)), offsets=place[glued, :2], facecolors="0.6", **options
-        )
-    )
-    drawn = EllipseCollection(
-        size[order], size[order], np.zeros(len(order)), offsets=place[order, :2], array=speed[order], cmap="viridis",
-        clim=(0.0, top), **options,
-    )  # fmt: skip
-    return axes.add_collection(drawn)
+    around = state.cell.vectors[0, 0] if state.cell.periodic[0] else 0.0
+    drawn = None
+    for shift in (around, -around, 0.0) if around else (0.0,):  # grains at an edge are seen at both
+        at = place[:, :2] + [shift, 0.0]
+        for rows, color in ((glued, {"facecolors": "0.6"}), (order, {"array": speed[order], "clim": (0.0, top)})):
+            drawn = axes.add_collection(
+                EllipseCollection(
+                    size[rows], size[rows], np.zeros(len(rows)), offsets=at[rows], cmap="viridis", **color, **options
+                )
+            )
+    return drawn
 
 
 def _walls(axes, state) -> None:
@@ -144,7 +138,7 @@ def _contacts(axes, series) -> None:
     other = axes.twinx()
     other.plot(series.time, series.sliding_fraction, color=ORANGE, lw=0.7)
     other.set_ylabel("sliding fraction", color=ORANGE)
-    other.set_ylim(0, max(0.05, 1.8 * np.quantile(series.sliding_fraction, 0.98)))  # below the other curve
+    other.set_ylim(0, float(np.clip(1.8 * np.quantile(series.sliding_fraction, 0.98), 0.05, 1.05)))
 
 
 def _extent(axes, series) -> None:

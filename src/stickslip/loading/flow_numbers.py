@@ -7,7 +7,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from ..core.measure import inertial_number
+from ..core.measure import inertial_number, wrapped
 from ..core.state import State
 from .flow import FlowResult
 
@@ -42,13 +42,14 @@ def deposit(state: State, loose: np.ndarray) -> Deposit:
     >>> deposit(row, np.arange(4)).high
     array([2.5, 1. , 0.5])
     """
-    n, position = len(loose), state.grains.position[loose]
-    reach = 3 * float(state.grains.radius[loose].mean())
-    pairs = cKDTree(position).query_pairs(reach, output_type="ndarray")
+    n, position = len(loose), wrapped(state)[loose]
+    reach, size = 3 * float(state.grains.radius[loose].mean()), np.diag(state.cell.vectors)
+    near = cKDTree(position, boxsize=np.where(state.cell.periodic, size, 0.0))
+    pairs = near.query_pairs(reach, output_type="ndarray")
     graph = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(n, n))
     label = connected_components(graph, directed=False)[1]
     members = loose[label == np.bincount(label).argmax()]
-    position, radius = state.grains.position[members], state.grains.radius[members, None]
+    position, radius = wrapped(state)[members], state.grains.radius[members, None]
     return Deposit(members, (position - radius).min(axis=0), (position + radius).max(axis=0))
 
 
