@@ -13,6 +13,7 @@ from .parts import Duration, Finite, Listed, NotNegative, Part, Positive, Severa
 AXES = "xyz"
 Vector = Annotated[tuple[Finite, ...], Listed, Field(min_length=2, max_length=3)]
 Knot = Annotated[tuple[Finite, Finite], Listed]
+Name = Annotated[str, Field(pattern=r"^[\w .+-]{1,40}$")]  # a word for tables, files and sentences
 Names = Annotated[tuple[str, ...], Listed]
 
 
@@ -30,8 +31,8 @@ def _course(value):
     table = isinstance(value, list | tuple) and len(value) > 1
     if not (number or table or isinstance(value, dict | Shaking)):
         raise ValueError(
-            f"a velocity of {value!r} was given: it is a number, a table [[time, velocity], …] of two rows or more, or "
-            f"{{amplitude, frequency, phase}}"
+            f"a velocity of {str(value)[:100]!r} was given: it is a number, a table [[time, velocity], …] of two rows "
+            f"or more, or {{amplitude, frequency, phase}}"
         )
     return tuple(value) if table else value
 
@@ -151,7 +152,7 @@ class Box(Part):
 class FlatWall(Part):
     """An infinite flat wall: frozen, driven at a velocity, or pushed along its normal by a force."""
 
-    name: str
+    name: Name
     point: Vector
     normal: Vector = Field(description="towards the grains; of any length")
     velocity: Motion = Motion()
@@ -163,7 +164,7 @@ class FlatWall(Part):
 class Plate(Part):
     """A rough plate: one row (in three dimensions a square lattice) of glued grains across the cell, rigid."""
 
-    name: str
+    name: Name
     height: Finite = Field(description="y of its grains")
     radius: Positive | None = Field(None, description="of its grains; the mean radius unless given")
     spacing: Positive | None = Field(None, description="of its grains, at least their diameter; 1.2 of it unless given")
@@ -176,7 +177,7 @@ class Plate(Part):
 class Stage(Part):
     """A part of the run, and what changes when it starts; what does not change stays as it was."""
 
-    name: str
+    name: Name
     duration: Duration
     until: Literal["rest"] | None = Field(None, description='"rest" ends the stage early; duration is the longest')
     unbalanced: Positive = Field(

@@ -51,9 +51,9 @@ def sentence(problem: ValidationError, kind: type[BaseModel]) -> str:
         return message
     if first["type"] == "missing":
         return f"{'.'.join(keys)}{entry} is missing: give it"
-    return f"{'.'.join(keys) or 'the scenario'}{entry} = {first['input']!r} was given, but " + message.replace(
-        "input ", "it "
-    )
+    got = repr(first["input"])
+    got = got if len(got) <= 100 else f"{got[:97]}…"
+    return f"{'.'.join(keys) or 'the scenario'}{entry} = {got} was given, but {message.replace('input ', 'it ')}"
 
 
 def _walked(where, table: type[BaseModel]):

@@ -248,8 +248,8 @@ EXPERIMENTS = {kind.model_fields["experiment"].default: kind for kind in (Scenar
 def _kind(tables: dict) -> type[Whole]:
     """The class of scenario that `experiment` names; without it, a disk array."""
     name = tables.get("experiment", "disk-array")
-    if name not in EXPERIMENTS:
-        raise ScenarioError(f"experiment = {name!r} was given: use {', '.join(map(repr, EXPERIMENTS))}")
+    if not isinstance(name, str) or name not in EXPERIMENTS:
+        raise ScenarioError(f"experiment = {str(name)[:100]!r} was given: use {', '.join(map(repr, EXPERIMENTS))}")
     return EXPERIMENTS[name]
 
 

@@ -269,6 +269,6 @@ def _rests(row: dict, stage: Stage) -> bool:
 def _words(row: dict) -> str:
     """One row in words, while the run goes on."""
     return (
-        f"t = {row['time']:.4g}, kinetic energy {row['kinetic_energy']:.2e}, mean speed {row['speed']:.2e}, "
-        f"unbalanced {row['unbalanced']:.1e}, z = {row['coordination']:.2f}, {row['sliding_fraction']:.0%} sliding"
+        f"t = {row['time']:.4g}, kinetic {row['kinetic_energy']:.1e}, unbalanced {row['unbalanced']:.0e}, "
+        f"z {row['coordination']:.1f}, {row['sliding_fraction']:.0%} sliding, speed {row['speed']:.1e}"
     )

@@ -136,9 +136,9 @@ def _walls(scenario: FlowScenario):
     mass = [wall.mass or 1.0 for wall in scenario.walls]
     if not scenario.walls:
         return flat_walls()
-    return flat_walls(
-        [w.point for w in scenario.walls], [w.normal for w in scenario.walls], mass=mass, material=material
-    )
+    normals = np.array([w.normal for w in scenario.walls])
+    normals /= np.abs(normals).max(axis=1, keepdims=True)  # so that its square is finite, whatever its length is
+    return flat_walls([w.point for w in scenario.walls], normals, mass=mass, material=material)
 
 
 def _radii(scenario: FlowScenario, rng) -> np.ndarray:
@@ -162,17 +162,17 @@ def _placed(scenario: FlowScenario, radius, rng) -> np.ndarray:
     chosen, dim, largest = scenario.grains, scenario.grains.dim, float(radius.max())
     low, high = np.array(chosen.low), np.array(chosen.high)
     wide = 2 * largest * (1 + chosen.gap)
-    number = np.floor((high - low) / wide * (1 + 1e-12)).astype(int)
-    cells = np.prod(np.maximum(number, 0), dtype=float)
-    sites = np.zeros((0, 3))
+    room = np.floor((high - low) / wide * (1 + 1e-12))
+    cells, sites = float(np.prod(room)), np.zeros((0, 3))
     if 0 < cells <= 1e8:
+        number = room.astype(int)
         step = (high - low) / number
         step[1] = wide  # from the bottom up
         rows = -(-len(radius) // int(cells // number[1]))
         lines = [low[k] + (np.arange(number[k]) + 0.5) * step[k] for k in range(dim)]
         sites = _in_front(scenario, lines, largest * (1 + JITTER * chosen.gap), len(radius), rows)
     elif cells:
-        raise ScenarioError(f"the region of grains has room for {cells:.0g} grains: use a smaller region")
+        raise ScenarioError(f"the region of grains has room for {cells:.0e} grains: use a smaller region")
     if len(sites) < len(radius):
         raise ScenarioError(
             f"grains.number = {len(radius)} was given, but the region from {list(chosen.low)} to {list(chosen.high)} "
