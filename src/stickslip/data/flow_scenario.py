@@ -167,7 +167,7 @@ class Plate(Part):
     name: Name
     height: Finite = Field(description="y of its grains")
     radius: Positive | None = Field(None, description="of its grains; the mean radius unless given")
-    spacing: Positive | None = Field(None, description="of its grains, at least their diameter; 1.2 of it unless given")
+    spacing: Positive | None = Field(None, description="of its grains, about; 1.2 of their diameter unless given")
     mass: Positive | None = Field(None, description="of the plate; that of its grains unless given")
     velocity: Motion = Motion()
     force: Finite | None = Field(None, description="along y, positive towards the poured grains; its weight adds")

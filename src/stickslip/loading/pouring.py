@@ -211,7 +211,8 @@ def _row(plate: Plate, scenario: FlowScenario, radius) -> tuple[np.ndarray, floa
             f"plate {plate.name!r} has spacing = {spacing:g}, below the diameter {2 * size:g} of its grains: use more"
         )
     lengths = [scenario.cell.size[k] for k in range(dim) if k != 1]
-    number = [int(length / spacing * (1 + 1e-12)) for length in lengths]
+    # the nearest number of grains that fill the length, without overlap
+    number = [min(round(length / spacing), int(length / (2 * size) * (1 + 1e-12))) for length in lengths]
     if min(number) < 1:
         raise ScenarioError(
             f"plate {plate.name!r} has spacing = {spacing:g}, longer than the cell ({min(lengths):g}): use less"
