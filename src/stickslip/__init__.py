@@ -14,6 +14,7 @@ _WHERE = {
     "core.contact": "FREE FROZEN HELD",
     "core.control": "deformed driven following frozen pressed rigid stress_controlled",
     "core.laws": "Law between hertz_mindlin hertz_mindlin_reff linear stiffnesses",
+    "core.neighbors": "without_walls",
     "core.outcome": "Outcome Status NotInEquilibriumError",
     "core.frame": "strained",
     "core.forces": "Loads accept forces unbalanced",
@@ -24,7 +25,7 @@ _WHERE = {
     "core.jacobian": "contact_blocks",
     "core.measure": (
         "branches contact_forces contact_numbers coordination fabric inertial_number packing_fraction pressure "
-        "rattlers stress touching"
+        "rattlers stress touching wrapped"
     ),
     "solve.collision": "Collision collision with_restitution",
     "solve.equilibrate": "UnstableEquilibriumWarning equilibrate",
@@ -36,8 +37,12 @@ _WHERE = {
     "solve.spectrum": "Spectrum damped_growth follow spectrum",
     "solve.stability": "Stability stability",
     "data.sample": "SampleError SampleWarning read_sample sample",
+    "data.flow_scenario": "FlowScenario",
     "data.scenario": "Scenario ScenarioError ShearScenario scenario",
+    "loading.flow": "FlowResult Series simulate_flow",
+    "loading.flow_numbers": "Deposit PlaneShear deposit plane_shear velocity_profile",
     "loading.packing": "Packed disk_array frictionless jammed pushed",
+    "loading.pouring": "Poured behind_walls poured",
     "loading.protocols": "Equilibrium Protocol families fitted_growth free_run path_of ramp shaken stable_window",
     "loading.release": "Released release",
     "loading.run": "Result push simulate",

@@ -22,7 +22,7 @@ STOPPED = 130  # what shells expect of a process that ctrl-C ended
 
 Out = Annotated[Path | None, typer.Option("--out", help="Folder for results; made if it does not exist.")]
 Workers = Annotated[
-    int | None, typer.Option("--workers", min=1, help="Processes for independent runs; default: all cores.")
+    int | None, typer.Option("--workers", min=1, help="Processes of independent runs, threads of a flow; default: all.")
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace results of another scenario in the folder.")]
 
@@ -54,10 +54,10 @@ def reproduce(
     overwrite: Overwrite = False,
 ) -> None:
     """Run a paper's experiment end to end: figures, an animation, raw numbers and the claims table."""
-    _one_of("experiment", experiment, list(_ROOMS))
+    _one_of("experiment", experiment, list(_PAPERS))
     from .experiments import report
 
-    paper, its_report = _rooms(experiment)
+    paper, its_report = _room(_PAPERS[experiment]), _room(_REPORTS[experiment])
     folder = out or Path("results") / (experiment + ("-quick" if quick else ""))
     report.claim_folder(folder, paper.paper_scenario(quick=quick, seed=seed), overwrite=overwrite)
     if quick:
@@ -77,22 +77,15 @@ def run(
     workers: Workers = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Run your own scenario: an array that is pushed or a packing that is sheared, with spectra, then let go."""
+    """Run your own scenario: an array that is pushed, a packing that is sheared, or a flow between walls and plates."""
     from .data.scenario import read
     from .experiments import report
 
     chosen = read(scenario)
     report.claim_folder(out, chosen, overwrite=overwrite)
-    _, its_report = _rooms(chosen.experiment)
+    its_report = _room(_REPORTS[chosen.experiment])
     with _working(), report.progress() as tell:
-        if chosen.experiment == "disk-array":
-            from .loading.run import simulate
-
-            found = simulate(chosen, workers=workers, sensitivity=True, report=tell)
-        else:
-            from .loading.shear_run import simulate_shear
-
-            found = simulate_shear(chosen, workers=workers, report=tell)
+        found = its_report.simulate(chosen, workers=workers, report=tell)
         tell("figures", 0.0, str(out))
         paths = its_report.write_result(out, found)
     its_report.show_result(found)
@@ -141,12 +134,14 @@ def stability(
             report.show_paths([path])
 
 
-_ROOMS = {"disk-array": ("disk_array", "disk_report"), "sphere-shear": ("sphere_shear", "shear_report")}
+# every report has simulate, write_result and show_result; those of papers have write_reproduction, too
+_REPORTS = {"disk-array": "disk_report", "sphere-shear": "shear_report", "flow": "flow_report"}
+_PAPERS = {"disk-array": "disk_array", "sphere-shear": "sphere_shear"}
 
 
-def _rooms(experiment: str):
-    """The module of an experiment and that of its report."""
-    return tuple(import_module(f".experiments.{name}", __package__) for name in _ROOMS[experiment])
+def _room(name: str):
+    """A module of the experiments, loaded when needed."""
+    return import_module(f".experiments.{name}", __package__)
 
 
 def _one_of(name: str, got: str, allowed: list[str]) -> None:
@@ -157,8 +152,12 @@ def _one_of(name: str, got: str, allowed: list[str]) -> None:
 @contextmanager
 def _working():
     """What goes wrong after the input was accepted is a failed run, not bad input."""
+    from .data.parts import ScenarioError
+
     try:
         yield
+    except ScenarioError:
+        raise  # grains that do not fit are seen only when they are poured
     except (ValueError, ArithmeticError, MemoryError) as problem:
         raise RuntimeError(f"the run failed ({type(problem).__name__}: {problem})") from problem
 

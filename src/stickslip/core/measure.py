@@ -68,6 +68,12 @@ def mean_normal_force(state: State, law: Law) -> float:
     return float(force.mean()) if len(force) else 0.0
 
 
+def wrapped(state: State) -> np.ndarray:
+    """(N, 3) positions less whole periods of a cell along the axes: between 0 and its length where it is periodic."""
+    size = np.where(state.cell.periodic, np.diag(state.cell.vectors), 1.0)
+    return state.grains.position - np.floor(state.grains.position / size) * np.where(state.cell.periodic, size, 0.0)
+
+
 def fabric(state: State) -> np.ndarray:
     """(3, 3) mean of n ⊗ n over touching contacts: its trace is 1, isotropic contacts give 1/dim on the diagonal.
 

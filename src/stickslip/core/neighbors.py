@@ -270,3 +270,32 @@ def updated(state: State) -> State:
     if contacts.count[0] < 0:
         raise ValueError(TOO_FAR)
     return state._replace(contacts=contacts)
+
+
+def without_walls(state: State, walls) -> State:
+    """The state without some walls, numbers 0 … W−1; all other contacts keep their memory, later walls move up.
+
+    Examples
+    --------
+    >>> from stickslip import assembly, disks, flat_walls
+    >>> state = assembly(disks([[0.5, 0.5]], 0.5), flat_walls([[0, 0], [0, 0]], [[0, 1], [1, 0]]))
+    >>> without_walls(state, [0]).walls.normal
+    array([[1., 0., 0.]])
+    """
+    contacts, n, count = state.contacts, len(state.grains.radius), int(state.contacts.count[0])
+    kept = np.ones(state.n_bodies, bool)
+    kept[n + np.asarray(walls, np.int64)] = False
+    rows = np.flatnonzero(kept[contacts.j[:count]])
+    number = np.cumsum(kept) - 1
+    per_row = ("i", "j", "image", "key", "slip", "mode", "pair", "roll", "reached")
+    fields = {name: getattr(contacts, name)[rows] for name in per_row}
+    fields["j"] = number[fields["j"]].astype(fields["j"].dtype)
+    shift = (contacts.j[rows].astype(np.int64) - fields["j"]) << (3 * _IMAGE_BITS)  # see `pack_key`
+    fields["key"] = fields["key"] - shift
+    per_body = ("force", "torque", "free", "rate", "group")
+    control = state.control._replace(**{name: getattr(state.control, name)[kept] for name in per_body})
+    return state._replace(
+        walls=type(state.walls)(*(part[kept[n:]] for part in state.walls)),
+        contacts=contacts._replace(**fields, origin=contacts.origin[kept], count=np.array([len(rows)])),
+        control=control,
+    )

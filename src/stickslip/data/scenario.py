@@ -1,33 +1,18 @@
 """A scenario: everything that defines a run, validated, hashable, readable from TOML or built in Python."""
 
-import difflib
-import hashlib
 import json
 import tomllib
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Duration = Annotated[float, Field(gt=0, le=1e7, allow_inf_nan=False)]
-_Listed = BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)  # TOML and JSON have lists
-Several = Annotated[Positive | tuple[Positive, ...], _Listed]
-Loads = Annotated[tuple[Finite, ...], _Listed]
+from .flow_scenario import FlowScenario
+from .parts import Duration, Finite, Listed, Loads, NotNegative, Part, Positive, ScenarioError, Several, Whole, sentence
 
 
-class ScenarioError(ValueError):
-    """A scenario that cannot be run; the message is one sentence for the user."""
-
-
-class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
-
-
-class Array(_Part):
+class Array(Part):
     """Disks in a row on a substrate, periodic along the row."""
 
     disks: Annotated[int, Field(ge=1, le=400)] = 10
@@ -52,7 +37,7 @@ class Array(_Part):
         return self
 
 
-class Parameters(_Part):
+class Parameters(Part):
     """Parameters of the disk–wall contact where they differ from those between disks."""
 
     kn: Positive | None = None
@@ -62,7 +47,7 @@ class Parameters(_Part):
     damping_t: NotNegative | None = None
 
 
-class LawChoice(_Part):
+class LawChoice(Part):
     """Contact law and its parameters."""
 
     kind: Literal["hertz_mindlin", "linear"] = "hertz_mindlin"
@@ -75,7 +60,7 @@ class LawChoice(_Part):
     wall: Parameters = Parameters()
 
 
-class Load(_Part):
+class Load(Part):
     """Forces: `press` on every disk towards the substrate, `push` along the row on one disk, in units of `unit`."""
 
     unit: Positive = Field(1 / 2000, description="what a force of 1 in this table is, in units of the scenario")
@@ -110,7 +95,7 @@ class Load(_Part):
         return self
 
 
-class Relaxation(_Part):
+class Relaxation(Part):
     """How equilibria are found: damped dynamics (drag on translations and rotations) or Newton's method."""
 
     method: Literal["dynamics", "newton"] = "dynamics"
@@ -121,7 +106,7 @@ class Relaxation(_Part):
     steps: Annotated[int, Field(ge=1)] = 2_000_000
 
 
-class Dynamics(_Part):
+class Dynamics(Part):
     """Newtonian runs from the equilibria where the path first passes some loads, seeded by a tiny random velocity."""
 
     loads: Loads = (0.03, 0.04, 0.062, 0.083, 0.087, 0.09)
@@ -135,16 +120,16 @@ class Dynamics(_Part):
     spin_drag: NotNegative | None = None
 
 
-class Sliding(_Part):
+class Sliding(Part):
     """Many realizations of the transition at loads where the array slides: fronts and sliding velocity."""
 
     loads: Loads = ()
     realizations: Annotated[int, Field(ge=1, le=100_000)] = 25
     duration: Duration = 40_000.0
-    thresholds: Annotated[tuple[Positive, ...], _Listed] = Field((0.01, 0.02, 0.05, 0.1), min_length=1)
+    thresholds: Annotated[tuple[Positive, ...], Listed] = Field((0.01, 0.02, 0.05, 0.1), min_length=1)
 
 
-class Scenario(_Part):
+class Scenario(Whole):
     """Everything that defines a run of an array of disks on a substrate."""
 
     experiment: Literal["disk-array"] = "disk-array"
@@ -185,18 +170,8 @@ class Scenario(_Part):
                     )
         return self
 
-    @property
-    def text(self) -> str:
-        """Canonical text: the same for the same run."""
-        return self.model_dump_json(indent=1)
 
-    @property
-    def digest(self) -> str:
-        """Hash of the canonical text."""
-        return hashlib.sha256(self.text.encode()).hexdigest()[:16]
-
-
-class Packing(_Part):
+class Packing(Part):
     """Frictionless jammed packing of disks (dim = 2) or spheres (dim = 3) in a periodic box."""
 
     grains: Annotated[int, Field(ge=10, le=1600)] = 100
@@ -218,7 +193,7 @@ class Packing(_Part):
         return self
 
 
-class Shear(_Part):
+class Shear(Part):
     """Quasi-static simple shear along x with gradient y."""
 
     strain: Loads = Field((0.0, 2e-3, 0.02), description="turning points of the path")
@@ -244,7 +219,7 @@ class Shear(_Part):
         return self.step if isinstance(self.step, tuple) else (self.step,) * (len(self.strain) - 1)
 
 
-class Release(_Part):
+class Release(Part):
     """Newtonian runs from unstable states: one with a single complex pair, and the last one of the path."""
 
     e_folds: Positive = Field(45.0, description="length of a run in units of 1/(growth rate)")
@@ -255,7 +230,7 @@ class Release(_Part):
     snapshots: Annotated[int, Field(ge=0, le=1000)] = Field(40, description="spectra during the run")
 
 
-class ShearScenario(_Part):
+class ShearScenario(Whole):
     """Everything that defines the quasi-static shear of a packing and its failure."""
 
     experiment: Literal["sphere-shear"] = "sphere-shear"
@@ -266,22 +241,19 @@ class ShearScenario(_Part):
     shear: Shear = Shear()
     release: Release = Release()
 
-    text = Scenario.text
-    digest = Scenario.digest
+
+EXPERIMENTS = {kind.model_fields["experiment"].default: kind for kind in (Scenario, ShearScenario, FlowScenario)}
 
 
-EXPERIMENTS = {kind.model_fields["experiment"].default: kind for kind in (Scenario, ShearScenario)}
-
-
-def _kind(tables: dict) -> type[Scenario] | type[ShearScenario]:
+def _kind(tables: dict) -> type[Whole]:
     """The class of scenario that `experiment` names; without it, a disk array."""
     name = tables.get("experiment", "disk-array")
-    if name not in EXPERIMENTS:
-        raise ScenarioError(f"experiment = {name!r} was given: use {' or '.join(map(repr, EXPERIMENTS))}")
+    if not isinstance(name, str) or name not in EXPERIMENTS:
+        raise ScenarioError(f"experiment = {str(name)[:100]!r} was given: use {', '.join(map(repr, EXPERIMENTS))}")
     return EXPERIMENTS[name]
 
 
-def scenario(**tables) -> Scenario | ShearScenario:
+def scenario(**tables) -> Scenario | ShearScenario | FlowScenario:
     """A scenario from nested dictionaries, as in the TOML file; `experiment` says of what.
 
     Raises
@@ -298,10 +270,10 @@ def scenario(**tables) -> Scenario | ShearScenario:
     try:
         return kind.model_validate(tables)
     except ValidationError as problem:
-        raise ScenarioError(_sentence(problem, kind)) from None
+        raise ScenarioError(sentence(problem, kind)) from None
 
 
-def read(path: str | Path) -> Scenario | ShearScenario:
+def read(path: str | Path) -> Scenario | ShearScenario | FlowScenario:
     """A scenario from a TOML file, or from the canonical text that a run left behind."""
     path = Path(path)
     try:
@@ -318,36 +290,3 @@ def read(path: str | Path) -> Scenario | ShearScenario:
     except json.JSONDecodeError as problem:
         raise ScenarioError(f"the scenario {path} is not valid JSON: {problem}") from None
     return scenario(**tables)
-
-
-def _sentence(problem: ValidationError, kind: type[BaseModel]) -> str:
-    first = problem.errors()[0]
-    where = [str(part) for part in first["loc"]]
-    if first["type"] == "extra_forbidden":
-        return _unknown_key(where, kind)
-    key = ".".join(_fields(where, kind)) or "the scenario"
-    message = first["msg"].removeprefix("Value error, ")
-    message = message[0].lower() + message[1:]
-    if first["type"] == "value_error":
-        return message
-    return f"{key} = {first['input']!r} was given, but {message.replace('input ', 'it ')}"
-
-
-def _fields(where: list[str], table: type[BaseModel]) -> list[str]:
-    """The keys of a location, without pydantic's words for branches of a union and places in a list."""
-    keys = []
-    for part in where:
-        if part in getattr(table, "model_fields", {}):
-            keys.append(part)
-            table = table.model_fields[part].annotation
-    return keys
-
-
-def _unknown_key(where: list[str], table: type[BaseModel]) -> str:
-    for part in where[:-1]:
-        table = table.model_fields[part].annotation
-    known = list(table.model_fields)
-    place = f"the table [{'.'.join(where[:-1])}]" if where[:-1] else "a scenario"
-    near = difflib.get_close_matches(where[-1], known, n=1, cutoff=0.5)
-    hint = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(known)}"
-    return f"{place} has no key {where[-1]!r}: {hint}"

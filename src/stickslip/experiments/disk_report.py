@@ -9,6 +9,7 @@ from rich.table import Table
 from ..figures import disk_array as figures
 from ..figures.style import save as save_figure
 from ..loading.run import Result, at_load
+from ..loading.run import simulate as simulate_array
 from . import claims as claims_table
 from . import disk_array
 from .report import CLAIMS, MOVIE, complete, console, files_of, plain, save
@@ -21,6 +22,11 @@ FIGURES = (
     "fig6_y_mode.png",
     "fig7_center_of_mass.png",
 )
+
+
+def simulate(scenario, *, workers: int | None, report) -> Result:
+    """Run a user's scenario, births again at twice the load step."""
+    return simulate_array(scenario, workers=workers, sensitivity=True, report=report)
 
 
 def write_reproduction(folder: Path, found: disk_array.Reproduction) -> list[Path]:

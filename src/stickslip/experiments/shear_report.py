@@ -2,17 +2,19 @@
 
 from pathlib import Path
 
-from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from ..figures import sphere_shear as figures
 from ..figures.style import save as save_figure
-from ..loading.shear_run import ShearResult
+from ..loading.shear_run import ShearResult, simulate_shear
 from . import claims as claims_table
-from .report import CLAIMS, complete, console, files_of, plain, save
+from .report import CLAIMS, STYLE, complete, console, files_of, plain, save
 from .sphere_shear import Reproduction
 
-STYLE = {"title_justify": "left", "header_style": "bold", "box": SIMPLE_HEAD, "pad_edge": False}
+
+def simulate(scenario, *, workers: int | None, report) -> ShearResult:
+    """Run a user's scenario."""
+    return simulate_shear(scenario, workers=workers, report=report)
 
 
 def write_reproduction(folder: Path, found: Reproduction) -> list[Path]:
@@ -72,9 +74,7 @@ def show_result(result: ShearResult) -> None:
             console.print(f"[yellow]packing {p.seed} stopped early: {p.stopped}[/]")
     runs = [r for r in (*result.single, *result.later) if r]
     if runs:
-        table = Table(
-            title="Newtonian runs", title_justify="left", header_style="bold", box=SIMPLE_HEAD, pad_edge=False
-        )
+        table = Table(title="Newtonian runs", **STYLE)
         for name in ("strain", "pairs", "growth rate", "fitted", "last M", "drop/p", "contacts lost"):
             table.add_column(name, justify="right", no_wrap=True)
         for r in runs:

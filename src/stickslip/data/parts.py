@@ -1,0 +1,84 @@
+"""What scenarios are made of: types of entries, tables that refuse unknown keys, and one sentence for an error."""
+
+import difflib
+import hashlib
+from typing import Annotated, get_args
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Duration = Annotated[float, Field(gt=0, le=1e7, allow_inf_nan=False)]
+Listed = BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)  # TOML and JSON have lists
+Several = Annotated[Positive | tuple[Positive, ...], Listed]
+Loads = Annotated[tuple[Finite, ...], Listed]
+
+
+class ScenarioError(ValueError):
+    """A scenario that cannot be run; the message is one sentence for the user."""
+
+
+class Part(BaseModel):
+    """A table of a scenario."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+class Whole(Part):
+    """A whole scenario."""
+
+    @property
+    def text(self) -> str:
+        """Canonical text: the same for the same run."""
+        return self.model_dump_json(indent=1)
+
+    @property
+    def digest(self) -> str:
+        """Hash of the canonical text."""
+        return hashlib.sha256(self.text.encode()).hexdigest()[:16]
+
+
+def sentence(problem: ValidationError, kind: type[BaseModel]) -> str:
+    """The first thing that is wrong: the key, what was got and what is allowed."""
+    first = problem.errors()[0]
+    if first["type"] == "extra_forbidden":
+        return _unknown_key(first["loc"], kind)
+    keys, _, entry = _walked(first["loc"], kind)
+    message = first["msg"].removeprefix("Value error, ")
+    message = message[0].lower() + message[1:]
+    if first["type"] == "value_error":
+        return message
+    if first["type"] == "missing":
+        return f"{'.'.join(keys)}{entry} is missing: give it"
+    got = repr(first["input"])
+    got = got if len(got) <= 100 else f"{got[:97]}…"
+    return f"{'.'.join(keys) or 'the scenario'}{entry} = {got} was given, but {message.replace('input ', 'it ')}"
+
+
+def _walked(where, table: type[BaseModel]):
+    """The keys of a location without pydantic's words for branches of a union, the last table, and which entry."""
+    keys, entry = [], ""
+    for part in where:
+        if isinstance(part, int):
+            entry = f" (entry {part + 1})"
+        elif part in table.model_fields:
+            keys.append(part)
+            table = _table(table.model_fields[part].annotation) or table
+    return keys, table, entry
+
+
+def _table(annotation) -> type[BaseModel] | None:
+    """The class of the tables that an annotation holds, in a tuple, a dictionary or a union."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((found for found in map(_table, get_args(annotation)) if found), None)
+
+
+def _unknown_key(where, kind: type[BaseModel]) -> str:
+    keys, table, entry = _walked(where[:-1], kind)
+    known, key = list(table.model_fields), str(where[-1])
+    place = f"the table [{'.'.join(keys)}]{entry}" if keys else "a scenario"
+    near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+    hint = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(known)}"
+    return f"{place} has no key {key!r}: {hint}"

@@ -1,0 +1,99 @@
+"""What a flow leaves in its folder and on the terminal."""
+
+from pathlib import Path
+
+import numpy as np
+from rich.table import Table
+
+from ..figures import flow as figures
+from ..figures.style import save as save_figure
+from ..loading.flow import FlowResult, Series, simulate_flow
+from ..loading.flow_numbers import deposit, plane_shear, velocity_profile
+from .report import SERIES, STYLE, complete, console, files_of, plain, save
+
+
+def simulate(scenario, *, workers: int | None, report) -> FlowResult:
+    """Run a scenario; `workers` are the threads of the one run."""
+    return simulate_flow(scenario, threads=workers, report=report)
+
+
+def write_result(folder: Path, result: FlowResult) -> list[Path]:
+    """Figures, series as CSV, scenario, frames and raw numbers; returns their paths."""
+    with complete(folder) as room:
+        save(room, result.scenario, _numbers(result))
+        _write_series(room / SERIES, result)
+        save_figure(figures.snapshots(result), room / "fig1_snapshots.png")
+        save_figure(figures.time_series(result), room / "fig2_time_series.png")
+        if result.poured.plates or "x" in result.scenario.cell.periodic:
+            profile = figures.velocity_profile(result.edges, velocity_profile(result))
+            save_figure(profile, room / "fig3_velocity_profile.png")
+    return files_of(folder)
+
+
+def _numbers(result: FlowResult) -> dict:
+    found, shear = {}, plane_shear(result)
+    if shear:
+        found["plane_shear"] = plain(shear)
+    return {
+        "scenario": result.scenario.text,
+        "law": result.law,
+        "dt": result.poured.dt,
+        "walls": "\n".join(result.poured.walls),
+        "plates": result.poured.plates,
+        "stages": {
+            f"{k:02d}": {"name": s.name, "start": s.start, "end": s.end, "rested": str(s.rested)}
+            for k, s in enumerate(result.stages)
+        },
+        "series": plain(result.series),
+        "profile": {"edges": result.edges, "velocity": velocity_profile(result)},
+        "frames": {f"{k:04d}": state for k, state in enumerate(result.frames)},
+        "units": "those of the scenario",
+        **found,
+    }
+
+
+def _write_series(path: Path, result: FlowResult) -> None:
+    """One row a sample, with a header; vectors as columns _x, _y, _z, walls and plates by their names."""
+    series, columns = result.series, {}
+    bodies = {"wall": result.poured.walls, "plate": tuple(result.poured.plates)}
+    for name in Series._fields:
+        values, kind = getattr(series, name), name.split("_")[0]
+        if kind in bodies:
+            for k, body in enumerate(bodies[kind]):
+                columns |= {f"{body}_{name.split('_')[1]}_{a}": values[:, k, m] for m, a in enumerate("xyz")}
+        elif values.ndim == 1:
+            columns[name] = values
+        elif name in ("center", "low", "high"):
+            columns |= {f"{name}_{a}": values[:, m] for m, a in enumerate("xyz")}
+    header = ",".join(name.replace(",", " ") for name in columns)
+    np.savetxt(path, np.stack(list(columns.values()), axis=1), delimiter=",", header=header, comments="", fmt="%.9g")
+
+
+def show_result(result: FlowResult) -> None:
+    """How every stage ended, and the numbers of plane shear, on the terminal."""
+    table = Table(title="Stages", **STYLE)
+    for name in ("stage", "until", "energy", "unbalanced", "z", "deposit along x", "top"):
+        table.add_column(name, justify="right", no_wrap=True)
+    series, around = result.series, "x" in result.scenario.cell.periodic
+    for number, stage in enumerate(result.stages):
+        k = np.flatnonzero(series.stage == number)[-1]
+        left = deposit(next(f for f in result.frames if f.time == stage.end), result.poured.loose)
+        table.add_row(
+            stage.name, f"{stage.end:.4g}", f"{series.kinetic_energy[k]:.1e}",
+            f"{series.unbalanced[k]:.1e}", f"{series.coordination[k]:.3g}",
+            "periodic" if around else f"{left.low[0]:.3g} … {left.high[0]:.3g}", f"{left.high[1]:.3g}",
+        )  # fmt: skip
+    console.print(table)
+    for stage in result.stages:
+        if stage.rested is False:
+            console.print(
+                f"[yellow]stage {stage.name!r} used up its duration before rest: allow more, or more drag[/]",
+                highlight=False,
+            )
+    if shear := plane_shear(result):
+        console.print(
+            f"Plane shear: friction {shear.friction:.3f} ± {shear.friction_deviation:.3f} (standard deviation in time) "
+            f"at pressure {shear.pressure:.4g}, shear rate {shear.shear_rate:.3g}, inertial number "
+            f"{shear.inertial_number:.2e}, packing fraction {shear.packing_fraction:.3f}.",
+            highlight=False,
+        )
