@@ -123,13 +123,14 @@ def stress_controlled(control: Control, stress: dict[str, float], *, mass: float
     return control._replace(cell_free=free, stress=wanted, cell_rate=rate, cell_mass=float(mass))
 
 
-def following(control: Control, bodies, times, factors) -> Control:
+def following(control: Control, bodies, times, factors, *, axes=slice(None)) -> Control:
     """Control in which the rates of driven components of the given bodies are multiplied by a function of time.
 
     Parameters
     ----------
     bodies : numbers of grains and walls, or "cell" for the cell's velocity gradient
     times : (K,) increasing [time]; factors : (K,) dimensionless, linear in between, constant before and after
+    axes : which of x, y, z, and rotations about them; default: all
 
     Examples
     --------
@@ -156,7 +157,7 @@ def following(control: Control, bodies, times, factors) -> Control:
             raise ValueError(f"bodies = {bodies!r} was given: give numbers of bodies, or 'cell'")
         cell_follows[:] = len(old)
     else:
-        follows[bodies] = len(old)
+        follows[np.atleast_1d(bodies)[:, None], np.arange(6)[axes]] = len(old)
     return control._replace(knots=knots, course=course, follows=follows, cell_follows=cell_follows)
 
 

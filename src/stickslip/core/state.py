@@ -319,6 +319,7 @@ def _check_control(state: State) -> None:
         if not len(members):
             continue
         alike = (control.free[members] == control.free[members[0]]).all() and not control.free[members, 3:].any()
+        alike &= (control.follows[members] == control.follows[members[0]]).all()
         if not (alike and (control.rate[members] == control.rate[members[0]]).all()):
             raise ValueError(
                 f"the rigid group of bodies {members[0]} … {members[-1]} has contradictory control: all its members "

@@ -6,12 +6,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.contact import FROZEN
+from ..core.control import driven, following
 from ..core.forces import forces, unbalanced
 from ..core.integrate import run
 from ..core.laws import Law
 from ..core.measure import contact_forces, coordination, elastic_energy, touching
 from ..core.neighbors import without_walls
-from ..core.state import SLIDE, State
+from ..core.state import SLIDE, State, loads
 from ..data.flow_scenario import AXES, FlowScenario, Shaking, Stage, axis_of
 from .pouring import Poured, inward, poured, pressing
 
@@ -101,10 +102,11 @@ def run_flow(scenario: FlowScenario, start: Poured, *, threads: int | None, repo
         motion = _changed(motion, stage, scenario, begin)
         gravity, drag = stage.gravity or gravity, drag if stage.drag is None else stage.drag
         rested = None if stage.until is None else False
+        state = controlled(state, start, walls, motion, gravity, begin + stage.duration)
         count = max(1, round(stage.duration / interval))
         for k in range(count):
             target = begin + (k + 1) * stage.duration / count
-            state = _advanced(state, start, walls, motion, gravity, drag, target, threads)
+            state = _advanced(state, start, drag, target, threads)
             rows.append(_measured(state, start, walls, number, edges))
             share = (k + 1) / count
             report(stage.name, share, _words(rows[-1]))
@@ -170,58 +172,36 @@ def knots(course: float | tuple | Shaking, duration: float) -> tuple[np.ndarray,
     return np.zeros(1), np.full(1, float(course))
 
 
-def _mean(course, start: float, end: float) -> float:
-    """Mean of a course over a span of time: what moves as far as the course does."""
-    times, values = knots(course, end)
-    inside = np.concatenate([[start], times[(times > start) & (times < end)], [end]])
-    return float(np.trapezoid(np.interp(inside, times, values), inside) / (end - start))
-
-
-def _longest(motion: dict, walls: tuple[str, ...], start: Poured, now: float, target: float) -> float:
-    """Time until which velocities may be taken as constant: a knot's distance of what varies, else the target."""
-    end = target
-    for name in (*walls, *start.plates):
-        for way in motion[name].values():
-            if way[0] == "velocity" and not isinstance(way[1], int | float):
-                since = now - way[2]
-                times = knots(way[1], target - way[2])[0]
-                later = times[times > since + 0.5 * start.dt]
-                end = min(end, way[2] + later[0]) if len(later) else end
-    return end
-
-
 def controlled(state: State, start: Poured, walls: tuple[str, ...], motion: dict, gravity, until: float) -> State:
-    """The state with walls and plates controlled until a time; the one place where courses of time become rates.
-
-    A course is replaced by its mean until then: what moves ends where it should, and its velocity has steps.
-    """
-    control, n = state.control, len(state.grains.radius)
-    free, rate, force = control.free.copy(), control.rate.copy(), control.force.copy()
+    """The state with walls and plates controlled from now to the end of a stage."""
+    n, pull = len(state.grains.radius), np.zeros(3)
+    pull[: len(gravity)] = gravity
+    control = loads(n, len(walls), gravity=pull)._replace(group=state.control.group)
     for name in (*walls, *start.plates):
-        members = start.plates.get(name, None)
-        rows = np.array([n + walls.index(name)]) if members is None else members
-        free[rows, :3], rate[rows], force[rows] = False, 0.0, 0.0
+        rows = start.plates.get(name)
+        rows = np.array([n + walls.index(name)]) if rows is None else rows
+        control = driven(control, rows, 0.0)
         for axis, way in motion[name].items():
             k = AXES.index(axis)
             if way[0] == "force":
-                free[rows, k], force[rows[0], k] = True, way[1]
+                control.free[rows, k], control.force[rows[0], k] = True, way[1]
+            elif isinstance(way[1], int | float):
+                control.rate[rows, k] = way[1]
             else:
-                rate[rows, k] = _mean(way[1], state.time - way[2], until - way[2])
-    pull = np.zeros(3)
-    pull[: len(gravity)] = gravity
-    return state._replace(control=control._replace(free=free, rate=rate, force=force, gravity=pull))
+                times, values = knots(way[1], until - way[2])
+                control.rate[rows, k] = 1.0
+                control = following(control, rows, way[2] + times, values, axes=[k])
+    return state._replace(control=control)
 
 
-def _advanced(state: State, start: Poured, walls, motion, gravity, drag: float, target: float, threads) -> State:
+def _advanced(state: State, start: Poured, drag: float, target: float, threads) -> State:
     """The state at the target time, to half a step."""
-    while (left := target - state.time) > 0.5 * start.dt:
-        until = _longest(motion, walls, start, state.time, target)
-        steps = max(1, min(round((until - state.time) / start.dt), round(left / start.dt)))
-        until = state.time + steps * start.dt
-        state = controlled(state, start, walls, motion, gravity, until)
-        state, _, outcome = run(state, start.law, steps, start.dt, drag=drag, threads=threads)
-        if not outcome.ok:
-            raise RuntimeError(f"the run ended at time {state.time:.6g}: {outcome}")
+    steps = round((target - state.time) / start.dt)
+    if steps < 1:
+        return state
+    state, _, outcome = run(state, start.law, steps, start.dt, drag=drag, threads=threads)
+    if not outcome.ok:
+        raise RuntimeError(f"the run ended at time {state.time:.6g}: {outcome}")
     return state
 
 

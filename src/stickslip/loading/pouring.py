@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.control import rigid
 from ..core.laws import (
     Law,
     between,
@@ -16,7 +17,7 @@ from ..core.laws import (
     tangential_stiffness,
     tangents,
 )
-from ..core.state import State, assembly, box, disks, flat_walls, loads, rigid, spheres
+from ..core.state import State, assembly, box, disks, flat_walls, loads, spheres
 from ..data.flow_scenario import AXES, FlowScenario, Plate, Shaking
 from ..data.parts import ScenarioError
 from ..solve.collision import with_restitution
