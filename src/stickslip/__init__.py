@@ -9,7 +9,8 @@ __version__ = "0.1.0"
 
 _WHERE = {
     "core.state": (
-        "State Grains Walls Cell Contacts Control assembly box check disks flat_walls loads spheres OPEN STICK SLIDE"
+        "State Grains Walls Cell Contacts Control assembly box check disks flat_walls heights loads spheres "
+        "OPEN STICK SLIDE"
     ),
     "core.contact": "FREE FROZEN HELD",
     "core.control": "deformed driven following frozen pressed rigid stress_controlled",
@@ -27,6 +28,9 @@ _WHERE = {
         "branches contact_forces contact_numbers coordination fabric inertial_number packing_fraction pressure "
         "rattlers stress touching wrapped"
     ),
+    "quasirigid.matrices": "Matrices damping_matrix matrices quadratic_form stiffness_matrix",
+    "quasirigid.mechanisms": "Mechanism mechanisms",
+    "quasirigid.status": "Choice Verdict certificate complementarity status status_map",
     "solve.collision": "Collision collision with_restitution",
     "solve.equilibrate": "UnstableEquilibriumWarning equilibrate",
     "solve.fastest": "FastestPair fastest_pair",
@@ -42,7 +46,7 @@ _WHERE = {
     "loading.flow": "FlowResult Series simulate_flow",
     "loading.flow_numbers": "Deposit PlaneShear deposit plane_shear velocity_profile",
     "loading.packing": "Packed disk_array frictionless jammed pushed",
-    "loading.pouring": "Poured behind_walls poured",
+    "loading.pouring": "Poured poured",
     "loading.protocols": "Equilibrium Protocol families fitted_growth free_run path_of ramp shaken stable_window",
     "loading.release": "Released release",
     "loading.run": "Result push simulate",

@@ -26,7 +26,7 @@ def flowing(n=150, dim=3, seed=0, walls=False):
     up = np.eye(3)[dim - 1]
     cell = state.cell._replace(periodic=np.array([True, dim == 3, False]))
     grains = grains._replace(position=np.mod(grains.position, size))
-    floor = ss.flat_walls([0.55 * up, (size - 0.55) * up], [up, -up], material=1)
+    floor = ss.flat_walls([0 * up, size * up], [up, -up], material=1)
     force = np.zeros((n, 3))
     force[:, dim - 1] = -1e-3
     return ss.assembly(grains, floor, cell, ss.loads(n, 2, force=force), skin=0.1)

@@ -68,7 +68,7 @@ def scattered(dim, seed):
     periodic[2] &= dim == 3
     position = rng.uniform(0, 1, (n, 3)) @ vectors + rng.integers(-2, 3, (n, 3)) * periodic @ vectors
     position[:, dim:] = 0
-    walls = ss.flat_walls([[0, 0, 0]], [[0, 1, 0]]) if seed % 2 else ss.flat_walls()
+    walls = ss.flat_walls([[0, position[:, 1].min(), 0]], [[0, 1, 0]]) if seed % 2 else ss.flat_walls()
     grains = ss.spheres(position, rng.uniform(0.2, 0.7, n))
     return ss.assembly(grains, walls, ss.box(vectors, periodic, dim))
 

@@ -55,6 +55,9 @@ class Linear(NamedTuple):
     by_force: np.ndarray  # (C,) ∂φ/∂F_n, as a dashpot changes F_n
     damping_n: np.ndarray  # (C,)
     damping_t: np.ndarray  # (C,)
+    stiffness_t: np.ndarray  # (C,) k_t, of a contact that sticks
+    slope_t: np.ndarray  # (C,) dk_t/dδ
+    mu: np.ndarray  # (C,)
 
 
 @njit(error_model="numpy")
@@ -103,6 +106,7 @@ def _linearise(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, 
         out.carried[c, 0], out.carried[c, 1], out.carried[c, 2] = sx, sy, sz
         out.closed[c], out.remembers[c], out.slides[c] = 1.0, before != OPEN, mode == SLIDE
         out.force_n[c], out.slope_n[c] = force_n, slope_n
+        out.stiffness_t[c], out.slope_t[c], out.mu[c] = stiffness, slope_k, q[MU]
         factor = damping_factor(viscous, r_eff, m_eff, overlap)
         out.damping_n[c], out.damping_t[c] = factor * q[DAMPING_N], factor * q[DAMPING_T]
 

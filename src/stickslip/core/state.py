@@ -241,6 +241,18 @@ def groups(control: Control) -> list[np.ndarray]:
     return [np.flatnonzero(control.group == g) for g in range(control.group.max(initial=-1) + 1)]
 
 
+def heights(position: np.ndarray, walls: Walls) -> np.ndarray:
+    """(N, W) distances of points from walls, positive in front of them [length].
+
+    Examples
+    --------
+    >>> heights(np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]]), flat_walls([0, 0], [0, 1]))
+    array([[ 1.],
+           [-1.]])
+    """
+    return np.einsum("nwk,wk->nw", position[:, None] - walls.point, walls.normal)
+
+
 def assembly(
     grains: Grains,
     walls: Walls | None = None,
@@ -255,7 +267,7 @@ def assembly(
     Raises
     ------
     ValueError
-        with one sentence, if the parts do not fit or hold impossible values.
+        with one sentence, if the parts do not fit or hold impossible values, or a grain's centre lies behind a wall.
     """
     walls = flat_walls() if walls is None else walls
     cell = box() if cell is None else cell
@@ -265,6 +277,13 @@ def assembly(
     skin = 0.2 * float(np.min(grains.radius)) if skin is None else skin
     state = State(grains, walls, cell, empty_contacts(len(grains.radius) + len(walls.mass), 0, skin), control, time)
     check(state)
+    grain, wall = np.nonzero(heights(grains.position, walls) < 0)
+    if len(grain):
+        place = ", ".join(f"{x:.4g}" for x in grains.position[grain[0], : cell.dim])
+        raise ValueError(
+            f"grain {grain[0]} at ({place}) lies behind wall {wall[0]}, which would throw it out: move one of them, or "
+            f"turn the wall's normal towards the grains"
+        )
     return state
 
 

@@ -17,7 +17,7 @@ from ..core.laws import (
     tangential_stiffness,
     tangents,
 )
-from ..core.state import State, assembly, box, disks, flat_walls, loads, spheres
+from ..core.state import State, assembly, box, disks, flat_walls, heights, loads, spheres
 from ..data.flow_scenario import AXES, FlowScenario, Plate, Shaking
 from ..data.parts import ScenarioError
 from ..solve.collision import with_restitution
@@ -74,9 +74,9 @@ def poured(scenario: FlowScenario) -> Poured:
     size = np.ones(3)
     size[:dim] = scenario.cell.size or np.ones(dim)
     cell = box(size, [axis in scenario.cell.periodic for axis in AXES], dim)
-    state = assembly(grains, _walls(scenario), cell, control)
-    names = tuple(wall.name for wall in scenario.walls)
-    _refuse_behind(state, names)
+    names, walls = tuple(wall.name for wall in scenario.walls), _walls(scenario)
+    _refuse_behind(grains.position, walls, names, dim)
+    state = assembly(grains, walls, cell, control)
     law = flow_law(scenario, radius, mass[: len(radius)])
     return Poured(state, law, names, plates, _time_step(scenario, law, radius, mass))
 
@@ -104,31 +104,13 @@ def flow_law(scenario: FlowScenario, radius, mass) -> Law:
     return law
 
 
-def behind_walls(state: State) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers of grains whose centre lies behind a wall, and of that wall: contact forces would throw them out.
-
-    Examples
-    --------
-    >>> from stickslip import assembly, disks, flat_walls
-    >>> behind_walls(assembly(disks([[0, 1], [0, -1]], 0.5), flat_walls([0, 0], [0, 1])))
-    (array([1]), array([0]))
-    """
-    depth = _heights(state.grains.position, state.walls)
-    return np.nonzero(depth < 0)
-
-
-def _heights(position, walls) -> np.ndarray:
-    """(N, W) distances of points from walls, positive in front of them."""
-    return np.einsum("nwk,wk->nw", position[:, None] - walls.point, walls.normal)
-
-
-def _refuse_behind(state: State, names: tuple[str, ...]) -> None:
-    grains, walls = behind_walls(state)
+def _refuse_behind(position, walls, names: tuple[str, ...], dim: int) -> None:
+    grains, behind = np.nonzero(heights(position, walls) < 0)
     if len(grains):
-        place = ", ".join(f"{x:.4g}" for x in state.grains.position[grains[0], : state.cell.dim])
+        place = ", ".join(f"{x:.4g}" for x in position[grains[0], :dim])
         raise ScenarioError(
-            f"grain {grains[0] + 1} at ({place}) lies behind wall {names[walls[0]]!r}: move the wall or the grains, or "
-            f"turn the wall's normal towards them"
+            f"grain {grains[0] + 1} at ({place}) lies behind wall {names[behind[0]]!r}: move the wall or the grains, "
+            f"or turn the wall's normal towards them"
         )
 
 
@@ -193,7 +175,7 @@ def _in_front(scenario: FlowScenario, lines, reach: float, wanted: int, rows: in
         part = np.meshgrid(lines[1][start : start + rows], *lines[2:], lines[0], indexing="ij")
         y, *z, x = (p.ravel() for p in part)
         sites = np.stack([x, y, z[0] if z else np.zeros(len(x))], axis=1)
-        good = (_heights(sites, walls) >= reach * (1 - 1e-9)).all(axis=1)
+        good = (heights(sites, walls) >= reach * (1 - 1e-9)).all(axis=1)
         for plate in scenario.plates:
             good &= np.abs(y - plate.height) >= reach + (plate.radius or most)
         found.append(sites[good])

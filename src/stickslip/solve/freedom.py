@@ -109,7 +109,12 @@ def jacobian(state: State, law: Law, free: Freedom, *, memory: int = HELD):
     matrix = restricted(state, blocks, free)
     if not free.length:
         return matrix
-    force, count = contact_forces(state, law, memory=memory), len(blocks)
+    return sparse.csr_array(matrix + of_branches(state, contact_forces(state, law, memory=memory), free))
+
+
+def of_branches(state: State, force: np.ndarray, free: Freedom):
+    """(n, n) sparse: what a change of r and of the volume do to the cell's force, at constant contact forces (C, 3)."""
+    count = len(force)
     turn = np.zeros((9, count, 6))  # ∂(f_a r_b)/∂(r, ρ) at constant f
     for k in range(9):
         turn[k, :, k % 3] = force[:, k // 3]
@@ -121,7 +126,7 @@ def jacobian(state: State, law: Law, free: Freedom, *, memory: int = HELD):
     geometry[:, swells[swells >= 0]] -= (volume(state) / free.length**2 * state.control.stress).reshape(9, 1)
     own = np.flatnonzero(places >= 0)
     lift = sparse.csr_array((np.ones(len(own)), (places[own], own)), shape=(len(free), 9))
-    return sparse.csr_array(matrix + lift @ sparse.csr_array(geometry))
+    return sparse.csr_array(lift @ sparse.csr_array(geometry))
 
 
 def restricted(state: State, blocks: np.ndarray, free: Freedom):

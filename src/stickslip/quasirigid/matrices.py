@@ -1,0 +1,170 @@
+"""The chain of linear relations of a packing of disks under slow loads, and the stiffness matrix k = c K S cᵀ.
+
+A contact has the force F = (F_n, F_t) on its body i, along n from j to i and along t, clockwise of n, and the spring
+elongation D = (−δ, s·t). With v the generalised velocities (rotations as R ω), Table I of the paper reads
+
+    f = c F,     dF/dt = −K dD/dt,     dD/dt = S V,     V = cᵀ v.
+
+S is 1 at a contact that sticks and ((1, 0), (−m sgn D_t, 0)) at one that slides, so that it stays at Coulomb's limit;
+m = μ K_n/K_t for a linear law. A law whose tangential force changes with the overlap has K = ((K_n, 0), (−φ', K_t)), φ'
+= sgn D_t ∂φ/∂δ, and m = (μ K_n − ∂φ/∂δ)/K_t. What turns with the contacts, the geometric stiffness −(dc/dt) F, is small
+with the overlap over the radius.
+
+Source: McNamara and Herrmann, doi:10.1103/PhysRevE.74.061303, Sec. III, with the errata of the documentation.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy import sparse
+
+from ..core.jacobian import linearised
+from ..core.laws import SMOOTH, Law
+from ..core.measure import rattlers as loose_grains
+from ..core.measure import touching
+from ..core.state import SLIDE, State
+from ..solve.freedom import Freedom, freedom, incidence, of_branches
+
+
+class Matrices(NamedTuple):
+    """What Table I relates, for the M touching contacts of a state and its n free coordinates."""
+
+    rows: np.ndarray  # (M,) rows of the contacts in the state's list
+    c: sparse.csr_array  # (n, 2M) force on coordinates from (F_n, F_t) of every contact
+    springs: np.ndarray  # (M, 2, 2) K of a contact that sticks [force/length]
+    damping: np.ndarray  # (M, 2) Γ_n, Γ_t [force time/length]
+    slope: np.ndarray  # (M,) m: how D_t of a sliding contact follows D_n
+    sign: np.ndarray  # (M,) sgn D_t
+    mu: np.ndarray  # (M,)
+    force: np.ndarray  # (M, 2) F_n, F_t on body i [force]
+    limit: np.ndarray  # (M,) bool: at Coulomb's limit now
+    geometric: sparse.csr_array  # (n, n) geometric stiffness [force/length]
+    free: Freedom
+
+    @property
+    def count(self) -> int:
+        """Number M of contacts."""
+        return len(self.rows)
+
+    @property
+    def margin(self) -> np.ndarray:
+        """(M,) F̃ = μ F_n − |F_t| [force]."""
+        return self.mu * self.force[:, 0] - np.abs(self.force[:, 1])
+
+
+def matrices(state: State, law: Law, *, rattlers: bool = False) -> Matrices:
+    """The matrices of an accepted state, at its positions.
+
+    Parameters
+    ----------
+    state : State in two dimensions; walls and rigid groups are bodies, a free cell adds its strain
+    law : Law with sharp Coulomb friction
+    rattlers : whether grains that hold nothing are among the coordinates, and their contacts among the contacts
+
+    Raises
+    ------
+    ValueError
+        in three dimensions, or with a smooth law, for which no contact ever slides or sticks.
+    """
+    if state.cell.dim != 2:
+        raise ValueError(
+            "a packing in three dimensions was given: contacts there slide in a continuum of directions, and this "
+            "theory of two statuses is that of disks in the plane"
+        )
+    if law.coulomb == SMOOTH:
+        raise ValueError(
+            "a law with smooth friction was given: contact status needs coulomb='sharp', where contacts stick or slide"
+        )
+    rows, line = touching(state), linearised(state, law)
+    loose = np.zeros(state.n_bodies, bool)
+    if not rattlers:
+        loose[: len(state.grains.radius)] = loose_grains(state, 2)
+    rows = rows[~(loose[state.contacts.i[rows]] | loose[state.contacts.j[rows]])]
+    free = freedom(state).without(loose)
+    count = len(line.normal)
+    normal = line.normal[rows]
+    along = np.stack([normal[:, 1], -normal[:, 0], np.zeros(len(rows))], axis=1)
+    c = sparse.csr_array(incidence(state, count, free) @ _directions(rows, normal, along, count))
+    slip = np.einsum("ck,ck->c", line.carried[rows], along)
+    # a contact at the limit exerts exactly μ F_n, whatever its slip is to the last bit
+    sliding = state.contacts.mode[rows] == SLIDE
+    pull = np.where(sliding, line.mu[rows] * line.force_n[rows], line.stiffness_t[rows] * np.abs(slip))
+    sign = np.where(slip < 0, -1.0, 1.0)
+    force = np.stack([line.force_n[rows], -sign * pull], axis=1)
+    k_n, k_t = line.slope_n[rows], line.stiffness_t[rows]
+    by_overlap = line.slope_t[rows] * np.abs(slip)
+    springs = np.zeros((len(rows), 2, 2))
+    springs[:, 0, 0], springs[:, 1, 1], springs[:, 1, 0] = k_n, k_t, -sign * by_overlap
+    slope = np.divide(line.mu[rows] * k_n - by_overlap, k_t, out=np.zeros(len(rows)), where=k_t > 0)
+    return Matrices(
+        rows, c, springs, np.stack([line.damping_n[rows], line.damping_t[rows]], axis=1), slope, sign, line.mu[rows],
+        force, sliding, _turned(state, free, rows, force, normal, along, line.inverse[rows], count), free,
+    )  # fmt: skip
+
+
+def _directions(rows, normal, along, count: int):
+    """(6 count, 2M) sparse: (F, T/R) of a contact from its (F_n, F_t)."""
+    m = len(rows)
+    at = 6 * rows[:, None] + np.arange(3)
+    place = [at.ravel(), at.ravel(), 6 * rows + 5]
+    column = [np.repeat(2 * np.arange(m), 3), np.repeat(2 * np.arange(m) + 1, 3), 2 * np.arange(m) + 1]
+    values = [normal.ravel(), along.ravel(), np.ones(m)]
+    where = (np.concatenate(place), np.concatenate(column))
+    return sparse.csr_array((np.concatenate(values), where), shape=(6 * count, 2 * m))
+
+
+def _turned(state: State, free: Freedom, rows, force, normal, along, inverse, count: int):
+    """(n, n) geometric stiffness −(dc/dt) F: contact forces turn with the normal, (F_n t − F_t n)(t·dr)/|r|."""
+    turning = inverse[:, None] * (force[:, :1] * along - force[:, 1:] * normal)
+    blocks = np.zeros((count, 6, 6))
+    blocks[rows, :3, :3] = -turning[:, :, None] * along[:, None, :]
+    q = incidence(state, count, free)
+    flat = sparse.bsr_array((blocks, np.arange(count), np.arange(count + 1)), shape=(6 * count, 6 * count))
+    turned = sparse.csr_array(q @ flat @ q.T)
+    if not free.length:
+        return turned
+    vectors = np.zeros((count, 3))
+    vectors[rows] = force[:, :1] * normal + force[:, 1:] * along
+    return sparse.csr_array(turned - of_branches(state, vectors, free))
+
+
+def statuses(matrix: Matrices, sliding) -> np.ndarray:
+    """(M, 2, 2) blocks S of every contact; `sliding` (M,) bool."""
+    out = np.tile(np.eye(2), (matrix.count, 1, 1))
+    out[sliding, 1, 1] = 0.0
+    out[sliding, 1, 0] = -(matrix.slope * matrix.sign)[sliding]
+    return out
+
+
+def blocks(parts: np.ndarray):
+    """(2M, 2M) sparse block-diagonal matrix of (M, 2, 2) parts."""
+    m = len(parts)
+    return sparse.bsr_array((parts, np.arange(m), np.arange(m + 1)), shape=(2 * m, 2 * m))
+
+
+def stiffness_matrix(matrix: Matrices, sliding=None, *, geometric: bool = True):
+    """(n, n) sparse k = c K S cᵀ, df_ext/dt = k v, plus the geometric stiffness: −J of the same statuses.
+
+    Parameters
+    ----------
+    sliding : (M,) bool, which contacts slide; default: those at Coulomb's limit now
+    geometric : whether the forces turn with the contacts
+    """
+    sliding = matrix.limit if sliding is None else np.asarray(sliding, bool)
+    if sliding.shape != (matrix.count,):
+        raise ValueError(f"{sliding.shape} statuses were given for {matrix.count} contacts: give one for each")
+    k = matrix.c @ blocks(matrix.springs @ statuses(matrix, sliding)) @ matrix.c.T
+    return sparse.csr_array(k + matrix.geometric if geometric else k)
+
+
+def damping_matrix(matrix: Matrices, sliding=None):
+    """(n, n) sparse c Γ cᵀ; a contact that slides has no tangential dashpot."""
+    sliding = matrix.limit if sliding is None else np.asarray(sliding, bool)
+    damping = matrix.damping.copy()
+    damping[sliding, 1] = 0.0
+    return sparse.csr_array(matrix.c @ sparse.diags_array(damping.ravel()) @ matrix.c.T)
+
+
+def quadratic_form(matrix: Matrices, velocity: np.ndarray, sliding=None) -> float:
+    """Q = vᵀ k v without geometric stiffness: the packing's premise of stability is Q > 0 for all v (Eq. 41)."""
+    return float(velocity @ (stiffness_matrix(matrix, sliding, geometric=False) @ velocity))
