@@ -89,7 +89,7 @@ def test_a_wrong_shear_scenario_is_one_sentence(tables, words):
 
 
 def test_an_unknown_experiment_is_one_sentence():
-    with pytest.raises(ScenarioError, match="use 'disk-array' or 'sphere-shear'"):
+    with pytest.raises(ScenarioError, match="use 'disk-array', 'sphere-shear', 'flow'"):
         scenario(experiment="sphere")
 
 
