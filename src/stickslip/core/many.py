@@ -111,7 +111,7 @@ def marched(
     numba.set_num_threads(threads)
     try:
         blocks, limit, contacts, writing = _chosen(
-            no_blocks(), moving, here, contacts, law, state, plan, writing, grid, 0
+            no_blocks(), moving, here, contacts, law, state, plan, writing, grid, 0, steps
         )
         while True:
             code, step, ended = march(
@@ -130,7 +130,7 @@ def marched(
                 break
             if code != DONE:
                 blocks, limit, contacts, writing = _chosen(
-                    blocks, moving, here, contacts, law, state, plan, writing, grid, step
+                    blocks, moving, here, contacts, law, state, plan, writing, grid, step, steps
                 )
                 continue
             if books:
@@ -150,6 +150,8 @@ def marched(
             stop = step + 1 if books else stop
     finally:
         numba.set_num_threads(before)
+    if contacts.skin[0] != state.contacts.skin[0]:
+        contacts = _with_skin(float(state.contacts.skin[0]), here, contacts, grid)
     contacts = contacts._replace(pair=np.zeros_like(contacts.pair), roll=np.zeros_like(contacts.roll))
     shift = shifts(contacts, state.cell.vectors)
     anchored(contacts, here.position, here.angle, here.radius, shift, contacts.pair, contacts.roll)
@@ -157,20 +159,34 @@ def marched(
     return end, code, step, residual, worst, writing, books
 
 
-def _chosen(old, moving, here, contacts, law, state, plan, writing, grid, step):
-    """Blocks for the positions `here`, and the squared displacement for which they are good; the list if outgrown."""
-    skin, n = float(contacts.skin[0]), len(state.grains.radius)
-    fastest = np.sqrt((here.velocity**2).sum(axis=1).max())
-    reach = min(0.5 * skin, 2 * fastest * plan.dt * (60 + 2e4 / n))
-    reach = max(reach, 0.05 * skin)
+def _chosen(old, moving, here, contacts, law, state, plan, writing, grid, step, steps):
+    """Blocks for the positions `here`, and the squared displacement for which they are good; the list if outgrown.
+
+    The longer the reach, the rarer the choice and the more pairs in vain: what both cost together is least where the
+    reach goes with the root of the speed, and likewise for the skin, with factors that were measured.
+    """
+    n, skin, size = len(state.grains.radius), float(contacts.skin[0]), 2 * float(state.grains.radius.mean())
+    stride = np.sqrt((here.velocity**2).sum(axis=1).max()) * plan.dt
+    wanted = 2 * np.sqrt(stride * size * (1 + 300 / n))
+    reach = min(max(wanted, 0.05 * skin), 0.5 * skin)
     if 2 * farthest(here.position, contacts) + reach > skin:
-        former, contacts = contacts, rebuilt(here.position, here.radius, here.normal, grid, contacts)
-        if contacts.count[0] < 0:
-            raise ValueError(TOO_FAR)
+        skin = float(state.contacts.skin[0])
+        if 2 * stride * (steps - step) > 4 * skin:  # else the list that the caller gets back is not worth making
+            skin = max(skin, min(4 * wanted, size))
+        reach = min(max(wanted, 0.05 * skin), 0.5 * skin)
+        former, contacts = contacts, _with_skin(skin, here, contacts, grid)
         writing = with_lost(writing, former, contacts, here.position, state.time + step * plan.dt)
-    moving.origin[:] = here.position[moving.order]
+    moving.origin[:] = moving.body[:, :3]
     blocks = chosen_blocks(
-        old, contacts, here.position, here.radius, here.inverse_mass, here.material, here.normal, state.cell.vectors,
-        moving.order, moving.tile, moving.share, n, reach, len(law.table), law.kind, dashpots(law),
+        old, contacts, moving, here.inverse_mass, here.material, here.normal, state.cell.vectors, reach,
+        len(law.table), law.kind, dashpots(law),
     )  # fmt: skip
     return blocks, (0.5 * reach) ** 2, contacts, writing
+
+
+def _with_skin(skin, here, contacts, grid):
+    """The list made anew with the given skin."""
+    contacts = rebuilt(here.position, here.radius, here.normal, grid, contacts._replace(skin=np.array([skin])))
+    if contacts.count[0] < 0:
+        raise ValueError(TOO_FAR)
+    return contacts
