@@ -115,7 +115,7 @@ def marched(
     numba.set_num_threads(threads)
     try:
         blocks, limit, contacts, writing = _chosen(
-            no_blocks(), moving, here, contacts, law, state, plan, writing, frame, 0
+            no_blocks(), moving, here, contacts, law, state, plan, writing, frame, 0, steps
         )
         while True:
             code, step, ended = march(
@@ -137,7 +137,7 @@ def marched(
                 break
             if code != DONE:
                 blocks, limit, contacts, writing = _chosen(
-                    blocks, moving, here, contacts, law, state, plan, writing, frame, step
+                    blocks, moving, here, contacts, law, state, plan, writing, frame, step, steps
                 )
                 continue
             if books:
@@ -160,10 +160,9 @@ def marched(
             stop = step + 1 if books else stop
     finally:
         numba.set_num_threads(before)
-    if deforming:  # a list tells whether it is still good by how far grains have moved, not by how the cell has
-        contacts = rebuilt(here.position, here.radius, here.normal, grid_of(state.cell), contacts)
-        if contacts.count[0] < 0:
-            raise ValueError(TOO_FAR)
+    if deforming or contacts.skin[0] != state.contacts.skin[0]:
+        # a list tells whether it is still good by how far grains have moved, not by how the cell has
+        contacts = _with_skin(float(state.contacts.skin[0]), here, contacts, grid_of(state.cell))
     contacts = contacts._replace(pair=np.zeros_like(contacts.pair), roll=np.zeros_like(contacts.roll))
     shift = shifts(contacts, state.cell.vectors)
     anchored(contacts, here.position, here.angle, here.radius, shift, contacts.pair, contacts.roll)
@@ -172,27 +171,40 @@ def marched(
     return end, code, step, residual, worst, writing, books
 
 
-def _chosen(old, moving, here, contacts, law, state, plan, writing, frame, step):
-    """Blocks for the positions `here`, and the squared displacement for which they are good; the list if outgrown."""
-    skin, n = float(contacts.skin[0]), len(state.grains.radius)
-    fastest = np.sqrt((here.velocity**2).sum(axis=1).max())
-    reach = min(0.5 * skin, 2 * fastest * plan.dt * (60 + 2e4 / n))
-    reach = max(reach, 0.05 * skin)
+def _chosen(old, moving, here, contacts, law, state, plan, writing, frame, step, steps):
+    """Blocks for the positions `here`, and the squared displacement for which they are good; the list if outgrown.
+
+    The longer the reach, the rarer the choice and the more pairs in vain: what both cost together is least where the
+    reach goes with the root of the speed, and likewise for the skin, with factors that were measured.
+    """
+    n, skin, size = len(state.grains.radius), float(contacts.skin[0]), 2 * float(state.grains.radius.mean())
+    stride = np.sqrt((here.velocity**2).sum(axis=1).max()) * plan.dt
+    wanted = 2 * np.sqrt(stride * size * (1 + 300 / n))
+    reach = min(max(wanted, 0.05 * skin), 0.5 * skin)
     left, carried = skin, contacts
     if deforms(state):
         left, deformation = room_left(state.cell.vectors, frame.made, skin, frame.widest)
         carried = contacts._replace(origin=contacts.origin @ deformation.T)
     if 2 * farthest(here.position, carried) + reach > left:
-        former, contacts = contacts, rebuilt(here.position, here.radius, here.normal, grid_of(state.cell), contacts)
+        skin = float(state.contacts.skin[0])
+        if 2 * stride * (steps - step) > 4 * skin:  # else the list that the caller gets back is not worth making
+            skin = max(skin, min(4 * wanted, size))
+        reach = min(max(wanted, 0.05 * skin), 0.5 * skin)
+        former, contacts = contacts, _with_skin(skin, here, contacts, grid_of(state.cell))
         frame.made[:] = state.cell.vectors
-        if contacts.count[0] < 0:
-            raise ValueError(TOO_FAR)
         writing = with_lost(writing, former, contacts, here.position, state.time + step * plan.dt)
     frame.reach[0], frame.matrix[SINCE] = reach, np.eye(3)
-    moving.origin[:] = here.position[moving.order]
+    moving.origin[:] = moving.body[:, :3]
     blocks = chosen_blocks(
-        old, contacts, here.position, here.radius, here.inverse_mass, here.material, here.normal, state.cell.vectors,
-        moving.order, moving.tile, moving.share, n, reach, len(law.table), law.kind, dashpots(law),
-        len(moving.virial) > 0,
+        old, contacts, moving, here.inverse_mass, here.material, here.normal, state.cell.vectors, reach,
+        len(law.table), law.kind, dashpots(law),
     )  # fmt: skip
     return blocks, (0.5 * reach) ** 2, contacts, writing
+
+
+def _with_skin(skin, here, contacts, grid):
+    """The list made anew with the given skin."""
+    contacts = rebuilt(here.position, here.radius, here.normal, grid, contacts._replace(skin=np.array([skin])))
+    if contacts.count[0] < 0:
+        raise ValueError(TOO_FAR)
+    return contacts

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .state import Cell, State, empty_contacts
+from .state import OPEN, Cell, State, empty_contacts
 
 _BODY_BITS, _IMAGE_BITS = 21, 7
 _IMAGE_OFFSET = 1 << (_IMAGE_BITS - 1)
@@ -44,173 +44,216 @@ def grid_of(cell: Cell) -> Grid:
 
 
 class Bins(NamedTuple):
-    """Grains sorted into bins, those of a bin side by side in memory."""
+    """Grains sorted into bins, those of a column of bins side by side in memory.
 
-    place: np.ndarray  # (N, 3) bin of each grain
-    box: np.ndarray  # (N, 3) periodic box in which it lies
+    Columns run along the second axis, as in two dimensions there is but one bin along the third, and bins are shorter
+    along them: what is looked through is a few stretches of memory, longer than the reach by little.
+    """
+
+    number: np.ndarray  # (3,) bins along each axis
+    around: np.ndarray  # (3,) bins to look at on either side
+    turn: np.ndarray  # (3, …) where a step beyond the bins along each axis ends up: bin ≥ 0, or −1 outside
+    over: np.ndarray  # (3, …) and how many boxes away
     start: np.ndarray  # (bins + 1,) first entry of each bin
     member: np.ndarray  # (N,) grain of each entry
     wrapped: np.ndarray  # (N, 4) position in box 0 and radius of each entry
-    turn: np.ndarray  # (3, …) where a step beyond the bins along each axis ends up: bin ≥ 0, or −1 outside
-    over: np.ndarray  # (3, …) and how many boxes away
-    around: np.ndarray  # (3,) bins to look at on either side
+    box: np.ndarray  # (N, 3) periodic box in which it lies
+
+
+_SHORTER = 3  # bins to a reach along columns
+
+
+@njit(cache=True)
+def _numbered(low, high, n, grid, reach):
+    """Number of bins along each axis, how many to look at on either side, and where steps beyond them lead."""
+    number, around = np.ones(3, np.int64), np.zeros(3, np.int64)
+    most, span = np.int64(np.ceil((4.0 * n) ** (1 / 3))) + 1, (high - low) * grid.height
+    for k in range(3):
+        number[k] = np.int64(min(max(span[k] / reach * (_SHORTER if k == 1 else 1), 1.0), 1e6))
+    while number[0] * number[1] * number[2] > 8 * n + most:
+        number[np.argmax(number)] = (number.max() + 1) // 2
+    for k in range(3):
+        if span[k] > 0.0 and (grid.periodic[k] or number[k] > 1):
+            around[k] = np.int64(np.ceil(reach * number[k] / span[k]))
+    stride = np.array([number[1], 1, number[0] * number[1]])
+    turn = np.full((3, (number + 2 * around).max()), -1)
+    over = np.zeros_like(turn)
+    for k in range(3):
+        for u in range(-around[k], number[k] + around[k]):
+            q = u // number[k]
+            if q == 0 or grid.periodic[k]:
+                turn[k, u + around[k]], over[k, u + around[k]] = (u - q * number[k]) * stride[k], q
+    return number, around, stride, turn, over
 
 
 @njit(cache=True, fastmath=False)
 def _placed(x, n, radius, grid, reach):
     """Bins of all grains in fractional coordinates."""
-    fraction, box = np.empty((n, 3)), np.zeros((n, 3), np.int64)
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    fraction, boxes, low, high = np.empty((n, 3)), np.zeros((n, 3), np.int32), np.full(3, np.inf), np.full(3, -np.inf)
     for a in range(n):
         for k in range(3):
-            f = 0.0
-            for m in range(3):
-                f += x[a, m] * grid.inverse[m, k]
-            if not abs(f) < 1e15:  # NaN touches nothing, wherever it is put
+            f = x[a, 0] * grid.inverse[0, k] + x[a, 1] * grid.inverse[1, k] + x[a, 2] * grid.inverse[2, k]
+            if not abs(f) < 1e9:  # NaN touches nothing, wherever it is put
                 f = 0.0
             if grid.periodic[k]:
-                box[a, k] = np.int64(np.floor(f))
-                f -= box[a, k]
+                whole = np.floor(f)
+                boxes[a, k] = np.int32(whole)
+                f -= whole
             fraction[a, k] = f
             low[k], high[k] = min(low[k], f), max(high[k], f)
-    bins, around, place = np.ones(3, np.int64), np.zeros(3, np.int64), np.zeros((n, 3), np.int64)
-    most = np.int64(np.ceil((4.0 * n) ** (1 / 3))) + 1
     for k in range(3):
         if grid.periodic[k]:
             low[k], high[k] = 0.0, 1.0
-        span = (high[k] - low[k]) * grid.height[k]
-        wide = max(span / reach, 1.0)
-        bins[k] = np.int64(min(wide, 1e6))
-    while bins[0] * bins[1] * bins[2] > 8 * n + most:
-        bins[np.argmax(bins)] = (bins.max() + 1) // 2
+    number, around, stride, turn, over = _numbered(low, high, n, grid, reach)
+    scale = np.zeros(3)
     for k in range(3):
-        span = (high[k] - low[k]) * grid.height[k]
-        if span > 0.0 and (grid.periodic[k] or bins[k] > 1):
-            around[k] = np.int64(np.ceil(reach * bins[k] / span))
-        for a in range(n):
-            if bins[k] > 1:
-                at = np.int64((fraction[a, k] - low[k]) / (high[k] - low[k]) * bins[k])
-                place[a, k] = min(max(at, 0), bins[k] - 1)
-    stride = np.array([bins[1] * bins[2], bins[2], 1])
-    turn, over = np.full((3, (bins + 2 * around).max()), -1), np.zeros((3, (bins + 2 * around).max()), np.int64)
-    for k in range(3):
-        for u in range(-around[k], bins[k] + around[k]):
-            q = u // bins[k]
-            if q == 0 or grid.periodic[k]:
-                turn[k, u + around[k]], over[k, u + around[k]] = (u - q * bins[k]) * stride[k], q
-    start = np.zeros(bins[0] * bins[1] * bins[2] + 1, np.int64)
+        if number[k] > 1:
+            scale[k] = number[k] / (high[k] - low[k])
+    bins = number[0] * number[1] * number[2]
+    place, start = np.empty(n, np.int32), np.zeros(bins + 2, np.int32)
     for a in range(n):
-        start[place[a, 0] * stride[0] + place[a, 1] * stride[1] + place[a, 2] + 1] += 1
-    start = np.cumsum(start)
-    member, wrapped, filled = np.empty(n, np.int64), np.empty((n, 4)), start.copy()
+        at = np.int64(0)
+        for k in range(3):
+            at += min(max(np.int64((fraction[a, k] - low[k]) * scale[k]), 0), number[k] - 1) * stride[k]
+        place[a] = at
+        start[at + 2] += 1
+    for b in range(bins):
+        start[b + 2] += start[b + 1]
+    member, wrapped, box = np.empty(n, np.int32), np.empty((n, 4)), np.empty((n, 3), np.int32)
     for a in range(n):
-        b = place[a, 0] * stride[0] + place[a, 1] * stride[1] + place[a, 2]
-        e = filled[b]
-        filled[b] += 1
+        e = start[place[a] + 1]
+        start[place[a] + 1] = e + 1
         member[e], wrapped[e, 3] = a, radius[a]
         for m in range(3):
-            wrapped[e, m] = x[a, m]
+            box[e, m], wrapped[e, m] = boxes[a, m], x[a, m]
             for k in range(3):
-                wrapped[e, m] -= box[a, k] * grid.vectors[k, m]
-    return Bins(place, box, start, member, wrapped, turn, over, around)
+                wrapped[e, m] -= boxes[a, k] * grid.vectors[k, m]
+    return Bins(number, around, turn, over, start, member, wrapped, box)
 
 
 @njit(cache=True)
-def _sort_by_key(first, last, i, j, image, key):
-    """Insertion sort of a short stretch of the list."""
+def _columns_around(column, bins, vectors, base, boxes, push):
+    """First bins of the columns around a column, the boxes between, and what to subtract from a position."""
+    number, around, turn, over, known = bins.number, bins.around, bins.turn, bins.over, 0
+    for t in range(column // number[0], column // number[0] + 2 * around[2] + 1):
+        for u in range(column % number[0], column % number[0] + 2 * around[0] + 1):
+            if turn[2, t] >= 0 and turn[0, u] >= 0:
+                base[known] = turn[2, t] + turn[0, u]
+                boxes[known, 0], boxes[known, 1] = over[0, u], over[2, t]
+                for m in range(3):
+                    push[known, m] = over[0, u] * vectors[0, m] + over[2, t] * vectors[2, m]
+                known += 1
+    return known
+
+
+@njit(cache=True)
+def _windows(high, around, turn, over):
+    """Stretches of bins to look through around each bin of a column: bounds in the lists of first, end and boxes."""
+    bound, window, known = np.zeros(high + 1, np.int64), np.empty((high * (2 * around + 1), 3), np.int64), 0
+    for w in range(high):
+        for v in range(w, w + 2 * around + 1):
+            if turn[v] >= 0:
+                if known > bound[w] and window[known - 1, 2] == over[v]:
+                    window[known - 1, 1] += 1
+                else:
+                    window[known, 0], window[known, 1], window[known, 2] = turn[v], turn[v] + 1, over[v]
+                    known += 1
+        bound[w + 1] = known
+    return bound, window
+
+
+@njit(cache=True)
+def _sort(key, first, last):
+    """Insertion sort of a short stretch."""
     for c in range(first + 1, last):
-        d = c
-        while d > first and key[d - 1] > key[d]:
-            key[d - 1], key[d] = key[d], key[d - 1]
-            j[d - 1], j[d] = j[d], j[d - 1]
-            for m in range(3):
-                image[d - 1, m], image[d, m] = image[d, m], image[d - 1, m]
+        k, d = key[c], c
+        while d > first and key[d - 1] > k:
+            key[d] = key[d - 1]
             d -= 1
+        key[d] = k
 
 
 @njit(cache=True)
-def candidate_pairs(x, radius, wall_normal, grid, skin, i, j, image, key):
-    """Fill the arrays with all pairs closer than `skin` beyond touching, sorted by key: a cell list.
+def _found(from_column, to_column, bins, x, radius, wall_normal, vectors, skin, key, at, end, first, many):
+    """Keys of all pairs of the grains in a stretch of columns, written to `key` from `at` on, sorted for each grain.
 
-    Returns the number of pairs, which may exceed the capacity (then call again with more room), or −1 if a pair lies
-    more boxes apart than a key can hold.
+    Returns where they end, −1 if that were beyond `end`, or −2 if a pair lies more boxes apart than a key can hold.
     """
-    n, n_bodies, vectors = len(radius) - len(wall_normal), len(radius), grid.vectors
-    capacity, count = len(i), 0
-    bins = _placed(x, n, radius, grid, 2 * radius[:n].max() + skin)
-    start, member, wrapped, box, turn, over = bins.start, bins.member, bins.wrapped, bins.box, bins.turn, bins.over
-    wide, high, deep = 2 * bins.around + 1
-    own = np.empty(3)
-    for a in range(n):
-        first, near = count, radius[a] + skin
-        for m in range(3):
-            own[m] = x[a, m]
-            for k in range(3):
-                own[m] -= box[a, k] * vectors[k, m]
-        for u in range(bins.place[a, 0], bins.place[a, 0] + wide):
-            if turn[0, u] < 0:
-                continue
-            for v in range(bins.place[a, 1], bins.place[a, 1] + high):
-                if turn[1, v] < 0:
-                    continue
-                w = bins.place[a, 2]
-                last = w + deep
-                while w < last:
-                    if turn[2, w] < 0:
-                        w += 1
-                        continue
-                    # bins side by side along the last axis are side by side in memory: looked through in one go
-                    q0, q1, q2, at = over[0, u], over[1, v], over[2, w], turn[0, u] + turn[1, v] + turn[2, w]
-                    begin = at
-                    while w < last and over[2, w] == q2 and turn[2, w] >= 0:
+    n, start, member, wrapped, box = len(radius) - len(wall_normal), bins.start, bins.member, bins.wrapped, bins.box
+    high, ways = bins.number[1], (2 * bins.around[0] + 1) * (2 * bins.around[2] + 1)
+    bound, window = _windows(high, bins.around[1], bins.turn[1], bins.over[1])
+    base, boxes, push = np.empty(ways, np.int64), np.empty((ways, 2), np.int64), np.empty((ways, 3))
+    hit, wrong = np.empty(64, np.int64), np.int64(ways >> 16 << _IMAGE_BITS)
+    for column in range(from_column, to_column):
+        known = _columns_around(column, bins, vectors, base, boxes, push)
+        for w in range(high):
+            for e in range(start[column * high + w], start[column * high + w + 1]):
+                a, near, hits = member[e], wrapped[e, 3] + skin, 0
+                for p in range(bound[w], bound[w + 1]):
+                    turns = window[p, 2]
+                    for r in range(known):
+                        from_entry, to_entry = start[base[r] + window[p, 0]], start[base[r] + window[p, 1]]
+                        if hits + to_entry - from_entry > len(hit):
+                            hit = np.append(hit, np.empty(len(hit) + to_entry - from_entry, np.int64))
+                        sx = wrapped[e, 0] - push[r, 0] - turns * vectors[1, 0]
+                        sy = wrapped[e, 1] - push[r, 1] - turns * vectors[1, 1]
+                        sz = wrapped[e, 2] - push[r, 2] - turns * vectors[1, 2]
+                        code = turns << 48 | r << 32
+                        for f in range(np.uint64(from_entry), np.uint64(to_entry)):
+                            dx, dy, dz = sx - wrapped[f, 0], sy - wrapped[f, 1], sz - wrapped[f, 2]
+                            reach = near + wrapped[f, 3]
+                            # all are written and few are counted: cheaper than a branch that cannot be foreseen
+                            hit[np.uint64(hits)] = code | np.int64(f)
+                            hits += dx * dx + dy * dy + dz * dz < reach * reach
+                if at + hits + len(wall_normal) > end:
+                    return -1
+                first[a], own = at, pack_key(a, a, 0, 0, 0)
+                for h in range(hits):
+                    f, r = hit[h] & 0xFFFFFFFF, (hit[h] >> 32) & 0xFFFF
+                    i, j = box[f, 0] - box[e, 0] - boxes[r, 0], box[f, 1] - box[e, 1] - (hit[h] >> 48)
+                    k = box[f, 2] - box[e, 2] - boxes[r, 1]
+                    wrong |= (i + _IMAGE_OFFSET) | (j + _IMAGE_OFFSET) | (k + _IMAGE_OFFSET)
+                    key[at] = pack_key(a, member[f], i, j, k)
+                    at += key[at] > own
+                _sort(key, first[a], at)
+                for b in range(n, len(radius)):
+                    gap = -radius[a] - skin
+                    for k in range(3):
+                        gap += (x[a, k] - x[b, k]) * wall_normal[b - n, k]
+                    if gap < 0.0:
+                        key[at] = pack_key(a, b, 0, 0, 0)
                         at += 1
-                        w += 1
-                    sx, sy, sz = own[0], own[1], own[2]
-                    if q0 != 0 or q1 != 0 or q2 != 0:
-                        sx -= q0 * vectors[0, 0] + q1 * vectors[1, 0] + q2 * vectors[2, 0]
-                        sy -= q0 * vectors[0, 1] + q1 * vectors[1, 1] + q2 * vectors[2, 1]
-                        sz -= q0 * vectors[0, 2] + q1 * vectors[1, 2] + q2 * vectors[2, 2]
-                    for e in range(np.uint64(start[begin]), np.uint64(start[at])):
-                        dx, dy, dz = sx - wrapped[e, 0], sy - wrapped[e, 1], sz - wrapped[e, 2]
-                        reach = near + wrapped[e, 3]
-                        if not dx * dx + dy * dy + dz * dz < reach * reach:
-                            continue
-                        b = member[e]
-                        if b < a:
-                            continue
-                        p, q, r = box[b, 0] - box[a, 0] - q0, box[b, 1] - box[a, 1] - q1, box[b, 2] - box[a, 2] - q2
-                        if a == b and (p < 0 or (p == 0 and (q < 0 or (q == 0 and r <= 0)))):
-                            continue
-                        if max(abs(p), abs(q), abs(r)) >= _IMAGE_OFFSET:
-                            return -1
-                        if count < capacity:
-                            i[count], j[count], key[count] = a, b, pack_key(a, b, p, q, r)
-                            image[count, 0], image[count, 1], image[count, 2] = p, q, r
-                        count += 1
-        if count <= capacity:
-            _sort_by_key(first, count, i, j, image, key)
-        for b in range(n, n_bodies):
-            gap = -radius[a] - skin
-            for k in range(3):
-                gap += (x[a, k] - x[b, k]) * wall_normal[b - n, k]
-            if gap < 0.0:
-                if count < capacity:
-                    i[count], j[count], key[count] = a, b, pack_key(a, b, 0, 0, 0)
-                    image[count] = 0
-                count += 1
-    return count
+                many[a] = at - first[a]
+    return at if wrong >> _IMAGE_BITS == 0 else -2
 
 
 @njit(cache=True)
-def carry_memory(old, new):
-    """Copy the memory of every contact that is in both sorted lists; the rest of `new` starts open."""
-    c = 0
-    for m in range(new.count[0]):
-        while c < old.count[0] and old.key[c] < new.key[m]:
+def _listed(key, first, many, new):
+    """Fill a list from the keys of each grain; returns the first row of each grain."""
+    c, low, rows = 0, (1 << _IMAGE_BITS) - 1, np.empty(len(many) + 1, np.int64)
+    for a in range(len(many)):
+        rows[a] = c
+        for at in range(first[a], first[a] + many[a]):
+            k = key[at]
+            new.key[c], new.i[c], new.j[c] = k, a, (k >> 3 * _IMAGE_BITS) & (MAX_BODIES - 1)
+            new.image[c, 0] = ((k >> 2 * _IMAGE_BITS) & low) - _IMAGE_OFFSET
+            new.image[c, 1] = ((k >> _IMAGE_BITS) & low) - _IMAGE_OFFSET
+            new.image[c, 2] = (k & low) - _IMAGE_OFFSET
             c += 1
-        if c < old.count[0] and old.key[c] == new.key[m]:
-            new.slip[m], new.pair[m], new.roll[m] = old.slip[c], old.pair[c], old.roll[c]
-            new.mode[m], new.reached[m] = old.mode[c], old.reached[c]
+    rows[len(many)] = c
+    return rows
+
+
+@njit(cache=True)
+def carry_memory(old, new, rows):
+    """Copy the memory of every closed contact that is in both lists; the rest of `new` starts open."""
+    for c in range(old.count[0]):
+        if old.mode[c] != OPEN:
+            for m in range(rows[old.i[c]], rows[old.i[c] + 1]):
+                if new.key[m] == old.key[c]:
+                    new.mode[m], new.reached[m] = old.mode[c], old.reached[c]
+                    for k in range(3):
+                        new.slip[m, k], new.pair[m, k], new.roll[m, k] = old.slip[c, k], old.pair[c, k], old.roll[c, k]
 
 
 @njit(cache=True, fastmath=False)
@@ -235,17 +278,21 @@ def moved_too_far(x, contacts) -> bool:
 @njit(cache=True)
 def rebuilt(x, radius, wall_normal, grid, old):
     """A new list of contacts at positions x, with the memory of the old one; its count is −1 on failure."""
-    capacity = max(len(old.i), 4 * len(x))
+    n, skin = len(radius) - len(wall_normal), old.skin[0]
+    bins = _placed(x, n, radius, grid, 2 * radius[:n].max() + skin)
+    columns, room = bins.number[0] * bins.number[2], 2 * max(old.count[0], 4 * len(x))
+    first, many = np.empty(n, np.int64), np.empty(n, np.int32)
     while True:
-        new = empty_contacts(len(x), capacity, old.skin[0])
-        count = candidate_pairs(x, radius, wall_normal, grid, new.skin[0], new.i, new.j, new.image, new.key)
-        if count <= capacity:
+        key = np.empty(room, np.int64)
+        end = _found(0, columns, bins, x, radius, wall_normal, grid.vectors, skin, key, 0, room, first, many)
+        if end != -1:
             break
-        capacity = count + count // 16
-    new.count[0] = count
+        room *= 2
+    new = empty_contacts(len(x), max(end, 0), skin)
+    new.count[0] = max(end, -1)
     new.origin[:] = x
-    if count > 0:
-        carry_memory(old, new)
+    if end > 0:
+        carry_memory(old, new, _listed(key, first, many, new))
     return new
 
 

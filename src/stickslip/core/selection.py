@@ -30,64 +30,51 @@ def _room(old, need):
 
 
 @njit(cache=True)
-def _chosen(
-    contacts, position, radius, normal, vectors, internal, tile_of, last, n, reach, materials, material, group, mate
-):
-    """Group and pair class of every row that touches or may soon touch; others get group −1. Returns their number."""
-    number, tiles = 0, tile_of.max() + 1 if len(tile_of) else 1
+def _first_rows(contacts, bodies):
+    """(B + 1,) first row of each body in the list, which is sorted by the first body of each pair."""
+    first = np.zeros(bodies + 1, np.int32)
     for c in range(contacts.count[0]):
-        i, j = contacts.i[c], contacts.j[c]
-        wall = j >= n
-        across = contacts.image[c, 0] != 0 or contacts.image[c, 1] != 0 or contacts.image[c, 2] != 0
-        gap, square = -radius[i], 0.0
-        for m in range(3):
-            d = position[i, m] - position[j, m]
-            if wall:
-                gap += d * normal[j - n, m]
+        first[contacts.i[c] + 1] += 1
+    for a in range(bodies):
+        first[a + 1] += first[a]
+    return first
+
+
+@njit(cache=True, error_model="numpy")
+def _chosen(contacts, moving, internal, tile_of, normal, vectors, reach, materials, material, row, bucket, start):
+    """Rows of all pairs that touch or may soon touch, in the order of their first bodies in memory, and their buckets.
+
+    Fills `row`, `bucket`, and `start` with the number of pairs of each body. Returns how many there are of them, and
+    of each bucket: those between tiles, then those within each, each class of materials for itself.
+    """
+    order, body, image, mode, last = moving.order, moving.body, contacts.image, contacts.mode, len(moving.tile) - 1
+    first, tiles, number, n = _first_rows(contacts, len(order)), tile_of[-1] + 1, 0, len(order) - len(normal)
+    held = np.zeros(2 * tiles * materials * materials * 2, np.int64)
+    for g in range(len(order)):
+        a = order[g]
+        for c in range(first[a], first[a + 1]):
+            z = contacts.j[c]
+            h = np.uint64(internal[z])
+            dx, dy, dz = body[g, 0] - body[h, 0], body[g, 1] - body[h, 1], body[g, 2] - body[h, 2]
+            near = reach + body[g, 9] + body[h, 9]
+            if z >= n:
+                close = dx * normal[z - n, 0] + dy * normal[z - n, 1] + dz * normal[z - n, 2] < near
             else:
-                if across:
-                    for k in range(3):
-                        d += contacts.image[c, k] * vectors[k, m]
-                square += d * d
-        if not wall:
-            gap = np.sqrt(square) - radius[i] - radius[j]
-        group[c] = -1
-        if gap < reach or contacts.mode[c] != OPEN:
-            number += 1
-            a, b = tile_of[internal[i]], tile_of[internal[j]]
-            group[c] = min(a, b) + (tiles if a == b and a < last else 0)
-            mate[c] = (material[i] * materials + material[j]) * 2 + wall
-    return number
-
-
-@njit(cache=True)
-def _bucketed(count, group, mate, groups, classes):
-    """Blocks of every (group, class) bucket: first block of each, and of each group."""
-    held = np.zeros(groups * classes, np.int64)
-    for c in range(count):
-        if group[c] >= 0:
-            held[group[c] * classes + mate[c]] += 1
-    first = np.zeros(groups * classes + 1, np.int64)
-    for k in range(groups * classes):
-        first[k + 1] = first[k] + (held[k] + LANES - 1) // LANES
-    return first, first[::classes].copy()
-
-
-@njit(cache=True)
-def _in_order(contacts, group, internal, active):
-    """Rows that are in a group, in the order of the first of their bodies in memory."""
-    start = np.zeros(len(internal) + 1, np.int64)
-    for c in range(contacts.count[0]):
-        if group[c] >= 0:
-            start[min(internal[contacts.i[c]], internal[contacts.j[c]]) + 1] += 1
-    start = np.cumsum(start)
-    out = np.empty(active, np.int64)
-    for c in range(contacts.count[0]):
-        if group[c] >= 0:
-            owner = min(internal[contacts.i[c]], internal[contacts.j[c]])
-            out[start[owner]] = c
-            start[owner] += 1
-    return out
+                if image[c, 0] != 0 or image[c, 1] != 0 or image[c, 2] != 0:
+                    dx += image[c, 0] * vectors[0, 0] + image[c, 1] * vectors[1, 0] + image[c, 2] * vectors[2, 0]
+                    dy += image[c, 0] * vectors[0, 1] + image[c, 1] * vectors[1, 1] + image[c, 2] * vectors[2, 1]
+                    dz += image[c, 0] * vectors[0, 2] + image[c, 1] * vectors[1, 2] + image[c, 2] * vectors[2, 2]
+                close = dx * dx + dy * dy + dz * dz < near * near
+            if close or mode[c] != OPEN:
+                own, other = tile_of[g], tile_of[h]
+                group = min(own, other) + (tiles if own == other and own < last else 0)
+                kind = (group * materials + material[a]) * materials + material[z]
+                row[number], bucket[number] = c, 2 * kind + (z >= n)
+                held[bucket[number]] += 1
+                start[2 * h + 2] += 1
+                start[2 * g + 3] += 1
+                number += 1
+    return number, held
 
 
 @njit(cache=True)
@@ -106,61 +93,57 @@ def _rows_of_loads(place, bound, top, crossing, share):
 
 
 @njit(cache=True)
-def _pad(slots, bodies, far, asked, i, j, row, wall, shifted, vector, eff, slip, mode):
-    """Fill lanes without a contact with a pair of a body with itself, `far` from touching."""
-    for s in range(slots):
-        if row[s] < 0:
-            b, l = s // LANES, s % LANES
-            i[s] = j[s] = bodies - 1 if wall[b] else 0
-            mode[s] = OPEN
-            if not wall[b] and not shifted[b]:
-                shifted[b] = True
-                vector[3 * LANES * b : 3 * LANES * (b + 1)] = 0.0
-            for m in range(3):
-                slip[(3 * b + m) * LANES + l] = 0.0
-                vector[(3 * b + m) * LANES + l] = 0.0 if wall[b] or m else far
-            for m in range(2 if asked else 0):
-                eff[(2 * b + m) * LANES + l] = 1.0
+def _pad(from_slot, to_slot, bodies, far, asked, i, j, row, wall, shifted, vector, eff, slip, mode):
+    """Fill lanes of a block without a contact with a pair of a body with itself, `far` from touching."""
+    b = from_slot // LANES
+    if to_slot > from_slot and not wall[b] and not shifted[b]:
+        shifted[b] = True
+        vector[3 * LANES * b : 3 * LANES * (b + 1)] = 0.0
+    for s in range(from_slot, to_slot):
+        l = s % LANES
+        i[s] = j[s] = bodies - 1 if wall[b] else 0
+        row[s], mode[s] = -1, OPEN
+        for m in range(3):
+            slip[(3 * b + m) * LANES + l] = 0.0
+            vector[(3 * b + m) * LANES + l] = 0.0 if wall[b] or m else far
+        for m in range(2 if asked else 0):
+            eff[(2 * b + m) * LANES + l] = 1.0
 
 
 @njit(cache=True)
-def _order_of_summation(contacts, group, mate, internal, start, code):
+def _order_of_summation(contacts, loads, internal, start, code):
     """From counts in `start` to the rows of loads that each body adds up: as j, then as i, in the order of partners."""
     for k in range(len(start) - 1):
         start[k + 1] += start[k]
     for c in range(contacts.count[0]):
-        if group[c] >= 0:
+        if loads[c] >= 0:
             for at in (2 * internal[contacts.j[c]] + 1, 2 * internal[contacts.i[c]] + 2):
-                code[start[at]] = mate[c]
+                code[start[at]] = loads[c]
                 start[at] += 1
 
 
-@njit(cache=True)
-def chosen_blocks(
-    old, contacts, position, radius, inverse_mass, material, normal, vectors, order, tile, share, n, reach,
-    materials, kind, viscous, imposed,
-):  # fmt: skip
-    """Blocks of all pairs nearer than `reach`, in the memory of `old` ones; positions in the state's order.
+@njit(cache=True, error_model="numpy")
+def chosen_blocks(old, contacts, moving, inverse_mass, material, normal, vectors, reach, materials, kind, viscous):
+    """Blocks of all pairs nearer than `reach`, in the memory of `old` ones; bodies' properties in the state's order.
 
     The tiles of a thread share rows of loads, which stay in its cache.
     """
-    across = np.eye(3) if imposed else vectors
-    count, bodies, tiles = contacts.count[0], len(radius), len(tile) - 1
-    internal, tile_of = np.empty(bodies, np.int64), np.empty(bodies, np.int64)
+    across = np.eye(3) if len(moving.virial) > 0 else vectors  # with a frame, which knows the vectors of the moment
+    order, tile, bodies, count = moving.order, moving.tile, len(moving.order), contacts.count[0]
+    internal, tile_of = np.empty(bodies, np.int32), np.empty(bodies, np.int32)
     for g in range(bodies):
         internal[order[g]] = g
-    for t in range(tiles):
-        tile_of[tile[t] : tile[t + 1]] = t
-    tile_of[tile[tiles] :] = tiles
-    group, mate, classes = np.empty(count, np.int64), np.empty(count, np.int64), 2 * materials * materials
-    # the walls' tile has no blocks of its own: groups 0 … tiles are cross, then inner
-    active = _chosen(
-        contacts, position, radius, normal, vectors, internal, tile_of, tiles, n, reach, materials, material, group,
-        mate,
-    )  # fmt: skip
-    top = tile_of.max() + 1
-    first, bound = _bucketed(count, group, mate, 2 * top, classes)
-    blocks = first[-1]
+    for t in range(len(tile)):
+        tile_of[tile[t] : tile[t + 1] if t + 1 < len(tile) else bodies] = t
+    n, radius, light, top = bodies - len(normal), moving.body[:, 9].copy(), inverse_mass[order], tile_of[-1] + 1
+    picked, bucket, start = np.empty(count, np.int32), np.empty(count, np.int32), np.zeros(2 * bodies + 2, np.uint32)
+    active, held = _chosen(
+        contacts, moving, internal, tile_of, normal, vectors, reach, materials, material, picked, bucket, start
+    )
+    classes, first = len(held) // (2 * top), np.zeros(len(held) + 1, np.int64)
+    for k in range(len(held)):
+        first[k + 1] = first[k] + (held[k] + LANES - 1) // LANES
+    bound, blocks = first[::classes].copy(), first[-1]
     slots = blocks * LANES
     crossing, asked = bound[top], needs_radius(kind, viscous) or needs_mass(viscous)
     i, j, row = _room(old.i, slots), _room(old.j, slots), _room(old.row, slots)
@@ -170,15 +153,12 @@ def chosen_blocks(
         _room(old.slip, 3 * slots),
     )
     mode, place = _room(old.mode, slots), _room(old.place, blocks)
-    row[:slots] = -1
     pair, wall, shifted = np.zeros((blocks, 2), np.int64), np.zeros(blocks, np.bool_), np.zeros(blocks, np.bool_)
-    most = _rows_of_loads(place, bound, top, crossing, share)
-    filled = first[:-1] * LANES
-    start = np.zeros(2 * bodies + 2, np.uint32)
-    for c in _in_order(contacts, group, internal, active):
-        bucket = group[c] * classes + mate[c]
-        s = filled[bucket]
-        filled[bucket] += 1
+    most = _rows_of_loads(place, bound, top, crossing, moving.share)
+    filled, loads = first[:-1] * LANES, np.full(count, -1, np.int32)
+    for p in range(active):
+        c, s = picked[p], filled[bucket[p]]
+        filled[bucket[p]] = s + 1
         b, l = s // LANES, s % LANES
         a, z = contacts.i[c], contacts.j[c]
         is_wall = z >= n
@@ -186,7 +166,7 @@ def chosen_blocks(
         pair[b, 0], pair[b, 1], wall[b] = material[a], material[z], is_wall
         at = 3 * LANES * b + l
         if asked:
-            r_eff, m_eff = effective(kind, viscous, radius, inverse_mass, a, z, is_wall)
+            r_eff, m_eff = effective(kind, viscous, radius, light, i[s], j[s], is_wall)
             eff[at - LANES * b], eff[at - LANES * b + LANES] = r_eff, m_eff
         for m in range(3):
             slip[at + m * LANES] = contacts.slip[c, m]
@@ -205,14 +185,14 @@ def chosen_blocks(
         elif was == SLIDE and not contacts.reached[c]:
             was = LOOSE
         mode[s] = was
-        start[2 * internal[z] + 2] += 1
-        start[2 * internal[a] + 3] += 1
-        mate[c] = place[b] + l
-    _pad(slots, bodies, 4.0 * radius.max() + 1.0, asked, i, j, row, wall, shifted, vector, eff, slip, mode)
+        loads[c] = place[b] + l
+    far = 4.0 * radius.max() + 1.0
+    for k in range(len(held)):
+        _pad(filled[k], first[k + 1] * LANES, bodies, far, asked, i, j, row, wall, shifted, vector, eff, slip, mode)
     code, load = _room(old.code, 2 * active), old.load
     if len(load) < most:
-        load = np.empty((most + most // 8, 9 if imposed else 6))
-    _order_of_summation(contacts, group, mate, internal, start, code)
+        load = np.empty((most + most // 8, 9 if len(moving.virial) > 0 else 6))
+    _order_of_summation(contacts, loads, internal, start, code)
     return Blocks(
         i, j, row, pair, wall, shifted, vector, eff, slip, mode, place, bound[: top + 1].copy(), bound[top:].copy(),
         load, start[: 2 * bodies + 1].copy(), code,
