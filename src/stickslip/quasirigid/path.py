@@ -25,6 +25,7 @@ from .status import Choice, Verdict, status
 
 BALANCED = 1e-6  # largest unbalanced force at the start, in mean normal forces
 NUDGE = 1e-12  # overlap, in radii, with which a contact that closes is born
+WEDGED = 1e-10  # overlap, in radii, with which a rattler re-enters
 CROWD = 200  # events without progress after which a path is said to be stuck
 
 
@@ -91,14 +92,18 @@ def quasirigid_path(
     _check_start(here, law, legs, increment)
     points, events = [_point(here, law, 0.0)], []
     for number, end in enumerate(legs):
-        begin, share = here.control, 0.0
+        begin, share, size = here.control, 0.0, increment
         while share < 1.0:
-            here = pushed_out(here, law)
-            piece = _Piece(here, law, begin, end, share, min(increment, 1.0 - share), geometric)
-            here, used, verdict = piece.run(number + share, events)
+            piece = _Piece(here, law, begin, end, share, min(size, 1.0 - share), geometric)
+            after, used, verdict, told = piece.run(number + share)
             if verdict is not Verdict.CONSISTENT:
-                events.append(Event(number + share, verdict.value, -1, -1))
+                events += [*told, Event(number + share + used, verdict.value, -1, -1)]
                 return Path(tuple(points), tuple(events), verdict, law)
+            after = pushed_out(after)
+            if _wedged(here, after) > WEDGED and size > 1e-12:  # a rattler re-enters sooner than that
+                size *= 0.5
+                continue
+            here, size, events = after, min(2 * size, increment), events + told
             share = 1.0 if 1.0 - share - used < 1e-12 else share + used
             points.append(_point(here, law, number + share))
             if report:
@@ -138,16 +143,16 @@ class _Piece:
         missing = residual_vector(at, forces(at, law)[0], free)
         self.load = external(to, free) - external(at, free) + missing
 
-    def run(self, start: float, events: list):
-        """The state at the end, the share of the leg that was used, and the verdict; events are appended."""
-        m = self.matrix
+    def run(self, start: float):
+        """The state at the end, the share of the leg that was used, the verdict, and the events."""
+        m, events = self.matrix, []
         force, critical = m.force.copy(), m.limit.copy()
         slides, sign, moved, done = m.limit.copy(), m.sign.copy(), np.zeros(len(m.free)), 0.0
         for _ in range(20 * max(m.count, 50)):
             now = m._replace(sign=sign, limit=critical)
             choice = status(now, self.load, start=slides, geometric=self.geometric)
             if not choice.ok:
-                return self.state, done * self.increment, choice.verdict
+                return self.state, done * self.increment, choice.verdict, events
             self._told(choice, slides, critical, events, start + done * self.increment)
             slides = choice.sliding
             critical &= slides  # what sticks again has left the cone
@@ -159,10 +164,12 @@ class _Piece:
             i, j = self._bodies(contact)
             events.append(Event(start + done * self.increment, kind, i, j))
             if kind != "reaches the cone":
-                return self._ended(force, moved, slides, sign, contact, kind), done * self.increment, choice.verdict
+                end = self._ended(force, moved, slides, sign, contact, kind, done)
+                return end, done * self.increment, choice.verdict, events
             critical[contact], slides[contact] = True, True
             sign[contact] = -np.sign(force[contact, 1])
-        return self._ended(force, moved, slides, sign, None, ""), done * self.increment, Verdict.CONSISTENT
+        end = self._ended(force, moved, slides, sign, None, "", done)
+        return end, done * self.increment, Verdict.CONSISTENT, events
 
     def _bodies(self, contact) -> tuple[int, int]:
         row = self.matrix.rows[contact] if contact < self.matrix.count else self.gap_rows[contact - self.matrix.count]
@@ -179,7 +186,8 @@ class _Piece:
         for side in (1.0, -1.0):  # F̃ of a contact that sticks, on either side of the cone
             margin = m.mu * force[:, 0] - side * force[:, 1]
             slope = m.mu * rate[:, 0] - side * rate[:, 1]
-            time = np.where(~slides & (slope < -1e-14 * np.abs(rate).max()), np.maximum(margin, 0.0) / -slope, np.inf)
+            leaves = ~slides & (slope < -1e-14 * np.abs(rate).max(initial=0.0))
+            time = np.where(leaves, np.maximum(margin, 0.0) / np.where(leaves, -slope, 1.0), np.inf)
             k = int(np.argmin(time)) if len(time) else -1
             if k >= 0 and time[k] < soonest:
                 soonest, contact, kind = float(time[k]), k, "reaches the cone"
@@ -205,7 +213,7 @@ class _Piece:
         closing = np.einsum("ck,ck->c", moves[state.contacts.i[rows]] - moves[state.contacts.j[rows]], branch)
         return np.where(closing < 0, np.maximum(gap, 0.0) / np.where(closing < 0, -closing, 1.0), np.inf)
 
-    def _ended(self, force, moved, slides, sign, contact, kind) -> State:
+    def _ended(self, force, moved, slides, sign, contact, kind, done: float) -> State:
         """The state after the increment: bodies moved, memory as the path has it."""
         m, before = self.matrix, self.state
         state = updated(displaced(before, m.free, moved))
@@ -232,7 +240,7 @@ class _Piece:
         mode[:count] = np.where(touches, np.where(mode[:count] == OPEN, STICK, mode[:count]), OPEN)
         slip[mode == OPEN] = 0.0
         contacts = trial._replace(mode=mode, slip=slip, reached=mode == SLIDE)
-        share = self.share + self.increment
+        share = self.share + done * self.increment
         control = between_controls(self.begin, self.end, share)
         return accept(state._replace(control=control), contacts)
 
@@ -265,7 +273,7 @@ def _held(state: State) -> np.ndarray:
     return np.append(~loose, np.ones(state.n_bodies - len(loose), bool))
 
 
-def pushed_out(state: State, law: Law, rounds: int = 200) -> State:
+def pushed_out(state: State, rounds: int = 200) -> State:
     """The state with rattlers moved out of what they touch, as far as there is room: then they hold nothing.
 
     One that is wedged between two others stays where it is: it has re-entered, and carries what it is pressed with.
@@ -288,6 +296,14 @@ def pushed_out(state: State, law: Law, rounds: int = 200) -> State:
         moved = updated(state._replace(grains=grains._replace(position=grains.position + move[: len(loose)])))
         state = _as_loose(moved, loose)
     return state
+
+
+def _wedged(before: State, after: State) -> float:
+    """Deepest overlap, in radii, of a grain that was a rattler before: zero as long as it could be pushed out."""
+    loose = ~_held(before)
+    rows = touching(after)
+    rows = rows[loose[after.contacts.i[rows]] | loose[after.contacts.j[rows]]]
+    return float(-_gaps(after, rows)[1].min(initial=0.0)) / float(after.grains.radius.min())
 
 
 def _as_loose(state: State, loose) -> State:
