@@ -18,6 +18,7 @@ from .plan import (
     CONVERGED,
     DONE,
     FULL,
+    MOVED,
     Plan,
     driven_bodies,
     first_bad,
@@ -94,13 +95,14 @@ def marched(
 ):
     """As many steps as asked, in blocks; see `run`. Returns what the plain stepper does."""
     contacts, here, nothing = state.contacts, driven_bodies(state), np.zeros((0, 3))
-    shift = shifts(contacts, state.cell.vectors)
-    if anchored(contacts, here.position, here.angle, here.radius, shift, nothing, nothing):
+    at = (here.position, here.angle, here.radius)
+    if anchored(contacts, *at, shifts(contacts, state.cell.vectors), nothing, nothing):
         # what a run writes; pair vectors and angles are written when it ends
         own = {name: getattr(contacts, name).copy() for name in ("slip", "mode", "reached")}
         contacts = contacts._replace(**own)
     else:
         _, contacts = forces(state, law, memory=FROZEN)
+    contacts = contacts._replace(pair=nothing, roll=nothing)
     viscous, dim = dashpots(law), state.cell.dim
     threads = _threads(len(state.grains.radius), threads, len(writing.events) > 0)
     imposed = imposes(state)
@@ -110,14 +112,24 @@ def marched(
     drags = [0.5 * plan.dt * nu for nu in plan.drags]
     pace = Pace(plan.dt, 1 - drags[0], 1 / (1 + drags[0]), 1 - drags[1], 1 / (1 + drags[1]))
     every, deforming = writing.every, deforms(state)
-    step, stop, ended, fresh, code, residual, worst = 0, 0, False, True, DONE, np.inf, -1
-    before = numba.get_num_threads()
+    step, stop, ended, fresh, code, residual, worst = 0, 0, False, True, MOVED, np.inf, -1
+    blocks, before = no_blocks(), numba.get_num_threads()
     numba.set_num_threads(threads)
     try:
-        blocks, limit, contacts, writing = _chosen(
-            no_blocks(), moving, here, contacts, law, state, plan, writing, frame, 0, steps
-        )
         while True:
+            if code == MOVED:
+                reach, skin = _wanted(state, plan, here, contacts, frame, steps - step)
+                if skin > 0:
+                    former, blocks = contacts, no_blocks()  # before there is a new list: memory
+                    contacts, frame.made[:] = _with_skin(skin, here, contacts, grid_of(state.cell)), state.cell.vectors
+                    writing = with_lost(writing, former, contacts, here.position, state.time + step * plan.dt)
+                    del former
+                frame.reach[0], frame.matrix[SINCE] = reach, np.eye(3)
+                moving.origin[:], limit = moving.body[:, :3], (0.5 * reach) ** 2
+                blocks = chosen_blocks(
+                    blocks, contacts, moving, here.inverse_mass, here.material, here.normal, state.cell.vectors, reach,
+                    len(law.table), law.kind, viscous,
+                )  # fmt: skip
             code, step, ended = march(
                 moving, blocks, contacts, law.table, pace, frame, state.time, step, stop, ended, fresh, limit,
                 writing.events, writing.event_count,
@@ -135,10 +147,7 @@ def marched(
             if bad >= 0 or away >= 0:
                 code, worst = (BAD, bad) if bad >= 0 else (AWAY, away)
                 break
-            if code != DONE:
-                blocks, limit, contacts, writing = _chosen(
-                    blocks, moving, here, contacts, law, state, plan, writing, frame, step, steps
-                )
+            if code == MOVED:
                 continue
             if books:
                 books = entered(books, law, state, plan, here, contacts, step, every)
@@ -160,46 +169,36 @@ def marched(
             stop = step + 1 if books else stop
     finally:
         numba.set_num_threads(before)
+    time = float(frame.clock[0]) if imposed else state.time + step * plan.dt
+    del moving, blocks, frame  # memory for what is given back
     if deforming or contacts.skin[0] != state.contacts.skin[0]:
         # a list tells whether it is still good by how far grains have moved, not by how the cell has
         contacts = _with_skin(float(state.contacts.skin[0]), here, contacts, grid_of(state.cell))
-    contacts = contacts._replace(pair=np.zeros_like(contacts.pair), roll=np.zeros_like(contacts.roll))
-    shift = shifts(contacts, state.cell.vectors)
-    anchored(contacts, here.position, here.angle, here.radius, shift, contacts.pair, contacts.roll)
-    time = float(frame.clock[0]) if imposed else state.time + step * plan.dt
-    end = state_after(state, here, contacts, time)
-    return end, code, step, residual, worst, writing, books
+    contacts = contacts._replace(pair=np.zeros_like(contacts.slip), roll=np.zeros_like(contacts.slip))
+    anchored(contacts, *at, shifts(contacts, state.cell.vectors), contacts.pair, contacts.roll)
+    return state_after(state, here, contacts, time), code, step, residual, worst, writing, books
 
 
-def _chosen(old, moving, here, contacts, law, state, plan, writing, frame, step, steps):
-    """Blocks for the positions `here`, and the squared displacement for which they are good; the list if outgrown.
+def _wanted(state, plan, here, contacts, frame, steps):
+    """Reach within which to choose blocks, and the skin of the list that must be made first, or 0 if this one will do.
 
     The longer the reach, the rarer the choice and the more pairs in vain: what both cost together is least where the
     reach goes with the root of the speed, and likewise for the skin, with factors that were measured.
     """
-    n, skin, size = len(state.grains.radius), float(contacts.skin[0]), 2 * float(state.grains.radius.mean())
+    skin, size = float(contacts.skin[0]), 2 * float(state.grains.radius.mean())
     stride = np.sqrt((here.velocity**2).sum(axis=1).max()) * plan.dt
-    wanted = 2 * np.sqrt(stride * size * (1 + 300 / n))
+    wanted = 2 * np.sqrt(stride * size * (1 + 300 / len(state.grains.radius)))
     reach = min(max(wanted, 0.05 * skin), 0.5 * skin)
     left, carried = skin, contacts
     if deforms(state):
         left, deformation = room_left(state.cell.vectors, frame.made, skin, frame.widest)
         carried = contacts._replace(origin=contacts.origin @ deformation.T)
-    if 2 * farthest(here.position, carried) + reach > left:
-        skin = float(state.contacts.skin[0])
-        if 2 * stride * (steps - step) > 4 * skin:  # else the list that the caller gets back is not worth making
-            skin = max(skin, min(4 * wanted, size))
-        reach = min(max(wanted, 0.05 * skin), 0.5 * skin)
-        former, contacts = contacts, _with_skin(skin, here, contacts, grid_of(state.cell))
-        frame.made[:] = state.cell.vectors
-        writing = with_lost(writing, former, contacts, here.position, state.time + step * plan.dt)
-    frame.reach[0], frame.matrix[SINCE] = reach, np.eye(3)
-    moving.origin[:] = moving.body[:, :3]
-    blocks = chosen_blocks(
-        old, contacts, moving, here.inverse_mass, here.material, here.normal, state.cell.vectors, reach,
-        len(law.table), law.kind, dashpots(law),
-    )  # fmt: skip
-    return blocks, (0.5 * reach) ** 2, contacts, writing
+    if 2 * farthest(here.position, carried) + reach <= left:
+        return reach, 0.0
+    skin = float(state.contacts.skin[0])
+    if 2 * stride * steps > 4 * skin:  # else making the list that the caller gets back is not worth it
+        skin = max(skin, min(4 * wanted, size))
+    return min(max(wanted, 0.05 * skin), 0.5 * skin), skin
 
 
 def _with_skin(skin, here, contacts, grid):

@@ -247,13 +247,16 @@ def _listed(key, first, many, new):
 @njit(cache=True)
 def carry_memory(old, new, rows):
     """Copy the memory of every closed contact that is in both lists; the rest of `new` starts open."""
+    anchors = len(old.pair) > 0 and len(new.pair) > 0
     for c in range(old.count[0]):
         if old.mode[c] != OPEN:
             for m in range(rows[old.i[c]], rows[old.i[c] + 1]):
                 if new.key[m] == old.key[c]:
                     new.mode[m], new.reached[m] = old.mode[c], old.reached[c]
                     for k in range(3):
-                        new.slip[m, k], new.pair[m, k], new.roll[m, k] = old.slip[c, k], old.pair[c, k], old.roll[c, k]
+                        new.slip[m, k] = old.slip[c, k]
+                        if anchors:
+                            new.pair[m, k], new.roll[m, k] = old.pair[c, k], old.roll[c, k]
 
 
 @njit(cache=True, fastmath=False)
@@ -277,7 +280,7 @@ def moved_too_far(x, contacts) -> bool:
 
 @njit(cache=True)
 def rebuilt(x, radius, wall_normal, grid, old):
-    """A new list of contacts at positions x, with the memory of the old one; its count is −1 on failure."""
+    """A new list of contacts at positions x, and memory of the old one, bare if that is; its count is −1 on failure."""
     n, skin = len(radius) - len(wall_normal), old.skin[0]
     bins = _placed(x, n, radius, grid, 2 * radius[:n].max() + skin)
     columns, room = bins.number[0] * bins.number[2], 2 * max(old.count[0], 4 * len(x))
@@ -288,7 +291,7 @@ def rebuilt(x, radius, wall_normal, grid, old):
         if end != -1:
             break
         room *= 2
-    new = empty_contacts(len(x), max(end, 0), skin)
+    new = empty_contacts(len(x), max(end, 0), skin, len(old.pair) < len(old.i))
     new.count[0] = max(end, -1)
     new.origin[:] = x
     if end > 0:

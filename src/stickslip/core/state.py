@@ -181,9 +181,12 @@ def box(size=(1.0, 1.0, 1.0), periodic=(False, False, False), dim=3) -> Cell:
 
 
 @njit(cache=True)
-def empty_contacts(n_bodies, capacity, skin):
-    """A list without pairs, with room for `capacity`; the first evaluation of forces fills it."""
-    c = capacity
+def empty_contacts(n_bodies, capacity, skin, bare=False):
+    """A list without pairs, with room for `capacity`; the first evaluation of forces fills it.
+
+    `bare`: without `pair` and `roll`, which a run of many grains writes only when it ends.
+    """
+    c, anchors = capacity, 0 if bare else capacity
     return Contacts(
         np.zeros(c, np.int32),
         np.zeros(c, np.int32),
@@ -191,8 +194,8 @@ def empty_contacts(n_bodies, capacity, skin):
         np.zeros(c, np.int64),
         np.zeros((c, 3)),
         np.zeros(c, np.int8),
-        np.zeros((c, 3)),
-        np.zeros((c, 3)),
+        np.zeros((anchors, 3)),
+        np.zeros((anchors, 3)),
         np.zeros(c, np.bool_),
         np.full((n_bodies, 3), np.inf),
         np.full(1, skin),
