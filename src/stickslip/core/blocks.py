@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 
 from .contact import FREE, carried_memory, damped, in_one_go, needs_mass, needs_radius, tangential_force, with_dashpot
-from .frame import SLIDE_BACK
+from .frame import AHEAD, RATE, SLIDE_BACK, VECTORS
 from .laws import DAMPING_N, DAMPING_T, MU, damping_factor, normal_force, parameters, tangential_stiffness
 from .state import OPEN, SLIDE, STICK
 
@@ -115,7 +115,7 @@ def anchored(contacts, position, angle, radius, shift, pair_out, roll_out):
 
 
 @njit(fastmath=True, error_model="numpy", forceinline=True)
-def _gathered(dim, predict, imposed, blocks, body, ahead, b, scratch):
+def _gathered(dim, predict, flow, blocks, body, ahead, b, scratch):
     """What the contacts of block b see of their two bodies, plane by plane."""
     first = b * LANES
     for lane in range(LANES):
@@ -138,7 +138,7 @@ def _gathered(dim, predict, imposed, blocks, body, ahead, b, scratch):
                     ri * ahead[i, 3] + rj * ahead[j, 3],
                     ri * ahead[i, 4] + rj * ahead[j, 4],
                 )
-    if blocks.shifted[b] and not imposed:
+    if blocks.shifted[b] and flow is None:
         at = np.uint64(3 * LANES * b)
         for k in range(dim):
             for lane in range(LANES):
@@ -147,12 +147,13 @@ def _gathered(dim, predict, imposed, blocks, body, ahead, b, scratch):
 
 
 @njit(fastmath=True, error_model="numpy", forceinline=True)
-def _flowed(dim, predict, blocks, frame, b, scratch):
+def _flowed(dim, predict, blocks, flow, b, scratch):
     """What a deforming cell adds: the shift across the boundary, and L r to relative velocities.
 
     (1 + ½ dt L)⁻¹ (Δv + L r), r at the end of the step, is the change of r in the step over dt.
     """
-    h, rate, back, ahead, at = frame.vectors, frame.rate, frame.matrix[SLIDE_BACK], frame.ahead, 3 * LANES * b
+    h, rate, back, ahead = flow.matrix[VECTORS], flow.matrix[RATE], flow.matrix[SLIDE_BACK], flow.matrix[AHEAD]
+    at = 3 * LANES * b
     for lane in range(LANES):
         l = np.uint64(lane)
         if dim == 2:
@@ -257,16 +258,14 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
 
 
 @njit(fastmath=True, error_model="numpy", forceinline=True)
-def evaluated(
-    kind, coulomb, dim, viscous, rate, imposed, first, last, blocks, body, ahead, p, dt, hold, frame, scratch
-):
+def evaluated(kind, coulomb, dim, viscous, rate, first, last, blocks, body, ahead, p, dt, hold, flow, scratch):
     """Loads and memory of a stretch of blocks; compiled into its callers."""
     load, predict = blocks.load, viscous > 0 and not rate
     for b in range(first, last):
-        _gathered(dim, predict, imposed, blocks, body, ahead, b, scratch)
+        _gathered(dim, predict, flow, blocks, body, ahead, b, scratch)
         place = blocks.place[b]
-        if imposed:
-            _flowed(dim, predict, blocks, frame, b, scratch)
+        if flow is not None:
+            _flowed(dim, predict, blocks, flow, b, scratch)
             for lane in range(LANES):
                 l, s = np.uint64(lane), np.uint64(place + lane)
                 load[s, 6], load[s, 7], load[s, 8] = scratch[_X + l], scratch[_X + 64 + l], scratch[_X + 128 + l]

@@ -18,30 +18,31 @@ from numba import njit
 from .control import factors_at
 from .state import State, deforms
 
-# rows of `matrix`: A; what half a step of L does to a velocity; (1 + ½ dt L)⁻¹; deformation since blocks were chosen
-STRETCH, TURN, SLIDE_BACK, SINCE = range(4)
+# rows of `matrix`: the cell's vectors, at the positions; L; L at the end of the step, predicted, for dashpots; A; what
+# half a step of L does to a velocity; (1 + ½ dt L)⁻¹; deformation since blocks were chosen; L̇ of what is free
+VECTORS, RATE, AHEAD, STRETCH, TURN, SLIDE_BACK, SINCE, PULL = range(8)
+
+
+class Flow(NamedTuple):
+    """What moves every grain and every contact in a step, written in place; few arrays, or kernels compile slowly."""
+
+    matrix: np.ndarray  # (8, 3, 3)
+    factor: np.ndarray  # (2, C + 1) of courses, mean over the step and at its end; the last is 1, for what follows none
+    rate: np.ndarray  # (B, 6) of bodies, in the order of memory
+    follows: np.ndarray  # (B, 6)
 
 
 class Frame(NamedTuple):
-    """The cell and the courses during a run; arrays are written in place."""
+    """What moves the cell and the courses during a run; arrays are written in place."""
 
-    vectors: np.ndarray  # (3, 3) of the cell, at the positions
-    rate: np.ndarray  # (3, 3) L
-    ahead: np.ndarray  # (3, 3) L at the end of the step, predicted, for dashpots
-    pull: np.ndarray  # (3, 3) L̇ of what is free
-    matrix: np.ndarray  # (4, 3, 3)
     free: np.ndarray  # (3, 3) bool
     given: np.ndarray  # (3, 3) rates of what is not free
     follows: np.ndarray  # (3, 3) course, or the last column: constant
     wanted: np.ndarray  # (3, 3) stress
     mass: float
-    now: np.ndarray  # (C + 1,) factors, mean over the step
-    then: np.ndarray  # (C + 1,) factors at its end
     knots: np.ndarray  # (K,)
     course: np.ndarray  # (K, C)
     area: np.ndarray  # (K, C) integral of `course` from the first knot
-    body_rate: np.ndarray  # (B, 6) in the order of memory
-    body_follows: np.ndarray  # (B, 6)
     place: np.ndarray  # (N,) where each grain lies in memory
     grain_mass: np.ndarray  # (N,)
     made: np.ndarray  # (3, 3) vectors of the cell at which the list of contacts was made
@@ -101,8 +102,8 @@ def cell_mass(state: State) -> float:
     return float(state.control.cell_mass or state.grains.mass.sum())
 
 
-def frame_of(state: State, order: np.ndarray) -> Frame:
-    """The frame at the start of a run; `order` is that of the bodies in memory."""
+def frame_of(state: State, order: np.ndarray) -> tuple[Frame, Flow]:
+    """Frame and flow at the start of a run; `order` is that of the bodies in memory."""
     control, cell, n = state.control, state.cell, len(state.grains.radius)
     columns, place = control.course.shape[1], np.empty(state.n_bodies, np.int64)
     place[order] = np.arange(len(order))
@@ -111,13 +112,17 @@ def frame_of(state: State, order: np.ndarray) -> Frame:
     spans = np.diff(control.knots)[:, None] * 0.5 * (control.course[1:] + control.course[:-1])
     area = np.concatenate([np.zeros((min(1, len(control.knots)), columns)), np.cumsum(spans, axis=0)])
     used = np.where(cell.vectors.any(axis=1)[:, None], cell.vectors, np.eye(3))
-    return Frame(
-        used, rate, rate.copy(), np.zeros((3, 3)), np.tile(np.eye(3), (4, 1, 1)), control.cell_free,
-        control.cell_rate, control.cell_follows % (columns + 1), control.stress, cell_mass(state), factor,
-        factor.copy(), control.knots, control.course, area, control.rate[order],
-        control.follows[order] % (columns + 1), place[:n], state.grains.mass, used.copy(),
-        np.full(1, state.time), np.zeros(1), 2.0 * float(state.grains.radius.max()),
+    one = np.eye(3)
+    flow = Flow(
+        np.stack([used, rate, rate, one, one, one, one, 0 * one]), np.stack([factor, factor]), control.rate[order],
+        control.follows[order] % (columns + 1),
     )  # fmt: skip
+    frame = Frame(
+        control.cell_free, control.cell_rate, control.cell_follows % (columns + 1), control.stress, cell_mass(state),
+        control.knots, control.course, area, place[:n], state.grains.mass, used.copy(), np.full(1, state.time),
+        np.zeros(1), 2.0 * float(state.grains.radius.max()),
+    )  # fmt: skip
+    return frame, flow
 
 
 @njit(fastmath=False, error_model="numpy")
@@ -158,28 +163,30 @@ def product(a, b):
 
 
 @njit(cache=True, fastmath=False, error_model="numpy")
-def begun(frame, pace):
+def begun(frame, flow, pace):
     """Begin a step: rates, matrices, the cell at its end. Returns the square of the allowed displacement."""
     dt, half, time = pace.dt, 0.5 * pace.dt, frame.clock[0]
     frame.clock[0] = time + dt
     for c in range(frame.course.shape[1]):
         _, before = _course(frame, c, time)
-        frame.then[c], after = _course(frame, c, frame.clock[0])
-        frame.now[c] = (after - before) / dt
+        flow.factor[1, c], after = _course(frame, c, frame.clock[0])
+        flow.factor[0, c] = (after - before) / dt
+    matrix = flow.matrix
+    rate, ahead, pull = matrix[RATE], matrix[AHEAD], matrix[PULL]
     for a in range(3):
         for b in range(3):
             if frame.free[a, b]:
-                frame.rate[a, b] = pace.keep * frame.rate[a, b] + half * frame.pull[a, b]
-                frame.ahead[a, b] = frame.rate[a, b] + half * frame.pull[a, b]
+                rate[a, b] = pace.keep * rate[a, b] + half * pull[a, b]
+                ahead[a, b] = rate[a, b] + half * pull[a, b]
             else:
-                frame.rate[a, b] = frame.given[a, b] * frame.now[frame.follows[a, b]]
-                frame.ahead[a, b] = frame.given[a, b] * frame.then[frame.follows[a, b]]
-    one, matrix = np.eye(3), frame.matrix
-    matrix[STRETCH] = product(inverse(one - half * frame.rate), one + half * frame.rate)
-    matrix[TURN] = product(inverse(one + 0.5 * half * frame.rate), one - 0.5 * half * frame.rate)
-    matrix[SLIDE_BACK] = inverse(one + half * frame.rate)
+                rate[a, b] = frame.given[a, b] * flow.factor[0, frame.follows[a, b]]
+                ahead[a, b] = frame.given[a, b] * flow.factor[1, frame.follows[a, b]]
+    one = np.eye(3)
+    matrix[STRETCH] = product(inverse(one - half * rate), one + half * rate)
+    matrix[TURN] = product(inverse(one + 0.5 * half * rate), one - 0.5 * half * rate)
+    matrix[SLIDE_BACK] = inverse(one + half * rate)
     matrix[SINCE] = product(matrix[STRETCH], matrix[SINCE])
-    frame.vectors[:] = product(frame.vectors, matrix[STRETCH].T)
+    matrix[VECTORS] = product(matrix[VECTORS], matrix[STRETCH].T)
     # a pair further apart than s + reach stays so while the deformation alone takes no more than it leaves
     strain = np.sqrt(((matrix[SINCE] - one) ** 2).sum())
     left = frame.reach[0] - strain * (frame.widest + frame.reach[0])
@@ -187,7 +194,7 @@ def begun(frame, pace):
 
 
 @njit(cache=True, fastmath=False, error_model="numpy")
-def finished(dim, frame, pace, moving, fresh):
+def finished(dim, frame, flow, pace, moving, fresh):
     """End a step: the stress, in the order of the grains' numbers, and what it does to the cell."""
     total = np.zeros((3, 3))
     for a in range(len(frame.place)):
@@ -196,7 +203,7 @@ def finished(dim, frame, pace, moving, fresh):
             for m in range(3):
                 flux = frame.grain_mass[a] * moving.body[g, 3 + k] * moving.body[g, 3 + m]
                 total[k, m] += moving.virial[g, 3 * k + m] + flux
-    h = frame.vectors
+    h, rate, pull = flow.matrix[VECTORS], flow.matrix[RATE], flow.matrix[PULL]
     space = h[0, 0] * h[1, 1] - h[0, 1] * h[1, 0]
     if dim == 3:
         space = space * h[2, 2] + h[0, 2] * (h[1, 0] * h[2, 1] - h[1, 1] * h[2, 0])
@@ -206,17 +213,17 @@ def finished(dim, frame, pace, moving, fresh):
     for a in range(3):
         for b in range(3):
             if frame.free[a, b]:
-                frame.pull[a, b] = (total[a, b] - space * frame.wanted[a, b]) / inertia
+                pull[a, b] = (total[a, b] - space * frame.wanted[a, b]) / inertia
                 if not fresh:
-                    frame.rate[a, b] = (frame.rate[a, b] + 0.5 * pace.dt * frame.pull[a, b]) * pace.slow
+                    rate[a, b] = (rate[a, b] + 0.5 * pace.dt * pull[a, b]) * pace.slow
             elif not fresh:
-                frame.rate[a, b] = frame.given[a, b] * frame.then[frame.follows[a, b]]
+                rate[a, b] = frame.given[a, b] * flow.factor[1, frame.follows[a, b]]
 
 
-def unbalanced_cell(frame: Frame, dim: int, drag: float) -> float:
+def unbalanced_cell(frame: Frame, flow: Flow, dim: int, drag: float) -> float:
     """Largest force on a free component of the cell, over ℓ, and of its drag [force]."""
-    length = abs(np.linalg.det(frame.vectors[:dim, :dim])) ** (1 / dim)
-    force = np.maximum(np.abs(frame.pull), drag * np.abs(frame.rate))[frame.free]
+    length = abs(np.linalg.det(flow.matrix[VECTORS, :dim, :dim])) ** (1 / dim)
+    force = np.maximum(np.abs(flow.matrix[PULL]), drag * np.abs(flow.matrix[RATE]))[frame.free]
     return float(frame.mass * length * force.max(initial=0.0))
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from .blocks import TILE, Moving, anchored, committed, no_blocks
 from .contact import FROZEN
 from .forces import Bodies, forces, moved_masses
-from .frame import SINCE, frame_of, imposes, room_left, unbalanced_cell
+from .frame import RATE, SINCE, VECTORS, frame_of, imposes, room_left, unbalanced_cell
 from .geometry import shifts
 from .laws import Law, dashpots
 from .ledger import entered
@@ -106,9 +106,9 @@ def marched(
     viscous, dim = dashpots(law), state.cell.dim
     threads = _threads(len(state.grains.radius), threads, len(writing.events) > 0)
     imposed = imposes(state)
-    march = marcher(law.kind, law.coulomb, dim, viscous, rate, int(imposed), threads > 1)
+    march = marcher(law.kind, law.coulomb, dim, viscous, rate, threads > 1)
     moving = _moving(state, plan, here, viscous > 0 and not rate, imposed, threads)
-    frame = frame_of(state, moving.order)
+    frame, flow = frame_of(state, moving.order) if imposed else (None, None)
     drags = [0.5 * plan.dt * nu for nu in plan.drags]
     pace = Pace(plan.dt, 1 - drags[0], 1 / (1 + drags[0]), 1 - drags[1], 1 / (1 + drags[1]))
     every, deforming = writing.every, deforms(state)
@@ -121,17 +121,19 @@ def marched(
                 reach, skin = _wanted(state, plan, here, contacts, frame, steps - step)
                 if skin > 0:
                     former, blocks = contacts, no_blocks()  # before there is a new list: memory
-                    contacts, frame.made[:] = _with_skin(skin, here, contacts, grid_of(state.cell)), state.cell.vectors
+                    contacts = _with_skin(skin, here, contacts, grid_of(state.cell))
                     writing = with_lost(writing, former, contacts, here.position, state.time + step * plan.dt)
                     del former
-                frame.reach[0], frame.matrix[SINCE] = reach, np.eye(3)
+                if imposed:
+                    frame.reach[0], flow.matrix[SINCE] = reach, np.eye(3)
+                    frame.made[:] = state.cell.vectors if skin > 0 else frame.made
                 moving.origin[:], limit = moving.body[:, :3], (0.5 * reach) ** 2
                 blocks = chosen_blocks(
-                    blocks, contacts, moving, here.inverse_mass, here.material, here.normal, state.cell.vectors, reach,
-                    len(law.table), law.kind, viscous,
+                    blocks, contacts, moving, here.inverse_mass, here.material, here.normal, state.cell.vectors,
+                    np.eye(3) if imposed else state.cell.vectors, reach, len(law.table), law.kind, viscous,
                 )  # fmt: skip
             code, step, ended = march(
-                moving, blocks, contacts, law.table, pace, frame, state.time, step, stop, ended, fresh, limit,
+                moving, blocks, contacts, law.table, pace, frame, flow, state.time, step, stop, ended, fresh, limit,
                 writing.events, writing.event_count,
             )  # fmt: skip
             if code == FULL:
@@ -140,8 +142,8 @@ def marched(
             fresh = False
             exported(moving, here)
             if deforming:
-                here.rate[:] = frame.rate
-                state = state._replace(cell=state.cell._replace(vectors=frame.vectors.copy(), rate=frame.rate.copy()))
+                vectors, here.rate[:] = flow.matrix[VECTORS].copy(), flow.matrix[RATE]
+                state = state._replace(cell=state.cell._replace(vectors=vectors, rate=here.rate.copy()))
             committed(blocks, contacts)
             bad, away = first_bad(here.position, here.angle), runaway(here.velocity, here.radius, plan.dt)
             if bad >= 0 or away >= 0:
@@ -161,7 +163,7 @@ def marched(
                 force = np.empty_like(moving.force)
                 force[moving.order] = moving.force
                 residual, worst = largest_unbalanced(here.velocity, here.spin, force[:, :3], force[:, 3:], plan)
-                residual = max(residual, unbalanced_cell(frame, dim, plan.drags[0]) if deforming else 0.0)
+                residual = max(residual, unbalanced_cell(frame, flow, dim, plan.drags[0]) if deforming else 0.0)
                 code = BAD if not np.isfinite(residual) else CONVERGED if residual <= tolerance else DONE
             if step == steps or code != DONE:
                 break
@@ -170,7 +172,7 @@ def marched(
     finally:
         numba.set_num_threads(before)
     time = float(frame.clock[0]) if imposed else state.time + step * plan.dt
-    del moving, blocks, frame  # memory for what is given back
+    del moving, blocks, frame, flow  # memory for what is given back
     if deforming or contacts.skin[0] != state.contacts.skin[0]:
         # a list tells whether it is still good by how far grains have moved, not by how the cell has
         contacts = _with_skin(float(state.contacts.skin[0]), here, contacts, grid_of(state.cell))

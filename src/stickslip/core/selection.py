@@ -123,12 +123,14 @@ def _order_of_summation(contacts, loads, internal, start, code):
 
 
 @njit(cache=True, error_model="numpy")
-def chosen_blocks(old, contacts, moving, inverse_mass, material, normal, vectors, reach, materials, kind, viscous):
+def chosen_blocks(
+    old, contacts, moving, inverse_mass, material, normal, vectors, across, reach, materials, kind, viscous
+):
     """Blocks of all pairs nearer than `reach`, in the memory of `old` ones; bodies' properties in the state's order.
 
-    The tiles of a thread share rows of loads, which stay in its cache.
+    The tiles of a thread share rows of loads, which stay in its cache. `across` turns an image into what is added to
+    the pair vector: the cell's vectors, or the unit matrix with a frame, which knows the vectors of the moment.
     """
-    across = np.eye(3) if len(moving.virial) > 0 else vectors  # with a frame, which knows the vectors of the moment
     order, tile, bodies, count = moving.order, moving.tile, len(moving.order), contacts.count[0]
     internal, tile_of = np.empty(bodies, np.int32), np.empty(bodies, np.int32)
     for g in range(bodies):

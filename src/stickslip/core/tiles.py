@@ -56,30 +56,30 @@ def _carried(m, x, y, z):
 
 
 @njit(fastmath=False, error_model="numpy", forceinline=True)
-def _turned(frame, free, g, vx, vy, vz):
+def _turned(flow, free, g, vx, vy, vz):
     """Velocity of a grain relative to the cell's flow after half a step of it; what is not free is left alone."""
-    x, y, z = _carried(frame.matrix[TURN], vx, vy, vz)
+    x, y, z = _carried(flow.matrix[TURN], vx, vy, vz)
     return x if free[g, 0] else vx, y if free[g, 1] else vy, z if free[g, 2] else vz
 
 
 @njit(fastmath=False, error_model="numpy", forceinline=True)
-def _given(frame, factor, free, g, k, value):
-    """Rate of a component: its own if it is free, else what is imposed on it, at a factor of its course."""
-    return value if free[g, k] else frame.body_rate[g, k] * factor[frame.body_follows[g, k]]
+def _given(flow, when, free, g, k, value):
+    """Rate of a component: its own if it is free, else what is imposed, in mean over the step (0) or at its end (1)."""
+    return value if free[g, k] else flow.rate[g, k] * flow.factor[when, flow.follows[g, k]]
 
 
 @njit(fastmath=False, error_model="numpy", forceinline=True)
-def _drifted(imposed, frame, dt, x, y, z, vx, vy, vz):
+def _drifted(flow, dt, x, y, z, vx, vy, vz):
     """Where a body is at the end of the step."""
-    if not imposed:
+    if flow is None:
         return x + dt * vx, y + dt * vy, z + dt * vz
     half = 0.5 * dt
-    x, y, z = _carried(frame.matrix[STRETCH], x + half * vx, y + half * vy, z + half * vz)
+    x, y, z = _carried(flow.matrix[STRETCH], x + half * vx, y + half * vy, z + half * vz)
     return x + half * vx, y + half * vy, z + half * vz
 
 
 @njit(fastmath=False, error_model="numpy", forceinline=True)
-def _moved(dim, predict, imposed, moving, pace, frame, g, half, go_on, fx, fy, fz, tx, ty, tz):
+def _moved(dim, predict, moving, pace, flow, g, half, go_on, fx, fy, fz, tx, ty, tz):
     """Half a kick with implicit drag ends a step; half a kick with explicit drag and the drift begin the next one.
 
     Returns the squared distance from where the blocks were chosen.
@@ -89,8 +89,10 @@ def _moved(dim, predict, imposed, moving, pace, frame, g, half, go_on, fx, fy, f
     keep, slow, keep_t, slow_t = pace.keep, pace.slow, pace.keep_t, pace.slow_t
     x, y, z, vx, vy, vz = body[g, 0], body[g, 1], body[g, 2], body[g, 3], body[g, 4], body[g, 5]
     wx, wy, wz = body[g, 6], body[g, 7], body[g, 8]
-    if imposed and half:
-        vx, vy, vz = _turned(frame, free, g, vx, vy, vz)
+    # a test for None stands by itself: it is decided before types are, and what it guards is not compiled
+    if flow is not None:  # noqa: SIM102
+        if half:
+            vx, vy, vz = _turned(flow, free, g, vx, vy, vz)
     if moving.whole[g]:
         vx, vy = _one(keep, slow, a, half, go_on, vx, fx), _one(keep, slow, a, half, go_on, vy, fy)
         wz = _one(keep_t, slow_t, b, half, go_on, wz, tz)
@@ -105,23 +107,23 @@ def _moved(dim, predict, imposed, moving, pace, frame, g, half, go_on, fx, fy, f
             vz = _one(keep, slow, a, half, go_on, vz, fz) if free[g, 2] else vz
             wx = _one(keep_t, slow_t, b, half, go_on, wx, tx) if free[g, 3] else wx
             wy = _one(keep_t, slow_t, b, half, go_on, wy, ty) if free[g, 4] else wy
-    if imposed:
+    if flow is not None:
         if go_on:
-            vx, vy, vz = _turned(frame, free, g, vx, vy, vz)
+            vx, vy, vz = _turned(flow, free, g, vx, vy, vz)
         if not moving.whole[g] and (half or go_on):
-            factor = frame.now if go_on else frame.then
-            vx, vy = _given(frame, factor, free, g, 0, vx), _given(frame, factor, free, g, 1, vy)
-            vz, wz = _given(frame, factor, free, g, 2, vz), _given(frame, factor, free, g, 5, wz)
-            wx, wy = _given(frame, factor, free, g, 3, wx), _given(frame, factor, free, g, 4, wy)
+            when = 0 if go_on else 1
+            vx, vy = _given(flow, when, free, g, 0, vx), _given(flow, when, free, g, 1, vy)
+            vz, wz = _given(flow, when, free, g, 2, vz), _given(flow, when, free, g, 5, wz)
+            wx, wy = _given(flow, when, free, g, 3, wx), _given(flow, when, free, g, 4, wy)
     body[g, 3], body[g, 4], body[g, 8] = vx, vy, wz
     if dim == 3:
         body[g, 5], body[g, 6], body[g, 7] = vz, wx, wy
     if not go_on:
         return 0.0
-    x, y, z = _drifted(imposed, frame, dt, x, y, z, vx, vy, vz)
-    if imposed:
+    x, y, z = _drifted(flow, dt, x, y, z, vx, vy, vz)
+    if flow is not None:
         origin[g, 0], origin[g, 1], origin[g, 2] = _carried(
-            frame.matrix[STRETCH], origin[g, 0], origin[g, 1], origin[g, 2]
+            flow.matrix[STRETCH], origin[g, 0], origin[g, 1], origin[g, 2]
         )
     dx, dy, dz = x - origin[g, 0], y - origin[g, 1], 0.0
     body[g, 0], body[g, 1] = x, y
@@ -133,8 +135,8 @@ def _moved(dim, predict, imposed, moving, pace, frame, g, half, go_on, fx, fy, f
         angle[g, 1] += dt * wy
     if predict:
         ahead, whole = moving.ahead, moving.whole[g]
-        if imposed:
-            vx, vy, vz = _turned(frame, free, g, vx, vy, vz)
+        if flow is not None:
+            vx, vy, vz = _turned(flow, free, g, vx, vy, vz)
         ahead[g, 0] = vx + a * fx if whole or free[g, 0] else vx
         ahead[g, 1] = vy + a * fy if whole or free[g, 1] else vy
         ahead[g, 5] = wz + b * tz if whole or free[g, 5] else wz
@@ -142,9 +144,10 @@ def _moved(dim, predict, imposed, moving, pace, frame, g, half, go_on, fx, fy, f
             ahead[g, 2] = vz + a * fz if whole or free[g, 2] else vz
             ahead[g, 3] = wx + b * tx if whole or free[g, 3] else wx
             ahead[g, 4] = wy + b * ty if whole or free[g, 4] else wy
-        if imposed and not whole:
-            for k in range(6):
-                ahead[g, k] = _given(frame, frame.then, free, g, k, ahead[g, k])
+        if flow is not None:  # noqa: SIM102
+            if not whole:
+                for k in range(6):
+                    ahead[g, k] = _given(flow, 1, free, g, k, ahead[g, k])
     square = dx * dx + dy * dy + dz * dz
     return square if square < _LOST else _LOST
 
@@ -162,7 +165,7 @@ def _pressed(virial, load, code, first, last, g):
 
 
 @njit(fastmath=False, error_model="numpy", forceinline=True)
-def _pulled(dim, imposed, moving, blocks, g):
+def _pulled(dim, flow, moving, blocks, g):
     """External loads plus those of all contacts of a body, in the order of its partners."""
     external, tx, ty, tz = moving.external, 0.0, 0.0, 0.0
     own = g if len(external) > 1 else np.uint64(0)
@@ -184,7 +187,7 @@ def _pulled(dim, imposed, moving, blocks, g):
         tx += load[c, 3]
         ty += load[c, 4]
         tz += load[c, 5]
-    if imposed:
+    if flow is not None:
         _pressed(moving.virial, load, code, np.uint64(start[2 * g + 1]), np.uint64(start[2 * g + 2]), g)
     radius = moving.body[g, 9]
     tx, ty, tz = external[own, 3] + radius * tx, external[own, 4] + radius * ty, external[own, 5] + radius * tz
@@ -192,13 +195,13 @@ def _pulled(dim, imposed, moving, blocks, g):
 
 
 @njit(fastmath=False, error_model="numpy", forceinline=True)
-def _ended(dim, predict, imposed, first, last, moving, blocks, pace, frame, fresh, go_on):
+def _ended(dim, predict, first, last, moving, blocks, pace, flow, fresh, go_on):
     """End the step of a tile's grains and go on with the next, or keep the forces."""
     far, force = 0.0, moving.force
     for at in range(first, last):
         g = np.uint64(at)
-        fx, fy, fz, tx, ty, tz = _pulled(dim, imposed, moving, blocks, g)
-        far = max(far, _moved(dim, predict, imposed, moving, pace, frame, g, not fresh, go_on, fx, fy, fz, tx, ty, tz))
+        fx, fy, fz, tx, ty, tz = _pulled(dim, flow, moving, blocks, g)
+        far = max(far, _moved(dim, predict, moving, pace, flow, g, not fresh, go_on, fx, fy, fz, tx, ty, tz))
         if not go_on:
             force[g, 0], force[g, 1], force[g, 2] = fx, fy, fz
             force[g, 3], force[g, 4], force[g, 5] = tx, ty, tz
@@ -206,12 +209,12 @@ def _ended(dim, predict, imposed, first, last, moving, blocks, pace, frame, fres
 
 
 @njit(fastmath=False, error_model="numpy", forceinline=True)
-def _last_ended(dim, predict, imposed, moving, blocks, pace, frame, fresh, go_on):
+def _last_ended(dim, predict, moving, blocks, pace, flow, fresh, go_on):
     """The same for the last tile: walls, and rigid groups, whose members all get the force on the whole."""
     first, last, force = moving.tile[-1], len(moving.body), moving.force
     for at in range(first, last):
         g = np.uint64(at)
-        fx, fy, fz, tx, ty, tz = _pulled(dim, imposed, moving, blocks, g)
+        fx, fy, fz, tx, ty, tz = _pulled(dim, flow, moving, blocks, g)
         force[g, 0], force[g, 1], force[g, 2] = fx, fy, fz
         force[g, 3], force[g, 4], force[g, 5] = tx, ty, tz
     pooled(moving.member, moving.members, force)
@@ -219,18 +222,18 @@ def _last_ended(dim, predict, imposed, moving, blocks, pace, frame, fresh, go_on
     for at in range(first, last):
         g = np.uint64(at)
         fx, fy, fz, tx, ty, tz = force[g, 0], force[g, 1], force[g, 2], force[g, 3], force[g, 4], force[g, 5]
-        far = max(far, _moved(dim, predict, imposed, moving, pace, frame, g, not fresh, go_on, fx, fy, fz, tx, ty, tz))
+        far = max(far, _moved(dim, predict, moving, pace, flow, g, not fresh, go_on, fx, fy, fz, tx, ty, tz))
     return far
 
 
 @njit(fastmath=False, error_model="numpy", forceinline=True)
-def _begun(dim, predict, imposed, first, last, moving, pace, frame):
+def _begun(dim, predict, first, last, moving, pace, flow):
     """Begin the step of a tile's grains with the forces kept."""
     far, force = 0.0, moving.force
     for at in range(first, last):
         g = np.uint64(at)
         fx, fy, fz, tx, ty, tz = force[g, 0], force[g, 1], force[g, 2], force[g, 3], force[g, 4], force[g, 5]
-        far = max(far, _moved(dim, predict, imposed, moving, pace, frame, g, False, True, fx, fy, fz, tx, ty, tz))
+        far = max(far, _moved(dim, predict, moving, pace, flow, g, False, True, fx, fy, fz, tx, ty, tz))
     return far
 
 
@@ -250,13 +253,13 @@ def _recorded(blocks, before, contacts, moving, time, events, event_count):
 
 
 @cache
-def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, imposed: int, parallel: bool):
-    """Compiled loop over time steps for one law and dimension, with or without a frame, on one thread or several."""
+def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel: bool):
+    """Compiled loop over time steps for one law and dimension, on one thread or several; with None for a frame, too."""
     predict = int(viscous > 0 and not rate)
 
     @njit(cache=True, fastmath=False, error_model="numpy", parallel=parallel)
     def march(
-        moving, blocks, contacts, p, pace, frame, time, step, stop, ended, fresh, limit, events, event_count
+        moving, blocks, contacts, p, pace, frame, flow, time, step, stop, ended, fresh, limit, events, event_count
     ):  # fmt: skip
         """From step `step` to the end of step `stop`, or until some body is too far from where the blocks were chosen.
 
@@ -273,14 +276,14 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, imposed:
                     if event_count[0] + 2 * len(before) > len(events):
                         return FULL, step, ended
                     before[:] = blocks.mode[: len(before)]
-                go_on = step < stop and not watch and not imposed
+                go_on = step < stop and not watch and flow is None
                 if parallel:
                     for k in prange(workers):
                         scratch = np.empty(SCRATCH)
                         first, last = cross[-1] * k // workers, cross[-1] * (k + 1) // workers
                         evaluated(
-                            kind, coulomb, dim, viscous, rate, imposed, first, last, blocks, body, ahead, p, dt, fresh,
-                            frame, scratch,
+                            kind, coulomb, dim, viscous, rate, first, last, blocks, body, ahead, p, dt, fresh,
+                            flow, scratch,
                         )  # fmt: skip
                 for k in prange(workers):
                     scratch = np.empty(SCRATCH)
@@ -288,33 +291,31 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, imposed:
                         for within in range(1 if parallel else 0, 2):
                             first, last = (inner[t], inner[t + 1]) if within else (cross[t], cross[t + 1])
                             evaluated(
-                                kind, coulomb, dim, viscous, rate, imposed, first, last, blocks, body, ahead, p, dt,
-                                fresh, frame, scratch,
+                                kind, coulomb, dim, viscous, rate, first, last, blocks, body, ahead, p, dt,
+                                fresh, flow, scratch,
                             )  # fmt: skip
-                        far[t] = _ended(
-                            dim, predict, imposed, tile[t], tile[t + 1], moving, blocks, pace, frame, fresh, go_on
-                        )
+                        far[t] = _ended(dim, predict, tile[t], tile[t + 1], moving, blocks, pace, flow, fresh, go_on)
                 if not parallel:  # what is between bodies of the last tile
                     scratch, first, last = np.empty(SCRATCH), cross[tiles], cross[-1]
                     evaluated(
-                        kind, coulomb, dim, viscous, rate, imposed, first, last, blocks, body, ahead, p, dt, fresh,
-                        frame, scratch,
+                        kind, coulomb, dim, viscous, rate, first, last, blocks, body, ahead, p, dt, fresh,
+                        flow, scratch,
                     )  # fmt: skip
-                far[tiles] = _last_ended(dim, predict, imposed, moving, blocks, pace, frame, fresh, go_on)
-                if imposed:
-                    finished(dim, frame, pace, moving, fresh)
+                far[tiles] = _last_ended(dim, predict, moving, blocks, pace, flow, fresh, go_on)
+                if flow is not None:
+                    finished(dim, frame, flow, pace, moving, fresh)
                 if watch:
                     _recorded(blocks, before, contacts, moving, time + step * dt, events, event_count)
                 ended, fresh = not go_on, False
             if ended:
                 if step == stop:
                     return DONE, step, ended
-                if imposed:
-                    limit = begun(frame, pace)
+                if flow is not None:
+                    limit = begun(frame, flow, pace)
                 for k in prange(workers):
                     for t in range(share[k], share[k + 1]):
-                        far[t] = _begun(dim, predict, imposed, tile[t], tile[t + 1], moving, pace, frame)
-                far[tiles] = _begun(dim, predict, imposed, tile[tiles], len(body), moving, pace, frame)
+                        far[t] = _begun(dim, predict, tile[t], tile[t + 1], moving, pace, flow)
+                far[tiles] = _begun(dim, predict, tile[tiles], len(body), moving, pace, flow)
             ended = False
             step += 1
             for t in range(tiles + 1):  # not far.max(), which would be made a parallel region of its own
