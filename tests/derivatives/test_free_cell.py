@@ -44,9 +44,9 @@ def test_jacobian_with_a_free_cell_against_differences(dim, coulomb, memory):
     assert np.abs(exact[free.axis == 6][:, free.axis == 6]).max() > 1e-3 * scale
 
 
-@pytest.mark.parametrize("dim", [2, 3])
-def test_newton_and_dynamics_find_the_wanted_stress(dim):
-    law, state = make_law("hertz_mindlin", "sharp", mu=0.3), packed(dim, n=60)
+def test_newton_and_dynamics_find_the_wanted_stress():
+    dim, law = 3, make_law("hertz_mindlin", "sharp", mu=0.3)
+    state = packed(dim, n=60)
     calm, outcome = ss.relax(state, law, tolerance=1e-10, drag=0.1, dt=0.1)
     assert outcome.ok
     solved, outcome = ss.newton(calm, law, tolerance=1e-13)

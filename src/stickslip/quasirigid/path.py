@@ -26,6 +26,8 @@ from .status import Choice, Verdict, status
 BALANCED = 1e-6  # largest unbalanced force at the start, in mean normal forces
 NUDGE = 1e-12  # overlap, in radii, with which a contact that closes is born
 WEDGED = 1e-10  # overlap, in radii, with which a rattler re-enters
+TOGETHER = 1e-9  # of an increment, within which contacts reach the cone together
+SMALLEST = 1e-9  # share of an increment to which it is halved in search of the load at which a rattler re-enters
 CROWD = 200  # events without progress after which a path is said to be stuck
 
 
@@ -100,10 +102,10 @@ def quasirigid_path(
                 events += [*told, Event(number + share + used, verdict.value, -1, -1)]
                 return Path(tuple(points), tuple(events), verdict, law)
             after = pushed_out(after)
-            if _wedged(here, after) > WEDGED and size > 1e-12:  # a rattler re-enters sooner than that
+            if size > SMALLEST * increment and _wedged(here, after) > WEDGED:  # a rattler re-enters sooner than that
                 size *= 0.5
                 continue
-            here, size, events = after, min(2 * size, increment), events + told
+            here, size, events = after, increment, events + told
             share = 1.0 if 1.0 - share - used < 1e-12 else share + used
             points.append(_point(here, law, number + share))
             if report:
@@ -161,8 +163,7 @@ class _Piece:
             force, moved, done = force + step * rate, moved + step * choice.velocity, done + step
             if kind == "increment":
                 break
-            i, j = self._bodies(contact)
-            events.append(Event(start + done * self.increment, kind, i, j))
+            events += [Event(start + done * self.increment, kind, *self._bodies(c)) for c in np.atleast_1d(contact)]
             if kind != "reaches the cone":
                 end = self._ended(force, moved, slides, sign, contact, kind, done)
                 return end, done * self.increment, choice.verdict, events
@@ -180,17 +181,18 @@ class _Piece:
             events.append(Event(load, "sticks again", *self._bodies(contact)))
 
     def _next(self, force, rate, slides, relative, choice, left):
-        """Share of the increment to the next event, its contact, and what it is."""
+        """Share of the increment to the next event, its contact (all that reach the cone together), and what it is."""
         m = self.matrix
-        soonest, contact, kind = left, -1, "increment"
+        soonest, contact, kind, reached = left, -1, "increment", np.full(m.count, np.inf)
         for side in (1.0, -1.0):  # F̃ of a contact that sticks, on either side of the cone
             margin = m.mu * force[:, 0] - side * force[:, 1]
             slope = m.mu * rate[:, 0] - side * rate[:, 1]
             leaves = ~slides & (slope < -1e-14 * np.abs(rate).max(initial=0.0))
             time = np.where(leaves, np.maximum(margin, 0.0) / np.where(leaves, -slope, 1.0), np.inf)
-            k = int(np.argmin(time)) if len(time) else -1
-            if k >= 0 and time[k] < soonest:
-                soonest, contact, kind = float(time[k]), k, "reaches the cone"
+            reached = np.minimum(reached, time)
+        if reached.min(initial=np.inf) < soonest:
+            soonest, kind = float(reached.min()), "reaches the cone"
+            contact = np.flatnonzero(reached <= soonest + TOGETHER)
         opening = rate[:, 0] < 0
         time = np.where(opening & slides, force[:, 0] / np.where(opening, -rate[:, 0], 1.0), np.inf)
         k = int(np.argmin(time)) if len(time) else -1

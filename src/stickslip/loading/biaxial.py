@@ -1,0 +1,80 @@
+"""Disks between four walls, at rest under a pressure: the start of a biaxial test."""
+
+import numpy as np
+
+from ..core.control import pressed
+from ..core.laws import Law, linear
+from ..core.outcome import NotInEquilibriumError
+from ..core.state import Control, State, assembly, box, disks, flat_walls, loads
+from ..solve.equilibrate import equilibrate
+from ..solve.relax import relax
+from .packing import jammed
+
+LEFT, BOTTOM, RIGHT, TOP = range(4)  # walls; the first two stand still
+LOOSE = 1.15  # by which a jammed packing is blown up before the walls press it together
+
+
+def biaxial_box(
+    n: int = 200,
+    *,
+    pressure: float = 1e-4,
+    kn: float = 1.0,
+    kt: float = 0.5,
+    mu: float = 0.5,
+    radius=(0.4, 0.6),
+    seed: int = 0,
+    tolerance: float = 1e-9,
+) -> tuple[State, Law]:
+    """Disks in a box, pressed together by two walls under constant forces, with friction, and at rest.
+
+    Walls are bodies n + LEFT, n + BOTTOM (frozen), n + RIGHT and n + TOP, which move along their normals under a force
+    of `pressure` times the length of the box when it is still loose.
+
+    Parameters
+    ----------
+    pressure : float, over kn the typical overlap in diameters [force/length]
+    radius : as in `jammed` [length]; masses are those of disks of density 1/(π/4)
+    tolerance : float, largest unbalanced force over the pressure, times a length of 1
+
+    Returns
+    -------
+    State, Law
+        the law is `linear` with sharp friction and dashpots
+
+    Raises
+    ------
+    NotInEquilibriumError
+        if the packing does not come to rest.
+
+    Source
+    ------
+    McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Fig 1.
+    """
+    law = linear(kn, kt, mu, coulomb="sharp", damping="mass_velocity", damping_n=0.2, damping_t=0.2)
+    packing, _ = jammed(n, packing_fraction=0.86, dim=2, radius=radius, seed=seed)
+    sizes, cell = packing.grains.radius, LOOSE * packing.cell.vectors[0, 0]
+    room = float(sizes.max())
+    position = LOOSE * np.mod(packing.grains.position, packing.cell.vectors[0, 0])
+    grains = disks(position[:, :2] + room, sizes, mass=4 * sizes**2)
+    length = cell + 2 * room
+    walls = flat_walls(
+        [[0, 0], [0, 0], [length, 0], [0, length]], [[1, 0], [0, 1], [-1, 0], [0, -1]], mass=float(n) / 4
+    )
+    control = loads(n, 4)
+    control = pressed(control, [n + RIGHT], [-pressure * length, 0])
+    control = pressed(control, [n + TOP], [0, -pressure * length])
+    state = assembly(grains, walls, box(dim=2), control)
+    force = pressure * length
+    state, outcome = relax(state, law, tolerance=1e-4 * force / np.sqrt(n), drag=0.02, dt=0.2, steps=2_000_000)
+    if outcome.ok:
+        state, outcome = equilibrate(state, law, tolerance=tolerance * pressure, check="nothing")
+    if not outcome.ok:
+        raise NotInEquilibriumError("the box of disks did not come to rest", outcome)
+    return state, law
+
+
+def raised(control: Control, wall: int, factor: float) -> Control:
+    """Control in which the force on a wall is multiplied by a factor; `wall` counts bodies."""
+    force = control.force.copy()
+    force[wall] *= factor
+    return control._replace(force=force)

@@ -1,0 +1,126 @@
+"""The piecewise-linear path: closed forms, convergence in the increment, and slow dynamics of the same packing."""
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.loading.biaxial import RIGHT, TOP, biaxial_box, raised
+from stickslip.quasirigid.path import between_controls, quasirigid_path
+from stickslip.quasirigid.status import Verdict
+
+
+@pytest.fixture(scope="module")
+def boxed():
+    return biaxial_box(60, seed=0)
+
+
+def shift_of_lid(path):
+    n = len(path.points[0].state.grains.radius)
+    at = np.array([p.state.walls.point[TOP, 1] for p in path.points])
+    assert path.points[0].state.n_bodies == n + 4
+    return at - at[0]
+
+
+def block():
+    """One disk between a floor and a lid: neither can turn it, both hold it by friction."""
+    grains = ss.disks([[0, 0.5]], 0.5)
+    walls = ss.flat_walls([[0, 0.001], [0, 0.999]], [[0, 1], [0, -1]])
+    control = ss.loads(1, 2)
+    law = ss.linear(1.0, 0.5, 0.4, coulomb="sharp")
+    state = ss.assembly(grains, walls, ss.box(dim=2), control)
+    return ss.accept(state, ss.forces(state, law)[1]), law
+
+
+def test_a_pushed_block_slides_at_twice_mu_times_the_normal_force():
+    state, law = block()
+    push = state.control._replace(force=state.control.force.copy())
+    push.force[0, 0] = 2 * 0.4 * 0.001 * 1.25  # a quarter more than friction bears
+    path = quasirigid_path(state, law, push, increment=0.1)
+    assert path.verdict is Verdict.MECHANISM
+    reached = [e for e in path.events if e.kind == "reaches the cone"]
+    assert [e.load for e in reached[:2]] == pytest.approx([0.8, 0.8])
+    assert path.points[-1].load == pytest.approx(0.8, abs=0.1)
+    before = quasirigid_path(state, law, between_controls(state.control, push, 0.5), increment=0.25)
+    assert before.verdict is Verdict.CONSISTENT
+    assert [p.load for p in before.points] == pytest.approx([0, 0.25, 0.5, 0.75, 1])
+    # two tangential springs of 0.5 side by side
+    assert before.points[-1].state.grains.position[0, 0] == pytest.approx(0.5 * push.force[0, 0], rel=1e-9)
+    back = quasirigid_path(state, law, between_controls(state.control, push, 0.5), state.control, increment=0.25)
+    assert back.points[-1].load == 2
+    assert back.points[-1].state.grains.position[0, 0] == pytest.approx(0, abs=1e-15)
+
+
+def test_the_path_converges_with_the_increment(boxed):
+    state, law = boxed
+    end = raised(state.control, 60 + TOP, 2.5)
+    coarse, fine, finest = (quasirigid_path(state, law, end, increment=h) for h in (0.02, 0.01, 0.0025))
+    assert finest.verdict is Verdict.UNSTABLE
+    for path in (coarse, fine):
+        assert path.points[-1].load == pytest.approx(finest.points[-1].load, rel=1e-3)
+    at = np.arange(0.02, 0.2, 0.02)
+    shift = [np.interp(at, p.load, shift_of_lid(p)) for p in (coarse, fine, finest)]
+    errors = [np.abs(s - shift[2]).max() / np.abs(shift[2]).max() for s in shift[:2]]
+    assert errors[1] < 1e-3
+    assert errors[1] < 0.75 * errors[0]
+    residual = [max(p.residual for p in path.points if p.load < 0.2) for path in (coarse, finest)]
+    assert residual[1] < residual[0] / 20  # second order
+
+
+def test_slow_dynamics_follow_the_path(boxed):
+    state, law = boxed
+    end = raised(state.control, 60 + TOP, 2.5)
+    path, errors = quasirigid_path(state, law, end, increment=0.005), []
+    for step in (4e-3, 1e-3):
+        here, worst = state, 0.0
+        for load in np.arange(step, 0.2, step):
+            here = here._replace(control=between_controls(state.control, end, load))
+            here, _, outcome = ss.run(here, law, 600, 0.2, drag=0.05)
+            assert outcome.ok
+            if load > 0.05:
+                predicted = np.interp(load, path.load, shift_of_lid(path))
+                worst = max(worst, abs((here.walls.point[TOP, 1] - state.walls.point[TOP, 1]) / predicted - 1))
+        errors.append(worst)
+    assert errors[1] < 2e-3
+    assert errors[1] < 0.5 * errors[0]
+
+
+def test_forces_stay_in_the_cone_and_balance_along_the_path(boxed):
+    state, law = boxed
+    path = quasirigid_path(state, law, raised(state.control, 60 + TOP, 2.0), increment=0.02)
+    kinds = {e.kind for e in path.events}
+    assert {"reaches the cone", "sticks again"} <= kinds
+    for point in path.points:
+        m = ss.matrices(point.state, law)
+        assert (m.margin > -1e-3 * m.force[:, 0].mean()).all()
+        assert (m.force[:, 0] > 0).all()
+        assert point.residual < 0.1
+
+
+def test_loading_the_other_wall_and_back(boxed):
+    state, law = boxed
+    up = raised(state.control, 60 + RIGHT, 1.15)
+    path = quasirigid_path(state, law, up, state.control, increment=0.02)
+    assert path.verdict is Verdict.CONSISTENT
+    assert path.points[-1].load == 2
+    there = path.states[len(path.points) // 2].walls.point[RIGHT, 0]
+    assert there < state.walls.point[RIGHT, 0]
+
+
+def test_wrong_starts_are_one_sentence(boxed):
+    state, law = boxed
+    up = raised(state.control, 60 + TOP, 1.5)
+    with pytest.raises(ValueError, match="no leg of the load"):
+        quasirigid_path(state, law)
+    with pytest.raises(ValueError, match="increment = 0 was given"):
+        quasirigid_path(state, law, up, increment=0)
+    with pytest.raises(ValueError, match=r"out of balance by .* bring it to rest"):
+        quasirigid_path(state._replace(control=up), law, up)
+    freed = up._replace(free=up.free.copy())
+    freed.free[60, 0] = True
+    with pytest.raises(ValueError, match="free other components"):
+        quasirigid_path(state, law, freed)
+    rattler = int(np.flatnonzero(ss.rattlers(state, 2))[0])
+    pulled = up._replace(force=up.force.copy())
+    pulled.force[rattler, 0] = 1e-3
+    with pytest.raises(ValueError, match=f"body {rattler} is loaded but holds nothing"):
+        quasirigid_path(state, law, pulled)
