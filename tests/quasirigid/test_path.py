@@ -11,7 +11,7 @@ from stickslip.quasirigid.status import Verdict
 
 @pytest.fixture(scope="module")
 def boxed():
-    return biaxial_box(60, seed=0)
+    return biaxial_box(60, seed=1)
 
 
 def shift_of_lid(path):
@@ -39,7 +39,7 @@ def test_a_pushed_block_slides_at_twice_mu_times_the_normal_force():
     assert path.verdict is Verdict.MECHANISM
     reached = [e for e in path.events if e.kind == "reaches the cone"]
     assert [e.load for e in reached[:2]] == pytest.approx([0.8, 0.8])
-    assert path.points[-1].load == pytest.approx(0.8, abs=0.1)
+    assert path.points[-1].load == pytest.approx(0.8)
     before = quasirigid_path(state, law, between_controls(state.control, push, 0.5), increment=0.25)
     assert before.verdict is Verdict.CONSISTENT
     assert [p.load for p in before.points] == pytest.approx([0, 0.25, 0.5, 0.75, 1])
@@ -57,12 +57,13 @@ def test_the_path_converges_with_the_increment(boxed):
     assert finest.verdict is Verdict.UNSTABLE
     for path in (coarse, fine):
         assert path.points[-1].load == pytest.approx(finest.points[-1].load, rel=1e-3)
-    at = np.arange(0.02, 0.2, 0.02)
+    assert finest.events[-1].load == finest.points[-1].load
+    at = np.arange(0.02, 0.5, 0.02)
     shift = [np.interp(at, p.load, shift_of_lid(p)) for p in (coarse, fine, finest)]
     errors = [np.abs(s - shift[2]).max() / np.abs(shift[2]).max() for s in shift[:2]]
     assert errors[1] < 1e-3
     assert errors[1] < 0.75 * errors[0]
-    residual = [max(p.residual for p in path.points if p.load < 0.2) for path in (coarse, finest)]
+    residual = [max(p.residual for p in path.points if p.load < 0.35) for path in (coarse, finest)]
     assert residual[1] < residual[0] / 20  # second order
 
 
@@ -72,7 +73,7 @@ def test_slow_dynamics_follow_the_path(boxed):
     path, errors = quasirigid_path(state, law, end, increment=0.005), []
     for step in (4e-3, 1e-3):
         here, worst = state, 0.0
-        for load in np.arange(step, 0.2, step):
+        for load in np.arange(step, 0.3, step):
             here = here._replace(control=between_controls(state.control, end, load))
             here, _, outcome = ss.run(here, law, 600, 0.2, drag=0.05)
             assert outcome.ok
@@ -87,18 +88,17 @@ def test_slow_dynamics_follow_the_path(boxed):
 def test_forces_stay_in_the_cone_and_balance_along_the_path(boxed):
     state, law = boxed
     path = quasirigid_path(state, law, raised(state.control, 60 + TOP, 2.0), increment=0.02)
-    kinds = {e.kind for e in path.events}
-    assert {"reaches the cone", "sticks again"} <= kinds
-    for point in path.points:
+    assert {"reaches the cone", "opens", "closes"} <= {e.kind for e in path.events}
+    for point in path.points[:-5]:  # on the last increments before the loss of stability everything moves far
         m = ss.matrices(point.state, law)
         assert (m.margin > -1e-3 * m.force[:, 0].mean()).all()
         assert (m.force[:, 0] > 0).all()
-        assert point.residual < 0.1
+        assert point.residual < 0.05
 
 
 def test_loading_the_other_wall_and_back(boxed):
     state, law = boxed
-    up = raised(state.control, 60 + RIGHT, 1.15)
+    up = raised(state.control, 60 + RIGHT, 1.03)
     path = quasirigid_path(state, law, up, state.control, increment=0.02)
     assert path.verdict is Verdict.CONSISTENT
     assert path.points[-1].load == 2

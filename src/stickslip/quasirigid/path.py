@@ -100,6 +100,7 @@ def quasirigid_path(
             after, used, verdict, told = piece.run(number + share)
             if verdict is not Verdict.CONSISTENT:
                 events += [*told, Event(number + share + used, verdict.value, -1, -1)]
+                points.append(_point(after, law, number + share + used))
                 return Path(tuple(points), tuple(events), verdict, law)
             after = pushed_out(after)
             if size > SMALLEST * increment and _wedged(here, after) > WEDGED:  # a rattler re-enters sooner than that
@@ -154,7 +155,8 @@ class _Piece:
             now = m._replace(sign=sign, limit=critical)
             choice = status(now, self.load, start=slides, geometric=self.geometric)
             if not choice.ok:
-                return self.state, done * self.increment, choice.verdict, events
+                end = self._ended(force, moved, critical, sign, None, "", done)
+                return end, done * self.increment, choice.verdict, events
             self._told(choice, slides, critical, events, start + done * self.increment)
             slides = choice.sliding
             critical &= slides  # what sticks again has left the cone
@@ -213,7 +215,8 @@ class _Piece:
         moves = m.free.spread(choice.velocity)[:, :3]
         branch, gap = _gaps(state, rows)
         closing = np.einsum("ck,ck->c", moves[state.contacts.i[rows]] - moves[state.contacts.j[rows]], branch)
-        return np.where(closing < 0, np.maximum(gap, 0.0) / np.where(closing < 0, -closing, 1.0), np.inf)
+        reach = np.maximum(gap, 0.0) + NUDGE * float(state.grains.radius.min())  # a little beyond: they touch then
+        return np.where(closing < 0, reach / np.where(closing < 0, -closing, 1.0), np.inf)
 
     def _ended(self, force, moved, slides, sign, contact, kind, done: float) -> State:
         """The state after the increment: bodies moved, memory as the path has it."""
