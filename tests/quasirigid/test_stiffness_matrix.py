@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.quasirigid.matrices import damping_matrix, matrices, quadratic_form, stiffness_matrix
+from stickslip.quasirigid.matrices import damping_matrix, matrices, quadratic_form, statuses, stiffness_matrix
 from stickslip.solve.freedom import jacobian
 from tests.conftest import make_law, make_packing, stirred
 from tests.derivatives.test_free_cell import packed
@@ -22,7 +22,6 @@ def test_stiffness_is_minus_the_jacobian_in_stick_and_in_slip(law_name, seed):
     frozen = stiffness_matrix(m, geometric=False).toarray()
     np.testing.assert_allclose(k - frozen, m.geometric.toarray(), atol=1e-13)
     assert np.abs(m.geometric.toarray()).max() > 1e-3 * np.abs(exact).max()
-    np.testing.assert_allclose(m.geometric.toarray().sum(), 0, atol=1e-2)
 
 
 def test_stiffness_of_a_stress_controlled_cell():
@@ -37,7 +36,7 @@ def test_stiffness_of_a_stress_controlled_cell():
 
 @pytest.mark.parametrize("seed", range(3))
 def test_table_one_against_the_engine(seed):
-    """f = cF, V = cᵀv, dD/dt = S V and dF/dt = −K dD/dt, from a step of the engine and from its forces."""
+    """f = cF from the engine's resultants; dF = −K S cᵀ v dt from its contact forces before and after a small step."""
     state, law = sample("linear", "sharp", 2, seed)
     m, n = matrices(state, law, rattlers=True), len(state.grains.radius)
     loads, _ = ss.forces(state, law)
@@ -48,25 +47,20 @@ def test_table_one_against_the_engine(seed):
     moved = ss.displaced(state, m.free, h * v)
     trial = ss.forces(moved, law, memory=ss.HELD)[1]
     relative = (m.c.T @ v).reshape(-1, 2)
-    slides = m.limit
-    overlap = ss.branches(moved._replace(contacts=trial))[m.rows] - ss.branches(state)[m.rows]
-    normal, along = m.c.T @ v, None
-    changed = matrices(moved._replace(contacts=trial), law, rattlers=True)
-    rate = (changed.force - m.force) / h
-    # what the geometry adds is of the order of overlap over radius; here overlaps are large, so k itself is compared
-    predicted = -np.einsum("mab,mb->ma", m.springs, np.einsum("mab,mb->ma", _status(m), relative))
-    np.testing.assert_allclose(rate, predicted, atol=1e-5)
-    assert np.abs(predicted[slides, 0]).max() > 1e-3
-    np.testing.assert_allclose(np.abs(rate[slides, 1]), m.mu[slides] * np.abs(rate[slides, 0]), atol=1e-5)
-    assert overlap.shape == (m.count, 3)
-    assert normal.shape == (2 * m.count,)
-    assert along is None
+    rate = (_components(moved._replace(contacts=trial), law, m.rows) - _components(state, law, m.rows)) / h
+    predicted = -np.einsum("mab,mb->ma", m.springs, np.einsum("mab,mb->ma", statuses(m, m.limit), relative))
+    # the step times curvatures of order 1, and round-off over the step
+    np.testing.assert_allclose(rate, predicted, atol=1e-6)
+    assert np.abs(predicted[m.limit]).min(axis=1).max() > 1e-3
 
 
-def _status(m):
-    from stickslip.quasirigid.matrices import statuses
-
-    return statuses(m, m.limit)
+def _components(state, law, rows):
+    """(M, 2) normal and tangential contact forces of the engine."""
+    normal = ss.branches(state)[rows]
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    along = np.stack([normal[:, 1], -normal[:, 0], np.zeros(len(rows))], axis=1)
+    force = ss.contact_forces(state, law)[rows]
+    return np.stack([(force * normal).sum(axis=1), (force * along).sum(axis=1)], axis=1)
 
 
 def test_damping_matrix_is_that_of_the_jacobian():

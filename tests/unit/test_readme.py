@@ -1,4 +1,4 @@
-"""What the README shows must run."""
+"""What README and docs show must run."""
 
 import re
 import subprocess
@@ -14,10 +14,15 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(
-    ("number", "words"), [(0, ("3 complex pairs", "limit")), (1, ("oscillatory instability: 1 complex pair",))]
+    ("page", "number", "words"),
+    [
+        ("README.md", 0, ("3 complex pairs", "limit")),
+        ("README.md", 1, ("oscillatory instability: 1 complex pair",)),
+        ("docs/quasi_rigid.md", 0, ("loses its stability", "CONSISTENT")),
+    ],
 )
-def test_the_examples_run_and_are_short(number, words, tmp_path):
-    code = re.findall(r"```python\n(.*?)```", README, flags=re.S)[number]
+def test_the_examples_run_and_are_short(page, number, words, tmp_path):
+    code = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(encoding="utf-8"), flags=re.S)[number]
     assert len(code.strip().splitlines()) <= 15
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path)
     assert run.returncode == 0, run.stderr

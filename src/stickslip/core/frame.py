@@ -46,9 +46,7 @@ class Frame(NamedTuple):
     place: np.ndarray  # (N,) where each grain lies in memory
     grain_mass: np.ndarray  # (N,)
     made: np.ndarray  # (3, 3) vectors of the cell at which the list of contacts was made
-    clock: (
-        np.ndarray
-    )  # (1,) time, summed up step by step, so that a continued run sees the same courses to the last bit
+    clock: np.ndarray  # (1,) time, summed up step by step: a continued run sees the same courses to the last bit
     reach: np.ndarray  # (1,) within which pairs were chosen
     widest: float  # largest sum of two radii
 

@@ -29,13 +29,14 @@ WEDGED = 1e-10  # overlap, in radii, with which a rattler re-enters
 TOGETHER = 1e-9  # of an increment, within which contacts reach the cone together
 SMALLEST = 1e-9  # share of an increment to which it is halved in search of the load at which a rattler re-enters
 CROWD = 200  # events without progress after which a path is said to be stuck
+IN_CIRCLES = "events follow one another without progress of the load: the path does not know how to go on"
 
 
 class Event(NamedTuple):
     """What ends a linear piece."""
 
     load: float  # in legs of the load
-    kind: str  # "reaches the cone", "sticks again", "opens", "closes", "released", "increment", or why the path ends
+    kind: str  # "reaches the cone", "sticks again", "opens", "closes", or why the path ends
     i: int  # the contact's bodies, −1 where none is meant
     j: int
 
@@ -46,7 +47,6 @@ class Point(NamedTuple):
     load: float  # in legs: 1.5 is the middle of the second one
     state: State
     sliding: int  # contacts that slide
-    critical: int  # contacts at Coulomb's limit
     contacts: int
     residual: float  # out-of-balance force over the mean normal force
 
@@ -56,7 +56,7 @@ class Path(NamedTuple):
 
     points: tuple[Point, ...]
     events: tuple[Event, ...]
-    verdict: Verdict  # CONSISTENT if the whole load was reached
+    verdict: Verdict  # CONSISTENT if the whole load was reached; the last event says where and why not
     law: Law
 
     @property
@@ -112,6 +112,7 @@ def quasirigid_path(
             if report:
                 report((number + share) / len(legs), _words(points[-1]))
             if _crowded(events, number + share):
+                events.append(Event(number + share, IN_CIRCLES, -1, -1))
                 return Path(tuple(points), tuple(events), Verdict.UNSTABLE, law)
         here = here._replace(control=end)
     return Path(tuple(points), tuple(events), Verdict.CONSISTENT, law)
@@ -160,8 +161,8 @@ class _Piece:
             self._told(choice, slides, critical, events, start + done * self.increment)
             slides = choice.sliding
             critical &= slides  # what sticks again has left the cone
-            rate, relative = _rates(now, slides, choice)
-            step, contact, kind = self._next(force, rate, slides, relative, choice, 1.0 - done)
+            rate = _rates(now, slides, choice)
+            step, contact, kind = self._next(force, rate, slides, choice, 1.0 - done)
             force, moved, done = force + step * rate, moved + step * choice.velocity, done + step
             if kind == "increment":
                 break
@@ -182,7 +183,7 @@ class _Piece:
         for contact in np.flatnonzero(critical & before & ~choice.sliding):
             events.append(Event(load, "sticks again", *self._bodies(contact)))
 
-    def _next(self, force, rate, slides, relative, choice, left):
+    def _next(self, force, rate, slides, choice, left):
         """Share of the increment to the next event, its contact (all that reach the cone together), and what it is."""
         m = self.matrix
         soonest, contact, kind, reached = left, -1, "increment", np.full(m.count, np.inf)
@@ -250,11 +251,11 @@ class _Piece:
         return accept(state._replace(control=control), contacts)
 
 
-def _rates(matrix: Matrices, slides, choice: Choice):
-    """dF and V of all contacts over an increment."""
+def _rates(matrix: Matrices, slides, choice: Choice) -> np.ndarray:
+    """(M, 2) dF of all contacts over an increment."""
     relative = (matrix.c.T @ choice.velocity).reshape(-1, 2)
     turned = np.einsum("mab,mb->ma", statuses(matrix, slides), relative)
-    return -np.einsum("mab,mb->ma", matrix.springs, turned), relative
+    return -np.einsum("mab,mb->ma", matrix.springs, turned)
 
 
 def _gaps(state: State, rows):
@@ -367,7 +368,7 @@ def _point(state: State, law: Law, load: float) -> Point:
     mean = mean_normal_force(state, law)
     residual = float(np.abs(residual_vector(state, loads, free)).max(initial=0.0))
     sliding = int((state.contacts.mode[rows] == SLIDE).sum())
-    return Point(load, state, sliding, sliding, len(rows), residual / mean if mean else np.inf)
+    return Point(load, state, sliding, len(rows), residual / mean if mean else np.inf)
 
 
 def _crowded(events: list[Event], load: float) -> bool:
