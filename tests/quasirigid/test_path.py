@@ -89,11 +89,11 @@ def test_forces_stay_in_the_cone_and_balance_along_the_path(boxed):
     state, law = boxed
     path = quasirigid_path(state, law, raised(state.control, 60 + TOP, 2.0), increment=0.02)
     assert {"reaches the cone", "opens", "closes"} <= {e.kind for e in path.events}
-    for point in path.points[:-5]:  # on the last increments before the loss of stability everything moves far
+    for point in path.points:
         m = ss.matrices(point.state, law)
         assert (m.margin > -1e-3 * m.force[:, 0].mean()).all()
-        assert (m.force[:, 0] > 0).all()
-        assert point.residual < 0.05
+        assert (m.force[:, 0] >= 0).all()
+        assert point.residual < 2e-3
 
 
 def test_loading_the_other_wall_and_back(boxed):

@@ -132,16 +132,18 @@ def contact_numbers(state: State) -> np.ndarray:
     return np.bincount(ends, minlength=state.n_bodies)[:n]
 
 
-def rattlers(state: State, least: int = 2) -> np.ndarray:
+def rattlers(state: State, least: int = 2, known: np.ndarray | None = None) -> np.ndarray:
     """(N,) bool: grains that hold nothing. Those with fewer than `least` contacts, and who loses too many thereby.
 
     Parameters
     ----------
     least : int, 2 with friction (one contact cannot balance itself), dim + 1 without
+    known : (N,) bool, grains that are known to hold nothing, whatever they touch
     """
     n, rows = len(state.grains.radius), touching(state)
     i, j = state.contacts.i[rows], state.contacts.j[rows]
     loose = np.zeros(state.n_bodies, bool)
+    loose[:n] = False if known is None else known
     while True:
         holds = ~(loose[i] | loose[j])
         number = np.bincount(np.concatenate([i[holds], j[holds]]), minlength=state.n_bodies)

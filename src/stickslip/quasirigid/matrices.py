@@ -20,8 +20,8 @@ from scipy import sparse
 
 from ..core.jacobian import linearised
 from ..core.laws import SMOOTH, Law
+from ..core.measure import branches, touching
 from ..core.measure import rattlers as loose_grains
-from ..core.measure import touching
 from ..core.state import SLIDE, State
 from ..solve.freedom import Freedom, freedom, incidence, of_branches
 
@@ -52,14 +52,15 @@ class Matrices(NamedTuple):
         return self.mu * self.force[:, 0] - np.abs(self.force[:, 1])
 
 
-def matrices(state: State, law: Law, *, rattlers: bool = False) -> Matrices:
+def matrices(state: State, law: Law, *, rattlers: bool | np.ndarray = False) -> Matrices:
     """The matrices of an accepted state, at its positions.
 
     Parameters
     ----------
     state : State in two dimensions; walls and rigid groups are bodies, a free cell adds its strain
     law : Law with sharp Coulomb friction
-    rattlers : whether grains that hold nothing are among the coordinates, and their contacts among the contacts
+    rattlers : whether grains that hold nothing are among the coordinates, and their contacts among the contacts; or
+        (N,) bool, the grains to leave out in their place
 
     Raises
     ------
@@ -77,12 +78,17 @@ def matrices(state: State, law: Law, *, rattlers: bool = False) -> Matrices:
         )
     rows, line = touching(state), linearised(state, law)
     loose = np.zeros(state.n_bodies, bool)
-    if not rattlers:
+    if not isinstance(rattlers, bool):
+        loose[: len(state.grains.radius)] = rattlers
+    elif not rattlers:
         loose[: len(state.grains.radius)] = loose_grains(state, 2)
     rows = rows[~(loose[state.contacts.i[rows]] | loose[state.contacts.j[rows]])]
     free = freedom(state).without(loose)
     count = len(line.normal)
     normal = line.normal[rows]
+    parted = ~normal.any(axis=1)  # contacts that are remembered but do not overlap, to the last digits
+    apart = branches(state)[rows[parted]]
+    normal[parted] = apart / np.linalg.norm(apart, axis=1)[:, None]
     along = np.stack([normal[:, 1], -normal[:, 0], np.zeros(len(rows))], axis=1)
     c = sparse.csr_array(incidence(state, count, free) @ _directions(rows, normal, along, count))
     slip = np.einsum("ck,ck->c", line.carried[rows], along)

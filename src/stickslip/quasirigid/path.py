@@ -12,23 +12,28 @@ Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Secs. II 
 from typing import NamedTuple
 
 import numpy as np
+from scipy import sparse
 
 from ..core.forces import Loads, accept, forces
-from ..core.geometry import shifts
-from ..core.laws import Law
-from ..core.measure import branches, mean_normal_force, rattlers, touching
+from ..core.jacobian import linearised
+from ..core.laws import KN, KT, LINEAR, MU, Law
+from ..core.measure import mean_normal_force, rattlers, touching
 from ..core.neighbors import updated
 from ..core.state import OPEN, SLIDE, STICK, Control, State
 from ..solve.freedom import Freedom, displaced, freedom, residual_vector
 from .matrices import Matrices, matrices, statuses
+from .opening import decided
+from .rattling import NUDGE, gaps, moved_aside, with_modes
 from .status import Choice, Verdict, status
 
 BALANCED = 1e-6  # largest unbalanced force at the start, in mean normal forces
-NUDGE = 1e-12  # overlap, in radii, with which a contact that closes is born
-WEDGED = 1e-10  # overlap, in radii, with which a rattler re-enters
-TOGETHER = 1e-9  # of an increment, within which contacts reach the cone together
-SMALLEST = 1e-9  # share of an increment to which it is halved in search of the load at which a rattler re-enters
+APEX = 1e-6  # normal force, in mean normal forces, at which a contact is at the apex of the cone
+TOGETHER = 1e-9  # of an increment, within which contacts meet an event together
+SMALLEST = 1e-6  # share of an increment to which it is halved
+OUT_OF_BALANCE = 1e-3  # force, in mean normal forces, beyond which an increment is halved
 CROWD = 200  # events without progress after which a path is said to be stuck
+REACHES, CLOSES, RETURNS = "reaches the cone", "closes", "is wedged and carries again"
+NOT_UNIQUE = "choices of statuses are consistent: the statuses are not unique"
 IN_CIRCLES = "events follow one another without progress of the load: the path does not know how to go on"
 
 
@@ -36,8 +41,8 @@ class Event(NamedTuple):
     """What ends a linear piece."""
 
     load: float  # in legs of the load
-    kind: str  # "reaches the cone", "sticks again", "opens", "closes", or why the path ends
-    i: int  # the contact's bodies, −1 where none is meant
+    kind: str  # "reaches the cone", "sticks again", "opens", "closes", …, or why the path ends
+    i: int  # the contact's bodies, or the body; −1 where none is meant
     j: int
 
 
@@ -57,6 +62,7 @@ class Path(NamedTuple):
     points: tuple[Point, ...]
     events: tuple[Event, ...]
     verdict: Verdict  # CONSISTENT if the whole load was reached; the last event says where and why not
+    unchecked: int  # times when contacts opened or closed among too many critical ones to check uniqueness
     law: Law
 
     @property
@@ -92,30 +98,76 @@ def quasirigid_path(
     """
     here = _accepted(updated(state), law)
     _check_start(here, law, legs, increment)
-    points, events = [_point(here, law, 0.0)], []
+    nothing = np.zeros(len(here.contacts.mode), bool)
+    place = _Place(here, rattlers(here, 2), nothing, nothing)
+    points, events, unchecked = [_point(place, law, 0.0)], [], 0
     for number, end in enumerate(legs):
-        begin, share, size = here.control, 0.0, increment
+        begin, share, size, seeking = place.state.control, 0.0, increment, False
         while share < 1.0:
-            piece = _Piece(here, law, begin, end, share, min(size, 1.0 - share), geometric)
-            after, used, verdict, told = piece.run(number + share)
-            if verdict is not Verdict.CONSISTENT:
-                events += [*told, Event(number + share + used, verdict.value, -1, -1)]
-                points.append(_point(after, law, number + share + used))
-                return Path(tuple(points), tuple(events), verdict, law)
-            after = pushed_out(after)
-            if size > SMALLEST * increment and _wedged(here, after) > WEDGED:  # a rattler re-enters sooner than that
-                size *= 0.5
+            # what is out of balance is made good within a whole increment: in a part of it, only its part
+            piece = _Piece(place, law, begin, end, share, min(size, 1.0 - share), geometric, size / increment)
+            after, used, verdict = piece.run(number + share)
+            after, wedge = _aside(after, law)
+            coarse = size > SMALLEST * increment
+            if coarse and (len(wedge) or _misses(after, law, points[-1])):
+                size, seeking = 0.5 * size, len(wedge) > 0
                 continue
-            here, size, events = after, increment, events + told
-            share = 1.0 if 1.0 - share - used < 1e-12 else share + used
-            points.append(_point(here, law, number + share))
+            if len(wedge):
+                after, told = _carrying(after, law, wedge, number + share + used)
+                piece.events += told
+            load = number + share + used
+            events, unchecked = events + piece.events, unchecked + piece.unchecked
+            points.append(_point(after, law, load))
+            if verdict is not Verdict.CONSISTENT:
+                events.append(Event(load, verdict.value, -1, -1))
+                return Path(tuple(points), tuple(events), verdict, unchecked, law)
+            size = 0.5 * size if seeking and not len(wedge) else increment
+            seeking = seeking and not len(wedge)
+            place, share = after, 1.0 if 1.0 - share - used < 1e-12 else share + used
             if report:
                 report((number + share) / len(legs), _words(points[-1]))
             if _crowded(events, number + share):
                 events.append(Event(number + share, IN_CIRCLES, -1, -1))
-                return Path(tuple(points), tuple(events), Verdict.UNSTABLE, law)
-        here = here._replace(control=end)
-    return Path(tuple(points), tuple(events), Verdict.CONSISTENT, law)
+                return Path(tuple(points), tuple(events), Verdict.UNSTABLE, unchecked, law)
+        place = place._replace(state=place.state._replace(control=end))
+    return Path(tuple(points), tuple(events), Verdict.CONSISTENT, unchecked, law)
+
+
+def _misses(place: "_Place", law: Law, before: Point) -> bool:
+    """True if what is out of balance has grown beyond what is allowed in an increment."""
+    residual = _point(place, law, 0.0).residual
+    return residual > OUT_OF_BALANCE and residual > 2 * before.residual
+
+
+def _carrying(place: "_Place", law: Law, wedge: np.ndarray, load: float) -> tuple["_Place", list[Event]]:
+    """The place in which wedged rattlers are grains like the others, and the events that say so."""
+    contacts, loose = place.state.contacts, place.loose.copy()
+    ends = np.concatenate([contacts.i[wedge], contacts.j[wedge]])
+    caught = np.unique(ends[ends < len(loose)])
+    caught = caught[loose[caught]]
+    loose[caught] = False
+    fresh = place.fresh.copy()
+    fresh[wedge] = True
+    after = _Place(with_modes(place.state, wedge, STICK), loose, place.parted & ~fresh, fresh)
+    return _aside(after, law)[0], [Event(load, RETURNS, int(g), -1) for g in caught]
+
+
+def _aside(place: "_Place", law: Law) -> tuple["_Place", np.ndarray]:
+    """The place with rattlers moved aside, and the rows of contacts that wedge some of them."""
+    before = place.state.contacts
+    state, wedge = moved_aside(place.state, law, place.loose)
+    after = state.contacts
+    if after is before:
+        return place, wedge
+    marks = [_carried(mark, before, after) & (after.mode != OPEN) for mark in (place.parted, place.fresh)]
+    return _Place(state, place.loose, *marks), wedge
+
+
+def _carried(mark: np.ndarray, before, after) -> np.ndarray:
+    """Marks of contacts in another list, by their keys."""
+    out = np.zeros(len(after.mode), bool)
+    out[: int(after.count[0])] = np.isin(after.key[: int(after.count[0])], before.key[np.flatnonzero(mark)])
+    return out
 
 
 def between_controls(begin: Control, end: Control, share: float) -> Control:
@@ -136,57 +188,88 @@ def external(state: State, free: Freedom) -> np.ndarray:
 class _Piece:
     """One increment of load at frozen c, K and geometric stiffness."""
 
-    def __init__(self, state, law, begin, end, share, increment, geometric):
-        self.state, self.law, self.increment, self.geometric = state, law, increment, geometric
+    def __init__(self, place: "_Place", law, begin: Control, end: Control, share, increment, geometric, mends):
+        self.law, self.increment, self.geometric, self.mends = law, increment, geometric, mends
         self.begin, self.end, self.share = begin, end, share
-        self.matrix = matrices(state, law)
-        free = self.matrix.free
-        at = state._replace(control=between_controls(begin, end, share))
-        to = state._replace(control=between_controls(begin, end, share + increment))
-        # what is out of balance now is made good within this increment
-        missing = residual_vector(at, forces(at, law)[0], free)
-        self.load = external(to, free) - external(at, free) + missing
+        self.events, self.unchecked, self.undecided = [], False, False
+        self._start(place)
+        if place.fresh.any():
+            self._decide_at_apex(place)
+
+    def _start(self, place: "_Place") -> None:
+        self.place, self.state, self.loose = place, place.state, place.loose
+        self.matrix = _held_matrices(place, self.law)
+        self.mean = float(self.matrix.force[:, 0].mean())
+        at = self.state._replace(control=between_controls(self.begin, self.end, self.share))
+        to = self.state._replace(control=between_controls(self.begin, self.end, self.share + self.increment))
+        missing = residual_vector(at, forces(at, self.law)[0], self.matrix.free)
+        self.load = external(to, self.matrix.free) - external(at, self.matrix.free) + self.mends * missing
+
+    def _decide_at_apex(self, place: "_Place") -> None:
+        """Contacts without force open, stick or slide either way; bodies without any are released."""
+        m = self.matrix
+        found = decided(m, self.load, np.isin(m.rows, np.flatnonzero(place.fresh)), geometric=self.geometric)
+        if found is None:
+            self.undecided = True
+            return
+        self.unchecked = found.count is None
+        at = np.flatnonzero(found.apex)
+        if found.count not in (None, 1):
+            self.events.append(Event(0.0, f"{found.count} {NOT_UNIQUE}", *self._bodies(at[0])))
+        self.events += [Event(0.0, found.words(k), *self._bodies(k)) for k in at]
+        parted = place.parted.copy()
+        parted[m.rows[found.opens]] = True
+        loose = rattlers(with_modes(place.state, np.flatnonzero(parted), OPEN), 2, place.loose)
+        state = with_modes(place.state, m.rows[found.apex & (found.side != 0)], SLIDE)
+        self._start(_Place(state, loose, parted, np.zeros_like(parted)))
+        kept = np.searchsorted(m.rows, self.matrix.rows)
+        side = found.side[kept]
+        self.matrix = self.matrix._replace(sign=np.where(side != 0, side, self.matrix.sign))
 
     def run(self, start: float):
-        """The state at the end, the share of the leg that was used, the verdict, and the events."""
-        m, events = self.matrix, []
+        """The place at the end, the share of the leg that was used, and the verdict."""
+        m = self.matrix
+        self.events = [e._replace(load=start) for e in self.events]
+        if self.undecided:
+            return self.place, 0.0, Verdict.UNSTABLE
         force, critical = m.force.copy(), m.limit.copy()
         slides, sign, moved, done = m.limit.copy(), m.sign.copy(), np.zeros(len(m.free)), 0.0
         for _ in range(20 * max(m.count, 50)):
             now = m._replace(sign=sign, limit=critical)
             choice = status(now, self.load, start=slides, geometric=self.geometric)
             if not choice.ok:
-                end = self._ended(force, moved, critical, sign, None, "", done)
-                return end, done * self.increment, choice.verdict, events
-            self._told(choice, slides, critical, events, start + done * self.increment)
+                return self._ended(force, moved, critical, sign, (), done), done * self.increment, choice.verdict
+            self._told(choice, slides, critical, start + done * self.increment)
             slides = choice.sliding
             critical &= slides  # what sticks again has left the cone
             rate = _rates(now, slides, choice)
-            step, contact, kind = self._next(force, rate, slides, choice, 1.0 - done)
+            step, contacts, kind = self._next(force, rate, slides, choice, 1.0 - done)
             force, moved, done = force + step * rate, moved + step * choice.velocity, done + step
             if kind == "increment":
                 break
-            events += [Event(start + done * self.increment, kind, *self._bodies(c)) for c in np.atleast_1d(contact)]
-            if kind != "reaches the cone":
-                end = self._ended(force, moved, slides, sign, contact, kind, done)
-                return end, done * self.increment, choice.verdict, events
-            critical[contact], slides[contact] = True, True
-            sign[contact] = -np.sign(force[contact, 1])
-        end = self._ended(force, moved, slides, sign, None, "", done)
-        return end, done * self.increment, Verdict.CONSISTENT, events
+            load = start + done * self.increment
+            if kind == CLOSES:
+                self.events += [Event(load, CLOSES, *self._bodies(c)) for c in contacts]
+            if kind != REACHES:
+                return self._ended(force, moved, slides, sign, contacts, done), done * self.increment, choice.verdict
+            self.events += [Event(load, REACHES, *self._bodies(c)) for c in contacts]
+            critical[contacts], slides[contacts] = True, True
+            sign[contacts] = -np.sign(force[contacts, 1])
+        end = self._ended(force, moved, slides, sign, (), done)
+        return end, done * self.increment, Verdict.CONSISTENT
 
     def _bodies(self, contact) -> tuple[int, int]:
         row = self.matrix.rows[contact] if contact < self.matrix.count else self.gap_rows[contact - self.matrix.count]
         return int(self.state.contacts.i[row]), int(self.state.contacts.j[row])
 
-    def _told(self, choice: Choice, before, critical, events, load) -> None:
+    def _told(self, choice: Choice, before, critical, load) -> None:
         for contact in np.flatnonzero(critical & before & ~choice.sliding):
-            events.append(Event(load, "sticks again", *self._bodies(contact)))
+            self.events.append(Event(load, "sticks again", *self._bodies(contact)))
 
     def _next(self, force, rate, slides, choice, left):
-        """Share of the increment to the next event, its contact (all that reach the cone together), and what it is."""
+        """Share of the increment to the next event, its contacts (all that meet it together), and what it is."""
         m = self.matrix
-        soonest, contact, kind, reached = left, -1, "increment", np.full(m.count, np.inf)
+        soonest, contacts, kind, reached = left, np.zeros(0, int), "increment", np.full(m.count, np.inf)
         for side in (1.0, -1.0):  # F̃ of a contact that sticks, on either side of the cone
             margin = m.mu * force[:, 0] - side * force[:, 1]
             slope = m.mu * rate[:, 0] - side * rate[:, 1]
@@ -194,61 +277,84 @@ class _Piece:
             time = np.where(leaves, np.maximum(margin, 0.0) / np.where(leaves, -slope, 1.0), np.inf)
             reached = np.minimum(reached, time)
         if reached.min(initial=np.inf) < soonest:
-            soonest, kind = float(reached.min()), "reaches the cone"
-            contact = np.flatnonzero(reached <= soonest + TOGETHER)
-        opening = rate[:, 0] < 0
-        time = np.where(opening & slides, force[:, 0] / np.where(opening, -rate[:, 0], 1.0), np.inf)
-        k = int(np.argmin(time)) if len(time) else -1
-        if k >= 0 and time[k] <= soonest:
-            soonest, contact, kind = float(max(time[k], 0.0)), k, "opens"
+            soonest, kind = float(reached.min()), REACHES
+            contacts = np.flatnonzero(reached <= soonest + TOGETHER)
+        falls = rate[:, 0] < 0
+        above = np.maximum(force[:, 0] - APEX * self.mean, 0.0)
+        time = np.where(falls, above / np.where(falls, -rate[:, 0], 1.0), np.inf)
+        if time.min(initial=np.inf) <= soonest:
+            soonest, kind = float(time.min()), "at the apex"
+            contacts = self._with_partners(np.flatnonzero(time <= soonest + TOGETHER))
         time = self._closing(choice)
-        if len(time) and time.min() < soonest:
-            soonest, contact, kind = float(time.min()), m.count + int(np.argmin(time)), "closes"
-        return soonest, contact, kind
+        if time.min(initial=np.inf) < soonest:
+            soonest, kind = float(time.min()), CLOSES
+            contacts = m.count + np.flatnonzero(time <= soonest + TOGETHER)
+        return soonest, contacts, kind
+
+    def _with_partners(self, contacts: np.ndarray) -> np.ndarray:
+        """The contacts, and the second ones of disks with two contacts: these reach the apex together."""
+        state, rows, n = self.state, self.matrix.rows, len(self.state.grains.radius)
+        ends = np.stack([state.contacts.i[rows], state.contacts.j[rows]], axis=1)
+        number = np.bincount(ends.ravel(), minlength=state.n_bodies)
+        number[n:] = 0
+        chosen = np.zeros(len(rows), bool)
+        chosen[contacts] = True
+        while True:
+            pulled = np.zeros(state.n_bodies, bool)
+            pulled[ends[chosen].ravel()] = True
+            more = ((pulled & (number == 2))[ends]).any(axis=1) | chosen
+            if np.array_equal(more, chosen):
+                return np.flatnonzero(chosen)
+            chosen = more
 
     def _closing(self, choice: Choice) -> np.ndarray:
         """Shares of the increment after which pairs of held bodies that do not touch will touch."""
         state, m = self.state, self.matrix
-        rows = np.flatnonzero(state.contacts.mode[: state.contacts.count[0]] == OPEN)
-        held = _held(state)
+        rows = np.setdiff1d(np.arange(int(state.contacts.count[0])), m.rows)
+        held = np.append(~self.loose, np.ones(state.n_bodies - len(self.loose), bool))
         rows = rows[held[state.contacts.i[rows]] & held[state.contacts.j[rows]]]
         self.gap_rows = rows
         moves = m.free.spread(choice.velocity)[:, :3]
-        branch, gap = _gaps(state, rows)
-        closing = np.einsum("ck,ck->c", moves[state.contacts.i[rows]] - moves[state.contacts.j[rows]], branch)
+        normal, gap = gaps(state, rows)
+        closing = np.einsum("ck,ck->c", moves[state.contacts.i[rows]] - moves[state.contacts.j[rows]], normal)
         reach = np.maximum(gap, 0.0) + NUDGE * float(state.grains.radius.min())  # a little beyond: they touch then
         return np.where(closing < 0, reach / np.where(closing < 0, -closing, 1.0), np.inf)
 
-    def _ended(self, force, moved, slides, sign, contact, kind, done: float) -> State:
-        """The state after the increment: bodies moved, memory as the path has it."""
+    def _ended(self, force, moved, slides, sign, contacts, done: float) -> "_Place":
+        """The place after the increment: bodies moved, memory as the path has it, contacts at the apex marked."""
         m, before = self.matrix, self.state
         state = updated(displaced(before, m.free, moved))
-        keys = before.contacts.key[m.rows]
         _, trial = forces(state, self.law)
         count = int(trial.count[0])
+        where = np.searchsorted(trial.key[:count], before.contacts.key[m.rows])
+        born = np.array([c for c in contacts if c >= m.count], int) - m.count
+        new = np.searchsorted(trial.key[:count], before.contacts.key[self.gap_rows[born]]) if len(born) else born
+        line = linearised(accept(state, trial), self.law)
+        normal, stiffness = line.normal[where], np.where(line.stiffness_t[where] > 0, line.stiffness_t[where], 1.0)
+        along = np.stack([normal[:, 1], -normal[:, 0], np.zeros(m.count)], axis=1)
+        length = np.where(slides, sign * line.mu[where] * line.force_n[where], -force[:, 1]) / stiffness
         mode, slip = np.zeros_like(trial.mode), np.zeros_like(trial.slip)
-        where = np.searchsorted(trial.key[:count], keys)
-        branch, gap = _gaps(state, np.arange(count))
-        along = np.stack([branch[:, 1], -branch[:, 0], np.zeros(count)], axis=1)
-        kept = np.ones(m.count, bool)
-        if kind == "opens":
-            kept[contact] = False
-        pull = m.springs[:, 1, 1]
-        at = where[kept]
-        mode[at] = np.where(slides[kept], SLIDE, STICK)
-        limit = m.mu * m.springs[:, 0, 0] * np.maximum(-gap[where], 0.0) / pull
-        length = np.where(slides, sign * limit, -force[:, 1] / pull)[kept]
-        slip[at] = length[:, None] * along[at]
-        if kind == "closes":
-            row = np.searchsorted(trial.key[:count], before.contacts.key[self.gap_rows[contact - m.count]])
-            mode[row], slip[row] = STICK, 0.0
-        touches = gap < 0
-        mode[:count] = np.where(touches, np.where(mode[:count] == OPEN, STICK, mode[:count]), OPEN)
-        slip[mode == OPEN] = 0.0
-        contacts = trial._replace(mode=mode, slip=slip, reached=mode == SLIDE)
-        share = self.share + done * self.increment
-        control = between_controls(self.begin, self.end, share)
-        return accept(state._replace(control=control), contacts)
+        mode[where], slip[where] = np.where(slides, SLIDE, STICK), length[:, None] * along
+        mode[new] = STICK
+        fresh = np.zeros(len(mode), bool)
+        fresh[new] = True
+        fresh[where[[c for c in contacts if c < m.count]]] = True
+        # pairs beside those of the matrix overlap where they part and were not quite apart, or met on a curved way
+        parted = np.zeros(len(mode), bool)
+        parted[:count] = (mode[:count] == OPEN) & (trial.mode[:count] != OPEN)
+        mode[parted] = STICK
+        control = between_controls(self.begin, self.end, self.share + done * self.increment)
+        state = accept(state._replace(control=control), trial._replace(mode=mode, slip=slip, reached=mode == SLIDE))
+        return _Place(state, self.loose, parted, fresh)
+
+
+class _Place(NamedTuple):
+    """Where a path is."""
+
+    state: State
+    loose: np.ndarray  # (N,) bool: rattlers
+    parted: np.ndarray  # (C,) bool: pairs that still overlap a little but do not hold each other
+    fresh: np.ndarray  # (C,) bool: contacts at the apex of the cone, whose status is to be decided
 
 
 def _rates(matrix: Matrices, slides, choice: Choice) -> np.ndarray:
@@ -258,76 +364,6 @@ def _rates(matrix: Matrices, slides, choice: Choice) -> np.ndarray:
     return -np.einsum("mab,mb->ma", matrix.springs, turned)
 
 
-def _gaps(state: State, rows):
-    """Normals (C, 3) and gaps (C,) of pairs of the list; a negative gap is an overlap."""
-    n, radius = len(state.grains.radius), np.append(state.grains.radius, np.zeros(len(state.walls.mass)))
-    branch = branches(state)[rows]
-    contacts, distance = state.contacts, np.linalg.norm(branch, axis=1)
-    normal = branch / distance[:, None]
-    wall = contacts.j[rows] >= n
-    if wall.any():
-        place = np.concatenate([state.grains.position, state.walls.point])
-        normal[wall] = state.walls.normal[contacts.j[rows][wall] - n]
-        apart = place[contacts.i[rows][wall]] - place[contacts.j[rows][wall]]
-        distance[wall] = np.einsum("ck,ck->c", apart, normal[wall])
-    return normal, distance - radius[contacts.i[rows]] - radius[contacts.j[rows]]
-
-
-def _held(state: State) -> np.ndarray:
-    """(B,) bool: walls, and grains that are no rattlers."""
-    loose = rattlers(state, 2)
-    return np.append(~loose, np.ones(state.n_bodies - len(loose), bool))
-
-
-def pushed_out(state: State, rounds: int = 200) -> State:
-    """The state with rattlers moved out of what they touch, as far as there is room: then they hold nothing.
-
-    One that is wedged between two others stays where it is: it has re-entered, and carries what it is pressed with.
-    """
-    for _ in range(rounds):
-        loose = ~_held(state)[: len(state.grains.radius)]
-        rows = touching(state)
-        i, j = state.contacts.i[rows], state.contacts.j[rows]
-        body = np.append(loose, np.zeros(state.n_bodies - len(loose), bool))
-        mine = body[i] | body[j]
-        if not mine.any():
-            return state
-        rows, i, j = rows[mine], i[mine], j[mine]
-        normal, gap = _gaps(state, rows)
-        away = normal * (NUDGE - 1.0001 * gap)[:, None]
-        move = np.zeros((state.n_bodies, 3))
-        np.add.at(move, i[body[i]], away[body[i]])
-        np.add.at(move, j[body[j]], -away[body[j]])
-        grains = state.grains
-        moved = updated(state._replace(grains=grains._replace(position=grains.position + move[: len(loose)])))
-        state = _as_loose(moved, loose)
-    return state
-
-
-def _wedged(before: State, after: State) -> float:
-    """Deepest overlap, in radii, of a grain that was a rattler before: zero as long as it could be pushed out."""
-    loose = ~_held(before)
-    rows = touching(after)
-    rows = rows[loose[after.contacts.i[rows]] | loose[after.contacts.j[rows]]]
-    return float(-_gaps(after, rows)[1].min(initial=0.0)) / float(after.grains.radius.min())
-
-
-def _as_loose(state: State, loose) -> State:
-    """The state with open contacts where rattlers do not touch, and fresh ones where they do; others are kept."""
-    count = int(state.contacts.count[0])
-    contacts, body = state.contacts, np.append(loose, np.zeros(state.n_bodies - len(loose), bool))
-    mine = np.flatnonzero(body[contacts.i[:count]] | body[contacts.j[:count]])
-    _, gap = _gaps(state, mine)
-    mode, slip, pair, roll = (a.copy() for a in (contacts.mode, contacts.slip, contacts.pair, contacts.roll))
-    mode[mine], slip[mine] = np.where(gap < 0, STICK, OPEN), 0.0
-    place = np.concatenate([state.grains.position, state.walls.point])
-    turned = np.concatenate([state.grains.angle * state.grains.radius[:, None], np.zeros((len(state.walls.mass), 3))])
-    i, j = contacts.i[mine], contacts.j[mine]
-    pair[mine] = place[i] - place[j] + shifts(contacts, state.cell.vectors)[mine]
-    roll[mine] = turned[i] + turned[j]
-    return state._replace(contacts=contacts._replace(mode=mode, slip=slip, pair=pair, roll=roll))
-
-
 def _accepted(state: State, law: Law) -> State:
     return accept(state, forces(state, law)[1])
 
@@ -335,6 +371,10 @@ def _accepted(state: State, law: Law) -> State:
 def _check_start(state: State, law: Law, legs, increment: float) -> None:
     if not legs:
         raise ValueError("no leg of the load was given: give at least one Control to go to")
+    if law.kind != LINEAR:
+        raise ValueError(
+            "a law that is not linear in the overlap was given: a path is piecewise linear for `linear` only"
+        )
     if not 0 < increment <= 1:
         raise ValueError(f"increment = {increment} was given: it must be above 0 and at most 1, in legs of the load")
     for end in legs:
@@ -361,14 +401,31 @@ def _check_start(state: State, law: Law, legs, increment: float) -> None:
             )
 
 
-def _point(state: State, law: Law, load: float) -> Point:
+def _point(place: "_Place", law: Law, load: float) -> Point:
+    state = place.state
     loads, _ = forces(state, law)
     rows = touching(state)
-    free = freedom(state).without(~_held(state))
+    free = freedom(state).without(np.append(place.loose, np.zeros(state.n_bodies - len(place.loose), bool)))
     mean = mean_normal_force(state, law)
     residual = float(np.abs(residual_vector(state, loads, free)).max(initial=0.0))
     sliding = int((state.contacts.mode[rows] == SLIDE).sum())
     return Point(load, state, sliding, len(rows), residual / mean if mean else np.inf)
+
+
+def _held_matrices(place: _Place, law: Law) -> Matrices:
+    """The matrices of what holds each other, with the springs of contacts that are about to touch, too."""
+    state = place.state
+    m = matrices(state, law, rattlers=place.loose)
+    kept = np.flatnonzero(~place.parted[m.rows])
+    rows = m.rows[kept]
+    material = np.concatenate([state.grains.material, state.walls.material])
+    q = law.table[material[state.contacts.i[rows]], material[state.contacts.j[rows]]]
+    springs = np.zeros((len(rows), 2, 2))
+    springs[:, 0, 0], springs[:, 1, 1] = q[:, KN], q[:, KT]
+    both = np.stack([2 * kept, 2 * kept + 1], axis=1).ravel()
+    parts = {name: getattr(m, name)[kept] for name in ("rows", "damping", "sign", "force", "limit")}
+    slope = q[:, MU] * q[:, KN] / q[:, KT]
+    return m._replace(c=sparse.csr_array(m.c.tocsc()[:, both]), springs=springs, mu=q[:, MU], slope=slope, **parts)
 
 
 def _crowded(events: list[Event], load: float) -> bool:

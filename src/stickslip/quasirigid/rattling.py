@@ -1,0 +1,145 @@
+"""Rattlers on a path: they are pushed aside by what moves, until they are wedged and carry again.
+
+Between the grains of a packing that hold each other, rattlers carry nothing: no balance tells where they are. What
+presses into one moves it by the least distance that gives room. Where there is no room, or where the contacts that
+would push it can hold it by friction, it is wedged, and is a grain like the others from then on.
+
+Source of the least distance: Lawson and Hanson, Solving Least Squares Problems (SIAM 1995), chapter 23.
+"""
+
+import numpy as np
+from scipy.optimize import nnls
+
+from ..core.geometry import shifts
+from ..core.laws import MU, Law
+from ..core.measure import branches
+from ..core.neighbors import updated
+from ..core.state import OPEN, State
+
+NUDGE = 1e-12  # gap, in radii, to which rattlers are pushed aside, and overlap with which a contact is born
+ROUNDS = 30  # of pushing: directions change on the way
+NEAR = 30.0  # deepest overlaps within which a pair can come to touch on the way
+BALANCED = 1e-8  # residual of a balance of forces of size 1
+
+
+def gaps(state: State, rows) -> tuple[np.ndarray, np.ndarray]:
+    """Normals (C, 3) and gaps (C,) of pairs of the list; a negative gap is an overlap [length]."""
+    n, radius = len(state.grains.radius), np.append(state.grains.radius, np.zeros(len(state.walls.mass)))
+    branch = branches(state)[rows]
+    contacts, distance = state.contacts, np.linalg.norm(branch, axis=1)
+    normal = branch / distance[:, None]
+    wall = contacts.j[rows] >= n
+    if wall.any():
+        place = np.concatenate([state.grains.position, state.walls.point])
+        normal[wall] = state.walls.normal[contacts.j[rows][wall] - n]
+        apart = place[contacts.i[rows][wall]] - place[contacts.j[rows][wall]]
+        distance[wall] = np.einsum("ck,ck->c", apart, normal[wall])
+    return normal, distance - radius[contacts.i[rows]] - radius[contacts.j[rows]]
+
+
+def moved_aside(state: State, law: Law, loose: np.ndarray) -> tuple[State, np.ndarray]:
+    """The state with rattlers moved out of what they touch, and the rows of contacts that wedge some of them.
+
+    Parameters
+    ----------
+    loose : (N,) bool, the rattlers
+    law : Law, whose friction may hold a rattler
+
+    Returns
+    -------
+    State, (K,) rows
+        with K > 0 some rattlers are wedged by these contacts of the returned state, and nothing more was moved
+    """
+    whole = np.append(loose, np.zeros(state.n_bodies - len(loose), bool))
+    nothing, material = np.zeros(0, int), np.concatenate([state.grains.material, state.walls.material])
+    if not loose.any():
+        return state, nothing
+    tiny = NUDGE * float(state.grains.radius.min())
+    for _ in range(ROUNDS):
+        contacts, count = state.contacts, int(state.contacts.count[0])
+        rows = np.flatnonzero(whole[contacts.i[:count]] | whole[contacts.j[:count]])
+        normal, gap = gaps(state, rows)
+        if not len(rows) or gap.min() >= 0:
+            return as_loose(state, loose), nothing
+        near = gap < NEAR * -gap.min()
+        rows, normal, gap = rows[near], normal[near], gap[near]
+        i, j = contacts.i[rows], contacts.j[rows]
+        move, pressed = _least_distance(_directions(i, j, normal, whole), tiny - gap)
+        pressed &= whole[i] | whole[j]
+        friction = law.table[material[i], material[j], MU]
+        wedge = _wedge(i[pressed], j[pressed], normal[pressed], friction[pressed], whole)
+        if len(wedge) or move is None:
+            return state, rows[pressed][wedge] if len(wedge) else rows[pressed]
+        position = state.grains.position.copy()
+        position[loose, :2] += move.reshape(-1, 2)
+        state = as_loose(updated(state._replace(grains=state.grains._replace(position=position))), loose)
+    return state, rows[gap < 0]
+
+
+def _directions(i, j, normal, whole) -> np.ndarray:
+    """(C, 2L) how gaps open as rattlers move."""
+    number = np.where(whole, np.cumsum(whole) - 1, -1)
+    out = np.zeros((len(i), 2 * int(whole.sum())))
+    for body, sign in ((i, 1.0), (j, -1.0)):
+        rows = np.flatnonzero(whole[body])
+        for axis in range(2):
+            out[rows, 2 * number[body[rows]] + axis] += sign * normal[rows, axis]
+    return out
+
+
+def _least_distance(directions: np.ndarray, needed: np.ndarray) -> tuple[np.ndarray | None, np.ndarray]:
+    """The least x with G x ≥ h, or None if there is none, and which rows press."""
+    scale = np.abs(needed).max()
+    system = np.vstack([directions.T, needed / scale])
+    aim = np.zeros(len(system))
+    aim[-1] = 1.0
+    weights, _ = nnls(system, aim)
+    rest = system @ weights - aim
+    pressed = weights > 1e-9 * weights.max(initial=0.0)
+    if abs(rest[-1]) < BALANCED:
+        return None, pressed
+    return -scale * rest[:-1] / rest[-1], pressed
+
+
+def _wedge(i, j, normal, mu, whole) -> np.ndarray:
+    """Numbers of those contacts that can hold rattlers by forces within their cones, in balance; empty if none can."""
+    if len(i) < 2:
+        return np.zeros(0, int)
+    along = np.stack([normal[:, 1], -normal[:, 0]], axis=1)
+    number = np.where(whole, np.cumsum(whole) - 1, -1)
+    columns = np.zeros((3 * int(whole.sum()) + 1, 2 * len(i)))
+    for edge, side in enumerate((1.0, -1.0)):
+        force = normal[:, :2] + side * mu[:, None] * along
+        for body, sign in ((i, 1.0), (j, -1.0)):
+            rows = np.flatnonzero(whole[body])
+            at = 3 * number[body[rows]]
+            columns[at, 2 * rows + edge] += sign * force[rows, 0]
+            columns[at + 1, 2 * rows + edge] += sign * force[rows, 1]
+            columns[at + 2, 2 * rows + edge] += side * mu[rows]
+    columns[-1] = 1.0
+    aim = np.zeros(len(columns))
+    aim[-1] = 1.0
+    weights, rest = nnls(columns, aim)
+    if rest > BALANCED:
+        return np.zeros(0, int)
+    return np.flatnonzero(weights.reshape(-1, 2).sum(axis=1) > 1e-9)
+
+
+def as_loose(state: State, loose: np.ndarray) -> State:
+    """The state in which no contact of a rattler carries anything."""
+    body = np.append(loose, np.zeros(state.n_bodies - len(loose), bool))
+    contacts, count = state.contacts, int(state.contacts.count[0])
+    return with_modes(state, np.flatnonzero(body[contacts.i[:count]] | body[contacts.j[:count]]), OPEN)
+
+
+def with_modes(state: State, rows: np.ndarray, mode: int) -> State:
+    """The state with contacts opened, or born without slip, and their memory committed here."""
+    contacts = state.contacts
+    modes, slip, pair, roll = (a.copy() for a in (contacts.mode, contacts.slip, contacts.pair, contacts.roll))
+    modes[rows], slip[rows] = mode, 0.0
+    place = np.concatenate([state.grains.position, state.walls.point])
+    turned = np.concatenate([state.grains.angle * state.grains.radius[:, None], np.zeros((len(state.walls.mass), 3))])
+    i, j = contacts.i[rows], contacts.j[rows]
+    pair[rows] = place[i] - place[j] + shifts(contacts, state.cell.vectors)[rows]
+    roll[rows] = turned[i] + turned[j]
+    return state._replace(contacts=contacts._replace(mode=modes, slip=slip, pair=pair, roll=roll))
