@@ -5,7 +5,8 @@ import pytest
 
 import stickslip as ss
 from stickslip.loading.biaxial import RIGHT, TOP, biaxial_box, raised
-from stickslip.quasirigid.path import between_controls, quasirigid_path
+from stickslip.core.control import between_controls
+from stickslip.quasirigid.path import quasirigid_path
 from stickslip.quasirigid.status import Verdict
 
 

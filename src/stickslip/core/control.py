@@ -164,3 +164,12 @@ def following(control: Control, bodies, times, factors, *, axes=slice(None)) -> 
 def factors_at(control: Control, time: float) -> np.ndarray:
     """(C + 1,) factor of each course at a time; the last is 1, for rates that follow none."""
     return np.array([*(np.interp(time, control.knots, column) for column in control.course.T), 1.0])
+
+
+def between_controls(begin: Control, end: Control, share: float) -> Control:
+    """The control a share of the way from one to another: forces, torques, gravity and stress between those of both."""
+    mixed = {
+        name: (1 - share) * getattr(begin, name) + share * getattr(end, name)
+        for name in ("force", "torque", "gravity", "stress")
+    }
+    return begin._replace(**mixed)

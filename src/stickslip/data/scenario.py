@@ -4,12 +4,13 @@ import json
 import tomllib
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from .flow_scenario import FlowScenario
 from .parts import Duration, Finite, Listed, Loads, NotNegative, Part, Positive, ScenarioError, Several, Whole, sentence
+from .quasi_scenario import QuasiScenario
 
 
 class Array(Part):
@@ -242,7 +243,8 @@ class ShearScenario(Whole):
     release: Release = Release()
 
 
-EXPERIMENTS = {kind.model_fields["experiment"].default: kind for kind in (Scenario, ShearScenario, FlowScenario)}
+AnyScenario = Scenario | ShearScenario | FlowScenario | QuasiScenario
+EXPERIMENTS = {kind.model_fields["experiment"].default: kind for kind in get_args(AnyScenario)}
 
 
 def _kind(tables: dict) -> type[Whole]:
@@ -253,7 +255,7 @@ def _kind(tables: dict) -> type[Whole]:
     return EXPERIMENTS[name]
 
 
-def scenario(**tables) -> Scenario | ShearScenario | FlowScenario:
+def scenario(**tables) -> AnyScenario:
     """A scenario from nested dictionaries, as in the TOML file; `experiment` says of what.
 
     Raises
@@ -273,7 +275,7 @@ def scenario(**tables) -> Scenario | ShearScenario | FlowScenario:
         raise ScenarioError(sentence(problem, kind)) from None
 
 
-def read(path: str | Path) -> Scenario | ShearScenario | FlowScenario:
+def read(path: str | Path) -> AnyScenario:
     """A scenario from a TOML file, or from the canonical text that a run left behind."""
     path = Path(path)
     try:

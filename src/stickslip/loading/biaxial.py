@@ -2,15 +2,17 @@
 
 import numpy as np
 
-from ..core.control import pressed
+from ..core.control import pressed, stress_controlled
+from ..core.integrate import run
 from ..core.laws import Law, linear
+from ..core.measure import stress
 from ..core.outcome import NotInEquilibriumError
 from ..core.state import Control, State, assembly, box, disks, flat_walls, loads
 from ..solve.equilibrate import equilibrate
-from ..solve.relax import relax
 from .packing import jammed
 
 LEFT, BOTTOM, RIGHT, TOP = range(4)  # walls; the first two stand still
+STEPS, BLOCKS = 20_000, 150  # of damped dynamics until rest, at most
 LOOSE = 1.15  # by which a jammed packing is blown up before the walls press it together
 
 
@@ -50,7 +52,7 @@ def biaxial_box(
     ------
     McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Fig 1.
     """
-    law = linear(kn, kt, mu, coulomb="sharp", damping="mass_velocity", damping_n=0.2, damping_t=0.2)
+    law = _law(kn, kt, mu)
     packing, _ = jammed(n, packing_fraction=0.86, dim=2, radius=radius, seed=seed)
     sizes, cell = packing.grains.radius, LOOSE * packing.cell.vectors[0, 0]
     room = float(sizes.max())
@@ -64,13 +66,54 @@ def biaxial_box(
     control = pressed(control, [n + RIGHT], [-pressure * length, 0])
     control = pressed(control, [n + TOP], [0, -pressure * length])
     state = assembly(grains, walls, box(dim=2), control)
-    force = pressure * length
-    state, outcome = relax(state, law, tolerance=1e-4 * force / np.sqrt(n), drag=0.02, dt=0.2, steps=2_000_000)
-    if outcome.ok:
-        state, outcome = equilibrate(state, law, tolerance=tolerance * pressure, check="nothing")
+    return at_rest(state, law, tolerance * pressure), law
+
+
+def sheared_box(
+    n: int = 100, *, pressure: float = 1e-4, kn: float = 1.0, kt: float = 0.5, mu: float = 0.5, radius=(0.4, 0.6),
+    seed: int = 0, tolerance: float = 1e-9,
+) -> tuple[State, Law]:  # fmt: skip
+    """Disks in a periodic cell whose strains xx, yy and xy are free, under a pressure, with friction, and at rest.
+
+    Arguments, law and errors as in `biaxial_box`. The shear stress that the packing has come to rest with is part of
+    the control: nothing moves until the control is changed.
+    """
+    law, packing = _law(kn, kt, mu), jammed(n, packing_fraction=0.86, dim=2, radius=radius, seed=seed)[0]
+    sizes, side = packing.grains.radius, 1.02 * packing.cell.vectors[0, 0]
+    grains = disks(1.02 * packing.grains.position[:, :2], sizes, mass=4 * sizes**2)
+    control = stress_controlled(loads(n), {"xx": pressure, "yy": pressure})
+    cell = box([side, side, 1.0], periodic=(True, True, False), dim=2)
+    state = at_rest(assembly(grains, cell=cell, control=control), law, tolerance * pressure)
+    shear = float(stress(state, law)[0, 1])
+    return state._replace(control=stress_controlled(control, {"xy": shear})), law
+
+
+def at_rest(state: State, law: Law, tolerance: float) -> State:
+    """The state after damped dynamics, its largest unbalanced force below the tolerance, and standing still.
+
+    Raises
+    ------
+    NotInEquilibriumError
+        if it does not come to rest.
+    """
+    for _ in range(BLOCKS):
+        state, _, outcome = run(state, law, STEPS, 0.2, drag=0.02, tolerance=tolerance)
+        if outcome.ok and outcome.iterations < STEPS:
+            break
+    still = np.zeros_like(state.grains.velocity)
+    state = state._replace(
+        grains=state.grains._replace(velocity=still, spin=still.copy()),
+        walls=state.walls._replace(velocity=np.zeros_like(state.walls.velocity)),
+        cell=state.cell._replace(rate=np.zeros((3, 3))),
+    )
+    state, outcome = equilibrate(state, law, tolerance=tolerance, check="nothing")
     if not outcome.ok:
-        raise NotInEquilibriumError("the box of disks did not come to rest", outcome)
-    return state, law
+        raise NotInEquilibriumError("the disks did not come to rest", outcome)
+    return state
+
+
+def _law(kn: float, kt: float, mu: float) -> Law:
+    return linear(kn, kt, mu, coulomb="sharp", damping="mass_velocity", damping_n=0.2, damping_t=0.2)
 
 
 def raised(control: Control, wall: int, factor: float) -> Control:

@@ -32,6 +32,7 @@ SIDE = np.array([0.0, 1.0, -1.0, 0.0])  # s of each status
 ROUNDS = 60  # of giving every contact the status of its cell, before the pieces are followed one by one
 PIECES = 4000  # that are followed at most
 ENUMERATED = 4096  # choices of statuses that are gone through at most
+HELPING = 1e-4  # share of their springs with which disks are followed through pieces on which nothing holds them
 SINGULAR = 1e12  # condition of a piece beyond which it counts as singular
 SLACK = 1e-9  # share of the largest velocity below which a velocity may have either sign
 
@@ -44,6 +45,7 @@ class Apex(NamedTuple):
     springs: np.ndarray  # (E, 2, 2) K [force/length]
     slope: np.ndarray  # (E,) m
     sign: np.ndarray  # (E,) s of a contact with a force; 0 at the apex, where it has all four statuses
+    alone: np.ndarray  # (E,) bool: contacts of a disk that has no others; nothing holds it if all of them open or slide
 
     @property
     def allowed(self) -> list[tuple[int, ...]]:
@@ -60,21 +62,21 @@ class Found(NamedTuple):
     method: str
 
 
-def piece(apex: Apex, status: np.ndarray) -> np.ndarray:
+def piece(apex: Apex, status: np.ndarray, helped: bool = False) -> np.ndarray:
     """(2E, 2E) matrix 1 + Z Δ(σ) of the piece on which the contacts have the given statuses."""
     size = len(status)
     columns = apex.compliance.reshape(2 * size, size, 2)
-    turned = np.einsum("aeb,ebc->aec", columns, changed(apex, status))
+    turned = np.einsum("aeb,ebc->aec", columns, changed(apex, status, helped))
     return np.eye(2 * size) + turned.reshape(2 * size, 2 * size)
 
 
-def changed(apex: Apex, status: np.ndarray) -> np.ndarray:
-    """(E, 2, 2) Δ(σ) = K (S(σ) − 1)."""
+def changed(apex: Apex, status: np.ndarray, helped: bool = False) -> np.ndarray:
+    """(E, 2, 2) Δ(σ) = K (S(σ) − 1); `helped`: disks that no other contact holds keep a little of their springs."""
     change = np.zeros((len(status), 2, 2))
     slides = (status == SLIDES) | (status == SLIDES_BACK)
     change[slides, 1, 0], change[slides, 1, 1] = -(apex.slope * SIDE[status])[slides], -1.0
     change[status == OPENS] = -np.eye(2)
-    return apex.springs @ change
+    return (1 - HELPING * helped * apex.alone)[:, None, None] * (apex.springs @ change)
 
 
 def cell(apex: Apex, velocity: np.ndarray, now: np.ndarray, slack: float = 0.0) -> np.ndarray:
@@ -104,7 +106,8 @@ def _fits(apex: Apex, forward, back, normal, status, slack: float):
 
 
 def statuses_at_apex(apex: Apex, start: np.ndarray | None = None) -> Found:
-    """Consistent statuses: by giving every contact that of its cell, round by round; else along the pieces.
+    """Consistent statuses: by giving every contact that of its cell, round by round; then
+    along the pieces, then one by one.
 
     Parameters
     ----------
@@ -113,8 +116,8 @@ def statuses_at_apex(apex: Apex, start: np.ndarray | None = None) -> Found:
     Returns
     -------
     Found
-        verified: V solves the piece of the statuses, and lies in its cell. Nothing is found where the way along the
-        pieces turns back (det k changes its sign) or a piece is singular.
+        verified: V solves the piece of the statuses, and lies in its cell. If nothing is found, there is nothing
+        among 4096 choices or fewer, and nothing on the way among more.
     """
     now = np.full(len(apex.sign), STICKS) if start is None else np.asarray(start)
     seen = set()
@@ -129,7 +132,11 @@ def statuses_at_apex(apex: Apex, start: np.ndarray | None = None) -> Found:
         if np.array_equal(fits, now):
             return Found(now, velocity, "all at once")
         now = fits
-    return _along_the_pieces(apex)
+    found = along_the_pieces(apex)
+    if found.status is None and choices(apex) <= ENUMERATED:
+        for status in consistent_statuses(apex)[0][:1]:
+            return Found(status, _velocity(apex, status), "one by one")
+    return found
 
 
 def _velocity(apex: Apex, status: np.ndarray) -> np.ndarray | None:
@@ -147,55 +154,65 @@ def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray | None:
     return np.linalg.solve(matrix, right)
 
 
-def _along_the_pieces(apex: Apex) -> Found:
-    """From g(V₀) straight to V₀ in the image of g, piece after piece (Katzenelson)."""
+def along_the_pieces(apex: Apex) -> Found:
+    """From g(V₀) towards V₀ in the image of g, piece after piece; where det k changes its sign the way turns back.
+
+    Nothing is found where the way goes to infinity: no consistent choice lies on it.
+    """
     nothing = Found(None, None, "along the pieces")
-    here = apex.velocity.copy()
+    here, size = apex.velocity.copy(), apex.velocity.size
     now = cell(apex, here, np.full(len(apex.sign), STICKS))
-    left = apex.velocity.ravel() - piece(apex, now) @ here.ravel()
+    aim = apex.velocity.ravel() - piece(apex, now, True) @ here.ravel()
+    share, inwards = 0.0, None
     for _ in range(PIECES):
-        move = _solved(piece(apex, now), left)
-        if move is None:
-            return nothing
-        move = move.reshape(-1, 2)
-        share, contact, to = _crossing(apex, here, move, now)
-        if share >= 1:
+        # the line on which g(V) − g(V₀) is a share of the aim, also where a piece is singular
+        line = np.linalg.svd(np.hstack([piece(apex, now, True), -aim[:, None]]))[2][-1]
+        forward = line[-1] if inwards is None else _rate(inwards, line[:size].reshape(-1, 2))
+        move, gain = np.sign(forward) * line[:size].reshape(-1, 2), np.sign(forward) * line[-1]
+        length, contact, to, inwards = _crossing(apex, here, move, now)
+        if gain > 0 and share + length * gain >= 1:
             velocity = _velocity(apex, now)
-            if velocity is None:
-                return nothing
-            slack = SLACK * np.abs(velocity).max(initial=0.0)
-            good = np.array_equal(cell(apex, velocity, now, slack), now)
-            return Found(now, velocity, "along the pieces") if good else nothing
-        if np.linalg.det(piece(apex, now)) < 0:
-            return nothing  # the way would turn back
-        here, left, now = here + share * move, (1 - share) * left, now.copy()
+            return Found(now, velocity, "along the pieces") if _consistent(apex, now, velocity) else nothing
+        if not np.isfinite(length):
+            return nothing
+        here, share, now = here + length * move, share + length * gain, now.copy()
         now[contact] = to
     return nothing
 
 
+def _consistent(apex: Apex, status: np.ndarray, velocity: np.ndarray | None) -> bool:
+    """Whether the velocities that statuses lead to lie in the cells of these statuses."""
+    if velocity is None:
+        return False
+    return np.array_equal(cell(apex, velocity, status, SLACK * np.abs(velocity).max(initial=0.0)), status)
+
+
+def _rate(bound, move: np.ndarray) -> float:
+    """How fast a move crosses a boundary (contact, a, b), a V_n + b V_t = 0."""
+    contact, of_normal, of_along = bound
+    return of_normal * move[contact, 0] + of_along * move[contact, 1]
+
+
 def _crossing(apex: Apex, here: np.ndarray, move: np.ndarray, now: np.ndarray):
-    """Share of a move after which the first contact leaves its cell, that contact, and the cell that it enters."""
-    best, contact, to = np.inf, -1, STICKS
+    """Length of a move at which the first contact leaves its cell, that contact, the cell it enters, the boundary."""
+    best, contact, to, crossed = np.inf, -1, STICKS, None
     slack = 1e-12 * np.abs(move).max(initial=0.0)
-    for k in range(len(now)):
-        touches = apex.sign[k] == 0
+    for k, status in enumerate(now):
+        touches, m = apex.sign[k] == 0, apex.slope[k]
         bounds = {
-            STICKS: [(apex.slope[k], s, other) for s, other in ((1, SLIDES), (-1, SLIDES_BACK))
-                     if touches or apex.sign[k] == s],
-            SLIDES: [(-apex.slope[k], -1, STICKS), (1.0, 0, OPENS)],
-            SLIDES_BACK: [(-apex.slope[k], 1, STICKS), (1.0, 0, OPENS)],
-            OPENS: [(-1.0, 0, SLIDES if move[k, 1] + here[k, 1] > 0 else SLIDES_BACK)],
-        }[int(now[k])]  # fmt: skip
-        for along_n, along_t, other in bounds:
-            if other == OPENS and not touches:
-                continue
-            value = along_n * here[k, 0] + along_t * here[k, 1]
-            rate = along_n * move[k, 0] + along_t * move[k, 1]
-            if rate > slack and (share := max(-value, 0.0) / rate) < best:
-                best, contact, to = share, k, other
-    if now[contact] == OPENS and best < 1:  # which of the sliding cells lies beyond V_n = 0
+            STICKS: [(m, s, way) for s, way in ((1.0, SLIDES), (-1.0, SLIDES_BACK)) if touches or apex.sign[k] == s],
+            SLIDES: [(-m, -1.0, STICKS), (1.0, 0.0, OPENS)][: 1 + touches],
+            SLIDES_BACK: [(-m, 1.0, STICKS), (1.0, 0.0, OPENS)][: 1 + touches],
+            OPENS: [(-1.0, 0.0, None)],
+        }[int(status)]
+        for of_normal, of_along, way in bounds:
+            bound = (k, of_normal, of_along)
+            rate = _rate(bound, move)
+            if rate > slack and (length := max(-_rate(bound, here), 0.0) / rate) < best:
+                best, contact, to, crossed = length, k, way, bound
+    if to is None:  # from open to one of the sliding cells
         to = SLIDES if here[contact, 1] + best * move[contact, 1] > 0 else SLIDES_BACK
-    return best, contact, to
+    return best, contact, to, crossed
 
 
 def choices(apex: Apex) -> int:
@@ -227,4 +244,4 @@ def consistent_statuses(apex: Apex) -> tuple[np.ndarray, bool]:
         velocity = _velocity(apex, status)
         if velocity is not None and np.array_equal(cell(apex, velocity, status), status):
             found.append(status)
-    return np.array(found, int).reshape(-1, len(apex.sign)), coherent
+    return np.array(found, int).reshape(len(found), len(apex.sign)), coherent

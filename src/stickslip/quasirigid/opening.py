@@ -34,7 +34,7 @@ class Reduced(NamedTuple):
 
 def reduced(
     matrix: Matrices, load: np.ndarray, contacts: np.ndarray, sign: np.ndarray, *, geometric: bool = True,
-    without: np.ndarray | None = None,
+    without: np.ndarray | None = None, alone: np.ndarray | None = None,
 ) -> Reduced:  # fmt: skip
     """The map g of some contacts of a packing under a load rate.
 
@@ -44,6 +44,7 @@ def reduced(
     contacts : (E,) numbers of the contacts that may change their status; all others stick
     sign : (E,) sgn D_t of those that are at Coulomb's limit with a force, 0 for those at the apex
     without : coordinates that stand still
+    alone : (M,) bool, contacts of disks all of whose contacts are at the apex
 
     Raises
     ------
@@ -62,6 +63,7 @@ def reduced(
     apex = Apex(
         columns.T @ reach[kept], (columns.T @ free[kept]).reshape(-1, 2), matrix.springs[contacts],
         matrix.slope[contacts], np.asarray(sign, float),
+        np.zeros(len(contacts), bool) if alone is None else alone[contacts],
     )  # fmt: skip
     return Reduced(apex, free, reach)
 
@@ -97,6 +99,7 @@ def decided(matrix: Matrices, load: np.ndarray, apex: np.ndarray, *, geometric: 
     """
     ours = _contacts_of_bodies(matrix)
     released = (ours.sum(axis=1) > 0) & ~(ours & ~apex).any(axis=1)
+    alone = (ours & released[:, None]).any(axis=0)
     while True:
         gone = (ours & released[:, None]).any(axis=0)
         special = np.flatnonzero((apex | matrix.limit) & ~gone)
@@ -104,7 +107,7 @@ def decided(matrix: Matrices, load: np.ndarray, apex: np.ndarray, *, geometric: 
         loose = np.flatnonzero(np.append(released, False)[matrix.free.body])
         rest = matrix._replace(springs=np.where(gone[:, None, None], 0.0, matrix.springs))
         try:
-            map_of = reduced(rest, load, special, sign, geometric=geometric, without=loose)
+            map_of = reduced(rest, load, special, sign, geometric=geometric, without=loose, alone=alone)
         except LinAlgError:
             return None
         found = statuses_at_apex(map_of.apex)

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
+from ..core.control import between_controls
 from ..core.forces import Loads, accept, forces
 from ..core.jacobian import linearised
 from ..core.laws import KN, KT, LINEAR, MU, Law
@@ -168,15 +169,6 @@ def _carried(mark: np.ndarray, before, after) -> np.ndarray:
     out = np.zeros(len(after.mode), bool)
     out[: int(after.count[0])] = np.isin(after.key[: int(after.count[0])], before.key[np.flatnonzero(mark)])
     return out
-
-
-def between_controls(begin: Control, end: Control, share: float) -> Control:
-    """The control a share of the way from one to another."""
-    mixed = {
-        name: (1 - share) * getattr(begin, name) + share * getattr(end, name)
-        for name in ("force", "torque", "gravity", "stress")
-    }
-    return begin._replace(**mixed)
 
 
 def external(state: State, free: Freedom) -> np.ndarray:
