@@ -99,9 +99,9 @@ def test_a_solution_that_misses_the_load_is_not_believed():
     m, critical, load, _ = sample(1)
     system, slides = System(m, load, critical, True), np.zeros(14, bool)
     system.rates(slides)
-    right = system.factor
-    for wrong in (lambda b: np.full_like(b, np.nan), lambda b: 1.001 * right(b)):
-        system.factor = wrong
+    right = system.answer
+    for wrong in (np.full_like(right, np.nan), 1.001 * right):
+        system.answer = wrong
         with pytest.raises(LinAlgError):
             system.rates(slides)
     # where a correction goes wrong, a factor made anew takes its place

@@ -96,14 +96,15 @@ def status(
     slides = np.ones(len(critical), bool) if start is None else np.asarray(start, bool)[critical]
     method = "flip all"
     try:
-        found = _flipped(system, slides)
-        if found is None:
-            found, method = _solved(system)
-        if found is None:
-            return _nothing(matrix, system, Verdict.MECHANISM if system.singular else Verdict.UNSTABLE, method)
-        if not np.array_equal(system.factored, found):
-            system.renew(found)
-        velocity, rate = system.rates(found)
+        with one_thread():
+            found = _flipped(system, slides)
+            if found is None:
+                found, method = _solved(system)
+            if found is None:
+                return _nothing(matrix, system, Verdict.MECHANISM if system.singular else Verdict.UNSTABLE, method)
+            if not np.array_equal(system.factored, found):
+                system.renew(found)
+            velocity, rate = system.rates(found)
     except LinAlgError:
         return _nothing(matrix, system, Verdict.MECHANISM, method)
     if not np.isfinite(rate).all() or _wrong(found, rate).any():
@@ -153,7 +154,8 @@ def complementarity(
 ) -> Complementarity:
     """A and q of the critical contacts under a load rate; arguments as in `status`."""
     critical = np.flatnonzero(matrix.limit) if critical is None else np.asarray(critical, np.int64)
-    return _complementarity(System(matrix, load, critical, geometric))
+    with one_thread():
+        return _complementarity(System(matrix, load, critical, geometric))
 
 
 def _complementarity(system: System) -> Complementarity:
@@ -167,12 +169,11 @@ def _complementarity(system: System) -> Complementarity:
 def _solved(system: System) -> tuple[np.ndarray | None, str]:
     """The status from A and q, and which algorithm found it."""
     problem = _complementarity(system)
-    with one_thread():
-        found, pivots = pivoted(problem) if _may_be_p(problem.matrix) else (None, 0)
-        system.solves += pivots
-        if found is not None:
-            return found, "principal pivoting"
-        slip = lemke(problem)
+    found, pivots = pivoted(problem) if _may_be_p(problem.matrix) else (None, 0)
+    system.solves += pivots
+    if found is not None:
+        return found, "principal pivoting"
+    slip = lemke(problem)
     system.solves += len(problem.vector)
     return (None if slip is None else slip > 0), "Lemke"
 

@@ -30,12 +30,9 @@ class System:
             )
         if not np.isfinite(self.load).all():
             raise ValueError("a load that is not finite was given: every component must be a number")
-        held = np.ones(len(matrix.free), bool)
-        held[pins(matrix)] = False
-        kept = np.flatnonzero(held)
-        c = sparse.csr_array(matrix.c[kept])
-        order = elimination(c, matrix.free.body[kept])
-        self.kept, c = kept[order], c[order]
+        order = elimination(matrix.c, matrix.free.body)
+        self.kept = order[~np.isin(order, pins(matrix))]
+        c = sparse.csr_array(matrix.c[self.kept])
         self.right = self.load[self.kept]
         turned = matrix.geometric[self.kept][:, self.kept] if geometric else matrix.geometric
         ordered = matrix._replace(c=c, geometric=turned)
@@ -45,7 +42,7 @@ class System:
         sign, slope = matrix.sign[critical], matrix.slope[critical]
         self.pull = sparse.csc_array(along * (matrix.springs[critical, 1, 1] * sign))
         self.sees = sparse.csc_array(normal * slope + along * sign)
-        self.factor, self.factored = None, None
+        self.factor, self.factored, self.answer, self.reached = None, None, None, {}
 
     def stiffness(self, slides: np.ndarray):
         """k(S) of the kept coordinates."""
@@ -57,6 +54,7 @@ class System:
         """Factorise k(S)."""
         self.factored, self.factor = None, None
         self.factor = factorised(self.stiffness(slides), method="superlu", ordered=True)
+        self.answer, self.reached = self.factor(self.right), {}
         self.factored = slides.copy()
         self.solves += 1
 
@@ -79,7 +77,7 @@ class System:
         if v is None:
             if self.factored is None or not np.array_equal(slides, self.factored):
                 self.renew(slides)
-            v = self.factor(self.right)
+            v = self.answer
             if not self._holds(slides, v):
                 raise LinAlgError("singular")
         full = np.zeros(len(self.load))
@@ -93,11 +91,12 @@ class System:
         flipped = np.flatnonzero(slides != self.factored)
         if not 0 < len(flipped) <= FEW:
             return None
-        turn = np.where(slides[flipped], -1.0, 1.0)
-        pull, sees = self.pull[:, flipped].toarray(order="F") * turn, self.sees[:, flipped]
-        out, reach = self.factor(self.right), self.reach(pull)
+        new = [k for k in flipped if k not in self.reached]  # others were flipped in an earlier round, too
+        self.reached.update(zip(new, self.reach(self.pull[:, new].toarray(order="F")).T, strict=True))
+        turn, sees = np.where(slides[flipped], -1.0, 1.0), self.sees[:, flipped]
+        reach = np.stack([self.reached[k] for k in flipped], axis=1) * turn
         try:
-            v = out - reach @ np.linalg.solve(np.eye(len(flipped)) + sees.T @ reach, sees.T @ out)
+            v = self.answer - reach @ np.linalg.solve(np.eye(len(flipped)) + sees.T @ reach, sees.T @ self.answer)
         except np.linalg.LinAlgError:
             return None
         return v if self._holds(slides, v) else None
@@ -133,12 +132,14 @@ def elimination(c, body: np.ndarray) -> np.ndarray:
     -----
     SuperLU orders what it factorises; a graph of bodies is a ninth of that of coordinates, and orders as well.
     """
-    node = np.unique(body, return_inverse=True)[1]
-    count = node.max(initial=-1) + 1
-    if count < 2:
+    _, lead, node = np.unique(body, return_index=True, return_inverse=True)
+    if len(lead) < 2:
         return np.arange(len(body))
-    row = np.repeat(node, np.diff(c.indptr))
-    touch = sparse.csr_array((np.ones(len(row)), (row, c.indices // 2)), shape=(count, c.shape[1] // 2))
+    # the first coordinate of a body takes part in all its contacts
+    part = sparse.csr_array(c[lead])
+    row = np.repeat(np.arange(len(lead)), np.diff(part.indptr))
+    shape = (len(lead), c.shape[1] // 2)
+    touch = sparse.csr_array((np.ones(len(row)), (row, part.indices // 2)), shape=shape)
     graph = sparse.csc_array(touch @ touch.T)
     graph.data[:] = -1.0
     graph.setdiag(1.0 + np.diff(graph.indptr))  # larger than the rest of its column: nothing is pivoted

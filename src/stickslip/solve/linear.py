@@ -50,7 +50,8 @@ def factorised(matrix, *, method: str | None = None, ordered: bool = False) -> S
     """
     method = method or ("dense" if matrix.shape[0] < DENSE_BELOW else "pardiso" if has_pardiso() else "superlu")
     if method == "superlu":
-        return _superlu(matrix, "NATURAL" if ordered else "MMD_AT_PLUS_A")
+        # a matrix with so little fill that its order is known has no wide supernodes to gain from panels
+        return _superlu(matrix, "NATURAL", relax=1, panel_size=1) if ordered else _superlu(matrix, "MMD_AT_PLUS_A")
     return {"dense": _dense, "pardiso": _pardiso}[method](matrix)
 
 
@@ -70,11 +71,9 @@ def _dense(matrix) -> Solve:
     return solve
 
 
-def _superlu(matrix, order: str) -> Solve:
+def _superlu(matrix, order: str, **sizes) -> Solve:
     try:
-        factor = splu(
-            sparse.csc_array(matrix), permc_spec=order, diag_pivot_thresh=1e-3, options={"SymmetricMode": True}
-        )
+        factor = splu(sparse.csc_array(matrix), order, diag_pivot_thresh=1e-3, options={"SymmetricMode": True}, **sizes)
     except RuntimeError as problem:
         raise LinAlgError(str(problem)) from None
     return factor.solve
