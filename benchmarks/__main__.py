@@ -17,7 +17,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from . import engine, spheres
+from . import contact_status, engine, spheres
 
 HERE = Path(__file__).parent
 ROUNDS, STEPS = 5, 400_000
@@ -112,16 +112,19 @@ def versions() -> dict:
 def main() -> None:
     """Run everything; `--quick` leaves out minutes, `--large` adds thousands of grains to what is quasi-static.
 
-    `--engine` and `--spheres` run only time steps of many grains, or only what is quasi-static.
+    `--engine`, `--spheres` and `--status` run only time steps of many grains, what is quasi-static, or contact status.
     """
-    rows, only = [], "--spheres" in sys.argv
-    if not only:
-        rows = engine.rows(full="--quick" not in sys.argv)
-    if not only and "--engine" not in sys.argv:
+    rows, quick = [], "--quick" in sys.argv
+    chosen = {"--engine", "--spheres", "--status"} & set(sys.argv)
+    if not chosen or "--engine" in chosen:
+        rows += engine.rows(full=not quick)
+    if not chosen:
         array = ten_disks()
-        rows += ([array] if array else []) + budgets(full="--quick" not in sys.argv)
-    if only or not {"--quick", "--engine"} & set(sys.argv):
+        rows += ([array] if array else []) + budgets(full=not quick)
+    if "--spheres" in chosen or not (chosen or quick):
         rows += spheres.rows("--large" in sys.argv)
+    if not chosen or "--status" in chosen:
+        rows += contact_status.rows()
     show(rows)
     path, today = Path("bench.json"), datetime.now(UTC).date().isoformat()
     measured, rows = {row["case"] for row in rows}, [row | {"date": today} for row in rows]

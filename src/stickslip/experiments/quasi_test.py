@@ -19,7 +19,8 @@ from ..loading.biaxial import BOTTOM, LEFT, RIGHT, TOP, biaxial_box, raised, she
 from ..loading.slow import slowly
 from ..quasirigid.matrices import matrices, statuses, stiffness_matrix
 from ..quasirigid.path import Path, external, quasirigid_path
-from ..quasirigid.status import certificate, complementarity, pins, status_map
+from ..quasirigid.status import certificate, complementarity, status_map
+from ..quasirigid.system import pins
 from ..solve.freedom import Freedom, displaced, residual_vector
 
 Report = Callable[[str, float, str], None]

@@ -24,6 +24,7 @@ from ..core.measure import branches, touching
 from ..core.measure import rattlers as loose_grains
 from ..core.state import SLIDE, State
 from ..solve.freedom import Freedom, freedom, incidence, of_branches
+from .walls import turning
 
 
 class Matrices(NamedTuple):
@@ -52,7 +53,7 @@ class Matrices(NamedTuple):
         return self.mu * self.force[:, 0] - np.abs(self.force[:, 1])
 
 
-def matrices(state: State, law: Law, *, rattlers: bool | np.ndarray = False) -> Matrices:
+def matrices(state: State, law: Law, *, rattlers: bool | np.ndarray = False, wall_arm: float | None = None) -> Matrices:
     """The matrices of an accepted state, at its positions.
 
     Parameters
@@ -61,11 +62,13 @@ def matrices(state: State, law: Law, *, rattlers: bool | np.ndarray = False) -> 
     law : Law with sharp Coulomb friction
     rattlers : whether grains that hold nothing are among the coordinates, and their contacts among the contacts; or
         (N,) bool, the grains to leave out in their place
+    wall_arm : if given, every wall may also turn about its point: the last coordinates are this arm times the walls'
+        angles [length]; see `walls`
 
     Raises
     ------
     ValueError
-        in three dimensions, or with a smooth law, for which no contact ever slides or sticks.
+        in three dimensions, with a smooth law, for which no contact ever slides or sticks, or if walls cannot turn.
     """
     if state.cell.dim != 2:
         raise ValueError(
@@ -102,9 +105,12 @@ def matrices(state: State, law: Law, *, rattlers: bool | np.ndarray = False) -> 
     springs = np.zeros((len(rows), 2, 2))
     springs[:, 0, 0], springs[:, 1, 1], springs[:, 1, 0] = k_n, k_t, -sign * by_overlap
     slope = np.divide(line.mu[rows] * k_n - by_overlap, k_t, out=np.zeros(len(rows)), where=k_t > 0)
+    geometric = _turned(state, free, rows, force, normal, along, line.inverse[rows], count)
+    if wall_arm is not None:
+        c, geometric, free = turning(state, rows, force, c, geometric, free, wall_arm)
     return Matrices(
         rows, c, springs, np.stack([line.damping_n[rows], line.damping_t[rows]], axis=1), slope, sign, line.mu[rows],
-        force, sliding, _turned(state, free, rows, force, normal, along, line.inverse[rows], count), free,
+        force, sliding, geometric, free,
     )  # fmt: skip
 
 

@@ -12,8 +12,10 @@ from ..core.laws import Law
 from ..core.measure import rattlers
 from ..core.state import State
 from .matrices import Matrices, matrices, stiffness_matrix
+from .walls import resists_turning, rigid_rotation
 
 ZERO = 1e-10  # share of the largest singular value below which one is zero
+ALIKE = 0.9  # share of the rigid turn among null modes from which it is counted as one of them
 DENSE_UP_TO = 6000  # coordinates whose singular values are computed
 RIGID, RATTLER, IDLE, DRIVEN = (
     "a rigid motion of the apparatus",
@@ -30,18 +32,23 @@ class Mechanism(NamedTuple):
     vector: np.ndarray  # (n,) of unit length, in the coordinates of `matrices(state, law, rattlers=True)`
     power: float  # |load · left null vector| over |load|: whether the balance has a solution
     deforms: bool  # whether some contact moves, which then slides; else no contact feels it
+    quotient: float = 0.0  # vᵀkv: zero, but for the rigid rotation, by which the overlaps slip [force/length]
 
     def __str__(self):
         return self.kind
 
 
-def mechanisms(state: State, law: Law, load: np.ndarray | None = None, sliding=None) -> list[Mechanism]:
+def mechanisms(
+    state: State, law: Law, load: np.ndarray | None = None, sliding=None, *, wall_arm: float | None = None
+) -> list[Mechanism]:
     """All null modes of k, each in one of the classes of Sec. III E.
 
     Parameters
     ----------
     load : (n,) rate of the external load on all free coordinates, rattlers' included [force/time]; default: none
     sliding : (M,) bool, statuses of the contacts of `matrices(state, law, rattlers=True)`; default: those at the limit
+    wall_arm : if given, walls may also turn, as in `matrices`; then the turn of everything about one point is RIGID,
+        too, where nothing but the overlaps resists it, with the small `quotient` that these leave
 
     Returns
     -------
@@ -53,7 +60,7 @@ def mechanisms(state: State, law: Law, load: np.ndarray | None = None, sliding=N
     ValueError
         beyond 6000 coordinates, for which singular values take too long.
     """
-    matrix = matrices(state, law, rattlers=True)
+    matrix = matrices(state, law, rattlers=True, wall_arm=wall_arm)
     size = len(matrix.free)
     if size > DENSE_UP_TO:
         raise ValueError(f"{size} coordinates were given: null modes of at most {DENSE_UP_TO} are computed")
@@ -62,12 +69,14 @@ def mechanisms(state: State, law: Law, load: np.ndarray | None = None, sliding=N
         raise ValueError(f"a load of {load.shape} was given where {(size,)} is needed: one for each coordinate")
     k = stiffness_matrix(matrix, sliding, geometric=False).toarray()
     rigid = _rigid_motions(matrix)
+    turn = np.zeros((size, 0)) if wall_arm is None else _rigid_turn(state, matrix, wall_arm)
     loose = rattlers(state, 2)
     own = np.flatnonzero(np.append(loose, np.zeros(state.n_bodies - len(loose) + 1, bool))[matrix.free.body])
     out = [Mechanism(RIGID, v, _share(load, v), False) for v in rigid.T]
+    out += [Mechanism(RIGID, v, _share(load, v), True, float(v @ k @ v)) for v in turn.T]
     out += [Mechanism(RATTLER, np.eye(size)[c], _share(load, np.eye(size)[c]), False) for c in own]
     rest = np.setdiff1d(np.arange(size), own)
-    return out + _others(matrix, k, rest, rigid[rest], load)
+    return out + _others(matrix, k, rest, rigid[rest], turn[rest], load)
 
 
 def _share(load: np.ndarray, vector: np.ndarray) -> float:
@@ -85,7 +94,15 @@ def _rigid_motions(matrix: Matrices) -> np.ndarray:
     return np.stack(moves, axis=1) if moves else np.zeros((len(matrix.free), 0))
 
 
-def _others(matrix: Matrices, k, rest, rigid, load) -> list[Mechanism]:
+def _rigid_turn(state: State, matrix: Matrices, arm: float) -> np.ndarray:
+    """(n, 1) the turn of everything, as a unit vector, or (n, 0) where more than the overlaps resists it."""
+    move = rigid_rotation(state, matrix.free, arm)
+    if resists_turning(state, matrix.rows, (matrix.c.T @ move).reshape(-1, 2)):
+        return np.zeros((len(move), 0))
+    return (move / np.linalg.norm(move))[:, None]
+
+
+def _others(matrix: Matrices, k, rest, rigid, turn, load) -> list[Mechanism]:
     """Null modes among the coordinates `rest`, without rigid motions: those that the load drives are told apart."""
     if not len(rest):
         return []
@@ -96,6 +113,8 @@ def _others(matrix: Matrices, k, rest, rigid, load) -> list[Mechanism]:
     if rigid.shape[1]:
         base = qr(rigid, mode="economic")[0]
         null, co = _without(null, base), _without(co, base)
+    if turn.shape[1]:  # if its overlaps are so small that k takes it for a null mode, it is not counted again
+        null, co = _without_turn(null, turn, rigid), _without_turn(co, turn, rigid)
     if not null.shape[1]:
         return []
     # one direction of the left null space takes all of the load; the motion that answers to it is the driven one
@@ -120,6 +139,14 @@ def _without(vectors: np.ndarray, base: np.ndarray) -> np.ndarray:
     """Orthonormal basis of what the span of `vectors` has beside that of `base`."""
     inside = null_space(base.T @ vectors, rcond=1e-8) if vectors.shape[1] else np.zeros((0, 0))
     return vectors @ inside
+
+
+def _without_turn(vectors: np.ndarray, turn: np.ndarray, rigid: np.ndarray) -> np.ndarray:
+    """Null vectors without the one that is the rigid turn, if one is."""
+    base = qr(rigid, mode="economic")[0]
+    turn = turn - base @ (base.T @ turn)
+    inside = vectors @ (vectors.T @ turn) / np.linalg.norm(turn)
+    return _without(vectors, inside) if np.linalg.norm(inside) > ALIKE else vectors
 
 
 def _mechanism(kind: str, matrix: Matrices, rest, vector, power: float) -> Mechanism:

@@ -14,7 +14,7 @@ from scipy.linalg import LinAlgError
 from ..solve.linear import factorised
 from .apex import OPENS, SIDE, SLACK, WORDS, Apex, Found, changed, choices, consistent_statuses, statuses_at_apex
 from .matrices import Matrices, stiffness_matrix
-from .status import pins
+from .system import pins
 
 CHECKED = 256  # choices of statuses up to which uniqueness is checked while a path is followed
 

@@ -16,15 +16,14 @@ from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
-from scipy import sparse
 from scipy.linalg import LinAlgError, cho_factor
 
-from ..solve.linear import factorised
-from .matrices import Matrices, stiffness_matrix
+from ..solve.linear import one_thread
+from .matrices import Matrices
+from .system import System
 
 ROUNDS = 60  # of flipping all that is inconsistent, before pivoting begins
 MAPPED = 14  # contacts up to which all statuses are gone through
-FEW = 8  # changed contacts up to which a factor is corrected instead of made anew
 SLACK = 1e-9  # share of the largest rate below which a rate may have either sign
 
 
@@ -67,70 +66,6 @@ class Complementarity(NamedTuple):
     vector: np.ndarray  # (Mc,) q
 
 
-class _System:
-    """k(S) v = b for changing S: one factor, corrected for few changes and made anew for many."""
-
-    def __init__(self, matrix: Matrices, load: np.ndarray, critical: np.ndarray, geometric: bool):
-        self.critical, self.solves = critical, 0
-        self.load = np.asarray(load, float)
-        if self.load.shape != (len(matrix.free),):
-            raise ValueError(
-                f"a load of {self.load.shape} was given where {(len(matrix.free),)} is needed: one for each coordinate"
-            )
-        self.kept = np.setdiff1d(np.arange(len(matrix.free)), pins(matrix))
-        c = matrix.c.tocsc()[self.kept]
-        unit = np.stack([2 * critical, 2 * critical + 1])
-        normal, along = c[:, unit[0]], c[:, unit[1]]
-        sign, slope = matrix.sign[critical], matrix.slope[critical]
-        self.pull = sparse.csc_array(along * (matrix.springs[critical, 1, 1] * sign))
-        self.sees = sparse.csc_array(normal * slope + along * sign)
-        none = np.zeros(matrix.count, bool)
-        stuck = stiffness_matrix(matrix, none, geometric=geometric)
-        self.stuck = sparse.csr_array(stuck[self.kept][:, self.kept])
-        self.factor, self.factored = None, None
-
-    def renew(self, slides: np.ndarray) -> None:
-        """Factorise k(S)."""
-        changed = self.stuck - self.pull[:, slides] @ self.sees[:, slides].T if slides.any() else self.stuck
-        self.factor, self.factored = factorised(sparse.csr_array(changed)), slides.copy()
-        self.solves += 1
-
-    def solved(self, slides: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """k(S)⁻¹ of vectors in the kept coordinates."""
-        if self.factor is None:
-            self.renew(slides)
-        flipped = np.flatnonzero(slides != self.factored)
-        if len(flipped) > FEW:
-            self.renew(slides)
-            flipped = flipped[:0]
-        out = self.factor(right)
-        if not len(flipped):
-            return out
-        turn = np.where(slides[flipped], -1.0, 1.0)
-        pull, sees = self.pull[:, flipped].toarray() * turn, self.sees[:, flipped].toarray()
-        reach = np.stack([self.factor(column) for column in pull.T], axis=1)
-        return out - reach @ np.linalg.solve(np.eye(len(flipped)) + sees.T @ reach, sees.T @ out)
-
-    def rates(self, slides: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Velocities (n,) of a status, and Ṽ of the critical contacts."""
-        v = self.solved(slides, self.load[self.kept])
-        full = np.zeros(len(self.load))
-        full[self.kept] = v
-        return full, self.sees.T @ v
-
-
-def pins(matrix: Matrices) -> np.ndarray:
-    """Coordinates that may be held still without changing any contact: one for each free translation of the whole."""
-    held = []
-    for axis in range(2):
-        whole = np.flatnonzero(matrix.free.axis == axis)
-        move = np.zeros(len(matrix.free))
-        move[whole] = 1.0
-        if len(whole) and np.abs(matrix.c.T @ move).max(initial=0.0) < 1e-12:
-            held.append(whole[0])
-    return np.array(held, np.int64)
-
-
 def status(
     matrix: Matrices,
     load: np.ndarray,
@@ -142,8 +77,8 @@ def status(
     """The status by the principle of minimum sliding: what slides is what would leave Coulomb's cone otherwise.
 
     All inconsistent contacts are flipped at once, which nearly always ends after a few rounds; a cycle hands over to
-    principal pivoting of one contact at a time, and that to Lemke's algorithm. Whatever found it, the status is
-    verified contact by contact with a factor of k(S) itself.
+    principal pivoting of one contact at a time (if A may be a P-matrix), and that to Lemke's algorithm. Whatever found
+    it, the status is verified contact by contact with a factor of k(S) itself.
 
     Parameters
     ----------
@@ -157,21 +92,21 @@ def status(
     Choice
     """
     critical = np.flatnonzero(matrix.limit) if critical is None else np.asarray(critical, np.int64)
-    system = _System(matrix, load, critical, geometric)
+    system = System(matrix, load, critical, geometric)
     slides = np.ones(len(critical), bool) if start is None else np.asarray(start, bool)[critical]
+    method = "flip all"
     try:
-        found, method = _flipped(system, slides), "flip all"
-        if found is None:
-            found, method = _pivoted(system), "principal pivoting"
-        if found is None:
-            found, method = _by_lemke(system), "Lemke"
+        with one_thread():
+            found = _flipped(system, slides)
+            if found is None:
+                found, method = _solved(system)
+            if found is None:
+                return _nothing(matrix, system, Verdict.MECHANISM if system.singular else Verdict.UNSTABLE, method)
+            if not np.array_equal(system.factored, found):
+                system.renew(found)
+            velocity, rate = system.rates(found)
     except LinAlgError:
-        return _nothing(matrix, system, Verdict.MECHANISM, "flip all")
-    if found is None:
-        return _nothing(matrix, system, Verdict.UNSTABLE, "Lemke")
-    if not np.array_equal(system.factored, found):
-        system.renew(found)
-    velocity, rate = system.rates(found)
+        return _nothing(matrix, system, Verdict.MECHANISM, method)
     if not np.isfinite(rate).all() or _wrong(found, rate).any():
         return _nothing(matrix, system, Verdict.UNSTABLE, method)
     sliding = np.zeros(matrix.count, bool)
@@ -179,7 +114,7 @@ def status(
     return Choice(Verdict.CONSISTENT, sliding, critical, velocity, rate, method, system.solves)
 
 
-def _nothing(matrix: Matrices, system: _System, verdict: Verdict, method: str) -> Choice:
+def _nothing(matrix: Matrices, system: System, verdict: Verdict, method: str) -> Choice:
     unknown = np.full(len(system.critical), np.nan)
     velocity = np.full(len(system.load), np.nan)
     return Choice(verdict, np.zeros(matrix.count, bool), system.critical, velocity, unknown, method, system.solves)
@@ -191,14 +126,22 @@ def _wrong(slides: np.ndarray, rate: np.ndarray) -> np.ndarray:
     return np.where(slides, rate < -slack, rate > slack)
 
 
-def _flipped(system: _System, slides: np.ndarray) -> np.ndarray | None:
-    """The status to which flipping all inconsistent contacts leads, or None if it goes round in circles."""
+def _flipped(system: System, slides: np.ndarray) -> np.ndarray | None:
+    """The status to which flipping all inconsistent contacts leads, or None if it goes round in circles.
+
+    Where k(S) is singular, all contacts stick in the next round: a status on the way need not be one that can be.
+    """
     seen = set()
     for _ in range(ROUNDS):
         if slides.tobytes() in seen:
             return None
         seen.add(slides.tobytes())
-        _, rate = system.rates(slides)
+        try:
+            _, rate = system.rates(slides)
+        except LinAlgError:
+            system.singular = True
+            slides = np.zeros(len(slides), bool)
+            continue
         wrong = _wrong(slides, rate)
         if not wrong.any():
             return slides
@@ -211,33 +154,50 @@ def complementarity(
 ) -> Complementarity:
     """A and q of the critical contacts under a load rate; arguments as in `status`."""
     critical = np.flatnonzero(matrix.limit) if critical is None else np.asarray(critical, np.int64)
-    return _complementarity(_System(matrix, load, critical, geometric))
+    with one_thread():
+        return _complementarity(System(matrix, load, critical, geometric))
 
 
-def _complementarity(system: _System) -> Complementarity:
+def _complementarity(system: System) -> Complementarity:
     stuck = np.zeros(len(system.critical), bool)
     system.renew(stuck)
-    answer = [system.solved(stuck, column) for column in system.pull.toarray().T]
-    reach = np.stack(answer, axis=1) if answer else np.zeros((len(system.kept), 0))
     _, rate = system.rates(stuck)
+    reach = system.reach(system.pull.toarray(order="F"))
     return Complementarity(np.eye(len(stuck)) - system.sees.T @ reach, -rate)
 
 
-def _pivoted(system: _System) -> np.ndarray | None:
-    """Principal pivoting: of the inconsistent contacts the one with the largest number is flipped (Murty's rule)."""
+def _solved(system: System) -> tuple[np.ndarray | None, str]:
+    """The status from A and q, and which algorithm found it."""
     problem = _complementarity(system)
-    size = len(problem.vector)
+    found, pivots = pivoted(problem) if _may_be_p(problem.matrix) else (None, 0)
+    system.solves += pivots
+    if found is not None:
+        return found, "principal pivoting"
+    slip = lemke(problem)
+    system.solves += len(problem.vector)
+    return (None if slip is None else slip > 0), "Lemke"
+
+
+def pivoted(problem: Complementarity) -> tuple[np.ndarray | None, int]:
+    """Murty's principal pivoting: of the inconsistent contacts the one with the largest number is flipped.
+
+    Returns
+    -------
+    (Mc,) bool or None, int
+        what slides, and the number of pivots. For a P-matrix no status occurs twice; where one does, it is None.
+    """
+    size, seen = len(problem.vector), set()
     slides = np.zeros(size, bool)
-    for _ in range(20 * size + 20):
+    for pivots in range(20 * size + 20):
         rate = _rates_of(problem, slides)
-        if rate is None:
-            return None
+        if rate is None or slides.tobytes() in seen:
+            return None, pivots
         wrong = np.flatnonzero(_wrong(slides, rate))
         if not len(wrong):
-            return slides
+            return slides, pivots
+        seen.add(slides.tobytes())
         slides[wrong[-1]] ^= True
-        system.solves += 1
-    return None
+    return None, pivots
 
 
 def _rates_of(problem: Complementarity, slides: np.ndarray) -> np.ndarray | None:
@@ -249,13 +209,6 @@ def _rates_of(problem: Complementarity, slides: np.ndarray) -> np.ndarray | None
         except np.linalg.LinAlgError:
             return None
     return np.where(slides, slip, -(problem.matrix @ slip + problem.vector))
-
-
-def _by_lemke(system: _System) -> np.ndarray | None:
-    problem = _complementarity(system)
-    found = lemke(problem)
-    system.solves += len(problem.vector)
-    return None if found is None else found > 0
 
 
 def lemke(problem: Complementarity) -> np.ndarray | None:
@@ -296,12 +249,10 @@ def certificate(problem: Complementarity) -> Uniqueness:
     a = problem.matrix
     if not len(a):
         return Uniqueness(True, "no contact is critical")
-    diagonal = np.diag(a)
+    diagonal, pair = _small_minors(a)
     if (diagonal <= 0).any():
         k = int(np.argmin(diagonal))
         return Uniqueness(False, f"critical contact {k} alone has the minor {diagonal[k]:.3g}")
-    pair = np.outer(diagonal, diagonal) - a * a.T
-    np.fill_diagonal(pair, np.inf)
     if (pair <= 0).any():
         i, j = np.unravel_index(np.argmin(pair), pair.shape)
         return Uniqueness(False, f"critical contacts {i} and {j} have the minor {pair[i, j]:.3g}")
@@ -318,6 +269,19 @@ def certificate(problem: Complementarity) -> Uniqueness:
         whole = is_p_matrix(a)
         return Uniqueness(whole, f"all {2 ** len(a) - 1} principal minors were gone through")
     return Uniqueness(None, f"not known: {len(a)} critical contacts have too many minors, and no cheap test decides")
+
+
+def _small_minors(a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(Mc,) minors of one contact and (Mc, Mc) of two."""
+    diagonal = np.diag(a)
+    pair = np.outer(diagonal, diagonal) - a * a.T
+    np.fill_diagonal(pair, np.inf)
+    return diagonal, pair
+
+
+def _may_be_p(a: np.ndarray) -> bool:
+    """False if a minor of one or two contacts is not positive: principal pivoting may then go round for long."""
+    return all((minors > 0).all() for minors in _small_minors(a))
 
 
 def is_p_matrix(a: np.ndarray) -> bool:

@@ -34,13 +34,14 @@ def has_pardiso() -> bool:
     return find_spec("pypardiso") is not None
 
 
-def factorised(matrix, *, method: str | None = None) -> Solve:
+def factorised(matrix, *, method: str | None = None, ordered: bool = False) -> Solve:
     """A function that solves with a square sparse matrix, factorised once.
 
     Parameters
     ----------
     matrix : (n, n) sparse, all diagonal entries stored
     method : "dense", "pardiso" or "superlu"; default: by size and by what is installed
+    ordered : whether the coordinates stand in an order of little fill, so that SuperLU need not look for one
 
     Raises
     ------
@@ -48,7 +49,10 @@ def factorised(matrix, *, method: str | None = None) -> Solve:
         if the matrix is singular to round-off.
     """
     method = method or ("dense" if matrix.shape[0] < DENSE_BELOW else "pardiso" if has_pardiso() else "superlu")
-    return {"dense": _dense, "pardiso": _pardiso, "superlu": _superlu}[method](matrix)
+    if method == "superlu":
+        # a matrix with so little fill that its order is known has no wide supernodes to gain from panels
+        return _superlu(matrix, "NATURAL", relax=1, panel_size=1) if ordered else _superlu(matrix, "MMD_AT_PLUS_A")
+    return {"dense": _dense, "pardiso": _pardiso}[method](matrix)
 
 
 def _dense(matrix) -> Solve:
@@ -67,14 +71,9 @@ def _dense(matrix) -> Solve:
     return solve
 
 
-def _superlu(matrix) -> Solve:
+def _superlu(matrix, order: str, **sizes) -> Solve:
     try:
-        factor = splu(
-            sparse.csc_array(matrix),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=1e-3,
-            options={"SymmetricMode": True},
-        )
+        factor = splu(sparse.csc_array(matrix), order, diag_pivot_thresh=1e-3, options={"SymmetricMode": True}, **sizes)
     except RuntimeError as problem:
         raise LinAlgError(str(problem)) from None
     return factor.solve

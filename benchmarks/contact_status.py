@@ -1,0 +1,149 @@
+"""The status of 400 critical contacts of 3000 disks: `status` cold and warm, beside slower ways to the same answer.
+
+The disks fill a periodic box at packing fraction 0.83 and come to rest with friction 0.2, two seconds of damped
+dynamics. They are then in balance with friction 0.5, too, with no contact at the limit: which ones are critical, and
+whereto they would slide, is drawn; no disk has two of them, and none has only two contacts.
+"""
+
+import time
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
+
+import stickslip as ss
+from stickslip.quasirigid.matrices import Matrices, matrices, stiffness_matrix
+from stickslip.quasirigid.status import certificate, complementarity, lemke, pivoted, status
+from stickslip.quasirigid.system import pins
+from stickslip.solve.linear import one_thread
+from stickslip.solve.relax import relax
+
+DISKS, CRITICAL, CHANGED, ROUNDS = 3000, 400, 5, 7
+COLD, WARM = 0.25, 0.1  # budgets [s]
+
+
+def packing(n: int = DISKS):
+    """Disks at rest, and their law: put on a stirred lattice, quenched at constant volume."""
+    rng = np.random.default_rng(1)
+    radius = np.where(np.arange(n) % 2, 0.4, 0.6)
+    side, across = np.sqrt(np.pi * (radius**2).sum() / 0.83), int(np.ceil(np.sqrt(n)))
+    cells = rng.permutation(across**2)[:n]
+    place = (np.stack([cells % across, cells // across], axis=1) + 0.5) * side / across
+    grains = ss.disks(place + rng.normal(0, 0.1, place.shape), radius, mass=4 * radius**2)
+    state = ss.assembly(grains, cell=ss.box([side, side, 1.0], [True, True, False], dim=2), control=ss.loads(n))
+    slippery = ss.linear(1.0, 0.5, 0.2, coulomb="sharp", damping="mass_velocity", damping_n=0.2, damping_t=0.2)
+    state, outcome = relax(state, slippery, tolerance=1e-10, drag=0.02, dt=0.2, steps=400_000)
+    if not outcome.ok:
+        raise RuntimeError(str(outcome))
+    return state, ss.linear(1.0, 0.5, 0.5, coulomb="sharp")
+
+
+def drawn(state, matrix: Matrices, seed: int) -> tuple[Matrices, np.ndarray]:
+    """Signs of all contacts, and contacts that are critical: no two at one disk, none at a disk with two contacts."""
+    rng = np.random.default_rng(seed)
+    ends = np.stack([state.contacts.i[matrix.rows], state.contacts.j[matrix.rows]], axis=1)
+    taken, found = np.bincount(ends.ravel(), minlength=state.n_bodies) < 3, []
+    for contact in rng.permutation(matrix.count):
+        if len(found) < CRITICAL and not taken[ends[contact]].any():
+            taken[ends[contact]] = True
+            found.append(contact)
+    return matrix._replace(sign=rng.choice([-1.0, 1.0], matrix.count)), np.sort(found)
+
+
+def sheared(state, matrix: Matrices) -> np.ndarray:
+    """Load rate that shears the packing: minus the contact forces of an affine shear at unit rate."""
+    branch = ss.branches(state)[matrix.rows]
+    normal = branch / np.linalg.norm(branch, axis=1, keepdims=True)
+    relative = branch[:, 1:2] * np.stack([normal[:, 0], normal[:, 1]], axis=1)
+    return matrix.c @ np.einsum("mab,mb->ma", matrix.springs, relative).ravel()
+
+
+def directly(matrix: Matrices, load, critical, sliding) -> tuple[np.ndarray, int]:
+    """What slides, by flipping all inconsistent contacts and SciPy's `spsolve` in each round; and the rounds."""
+    kept = np.setdiff1d(np.arange(len(matrix.free)), pins(matrix))
+    sliding, v = sliding.copy(), np.zeros(len(load))
+    for turn in range(1, 60):
+        v[kept] = spsolve(sparse.csc_array(stiffness_matrix(matrix, sliding)[kept][:, kept]), load[kept])
+        relative = (matrix.c.T @ v).reshape(-1, 2)
+        rate = (matrix.slope * relative[:, 0] + matrix.sign * relative[:, 1])[critical]
+        wrong = (rate > 0) != sliding[critical]
+        if not wrong.any():
+            return sliding, turn
+        sliding[critical[wrong]] ^= True
+    raise RuntimeError("flipping goes round in circles")
+
+
+def problem():
+    """The first draw in which no minor of A of one or two contacts says that the status is not unique."""
+    state, law = packing()
+    seconds, plain = timed(lambda: matrices(state, law))
+    for seed in range(20):
+        matrix, critical = drawn(state, plain, seed)
+        load = sheared(state, matrix)
+        if certificate(complementarity(matrix, load, critical=critical)).unique is not False:
+            return (
+                min(seconds, *(timed(lambda: matrices(state, law))[0] for _ in range(ROUNDS))),
+                matrix,
+                critical,
+                load,
+            )
+    raise RuntimeError("no draw of critical contacts has a unique status")
+
+
+def timed(call) -> tuple:
+    """Seconds and answer of a call."""
+    start = time.perf_counter()
+    answer = call()
+    return time.perf_counter() - start, answer
+
+
+def rows() -> list[dict]:
+    """Every row: best of several rounds, the sides in turn, on one thread."""
+    made, matrix, critical, load = problem()
+    all_slide = np.isin(np.arange(matrix.count), critical)
+    truth = status(matrix, load, critical=critical)
+    near = truth.sliding.copy()
+    near[np.random.default_rng(0).choice(critical, CHANGED, replace=False)] ^= True
+
+    def by(algorithm):
+        sliding = np.zeros(matrix.count, bool)
+        sliding[critical] = algorithm(complementarity(matrix, load, critical=critical))
+        return sliding
+
+    sides = {
+        "cold": lambda: status(matrix, load, critical=critical).sliding,
+        "warm": lambda: status(matrix, load, critical=critical, start=near).sliding,
+        "principal pivoting": lambda: by(lambda a: pivoted(a)[0]),
+        "Lemke": lambda: by(lambda a: lemke(a) > 0),
+        "flips and spsolve": lambda: directly(matrix, load, critical, all_slide)[0],
+        "flips and spsolve, warm": lambda: directly(matrix, load, critical, near)[0],
+    }
+    best = dict.fromkeys(sides, np.inf)
+    with one_thread():
+        for _ in range(ROUNDS):
+            for name, side in sides.items():
+                seconds, sliding = timed(side)
+                if not np.array_equal(sliding, truth.sliding):
+                    raise RuntimeError(f"{name} found another status")
+                best[name] = min(best[name], seconds)
+    return table(best, made, matrix.count, truth)
+
+
+def table(best: dict, made: float, contacts: int, truth) -> list[dict]:
+    """The rows of `rows`: a budget's ratio is ours over it, that of another way is its time over ours."""
+    cold = f"contact status, {CRITICAL} critical of {contacts}, cold"
+    warm = f"contact status, {CHANGED} of {CRITICAL} changed, warm"
+    found = f"budget ({truth.method}, {truth.solves} factors, {truth.sliding.sum()} slide)"
+    out = [row(cold, best["cold"], COLD, found, False), row(warm, best["warm"], WARM, "budget", False)]
+    out += [row(cold, best["cold"], best[name], name) for name in ("principal pivoting", "Lemke", "flips and spsolve")]
+    out.append(row(warm, best["warm"], best["flips and spsolve, warm"], "flips and spsolve"))
+    return [*out, row("matrices of the same disks", made, None, "")]
+
+
+def row(case: str, ours: float, peer: float | None, name: str, over: bool = True) -> dict:
+    """One line of the table."""
+    ratio = (peer / ours if over else ours / peer) if peer else None
+    return {
+        "case": case, "n": DISKS, "threads": 1, "ours": ours, "peer": peer, "peer_name": name, "ratio": ratio,
+        "unit": "s",
+    }  # fmt: skip

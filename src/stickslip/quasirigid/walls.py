@@ -1,0 +1,120 @@
+"""Walls that may turn: one more coordinate for each wall, arm × angle about its point.
+
+A disk at x_i and a wall with point p, normal n and tangent t meet on the wall's surface, at p + a t, a = (x_i − p)·t:
+that is R − δ from the disk's centre, while the disk itself has the lever arm R. Where the wall turns with Ω, its
+surface moves there with Ω a n. So the wall feels of (F_n, F_t) the torque −a F_n, and none of F_t. With the wall turn n
+and t, dn = −Ω t and dt = Ω n, and da = (v_i − v_w)·t + (R − δ) Ω: that is its share in the geometric stiffness
+−(dc/dt) F. `displaced` moves such walls, but does not turn them.
+
+Source: McNamara and Herrmann, doi:10.1103/PhysRevE.74.061303, Sec. III E, counts three rigid motions of the apparatus.
+With lever arms R the third one makes the overlap slip: vᵀkv/vᵀv is of the order of the squared overlap over the squared
+size of the packing, not zero.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy import sparse
+
+from ..core.measure import branches
+from ..core.state import State
+from ..solve.freedom import Freedom
+
+
+class Turning(NamedTuple):
+    """Coordinates and matrices of a packing whose walls may turn; see `Matrices` for what they are."""
+
+    c: sparse.csr_array
+    geometric: sparse.csr_array
+    free: Freedom
+
+
+def turning(state: State, rows, force, c, geometric, free: Freedom, arm: float) -> Turning:
+    """Append the rotations of all walls, in the order of the walls, to what a packing has without them.
+
+    Parameters
+    ----------
+    rows : (M,) contacts of the state's list
+    force : (M, 2) F_n, F_t on body i [force]
+    c, geometric, free : those of walls that translate
+    arm : by which a wall's angle is multiplied [length]
+    """
+    _check(state, arm)
+    n, count = len(state.grains.radius), len(state.walls.mass)
+    mine = np.flatnonzero(state.contacts.j[rows] >= n)
+    body, wall = state.contacts.i[rows[mine]], state.contacts.j[rows[mine]]
+    normal = state.walls.normal[wall - n]
+    along = np.stack([normal[:, 1], -normal[:, 0], np.zeros(len(mine))], axis=1)
+    apart = state.grains.position[body] - state.walls.point[wall - n]
+    lever, height = np.einsum("ck,ck->c", apart, along), np.einsum("ck,ck->c", apart, normal)
+    c_more = sparse.csr_array((-lever / arm, (wall - n, 2 * mine)), shape=(count, c.shape[1]))
+
+    f_n, f_t = force[mine].T
+    own, size, held = len(free) + wall - n, len(free) + count, np.append(free.place, -1)
+    entries = [(own, own, f_n * height / arm**2)]
+    for k in range(2):
+        bends = (f_n * along[:, k] - f_t * normal[:, k]) / arm
+        pulls = f_n * along[:, k] / arm
+        for end, sign in ((body, 1.0), (wall, -1.0)):
+            place = held[6 * end + k]
+            entries += [(place, own, sign * bends), (own, place, sign * pulls)]
+    row, column, value = (np.concatenate(part) for part in zip(*entries, strict=True))
+    kept = (row >= 0) & (column >= 0)
+    more = sparse.csr_array((value[kept], (row[kept], column[kept])), shape=(size, size))
+    padded = sparse.block_diag([geometric, sparse.csr_array((count, count))], format="csr")
+    return Turning(
+        sparse.csr_array(sparse.vstack([c, c_more])), sparse.csr_array(padded + more), _with_angles(state, free)
+    )
+
+
+def _with_angles(state: State, free: Freedom) -> Freedom:
+    """Freedom with the rotation of each wall about z appended; its radius of gyration is taken to be the arm."""
+    n, count = len(state.grains.radius), len(state.walls.mass)
+    component = 6 * (n + np.arange(count)) + 5
+    place = free.place.copy()
+    place[component] = len(free) + np.arange(count)
+    mass = np.append(free.mass, state.walls.mass)
+    return Freedom(np.append(free.component, component), mass, free.dim, place, free.length)
+
+
+def _check(state: State, arm: float) -> None:
+    n = len(state.grains.radius)
+    if not (np.isfinite(arm) and arm > 0):
+        raise ValueError(f"wall_arm = {arm} was given: it must be positive, such as half the length of a wall")
+    if not len(state.walls.mass):
+        raise ValueError("wall_arm was given for a packing without walls: leave it out")
+    if state.cell.periodic.any():
+        raise ValueError("wall_arm was given in a periodic cell, where a wall cannot turn: leave it out")
+    if (state.control.group[n:] >= 0).any():
+        raise ValueError("wall_arm was given for a wall in a rigid group, which turns with nothing: take it out")
+
+
+def rigid_rotation(state: State, free: Freedom, arm: float) -> np.ndarray:
+    """(n,) the velocities of a turn of everything with unit angular velocity about the mean of all moving bodies.
+
+    Parameters
+    ----------
+    free : the coordinates of `matrices(..., wall_arm=arm)`
+    """
+    place = np.concatenate([state.grains.position, state.walls.point])
+    radius = np.append(state.grains.radius, np.full(len(state.walls.mass), arm))
+    x, y = place[free.body, 0], place[free.body, 1]
+    out = radius[free.body]
+    for axis, value in ((0, -y), (1, x)):
+        mine = free.axis == axis
+        out[mine] = (value - value[mine].mean())[mine] if mine.any() else 0.0
+    return out
+
+
+def resists_turning(state: State, rows, relative: np.ndarray) -> bool:
+    """Whether a turn with unit angular velocity moves contacts by more than their overlaps.
+
+    Parameters
+    ----------
+    relative : (M, 2) V = cᵀ v of the contacts `rows` [length]
+    """
+    radius = np.append(state.grains.radius, np.zeros(len(state.walls.mass)))
+    i, j = state.contacts.i[rows], state.contacts.j[rows]
+    overlap = radius[i] + radius[j] - np.linalg.norm(branches(state)[rows], axis=1)
+    slack = 1e-9 * float(state.grains.radius.max())
+    return bool((np.abs(relative[:, 0]) > slack).any() or (np.abs(np.abs(relative[:, 1]) - overlap) > slack).any())

@@ -1,0 +1,143 @@
+"""Walls that may turn: their columns of c and the geometric stiffness by finite differences, the third rigid motion."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.quasirigid.matrices import matrices, stiffness_matrix
+from stickslip.quasirigid.mechanisms import RATTLER, RIGID, mechanisms
+from stickslip.quasirigid.status import status
+from stickslip.quasirigid.system import pins
+from stickslip.quasirigid.walls import rigid_rotation
+
+N, ARM = 60, 3.0  # with 30 disks, walls of which few disks hold turn by mechanisms of their own
+
+
+@cache
+def boxed(pressure):
+    """Disks at rest between four walls, which are then all free to translate."""
+    state, law = ss.biaxial_box(N, pressure=pressure, seed=1)
+    free = state.control.free.copy()
+    free[N:, :2] = True
+    return state._replace(control=state.control._replace(free=free)), law
+
+
+def turned(state, free, step):
+    """The state with its coordinates moved, walls' angles included."""
+    angle = free.spread(step)[N:, 5] / ARM
+    cos, sin = np.cos(angle), np.sin(angle)
+    x, y, z = state.walls.normal.T
+    normal = np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=1)
+    moved = ss.displaced(state, free, step)
+    return moved._replace(walls=moved.walls._replace(normal=normal))
+
+
+def overlaps(state, rows):
+    radius = np.append(state.grains.radius, np.zeros(4))
+    far = np.linalg.norm(ss.branches(state)[rows], axis=1)
+    return radius[state.contacts.i[rows]] + radius[state.contacts.j[rows]] - far
+
+
+def test_overlaps_change_as_the_columns_of_turning_walls_say():
+    state, law = boxed(1e-3)
+    m, h = matrices(state, law, wall_arm=ARM), 1e-6
+    v = np.random.default_rng(0).normal(size=len(m.free))
+    v[m.free.axis == 5] *= 3
+    before, after = (overlaps(turned(state, m.free, s * h * v), m.rows) for s in (-1, 1))
+    # curvature 1/R times the square of the step, and round-off over the step
+    np.testing.assert_allclose((m.c.T @ v)[::2], (before - after) / (2 * h), atol=1e-8)
+    on_walls = state.contacts.j[m.rows] >= N
+    assert np.abs((m.c[-4:].T @ v[-4:])[::2][on_walls]).min() > 1e-3
+
+
+def test_geometric_stiffness_of_turning_walls_is_how_c_turns():
+    state, law = boxed(1e-3)
+    m, h = matrices(state, law, wall_arm=ARM), 1e-5
+    assert np.abs(m.force[:, 1]).max() > 0.05 * m.force[:, 0].mean()
+    numeric = np.empty((len(m.free),) * 2)
+    for k, unit in enumerate(np.eye(len(m.free))):
+        pair = [matrices(turned(state, m.free, s * h * unit), law, wall_arm=ARM).c @ m.force.ravel() for s in (1, -1)]
+        numeric[:, k] = (pair[1] - pair[0]) / (2 * h)
+    # forces of 1e-3 and third derivatives of order 1/R² times the squared step; round-off of 1e-19 over the step
+    np.testing.assert_allclose(m.geometric.toarray(), numeric, atol=1e-11)
+    assert np.abs(numeric[-4:]).max() > 1e-5
+
+
+def test_without_turning_nothing_changes():
+    state, law = boxed(1e-3)
+    plain, more = matrices(state, law), matrices(state, law, wall_arm=ARM)
+    size = len(plain.free)
+    assert len(more.free) == size + 4
+    assert np.array_equal(more.c.toarray()[:size], plain.c.toarray())
+    assert np.array_equal(more.free.component[:size], plain.free.component)
+    assert more.free.body[size:].tolist() == [N, N + 1, N + 2, N + 3]
+    assert (more.free.axis[size:] == 5).all()
+    change = (more.geometric[:size][:, :size] - plain.geometric).toarray()
+    assert not change.any()
+    assert np.array_equal(pins(more), pins(plain))
+
+
+def test_the_rigid_rotation_costs_the_square_of_the_overlap():
+    pressures, quotients = np.array([1e-3, 1e-4, 1e-5]), []
+    for pressure in pressures:
+        state, law = boxed(pressure)
+        m = matrices(state, law, wall_arm=ARM)
+        v = rigid_rotation(state, m.free, ARM)
+        relative = (m.c.T @ v).reshape(-1, 2)
+        assert np.abs(relative[:, 0]).max() < 1e-12
+        np.testing.assert_allclose(np.abs(relative[:, 1]), overlaps(state, m.rows), atol=1e-12)
+        cost = v @ (stiffness_matrix(m, geometric=False) @ v)
+        assert not m.limit.any()
+        assert cost == pytest.approx((m.springs[:, 1, 1] * overlaps(state, m.rows) ** 2).sum(), rel=1e-9)
+        quotients.append(cost / (v @ v))
+    slope = np.log(quotients[0] / quotients[-1]) / np.log(pressures[0] / pressures[-1])
+    # packings at other pressures have other force networks: mean squares of overlaps over P² within a factor of two
+    assert slope == pytest.approx(2, abs=0.15)
+
+
+@pytest.mark.parametrize("pressure", [1e-3, 1e-5])
+def test_three_rigid_motions_with_turning_walls_and_two_without(pressure):
+    state, law = boxed(pressure)
+    two, three = mechanisms(state, law), mechanisms(state, law, wall_arm=ARM)
+    assert [m.quotient for m in two if m.kind == RIGID] == [0, 0]
+    rigid = [m for m in three if m.kind == RIGID]
+    assert [m.deforms for m in rigid] == [False, False, True]
+    assert [m.quotient for m in rigid][:2] == [0, 0]
+    assert 0.1 * pressure**2 < rigid[2].quotient < 10 * pressure**2
+    vectors = np.stack([m.vector for m in rigid])
+    np.testing.assert_allclose(vectors @ vectors.T, np.eye(3), atol=1e-12)
+    # at 1e-5 the least singular value is below 1e-10 of the largest, and is not counted again
+    assert {m.kind for m in two} == {m.kind for m in three} == {RIGID, RATTLER}
+
+
+def test_a_wall_that_stands_still_resists():
+    state, law = boxed(1e-3)
+    free = state.control.free.copy()
+    free[N, 0] = False
+    held = state._replace(control=state.control._replace(free=free))
+    assert [m.kind for m in mechanisms(held, law, wall_arm=ARM)].count(RIGID) == 1
+
+
+def test_status_takes_turning_walls():
+    state, law = boxed(1e-3)
+    m = matrices(state, law, wall_arm=ARM)
+    load = m.c @ np.random.default_rng(1).normal(size=2 * m.count)
+    found = status(m, load, critical=np.array([0, 5, 9]))
+    assert found.ok
+    np.testing.assert_allclose(stiffness_matrix(m, found.sliding) @ found.velocity, load, atol=1e-6)
+
+
+def test_walls_that_cannot_turn_are_refused():
+    state, law = boxed(1e-3)
+    with pytest.raises(ValueError, match="half the length"):
+        matrices(state, law, wall_arm=-1.0)
+    group = state.control.group.copy()
+    group[N:] = 0
+    with pytest.raises(ValueError, match="rigid group"):
+        matrices(state._replace(control=state.control._replace(group=group)), law, wall_arm=ARM)
+    packing, _ = ss.jammed(30, packing_fraction=0.88, dim=2, seed=1)
+    law = ss.linear(1.0, 0.5, 0.5, coulomb="sharp")
+    with pytest.raises(ValueError, match="without walls"):
+        matrices(ss.accept(packing, ss.forces(packing, law)[1]), law, wall_arm=ARM)
