@@ -28,6 +28,7 @@ _WHERE = {
         "branches contact_forces contact_numbers coordination fabric inertial_number packing_fraction pressure "
         "rattlers stress touching wrapped"
     ),
+    "quasirigid.apex": "Apex consistent_statuses statuses_at_apex",
     "quasirigid.matrices": "Matrices damping_matrix matrices quadratic_form stiffness_matrix",
     "quasirigid.mechanisms": "Mechanism mechanisms",
     "quasirigid.path": "Path quasirigid_path",
@@ -43,15 +44,17 @@ _WHERE = {
     "solve.stability": "Stability stability",
     "data.sample": "SampleError SampleWarning read_sample sample",
     "data.flow_scenario": "FlowScenario",
+    "data.quasi_scenario": "QuasiScenario",
     "data.scenario": "Scenario ScenarioError ShearScenario scenario",
     "loading.flow": "FlowResult Series simulate_flow",
     "loading.flow_numbers": "Deposit PlaneShear deposit plane_shear velocity_profile",
-    "loading.biaxial": "biaxial_box",
+    "loading.biaxial": "biaxial_box sheared_box",
     "loading.packing": "Packed disk_array frictionless jammed pushed",
     "loading.pouring": "Poured poured",
     "loading.protocols": "Equilibrium Protocol families fitted_growth free_run path_of ramp shaken stable_window",
     "loading.release": "Released release",
     "loading.run": "Result push simulate",
+    "loading.slow": "SlowRun slowly",
     "loading.shear": "aqs reduced_cell shear_strain sheared",
     "loading.shear_run": "ShearPath ShearResult simulate_shear",
 }

@@ -44,7 +44,7 @@ def _main(
 
 @app.command()
 def reproduce(
-    experiment: Annotated[str, typer.Argument(help="Which paper: disk-array or sphere-shear.")],
+    experiment: Annotated[str, typer.Argument(help="Which paper: disk-array, sphere-shear or quasi-rigid.")],
     quick: Annotated[
         bool, typer.Option("--quick", help="Fewer realizations and shorter runs; says what it cuts.")
     ] = False,
@@ -77,7 +77,7 @@ def run(
     workers: Workers = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Run your own scenario: an array that is pushed, a packing that is sheared, or a flow between walls and plates."""
+    """Run your own scenario: an array that is pushed, a sheared packing, a quasi-rigid test, or a flow."""
     from .data.scenario import read
     from .experiments import report
 
@@ -135,8 +135,10 @@ def stability(
 
 
 # every report has simulate, write_result and show_result; those of papers have write_reproduction, too
-_REPORTS = {"disk-array": "disk_report", "sphere-shear": "shear_report", "flow": "flow_report"}
-_PAPERS = {"disk-array": "disk_array", "sphere-shear": "sphere_shear"}
+_REPORTS = {
+    "disk-array": "disk_report", "sphere-shear": "shear_report", "quasi-rigid": "quasi_report", "flow": "flow_report"
+}  # fmt: skip
+_PAPERS = {"disk-array": "disk_array", "sphere-shear": "sphere_shear", "quasi-rigid": "quasi_rigid"}
 
 
 def _room(name: str):

@@ -11,8 +11,10 @@ import numpy as np
 from ..core.state import State
 from ..data.quasi_scenario import QuasiScenario
 from ..data.scenario import scenario
+from ..loading.biaxial import TOP
 from ..quasirigid.apex import WORDS, Apex, consistent_statuses
 from ..quasirigid.matrices import matrices
+from ..quasirigid.mechanisms import DRIVEN, IDLE, RATTLER, RIGID, mechanisms
 from ..quasirigid.opening import reduced
 from ..quasirigid.status import complementarity, is_p_matrix, status_map
 from ..solve.spectrum import damped_growth, spectrum
@@ -57,6 +59,7 @@ def judged(main: QuasiResult, *, cases: int = CASES) -> list[Claim]:
     drawn, opened = constructed(main, cases), apexes(main, cases)
     return [
         _table_one(main), *_statuses(main, drawn), *_paths(main), *_premise(main), _flutter(main), _apex(opened),
+        _mechanisms(main),
     ]  # fmt: skip
 
 
@@ -222,13 +225,13 @@ def counterexample(directions: int = 720) -> tuple[str, ...]:
 
 
 def apexes(main: QuasiResult, cases: int) -> Opened:
-    """One or two contacts at the apex, up to three at the limit, and random loads: do the four statuses exclude?"""
+    """One or two contacts at the apex, up to two at the limit, and random loads: do the four statuses exclude?"""
     rng, count = np.random.default_rng(main.scenario.seed + 1), np.zeros(4, int)
     for k in range(cases):
         one = main.tested[k % len(main.tested)]
         state = one.path.states[int(rng.integers(len(one.path.points)))]
         m = matrices(state, one.law)
-        open_ones, critical = int(rng.integers(1, 3)), int(rng.integers(0, 4))
+        open_ones, critical = int(rng.integers(1, 3)), int(rng.integers(0, 3))
         contacts = rng.choice(m.count, open_ones + critical, replace=False)
         sign = np.append(np.zeros(open_ones), rng.choice([-1.0, 1.0], critical))
         apex = reduced(m, rng.normal(size=len(m.free)), contacts, sign).apex
@@ -240,8 +243,33 @@ def apexes(main: QuasiResult, cases: int) -> Opened:
 def _apex(opened: Opened) -> Claim:
     return claim(
         "apex-counterexample", "Sec. V B", None, bool(len(opened.example) > 1), "", 0.0,
-        f"the paper asks whether the four statuses at the apex exclude each other. They do where no choice has lost its "
-        f"stability (det k of one sign): {opened.wrong} of {opened.coherent} such cases on real packings have not "
+        f"the paper asks whether the four statuses at the apex exclude each other. They do where no choice has lost "
+        f"its stability (det k of one sign): {opened.wrong} of {opened.coherent} such cases on real packings have not "
         f"exactly one; without, {opened.several} of {opened.total - opened.coherent} have two or more and "
         f"{opened.none} none; one contact in an unstable surrounding: {', '.join(opened.example)} together",
+    )  # fmt: skip
+
+
+def _mechanisms(main: QuasiResult) -> Claim:
+    """Null modes of a sample whose walls are all free to translate, then to turn; and if every contact slides."""
+    one = main.tested[0]
+    state, law, n = one.path.states[0], one.law, main.scenario.disks.number
+    walls = state.control.free.copy()
+    walls[n:, :2] = True
+    free = state._replace(control=state.control._replace(free=walls))
+    arm = 0.5 * float(np.linalg.norm(state.walls.point.max(axis=0) - state.walls.point.min(axis=0)))
+    still, turning = mechanisms(free, law), mechanisms(free, law, wall_arm=arm)
+    turn = [m.quotient for m in turning if m.kind == RIGID]
+    m = matrices(state, law, rattlers=True)
+    load = np.zeros(len(m.free))
+    load[(m.free.body == n + TOP) & (m.free.axis == 1)] = -1.0
+    loosened = mechanisms(state, law, load, sliding=np.ones(m.count, bool))
+    count = {kind: sum(mode.kind == kind for mode in loosened) for kind in (RATTLER, IDLE, DRIVEN)}
+    rigid, few = (sum(mode.kind == RIGID for mode in modes) for modes in (turning, still))
+    return claim(
+        "mechanism-classes", "Sec. III E", 3, rigid, "rigid motions", 0.0,
+        f"sample {one.seed}: {few} if its four walls translate; if they turn, too, a third one, which is none exactly: "
+        f"its vᵀkv/vᵀv is {max(turn, default=0):.1e} of K_n, of the order of (D/R)². {count[RATTLER]} motions of "
+        f"rattlers; if every contact slides, {count[IDLE]} mechanisms that a load on the lid does not excite and "
+        f"{count[DRIVEN]} that it drives",
     )  # fmt: skip

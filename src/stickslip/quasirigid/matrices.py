@@ -10,7 +10,7 @@ m = μ K_n/K_t for a linear law. A law whose tangential force changes with the o
 = sgn D_t ∂φ/∂δ, and m = (μ K_n − ∂φ/∂δ)/K_t. What turns with the contacts, the geometric stiffness −(dc/dt) F, is small
 with the overlap over the radius.
 
-Source: McNamara and Herrmann, doi:10.1103/PhysRevE.74.061303, Sec. III, with the errata of the documentation.
+Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Sec. III, with the errata of the documentation.
 """
 
 from typing import NamedTuple

@@ -6,7 +6,7 @@ surface moves there with Ω a n. So the wall feels of (F_n, F_t) the torque −a
 and t, dn = −Ω t and dt = Ω n, and da = (v_i − v_w)·t + (R − δ) Ω: that is its share in the geometric stiffness
 −(dc/dt) F. `displaced` moves such walls, but does not turn them.
 
-Source: McNamara and Herrmann, doi:10.1103/PhysRevE.74.061303, Sec. III E, counts three rigid motions of the apparatus.
+Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Sec. III E, which counts three rigid motions.
 With lever arms R the third one makes the overlap slip: vᵀkv/vᵀv is of the order of the squared overlap over the squared
 size of the packing, not zero.
 """

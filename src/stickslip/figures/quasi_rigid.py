@@ -1,0 +1,133 @@
+"""Figures of quasi-rigid loading (paper 002): curves, statuses on the packing, forces in the cone, stiffness."""
+
+import numpy as np
+from matplotlib.collections import LineCollection, PatchCollection
+from matplotlib.patches import Circle
+
+from ..core.measure import branches, contact_forces, rattlers, touching
+from ..core.state import SLIDE
+from .style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, SKY, WIDTH, axes_of, plt, styled
+
+SHOWN = 6  # contacts in the cone
+GREY = "#bbbbbb"
+COLORS = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK)  # of samples: neighbours far apart
+
+
+@styled
+def curves(tested, test: str):
+    """Stress ratio and volumetric strain against strain: the path, slow dynamics on it, unloading."""
+    figure, (top, bottom) = axes_of(2, 4.4, sharex=True)
+    scale = _scale(max(np.abs(one.curve.strain).max() for one in tested))
+    for color, one in zip(COLORS, tested, strict=False):
+        for axes, name in ((top, "ratio"), (bottom, "volumetric")):
+            y = 1.0 if name == "ratio" else scale
+            axes.plot(scale * one.curve.strain, y * getattr(one.curve, name), color=color, lw=1.2)
+            axes.plot(scale * one.curve.strain[-1], y * getattr(one.curve, name)[-1], "x", color=color, ms=5)
+            if one.back is not None:
+                axes.plot(scale * one.back.strain, y * getattr(one.back, name), ":", color=color, lw=0.9)
+            if one.slow:
+                slow = max(one.slow, key=lambda run: run.time).curve
+                near = slow.load <= one.curve.load[-1]
+                axes.plot(scale * slow.strain[near], y * getattr(slow, name)[near], "--", color=BLACK, lw=0.6)
+        top.plot([], [], color=color, label=f"sample {one.seed}")
+    top.plot([], [], "--", color=BLACK, lw=0.6, label="slow dynamics")
+    if any(one.back is not None for one in tested):
+        top.plot([], [], ":", color=BLACK, lw=0.9, label="unloading")
+    power = round(np.log10(scale))
+    top.set_ylabel("stress ratio" if test == "biaxial" else "shear stress / pressure")
+    name = "axial strain" if test == "biaxial" else "shear strain"
+    bottom.set(xlabel=rf"{name} $\times 10^{{{power}}}$", ylabel=rf"volumetric strain $\times 10^{{{power}}}$")
+    top.legend(loc="best", ncol=2)
+    top.set_title("paths end at ×, where stability is lost", fontsize=7)
+    return figure
+
+
+def _scale(largest: float) -> float:
+    """A power of ten that makes numbers of order one."""
+    return 10.0 ** -int(np.floor(np.log10(largest))) if largest > 0 else 1.0
+
+
+@styled
+def packing(state, law, title: str):
+    """Disks, and a line for every contact: as wide as its normal force, coloured by its status."""
+    figure, axes = plt.subplots(figsize=(WIDTH, WIDTH))
+    grains, loose = state.grains, rattlers(state, 2)
+    disks = [Circle(p[:2], r) for p, r in zip(grains.position, grains.radius, strict=True)]
+    face = np.where(loose, "#ffffff", "#e4e9ee")
+    axes.add_collection(PatchCollection(disks, facecolor=face, edgecolor=GREY, linewidth=0.4))
+    rows = touching(state)
+    force = np.linalg.norm(contact_forces(state, law)[rows], axis=1)
+    start = grains.position[state.contacts.i[rows], :2]
+    ends = start - branches(state)[rows][:, :2]
+    slides = state.contacts.mode[rows] == SLIDE
+    for chosen, color, label in ((~slides, BLUE, "sticks"), (slides, RED, "slides")):
+        lines = np.stack([start[chosen], ends[chosen]], axis=1)
+        width = 0.3 + 3.0 * force[chosen] / force.max()
+        axes.add_collection(LineCollection(lines, linewidths=width, colors=color, capstyle="round"))
+        axes.plot([], [], color=color, lw=2, label=f"{label} ({chosen.sum()})")
+    axes.plot([], [], "o", mfc="white", mec=GREY, ms=5, label=f"rattlers ({loose.sum()})")
+    for point, normal in zip(state.walls.point, state.walls.normal, strict=True):
+        (axes.axvline if normal[0] else axes.axhline)(point[0] if normal[0] else point[1], color=BLACK, lw=1)
+    axes.set_aspect("equal")
+    axes.autoscale_view()
+    axes.axis("off")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, 0.02), ncol=3)
+    axes.set_title(title, fontsize=7.5)
+    return figure
+
+
+@styled
+def cone(one, mu: float):
+    """Contact forces on the way, in the Coulomb cone: those contacts that move farthest across it (Fig 3)."""
+    figure, axes = axes_of(1, 3.0)
+    force = one.forces / one.forces[0, :, 0].mean()
+    mobilised = np.abs(force[..., 1]) / (mu * np.maximum(force[..., 0], 1e-12))
+    reach = np.where(force[..., 0].min(axis=0) > 0.05, np.ptp(mobilised, axis=0), 0.0)
+    shown = np.argsort(-reach)[:SHOWN]
+    far = 1.1 * force[:, shown, 0].max()
+    axes.fill([0, far, far], [0, mu * far, -mu * far], color="#eef1f4", lw=0)
+    for side in (1, -1):
+        axes.plot([0, far], [0, side * mu * far], color=GREY, lw=0.8)
+    for color, k in zip(COLORS, shown, strict=False):
+        axes.plot(force[:, k, 0], force[:, k, 1], color=color, lw=1.0, label=f"{one.pairs[k, 0]}–{one.pairs[k, 1]}")
+        axes.plot(*force[0, k], "o", color=color, ms=2.5)
+        axes.plot(*force[-1, k], "x", color=color, ms=4)
+    axes.set(xlabel=r"$F_n/\langle F_n\rangle_0$", ylabel=r"$F_t/\langle F_n\rangle_0$", xlim=(0, far))
+    axes.legend(loc="upper left", ncol=2, title="contacts", title_fontsize=6.5)
+    axes.set_title(f"sample {one.seed}: start ●, end ×", fontsize=7)
+    return figure
+
+
+@styled
+def stiffness(one):
+    """Number of sliding contacts, smallest eigenvalues, complex pairs along a path."""
+    figure, (top, middle, bottom) = axes_of(3, 5.0, sharex=True)
+    load = one.path.load
+    top.step(load, [p.sliding for p in one.path.points], where="post", color=RED)
+    top.set_ylabel("sliding contacts")
+    top.yaxis.set_major_locator(plt.MaxNLocator(5, integer=True))
+    looks = one.looks
+    middle.plot(looks.load, 1e3 * looks.lowest, color=BLUE, label=r"smallest Re of $\mathbf{k}$")
+    middle.plot(looks.load, 1e3 * looks.symmetric, color=ORANGE, label=r"smallest of sym $\mathbf{k}$: $Q > 0$?")
+    middle.axhline(0, color=GREY, lw=0.6)
+    middle.set_yscale("symlog", linthresh=1.0)
+    middle.set_ylabel(r"eigenvalue $\times 10^3/K_n$")
+    middle.legend(loc="best")
+    bottom.step(looks.load, looks.pairs, where="mid", color=GREEN)
+    bottom.yaxis.set_major_locator(plt.MaxNLocator(5, integer=True))
+    bottom.set(xlabel="load (share of the way)", ylabel=r"complex pairs of $\mathbf{m}^{-1}\mathbf{k}$")
+    top.set_title(f"sample {one.seed}", fontsize=7)
+    return figure
+
+
+@styled
+def errors(tested):
+    """Difference of path and dynamics against the time of the load."""
+    figure, axes = axes_of(1, 2.4)
+    for color, one in zip(COLORS, tested, strict=False):
+        runs = sorted(one.slow, key=lambda run: run.time)
+        time, error = [r.time for r in runs], [r.error for r in runs]
+        axes.loglog(time, error, "o-", color=color, label=f"sample {one.seed}")
+    axes.set(xlabel=r"time of the whole load [$\sqrt{m/K_n}$]", ylabel="difference of strain")
+    axes.legend(loc="best", ncol=2)
+    return figure
