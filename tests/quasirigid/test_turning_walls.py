@@ -93,8 +93,8 @@ def test_the_rigid_rotation_costs_the_square_of_the_overlap():
         assert cost == pytest.approx((m.springs[:, 1, 1] * overlaps(state, m.rows) ** 2).sum(), rel=1e-9)
         quotients.append(cost / (v @ v))
     slope = np.log(quotients[0] / quotients[-1]) / np.log(pressures[0] / pressures[-1])
-    # packings at other pressures have other force networks: mean squares of overlaps over P² within a factor of two
-    assert slope == pytest.approx(2, abs=0.15)
+    # packings at other pressures have other force networks: mean squares of overlaps over P² within a factor of 2.5
+    assert slope == pytest.approx(2, abs=0.2)
 
 
 @pytest.mark.parametrize("pressure", [1e-3, 1e-5])

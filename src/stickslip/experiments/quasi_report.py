@@ -106,14 +106,14 @@ def _write_curves(path: Path, result: QuasiResult) -> None:
 def show_result(result: QuasiResult) -> None:
     """Where every path ended, on the terminal."""
     table = Table(title="Paths", **STYLE)
-    names = ("sample", "ends at load", "stress ratio", "strain", "sliding", "events", "dynamics off by", "collapses at")
+    names = ("sample", "path ends", "ratio", "strain", "slide", "events", "dynamics off", "collapse")
     for name in names:
         table.add_column(name, justify="right", no_wrap=True)
     for one in result.tested:
         last = one.path.points[-1]
         off = min(one.slow, key=lambda run: -run.time).error if one.slow else None
         table.add_row(
-            str(one.seed), f"{last.load:.4g}", f"{one.curve.ratio[-1]:.4g}", f"{one.curve.strain[-1]:.3g}",
+            str(one.seed), f"{last.load:.4g}", f"{one.curve.ratio[-1]:.4g}", f"{one.curve.strain[-1]:.2e}",
             f"{last.sliding}/{last.contacts}", str(len(one.path.events)), "–" if off is None else f"{off:.1e}",
             "–" if one.collapse is None else f"{one.collapse:.4g}",
         )  # fmt: skip

@@ -5,7 +5,7 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import eigvals, eigvalsh
+from scipy.linalg import LinAlgError, eigvals, eigvalsh
 
 from ..core.contact import HELD
 from ..core.control import between_controls, stress_controlled
@@ -17,8 +17,9 @@ from ..data.quasi_scenario import QuasiScenario
 from ..ensemble import run_members
 from ..loading.biaxial import BOTTOM, LEFT, RIGHT, TOP, biaxial_box, raised, sheared_box
 from ..loading.slow import slowly
-from ..quasirigid.matrices import matrices, statuses, stiffness_matrix
-from ..quasirigid.path import Path, external, quasirigid_path
+from ..quasirigid.matrices import Matrices, matrices, statuses, stiffness_matrix
+from ..quasirigid.path import Path, quasirigid_path
+from ..quasirigid.piece import external
 from ..quasirigid.status import certificate, complementarity, status_map
 from ..quasirigid.system import pins
 from ..solve.freedom import Freedom, displaced, residual_vector
@@ -202,18 +203,27 @@ def look(state: State, law: Law, begin: Control, end: Control) -> tuple:
     k, scale = stiffness_matrix(m)[kept][:, kept].toarray(), float(law.table[0, 0, KN])
     squares = eigvals(k / m.free.mass[kept][:, None])
     rates = np.sqrt(squares.astype(complex)).imag[squares.imag > PAIR * np.abs(squares).max()]
-    unique, consistent, bijective = 1, 1, 1
-    if m.limit.any():
-        problem = complementarity(m, load_rate(state, begin, end, m.free))
-        known = certificate(problem).unique
-        unique, consistent, bijective = -1 if known is None else int(known), -1, -1
-        if len(problem.vector) <= ENUMERATED:
-            mapped = status_map(problem)
-            consistent, bijective = len(mapped.consistent), int(mapped.bijective)
+    unique, consistent, bijective = _uniqueness(m, load_rate(state, begin, end, m.free))
     return (
         int(m.limit.sum()), float(eigvals(k).real.min()) / scale, eigvalsh(0.5 * (k + k.T))[0] / scale, len(rates),
         float(np.abs(rates).max(initial=0.0)), unique, consistent, bijective,
     )  # fmt: skip
+
+
+def _uniqueness(m: Matrices, load: np.ndarray) -> tuple[int, int, int]:
+    """Whether the status is unique for every load, how many are consistent, if the map is bijective; −1: unknown."""
+    if not m.limit.any():
+        return 1, 1, 1
+    try:
+        problem = complementarity(m, load)
+    except LinAlgError:  # a contact has just opened, and a disk with it
+        return -1, -1, -1
+    known = certificate(problem).unique
+    unique = -1 if known is None else int(known)
+    if len(problem.vector) > ENUMERATED:
+        return unique, -1, -1
+    mapped = status_map(problem)
+    return unique, len(mapped.consistent), int(mapped.bijective)
 
 
 def load_rate(state: State, begin: Control, end: Control, free: Freedom) -> np.ndarray:

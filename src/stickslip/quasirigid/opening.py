@@ -108,11 +108,14 @@ def decided(matrix: Matrices, load: np.ndarray, apex: np.ndarray, *, geometric: 
         rest = matrix._replace(springs=np.where(gone[:, None, None], 0.0, matrix.springs))
         try:
             map_of = reduced(rest, load, special, sign, geometric=geometric, without=loose, alone=alone)
+            found = statuses_at_apex(map_of.apex)
         except LinAlgError:
-            return None
-        found = statuses_at_apex(map_of.apex)
-        if found.status is None:
-            return None
+            found = None
+        if found is None or found.status is None:
+            if not released.any():
+                return None
+            released[:] = False  # without these bodies nothing holds the others: they may have to carry
+            continue
         caught = released & _drawn(matrix, map_of.velocities(found), loose, gone, ours)
         if not caught.any():
             break

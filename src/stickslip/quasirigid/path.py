@@ -12,39 +12,26 @@ Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Secs. II 
 from typing import NamedTuple
 
 import numpy as np
-from scipy import sparse
 
-from ..core.control import between_controls
-from ..core.forces import Loads, accept, forces
-from ..core.jacobian import linearised
-from ..core.laws import KN, KT, LINEAR, MU, Law
+from ..core.forces import accept, forces
+from ..core.laws import LINEAR, Law
 from ..core.measure import mean_normal_force, rattlers, touching
 from ..core.neighbors import updated
 from ..core.state import OPEN, SLIDE, STICK, Control, State
-from ..solve.freedom import Freedom, displaced, freedom, residual_vector
-from .matrices import Matrices, matrices, statuses
-from .opening import decided
-from .rattling import NUDGE, gaps, moved_aside, with_modes
-from .status import Choice, Verdict, status
+from ..solve.freedom import freedom, residual_vector
+from .matrices import matrices, stiffness_matrix
+from .piece import Event, Piece, Place, external
+from .rattling import moved_aside, with_modes
+from .status import Verdict
+from .system import pins
 
 BALANCED = 1e-6  # largest unbalanced force at the start, in mean normal forces
-APEX = 1e-6  # normal force, in mean normal forces, at which a contact is at the apex of the cone
-TOGETHER = 1e-9  # of an increment, within which contacts meet an event together
 SMALLEST = 1e-6  # share of an increment to which it is halved
 OUT_OF_BALANCE = 1e-3  # force, in mean normal forces, beyond which an increment is halved
+CHECKED_UP_TO = 2500  # coordinates of which it is checked that the start is stable
 CROWD = 200  # events without progress after which a path is said to be stuck
-REACHES, CLOSES, RETURNS = "reaches the cone", "closes", "is wedged and carries again"
-NOT_UNIQUE = "choices of statuses are consistent: the statuses are not unique"
+RETURNS = "is wedged and carries again"
 IN_CIRCLES = "events follow one another without progress of the load: the path does not know how to go on"
-
-
-class Event(NamedTuple):
-    """What ends a linear piece."""
-
-    load: float  # in legs of the load
-    kind: str  # "reaches the cone", "sticks again", "opens", "closes", …, or why the path ends
-    i: int  # the contact's bodies, or the body; −1 where none is meant
-    j: int
 
 
 class Point(NamedTuple):
@@ -63,7 +50,7 @@ class Path(NamedTuple):
     points: tuple[Point, ...]
     events: tuple[Event, ...]
     verdict: Verdict  # CONSISTENT if the whole load was reached; the last event says where and why not
-    unchecked: int  # times when contacts opened or closed among too many critical ones to check uniqueness
+    unchecked: int  # times when it is not known whether the statuses are unique: too many contacts are critical
     law: Law
 
     @property
@@ -94,19 +81,19 @@ def quasirigid_path(
     Raises
     ------
     ValueError
-        with one sentence, if the packing is out of balance, the load acts on a body that nothing holds, or the
-        controls move different components.
+        with one sentence, if the packing is out of balance or not stable, the law is not linear, the load acts on a
+        body that nothing holds, or the controls move different components.
     """
     here = _accepted(updated(state), law)
     _check_start(here, law, legs, increment)
     nothing = np.zeros(len(here.contacts.mode), bool)
-    place = _Place(here, rattlers(here, 2), nothing, nothing)
+    place = Place(here, rattlers(here, 2), nothing, nothing, True)
     points, events, unchecked = [_point(place, law, 0.0)], [], 0
     for number, end in enumerate(legs):
         begin, share, size, seeking = place.state.control, 0.0, increment, False
         while share < 1.0:
             # what is out of balance is made good within a whole increment: in a part of it, only its part
-            piece = _Piece(place, law, begin, end, share, min(size, 1.0 - share), geometric, size / increment)
+            piece = Piece(place, law, begin, end, share, min(size, 1.0 - share), geometric, size / increment)
             after, used, verdict = piece.run(number + share)
             after, wedge = _aside(after, law)
             coarse = size > SMALLEST * increment
@@ -134,13 +121,13 @@ def quasirigid_path(
     return Path(tuple(points), tuple(events), Verdict.CONSISTENT, unchecked, law)
 
 
-def _misses(place: "_Place", law: Law, before: Point) -> bool:
+def _misses(place: Place, law: Law, before: Point) -> bool:
     """True if what is out of balance has grown beyond what is allowed in an increment."""
     residual = _point(place, law, 0.0).residual
     return residual > OUT_OF_BALANCE and residual > 2 * before.residual
 
 
-def _carrying(place: "_Place", law: Law, wedge: np.ndarray, load: float) -> tuple["_Place", list[Event]]:
+def _carrying(place: Place, law: Law, wedge: np.ndarray, load: float) -> tuple[Place, list[Event]]:
     """The place in which wedged rattlers are grains like the others, and the events that say so."""
     contacts, loose = place.state.contacts, place.loose.copy()
     ends = np.concatenate([contacts.i[wedge], contacts.j[wedge]])
@@ -149,11 +136,11 @@ def _carrying(place: "_Place", law: Law, wedge: np.ndarray, load: float) -> tupl
     loose[caught] = False
     fresh = place.fresh.copy()
     fresh[wedge] = True
-    after = _Place(with_modes(place.state, wedge, STICK), loose, place.parted & ~fresh, fresh)
+    after = Place(with_modes(place.state, wedge, STICK), loose, place.parted & ~fresh, fresh, place.unique)
     return _aside(after, law)[0], [Event(load, RETURNS, int(g), -1) for g in caught]
 
 
-def _aside(place: "_Place", law: Law) -> tuple["_Place", np.ndarray]:
+def _aside(place: Place, law: Law) -> tuple[Place, np.ndarray]:
     """The place with rattlers moved aside, and the rows of contacts that wedge some of them."""
     before = place.state.contacts
     state, wedge = moved_aside(place.state, law, place.loose)
@@ -161,7 +148,7 @@ def _aside(place: "_Place", law: Law) -> tuple["_Place", np.ndarray]:
     if after is before:
         return place, wedge
     marks = [_carried(mark, before, after) & (after.mode != OPEN) for mark in (place.parted, place.fresh)]
-    return _Place(state, place.loose, *marks), wedge
+    return Place(state, place.loose, *marks, place.unique), wedge
 
 
 def _carried(mark: np.ndarray, before, after) -> np.ndarray:
@@ -169,191 +156,6 @@ def _carried(mark: np.ndarray, before, after) -> np.ndarray:
     out = np.zeros(len(after.mode), bool)
     out[: int(after.count[0])] = np.isin(after.key[: int(after.count[0])], before.key[np.flatnonzero(mark)])
     return out
-
-
-def external(state: State, free: Freedom) -> np.ndarray:
-    """(n,) generalised external force on the free coordinates [force]."""
-    nothing = np.zeros((state.n_bodies, 3))
-    return residual_vector(state, Loads(nothing, nothing, np.zeros((3, 3))), free)
-
-
-class _Piece:
-    """One increment of load at frozen c, K and geometric stiffness."""
-
-    def __init__(self, place: "_Place", law, begin: Control, end: Control, share, increment, geometric, mends):
-        self.law, self.increment, self.geometric, self.mends = law, increment, geometric, mends
-        self.begin, self.end, self.share = begin, end, share
-        self.events, self.unchecked, self.undecided = [], False, False
-        self._start(place)
-        if place.fresh.any():
-            self._decide_at_apex(place)
-
-    def _start(self, place: "_Place") -> None:
-        self.place, self.state, self.loose = place, place.state, place.loose
-        self.matrix = _held_matrices(place, self.law)
-        self.mean = float(self.matrix.force[:, 0].mean())
-        at = self.state._replace(control=between_controls(self.begin, self.end, self.share))
-        to = self.state._replace(control=between_controls(self.begin, self.end, self.share + self.increment))
-        missing = residual_vector(at, forces(at, self.law)[0], self.matrix.free)
-        self.load = external(to, self.matrix.free) - external(at, self.matrix.free) + self.mends * missing
-
-    def _decide_at_apex(self, place: "_Place") -> None:
-        """Contacts without force open, stick or slide either way; bodies without any are released."""
-        m = self.matrix
-        found = decided(m, self.load, np.isin(m.rows, np.flatnonzero(place.fresh)), geometric=self.geometric)
-        if found is None:
-            self.undecided = True
-            return
-        self.unchecked = found.count is None
-        at = np.flatnonzero(found.apex)
-        if found.count not in (None, 1):
-            self.events.append(Event(0.0, f"{found.count} {NOT_UNIQUE}", *self._bodies(at[0])))
-        self.events += [Event(0.0, found.words(k), *self._bodies(k)) for k in at]
-        parted = place.parted.copy()
-        parted[m.rows[found.opens]] = True
-        loose = rattlers(with_modes(place.state, np.flatnonzero(parted), OPEN), 2, place.loose)
-        state = with_modes(place.state, m.rows[found.apex & (found.side != 0)], SLIDE)
-        self._start(_Place(state, loose, parted, np.zeros_like(parted)))
-        kept = np.searchsorted(m.rows, self.matrix.rows)
-        side = found.side[kept]
-        self.matrix = self.matrix._replace(sign=np.where(side != 0, side, self.matrix.sign))
-
-    def run(self, start: float):
-        """The place at the end, the share of the leg that was used, and the verdict."""
-        m = self.matrix
-        self.events = [e._replace(load=start) for e in self.events]
-        if self.undecided:
-            return self.place, 0.0, Verdict.UNSTABLE
-        force, critical = m.force.copy(), m.limit.copy()
-        slides, sign, moved, done = m.limit.copy(), m.sign.copy(), np.zeros(len(m.free)), 0.0
-        for _ in range(20 * max(m.count, 50)):
-            now = m._replace(sign=sign, limit=critical)
-            choice = status(now, self.load, start=slides, geometric=self.geometric)
-            if not choice.ok:
-                return self._ended(force, moved, critical, sign, (), done), done * self.increment, choice.verdict
-            self._told(choice, slides, critical, start + done * self.increment)
-            slides = choice.sliding
-            critical &= slides  # what sticks again has left the cone
-            rate = _rates(now, slides, choice)
-            step, contacts, kind = self._next(force, rate, slides, choice, 1.0 - done)
-            force, moved, done = force + step * rate, moved + step * choice.velocity, done + step
-            if kind == "increment":
-                break
-            load = start + done * self.increment
-            if kind == CLOSES:
-                self.events += [Event(load, CLOSES, *self._bodies(c)) for c in contacts]
-            if kind != REACHES:
-                return self._ended(force, moved, slides, sign, contacts, done), done * self.increment, choice.verdict
-            self.events += [Event(load, REACHES, *self._bodies(c)) for c in contacts]
-            critical[contacts], slides[contacts] = True, True
-            sign[contacts] = -np.sign(force[contacts, 1])
-        end = self._ended(force, moved, slides, sign, (), done)
-        return end, done * self.increment, Verdict.CONSISTENT
-
-    def _bodies(self, contact) -> tuple[int, int]:
-        row = self.matrix.rows[contact] if contact < self.matrix.count else self.gap_rows[contact - self.matrix.count]
-        return int(self.state.contacts.i[row]), int(self.state.contacts.j[row])
-
-    def _told(self, choice: Choice, before, critical, load) -> None:
-        for contact in np.flatnonzero(critical & before & ~choice.sliding):
-            self.events.append(Event(load, "sticks again", *self._bodies(contact)))
-
-    def _next(self, force, rate, slides, choice, left):
-        """Share of the increment to the next event, its contacts (all that meet it together), and what it is."""
-        m = self.matrix
-        soonest, contacts, kind, reached = left, np.zeros(0, int), "increment", np.full(m.count, np.inf)
-        for side in (1.0, -1.0):  # F̃ of a contact that sticks, on either side of the cone
-            margin = m.mu * force[:, 0] - side * force[:, 1]
-            slope = m.mu * rate[:, 0] - side * rate[:, 1]
-            leaves = ~slides & (slope < -1e-14 * np.abs(rate).max(initial=0.0))
-            time = np.where(leaves, np.maximum(margin, 0.0) / np.where(leaves, -slope, 1.0), np.inf)
-            reached = np.minimum(reached, time)
-        if reached.min(initial=np.inf) < soonest:
-            soonest, kind = float(reached.min()), REACHES
-            contacts = np.flatnonzero(reached <= soonest + TOGETHER)
-        falls = rate[:, 0] < 0
-        above = np.maximum(force[:, 0] - APEX * self.mean, 0.0)
-        time = np.where(falls, above / np.where(falls, -rate[:, 0], 1.0), np.inf)
-        if time.min(initial=np.inf) <= soonest:
-            soonest, kind = float(time.min()), "at the apex"
-            contacts = self._with_partners(np.flatnonzero(time <= soonest + TOGETHER))
-        time = self._closing(choice)
-        if time.min(initial=np.inf) < soonest:
-            soonest, kind = float(time.min()), CLOSES
-            contacts = m.count + np.flatnonzero(time <= soonest + TOGETHER)
-        return soonest, contacts, kind
-
-    def _with_partners(self, contacts: np.ndarray) -> np.ndarray:
-        """The contacts, and the second ones of disks with two contacts: these reach the apex together."""
-        state, rows, n = self.state, self.matrix.rows, len(self.state.grains.radius)
-        ends = np.stack([state.contacts.i[rows], state.contacts.j[rows]], axis=1)
-        number = np.bincount(ends.ravel(), minlength=state.n_bodies)
-        number[n:] = 0
-        chosen = np.zeros(len(rows), bool)
-        chosen[contacts] = True
-        while True:
-            pulled = np.zeros(state.n_bodies, bool)
-            pulled[ends[chosen].ravel()] = True
-            more = ((pulled & (number == 2))[ends]).any(axis=1) | chosen
-            if np.array_equal(more, chosen):
-                return np.flatnonzero(chosen)
-            chosen = more
-
-    def _closing(self, choice: Choice) -> np.ndarray:
-        """Shares of the increment after which pairs of held bodies that do not touch will touch."""
-        state, m = self.state, self.matrix
-        rows = np.setdiff1d(np.arange(int(state.contacts.count[0])), m.rows)
-        held = np.append(~self.loose, np.ones(state.n_bodies - len(self.loose), bool))
-        rows = rows[held[state.contacts.i[rows]] & held[state.contacts.j[rows]]]
-        self.gap_rows = rows
-        moves = m.free.spread(choice.velocity)[:, :3]
-        normal, gap = gaps(state, rows)
-        closing = np.einsum("ck,ck->c", moves[state.contacts.i[rows]] - moves[state.contacts.j[rows]], normal)
-        reach = np.maximum(gap, 0.0) + NUDGE * float(state.grains.radius.min())  # a little beyond: they touch then
-        return np.where(closing < 0, reach / np.where(closing < 0, -closing, 1.0), np.inf)
-
-    def _ended(self, force, moved, slides, sign, contacts, done: float) -> "_Place":
-        """The place after the increment: bodies moved, memory as the path has it, contacts at the apex marked."""
-        m, before = self.matrix, self.state
-        state = updated(displaced(before, m.free, moved))
-        _, trial = forces(state, self.law)
-        count = int(trial.count[0])
-        where = np.searchsorted(trial.key[:count], before.contacts.key[m.rows])
-        born = np.array([c for c in contacts if c >= m.count], int) - m.count
-        new = np.searchsorted(trial.key[:count], before.contacts.key[self.gap_rows[born]]) if len(born) else born
-        line = linearised(accept(state, trial), self.law)
-        normal, stiffness = line.normal[where], np.where(line.stiffness_t[where] > 0, line.stiffness_t[where], 1.0)
-        along = np.stack([normal[:, 1], -normal[:, 0], np.zeros(m.count)], axis=1)
-        length = np.where(slides, sign * line.mu[where] * line.force_n[where], -force[:, 1]) / stiffness
-        mode, slip = np.zeros_like(trial.mode), np.zeros_like(trial.slip)
-        mode[where], slip[where] = np.where(slides, SLIDE, STICK), length[:, None] * along
-        mode[new] = STICK
-        fresh = np.zeros(len(mode), bool)
-        fresh[new] = True
-        fresh[where[[c for c in contacts if c < m.count]]] = True
-        # pairs beside those of the matrix overlap where they part and were not quite apart, or met on a curved way
-        parted = np.zeros(len(mode), bool)
-        parted[:count] = (mode[:count] == OPEN) & (trial.mode[:count] != OPEN)
-        mode[parted] = STICK
-        control = between_controls(self.begin, self.end, self.share + done * self.increment)
-        state = accept(state._replace(control=control), trial._replace(mode=mode, slip=slip, reached=mode == SLIDE))
-        return _Place(state, self.loose, parted, fresh)
-
-
-class _Place(NamedTuple):
-    """Where a path is."""
-
-    state: State
-    loose: np.ndarray  # (N,) bool: rattlers
-    parted: np.ndarray  # (C,) bool: pairs that still overlap a little but do not hold each other
-    fresh: np.ndarray  # (C,) bool: contacts at the apex of the cone, whose status is to be decided
-
-
-def _rates(matrix: Matrices, slides, choice: Choice) -> np.ndarray:
-    """(M, 2) dF of all contacts over an increment."""
-    relative = (matrix.c.T @ choice.velocity).reshape(-1, 2)
-    turned = np.einsum("mab,mb->ma", statuses(matrix, slides), relative)
-    return -np.einsum("mab,mb->ma", matrix.springs, turned)
 
 
 def _accepted(state: State, law: Law) -> State:
@@ -382,6 +184,16 @@ def _check_start(state: State, law: Law, legs, increment: float) -> None:
             f"the packing is out of balance by {residual / mean:.1e} of its mean normal force, at most {BALANCED:g} is "
             f"allowed: bring it to rest with relax or equilibrate first"
         )
+    stuck = stiffness_matrix(matrix, np.zeros(matrix.count, bool))
+    kept = np.setdiff1d(np.arange(len(matrix.free)), pins(matrix))
+    if len(kept) <= CHECKED_UP_TO:
+        part = stuck[kept][:, kept].toarray()
+        lowest = float(np.linalg.eigvalsh(0.5 * (part + part.T))[0])
+        if lowest < -1e-9 * np.abs(part).max():
+            raise ValueError(
+                f"the packing is not stable: k has the eigenvalue {lowest:.1e} although all contacts stick; let it "
+                f"come to rest under this control, with drag"
+            )
     whole = freedom(state)
     carried = np.isin(whole.component, matrix.free.component)
     for end in legs:
@@ -393,7 +205,7 @@ def _check_start(state: State, law: Law, legs, increment: float) -> None:
             )
 
 
-def _point(place: "_Place", law: Law, load: float) -> Point:
+def _point(place: Place, law: Law, load: float) -> Point:
     state = place.state
     loads, _ = forces(state, law)
     rows = touching(state)
@@ -402,22 +214,6 @@ def _point(place: "_Place", law: Law, load: float) -> Point:
     residual = float(np.abs(residual_vector(state, loads, free)).max(initial=0.0))
     sliding = int((state.contacts.mode[rows] == SLIDE).sum())
     return Point(load, state, sliding, len(rows), residual / mean if mean else np.inf)
-
-
-def _held_matrices(place: _Place, law: Law) -> Matrices:
-    """The matrices of what holds each other, with the springs of contacts that are about to touch, too."""
-    state = place.state
-    m = matrices(state, law, rattlers=place.loose)
-    kept = np.flatnonzero(~place.parted[m.rows])
-    rows = m.rows[kept]
-    material = np.concatenate([state.grains.material, state.walls.material])
-    q = law.table[material[state.contacts.i[rows]], material[state.contacts.j[rows]]]
-    springs = np.zeros((len(rows), 2, 2))
-    springs[:, 0, 0], springs[:, 1, 1] = q[:, KN], q[:, KT]
-    both = np.stack([2 * kept, 2 * kept + 1], axis=1).ravel()
-    parts = {name: getattr(m, name)[kept] for name in ("rows", "damping", "sign", "force", "limit")}
-    slope = q[:, MU] * q[:, KN] / q[:, KT]
-    return m._replace(c=sparse.csr_array(m.c.tocsc()[:, both]), springs=springs, mu=q[:, MU], slope=slope, **parts)
 
 
 def _crowded(events: list[Event], load: float) -> bool:

@@ -32,6 +32,7 @@ class Verdict(Enum):
 
     CONSISTENT = "every critical contact slides if, and only if, it would leave Coulomb's cone otherwise"
     UNSTABLE = "no consistent status exists on the way of the algorithm: the packing loses its stability here"
+    NEGATIVE = "the consistent status has det k < 0: the packing loses its stability here"
     MECHANISM = "the load drives a motion that nothing resists: the packing collapses"
 
 

@@ -1,0 +1,271 @@
+"""One increment of a path: everything is linear in the load until a contact meets the cone, opens, or closes.
+
+c, K and the geometric stiffness are frozen. Events within the increment that only change the statuses at the cone are
+gone through; where a contact opens or closes, the increment ends, and its status is decided at the start of the next.
+
+Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Secs. II A and III D.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy import sparse
+from scipy.linalg import LinAlgError
+
+from ..core.control import between_controls
+from ..core.forces import Loads, accept, forces
+from ..core.jacobian import linearised
+from ..core.laws import KN, KT, MU, Law
+from ..core.measure import rattlers
+from ..core.neighbors import updated
+from ..core.state import OPEN, SLIDE, STICK, Control, State
+from ..solve.freedom import Freedom, displaced, residual_vector
+from .matrices import Matrices, matrices, statuses
+from .opening import decided
+from .rattling import NUDGE, gaps, with_modes
+from .status import Choice, Verdict, certificate, complementarity, status
+
+APEX = 1e-6  # normal force, in mean normal forces, at which a contact is at the apex of the cone
+BLURRED = 10.0  # times what is out of balance, below which a disk with two contacts is not yet said to meet the cone
+TOGETHER = 1e-9  # of an increment, within which contacts meet an event together
+REACHES, CLOSES = "reaches the cone", "closes"
+NO_P_MATRIX = "the status is not unique for every load any more"
+NOT_UNIQUE = "choices of statuses are consistent: the statuses are not unique"
+
+
+class Event(NamedTuple):
+    """What ends a linear piece."""
+
+    load: float  # in legs of the load
+    kind: str  # "reaches the cone", "sticks again", "opens", "closes", …, or why the path ends
+    i: int  # the contact's bodies, or the body; −1 where none is meant
+    j: int
+
+
+class Place(NamedTuple):
+    """Where a path is."""
+
+    state: State
+    loose: np.ndarray  # (N,) bool: rattlers
+    parted: np.ndarray  # (C,) bool: pairs that still overlap a little but do not hold each other
+    fresh: np.ndarray  # (C,) bool: contacts at the apex of the cone, whose status is to be decided
+    unique: bool  # whether the status was unique for every load when it was last known
+
+
+def external(state: State, free: Freedom) -> np.ndarray:
+    """(n,) generalised external force on the free coordinates [force]."""
+    nothing = np.zeros((state.n_bodies, 3))
+    return residual_vector(state, Loads(nothing, nothing, np.zeros((3, 3))), free)
+
+
+class Piece:
+    """One increment of load at frozen c, K and geometric stiffness."""
+
+    def __init__(self, place: Place, law, begin: Control, end: Control, share, increment, geometric, mends):
+        self.law, self.increment, self.geometric, self.mends = law, increment, geometric, mends
+        self.begin, self.end, self.share = begin, end, share
+        self.events, self.unchecked, self.undecided, self.unique = [], 0, False, place.unique
+        self._start(place)
+        if place.fresh.any():
+            self._decide_at_apex(place)
+
+    def _start(self, place: Place) -> None:
+        self.place, self.state, self.loose = place, place.state, place.loose
+        self.matrix = _held_matrices(place, self.law)
+        contacts, rows, n = self.state.contacts, self.matrix.rows, len(self.loose)
+        self.ends = np.stack([contacts.i[rows], contacts.j[rows]], axis=1)
+        # both forces of a disk with two contacts lie along one line: it meets the cone, or its apex, with both at once
+        self.has_two = np.bincount(self.ends.ravel(), minlength=self.state.n_bodies) == 2
+        self.has_two[n:] = False
+        self.paired = self.has_two[self.ends].any(axis=1)
+        self.mean = float(self.matrix.force[:, 0].mean())
+        at = self.state._replace(control=between_controls(self.begin, self.end, self.share))
+        to = self.state._replace(control=between_controls(self.begin, self.end, self.share + self.increment))
+        missing = residual_vector(at, forces(at, self.law)[0], self.matrix.free)
+        self.load = external(to, self.matrix.free) - external(at, self.matrix.free) + self.mends * missing
+        self.faint = max(APEX * self.mean, BLURRED * np.abs(missing).max())
+
+    def _decide_at_apex(self, place: Place) -> None:
+        """Contacts without force open, stick or slide either way; bodies without any are released."""
+        m = self.matrix
+        found = decided(m, self.load, np.isin(m.rows, np.flatnonzero(place.fresh)), geometric=self.geometric)
+        if found is None:
+            self.undecided = True
+            return
+        self.unchecked += found.count is None
+        at = np.flatnonzero(found.apex)
+        if found.count not in (None, 1):
+            self.events.append(Event(0.0, f"{found.count} {NOT_UNIQUE}", *self._bodies(at[0])))
+        self.events += [Event(0.0, found.words(k), *self._bodies(k)) for k in at]
+        parted = place.parted.copy()
+        parted[m.rows[found.opens]] = True
+        loose = rattlers(with_modes(place.state, np.flatnonzero(parted), OPEN), 2, place.loose)
+        state = with_modes(place.state, m.rows[found.apex & (found.side != 0)], SLIDE)
+        self._start(Place(state, loose, parted, np.zeros_like(parted), place.unique))
+        kept = np.searchsorted(m.rows, self.matrix.rows)
+        side = found.side[kept]
+        self.matrix = self.matrix._replace(sign=np.where(side != 0, side, self.matrix.sign))
+
+    def run(self, start: float):
+        """The place at the end, the share of the leg that was used, and the verdict."""
+        m = self.matrix
+        self.events = [e._replace(load=start) for e in self.events]
+        if self.undecided:
+            return self.place, 0.0, Verdict.UNSTABLE
+        force, critical = m.force.copy(), m.limit.copy()
+        slides, sign, moved, done = m.limit.copy(), m.sign.copy(), np.zeros(len(m.free)), 0.0
+        for _ in range(20 * max(m.count, 50)):
+            now = m._replace(sign=sign, limit=critical)
+            choice = status(now, self.load, start=slides, geometric=self.geometric)
+            if not choice.ok:
+                return self._ended(force, moved, critical, sign, (), done), done * self.increment, choice.verdict
+            if not self._stable(now, choice, start + done * self.increment):
+                end = self._ended(force, moved, critical, sign, (), done)
+                return end, done * self.increment, Verdict.NEGATIVE
+            self._told(choice, slides, critical, start + done * self.increment)
+            slides = choice.sliding
+            critical &= slides  # what sticks again has left the cone
+            rate = _rates(now, slides, choice)
+            step, contacts, kind = self._next(force, rate, slides, choice, 1.0 - done)
+            force, moved, done = force + step * rate, moved + step * choice.velocity, done + step
+            if kind == "increment":
+                break
+            load = start + done * self.increment
+            if kind == CLOSES:
+                self.events += [Event(load, CLOSES, *self._bodies(c)) for c in contacts]
+            if kind != REACHES:
+                return self._ended(force, moved, slides, sign, contacts, done), done * self.increment, choice.verdict
+            self.events += [Event(load, REACHES, *self._bodies(c)) for c in contacts]
+            critical[contacts], slides[contacts] = True, True
+            sign[contacts] = -np.sign(force[contacts, 1])
+        end = self._ended(force, moved, slides, sign, (), done)
+        return end, done * self.increment, Verdict.CONSISTENT
+
+    def _stable(self, matrix: Matrices, choice: Choice, load: float) -> bool:
+        """False if det k < 0 for the status that was found; an event tells where another load could have had two."""
+        if not len(choice.critical):
+            self.unique = True
+            return True
+        try:
+            problem = complementarity(matrix, self.load, geometric=self.geometric)
+        except LinAlgError:
+            return True
+        slides = choice.sliding[choice.critical]
+        if np.linalg.slogdet(problem.matrix[np.ix_(slides, slides)])[0] < 0:
+            return False
+        known = certificate(problem).unique
+        if known is False and self.unique:
+            self.events.append(Event(load, NO_P_MATRIX, -1, -1))
+        self.unique = known is not False
+        self.unchecked += known is None
+        return True
+
+    def _bodies(self, contact) -> tuple[int, int]:
+        row = self.matrix.rows[contact] if contact < self.matrix.count else self.gap_rows[contact - self.matrix.count]
+        return int(self.state.contacts.i[row]), int(self.state.contacts.j[row])
+
+    def _told(self, choice: Choice, before, critical, load) -> None:
+        for contact in np.flatnonzero(critical & before & ~choice.sliding):
+            self.events.append(Event(load, "sticks again", *self._bodies(contact)))
+
+    def _next(self, force, rate, slides, choice, left):
+        """Share of the increment to the next event, its contacts (all that meet it together), and what it is."""
+        m = self.matrix
+        soonest, contacts, kind, reached = left, np.zeros(0, int), "increment", np.full(m.count, np.inf)
+        for side in (1.0, -1.0):  # F̃ of a contact that sticks, on either side of the cone
+            margin = m.mu * force[:, 0] - side * force[:, 1]
+            slope = m.mu * rate[:, 0] - side * rate[:, 1]
+            leaves = ~slides & (slope < -1e-14 * np.abs(rate).max(initial=0.0))
+            time = np.where(leaves, np.maximum(margin, 0.0) / np.where(leaves, -slope, 1.0), np.inf)
+            reached = np.minimum(reached, time)
+        at = np.where(np.isfinite(reached), reached, 0.0)
+        reached[self.paired & (force[:, 0] + at * rate[:, 0] <= self.faint)] = np.inf
+        if reached.min(initial=np.inf) < soonest:
+            soonest, kind = float(reached.min()), REACHES
+            contacts = np.flatnonzero(reached <= soonest + TOGETHER)
+        falls = rate[:, 0] < 0
+        above = np.maximum(force[:, 0] - APEX * self.mean, 0.0)
+        time = np.where(falls, above / np.where(falls, -rate[:, 0], 1.0), np.inf)
+        if time.min(initial=np.inf) <= soonest:
+            soonest, kind = float(time.min()), "at the apex"
+            contacts = self._with_partners(np.flatnonzero(time <= soonest + TOGETHER))
+        time = self._closing(choice)
+        if time.min(initial=np.inf) < soonest:
+            soonest, kind = float(time.min()), CLOSES
+            contacts = m.count + np.flatnonzero(time <= soonest + TOGETHER)
+        return soonest, contacts, kind
+
+    def _with_partners(self, contacts: np.ndarray) -> np.ndarray:
+        """The contacts, and the second ones of disks with two contacts: these reach the apex together."""
+        chosen = np.zeros(self.matrix.count, bool)
+        chosen[contacts] = True
+        while True:
+            pulled = np.zeros(self.state.n_bodies, bool)
+            pulled[self.ends[chosen].ravel()] = True
+            more = ((pulled & self.has_two)[self.ends]).any(axis=1) | chosen
+            if np.array_equal(more, chosen):
+                return np.flatnonzero(chosen)
+            chosen = more
+
+    def _closing(self, choice: Choice) -> np.ndarray:
+        """Shares of the increment after which pairs of held bodies that do not touch will touch."""
+        state, m = self.state, self.matrix
+        rows = np.setdiff1d(np.arange(int(state.contacts.count[0])), m.rows)
+        held = np.append(~self.loose, np.ones(state.n_bodies - len(self.loose), bool))
+        rows = rows[held[state.contacts.i[rows]] & held[state.contacts.j[rows]]]
+        self.gap_rows = rows
+        moves = m.free.spread(choice.velocity)[:, :3]
+        normal, gap = gaps(state, rows)
+        closing = np.einsum("ck,ck->c", moves[state.contacts.i[rows]] - moves[state.contacts.j[rows]], normal)
+        reach = np.maximum(gap, 0.0) + NUDGE * float(state.grains.radius.min())  # a little beyond: they touch then
+        return np.where(closing < 0, reach / np.where(closing < 0, -closing, 1.0), np.inf)
+
+    def _ended(self, force, moved, slides, sign, contacts, done: float) -> Place:
+        """The place after the increment: bodies moved, memory as the path has it, contacts at the apex marked."""
+        m, before = self.matrix, self.state
+        state = updated(displaced(before, m.free, moved))
+        _, trial = forces(state, self.law)
+        count = int(trial.count[0])
+        where = np.searchsorted(trial.key[:count], before.contacts.key[m.rows])
+        born = np.array([c for c in contacts if c >= m.count], int) - m.count
+        new = np.searchsorted(trial.key[:count], before.contacts.key[self.gap_rows[born]]) if len(born) else born
+        line = linearised(accept(state, trial), self.law)
+        normal, stiffness = line.normal[where], np.where(line.stiffness_t[where] > 0, line.stiffness_t[where], 1.0)
+        along = np.stack([normal[:, 1], -normal[:, 0], np.zeros(m.count)], axis=1)
+        length = np.where(slides, sign * line.mu[where] * line.force_n[where], -force[:, 1]) / stiffness
+        mode, slip = np.zeros_like(trial.mode), np.zeros_like(trial.slip)
+        mode[where], slip[where] = np.where(slides, SLIDE, STICK), length[:, None] * along
+        mode[new] = STICK
+        fresh = np.zeros(len(mode), bool)
+        fresh[new] = True
+        fresh[where[[c for c in contacts if c < m.count]]] = True
+        # pairs beside those of the matrix overlap where they part and were not quite apart, or met on a curved way
+        parted = np.zeros(len(mode), bool)
+        parted[:count] = (mode[:count] == OPEN) & (trial.mode[:count] != OPEN)
+        mode[parted] = STICK
+        control = between_controls(self.begin, self.end, self.share + done * self.increment)
+        state = accept(state._replace(control=control), trial._replace(mode=mode, slip=slip, reached=mode == SLIDE))
+        return Place(state, self.loose, parted, fresh, self.unique)
+
+
+def _rates(matrix: Matrices, slides, choice: Choice) -> np.ndarray:
+    """(M, 2) dF of all contacts over an increment."""
+    relative = (matrix.c.T @ choice.velocity).reshape(-1, 2)
+    turned = np.einsum("mab,mb->ma", statuses(matrix, slides), relative)
+    return -np.einsum("mab,mb->ma", matrix.springs, turned)
+
+
+def _held_matrices(place: Place, law: Law) -> Matrices:
+    """The matrices of what holds each other, with the springs of contacts that are about to touch, too."""
+    state = place.state
+    m = matrices(state, law, rattlers=place.loose)
+    kept = np.flatnonzero(~place.parted[m.rows])
+    rows = m.rows[kept]
+    material = np.concatenate([state.grains.material, state.walls.material])
+    q = law.table[material[state.contacts.i[rows]], material[state.contacts.j[rows]]]
+    springs = np.zeros((len(rows), 2, 2))
+    springs[:, 0, 0], springs[:, 1, 1] = q[:, KN], q[:, KT]
+    both = np.stack([2 * kept, 2 * kept + 1], axis=1).ravel()
+    parts = {name: getattr(m, name)[kept] for name in ("rows", "damping", "sign", "force", "limit")}
+    slope = q[:, MU] * q[:, KN] / q[:, KT]
+    return m._replace(c=sparse.csr_array(m.c.tocsc()[:, both]), springs=springs, mu=q[:, MU], slope=slope, **parts)

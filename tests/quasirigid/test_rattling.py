@@ -1,0 +1,74 @@
+"""Rattlers are pushed aside by the least distance, and wedged where there is no room or friction holds them."""
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.quasirigid.rattling import gaps, moved_aside
+
+LAW = ss.linear(1.0, 0.5, 0.5, coulomb="sharp")
+
+
+def between(*others, law=LAW):
+    """A rattler of radius 1/2 at the origin, and grains that hold their places, at given centres."""
+    position = [[0.0, 0.0], *others]
+    state = ss.assembly(ss.disks(position, 0.5), cell=ss.box(dim=2))
+    state = ss.accept(state, ss.forces(state, law)[1])
+    return state, np.arange(len(position)) == 0
+
+
+def test_a_pressed_rattler_gives_way_along_the_normal():
+    state, loose = between([0.99, 0.0])
+    moved, wedge = moved_aside(state, LAW, loose)
+    assert not len(wedge)
+    assert moved.grains.position[0] == pytest.approx([-0.01, 0, 0], abs=1e-11)
+    assert moved.grains.position[1] == pytest.approx([0.99, 0, 0])
+    assert not len(ss.touching(moved))
+
+
+def test_two_at_right_angles_push_it_into_the_free_quarter():
+    state, loose = between([0.99, 0.0], [0.0, 0.98])
+    moved, wedge = moved_aside(state, LAW, loose)
+    assert not len(wedge)
+    _, gap = gaps(moved, np.arange(int(moved.contacts.count[0])))
+    assert gap.min() >= 0
+    assert moved.grains.position[0, :2] == pytest.approx([-0.01, -0.02], abs=3e-4)
+
+
+def test_two_opposite_ones_wedge_it():
+    state, loose = between([0.99, 0.0], [-0.99, 0.0])
+    same, wedge = moved_aside(state, LAW, loose)
+    assert len(wedge) == 2
+    assert np.array_equal(same.grains.position, state.grains.position)
+
+
+def test_friction_holds_what_would_slip_out_without():
+    """Normals 20 degrees off the line: within the friction angle of 27 degrees for μ = 1/2, outside 6 for μ = 0.1."""
+    turn = np.radians(20)
+    place = 0.99 * np.array([np.cos(turn), np.sin(turn)])
+    state, loose = between(place, place * [-1, 1])
+    assert len(moved_aside(state, LAW, loose)[1]) == 2
+    slippery = ss.linear(1.0, 0.5, 0.1, coulomb="sharp")
+    moved, wedge = moved_aside(state, slippery, loose)
+    assert not len(wedge)
+    assert moved.grains.position[0, 1] < -0.01
+
+
+def test_a_chain_of_rattlers_moves_together_and_three_hold_one():
+    state, _ = between([-0.99, 0.0], [0.99, 0.0])
+    moved, wedge = moved_aside(state, LAW, np.array([True, False, True]))
+    assert not len(wedge)
+    assert moved.grains.position[2, 0] > moved.grains.position[0, 0] > 0
+    angles = 2 * np.pi * np.arange(3) / 3
+    ring = 0.99 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    assert len(moved_aside(*_swapped(between(*ring)))[1]) >= 2
+
+
+def _swapped(pair):
+    state, loose = pair
+    return state, LAW, loose
+
+
+def test_without_rattlers_nothing_happens():
+    state, loose = between([0.99, 0.0])
+    assert moved_aside(state, LAW, np.zeros_like(loose))[0] is state
