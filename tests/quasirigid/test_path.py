@@ -5,7 +5,8 @@ import pytest
 
 import stickslip as ss
 from stickslip.core.control import between_controls
-from stickslip.loading.biaxial import RIGHT, TOP, biaxial_box, raised
+from stickslip.loading.biaxial import RIGHT, TOP, biaxial_box, raised, sheared_box
+from stickslip.loading.slow import slowly
 from stickslip.quasirigid.path import quasirigid_path
 from stickslip.quasirigid.status import Verdict
 
@@ -125,3 +126,71 @@ def test_wrong_starts_are_one_sentence(boxed):
     pulled.force[rattler, 0] = 1e-3
     with pytest.raises(ValueError, match=f"body {rattler} is loaded but holds nothing"):
         quasirigid_path(state, law, pulled)
+
+
+@pytest.mark.parametrize("seed", [3, 8])
+def test_contacts_open_and_close_and_rattlers_return(seed):
+    """Every point balances and lies in the cone; events tell what contacts do that open, close, or carry again."""
+    state, law = biaxial_box(60, seed=seed)
+    path = quasirigid_path(state, law, raised(state.control, 60 + TOP, 3.5), increment=0.005)
+    kinds = {e.kind for e in path.events}
+    assert {"opens", "closes"} <= kinds
+    assert ("is wedged and carries again" in kinds) == (seed == 3)
+    assert kinds & {"slides", "slides back", "sticks"}
+    loads = [e.load for e in path.events]
+    assert loads == sorted(loads)
+    for point in path.points:
+        m = ss.matrices(point.state, law)
+        assert (m.margin > -1e-3 * m.force[:, 0].mean()).all()
+        assert (m.force[:, 0] >= 0).all()
+        assert point.residual < 2e-3
+
+
+def test_slow_dynamics_follow_a_path_on_which_a_rattler_returns():
+    state, law = biaxial_box(60, seed=12)
+    end = raised(state.control, 60 + TOP, 3.5)
+    path = quasirigid_path(state, law, end, increment=0.002)
+    back = next(e for e in path.events if e.kind == "is wedged and carries again")
+    until = 2.0 * back.load
+    assert until < path.points[-1].load
+    run = slowly(state, law, end, time=2e5, until=until, drag=0.02)
+    lid = np.array([s.walls.point[TOP, 1] for s in run.states]) - state.walls.point[TOP, 1]
+    predicted = np.interp(run.load, path.load, shift_of_lid(path))
+    assert np.abs(lid - predicted).max() < 0.01 * np.abs(predicted[-1])
+
+
+def test_geometric_stiffness_keeps_the_balance(boxed):
+    state, law = boxed
+    end = raised(state.control, 60 + TOP, 1.5)
+    residual = [
+        max(p.residual for p in quasirigid_path(state, law, end, increment=0.05, geometric=g).points)
+        for g in (True, False)
+    ]
+    assert residual[0] < 0.2 * residual[1]
+
+
+def test_simple_shear_of_a_periodic_packing():
+    state, law = sheared_box(60, seed=1)
+    end = ss.stress_controlled(state.control, {"xy": -0.05 * 1e-4})
+    path = quasirigid_path(state, law, end, increment=0.1)
+    assert path.verdict is Verdict.CONSISTENT
+    strain = [p.state.cell.vectors[1, 0] / p.state.cell.vectors[1, 1] for p in path.points]
+    assert (np.diff(strain) > 0).all()
+    assert ss.stress(path.states[-1], law)[0, 1] == pytest.approx(-0.05e-4, rel=1e-3)
+    run = slowly(state, law, end, time=1e5, until=1.0, drag=0.02)
+    last = run.states[-1].cell.vectors
+    assert last[1, 0] / last[1, 1] == pytest.approx(strain[-1], rel=0.02)
+
+
+def test_an_unstable_start_and_other_laws_are_refused(boxed):
+    state, law = boxed
+    hertz = ss.hertz_mindlin(1.0, 0.5, 0.5, coulomb="sharp")
+    with pytest.raises(ValueError, match="piecewise linear for `linear` only"):
+        quasirigid_path(state, hertz, state.control)
+    column = ss.disks([[0, 0.4995], [0.0, 1.499]], 0.5)
+    walls = ss.flat_walls([[0, 0], [0, 1.9985]], [[0, 1], [0, -1]])
+    tower = ss.assembly(column, walls, ss.box(dim=2), ss.loads(2, 2))
+    slippery = ss.linear(1.0, 1e-5, 0.5, coulomb="sharp")
+    tower = ss.accept(tower, ss.forces(tower, slippery)[1])
+    with pytest.raises(ValueError, match=r"not stable: k has the eigenvalue -.* let it come to rest"):
+        quasirigid_path(tower, slippery, tower.control)

@@ -117,6 +117,7 @@ def _statuses(main: QuasiResult, drawn: Constructed) -> list[Claim]:
     known = [(one.looks.bijective >= 0) & b for one, b in zip(main.tested, before, strict=True)]
     sliding = [k & (one.looks.critical > 0) for one, k in zip(main.tested, known, strict=True)]
     number = int(sum(s.sum() for s in sliding))
+    whole = int(sum((one.looks.bijective[s] == 1).sum() for one, s in zip(main.tested, sliding, strict=True)))
     bijective = all((one.looks.bijective[k] == 1).all() for one, k in zip(main.tested, known, strict=True))
     single = all((one.looks.consistent[k] == 1).all() for one, k in zip(main.tested, known, strict=True))
     ends = sum(one.looks.consistent[-1] == 0 for one in main.tested)
@@ -124,12 +125,13 @@ def _statuses(main: QuasiResult, drawn: Constructed) -> list[Claim]:
     return [
         claim(
             "status-map-bijective", "Eq 5", True, bool(bijective and drawn.agree == drawn.total), "", 0.0,
-            f"{number} states with 1 to 10 critical contacts on the paths, all statuses gone through; and it is "
-            f"bijective if and only if A is a P-matrix in {drawn.agree} of {drawn.total} constructed cases",
+            f"in {whole} of {number} states with 1 to 10 critical contacts on the paths, all statuses gone through (in "
+            f"the others another load could have had none or two); and in {drawn.agree} of {drawn.total} constructed "
+            f"cases it is bijective if and only if A is a P-matrix",
         ),
         claim(
             "one-consistent-state", "Sec. II D", True, bool(single), "", 0.0,
-            f"exactly one in the same {number} states; none at the end of {ends} of {len(main.tested)} paths",
+            f"exactly one in the same {number} states under the load of the test; none at the end of {ends} of {len(main.tested)} paths",
         ),
         claim(
             "non-unique-example", "Sec. V A", True, bool(example), "", 0.0,

@@ -1,0 +1,126 @@
+"""The biaxial test end to end: what a sample's numbers mean, scenarios, and what the command line leaves behind."""
+
+import json
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.data import archive
+from stickslip.experiments import quasi_report, quasi_rigid
+from stickslip.experiments.quasi_test import Curve, Slowly, collapse, difference, simulate_quasi, table_one
+from stickslip.loading.biaxial import LEFT, RIGHT, TOP
+from tests.published.test_disk_array import stickslip
+
+SMALL = {"experiment": "quasi-rigid", "seed": 1, "disks": {"number": 40}, "dynamics": {"times": (3e3, 1e4)}}
+
+
+@pytest.fixture(scope="module")
+def small():
+    return simulate_quasi(ss.scenario(**SMALL, loading={"factor": 3.0, "increment": 0.01, "unload": True}), workers=1)
+
+
+def test_curve_is_what_the_walls_say(small):
+    one = small.tested[0]
+    state, n = one.path.states[-1], small.scenario.disks.number
+    width = state.walls.point[RIGHT, 0] - state.walls.point[LEFT, 0]
+    assert one.curve.ratio[-1] > one.curve.ratio[0] > 0
+    height = state.walls.point[TOP, 1] - state.walls.point[1, 1]
+    force = state.control.force
+    assert one.curve.ratio[-1] == pytest.approx((force[n + TOP, 1] / width) / (force[n + RIGHT, 0] / height))
+    assert one.curve.strain[0] == one.curve.volumetric[0] == 0
+    assert one.curve.strain[-1] > 0
+    assert one.back.load[-1] == pytest.approx(0, abs=1e-12)
+    there = np.interp(one.back.load[0], one.curve.load, one.curve.strain)
+    assert one.back.strain[-1] < one.back.strain[0] == pytest.approx(there, rel=0.1)
+
+
+def test_contact_forces_start_and_end_as_the_packing_has_them(small):
+    one = small.tested[0]
+    m = ss.matrices(one.path.states[0], one.law)
+    contacts = one.path.states[0].contacts
+    ours = {(int(i), int(j)): f for i, j, f in zip(contacts.i[m.rows], contacts.j[m.rows], m.force, strict=True)}
+    for pair, force in zip(one.pairs, one.forces[0], strict=True):
+        assert force == pytest.approx(ours[tuple(pair.tolist())], abs=1e-15)
+    assert (np.abs(one.forces[..., 1]) <= 0.5 * one.forces[..., 0] + 1e-3 * one.forces[..., 0].mean()).all()
+
+
+def test_table_one_holds_in_the_engine(small):
+    errors = table_one(small.tested[0].path.states[-2], small.tested[0].law)
+    assert max(errors.values()) < 1e-5
+
+
+def test_claims_have_all_ids_and_say_what_was_measured(small):
+    claims = {c.id: c for c in quasi_rigid.judged(small, cases=20)}
+    assert list(claims) == [
+        "table-I-relations", "status-map-bijective", "one-consistent-state", "non-unique-example",
+        "path-vs-dynamics-error", "collapse-load-ratio", "stability-premise", "flutter-example", "apex-counterexample",
+        "mechanism-classes",
+    ]  # fmt: skip
+    assert all(c.note for c in claims.values())
+    assert claims["mechanism-classes"].measured == 3
+    assert claims["apex-counterexample"].measured is True
+    assert "0 of" in claims["apex-counterexample"].note
+
+
+def test_difference_and_collapse_of_made_up_curves():
+    load = np.linspace(0, 1, 101)
+    path = Curve(load, load, load, load)
+    late = Curve(load, load - 0.03, load, load)
+    assert difference(path, late) == pytest.approx(0.03)
+    energy = np.full(100, 1e-12)
+    slow = Slowly(1e5, path, energy / 10, 0.0)
+    assert collapse([Slowly(3e4, path, energy, 0.0), slow]) is None
+    assert collapse([slow]) is None
+    burst = energy.copy()
+    burst[70:73] = 1e-9
+    both = [Slowly(3e4, path, burst, 0.0), Slowly(1e5, path, np.maximum(burst, energy) - 0.9 * energy, 0.0)]
+    assert collapse(both) == pytest.approx(load[71])
+
+
+def test_run_leaves_curves_figures_numbers(small, tmp_path):
+    paths = quasi_report.write_result(tmp_path / "out", small)
+    names = [p.name for p in paths]
+    assert names == [
+        "fig1_curves.png", "fig2_statuses.png", "fig3_cone.png", "fig4_stiffness.png", "fig5_dynamics.png", "results.h5",
+        "scenario.json", "series.csv",
+    ]  # fmt: skip
+    rows = (tmp_path / "out" / "series.csv").read_text().splitlines()
+    assert rows[0] == "sample,curve,load,strain,volumetric_strain,stress_ratio"
+    assert {row.split(",")[1] for row in rows[1:]} == {"path", "unloading", "dynamics 3000", "dynamics 10000"}
+    numbers = archive.read(tmp_path / "out" / "results.h5")["samples"]["001"]
+    assert numbers["path"]["load"][-1] == small.tested[0].path.load[-1]
+    assert isinstance(numbers["frames"]["end"], ss.State)
+
+
+def test_shear_from_the_command_line(tmp_path):
+    scenario = tmp_path / "shear.toml"
+    scenario.write_text(
+        'experiment = "quasi-rigid"\nseed = 1\n[disks]\nnumber = 40\n[loading]\ntest = "shear"\nratio = 0.02\n'
+        "increment = 0.25\n[dynamics]\ntimes = []\n"
+    )
+    done = stickslip("run", scenario, "--out", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    assert "path ends" in done.stdout
+    text = json.loads((tmp_path / "out" / "scenario.json").read_text())
+    assert text["loading"]["test"] == "shear"
+    assert not (tmp_path / "out" / "fig5_dynamics.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("tables", "words"),
+    [
+        ({"loading": {"wall": "left"}}, "loading.wall = 'left' was given"),
+        ({"loading": {"increment": 2.0}}, "loading.increment = 2.0"),
+        ({"loading": {"factor": 0.5}}, "loading.factor = 0.5"),
+        ({"law": {"mu": 0.0}}, "without friction no contact slides or sticks"),
+        ({"disks": {"pressure": 0.5}}, "quasi-rigid grains overlap little"),
+        ({"disks": {"numbr": 50}}, "did you mean 'number'?"),
+        ({"dynamics": {"times": (-1.0,)}}, "dynamics.times"),
+    ],
+)
+def test_wrong_scenarios_are_one_sentence(tables, words):
+    with pytest.raises(ss.ScenarioError) as problem:
+        ss.scenario(experiment="quasi-rigid", **tables)
+    assert words in str(problem.value)
+    assert "\n" not in str(problem.value)
