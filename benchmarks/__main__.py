@@ -66,6 +66,9 @@ def budgets(full: bool) -> list[dict]:
         rows.append(("reproduce sphere-shear --quick, warm kernels", 120, timed(
             "reproduce", "sphere-shear", "--quick", "--out", f"{folder}/s", **cold
         )))  # fmt: skip
+        rows.append(("reproduce quasi-rigid --quick, warm kernels", 120, timed(
+            "reproduce", "quasi-rigid", "--quick", "--out", f"{folder}/q", **cold
+        )))  # fmt: skip
         rows.append(("reproduce disk-array --quick, warm kernels", 60, timed(*quick, "--out", f"{folder}/b", **cold)))
         probe = str(HERE / "kernel_cache.py")
         child(probe, **cold)

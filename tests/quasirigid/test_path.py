@@ -183,7 +183,7 @@ def test_simple_shear_of_a_periodic_packing():
 
 
 def test_an_unstable_start_and_other_laws_are_refused(boxed):
-    state, law = boxed
+    state, _ = boxed
     hertz = ss.hertz_mindlin(1.0, 0.5, 0.5, coulomb="sharp")
     with pytest.raises(ValueError, match="piecewise linear for `linear` only"):
         quasirigid_path(state, hertz, state.control)

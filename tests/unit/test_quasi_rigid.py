@@ -82,8 +82,8 @@ def test_run_leaves_curves_figures_numbers(small, tmp_path):
     paths = quasi_report.write_result(tmp_path / "out", small)
     names = [p.name for p in paths]
     assert names == [
-        "fig1_curves.png", "fig2_statuses.png", "fig3_cone.png", "fig4_stiffness.png", "fig5_dynamics.png", "results.h5",
-        "scenario.json", "series.csv",
+        "fig1_curves.png", "fig2_statuses.png", "fig3_cone.png", "fig4_stiffness.png", "fig5_dynamics.png",
+        "results.h5", "scenario.json", "series.csv",
     ]  # fmt: skip
     rows = (tmp_path / "out" / "series.csv").read_text().splitlines()
     assert rows[0] == "sample,curve,load,strain,volumetric_strain,stress_ratio"

@@ -131,7 +131,8 @@ def _statuses(main: QuasiResult, drawn: Constructed) -> list[Claim]:
         ),
         claim(
             "one-consistent-state", "Sec. II D", True, bool(single), "", 0.0,
-            f"exactly one in the same {number} states under the load of the test; none at the end of {ends} of {len(main.tested)} paths",
+            f"exactly one in the same {number} states under the load of the test; none at the end of {ends} of "
+            f"{len(main.tested)} paths",
         ),
         claim(
             "non-unique-example", "Sec. V A", True, bool(example), "", 0.0,
