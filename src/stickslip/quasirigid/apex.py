@@ -16,9 +16,9 @@ At most four cells meet in a face of codimension two. So g is one-to-one, and th
 and only if det k(σ) has the same sign for all σ: the four statuses exclude each other as long as no choice of them has
 lost its stability. This is the question that the paper leaves open.
 
-Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Sec. V B, for the question; Kuhn and Löwen,
-doi:10.1016/0024-3795(87)90338-4, Theorem 5.3, and Scholtes, doi:10.1287/moor.21.4.955, for one-to-one; Katzenelson,
-Bell Syst. Tech. J. 44, 1605 (1965), for the way along the pieces.
+Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Sec. V B, for the question; Kuhn and Löwen's
+Theorem 5.3, as quoted by Ralph (Cornell University TR 92-1283), and Scholtes, doi:10.1287/moor.21.4.955, for
+one-to-one; Katzenelson's algorithm for the way along the pieces.
 """
 
 import itertools
