@@ -115,6 +115,7 @@ def stiffness(one):
     middle.legend(loc="best")
     bottom.step(looks.load, looks.pairs, where="mid", color=GREEN)
     bottom.yaxis.set_major_locator(plt.MaxNLocator(5, integer=True))
+    bottom.xaxis.set_major_locator(plt.MaxNLocator(5))
     bottom.set(xlabel="load (share of the way)", ylabel=r"complex pairs of $\mathbf{m}^{-1}\mathbf{k}$")
     top.set_title(f"sample {one.seed}", fontsize=7)
     return figure
