@@ -105,8 +105,9 @@ def _write_curves(path: Path, result: QuasiResult) -> None:
 
 def show_result(result: QuasiResult) -> None:
     """Where every path ended, on the terminal."""
-    table = Table(title="Paths", **STYLE)
-    names = ("sample", "path ends", "ratio", "strain", "slide", "events", "dynamics off", "collapse")
+    title = "Paths, how far the slowest dynamics is off in strain, and where it falls"
+    table = Table(title=title, **STYLE)
+    names = ("sample", "ends at", "ratio", "strain", "slide", "events", "off by", "falls at")
     for name in names:
         table.add_column(name, justify="right", no_wrap=True)
     for one in result.tested:

@@ -68,6 +68,9 @@ def packing(state, law, title: str):
     axes.plot([], [], "o", mfc="white", mec=GREY, ms=5, label=f"rattlers ({loose.sum()})")
     for point, normal in zip(state.walls.point, state.walls.normal, strict=True):
         (axes.axvline if normal[0] else axes.axhline)(point[0] if normal[0] else point[1], color=BLACK, lw=1)
+    if state.cell.periodic.any():
+        x, y = state.cell.vectors[0, :2], state.cell.vectors[1, :2]
+        axes.plot(*np.array([0 * x, x, x + y, y, 0 * x]).T, color=BLACK, lw=0.6)
     axes.set_aspect("equal")
     axes.autoscale_view()
     axes.axis("off")
