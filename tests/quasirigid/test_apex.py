@@ -150,3 +150,20 @@ def test_a_disk_without_forces_is_released_as_a_body_or_carries():
     assert pressed.status.tolist() == [STICKS, STICKS]
     assert pressed.words(0) == "sticks"
     assert decided(*chain(1.0), np.ones(2, bool), geometric=False) is None  # nothing holds the lid
+
+
+def test_a_velocity_on_the_boundary_of_cells_counts_once():
+    """V_n = 0 at one contact: stick, slide and open meet there, and lead to the same velocities."""
+    counts = []
+    for seed in range(300):
+        apex = drawn(seed)
+        status = statuses_at_apex(apex).status
+        if status is None or not consistent_statuses(apex)[1]:
+            continue
+        at = room._velocity(apex, status)
+        at[0, 0] = 0.0
+        here = cell(apex, at, status)
+        moved = apex._replace(velocity=(room.piece(apex, here) @ at.ravel()).reshape(-1, 2))
+        counts.append(len(consistent_statuses(moved)[0]))
+    assert len(counts) > 100
+    assert set(counts) == {1}

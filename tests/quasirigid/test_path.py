@@ -194,3 +194,51 @@ def test_an_unstable_start_and_other_laws_are_refused(boxed):
     tower = ss.accept(tower, ss.forces(tower, slippery)[1])
     with pytest.raises(ValueError, match=r"not stable: k has the eigenvalue -.* let it come to rest"):
         quasirigid_path(tower, slippery, tower.control)
+
+
+def test_legs_that_change_more_than_loads_are_refused(boxed):
+    state, law = boxed
+    for change, words in (
+        ({"rate": state.control.rate + 1e-3}, "change rate: only forces, torques, gravity and stress"),
+        ({"stress": state.control.stress + 1e-4}, "a component of the cell that is not free"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            quasirigid_path(state, law, state.control._replace(**change))
+    with pytest.raises(ValueError, match="a leg of float was given"):
+        quasirigid_path(state, law, 1.0)
+    with pytest.raises(ValueError, match="body 3 has no force that could be raised"):
+        raised(state.control, 3, 2.0)
+    with pytest.raises(ValueError, match=r"pressure = -0.0001 was given: it must be above 0"):
+        biaxial_box(30, pressure=-1e-4)
+    sliding = ss.linear(1.0, 0.0, 0.5, coulomb="sharp")
+    with pytest.raises(ValueError, match="kt = 0"):
+        quasirigid_path(state, sliding, state.control)
+
+
+def test_a_net_force_that_nothing_holds_is_refused():
+    state, law = sheared_box(40, seed=1)
+    force = state.control.force.copy()
+    held = int(np.flatnonzero(~ss.rattlers(state, 2))[0])
+    force[held, 0] = 1e-6
+    with pytest.raises(ValueError, match="net force along x, which nothing holds"):
+        quasirigid_path(state, law, state.control._replace(force=force))
+    m = ss.matrices(state, law)
+    assert ss.status(m, (np.arange(len(m.free)) == 0).astype(float)).verdict is Verdict.MECHANISM
+
+
+def test_critical_contacts_are_numbers_or_a_mask(boxed):
+    state, law = boxed
+    m = ss.matrices(state, law)
+    load = np.zeros(len(m.free))
+    load[m.free.body == 60 + TOP] = -1.0
+    mask = np.zeros(m.count, bool)
+    mask[[3, 8]] = True
+    by_mask, by_number = (ss.status(m, load, critical=c) for c in (mask, [3, 8]))
+    assert by_mask.critical.tolist() == by_number.critical.tolist() == [3, 8]
+    for wrong in ([1, 1], mask[:5], [0.5]):
+        with pytest.raises(ValueError, match="takes different numbers of contacts"):
+            ss.status(m, load, critical=wrong)
+    with pytest.raises(ValueError, match=r"critical contacts -1 to 9999 .* numbers 0 to"):
+        ss.status(m, load, critical=[-1, 9999])
+    with pytest.raises(ValueError, match="start has the shape"):
+        ss.status(m, load, critical=[1], start=[True])

@@ -70,12 +70,14 @@ def test_difference_and_collapse_of_made_up_curves():
     assert difference(path, late) == pytest.approx(0.03)
     energy = np.full(100, 1e-12)
     slow = Slowly(1e5, path, energy / 10, 0.0)
-    assert collapse([Slowly(3e4, path, energy, 0.0), slow]) is None
-    assert collapse([slow]) is None
+    assert collapse([Slowly(3e4, path, energy, 0.0), slow], path) is None
+    assert collapse([slow], path) is None
     burst = energy.copy()
     burst[70:73] = 1e-9
-    both = [Slowly(3e4, path, burst, 0.0), Slowly(1e5, path, np.maximum(burst, energy) - 0.9 * energy, 0.0)]
-    assert collapse(both) == pytest.approx(load[71])
+    fallen = Curve(load, np.where(load > 0.7, load + 0.2, load), load, load)
+    for curve, found in ((fallen, load[71]), (path, None)):  # a burst after which the run is on the path is none
+        both = [Slowly(3e4, curve, burst, 0.0), Slowly(1e5, curve, np.maximum(burst, energy) - 0.9 * energy, 0.0)]
+        assert collapse(both, path) == (None if found is None else pytest.approx(found))
 
 
 def test_run_leaves_curves_figures_numbers(small, tmp_path):

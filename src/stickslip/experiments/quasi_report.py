@@ -37,7 +37,8 @@ def _write(folder: Path, result: QuasiResult, claims) -> list[Path]:
         end = longest.path.points[-1]
         title = f"sample {longest.seed} where its path ends, load {end.load:.4g}"
         save_figure(figures.packing(end.state, longest.law, title), room / "fig2_statuses.png")
-        save_figure(figures.cone(longest, result.scenario.law.mu), room / "fig3_cone.png")
+        if len(longest.pairs):
+            save_figure(figures.cone(longest, result.scenario.law.mu), room / "fig3_cone.png")
         save_figure(figures.stiffness(longest), room / "fig4_stiffness.png")
         if result.scenario.dynamics.times:
             save_figure(figures.errors(result.tested), room / "fig5_dynamics.png")
@@ -120,6 +121,7 @@ def show_result(result: QuasiResult) -> None:
         )  # fmt: skip
     console.print(table)
     for one in result.tested:
-        console.print(f"  sample {one.seed}: {one.path.events[-1].kind if one.path.events else 'nothing happened'}")
+        end = "the whole load was reached" if one.path.complete else one.path.verdict.value
+        console.print(f"  sample {one.seed}: {end}")
     for failure in result.failures:
         console.print(f"[yellow]{failure}[/]")

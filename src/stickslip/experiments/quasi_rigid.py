@@ -170,18 +170,20 @@ def _paths(main: QuasiResult) -> list[Claim]:
 
 def _first(load: np.ndarray, fails: np.ndarray) -> float:
     """Share of the path's load at which something first fails; 1 if it never does."""
-    return float(load[np.argmax(fails)] / load[-1]) if fails.any() else 1.0
+    return float(load[np.argmax(fails)] / load[-1]) if fails.any() and load[-1] > 0 else 1.0
 
 
 def _premise(main: QuasiResult) -> list[Claim]:
     premise = [_first(one.looks.load, one.looks.symmetric < 0) for one in main.tested]
     unique = [_first(one.looks.load, one.looks.unique == 0) for one in main.tested]
+    unknown = sum(int((one.looks.unique < 0).sum()) for one in main.tested)
     return [
         claim(
             "stability-premise", "Eq 3, Sec. V A", 1.0, float(np.median(premise)), "share of the final load", 0.1,
             f"Q > 0 for all v first fails at {min(premise):.3g} to {max(premise):.3g} of the load at which the path "
-            f"ends; the status stays unique up to {min(unique):.3g} to {max(unique):.3g}: the premise is sufficient "
-            f"and much too strong, what counts is that A is a P-matrix",
+            f"ends; the status stays unique up to {min(unique):.3g} to {max(unique):.3g} (not known at {unknown} of "
+            f"{sum(len(one.looks.load) for one in main.tested)} points): the premise is sufficient and much too "
+            f"strong, what counts is that A is a P-matrix",
         )
     ]  # fmt: skip
 

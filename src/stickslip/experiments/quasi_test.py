@@ -29,7 +29,7 @@ LOOKED_AT = 60  # points of a path at most whose eigenvalues are computed
 ENUMERATED = 10  # critical contacts up to which all statuses are gone through
 PAIR = 1e-9  # imaginary part, in the largest eigenvalue, above which there is a complex pair
 COMPARED = 0.95  # of the path's load up to which path and dynamics are compared
-BURST, ALIKE, BEFORE = 30.0, 0.5, 20  # see `collapse`
+BURST, ALIKE, BEFORE, ASTRAY = 30.0, 0.5, 20, 0.05  # see `collapse`
 
 
 class Curve(NamedTuple):
@@ -138,14 +138,14 @@ def tested(scenario: QuasiScenario, seed: int, tell=lambda share, words: None) -
         back = curve_of([state, *(p.state for p in down)], [0, *(turn * (2 - p.load) for p in down)], scenario)
         back = Curve(*(values[1:] for values in back))
     until, runs = min(1.0, (1 + slow.beyond) * path.load[-1]), []
-    for k, time in enumerate(slow.times):
+    for k, time in enumerate(slow.times if until > 0 else ()):
         heard = lambda s, w, k=k: tell(0.3 + 0.6 * (k + s) / len(slow.times), f"sample {seed}: {w}")  # noqa: E731
         run = slowly(state, law, end, time=time, until=until, drag=slow.drag, report=heard)
         followed = curve_of([state, *run.states], np.append(0.0, run.load), scenario)
         runs.append(Slowly(time, followed, run.kinetic_energy, difference(curve, followed)))
     looks = looks_along(path, law, state, end)
     kept, track = cone_tracks(path)
-    return Tested(seed, law, path, curve, back, looks, tuple(runs), collapse(runs), track, kept)
+    return Tested(seed, law, path, curve, back, looks, tuple(runs), collapse(runs, curve), track, kept)
 
 
 def curve_of(states: list[State], load, scenario: QuasiScenario) -> Curve:
@@ -172,19 +172,23 @@ def difference(path: Curve, dynamics: Curve) -> float:
     return float(np.abs(apart).max(initial=0.0) / max(abs(path.strain[-1]), 1e-300))
 
 
-def collapse(runs: list[Slowly]) -> float | None:
-    """Load at which the slowest run moves fast by itself: its kinetic energy does not fall with the rate any more.
+def collapse(runs: list[Slowly], path: Curve) -> float | None:
+    """Load at which the slowest run leaves the path and moves fast by itself.
 
     In slow motion the kinetic energy falls as the square of the rate. A step of the load at which the slowest run has
     more than half the energy of the next faster one near that load, and more than thirty times its own median so far,
-    is the first of a collapse.
+    may be the first of a collapse; it is, if from there on the strain is not that of the path any more, or if the path
+    has ended. Soft stretches, which dynamics goes through late, end on the path again.
     """
     if len(runs) < 2:
         return None
     faster, slowest = sorted(runs, key=lambda run: run.time)[-2:]
     a, b, load = faster.kinetic_energy, slowest.kinetic_energy, slowest.curve.load[1:]
+    off = np.abs(slowest.curve.strain[1:] - np.interp(load, path.load, path.strain)) / abs(path.strain[-1])
     for k in range(BEFORE, len(b)):
-        if b[k] > BURST * np.median(b[:k]) and b[k] > ALIKE * a[max(0, k - 3) : k + 4].max():
+        alone = b[k] > BURST * np.median(b[:k]) and b[k] > ALIKE * a[max(0, k - 3) : k + 4].max()
+        left = off[k:][load[k:] <= path.load[-1]]
+        if alone and (not len(left) or np.median(left) > ASTRAY):
             return float(load[k])
     return None
 

@@ -1,5 +1,7 @@
 """Figures of quasi-rigid loading (paper 002): curves, statuses on the packing, forces in the cone, stiffness."""
 
+from itertools import cycle
+
 import numpy as np
 from matplotlib.collections import LineCollection, PatchCollection
 from matplotlib.patches import Circle
@@ -18,11 +20,12 @@ def curves(tested, test: str):
     """Stress ratio and volumetric strain against strain: the path, slow dynamics on it, unloading."""
     figure, (top, bottom) = axes_of(2, 4.4, sharex=True)
     scale = _scale(max(np.abs(one.curve.strain).max() for one in tested))
-    for color, one in zip(COLORS, tested, strict=False):
+    for color, one in zip(cycle(COLORS), tested, strict=False):
         for axes, name in ((top, "ratio"), (bottom, "volumetric")):
             y = 1.0 if name == "ratio" else scale
             axes.plot(scale * one.curve.strain, y * getattr(one.curve, name), color=color, lw=1.2)
-            axes.plot(scale * one.curve.strain[-1], y * getattr(one.curve, name)[-1], "x", color=color, ms=5)
+            if not one.path.complete:
+                axes.plot(scale * one.curve.strain[-1], y * getattr(one.curve, name)[-1], "x", color=color, ms=5)
             if one.back is not None:
                 axes.plot(scale * one.back.strain, y * getattr(one.back, name), ":", color=color, lw=0.9)
             if one.slow:
@@ -30,7 +33,8 @@ def curves(tested, test: str):
                 near = slow.load <= one.curve.load[-1]
                 axes.plot(scale * slow.strain[near], y * getattr(slow, name)[near], "--", color=BLACK, lw=0.6)
         top.plot([], [], color=color, label=f"sample {one.seed}")
-    top.plot([], [], "--", color=BLACK, lw=0.6, label="slow dynamics")
+    if any(one.slow for one in tested):
+        top.plot([], [], "--", color=BLACK, lw=0.6, label="slow dynamics")
     if any(one.back is not None for one in tested):
         top.plot([], [], ":", color=BLACK, lw=0.9, label="unloading")
     power = round(np.log10(scale))
@@ -38,7 +42,8 @@ def curves(tested, test: str):
     name = "axial strain" if test == "biaxial" else "shear strain"
     bottom.set(xlabel=rf"{name} $\times 10^{{{power}}}$", ylabel=rf"volumetric strain $\times 10^{{{power}}}$")
     top.legend(loc="best", ncol=2)
-    top.set_title("paths end at ×, where stability is lost", fontsize=7)
+    if any(not one.path.complete for one in tested):
+        top.set_title("paths end at ×, where stability is lost", fontsize=7)
     return figure
 
 
@@ -128,7 +133,7 @@ def stiffness(one):
 def errors(tested):
     """Difference of path and dynamics against the time of the load."""
     figure, axes = axes_of(1, 2.4)
-    for color, one in zip(COLORS, tested, strict=False):
+    for color, one in zip(cycle(COLORS), tested, strict=False):
         runs = sorted(one.slow, key=lambda run: run.time)
         time, error = [r.time for r in runs], [r.error for r in runs]
         axes.loglog(time, error, "o-", color=color, label=f"sample {one.seed}")

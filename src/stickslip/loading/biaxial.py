@@ -12,6 +12,7 @@ from .packing import jammed
 
 LEFT, BOTTOM, RIGHT, TOP = range(4)  # walls; the first two stand still
 STEPS, BLOCKS = 20_000, 150  # of damped dynamics until rest, at most
+SOFT = 0.01  # pressure over kn at most: beyond, overlaps are not small
 LOOSE = 1.15  # by which a jammed packing is blown up before the walls press it together
 
 
@@ -51,7 +52,7 @@ def biaxial_box(
     ------
     McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Fig 1.
     """
-    law = _law(kn, kt, mu)
+    law = _law(kn, kt, mu, pressure)
     packing, _ = jammed(n, packing_fraction=0.86, dim=2, radius=radius, seed=seed)
     sizes, cell = packing.grains.radius, LOOSE * packing.cell.vectors[0, 0]
     room = float(sizes.max())
@@ -76,7 +77,7 @@ def sheared_box(
 
     Arguments, law and errors as in `biaxial_box`.
     """
-    law, packing = _law(kn, kt, mu), jammed(n, packing_fraction=0.86, dim=2, radius=radius, seed=seed)[0]
+    law, packing = _law(kn, kt, mu, pressure), jammed(n, packing_fraction=0.86, dim=2, radius=radius, seed=seed)[0]
     sizes, side = packing.grains.radius, 1.02 * packing.cell.vectors[0, 0]
     grains = disks(1.02 * packing.grains.position[:, :2], sizes, mass=4 * sizes**2)
     control = stress_controlled(loads(n), {"xx": pressure, "yy": pressure, "xy": 0.0})
@@ -108,12 +109,16 @@ def at_rest(state: State, law: Law, tolerance: float) -> State:
     return state
 
 
-def _law(kn: float, kt: float, mu: float) -> Law:
+def _law(kn: float, kt: float, mu: float, pressure: float) -> Law:
+    if not 0 < pressure <= SOFT * kn:
+        raise ValueError(f"pressure = {pressure} was given: it must be above 0 and at most {SOFT:g} kn = {SOFT * kn:g}")
     return linear(kn, kt, mu, coulomb="sharp", damping="mass_velocity", damping_n=0.2, damping_t=0.2)
 
 
 def raised(control: Control, wall: int, factor: float) -> Control:
     """Control in which the force on a wall is multiplied by a factor; `wall` counts bodies."""
     force = control.force.copy()
+    if not force[wall].any():
+        raise ValueError(f"body {wall} has no force that could be raised: wall k of n grains is body n + k")
     force[wall] *= factor
     return control._replace(force=force)

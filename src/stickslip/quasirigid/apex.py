@@ -34,6 +34,7 @@ PIECES = 4000  # that are followed at most
 ENUMERATED = 4096  # choices of statuses that are gone through at most
 HELPING = 1e-4  # share of their springs with which disks are followed through pieces on which nothing holds them
 SINGULAR = 1e12  # condition of a piece beyond which it counts as singular
+SAME = 1e-6  # share of the largest velocity up to which two are the same
 SLACK = 1e-9  # share of the largest velocity below which a velocity may have either sign
 
 
@@ -221,7 +222,9 @@ def choices(apex: Apex) -> int:
 
 
 def consistent_statuses(apex: Apex) -> tuple[np.ndarray, bool]:
-    """All consistent choices of statuses, gone through one by one, and whether det k has the same sign for all choices.
+    """All consistent choices of statuses, one by one, and whether det k has the same sign for all choices.
+
+    Choices that lead to the same velocities, which lie on a boundary of their cells, count once.
 
     Returns
     -------
@@ -237,11 +240,17 @@ def consistent_statuses(apex: Apex) -> tuple[np.ndarray, bool]:
             f"{len(apex.sign)} contacts with {choices(apex):.3g} choices of statuses were given: at most {ENUMERATED} "
             f"can be gone through; `statuses_at_apex` finds one that is consistent"
         )
-    found, coherent = [], True
+    found, seen, coherent = [], [], True
     for choice in itertools.product(*apex.allowed):
         status = np.array(choice, int)
         coherent &= bool(np.linalg.det(piece(apex, status)) > 0)
         velocity = _velocity(apex, status)
-        if velocity is not None and np.array_equal(cell(apex, velocity, status), status):
+        if _consistent(apex, status, velocity) and not any(_same(velocity, other) for other in seen):
             found.append(status)
+            seen.append(velocity)
     return np.array(found, int).reshape(len(found), len(apex.sign)), coherent
+
+
+def _same(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether two velocities are the same: on a boundary of cells it belongs to both."""
+    return np.abs(one - other).max(initial=0.0) <= SAME * np.abs(one).max(initial=0.0)

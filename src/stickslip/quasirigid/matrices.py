@@ -82,6 +82,10 @@ def matrices(state: State, law: Law, *, rattlers: bool | np.ndarray = False, wal
     rows, line = touching(state), linearised(state, law)
     loose = np.zeros(state.n_bodies, bool)
     if not isinstance(rattlers, bool):
+        if np.shape(rattlers) != (len(state.grains.radius),):
+            raise ValueError(
+                f"rattlers has the shape {np.shape(rattlers)}: give True, False, or one bool for each grain"
+            )
         loose[: len(state.grains.radius)] = rattlers
     elif not rattlers:
         loose[: len(state.grains.radius)] = loose_grains(state, 2)
@@ -162,16 +166,22 @@ def stiffness_matrix(matrix: Matrices, sliding=None, *, geometric: bool = True):
     sliding : (M,) bool, which contacts slide; default: those at Coulomb's limit now
     geometric : whether the forces turn with the contacts
     """
-    sliding = matrix.limit if sliding is None else np.asarray(sliding, bool)
-    if sliding.shape != (matrix.count,):
-        raise ValueError(f"{sliding.shape} statuses were given for {matrix.count} contacts: give one for each")
+    sliding = _status_of_all(matrix, sliding)
     k = matrix.c @ blocks(matrix.springs @ statuses(matrix, sliding)) @ matrix.c.T
     return sparse.csr_array(k + matrix.geometric if geometric else k)
 
 
+def _status_of_all(matrix: Matrices, sliding) -> np.ndarray:
+    """(M,) bool: the statuses given, or those at Coulomb's limit now."""
+    sliding = matrix.limit if sliding is None else np.asarray(sliding, bool)
+    if sliding.shape != (matrix.count,):
+        raise ValueError(f"{sliding.shape} statuses were given for {matrix.count} contacts: give one for each")
+    return sliding
+
+
 def damping_matrix(matrix: Matrices, sliding=None):
     """(n, n) sparse c Γ cᵀ; a contact that slides has no tangential dashpot."""
-    sliding = matrix.limit if sliding is None else np.asarray(sliding, bool)
+    sliding = _status_of_all(matrix, sliding)
     damping = matrix.damping.copy()
     damping[sliding, 1] = 0.0
     return sparse.csr_array(matrix.c @ sparse.diags_array(damping.ravel()) @ matrix.c.T)

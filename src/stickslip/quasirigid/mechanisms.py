@@ -67,6 +67,8 @@ def mechanisms(
     load = np.zeros(size) if load is None else np.asarray(load, float)
     if load.shape != (size,):
         raise ValueError(f"a load of {load.shape} was given where {(size,)} is needed: one for each coordinate")
+    if not np.isfinite(load).all():
+        raise ValueError("a load that is not finite was given: every component must be a number")
     k = stiffness_matrix(matrix, sliding, geometric=False).toarray()
     rigid = _rigid_motions(matrix)
     turn = np.zeros((size, 0)) if wall_arm is None else _rigid_turn(state, matrix, wall_arm)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.forces import accept, forces
-from ..core.laws import LINEAR, Law
+from ..core.laws import KT, LINEAR, Law
 from ..core.measure import mean_normal_force, rattlers, touching
 from ..core.neighbors import updated
 from ..core.state import OPEN, SLIDE, STICK, Control, State
@@ -23,7 +23,7 @@ from .matrices import matrices, stiffness_matrix
 from .piece import Event, Piece, Place, external
 from .rattling import moved_aside, with_modes
 from .status import Verdict
-from .system import pins
+from .system import pins, unheld
 
 BALANCED = 1e-6  # largest unbalanced force at the start, in mean normal forces
 SMALLEST = 1e-6  # share of an increment to which it is halved
@@ -31,7 +31,6 @@ OUT_OF_BALANCE = 1e-3  # force, in mean normal forces, beyond which an increment
 CHECKED_UP_TO = 2500  # coordinates of which it is checked that the start is stable
 CROWD = 200  # events without progress after which a path is said to be stuck
 RETURNS = "is wedged and carries again"
-IN_CIRCLES = "events follow one another without progress of the load: the path does not know how to go on"
 
 
 class Point(NamedTuple):
@@ -52,6 +51,11 @@ class Path(NamedTuple):
     verdict: Verdict  # CONSISTENT if the whole load was reached; the last event says where and why not
     unchecked: int  # times when it is not known whether the statuses are unique: too many contacts are critical
     law: Law
+
+    @property
+    def complete(self) -> bool:
+        """True if the whole load was reached."""
+        return self.verdict is Verdict.CONSISTENT
 
     @property
     def load(self) -> np.ndarray:
@@ -115,8 +119,8 @@ def quasirigid_path(
             if report:
                 report((number + share) / len(legs), _words(points[-1]))
             if _crowded(events, number + share):
-                events.append(Event(number + share, IN_CIRCLES, -1, -1))
-                return Path(tuple(points), tuple(events), Verdict.UNSTABLE, unchecked, law)
+                events.append(Event(number + share, Verdict.CIRCLES.value, -1, -1))
+                return Path(tuple(points), tuple(events), Verdict.CIRCLES, unchecked, law)
         place = place._replace(state=place.state._replace(control=end))
     return Path(tuple(points), tuple(events), Verdict.CONSISTENT, unchecked, law)
 
@@ -169,11 +173,12 @@ def _check_start(state: State, law: Law, legs, increment: float) -> None:
         raise ValueError(
             "a law that is not linear in the overlap was given: a path is piecewise linear for `linear` only"
         )
+    if not law.table[..., KT].min() > 0:
+        raise ValueError("a law with kt = 0 was given: without tangential springs no contact sticks; use a positive kt")
     if not 0 < increment <= 1:
         raise ValueError(f"increment = {increment} was given: it must be above 0 and at most 1, in legs of the load")
     for end in legs:
-        if not (np.array_equal(end.free, state.control.free) and np.array_equal(end.group, state.control.group)):
-            raise ValueError("the legs' controls free other components than the state's: only loads may change")
+        _check_leg(state.control, end)
     matrix = matrices(state, law)
     if not len(matrix.free):
         raise ValueError("nothing but rattlers was given: a path needs grains that hold each other")
@@ -197,12 +202,33 @@ def _check_start(state: State, law: Law, legs, increment: float) -> None:
     whole = freedom(state)
     carried = np.isin(whole.component, matrix.free.component)
     for end in legs:
+        at = state._replace(control=end)
+        if axes := unheld(matrix, external(at, matrix.free)):
+            raise ValueError(f"a leg has a net force along {axes}, which nothing holds: give loads that balance")
         pull = np.abs(external(state._replace(control=end), whole))
         bad = np.flatnonzero((pull > 0) & ~carried)
         if len(bad):
             raise ValueError(
                 f"body {whole.body[bad[0]]} is loaded but holds nothing (a rattler): load bodies that others hold"
             )
+
+
+def _check_leg(begin: Control, end: Control) -> None:
+    if not isinstance(end, Control):
+        raise ValueError(f"a leg of {type(end).__name__} was given: give the Control at its end, such as raised(...)")
+    for name in ("free", "group", "cell_free"):
+        if not np.array_equal(getattr(end, name), getattr(begin, name)):
+            raise ValueError("the legs' controls free other components than the state's: only loads may change")
+    for name in set(Control._fields) - {"free", "group", "cell_free", "force", "torque", "gravity", "stress"}:
+        if not np.array_equal(getattr(end, name), getattr(begin, name)):
+            raise ValueError(
+                f"the legs' controls change {name}: only forces, torques, gravity and stress may change; to control "
+                f"strain, let dynamics do it"
+            )
+    if ((end.stress != begin.stress) & ~begin.cell_free).any():
+        raise ValueError(
+            "the legs change the stress of a component of the cell that is not free: see stress_controlled"
+        )
 
 
 def _point(place: Place, law: Law, load: float) -> Point:

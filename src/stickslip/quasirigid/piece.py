@@ -23,7 +23,7 @@ from ..solve.freedom import Freedom, displaced, residual_vector
 from .matrices import Matrices, matrices, statuses
 from .opening import decided
 from .rattling import NUDGE, gaps, with_modes
-from .status import Choice, Verdict, certificate, complementarity, status
+from .status import SLACK, Choice, Verdict, certificate, complementarity, status
 
 APEX = 1e-6  # normal force, in mean normal forces, at which a contact is at the apex of the cone
 BLURRED = 10.0  # times what is out of balance, below which a disk with two contacts is not yet said to meet the cone
@@ -175,7 +175,7 @@ class Piece:
         for side in (1.0, -1.0):  # F̃ of a contact that sticks, on either side of the cone
             margin = m.mu * force[:, 0] - side * force[:, 1]
             slope = m.mu * rate[:, 0] - side * rate[:, 1]
-            leaves = ~slides & (slope < -1e-14 * np.abs(rate).max(initial=0.0))
+            leaves = ~slides & (slope < -SLACK * np.abs(rate).max(initial=0.0))
             time = np.where(leaves, np.maximum(margin, 0.0) / np.where(leaves, -slope, 1.0), np.inf)
             reached = np.minimum(reached, time)
         at = np.where(np.isfinite(reached), reached, 0.0)

@@ -65,7 +65,6 @@ def moved_aside(state: State, law: Law, loose: np.ndarray) -> tuple[State, np.nd
         rows, normal, gap = rows[near], normal[near], gap[near]
         i, j = contacts.i[rows], contacts.j[rows]
         move, pressed = _least_distance(_directions(i, j, normal, whole), tiny - gap)
-        pressed &= whole[i] | whole[j]
         friction = law.table[material[i], material[j], MU]
         wedge = _wedge(i[pressed], j[pressed], normal[pressed], friction[pressed], whole)
         if len(wedge) or move is None:

@@ -20,7 +20,7 @@ from scipy.linalg import LinAlgError, cho_factor
 
 from ..solve.linear import one_thread
 from .matrices import Matrices
-from .system import System
+from .system import System, unheld
 
 ROUNDS = 60  # of flipping all that is inconsistent, before pivoting begins
 MAPPED = 14  # contacts up to which all statuses are gone through
@@ -33,6 +33,7 @@ class Verdict(Enum):
     CONSISTENT = "every critical contact slides if, and only if, it would leave Coulomb's cone otherwise"
     UNSTABLE = "no consistent status exists on the way of the algorithm: the packing loses its stability here"
     NEGATIVE = "the consistent status has det k < 0: the packing loses its stability here"
+    CIRCLES = "events follow one another without progress of the load: the path does not know how to go on"
     MECHANISM = "the load drives a motion that nothing resists: the packing collapses"
 
 
@@ -92,10 +93,16 @@ def status(
     -------
     Choice
     """
-    critical = np.flatnonzero(matrix.limit) if critical is None else np.asarray(critical, np.int64)
+    critical = _numbers(matrix, critical)
     system = System(matrix, load, critical, geometric)
+    if start is not None and np.shape(start) != (matrix.count,):
+        raise ValueError(
+            f"start has the shape {np.shape(start)}: give one bool for each of the {matrix.count} contacts"
+        )
     slides = np.ones(len(critical), bool) if start is None else np.asarray(start, bool)[critical]
     method = "flip all"
+    if unheld(matrix, system.load):
+        return _nothing(matrix, system, Verdict.MECHANISM, method)
     try:
         with one_thread():
             found = _flipped(system, slides)
@@ -113,6 +120,27 @@ def status(
     sliding = np.zeros(matrix.count, bool)
     sliding[critical] = found
     return Choice(Verdict.CONSISTENT, sliding, critical, velocity, rate, method, system.solves)
+
+
+def _numbers(matrix: Matrices, critical) -> np.ndarray:
+    """Numbers of the critical contacts, from numbers or from a mask of all contacts."""
+    if critical is None:
+        return np.flatnonzero(matrix.limit)
+    critical = np.asarray(critical)
+    if critical.dtype == bool and critical.shape == (matrix.count,):
+        return np.flatnonzero(critical)
+    known = critical.dtype.kind in "iu" or not critical.size
+    if critical.dtype == bool or critical.ndim != 1 or not known or len(np.unique(critical)) < len(critical):
+        raise ValueError(
+            f"critical = {str(critical)[:60]} was given: it takes different numbers of contacts, or one bool for each "
+            f"of the {matrix.count} contacts"
+        )
+    if critical.size and not 0 <= critical.min() <= critical.max() < matrix.count:
+        raise ValueError(
+            f"critical contacts {critical.min()} to {critical.max()} were given: contacts have the numbers 0 to "
+            f"{matrix.count - 1}"
+        )
+    return critical.astype(np.int64)
 
 
 def _nothing(matrix: Matrices, system: System, verdict: Verdict, method: str) -> Choice:
@@ -154,7 +182,7 @@ def complementarity(
     matrix: Matrices, load: np.ndarray, *, critical: np.ndarray | None = None, geometric: bool = True
 ) -> Complementarity:
     """A and q of the critical contacts under a load rate; arguments as in `status`."""
-    critical = np.flatnonzero(matrix.limit) if critical is None else np.asarray(critical, np.int64)
+    critical = _numbers(matrix, critical)
     with one_thread():
         return _complementarity(System(matrix, load, critical, geometric))
 

@@ -120,6 +120,16 @@ def pins(matrix: Matrices) -> np.ndarray:
     return np.array(held, np.int64)
 
 
+def unheld(matrix: Matrices, load: np.ndarray) -> str:
+    """Along which axes, "x", "y" or both, a load has a net force that nothing holds; empty if there is none."""
+    out = ""
+    for pin in pins(matrix):
+        along = load[matrix.free.axis == matrix.free.axis[pin]]
+        if abs(along.sum()) > RESIDUAL * np.abs(load).sum():
+            out += "xy"[matrix.free.axis[pin]]
+    return out
+
+
 def elimination(c, body: np.ndarray) -> np.ndarray:
     """(n,) order of coordinates in which k has little fill: minimum degree on the graph of bodies in contact.
 
