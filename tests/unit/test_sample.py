@@ -192,3 +192,24 @@ def test_a_file_that_is_none_ends_with_code_2(tmp_path, content):
     done = run("stability", str(tmp_path / "p.npz"))
     assert done.returncode == 2
     assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_vectors_in_the_plane_may_have_two_components():
+    law = ss.linear(1.0, 0.5, 0.5, coulomb="sharp")
+    flat = {"radius": [0.5, 0.5], "law": law, "dim": 2, "pair_i": [0], "pair_j": [1]}
+    two = ss.sample([[0.1, 0.2], [1.09, 0.2]], slip=[[0, 1e-3]], image=[[0, 0]], cell=[[4, 0], [1, 4]], **flat)
+    three = ss.sample(
+        [[0.1, 0.2, 0], [1.09, 0.2, 0]], slip=[[0, 1e-3, 0]], image=[[0, 0, 0]],
+        cell=[[4, 0, 0], [1, 4, 0], [0, 0, 1]], **flat,
+    )  # fmt: skip
+    for name in ("position", "velocity"):
+        assert np.array_equal(getattr(two.grains, name), getattr(three.grains, name))
+    assert np.array_equal(two.cell.vectors, three.cell.vectors)
+    assert np.array_equal(ss.contact_forces(two, law), ss.contact_forces(three, law))
+    assert ss.sample([[0, 0]], [0.5], law, dim=2, cell=[4, 5]).cell.vectors.tolist() == [
+        [4, 0, 0],
+        [0, 5, 0],
+        [0, 0, 1],
+    ]
+    with pytest.raises(ss.SampleError, match=r"position has shape \(1, 2\)"):
+        ss.sample([[0, 0]], [0.5], law)

@@ -45,7 +45,8 @@ def sample(
         contacts are found, with zero slip
     image : (M, 3) integers, default zero; slip : (M, 3) [length], default zero
     external_force : (N, 3) [force]
-    dim : 2 or 3; i0 : float, moment of inertia I0 m R², default 2/5, or 1/2 in two dimensions
+    dim : 2 or 3; with 2 all vectors may have two components
+    i0 : float, moment of inertia I0 m R², default 2/5, or 1/2 in two dimensions
 
     Raises
     ------
@@ -58,6 +59,8 @@ def sample(
     >>> sample([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], hertz_mindlin()).contacts.mode[:1]
     array([1])
     """
+    if dim == 2:
+        position, image, slip, external_force = map(_in_space, (position, image, slip, external_force))
     position, radius = _array("position", position, (None, 3)), _array("radius", radius, (None,))
     n = len(position)
     if len(radius) != n:
@@ -196,11 +199,20 @@ def _array(name: str, value, shape: tuple, kind=float) -> np.ndarray:
     return array
 
 
+def _in_space(rows):
+    """Rows of two components with a third one of zero; anything else as it is."""
+    if rows is None or np.ndim(rows) != 2 or np.shape(rows)[1] != 2:
+        return rows
+    return np.pad(np.asarray(rows), ((0, 0), (0, 1)))
+
+
 def _cell(cell, periodic, dim: int):
     if cell is None:
         if periodic is not None and np.any(periodic):
             raise SampleError("periodic was given without a cell: give the box vectors as rows of cell")
         return box(dim=dim)
+    if dim == 2 and np.shape(cell) in ((2,), (2, 2)):
+        cell = np.diag([*cell, 1.0]) if np.ndim(cell) == 1 else np.vstack([_in_space(cell), [0.0, 0.0, 1.0]])
     cell = _array("cell", np.diag(cell) if np.shape(cell) == (3,) else cell, (3, 3))
     flags = [True, True, dim == 3] if periodic is None else _array("periodic", periodic, (3,), bool)
     if dim == 2:
