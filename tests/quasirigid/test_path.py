@@ -242,3 +242,19 @@ def test_critical_contacts_are_numbers_or_a_mask(boxed):
         ss.status(m, load, critical=[-1, 9999])
     with pytest.raises(ValueError, match="start has the shape"):
         ss.status(m, load, critical=[1], start=[True])
+
+
+def test_contacts_that_slide_along_the_cone_do_not_flip_to_and_fro():
+    """In a triangular lattice all bonds of one direction are alike: rates that should vanish are round-off."""
+    apart, law = 1 - 1e-4, ss.linear(1.0, 0.5, 0.5, coulomb="sharp")
+    place = [[(i + 0.5 * (j % 2)) * apart, j * apart * np.sqrt(0.75)] for j in range(4) for i in range(4)]
+    size = [4 * apart, 4 * apart * np.sqrt(0.75)]
+    state = ss.sample(place, np.full(16, 0.5), law, dim=2, cell=size)
+    force, branch = (f(*a)[ss.touching(state)] for f, a in ((ss.contact_forces, (state, law)), (ss.branches, (state,))))
+    stress = force.T @ branch / np.prod(size)
+    control = ss.stress_controlled(state.control, {"xx": stress[0, 0], "yy": stress[1, 1], "xy": 0.0})
+    end = ss.stress_controlled(control, {"yy": 0.2 * stress[0, 0]})
+    path = quasirigid_path(state._replace(control=control), law, end, increment=0.05)
+    assert path.verdict is Verdict.CONSISTENT
+    assert path.points[-1].load == 1
+    assert len(path.events) < 100
