@@ -14,7 +14,7 @@ from ..data.quasi_scenario import QuasiScenario
 from ..data.scenario import scenario
 from ..loading.biaxial import TOP
 from ..quasirigid.apex import WORDS, Apex, consistent_statuses
-from ..quasirigid.matrices import matrices
+from ..quasirigid.matrices import Matrices, matrices
 from ..quasirigid.mechanisms import DRIVEN, IDLE, RATTLER, RIGID, mechanisms
 from ..quasirigid.opening import reduced
 from ..quasirigid.status import complementarity, is_p_matrix, status_map
@@ -97,9 +97,7 @@ def constructed(main: QuasiResult, cases: int) -> Constructed:
     """Random critical contacts, slip signs and loads on states of the paths: is the status unique?"""
     rng, count, drawn = np.random.default_rng(main.scenario.seed), np.zeros(4, int), 0
     while drawn < cases:
-        one = main.tested[drawn % len(main.tested)]
-        state = one.path.states[int(rng.integers(len(one.path.points)))]
-        m = matrices(state, one.law)
+        m = _some_matrices(main, rng, drawn)
         critical = rng.choice(m.count, int(rng.integers(2, 9)), replace=False)
         m = m._replace(sign=rng.choice([-1.0, 1.0], m.count))
         try:
@@ -110,6 +108,12 @@ def constructed(main: QuasiResult, cases: int) -> Constructed:
         count += [whole, whole == mapped.bijective, len(mapped.consistent) == 0, len(mapped.consistent) > 1]
         drawn += 1
     return Constructed(cases, *(int(c) for c in count))
+
+
+def _some_matrices(main: QuasiResult, rng, number: int) -> Matrices:
+    """The matrices of a state that is drawn from one sample's path, sample after sample."""
+    one = main.tested[number % len(main.tested)]
+    return matrices(one.path.states[int(rng.integers(len(one.path.points)))], one.law)
 
 
 def _statuses(main: QuasiResult, drawn: Constructed) -> list[Claim]:
@@ -241,9 +245,7 @@ def apexes(main: QuasiResult, cases: int) -> Opened:
     """One or two contacts at the apex, up to two at the limit, and random loads: do the four statuses exclude?"""
     rng, count, drawn = np.random.default_rng(main.scenario.seed + 1), np.zeros(4, int), 0
     while drawn < cases:
-        one = main.tested[drawn % len(main.tested)]
-        state = one.path.states[int(rng.integers(len(one.path.points)))]
-        m = matrices(state, one.law)
+        m = _some_matrices(main, rng, drawn)
         open_ones, critical = int(rng.integers(1, 3)), int(rng.integers(0, 3))
         contacts = rng.choice(m.count, open_ones + critical, replace=False)
         sign = np.append(np.zeros(open_ones), rng.choice([-1.0, 1.0], critical))

@@ -100,16 +100,17 @@ def quasirigid_path(
             piece = Piece(place, law, begin, end, share, min(size, 1.0 - share), geometric, size / increment)
             after, used, verdict = piece.run(number + share)
             after, wedge = _aside(after, law)
-            coarse = size > SMALLEST * increment
-            if coarse and (len(wedge) or _misses(after, law, points[-1])):
+            load = number + share + used
+            point = None if len(wedge) else _point(after, law, load)
+            if size > SMALLEST * increment and (point is None or _misses(point, points[-1])):
                 size, seeking = 0.5 * size, len(wedge) > 0
                 continue
-            if len(wedge):
-                after, told = _carrying(after, law, wedge, number + share + used)
+            if point is None:
+                after, told = _carrying(after, law, wedge, load)
                 piece.events += told
-            load = number + share + used
+                point = _point(after, law, load)
             events, unchecked = events + piece.events, unchecked + piece.unchecked
-            points.append(_point(after, law, load))
+            points.append(point)
             if verdict is not Verdict.CONSISTENT:
                 events.append(Event(load, verdict.value, -1, -1))
                 return Path(tuple(points), tuple(events), verdict, unchecked, law)
@@ -125,10 +126,9 @@ def quasirigid_path(
     return Path(tuple(points), tuple(events), Verdict.CONSISTENT, unchecked, law)
 
 
-def _misses(place: Place, law: Law, before: Point) -> bool:
+def _misses(point: Point, before: Point) -> bool:
     """True if what is out of balance has grown beyond what is allowed in an increment."""
-    residual = _point(place, law, 0.0).residual
-    return residual > OUT_OF_BALANCE and residual > 2 * before.residual
+    return point.residual > OUT_OF_BALANCE and point.residual > 2 * before.residual
 
 
 def _carrying(place: Place, law: Law, wedge: np.ndarray, load: float) -> tuple[Place, list[Event]]:
