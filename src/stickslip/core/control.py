@@ -143,22 +143,83 @@ def following(control: Control, bodies, times, factors, *, axes=slice(None)) -> 
     >>> following(control, [10], times, np.cos(2 * np.pi * times / 50)).follows[10, :3]
     array([0, 0, 0])
     """
-    times, factors = np.asarray(times, float), np.asarray(factors, float)
-    if times.ndim != 1 or times.shape != factors.shape or not len(times) or (np.diff(times) <= 0).any():
-        raise ValueError(
-            f"{len(times)} times and {len(factors)} factors were given: as many of both are needed, times increasing"
-        )
-    knots = np.union1d(control.knots, times)
-    old = [np.interp(knots, control.knots, column) for column in control.course.T]
-    course = np.stack([*old, np.interp(knots, times, factors)], axis=1)
+    control = control._replace(course=_with_column(control.course))
+    column = control.course.shape[1] - 1
+    knots, course = _joined(control, times, factors, column)
     follows, cell_follows = control.follows.copy(), control.cell_follows.copy()
     if isinstance(bodies, str):
         if bodies != "cell":
             raise ValueError(f"bodies = {bodies!r} was given: give numbers of bodies, or 'cell'")
-        cell_follows[:] = len(old)
+        cell_follows[:] = column
     else:
-        follows[np.atleast_1d(bodies)[:, None], np.arange(6)[axes]] = len(old)
+        follows[np.atleast_1d(bodies)[:, None], np.arange(6)[axes]] = column
     return control._replace(knots=knots, course=course, follows=follows, cell_follows=cell_follows)
+
+
+def pulled(
+    control: Control, bodies, position, stiffness: float, *, axis: int = 0, times=(0.0,), displacement=(0.0,)
+) -> Control:
+    """Control in which a spring pulls the given bodies along an axis: F = k (x₀ + d(t) − x), x₀ + d the load point.
+
+    They are free along that axis, and may follow the spring as one if they are a rigid group. Called again, it replaces
+    the load point's course.
+
+    Parameters
+    ----------
+    bodies : numbers of walls, of grains, or of grains of a rigid group
+    position : (n, 3) x₀ of each, where a spring with d = 0 has no force [length]
+    stiffness : k of the one spring that pulls all of them, each bears the same share [force/length]
+    axis : 0, 1, 2 for x, y, z
+    times : (K,) increasing [time]; displacement : (K,) d, linear in between, constant before and after [length]
+
+    Examples
+    --------
+    A slider, body 0, pulled at a velocity of 0.1 for 20 time units, then held:
+
+    >>> from stickslip import loads
+    >>> control = pulled(loads(1), [0], [[0, 0, 0]], 2.0, times=[0, 20], displacement=[0, 2])
+    >>> spring_forces(control, np.zeros((1, 3)), 5.0)[0]
+    array([1., 0., 0.])
+    """
+    bodies = np.atleast_1d(bodies)
+    if not (np.isfinite(stiffness) and stiffness > 0):
+        raise ValueError(f"a spring of stiffness {stiffness:g} was given: it must be positive")
+    column = control.leads[bodies[0], axis]
+    control = control if column >= 0 else control._replace(course=_with_column(control.course))
+    column = column if column >= 0 else control.course.shape[1] - 1
+    knots, course = _joined(control, times, displacement, column)
+    arrays = {name: getattr(control, name).copy() for name in ("free", "rate", "spring", "anchor", "leads")}
+    arrays["free"][bodies, axis], arrays["rate"][bodies, axis] = True, 0.0
+    arrays["spring"][bodies, axis] = stiffness / len(bodies)
+    arrays["anchor"][bodies, axis] = np.asarray(position, float)[:, axis]
+    arrays["leads"][bodies, axis] = column
+    return control._replace(knots=knots, course=course, **arrays)
+
+
+def spring_forces(control: Control, position: np.ndarray, time: float) -> np.ndarray:
+    """(B, 3) forces of springs on bodies at (B, 3) positions [force]."""
+    if not control.spring.any():
+        return np.zeros_like(control.spring)
+    displacement = np.append(factors_at(control, time)[:-1], 0.0)[control.leads]
+    return control.spring * (control.anchor + displacement - position)
+
+
+def _with_column(course):
+    return np.concatenate([course, np.zeros((len(course), 1))], axis=1)
+
+
+def _joined(control: Control, times, values, column: int) -> tuple[np.ndarray, np.ndarray]:
+    """Knots and courses in which one column is what times and values say."""
+    times, values = np.asarray(times, float), np.asarray(values, float)
+    if times.ndim != 1 or times.shape != values.shape or not len(times) or (np.diff(times) <= 0).any():
+        raise ValueError(
+            f"{len(times)} times and {len(values)} values were given: as many of both are needed, times increasing"
+        )
+    knots = np.union1d(control.knots, times)
+    old = [np.interp(knots, control.knots, c) if len(control.knots) else np.zeros(len(knots)) for c in control.course.T]
+    course = np.stack(old, axis=1)
+    course[:, column] = np.interp(knots, times, values)
+    return knots, course
 
 
 def factors_at(control: Control, time: float) -> np.ndarray:

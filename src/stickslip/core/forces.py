@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 
 from .contact import FREE, FROZEN, carried_memory, damped, effective, tangential_force, with_dashpot
+from .control import spring_forces
 from .geometry import carried, normal_and_overlap, pair_vector, rolled, shifts, tangential
 from .laws import (
     DAMPING_N,
@@ -299,7 +300,7 @@ def unbalanced(state: State, loads: Loads):
     grains, control = state.grains, state.control
     n = len(grains.radius)
     total = np.zeros((state.n_bodies, 6))
-    total[:, :3] = loads.force + control.force
+    total[:, :3] = loads.force + control.force + spring_forces(control, body_positions(state), state.time)
     total[:n, :3] += grains.mass[:, None] * control.gravity
     total[n:, :3] += state.walls.mass[:, None] * control.gravity
     total[:n, 3:] = (loads.torque[:n] + control.torque[:n]) / grains.radius[:, None]

@@ -124,16 +124,25 @@ def frame_of(state: State, order: np.ndarray) -> tuple[Frame, Flow]:
 
 
 @njit(fastmath=False, error_model="numpy")
-def _course(frame, c, time):
-    """A course at a time, and its integral from the first knot on."""
-    knots, course, last = frame.knots, frame.course, len(frame.knots) - 1
+def course_at(knots, course, c, time):
+    """Last knot that has passed, −1 if none has, and the value of a course at a time."""
+    last = len(knots) - 1
     if time <= knots[0]:
-        return course[0, c], (time - knots[0]) * course[0, c]
+        return -1, course[0, c]
     if time >= knots[last]:
-        return course[last, c], frame.area[last, c] + (time - knots[last]) * course[last, c]
+        return last, course[last, c]
     k = np.searchsorted(knots, time, side="right") - 1
     part = (time - knots[k]) / (knots[k + 1] - knots[k])
-    value = course[k, c] + part * (course[k + 1, c] - course[k, c])
+    return k, course[k, c] + part * (course[k + 1, c] - course[k, c])
+
+
+@njit(fastmath=False, error_model="numpy")
+def _course(frame, c, time):
+    """A course at a time, and its integral from the first knot on."""
+    knots, course = frame.knots, frame.course
+    k, value = course_at(knots, course, c, time)
+    if k < 0:
+        return value, (time - knots[0]) * value
     return value, frame.area[k, c] + 0.5 * (time - knots[k]) * (course[k, c] + value)
 
 

@@ -28,7 +28,6 @@ from .plan import (
     largest_unbalanced,
     moved_by_forces,
     plan_of,
-    pooled,
     runaway,
     state_after,
 )
@@ -121,7 +120,6 @@ def stepper(kind: int, coulomb: int, dim: int, viscous: int):
                 kind, coulomb, dim, seen, contacts, shift, p, viscous, FROZEN if fresh else FREE, force, torque,
                 time + step * dt, events, event_count,
             )  # fmt: skip
-            pooled(plan.pool.member, plan.pool.start, force)
             if not fresh:
                 second_half(flat_v, flat_f, kick, slow)
                 second_half(flat_spin, flat_t, kick_t, slow_t)
@@ -205,7 +203,8 @@ def run(
         raise ValueError(f"steps = {steps}, every = {every} were given: neither may be negative")
     state = updated(state)
     check_time_step(state, law, driven_bodies(state), dt)
-    many = memory == "rate" or state.n_bodies >= MANY or imposes(state)
+    grouped = bool(state.control.spring.any() or (state.control.group >= 0).any())
+    many = memory == "rate" or state.n_bodies >= MANY or imposes(state) or grouped
     plan = plan_of(state, drag, drag if spin_drag is None else spin_drag, dt, bare=many and not tolerance > 0)
     if tolerance > 0 and not (plan.drag[moved_by_forces(plan.motion)] > 0).all():
         raise ValueError("a tolerance was given without drag on every free component: rest is not reached without it")

@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 
 from .contact import damped, effective, tangential_force, with_dashpot
+from .control import spring_forces
 from .forces import Bodies, approach
 from .geometry import carried, normal_and_overlap, pair_vector, rolled, shifts, tangential
 from .laws import (
@@ -42,7 +43,7 @@ class Ledger(NamedTuple):
     kinetic: np.ndarray  # (T,) of grains and walls, translations and rotations
     normal: np.ndarray  # (T,) stored in normal springs
     tangential: np.ndarray  # (T,) stored in tangential springs
-    external: np.ndarray  # (T,) work of forces, torques, gravity, of what drives bodies, and of the cell
+    external: np.ndarray  # (T,) work of forces, springs, torques, gravity, of what drives bodies, and of the cell
     coulomb: np.ndarray  # (T,) dissipated by sliding
     viscous: np.ndarray  # (T,) dissipated by dashpots
     drag: np.ndarray  # (T,) dissipated by drag
@@ -174,6 +175,7 @@ class Books(NamedTuple):
     bodies: Bodies
     contacts: tuple
     vectors: np.ndarray  # (3, 3) of the cell
+    pull: np.ndarray  # (B, 3) forces of springs
     row: np.ndarray  # (len(COLUMNS),)
     rows: np.ndarray  # (T, len(COLUMNS))
 
@@ -181,7 +183,8 @@ class Books(NamedTuple):
 def opened_books(samples: int, bodies: Bodies, state) -> Books:
     """Books before the first entry."""
     row, rows = np.zeros(len(COLUMNS)), np.zeros((samples, len(COLUMNS)))
-    return Books(_copy(bodies), _copy(state.contacts), state.cell.vectors, row, rows)
+    pull = spring_forces(state.control, bodies.position, state.time)
+    return Books(_copy(bodies), _copy(state.contacts), state.cell.vectors, pull, row, rows)
 
 
 def entered(books: Books, law, state, plan: Plan, here: Bodies, contacts, step: int, every: int) -> Books:
@@ -195,14 +198,16 @@ def entered(books: Books, law, state, plan: Plan, here: Bodies, contacts, step: 
     free, b, n = state.control.free, state.n_bodies, len(plan.mass)
     mass = np.append(plan.mass, state.walls.mass)
     inertia = np.append(plan.inertia, np.zeros(b - n))
-    _bodies(old, here, mass, inertia, plan.external, way, strain, free, *plan.drags, plan.dt, first, row)
+    pull = spring_forces(state.control, here.position, state.time + step * plan.dt)
+    loads = np.stack([plan.external[0] + 0.5 * (pull + books.pull), plan.external[1]])
+    _bodies(old, here, mass, inertia, loads, way, strain, free, *plan.drags, plan.dt, first, row)
     _contacts(
         law.kind, law.coulomb, state.cell.dim, viscous, law.table, old, here, books.contacts, contacts,
         shifts(contacts, books.vectors), shifts(contacts, vectors), way, strain, free, plan.dt, first, row,
     )  # fmt: skip
     if step % every == 0:
         books.rows[step // every] = row
-    return books._replace(bodies=_copy(here), contacts=_copy(contacts), vectors=vectors)
+    return books._replace(bodies=_copy(here), contacts=_copy(contacts), vectors=vectors, pull=pull)
 
 
 def _copy(arrays):

@@ -27,10 +27,10 @@ from .plan import (
     runaway,
     state_after,
 )
-from .record import Writing, sample, with_lost
+from .record import Writing, sample, sample_groups, with_lost
 from .selection import chosen_blocks, morton
 from .state import State, deforms
-from .tiles import Pace, exported, marcher
+from .tiles import Pace, Pull, exported, marcher
 
 MANY = 48  # bodies from which blocks are faster than a plain sweep
 WORTH = 2000  # grains a thread should have
@@ -43,10 +43,10 @@ def _threads(n: int, asked: int | None, watched: bool) -> int:
 
 
 def _ordered(state: State, radius: float) -> np.ndarray:
-    """(B,) bodies in the order in which they lie in memory: grains along a curve, those in rigid groups, walls."""
-    n, grouped = len(state.grains.radius), state.control.group >= 0
-    single = np.flatnonzero(~grouped[:n])
-    last = np.append(np.flatnonzero(grouped[:n]), np.arange(n, state.n_bodies))
+    """(B,) bodies in the order in which they lie in memory: grains along a curve, the last tile's grains, walls."""
+    n, last = len(state.grains.radius), _in_last_tile(state)
+    single = np.flatnonzero(~last)
+    last = np.append(np.flatnonzero(last), np.arange(n, state.n_bodies))
     if len(single) > TILE:
         grid = grid_of(state.cell)
         fraction = state.grains.position[single] @ grid.inverse
@@ -54,6 +54,21 @@ def _ordered(state: State, radius: float) -> np.ndarray:
         low = np.where(grid.periodic, 0.0, fraction.min(axis=0))
         single = single[np.argsort(morton(fraction, np.eye(3), low, 4.0 * radius / grid.height), kind="stable")]
     return np.append(single, last)
+
+
+def _in_last_tile(state: State) -> np.ndarray:
+    """(N,) bool: grains in rigid groups, and those that a spring pulls."""
+    control = state.control
+    return ((control.group >= 0) | control.spring.any(axis=1))[: len(state.grains.radius)]
+
+
+def _pull(state: State, moving: Moving) -> Pull | None:
+    """Springs, if there are any."""
+    control, last = state.control, moving.order[moving.tile[-1] :]
+    if not control.spring.any():
+        return None
+    parts = (np.ascontiguousarray(part[last]) for part in (control.spring, control.anchor, control.leads))
+    return Pull(*parts, control.knots, control.course, np.full(1, state.time))
 
 
 def _moving(state: State, plan: Plan, here: Bodies, predict: bool, imposed: bool, threads: int) -> Moving:
@@ -67,7 +82,7 @@ def _moving(state: State, plan: Plan, here: Bodies, predict: bool, imposed: bool
         free[:, 2:5] = False
     used = [0, 1, 5] if dim == 2 else range(6)
     external = np.concatenate([plan.external[0], plan.external[1]], axis=1)
-    single = int((state.control.group[:n] < 0).sum())
+    single = int((~_in_last_tile(state)).sum())
     size = TILE if threads == 1 else min(TILE, -(-n // (4 * threads)))
     tile = np.append(np.arange(0, single, size), single)
     place = np.empty(b, np.int64)
@@ -109,6 +124,7 @@ def marched(
     march = marcher(law.kind, law.coulomb, dim, viscous, rate, threads > 1)
     moving = _moving(state, plan, here, viscous > 0 and not rate, imposed, threads)
     frame, flow = frame_of(state, moving.order) if imposed else (None, None)
+    pull = _pull(state, moving)
     drags = [0.5 * plan.dt * nu for nu in plan.drags]
     pace = Pace(plan.dt, 1 - drags[0], 1 / (1 + drags[0]), 1 - drags[1], 1 / (1 + drags[1]))
     every, deforming = writing.every, deforms(state)
@@ -133,7 +149,7 @@ def marched(
                     np.eye(3) if imposed else state.cell.vectors, reach, len(law.table), law.kind, viscous,
                 )  # fmt: skip
             code, step, ended = march(
-                moving, blocks, contacts, law.table, pace, frame, flow, state.time, step, stop, ended, fresh, limit,
+                moving, blocks, contacts, law.table, pace, frame, flow, pull, state.time, step, stop, ended, fresh, limit,
                 writing.events, writing.event_count,
             )  # fmt: skip
             if code == FULL:
@@ -159,9 +175,10 @@ def marched(
                     law.kind, law.coulomb, dim, law.table, step // every, here, contacts, shifts(contacts, vectors),
                     plan, writing, vectors, time,
                 )  # fmt: skip
+                if writing.groups.shape[1]:
+                    sample_groups(writing.groups[step // every], state, plan.external, here, _forces(moving), time)
             if step % CHECK_EVERY == 0 and tolerance > 0:
-                force = np.empty_like(moving.force)
-                force[moving.order] = moving.force
+                force = _forces(moving)
                 residual, worst = largest_unbalanced(here.velocity, here.spin, force[:, :3], force[:, 3:], plan)
                 residual = max(residual, unbalanced_cell(frame, flow, dim, plan.drags[0]) if deforming else 0.0)
                 code = BAD if not np.isfinite(residual) else CONVERGED if residual <= tolerance else DONE
@@ -171,7 +188,8 @@ def marched(
             stop = step + 1 if books else stop
     finally:
         numba.set_num_threads(before)
-    time = float(frame.clock[0]) if imposed else state.time + step * plan.dt
+    clock = frame.clock if imposed else pull.clock if pull else [state.time + step * plan.dt]
+    time = float(clock[0])
     del moving, blocks, frame, flow  # memory for what is given back
     if deforming or contacts.skin[0] != state.contacts.skin[0]:
         # a list tells whether it is still good by how far grains have moved, not by how the cell has
@@ -179,6 +197,13 @@ def marched(
     contacts = contacts._replace(pair=np.zeros_like(contacts.slip), roll=np.zeros_like(contacts.slip))
     anchored(contacts, *at, shifts(contacts, state.cell.vectors), contacts.pair, contacts.roll)
     return state_after(state, here, contacts, time), code, step, residual, worst, writing, books
+
+
+def _forces(moving: Moving) -> np.ndarray:
+    """(B, 6) forces and torques at the end of a step, in the state's order."""
+    force = np.empty_like(moving.force)
+    force[moving.order] = moving.force
+    return force
 
 
 def _wanted(state, plan, here, contacts, frame, steps):

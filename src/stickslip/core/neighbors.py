@@ -342,7 +342,7 @@ def without_walls(state: State, walls) -> State:
     fields["j"] = number[fields["j"]].astype(fields["j"].dtype)
     shift = (contacts.j[rows].astype(np.int64) - fields["j"]) << (3 * _IMAGE_BITS)  # see `pack_key`
     fields["key"] = fields["key"] - shift
-    per_body = ("force", "torque", "free", "rate", "group", "follows")
+    per_body = ("force", "torque", "free", "rate", "group", "follows", "spring", "anchor", "leads")
     control = state.control._replace(**{name: getattr(state.control, name)[kept] for name in per_body})
     return state._replace(
         walls=type(state.walls)(*(part[kept[n:]] for part in state.walls)),

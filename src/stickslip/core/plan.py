@@ -50,7 +50,6 @@ class Plan(NamedTuple):
     drag: np.ndarray  # (B, 6) [1/time]
     external: np.ndarray  # (2, B, 3) forces and torques
     drags: tuple[float, float]  # of translations and of rotations [1/time]
-    pool: Pool  # rigid groups
     mass: np.ndarray  # (N,)
     inertia: np.ndarray  # (N,)
     lever: np.ndarray  # (B,) radius, 1 for walls
@@ -163,4 +162,4 @@ def plan_of(state: State, drag: float, spin_drag: float, dt: float, *, bare: boo
     external = np.stack([control.force + mass[:, None] * control.gravity, control.torque])
     lever = np.append(grains.radius, np.ones(len(walls.mass)))
     drags = (float(drag), float(spin_drag))
-    return Plan(motion, rate, external, drags, pool_of(control), grains.mass, grains.inertia, lever, float(dt))
+    return Plan(motion, rate, external, drags, grains.mass, grains.inertia, lever, float(dt))

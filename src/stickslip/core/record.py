@@ -5,11 +5,12 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from .control import spring_forces
 from .forces import EVENT_COLUMNS, OPENED, elastic_pair
 from .geometry import normal_and_overlap, pair_vector
 from .laws import MU
 from .ledger import Books, Ledger, ledger_of
-from .state import OPEN, SLIDE, State
+from .state import OPEN, SLIDE, State, groups
 
 SERIES = (
     "time", "msd", "kinetic_energy", "center_x", "center_y", "center_z", "touching", "sliding",
@@ -35,6 +36,10 @@ class Record(NamedTuple):
     held_coordination: np.ndarray  # (T,) the same without rattlers and their contacts: see `coordination`
     rattlers: np.ndarray  # (T,) number of grains that hold nothing
     cell: np.ndarray  # (T, 3, 3) vectors of the cell as rows [length]
+    group_position: np.ndarray  # (T, G, 3) centre of mass of each rigid group [length]
+    group_velocity: np.ndarray  # (T, G, 3) [length/time]
+    group_force: np.ndarray  # (T, G, 3) of contacts on the group, dashpots included [force]
+    group_pull: np.ndarray  # (T, G, 3) of springs on the group [force]
     position: np.ndarray  # (T, P, 3) of the probed grains [length]
     angle: np.ndarray  # (T, P, 3) [rad]
     events: np.ndarray  # structured: kind ("closed", "opened", "limit"), time, i, j, image, position of i
@@ -53,6 +58,7 @@ class Writing(NamedTuple):
     reference: np.ndarray  # (N, 3)
     probes: np.ndarray  # (P,)
     series: np.ndarray  # (T, len(SERIES))
+    groups: np.ndarray  # (T, G, 4, 3) of rigid groups: position, velocity, force of contacts, force of springs
     tracks: np.ndarray  # (T, P, 6)
     events: np.ndarray  # (E, len(EVENT_COLUMNS))
     event_count: np.ndarray  # (1,)
@@ -118,6 +124,18 @@ def sample(kind, coulomb, dim, p, k, bodies, contacts, shift, plan, writing, vec
             track[a, 3 + m] = angle[writing.probes[a], m]
 
 
+def sample_groups(row: np.ndarray, state: State, external, bodies, force, time: float) -> None:
+    """One sample of all rigid groups; `force` (B, 3) holds the force on the whole at each member, loads included."""
+    mass, pull = state.grains.mass, spring_forces(state.control, bodies.position, time)
+    for g, members in enumerate(groups(state.control)):
+        if not len(members):
+            continue
+        m = mass[members] if members[-1] < len(mass) else np.ones(len(members))
+        sprung = pull[members].sum(axis=0)
+        row[g, 0], row[g, 1] = m @ bodies.position[members] / m.sum(), bodies.velocity[members[0]]
+        row[g, 2], row[g, 3] = force[members[0], :3] - external[0, members].sum(axis=0) - sprung, sprung
+
+
 def writing_of(state: State, steps: int, every: int, probes, events: bool, reference) -> Writing:
     """Room for the samples and events of a run."""
     n, samples = len(state.grains.radius), steps // every + 1 if every else 0
@@ -129,7 +147,8 @@ def writing_of(state: State, steps: int, every: int, probes, events: bool, refer
         raise ValueError(f"a reference of shape {reference.shape} was given: it must be {(n, 3)}")
     room = max(1024, 8 * len(state.contacts.i)) if events else 0
     return Writing(
-        every, reference, probes, np.zeros((samples, len(SERIES))), np.zeros((samples, len(probes), 6)),
+        every, reference, probes, np.zeros((samples, len(SERIES))),
+        np.zeros((samples, state.control.group.max(initial=-1) + 1, 4, 3)), np.zeros((samples, len(probes), 6)),
         np.zeros((room, len(EVENT_COLUMNS))), np.zeros(1, np.int64),
     )  # fmt: skip
 
@@ -175,6 +194,7 @@ def record_of(writing: Writing, done: int, books: Books | None) -> Record:
         column["held_contacts"] / np.maximum(n - column["rattlers"], 1),
         column["rattlers"],
         series[:, _CELL : _CELL + 9].reshape(-1, 3, 3),
+        *(writing.groups[:kept, :, k] for k in range(4)),
         tracks[..., :3],
         tracks[..., 3:],
         events,

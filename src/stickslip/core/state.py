@@ -74,7 +74,8 @@ class Control(NamedTuple):
 
     Bodies of a group move as one and do not rotate: the forces on them add up, and so do their masses. A component of
     the cell's velocity gradient that is free obeys M ℓ² L̇ = V (σ − `stress`), ℓ = V^(1/dim). A rate may follow a
-    course: it is then multiplied by a function of time, linear between `knots` and constant beyond them.
+    course: it is then multiplied by a function of time, linear between `knots` and constant beyond them. A spring pulls
+    a body towards its load point, which is at `anchor`, plus the course that it follows.
     """
 
     force: np.ndarray  # (N + W, 3) [force]
@@ -88,9 +89,12 @@ class Control(NamedTuple):
     stress: np.ndarray  # (3, 3) wanted, compression positive, where the cell is free [force/length^(dim−1)]
     cell_mass: float  # M, with which the cell resists to being accelerated [mass]; 0: the mass of all grains
     knots: np.ndarray  # (K,) [time], increasing
-    course: np.ndarray  # (K, C) factors of rates, one column a course
+    course: np.ndarray  # (K, C) factors of rates, or displacements of load points, one column a course
     follows: np.ndarray  # (N + W, 6) column of `course` that a rate follows, −1: none
     cell_follows: np.ndarray  # (3, 3) the same for the cell
+    spring: np.ndarray  # (N + W, 3) stiffness along x, y, z, zero for none [force/length]
+    anchor: np.ndarray  # (N + W, 3) of load points [length]
+    leads: np.ndarray  # (N + W, 3) column of `course` that is added to `anchor` [length], −1: none
 
 
 class State(NamedTuple):
@@ -232,6 +236,9 @@ def loads(n_grains: int, n_walls: int = 0, *, force=0.0, torque=0.0, gravity=(0.
         np.zeros((0, 0)),
         np.full((n, 6), -1),
         np.full((3, 3), -1),
+        np.zeros((n, 3)),
+        np.zeros((n, 3)),
+        np.full((n, 3), -1),
     )
     control.force[:n_grains] = rows(force, n_grains, 3)
     control.torque[:n_grains] = rows(torque, n_grains, 3)
@@ -307,7 +314,7 @@ def check(state: State) -> None:
             raise ValueError(f"grain {bad} has {name} {values[bad]:g}: it must be positive")
     if cell.dim not in (2, 3):
         raise ValueError(f"a cell of {cell.dim} dimensions was given: 2 and 3 are allowed")
-    for name in ("force", "torque", "free", "rate", "group", "follows"):
+    for name in ("force", "torque", "free", "rate", "group", "follows", "spring", "anchor", "leads"):
         if len(getattr(control, name)) != b:
             got = len(getattr(control, name))
             raise ValueError(f"control.{name} has {got} rows where {b} are needed: one for each grain and wall")
@@ -353,9 +360,10 @@ def _check_control(state: State) -> None:
             f"courses of shape {control.course.shape} at {len(control.knots)} knots were given: one row for each knot "
             f"is needed, and knots must increase"
         )
-    follows = np.concatenate([control.follows.ravel(), control.cell_follows.ravel()])
+    follows = np.concatenate([part.ravel() for part in (control.follows, control.cell_follows, control.leads)])
     if ((follows < -1) | (follows >= columns)).any():
         raise ValueError(f"course {follows.max()} is followed where {columns} are known: give its knots and factors")
+    _check_springs(control)
     if not deforms(state):
         return
     moves = control.cell_free | (control.cell_rate != 0) | (cell.rate != 0)
@@ -368,3 +376,15 @@ def _check_control(state: State) -> None:
         )
     if not control.cell_mass >= 0:
         raise ValueError(f"a cell's mass of {control.cell_mass:g} was given: it must be positive, or 0 for the default")
+
+
+def _check_springs(control: Control) -> None:
+    """Raise ValueError with one sentence if a spring pushes, or pulls what cannot follow it."""
+    held = (control.spring > 0) & ~control.free[:, :3]
+    if (control.spring < 0).any():
+        raise ValueError(f"a spring of stiffness {control.spring.min():g} was given: it must be positive")
+    if held.any():
+        body, axis = np.argwhere(held)[0]
+        raise ValueError(
+            f"a spring pulls body {body} along {'xyz'[axis]}, where it is frozen or driven: leave it free there"
+        )

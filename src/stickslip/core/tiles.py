@@ -14,7 +14,7 @@ from numba import njit, prange
 
 from .blocks import LANES, SCRATCH, STUCK_AGAIN, evaluated
 from .forces import CLOSED, OPENED, REACHED_LIMIT, record_event
-from .frame import STRETCH, TURN, begun, finished
+from .frame import STRETCH, TURN, begun, course_at, finished
 from .plan import DONE, FULL, MOVED, pooled
 from .state import OPEN, SLIDE
 
@@ -33,6 +33,29 @@ class Pace(NamedTuple):
     slow: float  # 1/(1 + ν dt/2)
     keep_t: float
     slow_t: float
+
+
+class Pull(NamedTuple):
+    """Springs on the bodies of the last tile."""
+
+    stiffness: np.ndarray  # (L, 3)
+    anchor: np.ndarray  # (L, 3)
+    leads: np.ndarray  # (L, 3) column of `course`, −1: none
+    knots: np.ndarray  # (K,)
+    course: np.ndarray  # (K, C)
+    clock: np.ndarray  # (1,) time, summed up step by step
+
+
+@njit(fastmath=False, error_model="numpy")
+def _sprung(pull, first, body, force):
+    """Add the springs' forces to those on the bodies of the last tile."""
+    for s in range(len(pull.stiffness)):
+        for k in range(3):
+            if pull.stiffness[s, k] > 0.0:
+                ahead, c = 0.0, pull.leads[s, k]
+                if c >= 0:
+                    _, ahead = course_at(pull.knots, pull.course, c, pull.clock[0])
+                force[first + s, k] += pull.stiffness[s, k] * (pull.anchor[s, k] + ahead - body[first + s, k])
 
 
 @njit(fastmath=False, error_model="numpy", forceinline=True)
@@ -209,14 +232,16 @@ def _ended(dim, predict, first, last, moving, blocks, pace, flow, fresh, go_on):
 
 
 @njit(fastmath=False, error_model="numpy", forceinline=True)
-def _last_ended(dim, predict, moving, blocks, pace, flow, fresh, go_on):
-    """The same for the last tile: walls, and rigid groups, whose members all get the force on the whole."""
+def _last_ended(dim, predict, moving, blocks, pace, flow, pull, fresh, go_on):
+    """The same for the last tile: walls, what springs pull, and rigid groups, whose members get the force on all."""
     first, last, force = moving.tile[-1], len(moving.body), moving.force
     for at in range(first, last):
         g = np.uint64(at)
         fx, fy, fz, tx, ty, tz = _pulled(dim, flow, moving, blocks, g)
         force[g, 0], force[g, 1], force[g, 2] = fx, fy, fz
         force[g, 3], force[g, 4], force[g, 5] = tx, ty, tz
+    if pull is not None:
+        _sprung(pull, first, moving.body, force)
     pooled(moving.member, moving.members, force)
     far = 0.0
     for at in range(first, last):
@@ -259,7 +284,7 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
 
     @njit(cache=True, fastmath=False, error_model="numpy", parallel=parallel)
     def march(
-        moving, blocks, contacts, p, pace, frame, flow, time, step, stop, ended, fresh, limit, events, event_count
+        moving, blocks, contacts, p, pace, frame, flow, pull, time, step, stop, ended, fresh, limit, events, event_count
     ):  # fmt: skip
         """From step `step` to the end of step `stop`, or until some body is too far from where the blocks were chosen.
 
@@ -301,7 +326,7 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
                         kind, coulomb, dim, viscous, rate, first, last, blocks, body, ahead, p, dt, fresh,
                         flow, scratch,
                     )  # fmt: skip
-                far[tiles] = _last_ended(dim, predict, moving, blocks, pace, flow, fresh, go_on)
+                far[tiles] = _last_ended(dim, predict, moving, blocks, pace, flow, pull, fresh, go_on)
                 if flow is not None:
                     finished(dim, frame, flow, pace, moving, fresh)
                 if watch:
@@ -318,6 +343,8 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
                 far[tiles] = _begun(dim, predict, tile[tiles], len(body), moving, pace, flow)
             ended = False
             step += 1
+            if pull is not None:
+                pull.clock[0] += dt
             for t in range(tiles + 1):  # not far.max(), which would be made a parallel region of its own
                 if far[t] > limit:
                     return MOVED, step, ended

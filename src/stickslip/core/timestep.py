@@ -11,7 +11,7 @@ from .laws import Law, parameters, tangential_stiffness, tangents
 from .measure import volume
 from .neighbors import updated
 from .plan import inverse_inertia_of
-from .state import State
+from .state import State, groups
 
 
 @njit(cache=True, error_model="numpy")
@@ -105,8 +105,18 @@ def _inverse_cell(state: State) -> np.ndarray:
     return free / (cell_mass(state) * volume(state) ** (2 / state.cell.dim)) if free.any() else np.zeros((3, 3))
 
 
+def _of_springs(state: State, here: Bodies) -> float:
+    """Largest ω² of a body, or of a rigid group, on its springs to load points alone [1/time²]."""
+    total = state.control.spring.copy()
+    for members in groups(state.control):
+        total[members] = total[members].sum(axis=0)
+    return float((total.max(axis=1) * here.inverse_mass).max())
+
+
 def stable_time_step(state: State, law: Law) -> float:
     """2/ω_max of the springs of all contacts that touch, sliding or not [time]; infinite without contacts.
+
+    Springs to load points make it shorter, by no less than what is needed.
 
     Beyond it velocity Verlet blows up. A tenth of it gives four digits of a contact's force.
 
@@ -125,15 +135,16 @@ def stable_time_step(state: State, law: Law) -> float:
         state.contacts, normal, springs, here.radius, here.inverse_mass, inverse_inertia_of(state),
         _inverse_cell(state), 300,
     )  # fmt: skip
+    largest += _of_springs(state, here)
     return float(2 / np.sqrt(largest)) if largest > 0 else np.inf
 
 
 def check_time_step(state: State, law: Law, here: Bodies, dt: float) -> None:
     """Raise ValueError with the largest stable time step if `dt` is above it; the list must be up to date."""
-    if not state.contacts.count[0]:
+    if not (state.contacts.count[0] or state.control.spring.any()):
         return
     _, springs = _network(state, law, here)
-    bound = _bound(
+    bound = _of_springs(state, here) + _bound(
         state.contacts, springs, here.radius, here.inverse_mass, inverse_inertia_of(state), _inverse_cell(state)
     )
     if dt * dt * bound <= 4.0:

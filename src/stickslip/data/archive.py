@@ -1,6 +1,6 @@
 """One HDF5 file a run: scenario text, versions, frames with full contact memory, and numbers.
 
-Schema 2. The file is a tree of groups and datasets that mirrors nested dictionaries and the NamedTuples of `core`;
+Schema 3. The file is a tree of groups and datasets that mirrors nested dictionaries and the NamedTuples of `core`;
 a group that was a NamedTuple carries its name in the attribute `noun`. The root has the attributes `schema`,
 `stickslip` (version) and `scenario` (canonical text). Contact lists are stored up to their count, whole.
 
@@ -16,7 +16,7 @@ import numpy as np
 from ..core.laws import Law
 from ..core.state import Cell, Contacts, Control, Grains, State, Walls
 
-SCHEMA = 2
+SCHEMA = 3
 _NOUNS = {noun.__name__: noun for noun in (State, Grains, Walls, Cell, Contacts, Control, Law)}
 
 

@@ -9,6 +9,7 @@ from typing import Annotated, Literal, get_args
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from .flow_scenario import FlowScenario
+from .gouge_scenario import GougeScenario
 from .parts import Duration, Finite, Listed, Loads, NotNegative, Part, Positive, ScenarioError, Several, Whole, sentence
 from .quasi_scenario import QuasiScenario
 
@@ -243,7 +244,7 @@ class ShearScenario(Whole):
     release: Release = Release()
 
 
-AnyScenario = Scenario | ShearScenario | FlowScenario | QuasiScenario
+AnyScenario = Scenario | ShearScenario | FlowScenario | QuasiScenario | GougeScenario
 EXPERIMENTS = {kind.model_fields["experiment"].default: kind for kind in get_args(AnyScenario)}
 
 

@@ -79,6 +79,8 @@ def matrices(state: State, law: Law, *, rattlers: bool | np.ndarray = False, wal
         raise ValueError(
             "a law with smooth friction was given: contact status needs coulomb='sharp', where contacts stick or slide"
         )
+    if state.control.spring.any():
+        raise ValueError("a state with springs was given: this theory knows dead loads only, use `pressed` instead")
     rows, line = touching(state), linearised(state, law)
     loose = np.zeros(state.n_bodies, bool)
     if not isinstance(rattlers, bool):

@@ -107,9 +107,19 @@ def jacobian(state: State, law: Law, free: Freedom, *, memory: int = HELD):
     """
     blocks, _ = contact_blocks(state, law, memory=memory)
     matrix = restricted(state, blocks, free)
+    if state.control.spring.any():
+        matrix = sparse.csr_array(matrix - of_springs(state, free))
     if not free.length:
         return matrix
     return sparse.csr_array(matrix + of_branches(state, contact_forces(state, law, memory=memory), free))
+
+
+def of_springs(state: State, free: Freedom):
+    """(n, n) sparse diagonal: stiffness of the springs that pull each free coordinate."""
+    body, axis = np.nonzero(state.control.spring)
+    place = free.place[6 * body + axis]
+    kept = place >= 0
+    return sparse.diags_array(np.bincount(place[kept], state.control.spring[body, axis][kept], len(free)))
 
 
 def of_branches(state: State, force: np.ndarray, free: Freedom):
