@@ -1,0 +1,135 @@
+"""What the load point of a laboratory does: legs of constant velocity and constant normal stress."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Leg(NamedTuple):
+    """A stretch of time in which the load point has one velocity."""
+
+    duration: float  # [time]
+    velocity: float  # of the load point; 0 in a hold [length/time]
+    normal: float = 1.0  # normal stress over its reference value
+
+
+def velocity_steps(velocities, *, distance: float) -> tuple[Leg, ...]:
+    """Legs at one velocity after the other, each over the same distance of the load point.
+
+    Parameters
+    ----------
+    velocities : [length/time] (K,), positive
+    distance : [length] of each leg
+
+    Examples
+    --------
+    >>> velocity_steps([1e-6, 1e-5], distance=1e-4)[1]
+    Leg(duration=10.0, velocity=1e-05, normal=1.0)
+    """
+    if not (distance > 0 and np.isfinite(distance)):
+        raise ValueError(f"distance = {distance} was given: every leg needs a positive length")
+    for v in velocities:
+        _positive("velocity", v)
+    return tuple(Leg(float(distance / v), float(v)) for v in velocities)
+
+
+def slide_hold_slide(holds, *, velocity: float, distance: float, reslide: float | None = None) -> tuple[Leg, ...]:
+    """Sliding, a hold, sliding, the next hold … and sliding at the end.
+
+    Parameters
+    ----------
+    holds : [time] (K,) how long the load point stands still
+    velocity : [length/time] before the first hold, and after each if `reslide` is None
+    distance : [length] of the load point between holds
+    reslide : [length/time] velocity after each hold
+
+    Examples
+    --------
+    >>> [leg.velocity for leg in slide_hold_slide([1.0, 10.0], velocity=1e-5, distance=1e-4)]
+    [1e-05, 0.0, 1e-05, 0.0, 1e-05]
+    """
+    _positive("velocity", velocity)
+    again = velocity if reslide is None else reslide
+    _positive("reslide", again)
+    if not (distance > 0 and np.isfinite(distance)):
+        raise ValueError(f"distance = {distance} was given: between holds the load point needs a positive length")
+    legs = [Leg(float(distance / velocity), float(velocity))]
+    for hold in holds:
+        _positive("hold", hold)
+        legs += [Leg(float(hold), 0.0), Leg(float(distance / again), float(again))]
+    return tuple(legs)
+
+
+def measured_legs(time, load_point, normal=None, *, roughness: float = 1e-3) -> tuple[Leg, ...]:
+    """Legs of a measured history: the load point's displacement, joined by straight lines from sample to sample.
+
+    Neighbouring pieces are one leg while the line from its first sample passes all others within `roughness` of
+    the median displacement between samples (of those that move), so that a motor at constant velocity is one leg.
+
+    Parameters
+    ----------
+    time : [time] (N,) increasing
+    load_point : [length] (N,)
+    normal : (N,) normal stress over its reference, held from each sample to the next; None for constant
+    """
+    time, place = np.asarray(time, float), np.asarray(load_point, float)
+    check_times(time)
+    if place.shape != time.shape:
+        raise ValueError(f"load_point has shape {place.shape}, time {time.shape}: give one displacement a sample")
+    factor = np.ones(len(time)) if normal is None else np.asarray(normal, float)
+    moved = np.abs(np.diff(place))
+    slack = roughness * float(np.median(moved[moved > 0])) if (moved > 0).any() else 0.0
+    legs, first = [], 0
+    while first < len(time) - 1:
+        last = _straight(time, place, factor, first, slack)
+        span = float(time[last] - time[first])
+        legs.append(Leg(span, float(place[last] - place[first]) / span, float(factor[first])))
+        first = last
+    return tuple(legs)
+
+
+def _straight(time, place, factor, first: int, slack: float) -> int:
+    """The last sample that a straight line from sample `first` reaches within `slack` of all between."""
+    low, high, last = -np.inf, np.inf, first + 1
+    for k in range(first + 1, len(time)):
+        span, rise = time[k] - time[first], place[k] - place[first]
+        if k > first + 1 and (not low <= rise / span <= high or factor[k - 1] != factor[first]):
+            break
+        low, high, last = max(low, (rise - slack) / span), min(high, (rise + slack) / span), k
+    return last
+
+
+def columns(legs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Durations, velocities and normal factors of legs, checked."""
+    table = np.array([tuple(leg) for leg in legs], float).reshape(-1, 3)
+    if len(table) == 0:
+        raise ValueError("no legs were given: a load history needs at least one Leg(duration, velocity)")
+    for k, (duration, velocity, normal) in enumerate(table, start=1):
+        if not (duration > 0 and np.isfinite(duration)):
+            raise ValueError(f"leg {k} lasts {duration:g}: every leg needs a positive duration")
+        if not np.isfinite(velocity):
+            raise ValueError(f"leg {k} has the velocity {velocity:g}: give a finite one, 0 for a hold")
+        if not (normal > 0 and np.isfinite(normal)):
+            raise ValueError(f"leg {k} has {normal:g} times the normal stress: give a positive factor")
+    return tuple(np.ascontiguousarray(column) for column in table.T)
+
+
+def check_times(time) -> None:
+    """Refuse times that are not finite and strictly increasing."""
+    if time.ndim != 1 or len(time) < 2:
+        raise ValueError(f"time has shape {time.shape}: give at least two times in one row")
+    wrong = np.flatnonzero(~np.isfinite(time))
+    if len(wrong):
+        raise ValueError(f"time {wrong[0] + 1} of {len(time)} is {time[wrong[0]]}: give finite times")
+    wrong = np.flatnonzero(np.diff(time) <= 0)
+    if len(wrong):
+        k = wrong[0]
+        raise ValueError(
+            f"time must increase, but sample {k + 2} ({time[k + 1]:g}) does not follow sample {k + 1} ({time[k]:g}): "
+            "sort the samples and drop doubles"
+        )
+
+
+def _positive(name: str, value: float) -> None:
+    if not (value > 0 and np.isfinite(value)):
+        raise ValueError(f"{name} = {value} was given: use a positive, finite number")

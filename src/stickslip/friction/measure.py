@@ -1,0 +1,140 @@
+"""What is read off a record without a model: steady values with honest errors, peaks after holds, healing."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import t as student
+
+
+class Mean(NamedTuple):
+    """A mean over correlated values."""
+
+    mean: float
+    error: float  # standard error
+    effective: float  # how many independent values would give that error
+
+
+class Healing(NamedTuple):
+    """Peak excess against the logarithm of the hold: Δμ = slope ln t + intercept."""
+
+    slope: float  # per e-fold of hold
+    intercept: float
+    error: float  # standard error of the slope
+    interval: tuple[float, float]  # 95 %
+
+
+class Held(NamedTuple):
+    """What K holds of a record show."""
+
+    hold: np.ndarray  # [time]
+    steady: np.ndarray  # friction before the hold
+    drop: np.ndarray  # by how much friction has fallen at its end
+    excess: np.ndarray  # peak after it, above `steady`
+
+
+def steady(values) -> Mean:
+    """Mean of a stationary series with the standard error that its correlation allows.
+
+    error² = s² 2τ/N with the integrated autocorrelation time τ = ½ + Σ ρ_l, summed to the first lag above 5τ
+    (A. Sokal, doi:10.1007/978-1-4899-0319-8_6); s² is corrected for the mean's own scatter.
+
+    Parameters
+    ----------
+    values : (N,), evenly sampled
+
+    Examples
+    --------
+    >>> found = steady(np.sin(np.arange(1000.0)))
+    >>> abs(found.mean) < 3 * found.error + 0.01
+    True
+    """
+    x = _series(values, least=8)
+    n, mean = len(x), float(x.mean())
+    rest = x - mean
+    variance = float(rest @ rest) / n
+    if variance <= (1e-14 * max(abs(mean), 1e-300)) ** 2:
+        return Mean(mean, 0.0, float(n))
+    spectrum = np.fft.rfft(rest, 2 * n)
+    rho = np.fft.irfft(np.abs(spectrum) ** 2)[: n // 2] / (n * variance)
+    sums = 0.5 + np.cumsum(rho[1:])
+    enough = np.flatnonzero(np.arange(1, len(sums) + 1) >= 5 * sums)
+    tau = max(float(sums[enough[0] if len(enough) else -1]), 0.5)
+    tau = min(tau, n / 4)
+    effective = n / (2 * tau)
+    return Mean(mean, float(np.sqrt(variance / max(effective - 1, 0.5))), float(effective))
+
+
+def steady_from(values, *, batch: int = 5) -> int:
+    """Index from which a series that starts with a transient is best taken as steady.
+
+    The cut d that makes Σ_{i≥d} (x_i − mean)²/(N − d)² least, over means of `batch` values and at most half of the series
+    (MSER; K. P. White, doi:10.1177/003754979706900601).
+
+    Parameters
+    ----------
+    values : (N,), evenly sampled
+    """
+    x = _series(values, least=4 * batch)
+    means = x[: len(x) // batch * batch].reshape(-1, batch).mean(axis=1)[::-1]
+    count = np.arange(1, len(means) + 1)
+    spread = np.maximum(np.cumsum(means**2) - np.cumsum(means) ** 2 / count, 0.0)
+    score = (spread / count**2)[::-1][: len(means) // 2 + 1]
+    return int(np.argmin(score)) * batch
+
+
+def healing(hold, excess) -> Healing:
+    """Straight line through peak excess against ln(hold time), by least squares, with Student's 95 % interval.
+
+    Parameters
+    ----------
+    hold : (K,) positive, K ≥ 3 [time]
+    excess : (K,) peak friction above the steady one
+    """
+    hold, excess = np.asarray(hold, float), np.asarray(excess, float)
+    if hold.shape != excess.shape or hold.ndim != 1 or len(np.unique(hold)) < 3:
+        raise ValueError(f"{len(np.unique(hold))} different holds were given: a line with an interval needs three")
+    if not (np.isfinite(excess).all() and (hold > 0).all() and np.isfinite(hold).all()):
+        raise ValueError("holds must be positive and finite, and so must peaks be finite: leave the others out")
+    x = np.log(hold) - np.log(hold).mean()
+    slope = float(x @ excess / (x @ x))
+    rest = excess - excess.mean() - slope * x
+    error = float(np.sqrt(rest @ rest / (len(x) - 2) / (x @ x)))
+    reach = float(student.ppf(0.975, len(x) - 2)) * error
+    intercept = float(excess.mean() - slope * np.log(hold).mean())
+    return Healing(slope, intercept, error, (slope - reach, slope + reach))
+
+
+def held(time, friction, legs, *, before: float = 0.2) -> Held:
+    """Drop in and peak after every hold of a record: steady friction is the mean over the last share of the leg before.
+
+    Parameters
+    ----------
+    time, friction : (N,), from the start of the legs on
+    legs : of the load point; a hold is a leg of velocity 0 between two others
+    before : the share
+    """
+    time, friction = np.asarray(time, float), np.asarray(friction, float)
+    ends = np.cumsum([leg.duration for leg in legs])
+    found = []
+    for k in range(1, len(legs) - 1):
+        if legs[k].velocity != 0.0:
+            continue
+        start, stop = ends[k - 1], ends[k]
+        prior = friction[(time > start - before * legs[k - 1].duration) & (time <= start)]
+        within, after = friction[(time > start) & (time <= stop)], friction[(time > stop) & (time <= ends[k + 1])]
+        if not (len(prior) and len(within) and len(after)):
+            raise ValueError(f"the record has no samples before, in or after the hold at time {start:g}: sample it denser")
+        level = float(prior.mean())
+        found.append((legs[k].duration, level, level - float(within[-1]), float(after.max()) - level))
+    if not found:
+        raise ValueError("the legs have no hold (velocity 0) between two others: nothing to measure")
+    return Held(*np.array(found).T)
+
+
+def _series(values, least: int) -> np.ndarray:
+    x = np.asarray(values, float)
+    if x.ndim != 1 or len(x) < least:
+        raise ValueError(f"values have shape {x.shape}: give one row of at least {least}")
+    if not np.isfinite(x).all():
+        raise ValueError("the series holds values that are not finite: leave them out")
+    return x

@@ -1,0 +1,121 @@
+"""What a fit compares: data, and the friction that parameters give for them."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from . import kernel
+from .loads import check_times, columns
+from .ratestate import LAWS
+
+TOLERANCE = 1e-10
+NAMES = ("a", "b", "dc", "mu0", "stiffness", "damping", "alpha", "theta", "trend")
+LOGARITHMIC = ("a", "b", "dc", "stiffness", "damping", "alpha", "theta")
+OWN = ("mu0", "theta", "trend")  # by default each of several data sets has its own
+
+
+class Data(NamedTuple):
+    """A record of friction, with what drove it: legs of the load point, or the slip velocity of the surface itself."""
+
+    time: np.ndarray  # (N,) increasing, from the start of the legs on [time]
+    friction: np.ndarray  # (N,)
+    legs: tuple = ()  # of the load point, see `Leg`; the spring then stands between load point and surface
+    velocity: np.ndarray | None = None  # (N,) measured slip velocity, positive; instead of legs [length/time]
+    sigma: np.ndarray | None = None  # (N,) relative size of the noise; None if it is the same everywhere
+    before: float | None = None  # slip velocity before the start; None for that of the first leg [length/time]
+
+
+class Prepared(NamedTuple):
+    """Data as kernels take them."""
+
+    time: np.ndarray
+    friction: np.ndarray
+    place: np.ndarray  # displacement of the load point (or slip), for the trend
+    legs: tuple[np.ndarray, np.ndarray, np.ndarray] | None
+    velocity: np.ndarray | None
+    sigma: np.ndarray
+    used: np.ndarray  # (N,) which samples count
+    before: float
+
+    @property
+    def pieces(self) -> list[slice]:
+        """Runs of samples that count, without gaps, as slices of those samples."""
+        marks = np.flatnonzero(self.used)
+        cuts = np.flatnonzero(np.diff(marks) > 1) + 1
+        edges = [0, *cuts.tolist(), len(marks)]
+        return [slice(i, j) for i, j in zip(edges[:-1], edges[1:], strict=True)]
+
+
+def prepared(data: Data, windows=None) -> Prepared:
+    """Check data and turn them into arrays.
+
+    Parameters
+    ----------
+    windows : pairs of times; only samples within one of them count. None for all
+    """
+    time, friction = np.asarray(data.time, float), np.asarray(data.friction, float)
+    check_times(time)
+    if friction.shape != time.shape or not np.isfinite(friction).all():
+        raise ValueError(f"friction must be {len(time)} finite numbers, one for each time: leave out what is missing")
+    sigma = np.ones(len(time)) if data.sigma is None else np.asarray(data.sigma, float)
+    if sigma.shape != time.shape or not ((sigma > 0) & np.isfinite(sigma)).all():
+        raise ValueError(f"sigma must be {len(time)} positive numbers, one for each time, or None")
+    if (data.velocity is None) == (len(data.legs) == 0):
+        raise ValueError("data need either legs of the load point or the measured slip velocity: give one of them")
+    used = np.ones(len(time), bool) if windows is None else _within(time, windows)
+    if used.sum() < 8:
+        raise ValueError(f"only {used.sum()} samples are used: a fit needs at least 8, give wider windows or more data")
+    if data.velocity is not None:
+        velocity = np.asarray(data.velocity, float)
+        if velocity.shape != time.shape or not ((velocity > 0) & np.isfinite(velocity)).all():
+            raise ValueError("the measured slip velocity must be positive at every sample: smooth it, or fit with a spring")
+        mean = 0.5 * (velocity[1:] + velocity[:-1])
+        place = np.r_[0.0, np.cumsum(mean * np.diff(time))]
+        return Prepared(time, friction, place, None, velocity, sigma, used, data.before or float(velocity[0]))
+    duration, speed, normal = columns(data.legs)
+    ends = np.cumsum(duration)
+    if time[0] < 0 or time[-1] > ends[-1] * (1 + 1e-9):
+        raise ValueError(
+            f"samples go from {time[0]:g} to {time[-1]:g} but the legs from 0 to {ends[-1]:g}: they must cover the data"
+        )
+    before = float(speed[0]) if data.before is None else data.before
+    if not before > 0:
+        raise ValueError("the record starts with a load point at rest: give `before`, the slip velocity before it")
+    place = np.interp(time, np.r_[0.0, ends], np.r_[0.0, np.cumsum(duration * speed)])
+    return Prepared(np.minimum(time, ends[-1]), friction, place, (duration, speed, normal), None, sigma, used, before)
+
+
+def _within(time, windows) -> np.ndarray:
+    used = np.zeros(len(time), bool)
+    for window in windows:
+        if len(window) != 2 or not window[0] < window[1]:
+            raise ValueError(f"the window {tuple(window)} was given: use pairs (start, end) with start before end")
+        used |= (time >= window[0]) & (time <= window[1])
+    return used
+
+
+def modelled(case: Prepared, values: dict, law: str, tolerance: float = TOLERANCE) -> np.ndarray | None:
+    """Friction at all samples; None if the slider runs away.
+
+    Parameters
+    ----------
+    values : of a, b, dc, mu0, v0, stiffness, damping, alpha, theta (at the start over the steady one) and trend
+    """
+    v = values
+    start = np.log(v["theta"] * v["v0"] / case.before)
+    if case.legs is None:
+        mean = 0.5 * (case.velocity[1:] + case.velocity[:-1])
+        f = kernel.states(start, np.diff(case.time), mean, v["v0"], v["dc"], LAWS[law])
+        w = np.log(case.velocity / v["v0"])
+        return v["mu0"] + v["a"] * w + v["b"] * np.r_[start, f] + v["trend"] * case.place
+    p = np.array(
+        [v["a"], v["b"], v["dc"], v["mu0"], v["v0"], v["stiffness"], v["damping"], LAWS[law]], float
+    )
+    w = np.log(case.before / v["v0"])
+    duration, speed, normal = case.legs
+    out, code, _ = kernel.follow(
+        w, start, p, v["alpha"], duration, speed, normal, normal[0], case.time, tolerance
+    )
+    if code != kernel.DONE or not np.isfinite(out).all():
+        return None
+    return v["mu0"] + v["a"] * out[:, 0] + v["b"] * out[:, 1] + v["trend"] * case.place

@@ -1,0 +1,80 @@
+"""Noise that remembers: autoregressive models of residuals, and how to make them white."""
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular, toeplitz
+
+MOST = 4  # orders that are tried
+
+
+def autocovariance(pieces, lags: int) -> np.ndarray:
+    """γ_l = Σ r_i r_{i+l} / N over pieces of a series, (lags + 1,); the biased form, which is positive definite."""
+    total = sum(len(r) for r in pieces)
+    return np.array([sum(float(r[: len(r) - k] @ r[k:]) for r in pieces if len(r) > k) for k in range(lags + 1)]) / total
+
+
+def autoregression(pieces, most: int = MOST) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients φ of r_i = Σ φ_m r_{i−m} + e_i, of the order that BIC prefers, and the head of the whitening.
+
+    By Levinson's recursion from the autocovariance (Yule and Walker).
+
+    Parameters
+    ----------
+    pieces : residuals without gaps, each (n_i,)
+
+    Returns
+    -------
+    φ : (p,)
+    head : (p, p) Cholesky factor of the covariance of p neighbours over the variance of e
+    """
+    total = sum(len(r) for r in pieces)
+    gamma = autocovariance(pieces, min(most, max(total // 20, 0)))
+    if gamma[0] <= 1e-300:
+        return np.zeros(0), np.zeros((0, 0))
+    phi, variance = np.zeros(0), gamma[0]
+    best, score = (phi, variance), total * np.log(variance)
+    for order in range(1, len(gamma)):
+        reflection = (gamma[order] - phi @ gamma[order - 1 : 0 : -1]) / variance
+        phi = np.append(phi - reflection * phi[::-1], reflection)
+        variance = max(variance * (1 - reflection**2), 1e-300)
+        bic = total * np.log(variance) + order * np.log(total)
+        if bic < score:
+            best, score = (phi, variance), bic
+    phi, variance = best
+    return phi, cholesky(toeplitz(gamma[: len(phi)]) / variance, lower=True) if len(phi) else np.zeros((0, 0))
+
+
+def whitened(rows, noise, pieces) -> np.ndarray:
+    """Rows (N, …) of a series, filtered so that such noise becomes white with the variance of e.
+
+    Parameters
+    ----------
+    noise : φ and head, from `autoregression`
+    pieces : slices of the rows without gaps, which cover all
+    """
+    phi, head = noise
+    out = np.array(rows, float)
+    for piece in pieces:
+        part = np.asarray(rows[piece], float)
+        done = part.copy()
+        for m, coefficient in enumerate(phi, start=1):
+            done[m:] -= coefficient * part[:-m]
+        n = min(len(phi), len(part))
+        if n:
+            done[:n] = solve_triangular(head[:n, :n], part[:n], lower=True)
+        out[piece] = done
+    return out
+
+
+def effective(noise, total: int) -> float:
+    """How many independent samples tell as much about a mean as `total` with this noise."""
+    phi, head = noise
+    if len(phi) == 0:
+        return float(total)
+    return min(total * head[0, 0] ** 2 * (1 - phi.sum()) ** 2, float(total))
+
+
+def log_head(noise, pieces) -> float:
+    """What the heads of the pieces add to ln of the noise's volume."""
+    phi, head = noise
+    logs = np.cumsum(np.log(np.diag(head))) if len(phi) else np.zeros(0)
+    return sum(float(logs[min(len(phi), piece.stop - piece.start) - 1]) for piece in pieces) if len(phi) else 0.0

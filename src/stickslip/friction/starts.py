@@ -1,0 +1,96 @@
+"""Where fits start: a coarse search over a, b, D_c and the spring, since a poor guess ends in another valley."""
+
+from itertools import product
+
+import numpy as np
+
+from .model import Prepared, modelled
+
+RATIOS = (0.5, 0.8, 1.25, 2.0)  # b/a
+SIZES = (0.3, 1.0, 3.0)  # of a, over what the record's range suggests
+LENGTHS = 9  # of D_c, from a three-hundredth of the shortest leg on
+STIFFNESSES = (0.6, 1.5, 4.0)  # over the steepest slope of the record
+KEPT = 5
+
+
+def starts(cases: list[Prepared], law: str, free, fixed: dict) -> list[dict]:
+    """The best points of a grid, each with mu0 and trend by linear least squares, best first."""
+    grid = {name: _grid(name, cases) if name in free else (fixed[name],) for name in ("a", "dc", "stiffness")}
+    grid["b/a"] = RATIOS if "b" in free else (None,)
+    found = []
+    for a, length, k, ratio in product(grid["a"], grid["dc"], grid["stiffness"], grid["b/a"]):
+        values = {**fixed, "a": a, "dc": length, "stiffness": k, "b": fixed["b"] if ratio is None else a * ratio}
+        cost, linear = _cost(cases, law, values, free)
+        if np.isfinite(cost):
+            found.append((cost, values, linear))
+    found.sort(key=lambda one: one[0])
+    return [{**values, "linear": linear} for _, values, linear in found[:KEPT]]
+
+
+def _cost(cases, law: str, values: dict, free) -> tuple[float, list]:
+    """Sum of squares with the best mu0 and trend of each data set."""
+    cost, linear = 0.0, []
+    for case in cases:
+        model = modelled(case, values, law, tolerance=1e-5)
+        if model is None:
+            return np.inf, []
+        use, weight = case.used, 1 / case.sigma[case.used]
+        basis = [np.ones(use.sum())] if "mu0" in free else []
+        basis += [case.place[use]] if "trend" in free else []
+        rest = (case.friction[use] - model[use]) * weight
+        found = np.zeros(0)
+        if basis:
+            columns = np.stack(basis, axis=1) * weight[:, None]
+            size = np.linalg.norm(columns, axis=0)
+            found = np.linalg.lstsq(columns / size, rest, rcond=None)[0] / size
+            rest = rest - columns @ found
+        linear.append(found)
+        cost += float(rest @ rest)
+    return cost, linear
+
+
+def _grid(name: str, cases) -> tuple[float, ...]:
+    if name == "a":
+        return tuple(_direct(cases) * size for size in SIZES)
+    if name == "dc":
+        longest = _length(cases)
+        return tuple(np.geomspace(longest / 300, longest, LENGTHS))
+    return tuple(_slope(cases) * factor for factor in STIFFNESSES)
+
+
+def _direct(cases) -> float:
+    """The range of friction over that of ln V, which is 5 or so if the load point stands still."""
+    sizes = []
+    for case in cases:
+        speed = np.abs(case.velocity if case.legs is None else np.r_[case.before, case.legs[1]])
+        spread = np.log(speed.max() / max(speed.min(), speed.max() * np.exp(-5.0)))
+        low, high = np.quantile(case.friction[case.used], (0.005, 0.995))
+        sizes.append((high - low) / max(spread, 0.5))
+    return max(float(np.median(sizes)), 1e-9)
+
+
+def _length(cases) -> float:
+    """Displacement over which one velocity lasts: the median of the legs that move, or a third of the whole slip."""
+    longest = []
+    for case in cases:
+        if case.legs is None:
+            longest.append(case.place[-1] / 3)
+            continue
+        run = np.abs(case.legs[0] * case.legs[1])
+        whole = float(run.sum())
+        runs = run[run > 1e-3 * whole]
+        longest.append(float(np.median(runs)) if len(runs) else whole / 3)
+    return float(np.median(longest))
+
+
+def _slope(cases) -> float:
+    """Steepest slope of friction against displacement of the load point, over five samples, seldom noise."""
+    steepest = []
+    for case in cases:
+        x, y = case.place, case.friction
+        span = np.abs(x[4:] - x[:-4])
+        moves = span > 1e-9 * max(span.max(), 1e-300)
+        slopes = np.abs(y[4:] - y[:-4])[moves] / span[moves]
+        slopes = slopes[np.isfinite(slopes)]
+        steepest.append(float(np.quantile(slopes, 0.98)) if len(slopes) else 1.0)
+    return max(float(np.median(steepest)), 1e-12)
