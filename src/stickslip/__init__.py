@@ -13,7 +13,9 @@ _WHERE = {
         "OPEN STICK SLIDE"
     ),
     "core.contact": "FREE FROZEN HELD",
-    "core.control": "between_controls deformed driven following frozen pressed pulled rigid spring_forces stress_controlled",
+    "core.control": (
+        "between_controls deformed driven following frozen pressed pulled rigid spring_forces stress_controlled"
+    ),
     "core.laws": "Law between hertz_mindlin hertz_mindlin_reff linear stiffnesses",
     "core.neighbors": "without_walls",
     "core.outcome": "Outcome Status NotInEquilibriumError",

@@ -19,7 +19,8 @@ def slider(stiffness=2.0, velocity=0.1, until=20.0):
 def plate(normal=1.0, stiffness=0.4):
     """Three spheres on three others that are frozen, pressed as one plate and pulled by a spring."""
     low = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0.0]])
-    grains = ss.spheres(np.concatenate([low, low + [0.3, 0.92, 0.1]]), 0.5)
+    high = low + np.array([0.3, 0.92, 0.1])
+    grains = ss.spheres(np.concatenate([low, high]), 0.5)
     state = ss.assembly(grains, cell=ss.box([3.0, 5.0, 5.0], [True, False, False]))
     control = ss.frozen(ss.rigid(state.control, [3, 4, 5]), [0, 1, 2])
     control.free[3:, 2] = False
@@ -41,7 +42,7 @@ def test_a_mass_on_a_spring_follows_its_load_point():
 
 
 def test_a_load_point_that_stands_holds():
-    end, record, _ = ss.run(slider(until=5.0), LAW, 4000, 1e-2, every=1, drag=1.0)
+    end, _, _ = ss.run(slider(until=5.0), LAW, 4000, 1e-2, every=1, drag=1.0)
     assert end.grains.position[0, 0] == pytest.approx(0.5, abs=1e-8)  # exp(−35/2)
 
 
@@ -95,7 +96,7 @@ def test_the_spring_is_in_the_jacobian():
 
 def test_a_stiff_spring_shortens_the_time_step():
     assert ss.stable_time_step(slider(8.0), LAW) == pytest.approx(2 / np.sqrt(8.0))
-    with pytest.raises(ValueError, match="stable up to 0.7071 only"):
+    with pytest.raises(ValueError, match=r"stable up to 0.7071 only"):
         ss.run(slider(8.0), LAW, 10, 0.8)
 
 

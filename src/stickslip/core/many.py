@@ -149,8 +149,8 @@ def marched(
                     np.eye(3) if imposed else state.cell.vectors, reach, len(law.table), law.kind, viscous,
                 )  # fmt: skip
             code, step, ended = march(
-                moving, blocks, contacts, law.table, pace, frame, flow, pull, state.time, step, stop, ended, fresh, limit,
-                writing.events, writing.event_count,
+                moving, blocks, contacts, law.table, pace, frame, flow, pull, state.time, step, stop, ended, fresh,
+                limit, writing.events, writing.event_count,
             )  # fmt: skip
             if code == FULL:
                 writing = writing._replace(events=np.concatenate([writing.events, np.zeros_like(writing.events)]))

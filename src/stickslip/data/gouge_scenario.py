@@ -29,7 +29,7 @@ class GougeGrains(Part):
         low, high = self.diameter
         if not low <= high <= 5 * low:
             raise ValueError(
-                f"grains.diameter = [{low:g}, {high:g}] was given: smallest first, and the largest at most five times it"
+                f"grains.diameter = [{low:g}, {high:g}] was given: smallest first, largest at most five times it"
             )
         return self
 
@@ -133,6 +133,13 @@ class VelocitySteps(Part):
     kind: Literal["velocity-steps"] = "velocity-steps"
     velocities: Many
     slip: Positive = Field(description="of the load point at each velocity [D]")
+    twin: NotNegative = Field(
+        0.0,
+        description=(
+            "slip for which a copy goes on at the old velocity from each step: what both differ by is free of the "
+            "fluctuations that they share [D]"
+        ),
+    )
 
 
 class SlideHoldSlide(Part):
@@ -168,6 +175,9 @@ class GougeScenario(Whole):
     protocol: Annotated[tuple[Protocol, ...], Listed, Field(min_length=1)]
     dt: Positive = Field(1e-7, description="[s]; paper 003: 2e-8, a hundredth of a collision of its smallest grains")
     sample_every: Number = Field(500, description="steps between samples")
+    ledger_steps: Annotated[int, Field(ge=0, le=10_000_000)] = Field(
+        0, description="steps after the protocol in which an energy ledger is kept; each takes as long as ten others"
+    )
     most_steps: Positive = Field(5e7, description="of one realization; more are refused")
 
     @model_validator(mode="after")
@@ -206,6 +216,7 @@ class GougeScenario(Whole):
                 total += part.time if part.time is not None else part.slip * slip / part.velocity
             elif part.kind == "velocity-steps":
                 total += sum(part.slip * slip / v for v in part.velocities)
+                total += sum(part.twin * slip / v for v in part.velocities[:-1])
             else:
                 for v in part.before:
                     after = part.after or (v,)

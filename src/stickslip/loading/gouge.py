@@ -1,4 +1,4 @@
-"""A gouge sample from nothing: poured, pressed between flat walls, glued into rough plates, pressed again with friction.
+"""A gouge sample from nothing: poured, pressed between flat walls, glued into rough plates, pressed with friction.
 
 x is the direction of shear, y that of the normal stress, z across. The lowest and the highest grains of the pressed
 sample are the plates: rigid bodies that do not rotate. The lower one is frozen; the upper one is pressed along y, held
