@@ -200,9 +200,7 @@ def _jacobian(task: Task, x, *, central: bool = False) -> np.ndarray:
     out = np.zeros((sum(int(c.used.sum()) for c in task.cases), len(x)))
     for k, label in enumerate(task.names):
         name, row = label.split("[")[0], 0
-        simple = name == "trend" or (
-            name == "mu0" and all(c.legs is None or np.ptp(c.legs[2]) == 0 for c in task.cases)
-        )
+        simple = name == "trend" or (name == "mu0" and all(c.legs is None or np.ptp(c.legs[2]) == 0 for c in task.cases))
         if not simple:
             step = STEP * (10 if central else 1) * np.eye(len(x))[k]
             ahead = _residual(task, x + step)
@@ -260,9 +258,7 @@ def _best(task: Task) -> tuple[np.ndarray, int]:
         found.append((solved.cost, solved.x))
         count += solved.nfev
     if not found:
-        raise RuntimeError(
-            "the slider runs away with all parameters that were tried: give the damping, or the stiffness"
-        )
+        raise RuntimeError("the slider runs away with all parameters that were tried: give the damping, or the stiffness")
     x = min(found, key=lambda one: one[0])[1]
     solved = _solve(task, x, WHITE)
     return solved.x, count + solved.nfev

@@ -4,9 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-SINGULAR = (
-    1e-5  # singular value of the scaled Jacobian, over the largest, below which nothing is known: differences' error
-)
+SINGULAR = 1e-5  # singular value of the scaled Jacobian, over the largest, below which nothing is known: differences' error
 WIDEST = np.log(10.0)  # half width of an interval of a logarithm above which its parameter counts as unknown
 PART = 0.25  # share of a parameter in a direction, over the largest, from which on it is named
 
