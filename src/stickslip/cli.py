@@ -44,7 +44,7 @@ def _main(
 
 @app.command()
 def reproduce(
-    experiment: Annotated[str, typer.Argument(help="Which paper: disk-array, sphere-shear or quasi-rigid.")],
+    experiment: Annotated[str, typer.Argument(help="Which paper: disk-array, sphere-shear, quasi-rigid or gouge.")],
     quick: Annotated[
         bool, typer.Option("--quick", help="Fewer realizations and shorter runs; says what it cuts.")
     ] = False,
@@ -63,7 +63,7 @@ def reproduce(
     if quick:
         report.console.print(f"--quick cuts: {paper.CUTS}.")
     with _working(), report.progress() as tell:
-        found = paper.reproduce(quick=quick, seed=seed, workers=workers, report=tell)
+        found = paper.reproduce(quick=quick, seed=seed, folder=folder, workers=workers, report=tell)
         tell("figures", 0.0, str(folder))
         paths = its_report.write_reproduction(folder, found)
     report.show_claims(found.claims)
@@ -74,22 +74,33 @@ def reproduce(
 def run(
     scenario: Annotated[Path, typer.Argument(help="A scenario in TOML, such as examples/disk_array.toml.")],
     out: Annotated[Path, typer.Option("--out", help="Folder for results; made if it does not exist.")],
+    engine: Annotated[str | None, typer.Option("--engine", help="stickslip or lammps, of fault gouge.")] = None,
     workers: Workers = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Run your own scenario: an array that is pushed, a sheared packing, a quasi-rigid test, or a flow."""
+    """Run your own scenario: an array that is pushed, a sheared packing, a quasi-rigid test, a flow, or fault gouge."""
     from .data.scenario import read
     from .experiments import report
 
     chosen = read(scenario)
+    if engine is not None:
+        chosen = _with_engine(chosen, engine)
     report.claim_folder(out, chosen, overwrite=overwrite)
     its_report = _room(_REPORTS[chosen.experiment])
     with _working(), report.progress() as tell:
-        found = its_report.simulate(chosen, workers=workers, report=tell)
+        found = its_report.simulate(chosen, folder=out, workers=workers, report=tell)
         tell("figures", 0.0, str(out))
         paths = its_report.write_result(out, found)
     its_report.show_result(found)
     report.show_paths(paths)
+
+
+def _with_engine(chosen, engine: str):
+    """The scenario, run by another engine."""
+    _one_of("engine", engine, ["stickslip", "lammps"])
+    if chosen.experiment != "gouge":
+        raise ValueError(f'--engine was given with experiment = {chosen.experiment!r}: only "gouge" has a choice')
+    return chosen.model_copy(update={"engine": engine})
 
 
 @app.command()
@@ -136,9 +147,10 @@ def stability(
 
 # every report has simulate, write_result and show_result; those of papers have write_reproduction, too
 _REPORTS = {
-    "disk-array": "disk_report", "sphere-shear": "shear_report", "quasi-rigid": "quasi_report", "flow": "flow_report"
+    "disk-array": "disk_report", "sphere-shear": "shear_report", "quasi-rigid": "quasi_report", "flow": "flow_report",
+    "gouge": "gouge_report",
 }  # fmt: skip
-_PAPERS = {"disk-array": "disk_array", "sphere-shear": "sphere_shear", "quasi-rigid": "quasi_rigid"}
+_PAPERS = {"disk-array": "disk_array", "sphere-shear": "sphere_shear", "quasi-rigid": "quasi_rigid", "gouge": "gouge"}
 
 
 def _room(name: str):

@@ -93,10 +93,10 @@ class Preparation(Part):
 
     approach: Positive = Field(5.0, description="velocity of the upper wall until it bears the normal stress [m/s]")
     drag: NotNegative = Field(
-        0.2, description="while settling, of grains and plate, in units of 1/√(m/(P D)) of a mean grain; then none"
+        1.0, description="while settling, of grains and plate, in units of 1/√(m/(P D)) of a mean grain; then none"
     )
     unbalanced: Positive = Field(1e-2, description="settled: mean unbalanced force over mean contact force")
-    most: Positive = Field(4e4, description="longest time to settle, in steps")
+    most: Positive = Field(1e5, description="longest time to settle, in steps")
     velocity: Positive = Field(0.3, description="of the load point while the sample is brought to steady sliding [m/s]")
     slip: Positive = Field(8.0, description="least slip before steadiness is looked for [D]; shorter is on the peak")
     window: Positive = Field(2.0, description="slip over which friction is averaged [D]")
@@ -154,6 +154,9 @@ class SlideHoldSlide(Part):
     after: Many | None = Field(None, description="[m/s]; the velocity before unless given")
     approach: Positive = Field(2.0, description="slip at each velocity before its hold [D]")
     slip: Positive = Field(2.0, description="slip of the load point after each hold [D]")
+    twin: NotNegative = Field(
+        0.0, description="slip for which a copy goes on without a hold; see velocity-steps [D]"
+    )
 
 
 Protocol = Annotated[Slide | VelocitySteps | SlideHoldSlide, Field(discriminator="kind")]
@@ -220,7 +223,7 @@ class GougeScenario(Whole):
             else:
                 for v in part.before:
                     after = part.after or (v,)
-                    total += part.approach * slip / v + max(part.holds)
+                    total += (part.approach + part.twin) * slip / v + max(part.holds)
                     total += len(part.holds) * sum(part.slip * slip / w for w in after)
         return total
 

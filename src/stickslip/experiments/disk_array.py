@@ -69,7 +69,7 @@ def quarter_scenario(*, quick: bool = False, seed: int = 0) -> Scenario:
 
 
 def reproduce(
-    *, quick: bool = False, seed: int = 0, workers: int | None = None, report: Report = silent
+    *, quick: bool = False, seed: int = 0, folder=None, workers: int | None = None, report: Report = silent
 ) -> Reproduction:
     """Run both scenarios and judge every claim of the paper.
 

@@ -24,7 +24,7 @@ FIGURES = (
 )
 
 
-def simulate(scenario, *, workers: int | None, report) -> Result:
+def simulate(scenario, *, folder: Path, workers: int | None, report) -> Result:
     """Run a user's scenario, births again at twice the load step."""
     return simulate_array(scenario, workers=workers, sensitivity=True, report=report)
 

@@ -12,7 +12,7 @@ from ..loading.flow_numbers import deposit, plane_shear, velocity_profile
 from .report import SERIES, STYLE, complete, console, files_of, plain, save
 
 
-def simulate(scenario, *, workers: int | None, report) -> FlowResult:
+def simulate(scenario, *, folder: Path, workers: int | None, report) -> FlowResult:
     """Run a scenario; `workers` are the threads of the one run."""
     return simulate_flow(scenario, threads=workers, report=report)
 

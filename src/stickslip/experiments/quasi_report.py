@@ -13,7 +13,7 @@ from .quasi_test import Curve, QuasiResult, Tested, simulate_quasi
 from .report import CLAIMS, SERIES, STYLE, complete, console, files_of, plain, save
 
 
-def simulate(scenario, *, workers: int | None, report) -> QuasiResult:
+def simulate(scenario, *, folder: Path, workers: int | None, report) -> QuasiResult:
     """Run a user's scenario."""
     return simulate_quasi(scenario, workers=workers, report=report)
 

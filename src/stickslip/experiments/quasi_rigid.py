@@ -51,7 +51,7 @@ def paper_scenario(*, quick: bool = False, seed: int = 0) -> QuasiScenario:
     )  # fmt: skip
 
 
-def reproduce(*, quick: bool = False, seed: int = 0, workers: int | None = None, report: Report = silent):
+def reproduce(*, quick: bool = False, seed: int = 0, folder=None, workers: int | None = None, report: Report = silent):
     """Run the paper's scenario and judge its claims; arguments as in `simulate_quasi`. Returns a Reproduction."""
     main = simulate_quasi(paper_scenario(quick=quick, seed=seed), workers=workers, report=report)
     report("constructed cases", 0.0, "statuses and the apex")

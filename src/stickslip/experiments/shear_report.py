@@ -12,7 +12,7 @@ from .report import CLAIMS, STYLE, complete, console, files_of, plain, save
 from .sphere_shear import Reproduction
 
 
-def simulate(scenario, *, workers: int | None, report) -> ShearResult:
+def simulate(scenario, *, folder: Path, workers: int | None, report) -> ShearResult:
     """Run a user's scenario."""
     return simulate_shear(scenario, workers=workers, report=report)
 

@@ -31,7 +31,7 @@ def snapshots(result):
     top = max(float(np.quantile(s, 0.99)) for s in speeds) or 1.0
     drawn = None
     for axes, state, place in zip(panels.flat, shown, places, strict=False):
-        drawn = _grains(axes, state, place, loose, top)
+        drawn = grains_by_speed(axes, state, place, loose, top)
         _walls(axes, state)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
         axes.set_title(f"$t$ = {state.time:.4g}", fontsize=7, pad=2)
@@ -66,7 +66,7 @@ def _view(result, shown, places):
     return low, high
 
 
-def _grains(axes, state, place, loose, top: float):
+def grains_by_speed(axes, state, place, loose, top: float):
     """Disks, those nearer to the eye on top; returns what the colours stand for."""
     n = len(state.grains.radius)
     speed = np.full(n, np.nan)

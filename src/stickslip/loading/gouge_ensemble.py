@@ -4,8 +4,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
 from .. import __version__
 from ..data import archive
 from ..data.gouge_scenario import GougeScenario
@@ -130,19 +128,3 @@ def _read(path: Path | None, one: GougeScenario) -> Realization | None:
     except (ValueError, KeyError, TypeError):
         return None
     return found if tree["version"] == __version__ and found.seed == one.seed else None
-
-
-def mean_and_band(columns, grid) -> tuple[np.ndarray, np.ndarray, int]:
-    """Mean and twice the standard deviation over realizations of (x, y) columns, interpolated to a grid.
-
-    Parameters
-    ----------
-    columns : (x, y) of each realization, x increasing
-
-    Returns
-    -------
-    (G,) mean, (G,) 2σ over realizations (zero with one of them), number of realizations
-    """
-    rows = np.array([np.interp(grid, x, y) for x, y in columns])
-    spread = 2 * rows.std(axis=0, ddof=1) if len(rows) > 1 else np.zeros(len(grid))
-    return rows.mean(axis=0), spread, len(rows)

@@ -67,7 +67,7 @@ class Range(NamedTuple):
 
     inertial_number: float  # (V/H) D √(ρ/σ) at the largest velocity V
     stiffness: float  # (E/((1 − ν²) σ))^(2/3), about D over the overlap
-    overlap: float  # deepest overlap over the smaller diameter
+    overlap: float  # mean overlap of contacts over D
     thickness: float  # H/D
     length: float  # of the cell over D
     time_step: float  # dt over the largest stable one
@@ -78,8 +78,8 @@ class Range(NamedTuple):
         said = []
         if self.inertial_number > INERTIAL:
             said.append(
-                f"the inertial number reaches {self.inertial_number:.1e}, above {INERTIAL:g}: shear is not quasi-static "
-                f"any more, use lower velocities"
+                f"the inertial number reaches {self.inertial_number:.1e}, above {INERTIAL:g}: shear is not "
+                f"quasi-static any more, use lower velocities"
             )
         if self.stiffness < STIFFNESS or self.overlap > OVERLAP:
             said.append(
@@ -96,7 +96,7 @@ class Range(NamedTuple):
 
 
 def range_of(scenario: GougeScenario, velocity: float, thickness: float, overlap: float, stable: float) -> Range:
-    """The range of a sample: its thickness [m], deepest overlap over diameter, and largest stable time step [s]."""
+    """The range of a sample: its thickness [m], mean overlap over D, and largest stable time step [s]."""
     grains, law, stress = scenario.grains, scenario.law, scenario.load.normal_stress
     return Range(
         inertial_number(velocity / thickness, stress, diameter=grains.mean, density=grains.density),

@@ -97,8 +97,8 @@ def realization(scenario: GougeScenario, seed: int, engine: Engine, tell: Tell) 
     states["end"] = engine.state(place)
     fastest = max(test.velocity for test in runner.tests)
     state = states["steady"]
-    deepest, thickness = _deepest(state) / scenario.grains.diameter[0], float(runner.tests[0].series.thickness[-1])
-    found = range_of(scenario, fastest, thickness, deepest, stable_time_step(state, gouge.law))
+    overlap, thickness = _mean_overlap(state) / scenario.grains.mean, float(runner.tests[0].series.thickness[-1])
+    found = range_of(scenario, fastest, thickness, overlap, stable_time_step(state, gouge.law))
     ledger = _ledger(scenario, gouge._replace(state=states["end"])) if scenario.ledger_steps else {}
     return Realization(seed, found, tuple(runner.tests), states, ledger)
 
@@ -171,6 +171,9 @@ class _Runner:
         for before in part.before:
             place, series = self._leg(place, before, part.approach * size / before, f"slide at {before:g} m/s")
             self._keep("slide", self.velocity, before, 0.0, series)
+            if part.twin:
+                _, series = self._leg(place, before, part.twin * size / before, f"slide at {before:g} m/s, no hold")
+                self._keep("twin", before, before, 0.0, series, went_on=False)
             held, parts, last = place, [], 0.0
             for hold in sorted(part.holds):
                 held, series = self._leg(held, 0.0, hold - last, f"hold after {before:g} m/s")
@@ -279,12 +282,12 @@ def _series(record: Record, gouge: Gouge, load_point: np.ndarray) -> Series:
     )
 
 
-def _deepest(state: State) -> float:
-    """Deepest overlap of two grains [m]."""
+def _mean_overlap(state: State) -> float:
+    """Of all contacts [m]."""
     rows = touching(state)
     i, j, radius = state.contacts.i[rows], state.contacts.j[rows], state.grains.radius
     distance = np.linalg.norm(branches(state)[rows], axis=1)
-    return float((radius[i] + radius[j] - distance).max(initial=0.0))
+    return float((radius[i] + radius[j] - distance).mean()) if len(rows) else 0.0
 
 
 OURS = Engine(_start, _leg, lambda place: place.state)

@@ -1,0 +1,209 @@
+"""What a gouge experiment leaves in its folder and on the terminal."""
+
+from pathlib import Path
+
+import numpy as np
+from rich.table import Table
+
+from ..figures import gouge as figures
+from ..figures.style import save as save_figure
+from ..friction.loads import Leg
+from ..friction.ratestate import RateState, Spring, slide
+from ..loading import gouge_measures as measures
+from ..loading.gouge_ensemble import GougeResult, simulate_gouge
+from ..loading.gouge_numbers import normalised_hold, normalised_stiffness, stiffness
+from . import claims as claims_table
+from .report import CLAIMS, SERIES, STYLE, complete, console, files_of, plain, save
+
+COLLAPSE = 5.0  # C of paper 003, Fig S2b
+
+
+def simulate(scenario, *, folder: Path, workers: int | None, report) -> GougeResult:
+    """Run a scenario; realizations that the folder holds are not run again."""
+    foretell(scenario)
+    return simulate_gouge(scenario, folder=folder, workers=workers, report=report)
+
+
+def foretell(scenario) -> None:
+    """Say how long it will take, before it starts."""
+    console.print(
+        f"{scenario.realizations} realizations, each of about {scenario.steps:.2g} steps of {scenario.dt:g} s with "
+        f"{scenario.grains.number} grains, {scenario.words}. Higher velocities, shorter holds and slips, or softer "
+        f"grains (law.young) with a longer dt make it shorter.",
+        highlight=False,
+    )
+
+
+def write_result(folder: Path, result: GougeResult) -> list[Path]:
+    """Figures, series as CSV, scenario and raw numbers; returns their paths."""
+    return _write(folder, result, None)
+
+
+def write_reproduction(folder: Path, found) -> list[Path]:
+    """The same and claims.json, of the paper's experiment."""
+    for words in (*found.main.failures, *(f"restitution 0.3: {words}" for words in found.damped.failures)):
+        console.print(f"[yellow]{words}[/]", highlight=False)
+    return _write(folder, found.main, found.claims)
+
+
+def _write(folder: Path, result: GougeResult, claims) -> list[Path]:
+    with complete(folder) as room:
+        save(room, result.scenario, numbers(result))
+        _write_series(room / SERIES, result)
+        for name, figure in _figures(result):
+            save_figure(figure, room / name)
+        if claims is not None:
+            claims_table.write(room / CLAIMS, claims)
+    return files_of(folder)
+
+
+def _figures(result: GougeResult):
+    """(file, figure) of everything that the protocol has measured."""
+    size = result.scenario.grains.mean
+    yield "fig1_steady_sliding.png", figures.steady_sliding(result.realizations, size)
+    curves = [c for pair in measures.steps(result) if (c := measures.step_curve(result, *pair, twin=True))]
+    curves = curves or [measures.step_curve(result, *pair, twin=False) for pair in measures.steps(result)]
+    if curves:
+        yield "fig2_velocity_steps.png", figures.velocity_steps(curves)
+    before = measures.holds(result)
+    if before:
+        curves = [measures.hold_curve(result, v) for v in before]
+        yield (
+            "fig3_holds.png",
+            figures.holds(curves, [predicted(result, v, c.x) for v, c in zip(before, curves, strict=True)]),
+        )
+        yield "fig4_reslides.png", _reslides(result, before[0])
+        if len(_same_velocity(result, before[0])) > 1:
+            yield "fig5_healing.png", _healing(result, before[0])
+    yield "fig6_sample.png", figures.sample(result.realizations[0], result.scenario)
+
+
+def predicted(result: GougeResult, before: float, times) -> dict:
+    """{law: (times, change of friction)} in a hold, by rate-and-state friction with the scenario's a, b and dc."""
+    scales, scenario = result.scenario.scales, result.scenario
+    spring = Spring(stiffness(scenario) / scenario.load.normal_stress)
+    out = {}
+    for law in ("slip", "aging"):
+        rs = RateState(scales.a, scales.b, scales.dc, mu0=0.0, v0=before, law=law)
+        history = slide(rs, spring, (Leg(float(times[-1]) * (1 + 1e-9), 0.0),), times=times, before=before)
+        out[law] = (times, history.friction)
+    return out
+
+
+def after_longest(result: GougeResult, before: float):
+    """Velocities after the longest hold, slowest first, with curves, ratios and peaks."""
+    longest = max(h for v, h, _ in measures.reslides(result) if v == before)
+    after = [w for v, h, w in measures.reslides(result) if (v, h) == (before, longest)]
+    curves = [measures.reslide_curve(result, before, longest, w) for w in after]
+    return curves, np.array(after) / before, [measures.peak(c) for c in curves], longest
+
+
+def _reslides(result: GougeResult, before: float):
+    curves, ratios, peaks, _ = after_longest(result, before)
+    fitted = measures.slope(np.log(ratios), peaks) if len(ratios) > 1 else None
+    return figures.reslides(curves, ratios, peaks, fitted, COLLAPSE)
+
+
+def _same_velocity(result: GougeResult, before: float) -> list[float]:
+    """Hold times after which a slide goes on at one velocity: the velocity before if there is one, else the slowest."""
+    found = [(h, w) for v, h, w in measures.reslides(result) if v == before]
+    chosen = before if any(w == before for _, w in found) else min(w for _, w in found)
+    return sorted(h for h, w in found if w == chosen)
+
+
+def healed(result: GougeResult, before: float):
+    """Hold times, peaks after them at one velocity, and their slope against the logarithm of the time."""
+    times = _same_velocity(result, before)
+    found = [w for v, h, w in measures.reslides(result) if v == before and h == times[0]]
+    after = before if before in found else min(found)
+    peaks = [measures.peak(measures.reslide_curve(result, before, h, after)) for h in times]
+    return times, peaks, measures.slope(np.log(times), peaks)
+
+
+def _healing(result: GougeResult, before: float):
+    curve = measures.hold_curve(result, before, "thickness")
+    thinner = curve._replace(rows=curve.rows / result.scenario.grains.mean)
+    return figures.healing(*healed(result, before), result.scenario.scales.b, thinner)
+
+
+def numbers(result: GougeResult) -> dict:
+    """What the archive holds besides scenario and version."""
+    scenario = result.scenario
+    return {
+        "scenario": scenario.text,
+        "units": "SI",
+        "stiffness": normalised_stiffness(scenario),
+        "realizations": {
+            f"{one.seed:04d}": {
+                "range": one.range._asdict(),
+                "tests": {
+                    f"{k:04d}": {**test._asdict(), "series": plain(test.series)} for k, test in enumerate(one.tests)
+                },
+                "frames": one.states,
+                "ledger": one.ledger,
+            }
+            for one in result.realizations
+        },
+        "failures": "\n".join(result.failures),
+        "steady_friction": {f"{v:g}": measures.mean_friction(result, v)._asdict() for v in measures.velocities(result)},
+    }
+
+
+def _write_series(path: Path, result: GougeResult) -> None:
+    """One row a sample: realization, test, its kind and velocities, and the columns of `Series` without the fabric."""
+    names = [name for name in result.realizations[0].tests[0].series._fields if name != "fabric"]
+    units = {
+        "time": "s", "load_point": "m", "slip": "m", "velocity": "m/s", "thickness": "m", "kinetic_energy": "J",
+        "temperature": "m2/s2",
+    }  # fmt: skip
+    header = ["realization [-]", "test [-]", "kind", "before [m/s]", "load_velocity [m/s]", "hold [s]"]
+    lines = [",".join(header + [f"{name} [{units.get(name, '-')}]" for name in names])]
+    for one in result.realizations:
+        for k, test in enumerate(one.tests):
+            head = f"{one.seed},{k},{test.kind},{test.before:g},{test.velocity:g},{test.hold:g},"
+            table = np.stack([getattr(test.series, name) for name in names], axis=1)
+            lines += [head + ",".join(f"{x:.7g}" for x in row) for row in table]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def show_result(result: GougeResult) -> None:
+    """Steady friction, holds and warnings on the terminal."""
+    scenario, first = result.scenario, result.realizations[0]
+    table = Table(title=f"{len(result.realizations)} realizations; errors are standard errors", **STYLE)
+    for name in ("velocity [m/s]", "steady friction", "error"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for velocity in measures.velocities(result):
+        found = measures.mean_friction(result, velocity)
+        table.add_row(f"{velocity:g}", f"{found.value:.4f}", f"{found.error:.4f}")
+    console.print(table)
+    if measures.reslides(result):
+        _show_holds(result)
+    k = normalised_stiffness(scenario)
+    console.print(
+        f"Stiffness: k = {k['per_area']:.3g} Pa/m, k/σ = {k['per_stress']:.4g} 1/m, k D/σ = {k['grain']:.3g}, "
+        f"k dc/(b σ) = {k['rate_state']:.4g}. Inertial number at the largest velocity: "
+        f"{first.range.inertial_number:.1e}. Layer: {first.range.thickness:.1f} D. dt: {first.range.time_step:.2f} of "
+        f"the largest stable one.",
+        highlight=False,
+    )
+    for one in result.realizations:
+        for words in one.range.warnings if one is first else ():
+            console.print(f"[yellow]warning: {words}[/]", highlight=False)
+    for words in result.failures:
+        console.print(f"[yellow]{words}[/]", highlight=False)
+    if result.reused:
+        console.print(f"{result.reused} realizations were finished before and not run again.")
+
+
+def _show_holds(result: GougeResult) -> None:
+    table = Table(title="Slides after holds", **STYLE)
+    for name in ("V_i [m/s]", "hold [s]", "V_i t/dc", "k V_i t/(a σ)", "V_r [m/s]", "peak − steady", "error"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for before, hold, after in measures.reslides(result):
+        found = measures.peak(measures.reslide_curve(result, before, hold, after))
+        scaled = normalised_hold(result.scenario, hold, before)
+        table.add_row(
+            f"{before:g}", f"{hold:g}", f"{scaled['load_point']:.3g}", f"{scaled['frozen']:.3g}", f"{after:g}",
+            f"{found.value:+.4f}", f"{found.error:.4f}",
+        )  # fmt: skip
+    console.print(table)

@@ -1,0 +1,147 @@
+"""Figures of fault gouge: steady sliding, velocity steps, holds, slides after holds, healing, and the sample itself."""
+
+import numpy as np
+from matplotlib import pyplot as plt
+
+from ..core.measure import wrapped
+from .flow import grains_by_speed
+from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, PURPLE, RED, WIDTH, axes_of, styled
+
+
+@styled
+def steady_sliding(realizations, diameter: float):
+    """Friction and thickness against slip of all realizations, from rest to steady sliding.
+
+    Parameters
+    ----------
+    realizations : of a `GougeResult`
+    diameter : D, by which slip and thickness are divided [m]
+    """
+    figure, (above, below) = axes_of(2, 3.4, sharex=True)
+    for number, one in enumerate(realizations):
+        series, color = one.tests[0].series, COLORS[number % len(COLORS)]
+        above.plot(series.slip / diameter, series.friction, color=color, lw=0.5, alpha=0.8)
+        below.plot(series.slip / diameter, series.thickness / diameter, color=color, lw=0.8)
+    above.set_ylabel(r"friction $\tau/\sigma$")
+    below.set(xlabel="slip of the upper plate / $D$", ylabel="thickness / $D$")
+    return figure
+
+
+@styled
+def velocity_steps(curves):
+    """Mean difference of friction after each step to a copy without it, against slip, with two standard errors."""
+    figure, axes = axes_of(1, 2.4)
+    for number, curve in enumerate(curves):
+        _band(axes, curve, COLORS[number], errors=True)
+    axes.axhline(0, color=BLACK, lw=0.5)
+    axes.set(xlabel="slip of the load point / $D$", ylabel=r"$\Delta\mu$, step less no step")
+    axes.legend()
+    return figure
+
+
+@styled
+def holds(curves, predicted):
+    """Change of friction in holds against time, mean and 2σ over realizations, with what both laws predict.
+
+    Parameters
+    ----------
+    curves : a `Curve` for each velocity before
+    predicted : for each of them {law: (times, change of friction)}
+    """
+    figure, panels = axes_of(len(curves), 0.5 + 1.9 * len(curves), sharex=False, squeeze=False)
+    for axes, curve, laws in zip(panels[:, 0], curves, predicted, strict=True):
+        _band(axes, curve, BLUE)
+        for (law, (time, change)), color in zip(laws.items(), (PURPLE, GREEN), strict=False):
+            axes.plot(time, change, color=color, label=f"{law} law", ls="--")
+        axes.set(xscale="log", ylabel=r"$\mu - \mu(0)$")
+        axes.legend(loc="lower left")
+    panels[-1, 0].set_xlabel("time held [s]")
+    return figure
+
+
+@styled
+def reslides(curves, ratios, peaks, slope, offset: float):
+    """Friction after holds, for each velocity: as it is, over C + ln(V_r/V_i), and its peak against the ratio.
+
+    Parameters
+    ----------
+    curves : a `Curve` for each velocity ratio
+    ratios : V_r/V_i
+    peaks : `Number` for each
+    slope : `Number` of peaks against the logarithm of the ratio
+    offset : C, with which curves collapse
+    """
+    rows = 3 if len(ratios) > 1 else 2
+    figure, panels = axes_of(rows, 1.7 * rows + 0.4)
+    above, below = panels[:2]
+    for number, (curve, ratio) in enumerate(zip(curves, ratios, strict=True)):
+        color = COLORS[2 * number % len(COLORS)]
+        above.plot(curve.x, curve.mean, color=color, label=f"$V_r/V_i$ = {ratio:.3g}")
+        low, high = curve.mean - np.nan_to_num(curve.error), curve.mean + np.nan_to_num(curve.error)
+        above.fill_between(curve.x, low, high, color=color, alpha=0.15, lw=0)
+        below.plot(curve.x, curve.mean / (offset + np.log(ratio)), color=color)
+    above.set_ylabel(r"$\mu - \mu_{ss}$")
+    above.legend()
+    below.set(xlabel="slip of the load point / $D$", ylabel=rf"$(\mu - \mu_{{ss}})/({offset:.2g} + \ln V_r/V_i)$")
+    if rows == 3:
+        x, y = np.log(ratios), [p.value for p in peaks]
+        panels[2].errorbar(x, y, yerr=np.nan_to_num([2 * p.error for p in peaks]), fmt="o", color=BLACK, lw=0.7)
+        words = f"slope {slope.value:.3f} ± {slope.error:.3f}"
+        panels[2].plot(x, np.mean(y) + slope.value * (x - x.mean()), color=RED, lw=0.8, label=words)
+        panels[2].set(xlabel=r"$\ln V_r/V_i$", ylabel=r"peak of $\mu - \mu_{ss}$")
+        panels[2].legend()
+    return figure
+
+
+@styled
+def healing(times, peaks, slope, b: float, thickness):
+    """Peak friction after holds against their time, with the slopes b and b/2; thickness during holds.
+
+    Parameters
+    ----------
+    times : of holds [s]
+    peaks : `Number` for each
+    slope : `Number`, peak per e-fold of hold
+    b : of rate-and-state friction
+    thickness : `Curve` of the change of thickness over D in holds
+    """
+    figure, (above, below) = axes_of(2, 3.8, sharex=True)
+    x, y = np.asarray(times), np.array([p.value for p in peaks])
+    above.errorbar(x, y, yerr=np.nan_to_num([2 * p.error for p in peaks]), fmt="o", color=BLUE)
+    middle = np.exp(np.log(x).mean())
+    for rate, words, color, style in (
+        (slope.value, "fit", BLUE, "-"), (b, "$b$", ORANGE, "--"), (b / 2, "$b/2$", ORANGE, ":")
+    ):  # fmt: skip
+        above.plot(x, y.mean() + rate * np.log(x / middle), color=color, ls=style, label=words)
+    above.set(xscale="log", ylabel=r"$\mu_{peak} - \mu_{ss}$")
+    above.legend()
+    _band(below, thickness, GREEN)
+    below.set(xscale="log", xlabel="time held [s]", ylabel=r"$\Delta H/D$")
+    return figure
+
+
+@styled
+def sample(realization, scenario):
+    """The sample at steady sliding, seen along z: mobile grains coloured by speed, plates grey."""
+    state = realization.states["steady"]
+    loose = np.flatnonzero(state.control.group[: len(state.grains.radius)] < 0)
+    place, radius = wrapped(state), float(state.grains.radius.max())
+    low, high = 1e3 * (place[:, 1].min() - 1.2 * radius), 1e3 * (place[:, 1].max() + 1.2 * radius)
+    length = 1e3 * scenario.cell.length
+    figure, axes = plt.subplots(figsize=(WIDTH, 0.8 * WIDTH * (high - low) / length + 0.7))
+    speed = np.linalg.norm(state.grains.velocity[loose], axis=1)
+    shown = state._replace(
+        grains=state.grains._replace(radius=1e3 * state.grains.radius),
+        cell=state.cell._replace(vectors=1e3 * state.cell.vectors),
+    )
+    drawn = grains_by_speed(axes, shown, 1e3 * place, loose, float(np.quantile(speed, 0.95)) or 1.0)
+    axes.set(xlim=(0, length), ylim=(low, high), aspect="equal", xlabel="$x$ [mm]", ylabel="$y$ [mm]")
+    figure.colorbar(drawn, ax=axes, location="bottom", label="speed [m/s]", shrink=0.8, aspect=30)
+    return figure
+
+
+def _band(axes, curve, color, *, errors: bool = False):
+    """Mean and band: two standard deviations over realizations, or two standard errors."""
+    width = 2 * np.nan_to_num(curve.error) if errors else curve.band
+    axes.plot(curve.x, curve.mean, color=color, label=curve.label)
+    axes.fill_between(curve.x, curve.mean - width, curve.mean + width, color=color, alpha=0.2, lw=0)
