@@ -154,9 +154,7 @@ class SlideHoldSlide(Part):
     after: Many | None = Field(None, description="[m/s]; the velocity before unless given")
     approach: Positive = Field(2.0, description="slip at each velocity before its hold [D]")
     slip: Positive = Field(2.0, description="slip of the load point after each hold [D]")
-    twin: NotNegative = Field(
-        0.0, description="slip for which a copy goes on without a hold; see velocity-steps [D]"
-    )
+    twin: NotNegative = Field(0.0, description="slip for which a copy goes on without a hold; see velocity-steps [D]")
 
 
 Protocol = Annotated[Slide | VelocitySteps | SlideHoldSlide, Field(discriminator="kind")]
@@ -203,6 +201,24 @@ class GougeScenario(Whole):
                 f"(law.young) with a longer dt, or raise most_steps"
             )
         return self
+
+    @model_validator(mode="after")
+    def _resolved(self):
+        if self.dt > self.longest_step:
+            raise ValueError(
+                f"dt = {self.dt:g} was given, but contacts of the smallest grains under this stress are stable up to "
+                f"some {self.longest_step:.2g} only: give about {0.2 * self.longest_step:.1g}, or use softer grains "
+                f"(law.young)"
+            )
+        return self
+
+    @property
+    def longest_step(self) -> float:
+        """2/√12 of √(m/k) of a smallest grain that six like it press with σ d² each: about what is stable [s]."""
+        d, kn = self.grains.diameter[0], 2 / 3 * self.law.young / (1 - self.law.poisson**2)
+        root, force = (d / 4) ** 0.5, self.load.normal_stress * d * d
+        stiffness = 1.5 * kn * root * (force / (kn * root)) ** (1 / 3)
+        return 0.58 * (self.grains.density * 3.1416 / 6 * d**3 / stiffness) ** 0.5
 
     @property
     def area(self) -> float:

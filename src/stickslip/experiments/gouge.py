@@ -26,7 +26,7 @@ FAST, MIDDLE, SLOW = 0.3, 0.1, 0.03  # velocities [m/s]
 A, B, DC = 0.0247, 0.0178, 5.3e-3  # of paper 003
 STEADY = (0.33, 0.42)  # steady friction of such gouge
 PEAK_SLOPE = 0.0155
-DIRECT = 0.3  # slip within which a direct effect is looked for [D]
+EARLY = "at slips of the load point from {} to {} D".format(*measures.EARLY)
 
 Report = Callable[[str, float, str], None]
 
@@ -127,12 +127,12 @@ def _steady(main: GougeResult) -> Claim:
 
 def _steps(main: GougeResult) -> list[Claim]:
     """Direct effects of steps down and up, from pairs that share their fluctuations."""
-    effects = {pair: measures.direct_effect(measures.step_curve(main, *pair, twin=True), *pair, within=DIRECT)
-               for pair in measures.steps(main)}  # fmt: skip
+    curves = {pair: measures.step_curve(main, *pair, twin=True) for pair in measures.steps(main)}
+    effects = {pair: measures.direct_effect(curve, *pair) for pair, curve in curves.items()}
     down = measures.average([n for (v, w), n in effects.items() if w < v])
     up = measures.average([n for (v, w), n in effects.items() if w > v])
     both = measures.average([down, up])
-    words = f"within a slip of {DIRECT:g} D, per e-fold of velocity: down {_told(down)}, up {_told(up)}"
+    words = f"per e-fold of velocity, {EARLY}: down {_told(down)}, up {_told(up)}"
     ratio = up.value / down.value if down.value else np.nan
     error = abs(ratio) * float(np.hypot(up.error / up.value, down.error / down.value))
     return [
@@ -169,23 +169,33 @@ def _holds(main: GougeResult) -> list[Claim]:
 
 def _healing(main: GougeResult) -> Claim:
     before = measures.holds(main)[-1]
-    times, peaks, slope = healed(main, before)
-    words = ", ".join(f"{_told(p)} after {t:g} s" for t, p in zip(times, peaks, strict=True))
+    times, peaks, _ = healed(main, before)
+    excess = [measures.just_after(measures.reslide_curve(main, before, t, before, twin=True)) for t in times]
+    slope = measures.slope(np.log(times), excess)
+    words = "; ".join(
+        f"{_told(e)} after {t:g} s, peak less steady friction {_told(p)}"
+        for t, e, p in zip(times, excess, peaks, strict=True)
+    )
     return claim(
         "healing-rate", "b/2 to b per e-fold", 0.75 * B, slope.value, "1", 1 / 3,
-        f"peak less steady friction per e-fold of hold; paper {B / 2:.4f} to {B}; peaks {words}; {_scale(main)}",
-        error=slope.error,
+        f"excess of friction over copies without a hold, {EARLY}, per e-fold of hold: {_told(slope)}; paper "
+        f"{B / 2:.4f} to {B}; {words}; {_scale(main)}", error=slope.error,
     )  # fmt: skip
 
 
 def _peaks(main: GougeResult) -> Claim:
     before = measures.holds(main)[0]
-    _, ratios, peaks, hold = after_longest(main, before)
-    slope = measures.slope(np.log(ratios), peaks)
-    words = ", ".join(f"{_told(p)} at V_r/V_i = {r:.3g}" for r, p in zip(ratios, peaks, strict=True))
+    _, after, peaks, hold = after_longest(main, before)
+    excess = [measures.just_after(measures.reslide_curve(main, before, hold, v, twin=True)) for v in after]
+    slope = measures.slope(np.log(after / before), excess)
+    words = "; ".join(
+        f"{_told(e)} at V_r/V_i = {r:.3g}, peak less steady friction {_told(p)}"
+        for r, e, p in zip(after / before, excess, peaks, strict=True)
+    )
     return claim(
         "peak-vs-velocity-ratio", "Fig S2a, inset", PEAK_SLOPE, slope.value, "1", 0.3,
-        f"peaks {words}, after holds of {hold:g} s at V_i = {before:g} m/s; {_scale(main)}", error=slope.error,
+        f"excess of friction over copies without a hold, {EARLY}, per e-fold of the ratio: {_told(slope)}; {words}; "
+        f"after holds of {hold:g} s at V_i = {before:g} m/s; {_scale(main)}", error=slope.error,
     )  # fmt: skip
 
 
@@ -200,7 +210,7 @@ def _restitution(main: GougeResult, damped: GougeResult) -> Claim:
         return {
             "steady friction": measures.mean_friction(result, FAST),
             "change in the hold": measures.Number(float(curve.mean[at]), float(curve.error[at])),
-            "peak after it": measures.peak(measures.reslide_curve(result, before, hold, after)),
+            "excess after it": measures.just_after(measures.reslide_curve(result, before, hold, after, twin=True)),
         }
 
     pairs = {name: (a, seen(damped)[name]) for name, a in seen(main).items()}

@@ -91,15 +91,16 @@ def predicted(result: GougeResult, before: float, times) -> dict:
 
 
 def after_longest(result: GougeResult, before: float):
-    """Velocities after the longest hold, slowest first, with curves, ratios and peaks."""
+    """Curves, velocities and peaks after the longest hold, slowest first, and that hold."""
     longest = max(h for v, h, _ in measures.reslides(result) if v == before)
     after = [w for v, h, w in measures.reslides(result) if (v, h) == (before, longest)]
     curves = [measures.reslide_curve(result, before, longest, w) for w in after]
-    return curves, np.array(after) / before, [measures.peak(c) for c in curves], longest
+    return curves, np.array(after), [measures.peak(c) for c in curves], longest
 
 
 def _reslides(result: GougeResult, before: float):
-    curves, ratios, peaks, _ = after_longest(result, before)
+    curves, after, peaks, _ = after_longest(result, before)
+    ratios = after / before
     fitted = measures.slope(np.log(ratios), peaks) if len(ratios) > 1 else None
     return figures.reslides(curves, ratios, peaks, fitted, COLLAPSE)
 

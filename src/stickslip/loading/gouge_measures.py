@@ -14,6 +14,7 @@ from .gouge_run import Realization, Test
 
 POINTS = 200  # of a mean curve
 EARLIEST = 1e-3  # of a hold, from which on its logarithm of time is followed
+EARLY = (0.02, 0.12)  # slip of the load point in which the spring has loaded, and state has hardly changed [D]
 DRAWS = 400  # of realizations, with replacement, for the error of what is read off a mean curve
 
 
@@ -129,10 +130,16 @@ def _stepped(result: GougeResult, step: Test, twin: Test | None, grid) -> np.nda
     return np.interp(grid, slip, friction) - np.interp(grid, _slid(result, twin), twin.series.friction)
 
 
-def direct_effect(curve: Curve, before: float, after: float, *, within: float = 0.3) -> Number:
-    """Largest change of the mean curve over ln(V2/V1), within a slip [D]: the a that a laboratory would read off."""
-    near, sign, size = curve.x <= within, np.sign(after - before), np.log(after / before)
-    return _read_off(curve, lambda mean: sign * (sign * mean[near]).max() / size)
+def direct_effect(curve: Curve, before: float, after: float) -> Number:
+    """Change of friction just after a step over ln(V2/V1): about the a that a laboratory would read off."""
+    found, size = just_after(curve), np.log(after / before)
+    return Number(found.value / size, found.error / abs(size))
+
+
+def just_after(curve: Curve) -> Number:
+    """Mean over the slips of `EARLY`: a fixed window, since the largest of what fluctuates would always be positive."""
+    near = (curve.x >= EARLY[0]) & (curve.x <= EARLY[1])
+    return _read_off(curve, lambda mean: mean[near].mean())
 
 
 def holds(result: GougeResult) -> list[float]:
@@ -185,15 +192,34 @@ def reslides(result: GougeResult) -> list[tuple[float, float, float]]:
     return sorted({(t.before, t.hold, t.velocity) for t in result.realizations[0].of("reslide")})
 
 
-def reslide_curve(result: GougeResult, before: float, hold: float, after: float) -> Curve:
-    """Friction after a hold, less the mean steady friction at the velocity before, against slip [D]."""
+def reslide_curve(result: GougeResult, before: float, hold: float, after: float, *, twin: bool = False) -> Curve | None:
+    """Friction after a hold against the load point's slip [D], less the mean steady friction at the velocity before.
+
+    With `twin`, less that of the copy that went on without a hold; None if there was none.
+    """
     level, rows, grid = mean_friction(result, before).value, [], None
     for one in result.realizations:
         tests = [t for t in one.of("reslide") if (t.before, t.hold, t.velocity) == (before, hold, after)]
+        twins = [_twin_without_hold(one, t) for t in tests] if twin else [None] * len(tests)
+        if twin and None in twins:
+            return None
         if grid is None:
-            grid = np.linspace(0, min(_slid(result, t)[-1] for t in tests), POINTS)
-        rows.append(np.mean([np.interp(grid, _slid(result, t), t.series.friction) - level for t in tests], axis=0))
+            grid = np.linspace(0, min(_slid(result, t)[-1] for t in (*tests, *twins) if t is not None), POINTS)
+        mine = [np.interp(grid, _slid(result, t), t.series.friction) - level for t in tests]
+        if twin:
+            mine = [
+                row + level - np.interp(grid, _slid(result, c), c.series.friction)
+                for row, c in zip(mine, twins, strict=True)
+            ]
+        rows.append(np.mean(mine, axis=0))
     return Curve(grid, np.array(rows), f"$V_r$ = {after:g} m/s, $t$ = {hold:g} s")
+
+
+def _twin_without_hold(one: Realization, reslide: Test) -> Test | None:
+    """The copy that went on from where the hold before a slide began."""
+    place = next(k for k, test in enumerate(one.tests) if test is reslide)
+    last = next((test for test in reversed(one.tests[:place]) if test.kind in ("twin", "slide")), None)
+    return last if last is not None and last.kind == "twin" else None
 
 
 def peak(curve: Curve) -> Number:

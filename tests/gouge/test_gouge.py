@@ -1,0 +1,303 @@
+"""Fault gouge: scenarios, one small sample from nothing to slides after holds, its files, its measures."""
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.data.gouge_scenario import GougeScenario
+from stickslip.loading import gouge_measures as measures
+from stickslip.loading.gouge import BOTTOM, TOP, plate_number, settled, sprung
+from stickslip.loading.gouge_ensemble import MEMBERS, GougeResult, simulate_gouge
+from stickslip.loading.gouge_numbers import Range, normalised_hold, normalised_stiffness, range_of, stiffness
+from stickslip.loading.gouge_run import Realization, Series, Test
+
+SLIDE = [{"kind": "slide", "velocity": 0.3, "slip": 1.0}]
+Test.__test__ = False  # not a test of pytest's
+
+
+def small(**more) -> GougeScenario:
+    """A sample as small as its cell allows; steadiness is not asked for."""
+    tables = {
+        "experiment": "gouge", "grains": {"number": 70}, "cell": {"length": 0.016, "width": 0.016}, "dt": 2e-7,
+        "preparation": {"slip": 0.4, "window": 0.2, "change": 1.0, "approach": 10.0, "unbalanced": 0.03},
+        "sample_every": 100, "ledger_steps": 300,
+        "protocol": [
+            {"kind": "velocity-steps", "velocities": (0.3, 0.6), "slip": 0.1, "twin": 0.05},
+            {
+                "kind": "slide-hold-slide", "before": (0.3,), "holds": (2e-4, 1e-4), "after": (0.3, 0.6),
+                "approach": 0.1, "slip": 0.1, "twin": 0.1,
+            },
+        ],
+    }  # fmt: skip
+    return ss.scenario(**(tables | more))
+
+
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory):
+    """Two realizations of the small scenario, and the folder that keeps them."""
+    folder = tmp_path_factory.mktemp("gouge")
+    return simulate_gouge(small(realizations=2), folder=folder, workers=1), folder
+
+
+# --- scenarios -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("tables", "words"),
+    [
+        ({"protocol": [{"kind": "slide", "velocity": 1e-6, "slip": 1.0}]}, "more than most_steps = 5e\\+07"),
+        ({"protocol": [{"kind": "slide", "velocity": 0.3, "time": 1e6}]}, "raise velocities, shorten holds"),
+        ({"protocol": [{"kind": "slide", "velocity": 0.3}]}, "ends by slip or by time"),
+        ({"protocol": [{"kind": "slide", "velocity": 0.0, "slip": 1.0}]}, "never reaches a slip"),
+        ({"protocol": [{"kind": "slide", "velocity": 0.1, "time": 1.0, "steady": True}]}, "needs slip"),
+        ({"protocol": []}, "at least 1 item"),
+        ({"protocol": [{"kind": "slip"}]}, "slide-hold-slide"),
+        ({"protocol": SLIDE, "cell": {"length": 0.01}}, "touch their own images"),
+        ({"protocol": SLIDE, "grains": {"diameter": [4e-3, 2e-3]}}, "smallest first"),
+        ({"protocol": SLIDE, "load": {"definition": "newton"}}, "per_area"),
+    ],
+)
+def test_bad_scenarios_are_refused_in_one_sentence(tables, words):
+    with pytest.raises(ss.ScenarioError, match=words):
+        ss.scenario(experiment="gouge", **tables)
+
+
+def test_the_estimate_counts_every_leg():
+    """Preparation and a protocol by hand: slips of D over velocities, the longest hold, slides from each of them."""
+    chosen = small()
+    size = 3e-3
+    steps = 0.1 * size / 0.3 + 0.1 * size / 0.6 + 0.05 * size / 0.3
+    holds = (0.1 + 0.1) * size / 0.3 + 2e-4 + 2 * (0.1 * size / 0.3 + 0.1 * size / 0.6)
+    assert chosen.steps == pytest.approx((0.4 * size / 0.3 + steps + holds) / 2e-7)
+
+
+def test_a_time_step_that_is_too_long_is_refused_with_the_number():
+    with pytest.raises(ss.ScenarioError, match=r"stable up to some 1e-06 only: give about 2e-07"):
+        small(dt=3e-6)
+    ran = settled(small(), 0)
+    assert 0.5 < small().longest_step / ss.stable_time_step(ran.state, ran.law) < 2
+
+
+# --- numbers ---------------------------------------------------------------------------------------------------------
+
+
+def test_every_definition_of_stiffness_is_its_formula():
+    chosen = ss.scenario(experiment="gouge", protocol=SLIDE, load={"stiffness": 425.0, "definition": "rate_state"})
+    k = 425 * 0.0178 * 5e6 / 5.3e-3
+    told = {"per_area": k, "per_stress": k / 5e6, "grain": k * 3e-3 / 5e6, "rate_state": 425.0}
+    assert normalised_stiffness(chosen) == pytest.approx(told)
+    for name, value in told.items():
+        again = ss.scenario(experiment="gouge", protocol=SLIDE, load={"stiffness": value, "definition": name})
+        assert stiffness(again) == pytest.approx(k)
+
+
+def test_every_definition_of_hold_time_is_its_formula():
+    chosen = ss.scenario(experiment="gouge", protocol=SLIDE, load={"stiffness": 7e9, "definition": "per_area"})
+    found = normalised_hold(chosen, 0.1, 0.02)
+    assert found["load_point"] == pytest.approx(0.1 * 0.02 / 5.3e-3)
+    assert found["frozen"] == pytest.approx(7e9 / 5e6 * 0.02 * 0.1 / 0.0247)
+    assert found["inertial"] == pytest.approx(0.1 / (3e-3 * np.sqrt(2500 / 5e6)))
+
+
+def test_what_leaves_the_quasi_static_range_is_said():
+    chosen = ss.scenario(experiment="gouge", protocol=SLIDE)
+    good = range_of(chosen, 0.1, 0.03, 0.004, 1e-6)
+    assert good.warnings == []
+    assert good.inertial_number == pytest.approx(0.1 / 0.03 * 3e-3 * np.sqrt(2500 / 5e6))
+    assert good.stiffness == pytest.approx((50e9 / (0.91 * 5e6)) ** (2 / 3))
+    bad = Range(2e-3, 50.0, 0.03, 5.0, 5.0, 0.1).warnings
+    assert len(bad) == 4
+    assert "inertial number reaches 2.0e-03" in bad[0]
+
+
+# --- a sample --------------------------------------------------------------------------------------------------------
+
+
+def test_a_settled_sample_bears_its_load(ran):
+    """The plates are rigid and glued without contacts of their own; the contacts carry the normal stress."""
+    result, _ = ran
+    state = result.realizations[0].states["settled"]
+    law = ss.hertz_mindlin_reff(*ss.stiffnesses(50e9, 0.3), 0.5)
+    group = state.control.group
+    assert [(group == g).sum() for g in (-1, BOTTOM, TOP)] == [70, *[plate_number(result.scenario)] * 2]
+    found, _ = ss.forces(state, law, memory=ss.FROZEN)
+    whole = 5e6 * 0.016**2
+    assert found.force[group == TOP, 1].sum() == pytest.approx(whole, rel=0.05)  # at rest to `unbalanced`
+    assert found.force[group == BOTTOM, 1].sum() == pytest.approx(-whole, rel=0.05)
+    rows = ss.touching(state)
+    own = group[state.contacts.i[rows]] == group[state.contacts.j[rows]]
+    assert not (own & (group[state.contacts.i[rows]] >= 0)).any()
+
+
+def test_the_load_point_does_what_the_protocol_says(ran):
+    result, _ = ran
+    for test in result.realizations[0].tests:
+        series = test.series
+        assert np.diff(series.load_point) == pytest.approx(test.velocity * np.diff(series.time), abs=1e-12)
+    kinds = [test.kind for test in result.realizations[0].tests]
+    assert kinds == [
+        "steady", "slide", "twin", "step", "slide", "twin", *["reslide"] * 4, "hold"
+    ]  # fmt: skip
+    assert [t.hold for t in result.realizations[0].of("reslide")] == [1e-4, 1e-4, 2e-4, 2e-4]
+
+
+def test_spring_and_contacts_tell_the_same_friction(ran):
+    """They differ by the plate's inertia, whose mean is its change of velocity over the time."""
+    result, _ = ran
+    series = result.realizations[0].tests[0].series
+    assert series.friction.mean() == pytest.approx(series.contact_friction.mean(), abs=5e-3)
+    assert series.normal.mean() == pytest.approx(1.0, abs=0.02)
+    k = stiffness(result.scenario) / result.scenario.load.normal_stress
+    assert series.friction == pytest.approx(k * (series.load_point - series.slip), abs=1e-9)
+    assert 0.2 < series.friction[len(series.friction) // 2 :].mean() < 1.0
+
+
+def test_branches_start_where_they_were_told_to(ran):
+    """A step and its twin share the state before; slides after a hold start at its friction."""
+    one = ran[0].realizations[0]
+    k, step = next((k, t) for k, t in enumerate(one.tests) if t.kind == "step")
+    twin, before = one.tests[k - 1], one.tests[k - 2]
+    for test in (step, twin):
+        assert test.series.time[0] == pytest.approx(before.series.time[-1] + 100 * 2e-7)
+    assert twin.series.load_point[0] - before.series.load_point[-1] == pytest.approx(0.3 * 100 * 2e-7)
+    hold = one.of("hold")[0].series
+    for reslide in one.of("reslide"):
+        at = int(np.argmin(np.abs(hold.time - (reslide.series.time[0] - 100 * 2e-7))))
+        assert hold.time[at] - hold.time[0] + 100 * 2e-7 == pytest.approx(reslide.hold)
+        assert reslide.series.slip[0] - hold.slip[at] < 2 * reslide.velocity * 100 * 2e-7
+
+
+def test_the_energies_of_sliding_balance(ran):
+    """The defect is second order in dt; friction takes nearly all."""
+    books = ran[0].realizations[0].ledger
+    spent = books["coulomb"][-1] + books["viscous"][-1]
+    assert spent > 0
+    assert np.abs(books["defect"]).max() < 1e-3 * spent
+    assert books["viscous"][-1] < 0.2 * spent
+
+
+def test_a_finished_realization_is_not_run_again(ran, monkeypatch):
+    """Neither by the same scenario nor by one that asks for more of them; a broken file is run again."""
+    result, folder = ran
+    monkeypatch.setattr("stickslip.loading.gouge_ensemble.realization", refuse)
+    again = simulate_gouge(small(realizations=2), folder=folder, workers=1)
+    assert again.reused == 2
+    for one, other in zip(result.realizations, again.realizations, strict=True):
+        assert (one.tests[-1].series.friction == other.tests[-1].series.friction).all()
+        assert one.states["end"].control.leads.dtype == other.states["end"].control.leads.dtype
+    more = simulate_gouge(small(realizations=3), folder=folder, workers=1)
+    assert more.reused == 2
+    assert more.failures == ("realization 2 failed: not again",)
+    file = next((folder / MEMBERS).iterdir())
+    whole = file.read_bytes()
+    file.write_bytes(whole[: len(whole) // 2])
+    assert len(simulate_gouge(small(realizations=2), folder=folder, workers=1).failures) == 1
+    file.write_bytes(whole)
+
+
+def refuse(*_):
+    raise RuntimeError("not again")
+
+
+def test_if_all_fail_the_first_reason_is_told(monkeypatch):
+    monkeypatch.setattr("stickslip.loading.gouge_ensemble.realization", refuse)
+    with pytest.raises(RuntimeError, match="no realization succeeded; realization 0 failed: not again"):
+        simulate_gouge(small(), workers=1)
+
+
+def test_a_spring_pulls_the_plate_from_where_it_is():
+    gouge = settled(small(), 5)
+    pulled = sprung(gouge, 1e6, [gouge.state.time], [1e-6])
+    forces = ss.spring_forces(pulled.state.control, pulled.state.grains.position, pulled.state.time)
+    assert forces[pulled.top, 0].sum() == pytest.approx(1.0)
+
+
+# --- measures --------------------------------------------------------------------------------------------------------
+
+
+def made(kind, before, velocity, hold, friction, *, begin=0.0, thickness=0.03) -> Test:
+    """A test with a given friction against slip and constants for all else; 100 steps of 2e-7 s between samples."""
+    count = len(friction)
+    time = 2e-5 * np.arange(1, count + 1)
+    columns = {name: np.zeros(count) for name in Series._fields}
+    columns |= {
+        "time": time, "load_point": begin + velocity * time, "friction": np.asarray(friction, float),
+        "thickness": np.broadcast_to(thickness, count), "fabric": np.zeros((count, 3, 3)),
+    }  # fmt: skip
+    return Test(kind, before, velocity, hold, Series(**columns))
+
+
+def of_tests(*lists) -> GougeResult:
+    """A result with one realization for each list of tests."""
+    good = Range(1e-4, 500.0, 1e-3, 10.0, 10.0, 0.1)
+    ones = tuple(Realization(k, good, tuple(tests), {}, {}) for k, tests in enumerate(lists))
+    return GougeResult(small(), ones, (), 0)
+
+
+def test_a_direct_effect_is_read_off_the_difference_of_twins():
+    """Fluctuations that both share drop out; a ln(V2/V1) is found to round-off, in steps up and down."""
+    rng, a = np.random.default_rng(1), 0.02
+    for old, new in ((0.1, 0.3), (0.3, 0.1)):
+        tests = []
+        for _ in range(3):
+            at = np.arange(1, 400)
+            # one landscape of friction along the slip, which both copies see
+            place = np.cumsum(rng.normal(size=4000)) * 1e-3
+            see = lambda v, place=place, at=at: np.interp(v * 2e-5 * at / 3e-3, np.arange(4000) / 1000, place)  # noqa: E731
+            tests.append([
+                made("slide", old, old, 0.0, np.full(99, 0.4)), made("twin", old, old, 0.0, 0.4 + see(old)),
+                made("step", old, new, 0.0, 0.4 + a * np.log(new / old) + see(new)),
+            ])  # fmt: skip
+        result = of_tests(*tests)
+        curve = measures.step_curve(result, old, new, twin=True)
+        found = measures.direct_effect(curve, old, new)
+        assert found.value == pytest.approx(a, abs=1e-4)  # the landscape is sampled at other places
+        assert found.error < 1e-4
+
+
+def test_nothing_is_read_off_noise():
+    """Without a direct effect the fixed window gives none within three errors; a largest value would be positive."""
+    rng, tests = np.random.default_rng(2), []
+    for _ in range(16):
+        noise = rng.normal(0, 0.01, (2, 400))
+        tests.append([
+            made("slide", 0.3, 0.3, 0.0, np.full(99, 0.4)), made("twin", 0.3, 0.3, 0.0, noise[0]),
+            made("step", 0.3, 0.6, 0.0, noise[1]),
+        ])  # fmt: skip
+    curve = measures.step_curve(of_tests(*tests), 0.3, 0.6, twin=True)
+    found = measures.direct_effect(curve, 0.3, 0.6)
+    assert abs(found.value) < 3 * found.error
+    assert measures.peak(curve).value > 0.003
+
+
+def test_healing_and_compaction_of_a_made_up_sample():
+    """Excess b ln t over the copy without a hold; thickness that falls by c ln t in a hold."""
+    b, c, tests = 0.015, 1e-5, []
+    for offset in (0.0, 0.03, -0.02):
+        held = np.arange(1, 1001) * 2e-5
+        one = [
+            made("slide", 0.3, 0.3, 0.0, np.full(400, 0.4 + offset)),
+            made("twin", 0.3, 0.3, 0.0, np.full(400, 0.4 + offset)),
+        ]
+        for hold in (1e-3, 1e-2):
+            one.append(made("reslide", 0.3, 0.3, hold, np.full(400, 0.4 + offset + b * np.log(hold / 1e-4))))
+        one.append(made("hold", 0.3, 0.0, 0.0, np.full(1000, 0.4), thickness=0.03 - c * np.log(held / 2e-5)))
+        tests.append(one)
+    result = of_tests(*tests)
+    excess = [measures.just_after(measures.reslide_curve(result, 0.3, hold, 0.3, twin=True)) for hold in (1e-3, 1e-2)]
+    found = measures.slope(np.log([1e-3, 1e-2]), excess)
+    assert found.value == pytest.approx(b)
+    assert found.error == pytest.approx(0, abs=1e-9)
+    thinner = measures.compaction(result, 0.3)
+    assert thinner.value == pytest.approx(c / 0.03, rel=1e-3)
+    assert measures.mean_friction(result, 0.3).value == pytest.approx(0.4 + 0.01 / 3)
+    plain = measures.reslide_curve(result, 0.3, 1e-2, 0.3)
+    assert plain.mean == pytest.approx(b * np.log(100), abs=1e-9)
+    assert plain.band[0] == pytest.approx(2 * np.std([0, 0.03, -0.02], ddof=1))
+
+
+def test_one_realization_has_no_error():
+    curve = measures.Curve(np.linspace(0, 1, 50), np.full((1, 50), 0.1), "")
+    assert np.isnan(measures.just_after(curve).error)
+    assert np.isnan(curve.error).all()
+    assert measures.slope([0.0, 1.0], [measures.just_after(curve)] * 2).value == 0
