@@ -52,4 +52,6 @@ def compare(first: Fit, second: Fit) -> Comparison:
     if abs(gap) < STRONG or abs(z) < FAR or (z > 0) != (gap > 0):
         return Comparison(None, abs(gap), ratio, z, f"the data do not discriminate between the two ({numbers})")
     law = (first, second)[better].law
-    return Comparison(law, abs(gap), ratio, z, f"the data prefer the {names[better]} to the {names[1 - better]} ({numbers})")
+    return Comparison(
+        law, abs(gap), ratio, z, f"the data prefer the {names[better]} to the {names[1 - better]} ({numbers})"
+    )

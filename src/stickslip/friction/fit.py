@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import t as student
 
-from .identify import Known, known
+from .identify import WIDEST, Known, known, spread
 from .model import LOGARITHMIC, NAMES, OWN, Data, Prepared, modelled, prepared
 from .noise import autoregression, effective, log_head, whitened
 from .ratestate import LAWS, RateState
@@ -21,6 +21,8 @@ DEFAULTS = {"damping": 0.0, "alpha": 0.0, "theta": 1.0, "trend": 0.0}
 BLANK = {"a": 1.0, "b": 0.0, "dc": 1.0, "mu0": 0.0, "stiffness": 1.0, **DEFAULTS}  # before the coarse search
 STEP = 1e-5  # of logarithms, in differences; the model is exact to 1e-9
 FAR = 1e3  # residual over the record's scatter where the slider runs away
+FARTHEST = 7.0  # that a logarithm moves from where it starts: a factor of a thousand
+WIDE = 0.3  # half width of an interval of a logarithm from which on its ends are looked at
 ROUNDS = 3  # of noise and parameters in turn
 WHITE = (np.zeros(0), np.zeros((0, 0)))
 
@@ -200,7 +202,9 @@ def _jacobian(task: Task, x, *, central: bool = False) -> np.ndarray:
     out = np.zeros((sum(int(c.used.sum()) for c in task.cases), len(x)))
     for k, label in enumerate(task.names):
         name, row = label.split("[")[0], 0
-        simple = name == "trend" or (name == "mu0" and all(c.legs is None or np.ptp(c.legs[2]) == 0 for c in task.cases))
+        simple = name == "trend" or (
+            name == "mu0" and all(c.legs is None or np.ptp(c.legs[2]) == 0 for c in task.cases)
+        )
         if not simple:
             step = STEP * (10 if central else 1) * np.eye(len(x))[k]
             ahead = _residual(task, x + step)
@@ -228,14 +232,20 @@ def _split(task: Task, residual) -> list[np.ndarray]:
     return [residual[piece] for piece in _pieces(task)]
 
 
-def _solve(task: Task, x, filters, most: int = 60):
+def _solve(task: Task, x, filters, most: int = 60, held: int | None = None):
+    """Least squares from x on, with one number held where it is if asked for."""
     pieces = _pieces(task)
-    span = np.array([12.0 if label.split("[")[0] in LOGARITHMIC else np.inf for label in task.names])
+    moves = np.array([k != held for k in range(len(x))])
+    span = np.array([FARTHEST if label.split("[")[0] in LOGARITHMIC else np.inf for label in task.names])[moves]
+
+    def whole(y):
+        return np.where(moves, np.insert(y, held, 0.0) if held is not None else y, x)
+
     return least_squares(
-        lambda y: whitened(_residual(task, y), filters, pieces),
-        x,
-        jac=lambda y: whitened(_jacobian(task, y), filters, pieces),
-        bounds=(x - span, x + span),
+        lambda y: whitened(_residual(task, whole(y)), filters, pieces),
+        x[moves],
+        jac=lambda y: whitened(_jacobian(task, whole(y)), filters, pieces)[:, moves],
+        bounds=(x[moves] - span, x[moves] + span),
         x_scale="jac",
         ftol=1e-10,
         xtol=1e-9,
@@ -255,10 +265,15 @@ def _best(task: Task) -> tuple[np.ndarray, int]:
             for name, k in slot.items():
                 x[k] = np.log(start.get(name) or 0.01) if name in LOGARITHMIC else extra[name]
         solved = _solve(task, x, WHITE, most=25)
-        found.append((solved.cost, solved.x))
         count += solved.nfev
+        again = any(abs(solved.cost - cost) < 1e-6 * cost for cost, _ in found)
+        found.append((solved.cost, solved.x))
+        if again and solved.cost <= min(cost for cost, _ in found) * (1 + 1e-6):
+            break  # two ways led to the lowest valley
     if not found:
-        raise RuntimeError("the slider runs away with all parameters that were tried: give the damping, or the stiffness")
+        raise RuntimeError(
+            "the slider runs away with all parameters that were tried: give the damping, or the stiffness"
+        )
     x = min(found, key=lambda one: one[0])[1]
     solved = _solve(task, x, WHITE)
     return solved.x, count + solved.nfev
@@ -270,9 +285,13 @@ def _finished(task: Task, x, filters, evaluations: int) -> Fit:
     n = len(rest)
     size = max(float(np.sqrt(rest @ rest / (n - m))), 1e-15)
     independent = effective(filters, n)
-    reach = float(student.ppf(0.975, max(independent - m, 1.0)))
+    spare = max(independent - m, 1.0)
+    # what a fit takes out of n_eff samples is lost to the estimate of slow noise, too
+    reach = float(student.ppf(0.975, spare)) * float(np.sqrt(max(independent / spare * (n - m) / n, 1.0)))
     logs = np.array([label.split("[")[0] in LOGARITHMIC for label in task.names])
-    told = known(whitened(_jacobian(task, x, central=True), filters, pieces) / size, x, task.names, logs, reach)
+    inner, blind = spread(whitened(_jacobian(task, x, central=True), filters, pieces) / size)
+    sides = _open_sides(task, x, filters, size * reach, np.where(logs & ~blind, reach * np.sqrt(np.diag(inner)), 0.0))
+    told = known(inner, blind, x, task.names, logs, reach, sides)
     peak = max(float(np.sqrt(rest @ rest / n)), 1e-15)
     weights = sum(float(np.log(case.sigma[case.used]).sum()) for case in task.cases)
     likelihood = -n * (0.5 * np.log(2 * np.pi) + 0.5 + np.log(peak)) - weights - log_head(filters, pieces)
@@ -282,7 +301,7 @@ def _finished(task: Task, x, filters, evaluations: int) -> Fit:
     head = filters[1][0, 0] if len(filters[0]) else 1.0
     return Fit(
         law=task.law, names=task.names, values=told.values, errors=told.errors, intervals=told.intervals,
-        covariance=told.covariance, fixed=_kept(task), difference=_difference(told, task, reach),
+        covariance=told.covariance, fixed=_kept(task), difference=_difference(told, task),
         identifiable=told.identifiable, sentence=told.sentence, residuals=rests, models=models, sigma=size * head,
         noise=filters[0], effective=independent, innovations=rest / peak, log_likelihood=likelihood,
         aic=2 * count - 2 * likelihood, bic=count * np.log(n) - 2 * likelihood, evaluations=evaluations,
@@ -294,9 +313,23 @@ def _kept(task: Task) -> dict:
     return {k: v for k, v in task.fixed.items() if spring or k not in ("stiffness", "damping")}
 
 
-def _difference(told: Known, task: Task, reach: float) -> tuple[float, float, float]:
-    both = told.raw | {k: v for k, v in task.fixed.items() if k in ("a", "b")}
-    gap = both["a"] - both["b"]
-    weights = np.array([{"a": 1.0, "b": -1.0}.get(name, 0.0) for name in task.names])
-    error = reach * float(np.sqrt(max(weights @ told.full @ weights, 0.0)))
-    return gap, gap - error, gap + error
+def _difference(told: Known, task: Task) -> tuple[float, float, float]:
+    gap = told.gap + task.fixed.get("a", 0.0) - task.fixed.get("b", 0.0)
+    return gap, gap - told.error, gap + told.error
+
+
+def _open_sides(task: Task, x, filters, worst: float, half) -> dict:
+    """Where a wide interval does not end: far beyond it, with all else fitted again, the data are met as well.
+
+    Intervals follow from slopes at the best point. As k → ∞, say, those vanish while the sum of squares stays finite.
+    """
+    out, pieces = {}, _pieces(task)
+    cost = float(np.sum(whitened(_residual(task, x), filters, pieces) ** 2))
+    for k in np.flatnonzero((half > WIDE) & (half < WIDEST)):
+        for side, word in ((1.0, "above"), (-1.0, "below")):
+            there = x.copy()
+            there[k] += side * max(3 * half[k], WIDEST)
+            solved = _solve(task, there, filters, most=15, held=int(k))
+            if 2 * solved.cost - cost < worst**2:
+                out[task.names[k]] = (float(np.exp(x[k] - side * half[k])), word)
+    return out

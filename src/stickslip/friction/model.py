@@ -68,7 +68,9 @@ def prepared(data: Data, windows=None) -> Prepared:
     if data.velocity is not None:
         velocity = np.asarray(data.velocity, float)
         if velocity.shape != time.shape or not ((velocity > 0) & np.isfinite(velocity)).all():
-            raise ValueError("the measured slip velocity must be positive at every sample: smooth it, or fit with a spring")
+            raise ValueError(
+                "the measured slip velocity must be positive at every sample: smooth it, or fit with a spring"
+            )
         mean = 0.5 * (velocity[1:] + velocity[:-1])
         place = np.r_[0.0, np.cumsum(mean * np.diff(time))]
         return Prepared(time, friction, place, None, velocity, sigma, used, data.before or float(velocity[0]))
@@ -108,14 +110,10 @@ def modelled(case: Prepared, values: dict, law: str, tolerance: float = TOLERANC
         f = kernel.states(start, np.diff(case.time), mean, v["v0"], v["dc"], LAWS[law])
         w = np.log(case.velocity / v["v0"])
         return v["mu0"] + v["a"] * w + v["b"] * np.r_[start, f] + v["trend"] * case.place
-    p = np.array(
-        [v["a"], v["b"], v["dc"], v["mu0"], v["v0"], v["stiffness"], v["damping"], LAWS[law]], float
-    )
+    p = np.array([v["a"], v["b"], v["dc"], v["mu0"], v["v0"], v["stiffness"], v["damping"], LAWS[law]], float)
     w = np.log(case.before / v["v0"])
     duration, speed, normal = case.legs
-    out, code, _ = kernel.follow(
-        w, start, p, v["alpha"], duration, speed, normal, normal[0], case.time, tolerance
-    )
+    out, code, _ = kernel.follow(w, start, p, v["alpha"], duration, speed, normal, normal[0], case.time, tolerance)
     if code != kernel.DONE or not np.isfinite(out).all():
         return None
     return v["mu0"] + v["a"] * out[:, 0] + v["b"] * out[:, 1] + v["trend"] * case.place

@@ -9,7 +9,9 @@ MOST = 4  # orders that are tried
 def autocovariance(pieces, lags: int) -> np.ndarray:
     """γ_l = Σ r_i r_{i+l} / N over pieces of a series, (lags + 1,); the biased form, which is positive definite."""
     total = sum(len(r) for r in pieces)
-    return np.array([sum(float(r[: len(r) - k] @ r[k:]) for r in pieces if len(r) > k) for k in range(lags + 1)]) / total
+    return (
+        np.array([sum(float(r[: len(r) - k] @ r[k:]) for r in pieces if len(r) > k) for k in range(lags + 1)]) / total
+    )
 
 
 def autoregression(pieces, most: int = MOST) -> tuple[np.ndarray, np.ndarray]:
