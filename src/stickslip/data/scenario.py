@@ -11,6 +11,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 from .flow_scenario import FlowScenario
 from .parts import Duration, Finite, Listed, Loads, NotNegative, Part, Positive, ScenarioError, Several, Whole, sentence
 from .quasi_scenario import QuasiScenario
+from .ratestate_scenario import RateStateScenario
 
 
 class Array(Part):
@@ -243,7 +244,7 @@ class ShearScenario(Whole):
     release: Release = Release()
 
 
-AnyScenario = Scenario | ShearScenario | FlowScenario | QuasiScenario
+AnyScenario = Scenario | ShearScenario | FlowScenario | QuasiScenario | RateStateScenario
 EXPERIMENTS = {kind.model_fields["experiment"].default: kind for kind in get_args(AnyScenario)}
 
 

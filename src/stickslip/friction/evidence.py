@@ -23,8 +23,8 @@ class Comparison(NamedTuple):
 def compare(first: Fit, second: Fit) -> Comparison:
     """Do the data discriminate between two fits?
 
-    ΔAIC says which one is nearer to the data; the laws are not nested and both may be wrong, so that the difference must also
-    exceed its own scatter: Vuong's z = Σ d/(√N s_d), with d the difference of log-likelihood sample by sample
+    ΔAIC says which one is nearer to the data; the laws are not nested and both may be wrong, so that the difference
+    must also exceed its own scatter: Vuong's z = Σ d/(√N s_d), with d the difference of log-likelihood sample by sample
     (doi:10.2307/1912557). The verdict needs ΔAIC ≥ 6 and |z| ≥ 1.96.
 
     Raises

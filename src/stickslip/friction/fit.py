@@ -1,7 +1,8 @@
 """Fits of rate-and-state parameters to records: least squares with noise that remembers, intervals, and a verdict.
 
-The residuals' correlation from sample to sample is modelled as autoregressive, of an order that BIC chooses, and filtered
-out of data and model alike (generalised least squares); intervals and the likelihood are those of the filtered problem.
+The residuals' correlation from sample to sample is modelled as autoregressive, of an order that BIC chooses, and
+filtered out of data and model alike (generalised least squares); intervals and likelihood are those of the filtered
+problem.
 """
 
 from typing import NamedTuple
@@ -23,6 +24,8 @@ STEP = 1e-5  # of logarithms, in differences; the model is exact to 1e-9
 FAR = 1e3  # residual over the record's scatter where the slider runs away
 FARTHEST = 7.0  # that a logarithm moves from where it starts: a factor of a thousand
 WIDE = 0.3  # half width of an interval of a logarithm from which on its ends are looked at
+SLOW = 3.0  # independent samples for each parameter, below which residuals are no noise
+MISFIT = "residuals are as slow as the signal: the law does not describe these data, or their noise is too slow to tell"
 ROUNDS = 3  # of noise and parameters in turn
 WHITE = (np.zeros(0), np.zeros((0, 0)))
 
@@ -38,7 +41,8 @@ class Fit(NamedTuple):
     covariance: np.ndarray  # (m, m), in the order of names; NaN for what is not known
     fixed: dict  # name → value, with v0
     difference: tuple[float, float, float]  # a − b and its 95 % interval
-    identifiable: bool
+    identifiable: bool  # whether the data tell all parameters
+    adequate: bool  # whether the residuals are faster than the signal, as noise is
     sentence: str
     residuals: tuple[np.ndarray, ...]  # data − model, one array for each data set
     models: tuple[np.ndarray, ...]  # friction of the model at all samples
@@ -117,13 +121,15 @@ def fit(
     fixed, names = _chosen(cases, law, dict(fixed or {}), tuple(free), noise)
     task = _task(cases, law, names, fixed, own)
     x, evaluations = _best(task)
-    filters = WHITE
-    if noise == "correlated":
-        for _ in range(ROUNDS):
-            filters = autoregression(_split(task, _residual(task, x)))
-            solved = _solve(task, x, filters)
-            x, evaluations = solved.x, evaluations + solved.nfev
-    return _finished(task, x, filters, evaluations)
+    filters, adequate = WHITE, True
+    for _ in range(ROUNDS if noise == "correlated" else 0):
+        filters = autoregression(_split(task, _residual(task, x)))
+        adequate = effective(filters, len(_residual(task, x))) >= SLOW * len(x)
+        if not adequate:
+            break  # what is left over is as slow as the signal: filtered out, it would take the signal along
+        solved = _solve(task, x, filters)
+        x, evaluations = solved.x, evaluations + solved.nfev
+    return _finished(task, x, filters, evaluations, adequate)
 
 
 class Task(NamedTuple):
@@ -279,7 +285,7 @@ def _best(task: Task) -> tuple[np.ndarray, int]:
     return solved.x, count + solved.nfev
 
 
-def _finished(task: Task, x, filters, evaluations: int) -> Fit:
+def _finished(task: Task, x, filters, evaluations: int, adequate: bool) -> Fit:
     pieces, m = _pieces(task), len(x)
     rest = whitened(_residual(task, x), filters, pieces)
     n = len(rest)
@@ -302,7 +308,9 @@ def _finished(task: Task, x, filters, evaluations: int) -> Fit:
     return Fit(
         law=task.law, names=task.names, values=told.values, errors=told.errors, intervals=told.intervals,
         covariance=told.covariance, fixed=_kept(task), difference=_difference(told, task),
-        identifiable=told.identifiable, sentence=told.sentence, residuals=rests, models=models, sigma=size * head,
+        identifiable=told.identifiable, adequate=adequate,
+        sentence=told.sentence if adequate else f"{MISFIT}; {told.sentence}",
+        residuals=rests, models=models, sigma=size * head,
         noise=filters[0], effective=independent, innovations=rest / peak, log_likelihood=likelihood,
         aic=2 * count - 2 * likelihood, bic=count * np.log(n) - 2 * likelihood, evaluations=evaluations,
     )  # fmt: skip

@@ -44,8 +44,8 @@ def spread(jacobian) -> tuple[np.ndarray, np.ndarray]:
 def known(inner, blind, x, names, logs, reach: float, open_sides: dict) -> Known:
     """Values with intervals, and the verdict.
 
-    A parameter is not known if it takes part in a direction in which the data do not change, if the 95 % interval of its
-    logarithm is wider than a factor of 10 either way, or if values far beyond that interval fit as well.
+    A parameter is not known if it takes part in a direction in which the data do not change, if the 95 % interval of
+    its logarithm is wider than a factor of 10 either way, or if values far beyond that interval fit as well.
 
     Parameters
     ----------

@@ -67,8 +67,8 @@ def steady(values) -> Mean:
 def steady_from(values, *, batch: int = 5) -> int:
     """Index from which a series that starts with a transient is best taken as steady.
 
-    The cut d that makes Σ_{i≥d} (x_i − mean)²/(N − d)² least, over means of `batch` values and at most half of the series
-    (MSER; K. P. White, doi:10.1177/003754979706900601).
+    The cut d that makes Σ_{i≥d} (x_i − mean)²/(N − d)² least, over means of `batch` values and at most half of the
+    series (MSER; K. P. White, doi:10.1177/003754979706900601).
 
     Parameters
     ----------

@@ -1,5 +1,6 @@
 """What a fit compares: data, and the friction that parameters give for them."""
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -43,7 +44,7 @@ class Prepared(NamedTuple):
         marks = np.flatnonzero(self.used)
         cuts = np.flatnonzero(np.diff(marks) > 1) + 1
         edges = [0, *cuts.tolist(), len(marks)]
-        return [slice(i, j) for i, j in zip(edges[:-1], edges[1:], strict=True)]
+        return [slice(i, j) for i, j in pairwise(edges)]
 
 
 def prepared(data: Data, windows=None) -> Prepared:
