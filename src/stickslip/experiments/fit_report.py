@@ -121,7 +121,7 @@ def show(found: Fitted) -> None:
 def _cells(value: float, low: float, high: float) -> tuple[str, str]:
     if not np.isfinite(value):
         return "not known", "–"
-    return f"{value:.5g}", f"{low:.5g} … {high:.5g}"
+    return f"{value:.5g}", f"{low:.5g} … {high:.5g}" if np.isfinite(low) else "–"
 
 
 def write(out: Path, found: Fitted) -> list[Path]:

@@ -8,26 +8,21 @@ problem.
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
 from scipy.stats import t as student
 
-from .identify import WIDEST, Known, known, spread
-from .model import LOGARITHMIC, NAMES, OWN, Data, Prepared, modelled, prepared
-from .noise import autoregression, effective, log_head, whitened
+from .identify import Known, known, spread, without_intervals
+from .model import DEFAULTS, FIT, NAMES, OWN, Data, modelled, prepared
+from .noise import WHITE, autoregression, effective, log_head, whitened
+from .problem import Task, best, filtered, jacobian, open_sides, pieces, residual, solve, values_of
 from .ratestate import LAWS, RateState
-from .starts import starts
 
-FIT = ("a", "b", "dc", "mu0")  # free unless fixed
-DEFAULTS = {"damping": 0.0, "alpha": 0.0, "theta": 1.0, "trend": 0.0}
-BLANK = {"a": 1.0, "b": 0.0, "dc": 1.0, "mu0": 0.0, "stiffness": 1.0, **DEFAULTS}  # before the coarse search
-STEP = 1e-5  # of logarithms, in differences; the model is exact to 1e-9
-FAR = 1e3  # residual over the record's scatter where the slider runs away
-FARTHEST = 7.0  # that a logarithm moves from where it starts: a factor of a thousand
-WIDE = 0.3  # half width of an interval of a logarithm from which on its ends are looked at
 SLOW = 3.0  # independent samples for each parameter, below which residuals are no noise
-MISFIT = "residuals are as slow as the signal: the law does not describe these data, or their noise is too slow to tell"
+MISFIT = (
+    "what is left over is as slow as the signal: the law does not describe these data, or their noise is too slow; the "
+    "values are the best fit, intervals cannot be given"
+)
 ROUNDS = 3  # of noise and parameters in turn
-WHITE = (np.zeros(0), np.zeros((0, 0)))
+TINY = 1e-15  # least size of noise
 
 
 class Fit(NamedTuple):
@@ -120,27 +115,17 @@ def fit(
     cases = [prepared(one, windows) for one in records]
     fixed, names = _chosen(cases, law, dict(fixed or {}), tuple(free), noise)
     task = _task(cases, law, names, fixed, own)
-    x, evaluations = _best(task)
+    x, evaluations = best(task)
     filters, adequate = WHITE, True
     for _ in range(ROUNDS if noise == "correlated" else 0):
-        filters = autoregression(_split(task, _residual(task, x)))
-        adequate = effective(filters, len(_residual(task, x))) >= SLOW * len(x)
+        rest = residual(task, x)
+        filters = autoregression([rest[piece] for piece in pieces(task)])
+        adequate = effective(filters, len(rest)) >= SLOW * len(x)
         if not adequate:
             break  # what is left over is as slow as the signal: filtered out, it would take the signal along
-        solved = _solve(task, x, filters)
+        solved = solve(task, x, filters)
         x, evaluations = solved.x, evaluations + solved.nfev
     return _finished(task, x, filters, evaluations, adequate)
-
-
-class Task(NamedTuple):
-    """A fit: which numbers of the vector x are which parameter of which record."""
-
-    cases: list[Prepared]
-    law: str
-    names: tuple[str, ...]  # one for each number
-    slots: list[dict]  # for each record: name → place in x
-    fixed: dict
-    scatter: float  # of friction in the records
 
 
 def _chosen(cases, law: str, fixed: dict, free, noise: str) -> tuple[dict, tuple[str, ...]]:
@@ -187,131 +172,36 @@ def _task(cases, law: str, names, fixed: dict, own) -> Task:
     return Task(cases, law, tuple(labels), slots, {k: v for k, v in fixed.items() if k not in names}, scatter)
 
 
-def _values(task: Task, x, number: int) -> dict:
-    found = {name: float(x[k]) for name, k in task.slots[number].items()}
-    return task.fixed | {k: float(np.exp(v)) if k in LOGARITHMIC else v for k, v in found.items()}
-
-
-def _residual(task: Task, x) -> np.ndarray:
-    """(data − model)/sigma of all samples that count."""
-    out = []
-    for number, case in enumerate(task.cases):
-        model = modelled(case, _values(task, x, number), task.law)
-        rest = np.full(len(case.time), FAR * task.scatter) if model is None else case.friction - model
-        out.append((rest / case.sigma)[case.used])
-    return np.concatenate(out)
-
-
-def _jacobian(task: Task, x, *, central: bool = False) -> np.ndarray:
-    """d residual/dx: exact for the trend, and for μ0 where normal stress is constant, else by differences."""
-    base = None if central else _residual(task, x)
-    out = np.zeros((sum(int(c.used.sum()) for c in task.cases), len(x)))
-    for k, label in enumerate(task.names):
-        name, row = label.split("[")[0], 0
-        simple = name == "trend" or (
-            name == "mu0" and all(c.legs is None or np.ptp(c.legs[2]) == 0 for c in task.cases)
-        )
-        if not simple:
-            step = STEP * (10 if central else 1) * np.eye(len(x))[k]
-            ahead = _residual(task, x + step)
-            out[:, k] = (ahead - _residual(task, x - step)) / (2 * step[k]) if central else (ahead - base) / step[k]
-            continue
-        for case, slot in zip(task.cases, task.slots, strict=True):
-            column = case.place if name == "trend" else np.ones(len(case.time))
-            piece = slice(row, row + int(case.used.sum()))
-            if slot[name] == k:
-                out[piece, k] = -(column / case.sigma)[case.used]
-            row = piece.stop
-    return out
-
-
-def _pieces(task: Task) -> list[slice]:
-    """Runs of samples without gaps, over all records."""
-    out, row = [], 0
-    for case in task.cases:
-        out += [slice(row + piece.start, row + piece.stop) for piece in case.pieces]
-        row += int(case.used.sum())
-    return out
-
-
-def _split(task: Task, residual) -> list[np.ndarray]:
-    return [residual[piece] for piece in _pieces(task)]
-
-
-def _solve(task: Task, x, filters, most: int = 60, held: int | None = None):
-    """Least squares from x on, with one number held where it is if asked for."""
-    pieces = _pieces(task)
-    moves = np.array([k != held for k in range(len(x))])
-    span = np.array([FARTHEST if label.split("[")[0] in LOGARITHMIC else np.inf for label in task.names])[moves]
-
-    def whole(y):
-        return np.where(moves, np.insert(y, held, 0.0) if held is not None else y, x)
-
-    return least_squares(
-        lambda y: whitened(_residual(task, whole(y)), filters, pieces),
-        x[moves],
-        jac=lambda y: whitened(_jacobian(task, whole(y)), filters, pieces)[:, moves],
-        bounds=(x[moves] - span, x[moves] + span),
-        x_scale="jac",
-        ftol=1e-10,
-        xtol=1e-9,
-        gtol=1e-14,
-        max_nfev=most,
-    )
-
-
-def _best(task: Task) -> tuple[np.ndarray, int]:
-    """The lowest of the valleys that the coarse search leads to."""
-    free = {label.split("[")[0] for label in task.names}
-    found, count = [], 0
-    for start in starts(task.cases, task.law, free, {**BLANK, **task.fixed}):
-        x = np.zeros(len(task.names))
-        for slot, linear in zip(task.slots, start["linear"], strict=True):
-            extra = dict(zip([n for n in ("mu0", "trend") if n in free], linear, strict=True))
-            for name, k in slot.items():
-                x[k] = np.log(start.get(name) or 0.01) if name in LOGARITHMIC else extra[name]
-        solved = _solve(task, x, WHITE, most=25)
-        count += solved.nfev
-        again = any(abs(solved.cost - cost) < 1e-6 * cost for cost, _ in found)
-        found.append((solved.cost, solved.x))
-        if again and solved.cost <= min(cost for cost, _ in found) * (1 + 1e-6):
-            break  # two ways led to the lowest valley
-    if not found:
-        raise RuntimeError(
-            "the slider runs away with all parameters that were tried: give the damping, or the stiffness"
-        )
-    x = min(found, key=lambda one: one[0])[1]
-    solved = _solve(task, x, WHITE)
-    return solved.x, count + solved.nfev
-
-
-def _finished(task: Task, x, filters, evaluations: int, adequate: bool) -> Fit:
-    pieces, m = _pieces(task), len(x)
-    rest = whitened(_residual(task, x), filters, pieces)
-    n = len(rest)
-    size = max(float(np.sqrt(rest @ rest / (n - m))), 1e-15)
-    independent = effective(filters, n)
+def _told(task: Task, x, filters) -> Known:
+    """Values with intervals and the verdict, for noise as the filters have it."""
+    rest, m = filtered(task, x, filters), len(x)
+    n, independent = len(rest), effective(filters, len(rest))
+    size = max(float(np.sqrt(rest @ rest / (n - m))), TINY)
     spare = max(independent - m, 1.0)
     # what a fit takes out of n_eff samples is lost to the estimate of slow noise, too
     reach = float(student.ppf(0.975, spare)) * float(np.sqrt(max(independent / spare * (n - m) / n, 1.0)))
-    logs = np.array([label.split("[")[0] in LOGARITHMIC for label in task.names])
-    inner, blind = spread(whitened(_jacobian(task, x, central=True), filters, pieces) / size)
-    sides = _open_sides(task, x, filters, size * reach, np.where(logs & ~blind, reach * np.sqrt(np.diag(inner)), 0.0))
-    told = known(inner, blind, x, task.names, logs, reach, sides)
-    peak = max(float(np.sqrt(rest @ rest / n)), 1e-15)
+    inner, blind = spread(whitened(jacobian(task, x, central=True), filters, pieces(task)) / size)
+    wide = np.where(task.logs & ~blind, reach * np.sqrt(np.diag(inner)), 0.0)
+    sides = open_sides(task, x, filters, size * reach, wide)
+    return known(inner, blind, x, task.names, task.logs, reach, sides)
+
+
+def _finished(task: Task, x, filters, evaluations: int, adequate: bool) -> Fit:
+    told = _told(task, x, filters) if adequate else without_intervals(_told(task, x, WHITE), MISFIT)
+    rest = filtered(task, x, filters)
+    n, peak = len(rest), max(float(np.sqrt(np.mean(rest**2))), TINY)
     weights = sum(float(np.log(case.sigma[case.used]).sum()) for case in task.cases)
-    likelihood = -n * (0.5 * np.log(2 * np.pi) + 0.5 + np.log(peak)) - weights - log_head(filters, pieces)
-    count = m + 1 + len(filters[0])
-    models = tuple(modelled(case, _values(task, x, k), task.law) for k, case in enumerate(task.cases))
-    rests = tuple(case.friction - one for case, one in zip(task.cases, models, strict=True))
-    head = filters[1][0, 0] if len(filters[0]) else 1.0
+    likelihood = -n * (0.5 * np.log(2 * np.pi) + 0.5 + np.log(peak)) - weights - log_head(filters, pieces(task))
+    count = len(x) + 1 + len(filters[0])
+    models = tuple(modelled(case, values_of(task, x, k), task.law) for k, case in enumerate(task.cases))
+    gap = told.gap + task.fixed.get("a", 0.0) - task.fixed.get("b", 0.0)
     return Fit(
         law=task.law, names=task.names, values=told.values, errors=told.errors, intervals=told.intervals,
-        covariance=told.covariance, fixed=_kept(task), difference=_difference(told, task),
-        identifiable=told.identifiable, adequate=adequate,
-        sentence=told.sentence if adequate else f"{MISFIT}; {told.sentence}",
-        residuals=rests, models=models, sigma=size * head,
-        noise=filters[0], effective=independent, innovations=rest / peak, log_likelihood=likelihood,
+        covariance=told.covariance, fixed=_kept(task), difference=(gap, gap - told.error, gap + told.error),
+        identifiable=told.identifiable, adequate=adequate, sentence=told.sentence,
+        residuals=tuple(case.friction - one for case, one in zip(task.cases, models, strict=True)), models=models,
+        sigma=peak * float(np.sqrt(n / (n - len(x)))) * (filters[1][0, 0] if len(filters[0]) else 1.0),
+        noise=filters[0], effective=effective(filters, n), innovations=rest / peak, log_likelihood=likelihood,
         aic=2 * count - 2 * likelihood, bic=count * np.log(n) - 2 * likelihood, evaluations=evaluations,
     )  # fmt: skip
 
@@ -319,25 +209,3 @@ def _finished(task: Task, x, filters, evaluations: int, adequate: bool) -> Fit:
 def _kept(task: Task) -> dict:
     spring = any(case.legs is not None for case in task.cases)
     return {k: v for k, v in task.fixed.items() if spring or k not in ("stiffness", "damping")}
-
-
-def _difference(told: Known, task: Task) -> tuple[float, float, float]:
-    gap = told.gap + task.fixed.get("a", 0.0) - task.fixed.get("b", 0.0)
-    return gap, gap - told.error, gap + told.error
-
-
-def _open_sides(task: Task, x, filters, worst: float, half) -> dict:
-    """Where a wide interval does not end: far beyond it, with all else fitted again, the data are met as well.
-
-    Intervals follow from slopes at the best point. As k → ∞, say, those vanish while the sum of squares stays finite.
-    """
-    out, pieces = {}, _pieces(task)
-    cost = float(np.sum(whitened(_residual(task, x), filters, pieces) ** 2))
-    for k in np.flatnonzero((half > WIDE) & (half < WIDEST)):
-        for side, word in ((1.0, "above"), (-1.0, "below")):
-            there = x.copy()
-            there[k] += side * max(3 * half[k], WIDEST)
-            solved = _solve(task, there, filters, most=15, held=int(k))
-            if 2 * solved.cost - cost < worst**2:
-                out[task.names[k]] = (float(np.exp(x[k] - side * half[k])), word)
-    return out

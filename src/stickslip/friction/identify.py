@@ -73,6 +73,16 @@ def known(inner, blind, x, names, logs, reach: float, open_sides: dict) -> Known
     return Known(values, errors, intervals, cover, not unknown.any(), sentence, gap, error)
 
 
+def without_intervals(told: Known, reason: str) -> Known:
+    """The same values, but nothing about how well they are known, as the noise is not."""
+    nothing = dict.fromkeys(told.errors, np.nan)
+    sentence = reason if told.identifiable else f"{reason}; {told.sentence}"
+    return told._replace(
+        errors=nothing, intervals=dict.fromkeys(nothing, (np.nan, np.nan)), sentence=sentence, error=np.nan,
+        covariance=np.full_like(told.covariance, np.nan),
+    )  # fmt: skip
+
+
 def difference(names, raw, full, reach: float) -> tuple[float, float]:
     """a − b as far as both are free (a fixed one counts as 0), and the half width of its interval."""
     weights = np.array([{"a": 1.0, "b": -1.0}.get(name, 0.0) for name in names])

@@ -11,6 +11,8 @@ from .ratestate import LAWS
 
 TOLERANCE = 1e-10
 NAMES = ("a", "b", "dc", "mu0", "stiffness", "damping", "alpha", "theta", "trend")
+FIT = ("a", "b", "dc", "mu0")  # free unless fixed
+DEFAULTS = {"damping": 0.0, "alpha": 0.0, "theta": 1.0, "trend": 0.0}
 LOGARITHMIC = ("a", "b", "dc", "stiffness", "damping", "alpha", "theta")
 OWN = ("mu0", "theta", "trend")  # by default each of several data sets has its own
 

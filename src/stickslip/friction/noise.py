@@ -4,6 +4,7 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular, toeplitz
 
 MOST = 4  # orders that are tried
+WHITE = (np.zeros(0), np.zeros((0, 0)))
 
 
 def autocovariance(pieces, lags: int) -> np.ndarray:
