@@ -1,5 +1,7 @@
 """The slider and prescribed slip against closed forms, finite differences and SciPy's own solver."""
 
+from decimal import Decimal, localcontext
+
 import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
@@ -80,6 +82,19 @@ def test_a_hold_by_the_slip_law(b):
     assert h.friction[0] - h.friction == pytest.approx(k * (h.slip - h.slip[0]), rel=CLOSE, abs=1e-12)
 
 
+def test_a_hold_by_the_slip_law_where_a_is_nearly_b():
+    rs = PAPER._replace(b=0.0247 * (1 - 1e-4))
+    k, v, x = 1e3, 0.02, 0.9 * rs.dc
+    with localcontext() as context:
+        context.prec = 40
+        a, b, dc, slip, stiffness = map(Decimal, (rs.a, rs.b, rs.dc, x, k))
+        rate = (a - b) / (a * dc)
+        y = stiffness / (a * dc) * (slip / rate - (1 - (-rate * slip).exp()) / rate**2)
+        expected = float(-(stiffness * slip + b * y) / a)
+    found = float(np.log(closed.slip_law_hold(rs, k, v, x) / v))
+    assert found == pytest.approx(expected, rel=1e-11)  # the series that stands in there is good to 1e-18
+
+
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("damping", [0.0, 3.0])
 def test_slopes_by_finite_differences(law, damping):
@@ -137,7 +152,7 @@ def test_a_jump_of_normal_stress():
 
 
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize(("ratio", "damping"), [(0.7, 0.0), (1.0, 0.0), (1.6, 0.0), (0.8, 1500.0), (4.0, 0.0)])
+@pytest.mark.parametrize(("ratio", "damping"), [(0.7, 0.0), (1.0, 0.0), (1.6, 0.0), (0.8, 1500.0), (1.0, 1500.0), (4.0, 0.0)])
 def test_small_disturbances_grow_as_the_eigenvalues_say(law, ratio, damping):
     rs, v = WEAK._replace(law=law), 1e-6
     spring = Spring(ratio * critical_stiffness(rs, v, damping), damping)
@@ -151,8 +166,9 @@ def test_small_disturbances_grow_as_the_eigenvalues_say(law, ratio, damping):
     off = np.stack([np.log(h.velocity / v), np.log(h.theta * v / rs.dc)], axis=1)
     assert np.allclose(off, linear, rtol=0, atol=1e-4 * np.abs(linear).max())  # size² and round-off
     if ratio == 1.0:
+        direct = rs.a + damping * v
         assert found.growth_rate == pytest.approx(0, abs=1e-12)
-        assert found.frequency == pytest.approx(v / rs.dc * np.sqrt((rs.b - rs.a) / rs.a), rel=1e-9)
+        assert found.frequency == pytest.approx(v / rs.dc * np.sqrt((rs.b - direct) / direct), rel=1e-9)
     assert found.growth_rate == pytest.approx(found.eigenvalues.real.max())
 
 
