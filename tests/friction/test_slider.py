@@ -152,7 +152,9 @@ def test_a_jump_of_normal_stress():
 
 
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize(("ratio", "damping"), [(0.7, 0.0), (1.0, 0.0), (1.6, 0.0), (0.8, 1500.0), (1.0, 1500.0), (4.0, 0.0)])
+@pytest.mark.parametrize(
+    ("ratio", "damping"), [(0.7, 0.0), (1.0, 0.0), (1.6, 0.0), (0.8, 1500.0), (1.0, 1500.0), (4.0, 0.0)]
+)
 def test_small_disturbances_grow_as_the_eigenvalues_say(law, ratio, damping):
     rs, v = WEAK._replace(law=law), 1e-6
     spring = Spring(ratio * critical_stiffness(rs, v, damping), damping)
