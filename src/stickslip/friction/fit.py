@@ -226,7 +226,7 @@ def _finished(task: Task, x, filters, evaluations: int, adequate: bool) -> Fit:
         covariance=told.covariance, fixed=_kept(task), difference=(gap, gap - told.error, gap + told.error),
         identifiable=told.identifiable, adequate=adequate, sentence=told.sentence,
         residuals=tuple(case.friction - one for case, one in zip(task.cases, models, strict=True)), models=models,
-        sigma=peak * float(np.sqrt(n / (n - len(x)))) * (filters[1][0, 0] if len(filters[0]) else 1.0),
+        sigma=peak * float(np.sqrt(n / (n - len(x)))) / (filters[1][0, 0] if len(filters[0]) else 1.0),
         noise=filters[0], effective=effective(filters, n), innovations=rest / peak, log_likelihood=likelihood,
         aic=2 * count - 2 * likelihood, bic=count * np.log(n) - 2 * likelihood, evaluations=evaluations,
     )  # fmt: skip

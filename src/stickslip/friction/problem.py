@@ -13,6 +13,7 @@ from .starts import starts
 BLANK = {"a": 1.0, "b": 0.0, "dc": 1.0, "mu0": 0.0, "stiffness": 1.0, **DEFAULTS}  # before the coarse search
 STEP = 1e-5  # of logarithms, in differences; the model is exact to 1e-9
 FAR = 1e3  # residual over the record's scatter where the slider runs away
+SAME = 1e-4  # share by which sums of squares differ in the same valley
 FARTHEST = 7.0  # that a logarithm moves from where it starts: a factor of a thousand
 WIDE = 0.3  # half width of an interval of a logarithm from which on its ends are looked at
 
@@ -86,7 +87,7 @@ def filtered(task: Task, x, filters) -> np.ndarray:
     return whitened(residual(task, x), filters, pieces(task))
 
 
-def solve(task: Task, x, filters, most: int = 60, held: int | None = None):
+def solve(task: Task, x, filters, most: int = 60, held: int | None = None, close: float = 1e-10):
     """Least squares from x on, with one number held where it is if asked for."""
     runs = pieces(task)
     moves = np.array([k != held for k in range(len(x))])
@@ -101,7 +102,7 @@ def solve(task: Task, x, filters, most: int = 60, held: int | None = None):
         jac=lambda y: whitened(jacobian(task, whole(y)), filters, runs)[:, moves],
         bounds=(x[moves] - span, x[moves] + span),
         x_scale="jac",
-        ftol=1e-10,
+        ftol=close,
         xtol=1e-9,
         gtol=1e-14,
         max_nfev=most,
@@ -118,11 +119,11 @@ def best(task: Task) -> tuple[np.ndarray, int]:
             extra = dict(zip([n for n in ("mu0", "trend") if n in free], linear, strict=True))
             for name, k in slot.items():
                 x[k] = np.log(start.get(name) or 0.01) if name in LOGARITHMIC else extra[name]
-        solved = solve(task, x, WHITE, most=25)
+        solved = solve(task, x, WHITE, most=25, close=1e-6)
         count += solved.nfev
-        again = any(abs(solved.cost - cost) < 1e-6 * cost for cost, _ in found)
+        again = any(abs(solved.cost - cost) < SAME * cost for cost, _ in found)
         found.append((solved.cost, solved.x))
-        if again and solved.cost <= min(cost for cost, _ in found) * (1 + 1e-6):
+        if again and solved.cost <= min(cost for cost, _ in found) * (1 + SAME):
             break  # two ways led to the lowest valley
     if not found:
         raise RuntimeError(
@@ -144,7 +145,7 @@ def open_sides(task: Task, x, filters, worst: float, half) -> dict:
         for side, word in ((1.0, "above"), (-1.0, "below")):
             there = x.copy()
             there[k] += side * max(3 * half[k], WIDEST)
-            solved = solve(task, there, filters, most=15, held=int(k))
+            solved = solve(task, there, filters, most=15, held=int(k), close=1e-4)
             if 2 * solved.cost - cost < worst**2:
                 out[task.names[k]] = (float(np.exp(x[k] - side * half[k])), word)
     return out
