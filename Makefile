@@ -22,7 +22,7 @@ bench: $(STAMP)  ## ratios against peers and references, measured in this run; w
 	$(BIN)/python -m benchmarks
 
 docs: $(STAMP)  ## the API reference, into docs/_build
-	$(BIN)/pdoc --docformat numpy --output-directory docs/_build $(addprefix stickslip.,core solve quasirigid loading data experiments ensemble figures)
+	$(BIN)/pdoc --docformat numpy --output-directory docs/_build $(addprefix stickslip.,core solve friction quasirigid loading data experiments ensemble figures)
 
 lock:  ## resolve the pinned dependencies again (needs uv)
 	uv pip compile --universal --generate-hashes --no-emit-index-url --python-version 3.11 --extra dev pyproject.toml -o requirements.lock

@@ -30,6 +30,14 @@ _WHERE = {
         "branches contact_forces contact_numbers coordination fabric inertial_number packing_fraction pressure "
         "rattlers stress touching wrapped"
     ),
+    "friction.evidence": "Comparison compare",
+    "friction.fit": "Fit fit",
+    "friction.laboratory": "Record read_csv write_csv",
+    "friction.loads": "Leg measured_legs slide_hold_slide velocity_steps",
+    "friction.measure": "healing held steady steady_from",
+    "friction.model": "Data",
+    "friction.ratestate": "History RateState Spring prescribed slide",
+    "friction.stability": "critical_stiffness steady_sliding",
     "quasirigid.apex": "Apex consistent_statuses statuses_at_apex",
     "quasirigid.matrices": "Matrices damping_matrix matrices quadratic_form stiffness_matrix",
     "quasirigid.mechanisms": "Mechanism mechanisms",
@@ -48,6 +56,7 @@ _WHERE = {
     "data.flow_scenario": "FlowScenario",
     "data.gouge_scenario": "GougeScenario",
     "data.quasi_scenario": "QuasiScenario",
+    "data.ratestate_scenario": "RateStateScenario",
     "data.scenario": "Scenario ScenarioError ShearScenario scenario",
     "loading.flow": "FlowResult Series simulate_flow",
     "loading.flow_numbers": "Deposit PlaneShear deposit plane_shear velocity_profile",

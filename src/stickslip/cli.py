@@ -78,7 +78,7 @@ def run(
     workers: Workers = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Run your own scenario: an array that is pushed, a sheared packing, a quasi-rigid test, a flow, or fault gouge."""
+    """Run your own scenario: an array, a sheared packing, a quasi-rigid test, a flow, fault gouge, or a slider."""
     from .data.scenario import read
     from .experiments import report
 
@@ -145,10 +145,48 @@ def stability(
             report.show_paths([path])
 
 
+@app.command()
+def fit(
+    file: Annotated[Path, typer.Argument(help="A record as CSV: time [s], load_point [um], friction [-], …")],
+    law: Annotated[str, typer.Option("--law", help="aging, slip or both.")] = "both",
+    stiffness: Annotated[
+        float | None, typer.Option("--stiffness", help="Friction per displacement, known [1/m].")
+    ] = None,
+    free_stiffness: Annotated[bool, typer.Option("--free-stiffness", help="Fit the stiffness, too.")] = False,
+    v0: Annotated[
+        float | None, typer.Option("--v0", help="Velocity at which friction is mu0; default: the first [m/s].")
+    ] = None,
+    before: Annotated[
+        float | None, typer.Option("--before", help="Slip velocity before the record starts [m/s].")
+    ] = None,
+    detrend: Annotated[bool, typer.Option("--detrend", help="Fit a trend, linear in displacement, too.")] = False,
+    normal: Annotated[bool, typer.Option("--normal", help="Let measured changes of normal stress act.")] = False,
+    out: Out = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier fit in the folder.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one object instead of tables.")] = False,
+) -> None:
+    """Fit rate-and-state friction to a record: a, b, D_c and more with intervals, and which law the data prefer."""
+    _one_of("law", law, ["aging", "slip", "both"])
+    from .experiments import fit_report, report
+
+    found = fit_report.fitted(
+        file, laws=("aging", "slip") if law == "both" else (law,), stiffness=stiffness, free_stiffness=free_stiffness,
+        v0=v0, before=before, detrend=detrend, normal=normal, out=out, overwrite=overwrite,
+    )  # fmt: skip
+    if as_json:
+        print(fit_report.as_json(found))
+    else:
+        fit_report.show(found)
+    if out:
+        paths = fit_report.write(out, found)
+        if not as_json:
+            report.show_paths(paths)
+
+
 # every report has simulate, write_result and show_result; those of papers have write_reproduction, too
 _REPORTS = {
     "disk-array": "disk_report", "sphere-shear": "shear_report", "quasi-rigid": "quasi_report", "flow": "flow_report",
-    "gouge": "gouge_report",
+    "gouge": "gouge_report", "rate-state": "ratestate_report",
 }  # fmt: skip
 _PAPERS = {"disk-array": "disk_array", "sphere-shear": "sphere_shear", "quasi-rigid": "quasi_rigid", "gouge": "gouge"}
 

@@ -12,6 +12,7 @@ from .flow_scenario import FlowScenario
 from .gouge_scenario import GougeScenario
 from .parts import Duration, Finite, Listed, Loads, NotNegative, Part, Positive, ScenarioError, Several, Whole, sentence
 from .quasi_scenario import QuasiScenario
+from .ratestate_scenario import RateStateScenario
 
 
 class Array(Part):
@@ -244,7 +245,7 @@ class ShearScenario(Whole):
     release: Release = Release()
 
 
-AnyScenario = Scenario | ShearScenario | FlowScenario | QuasiScenario | GougeScenario
+AnyScenario = Scenario | ShearScenario | FlowScenario | QuasiScenario | GougeScenario | RateStateScenario
 EXPERIMENTS = {kind.model_fields["experiment"].default: kind for kind in get_args(AnyScenario)}
 
 

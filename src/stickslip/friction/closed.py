@@ -24,8 +24,8 @@ def steady_friction(rs: RateState, velocity):
 def stiff_step(rs: RateState, old: float, new: float, slip):
     """Friction at slip x ≥ 0 after a step of the slip velocity from V1 to V2, as with an infinitely stiff spring.
 
-    Slip law: μ_ss(V2) + b ln(V2/V1) e^{−x/D_c}. Aging: μ_ss(V2) + b ln[1 + (V2/V1 − 1) e^{−x/D_c}]. Both start a ln(V2/V1)
-    above μ_ss(V1).
+    Slip law: μ_ss(V2) + b ln(V2/V1) e^{−x/D_c}. Aging: μ_ss(V2) + b ln[1 + (V2/V1 − 1) e^{−x/D_c}].
+    Both start a ln(V2/V1) above μ_ss(V1).
 
     Parameters
     ----------

@@ -23,8 +23,8 @@ class Comparison(NamedTuple):
 def compare(first: Fit, second: Fit) -> Comparison:
     """Do the data discriminate between two fits?
 
-    ΔAIC says which one is nearer to the data; the laws are not nested and both may be wrong, so that the difference must also
-    exceed its own scatter: Vuong's z = Σ d/(√N s_d), with d the difference of log-likelihood sample by sample
+    ΔAIC says which one is nearer to the data; the laws are not nested and both may be wrong, so that the difference
+    must also exceed its own scatter: Vuong's z = Σ d/(√N s_d), with d the difference of log-likelihood sample by sample
     (doi:10.2307/1912557). The verdict needs ΔAIC ≥ 6 and |z| ≥ 1.96.
 
     Raises
@@ -52,4 +52,6 @@ def compare(first: Fit, second: Fit) -> Comparison:
     if abs(gap) < STRONG or abs(z) < FAR or (z > 0) != (gap > 0):
         return Comparison(None, abs(gap), ratio, z, f"the data do not discriminate between the two ({numbers})")
     law = (first, second)[better].law
-    return Comparison(law, abs(gap), ratio, z, f"the data prefer the {names[better]} to the {names[1 - better]} ({numbers})")
+    return Comparison(
+        law, abs(gap), ratio, z, f"the data prefer the {names[better]} to the {names[1 - better]} ({numbers})"
+    )

@@ -4,7 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-SINGULAR = 1e-5  # singular value of the scaled Jacobian, over the largest, below which nothing is known: differences' error
+SINGULAR = (
+    1e-5  # singular value of the scaled Jacobian, over the largest, below which nothing is known: differences' error
+)
 WIDEST = np.log(10.0)  # half width of an interval of a logarithm above which its parameter counts as unknown
 PART = 0.25  # share of a parameter in a direction, over the largest, from which on it is named
 
@@ -18,72 +20,90 @@ class Known(NamedTuple):
     covariance: np.ndarray  # (m, m), NaN for what is not known
     identifiable: bool
     sentence: str
-    raw: dict  # values even of what is not known
-    full: np.ndarray  # covariance even of what is not known
+    gap: float  # a − b
+    error: float  # half width of its interval
 
 
-def known(jacobian, x, names, logs, reach: float) -> Known:
-    """Covariance (JᵀJ)⁻¹ by singular values, and the verdict.
-
-    A parameter is not known if it takes part in a direction in which the data do not change, or if the 95 % interval of its
-    logarithm is wider than a factor of 10 either way.
+def spread(jacobian) -> tuple[np.ndarray, np.ndarray]:
+    """Covariance (JᵀJ)⁻¹ by singular values, and which parameters take part in directions that change nothing.
 
     Parameters
     ----------
-    jacobian : (N, m) of filtered residuals over their size, by x
-    x : (m,) logarithms where `logs`, else values
-    reach : Student's quantile
+    jacobian : (N, m) of filtered residuals over their size
     """
     size = np.linalg.norm(jacobian, axis=0)
-    size = np.where(size > 0, size, 1e-300)
+    size = np.maximum(size, SINGULAR**2 * max(size.max(), 1e-300))
     _, singular, right = np.linalg.svd(jacobian / size, full_matrices=False)
     floor = np.maximum(singular, SINGULAR * singular[0])
-    inner = (right.T / floor**2) @ right / np.outer(size, size)
-    blind = singular < SINGULAR * singular[0]
-    unknown = logs & (reach * np.sqrt(np.diag(inner)) > WIDEST)
-    for row in right[blind]:
-        unknown |= np.abs(row) > PART * np.abs(row).max()
+    blind = np.zeros(len(size), bool)
+    for row in right[singular < SINGULAR * singular[0]]:
+        blind |= np.abs(row) > PART * np.abs(row).max()
+    return (right.T / floor**2) @ right / np.outer(size, size), blind
+
+
+def known(inner, blind, x, names, logs, reach: float, open_sides: dict) -> Known:
+    """Values with intervals, and the verdict.
+
+    A parameter is not known if it takes part in a direction in which the data do not change, if the 95 % interval of
+    its logarithm is wider than a factor of 10 either way, or if values far beyond that interval fit as well.
+
+    Parameters
+    ----------
+    inner, blind : from `spread`
+    x : (m,) logarithms where `logs`, else values
+    reach : Student's quantile
+    open_sides : name → (limit, "above" or "below") of what fits as well however far one goes
+    """
+    half = reach * np.sqrt(np.diag(inner))
+    unknown = blind | (logs & (half > WIDEST)) | np.array([name in open_sides for name in names])
     raw = np.where(logs, np.exp(np.where(logs, x, 0.0)), x)
     slope = np.where(logs, raw, 1.0)
     full = inner * np.outer(slope, slope)
-    error = np.sqrt(np.diag(full))
-    half = reach * np.sqrt(np.diag(inner))
-    low = np.where(logs, raw * np.exp(-np.minimum(half, 700) * logs), x - half)
-    high = np.where(logs, raw * np.exp(np.minimum(half, 300) * logs), x + half)
-    shown = [np.where(unknown, np.nan, column) for column in (raw, error, low, high)]
+    ratio = np.exp(np.minimum(half, 300.0) * logs)
+    low, high = np.where(logs, raw / ratio, x - half), np.where(logs, raw * ratio, x + half)
+    shown = [np.where(unknown, np.nan, column) for column in (raw, np.sqrt(np.diag(full)), low, high)]
     cover = full.copy()
     cover[unknown], cover[:, unknown] = np.nan, np.nan
     values, errors = dict(zip(names, shown[0].tolist(), strict=True)), dict(zip(names, shown[1].tolist(), strict=True))
     intervals = {name: (float(i), float(j)) for name, i, j in zip(names, shown[2], shown[3], strict=True)}
-    raws = dict(zip(names, raw.tolist(), strict=True))
-    sentence = _sentence(names, unknown, inner, raws, full, reach)
-    return Known(values, errors, intervals, cover, not unknown.any(), sentence, raws, full)
+    gap, error = difference(names, raw, full, reach)
+    if unknown.any() and not error < 0.5 * max((raw[k] for k, n in enumerate(names) if n in ("a", "b")), default=1.0):
+        gap, error = np.nan, np.nan
+    sentence = _sentence(names, unknown, inner, open_sides, (gap, error))
+    return Known(values, errors, intervals, cover, not unknown.any(), sentence, gap, error)
 
 
-def _sentence(names, unknown, inner, raw: dict, full, reach: float) -> str:
+def without_intervals(told: Known, reason: str) -> Known:
+    """The same values, but nothing about how well they are known, as the noise is not."""
+    nothing = dict.fromkeys(told.errors, np.nan)
+    sentence = reason if told.identifiable else f"{reason}; {told.sentence}"
+    return told._replace(
+        errors=nothing, intervals=dict.fromkeys(nothing, (np.nan, np.nan)), sentence=sentence, error=np.nan,
+        covariance=np.full_like(told.covariance, np.nan),
+    )  # fmt: skip
+
+
+def difference(names, raw, full, reach: float) -> tuple[float, float]:
+    """a − b as far as both are free (a fixed one counts as 0), and the half width of its interval."""
+    weights = np.array([{"a": 1.0, "b": -1.0}.get(name, 0.0) for name in names])
+    return float(weights @ raw), reach * float(np.sqrt(max(weights @ full @ weights, 0.0)))
+
+
+def _sentence(names, unknown, inner, open_sides: dict, gap) -> str:
     if not unknown.any():
         return "all parameters are known from these data"
     among = np.flatnonzero(unknown)
-    block = inner[np.ix_(among, among)]
-    values, vectors = np.linalg.eigh(block)
-    direction = vectors[:, -1] / vectors[np.abs(vectors[:, -1]).argmax(), -1]
-    part = [k for k in range(len(among)) if abs(direction[k]) > PART]
-    involved = [names[among[k]] for k in part]
     lost = ", ".join(names[k] for k in among)
-    if len(part) == 1:
+    _, vectors = np.linalg.eigh(inner[np.ix_(among, among)])
+    part = among[np.abs(vectors[:, -1]) > PART * np.abs(vectors[:, -1]).max()]
+    involved = [names[k] for k in part]
+    if open_sides:
+        limits = " and ".join(f"any {name} {side} {limit:.2g}" for name, (limit, side) in open_sides.items())
+        hint = f"{limits} fits as well: fix {' or '.join(open_sides)}, or add data in which it matters"
+    elif len(part) == 1:
         hint = f"{involved[0]} hardly changes what was measured: fix it, or add data in which it matters"
     else:
         hint = f"{' and '.join(involved)} trade off against each other: fix one of them, or add data that separate them"
-        hint = _only(names, involved, raw, full, reach) + hint
+    if {"a", "b"} <= {names[k] for k in among} and np.isfinite(gap[1]):
+        hint = f"only a − b = {gap[0]:.3g} ± {gap[1]:.1g} is known; {hint}"
     return f"these data do not tell {lost}: {hint}"
-
-
-def _only(names, involved, raw: dict, full, reach: float) -> str:
-    """What is known of two parameters that are not known by themselves."""
-    if not {"a", "b"} <= set(involved):
-        return ""
-    weights = np.array([{"a": 1.0, "b": -1.0}.get(name, 0.0) for name in names])
-    error = reach * float(np.sqrt(max(weights @ full @ weights, 0.0)))
-    if error > 0.5 * max(raw["a"], raw["b"]):
-        return ""
-    return f"only a − b = {raw['a'] - raw['b']:.3g} ± {error:.1g} is known, "

@@ -67,8 +67,8 @@ def steady(values) -> Mean:
 def steady_from(values, *, batch: int = 5) -> int:
     """Index from which a series that starts with a transient is best taken as steady.
 
-    The cut d that makes Σ_{i≥d} (x_i − mean)²/(N − d)² least, over means of `batch` values and at most half of the series
-    (MSER; K. P. White, doi:10.1177/003754979706900601).
+    The cut d that makes Σ_{i≥d} (x_i − mean)²/(N − d)² least, over means of `batch` values and at most half of the
+    series (MSER; K. P. White, doi:10.1177/003754979706900601).
 
     Parameters
     ----------
@@ -123,7 +123,9 @@ def held(time, friction, legs, *, before: float = 0.2) -> Held:
         prior = friction[(time > start - before * legs[k - 1].duration) & (time <= start)]
         within, after = friction[(time > start) & (time <= stop)], friction[(time > stop) & (time <= ends[k + 1])]
         if not (len(prior) and len(within) and len(after)):
-            raise ValueError(f"the record has no samples before, in or after the hold at time {start:g}: sample it denser")
+            raise ValueError(
+                f"the record has no samples before, in or after the hold at time {start:g}: sample it denser"
+            )
         level = float(prior.mean())
         found.append((legs[k].duration, level, level - float(within[-1]), float(after.max()) - level))
     if not found:

@@ -1,5 +1,6 @@
 """What a fit compares: data, and the friction that parameters give for them."""
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +11,8 @@ from .ratestate import LAWS
 
 TOLERANCE = 1e-10
 NAMES = ("a", "b", "dc", "mu0", "stiffness", "damping", "alpha", "theta", "trend")
+FIT = ("a", "b", "dc", "mu0")  # free unless fixed
+DEFAULTS = {"damping": 0.0, "alpha": 0.0, "theta": 1.0, "trend": 0.0}
 LOGARITHMIC = ("a", "b", "dc", "stiffness", "damping", "alpha", "theta")
 OWN = ("mu0", "theta", "trend")  # by default each of several data sets has its own
 
@@ -43,7 +46,7 @@ class Prepared(NamedTuple):
         marks = np.flatnonzero(self.used)
         cuts = np.flatnonzero(np.diff(marks) > 1) + 1
         edges = [0, *cuts.tolist(), len(marks)]
-        return [slice(i, j) for i, j in zip(edges[:-1], edges[1:], strict=True)]
+        return [slice(i, j) for i, j in pairwise(edges)]
 
 
 def prepared(data: Data, windows=None) -> Prepared:
@@ -68,7 +71,9 @@ def prepared(data: Data, windows=None) -> Prepared:
     if data.velocity is not None:
         velocity = np.asarray(data.velocity, float)
         if velocity.shape != time.shape or not ((velocity > 0) & np.isfinite(velocity)).all():
-            raise ValueError("the measured slip velocity must be positive at every sample: smooth it, or fit with a spring")
+            raise ValueError(
+                "the measured slip velocity must be positive at every sample: smooth it, or fit with a spring"
+            )
         mean = 0.5 * (velocity[1:] + velocity[:-1])
         place = np.r_[0.0, np.cumsum(mean * np.diff(time))]
         return Prepared(time, friction, place, None, velocity, sigma, used, data.before or float(velocity[0]))
@@ -108,14 +113,10 @@ def modelled(case: Prepared, values: dict, law: str, tolerance: float = TOLERANC
         f = kernel.states(start, np.diff(case.time), mean, v["v0"], v["dc"], LAWS[law])
         w = np.log(case.velocity / v["v0"])
         return v["mu0"] + v["a"] * w + v["b"] * np.r_[start, f] + v["trend"] * case.place
-    p = np.array(
-        [v["a"], v["b"], v["dc"], v["mu0"], v["v0"], v["stiffness"], v["damping"], LAWS[law]], float
-    )
+    p = np.array([v["a"], v["b"], v["dc"], v["mu0"], v["v0"], v["stiffness"], v["damping"], LAWS[law]], float)
     w = np.log(case.before / v["v0"])
     duration, speed, normal = case.legs
-    out, code, _ = kernel.follow(
-        w, start, p, v["alpha"], duration, speed, normal, normal[0], case.time, tolerance
-    )
+    out, code, _ = kernel.follow(w, start, p, v["alpha"], duration, speed, normal, normal[0], case.time, tolerance)
     if code != kernel.DONE or not np.isfinite(out).all():
         return None
     return v["mu0"] + v["a"] * out[:, 0] + v["b"] * out[:, 1] + v["trend"] * case.place

@@ -1,15 +1,18 @@
 """Noise that remembers: autoregressive models of residuals, and how to make them white."""
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular, toeplitz
+from scipy.linalg import cholesky, toeplitz
 
 MOST = 4  # orders that are tried
+WHITE = (np.zeros(0), np.zeros((0, 0)))
 
 
 def autocovariance(pieces, lags: int) -> np.ndarray:
     """γ_l = Σ r_i r_{i+l} / N over pieces of a series, (lags + 1,); the biased form, which is positive definite."""
     total = sum(len(r) for r in pieces)
-    return np.array([sum(float(r[: len(r) - k] @ r[k:]) for r in pieces if len(r) > k) for k in range(lags + 1)]) / total
+    return (
+        np.array([sum(float(r[: len(r) - k] @ r[k:]) for r in pieces if len(r) > k) for k in range(lags + 1)]) / total
+    )
 
 
 def autoregression(pieces, most: int = MOST) -> tuple[np.ndarray, np.ndarray]:
@@ -24,7 +27,7 @@ def autoregression(pieces, most: int = MOST) -> tuple[np.ndarray, np.ndarray]:
     Returns
     -------
     φ : (p,)
-    head : (p, p) Cholesky factor of the covariance of p neighbours over the variance of e
+    head : (p, p) lower triangular; it makes the first p values white, L⁻¹ with LLᵀ their covariance over e's variance
     """
     total = sum(len(r) for r in pieces)
     gamma = autocovariance(pieces, min(most, max(total // 20, 0)))
@@ -40,7 +43,9 @@ def autoregression(pieces, most: int = MOST) -> tuple[np.ndarray, np.ndarray]:
         if bic < score:
             best, score = (phi, variance), bic
     phi, variance = best
-    return phi, cholesky(toeplitz(gamma[: len(phi)]) / variance, lower=True) if len(phi) else np.zeros((0, 0))
+    if len(phi) == 0:
+        return WHITE
+    return phi, np.linalg.inv(cholesky(toeplitz(gamma[: len(phi)]) / variance, lower=True))
 
 
 def whitened(rows, noise, pieces) -> np.ndarray:
@@ -60,7 +65,7 @@ def whitened(rows, noise, pieces) -> np.ndarray:
             done[m:] -= coefficient * part[:-m]
         n = min(len(phi), len(part))
         if n:
-            done[:n] = solve_triangular(head[:n, :n], part[:n], lower=True)
+            done[:n] = head[:n, :n] @ part[:n]
         out[piece] = done
     return out
 
@@ -70,11 +75,11 @@ def effective(noise, total: int) -> float:
     phi, head = noise
     if len(phi) == 0:
         return float(total)
-    return min(total * head[0, 0] ** 2 * (1 - phi.sum()) ** 2, float(total))
+    return min(total / head[0, 0] ** 2 * (1 - phi.sum()) ** 2, float(total))
 
 
 def log_head(noise, pieces) -> float:
     """What the heads of the pieces add to ln of the noise's volume."""
     phi, head = noise
-    logs = np.cumsum(np.log(np.diag(head))) if len(phi) else np.zeros(0)
+    logs = -np.cumsum(np.log(np.diag(head))) if len(phi) else np.zeros(0)
     return sum(float(logs[min(len(phi), piece.stop - piece.start) - 1]) for piece in pieces) if len(phi) else 0.0

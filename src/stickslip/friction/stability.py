@@ -22,8 +22,8 @@ class Sliding(NamedTuple):
 def critical_stiffness(rs: RateState, velocity: float = 0.0, damping: float = 0.0) -> float:
     """k_c = (b − a − η V)/D_c per unit normal stress: steady sliding is unstable if and only if k < k_c.
 
-    For both laws (Ruina 1983, doi:10.1029/JB088iB12p10359; Rice and Ruina 1983, doi:10.1115/1.3167042); radiation damping η
-    adds η V to the direct effect a.
+    For both laws (Ruina 1983, doi:10.1029/JB088iB12p10359; Rice and Ruina 1983, doi:10.1115/1.3167042); radiation
+    damping η adds η V to the direct effect a.
 
     Parameters
     ----------

@@ -1,0 +1,187 @@
+"""Records of friction as CSV: columns with units in their headers, in any common unit; read into metres and seconds."""
+
+import csv
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from .fit import Data
+from .loads import check_times, measured_legs
+
+LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "micron": 1e-6, "nm": 1e-9}
+TIME = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "min": 60.0, "h": 3600.0}
+STRESS = {"pa": 1.0, "kpa": 1e3, "mpa": 1e6, "gpa": 1e9, "bar": 1e5}
+NUMBER = {"-": 1.0, "1": 1.0, "": 1.0}
+SPEED = {f"{m}/{s}": value / span for m, value in LENGTH.items() for s, span in TIME.items()}
+COLUMNS = {
+    "time": (TIME, ("time", "t")),
+    "load_point": (LENGTH, ("load_point", "load_point_displacement", "lp_disp", "displacement")),
+    "friction": (NUMBER, ("friction", "mu", "μ", "friction_coefficient")),
+    "shear_stress": (STRESS, ("shear_stress", "tau")),
+    "normal_stress": (STRESS, ("normal_stress", "sigma_n", "effective_normal_stress")),
+    "slip": (LENGTH, ("slip", "fault_slip")),
+    "velocity": (SPEED, ("velocity", "slip_velocity", "slip_rate")),
+    "theta": (TIME, ("theta", "state")),
+}
+LEAST = 10  # rows
+
+
+class Record(NamedTuple):
+    """A record of N samples in metres, seconds and pascals; None where there is no such column."""
+
+    time: np.ndarray
+    friction: np.ndarray
+    load_point: np.ndarray | None = None
+    normal_stress: np.ndarray | None = None
+    slip: np.ndarray | None = None
+    velocity: np.ndarray | None = None
+    theta: np.ndarray | None = None
+
+
+def read_csv(path: str | Path) -> Record:
+    """Read a record.
+
+    One row of headers such as `time [s], load_point [um], friction [-]`, then numbers. Columns: time; friction, or
+    shear_stress and normal_stress; load_point, or velocity (of slip); slip and theta if there are. Others are left
+    out. Separated by commas, semicolons or tabs; lines that start with # are comments.
+
+    Raises
+    ------
+    ValueError
+        with one sentence: which column, unit or line is wrong, and what is allowed.
+    """
+    path = Path(path)
+    header, rows = _table(path)
+    found = _columns(path, header)
+    _complete(path, found)
+    if len(rows) < LEAST:
+        raise ValueError(f"{path} has {len(rows)} rows of numbers: give at least {LEAST}")
+    values = {name: np.array([_number(path, row, k, name) for row in rows]) for name, (k, _) in found.items()}
+    for name, (_, factor) in found.items():
+        values[name] *= factor
+    if "friction" not in values:
+        if not (values["normal_stress"] > 0).all():
+            raise ValueError(f"{path}: normal_stress must be positive at every sample; cut away what is before loading")
+        values["friction"] = values["shear_stress"] / values["normal_stress"]
+    values.pop("shear_stress", None)
+    try:
+        check_times(values["time"])
+    except ValueError as problem:
+        raise ValueError(f"{path}: {problem}") from None
+    return Record(**values)
+
+
+def write_csv(path: str | Path, record: Record, comments: tuple[str, ...] = ()) -> Path:
+    """Write a record so that `read_csv` reads the same, in metres, seconds and pascals.
+
+    Parameters
+    ----------
+    comments : lines that go before, behind #
+    """
+    units = {"time": "s", "friction": "-", "normal_stress": "Pa", "velocity": "m/s", "theta": "s"}
+    names = [name for name in Record._fields if getattr(record, name) is not None]
+    lines = [f"# {line}" for line in comments]
+    lines.append(",".join(f"{name} [{units.get(name, 'm')}]" for name in names))
+    for row in zip(*(getattr(record, name) for name in names), strict=True):
+        lines.append(",".join(f"{value:.12g}" for value in row))
+    path = Path(path)
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def data(record: Record, *, before: float | None = None, normal: bool = False) -> Data:
+    """What `fit` takes: legs from the load point's displacement, or the measured slip velocity where there is none.
+
+    Parameters
+    ----------
+    before : slip velocity before the record, if it does not start with steady sliding [m/s]
+    normal : whether changes of normal stress enter, over its value at the start (with alpha: Linker and Dieterich)
+    """
+    time = record.time - record.time[0]
+    if record.load_point is None:
+        return Data(time, record.friction, velocity=record.velocity, before=before)
+    factor = None
+    if normal:
+        if record.normal_stress is None:
+            raise ValueError("the record has no normal_stress: leave its changes out")
+        factor = record.normal_stress / record.normal_stress[0]
+    legs = measured_legs(time, record.load_point, factor)
+    if before is None and not legs[0].velocity > 0:
+        raise ValueError("the record does not start with sliding: give the slip velocity before it, or cut the start")
+    return Data(time, record.friction, legs, before=before)
+
+
+def _table(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    """The header's fields, and each row's line number and fields."""
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise ValueError(f"{path} is not a text file in UTF-8: give a CSV file") from None
+    if "\0" in text:
+        raise ValueError(f"{path} is a binary file: give a CSV file")
+    lines = [(k, line) for k, line in enumerate(text.splitlines(), start=1) if line.strip() and line.lstrip()[0] != "#"]
+    if not lines:
+        raise ValueError(
+            f"{path} holds no data: give a header such as 'time [s], load_point [um], friction [-]' and rows"
+        )
+    mark = max(",;\t", key=lines[0][1].count)
+    rows = csv.reader((line for _, line in lines), delimiter=mark, skipinitialspace=True)
+    split = [[field.strip() for field in row] for row in rows]
+    width = len(split[0])
+    for (number, _), row in zip(lines, split, strict=True):
+        if len(row) != width:
+            raise ValueError(f"{path}, line {number}, has {len(row)} fields but the header has {width}: give one each")
+    return split[0], [(number, row) for (number, _), row in zip(lines[1:], split[1:], strict=True)]
+
+
+def _columns(path: Path, header: list[str]) -> dict[str, tuple[int, float]]:
+    """Known columns: their place, and the factor to metres, seconds and pascals."""
+    found = {}
+    for k, field in enumerate(header):
+        word, _, rest = field.partition("[")
+        word, unit = word.strip().lower().replace(" ", "_").replace("-", "_"), rest.rstrip("] ").strip()
+        name = next((name for name, (_, aliases) in COLUMNS.items() if word in aliases), None)
+        if name is None:
+            continue
+        if name in found:
+            raise ValueError(f"{path} has two columns for {name}: keep one")
+        units = COLUMNS[name][0]
+        if not rest and units is not NUMBER:
+            raise ValueError(f"{path}: column {word!r} has no unit: write it as '{word} [{next(iter(units))}]'")
+        known = unit.lower() if units is STRESS else unit.replace(" ", "")
+        if known not in units:
+            raise ValueError(f"{path}: {word} has the unit {unit!r}: use {', '.join(_short(units))}")
+        found[name] = (k, units[known])
+    return found
+
+
+def _short(units: dict) -> list[str]:
+    return [unit for unit in units if unit][:8]
+
+
+def _complete(path: Path, found: dict) -> None:
+    """Refuse a header that lacks what a fit needs."""
+    have = f"{path} has {', '.join(found) or 'no known columns'}"
+    example = "as in 'time [s], load_point [um], friction [-]'"
+    if "time" not in found:
+        raise ValueError(f"{have} but no time: name one column 'time [s]', {example}")
+    if "friction" not in found and not {"shear_stress", "normal_stress"} <= set(found):
+        raise ValueError(
+            f"{have} but no friction: give 'friction [-]', or 'shear_stress [MPa]' and 'normal_stress [MPa]'"
+        )
+    if "load_point" not in found and "velocity" not in found:
+        raise ValueError(f"{have} but neither load_point nor velocity: add one of them, {example}")
+
+
+def _number(path: Path, row: tuple[int, list[str]], k: int, name: str) -> float:
+    line, fields = row
+    try:
+        value = float(fields[k])
+    except ValueError:
+        raise ValueError(
+            f"{path}, line {line}: {name} is {fields[k]!r}, not a number: correct or drop the line"
+        ) from None
+    if not np.isfinite(value):
+        raise ValueError(f"{path}, line {line}: {name} is {fields[k]}: use finite numbers only, drop such lines")
+    return value

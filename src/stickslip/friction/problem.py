@@ -1,0 +1,151 @@
+"""The least-squares problem behind a fit: residuals, their Jacobian, the search for the lowest valley."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from .identify import WIDEST
+from .model import DEFAULTS, LOGARITHMIC, Prepared, modelled
+from .noise import WHITE, whitened
+from .starts import starts
+
+BLANK = {"a": 1.0, "b": 0.0, "dc": 1.0, "mu0": 0.0, "stiffness": 1.0, **DEFAULTS}  # before the coarse search
+STEP = 1e-5  # of logarithms, in differences; the model is exact to 1e-9
+FAR = 1e3  # residual over the record's scatter where the slider runs away
+SAME = 1e-4  # share by which sums of squares differ in the same valley
+FARTHEST = 7.0  # that a logarithm moves from where it starts: a factor of a thousand
+WIDE = 0.3  # half width of an interval of a logarithm from which on its ends are looked at
+
+
+class Task(NamedTuple):
+    """A fit: which numbers of the vector x are which parameter of which record."""
+
+    cases: list[Prepared]
+    law: str
+    names: tuple[str, ...]  # one for each number
+    slots: list[dict]  # for each record: name → place in x
+    fixed: dict
+    scatter: float  # of friction in the records
+
+    @property
+    def logs(self) -> np.ndarray:
+        """Which numbers are logarithms."""
+        return np.array([label.split("[")[0] in LOGARITHMIC for label in self.names])
+
+
+def values_of(task: Task, x, number: int) -> dict:
+    """All parameters of one record, by name."""
+    found = {name: float(x[k]) for name, k in task.slots[number].items()}
+    return task.fixed | {k: float(np.exp(v)) if k in LOGARITHMIC else v for k, v in found.items()}
+
+
+def residual(task: Task, x) -> np.ndarray:
+    """(data − model)/sigma of all samples that count."""
+    out = []
+    for number, case in enumerate(task.cases):
+        model = modelled(case, values_of(task, x, number), task.law)
+        rest = np.full(len(case.time), FAR * task.scatter) if model is None else case.friction - model
+        out.append((rest / case.sigma)[case.used])
+    return np.concatenate(out)
+
+
+def jacobian(task: Task, x, *, central: bool = False) -> np.ndarray:
+    """d residual/dx: exact for the trend, and for μ0 where normal stress is constant, else by differences."""
+    base = None if central else residual(task, x)
+    out = np.zeros((sum(int(c.used.sum()) for c in task.cases), len(x)))
+    for k, label in enumerate(task.names):
+        name, row = label.split("[")[0], 0
+        simple = name == "trend" or (
+            name == "mu0" and all(c.legs is None or np.ptp(c.legs[2]) == 0 for c in task.cases)
+        )
+        if not simple:
+            step = STEP * (10 if central else 1) * np.eye(len(x))[k]
+            ahead = residual(task, x + step)
+            out[:, k] = (ahead - residual(task, x - step)) / (2 * step[k]) if central else (ahead - base) / step[k]
+            continue
+        for case, slot in zip(task.cases, task.slots, strict=True):
+            column = case.place if name == "trend" else np.ones(len(case.time))
+            piece = slice(row, row + int(case.used.sum()))
+            if slot[name] == k:
+                out[piece, k] = -(column / case.sigma)[case.used]
+            row = piece.stop
+    return out
+
+
+def pieces(task: Task) -> list[slice]:
+    """Runs of samples without gaps, over all records."""
+    out, row = [], 0
+    for case in task.cases:
+        out += [slice(row + piece.start, row + piece.stop) for piece in case.pieces]
+        row += int(case.used.sum())
+    return out
+
+
+def filtered(task: Task, x, filters) -> np.ndarray:
+    """The residual as white noise."""
+    return whitened(residual(task, x), filters, pieces(task))
+
+
+def solve(task: Task, x, filters, most: int = 60, held: int | None = None, close: float = 1e-10):
+    """Least squares from x on, with one number held where it is if asked for."""
+    runs = pieces(task)
+    moves = np.array([k != held for k in range(len(x))])
+    span = np.array([FARTHEST if label.split("[")[0] in LOGARITHMIC else np.inf for label in task.names])[moves]
+
+    def whole(y):
+        return np.where(moves, np.insert(y, held, 0.0) if held is not None else y, x)
+
+    return least_squares(
+        lambda y: whitened(residual(task, whole(y)), filters, runs),
+        x[moves],
+        jac=lambda y: whitened(jacobian(task, whole(y)), filters, runs)[:, moves],
+        bounds=(x[moves] - span, x[moves] + span),
+        x_scale="jac",
+        ftol=close,
+        xtol=1e-9,
+        gtol=1e-14,
+        max_nfev=most,
+    )
+
+
+def best(task: Task) -> tuple[np.ndarray, int]:
+    """The lowest of the valleys that the coarse search leads to."""
+    free = {label.split("[")[0] for label in task.names}
+    found, count = [], 0
+    for start in starts(task.cases, task.law, free, {**BLANK, **task.fixed}):
+        x = np.zeros(len(task.names))
+        for slot, linear in zip(task.slots, start["linear"], strict=True):
+            extra = dict(zip([n for n in ("mu0", "trend") if n in free], linear, strict=True))
+            for name, k in slot.items():
+                x[k] = np.log(start.get(name) or 0.01) if name in LOGARITHMIC else extra[name]
+        solved = solve(task, x, WHITE, most=25, close=1e-6)
+        count += solved.nfev
+        again = any(abs(solved.cost - cost) < SAME * cost for cost, _ in found)
+        found.append((solved.cost, solved.x))
+        if again and solved.cost <= min(cost for cost, _ in found) * (1 + SAME):
+            break  # two ways led to the lowest valley
+    if not found:
+        raise RuntimeError(
+            "the slider runs away with all parameters that were tried: give the damping, or the stiffness"
+        )
+    x = min(found, key=lambda one: one[0])[1]
+    solved = solve(task, x, WHITE)
+    return solved.x, count + solved.nfev
+
+
+def open_sides(task: Task, x, filters, worst: float, half) -> dict:
+    """Where a wide interval does not end: far beyond it, with all else fitted again, the data are met as well.
+
+    Intervals follow from slopes at the best point. As k → ∞, say, those vanish while the sum of squares stays finite.
+    """
+    out, runs = {}, pieces(task)
+    cost = float(np.sum(whitened(residual(task, x), filters, runs) ** 2))
+    for k in np.flatnonzero((half > WIDE) & (half < WIDEST)):
+        for side, word in ((1.0, "above"), (-1.0, "below")):
+            there = x.copy()
+            there[k] += side * max(3 * half[k], WIDEST)
+            solved = solve(task, there, filters, most=15, held=int(k), close=1e-4)
+            if 2 * solved.cost - cost < worst**2:
+                out[task.names[k]] = (float(np.exp(x[k] - side * half[k])), word)
+    return out

@@ -1,0 +1,94 @@
+"""Records as CSV: units, separators, round trip, and every refusal in one sentence."""
+
+import numpy as np
+import pytest
+
+from stickslip.friction.fit import fit
+from stickslip.friction.laboratory import Record, data, read_csv, write_csv
+from stickslip.friction.loads import velocity_steps
+from stickslip.friction.ratestate import RateState, Spring, slide
+
+HEAD = "time [s], load_point [um], friction [-]"
+ROWS = [f"{k}, {10 * k}, 0.6{k % 10}" for k in range(12)]
+
+
+def written(path, head=HEAD, rows=ROWS, **options):
+    path.write_text("\n".join([head, *rows]) + "\n", **options)
+    return path
+
+
+def test_units_separators_and_comments(tmp_path):
+    rows = [f"{k / 60};{k / 100};{3.0 + 0.01 * k};5.0;{2 + k};left out" for k in range(12)]
+    head = "Time [min]; Load Point Displacement [mm]; Shear Stress [MPa]; sigma_n [MPa]; slip rate [µm/s]; note"
+    path = written(tmp_path / "a.csv", head, ["# a comment", *rows[:5], "", *rows[5:]], encoding="utf-8-sig")
+    found = read_csv(path)
+    assert np.allclose(found.time, np.arange(12.0))
+    assert np.allclose(found.load_point, 1e-5 * np.arange(12))
+    assert np.allclose(found.friction, (3.0 + 0.01 * np.arange(12)) / 5.0)
+    assert np.allclose(found.normal_stress, 5e6)
+    assert np.allclose(found.velocity, 1e-6 * (2 + np.arange(12)))
+    tabs = written(tmp_path / "b.csv", HEAD.replace(", ", "\t"), [row.replace(", ", "\t") for row in ROWS])
+    assert np.allclose(read_csv(tabs).load_point, 1e-5 * np.arange(12))
+
+
+def test_what_is_written_is_read_and_fitted(tmp_path):
+    legs = velocity_steps([1e-6, 1e-5, 1e-6], distance=2e-4)
+    rs, times = RateState(0.010, 0.006, 1e-5, 0.6, 1e-6), np.unique(np.r_[np.linspace(0, 420, 2001), 200.0, 220.0])
+    h = slide(rs, Spring(1e4), legs, times=times)
+    record = Record(h.time, h.friction, h.load_point, np.full(len(times), 5e6), h.slip, h.velocity, h.theta)
+    again = read_csv(write_csv(tmp_path / "a.csv", record, ("made by a test",)))
+    for one, other in zip(record, again, strict=True):
+        assert np.allclose(one, other, rtol=1e-11, atol=0)
+    lab = data(again, normal=True)
+    assert [leg.velocity for leg in lab.legs] == pytest.approx([1e-6, 1e-5, 1e-6])
+    found = fit(lab, law="aging", fixed={"stiffness": 1e4})
+    assert [found.values[name] for name in ("a", "b", "dc")] == pytest.approx([0.010, 0.006, 1e-5], rel=1e-4)
+    measured = data(again._replace(load_point=None))
+    assert measured.legs == ()
+    assert np.array_equal(measured.velocity, again.velocity)
+
+
+@pytest.mark.parametrize(
+    ("head", "rows", "sentence"),
+    [
+        ("load_point [um], friction [-]", ["1, 2"] * 12, "but no time"),
+        ("time [s], load_point [um]", ["1, 2"] * 12, "but no friction"),
+        ("time [s], load_point [um], shear_stress [MPa]", ["1, 2, 3"] * 12, "'normal_stress [MPa]'"),
+        ("time [s], friction [-]", ["1, 2"] * 12, "neither load_point nor velocity"),
+        ("1, 2, 3", ROWS, "no known columns"),
+        ("time, load_point [um], friction [-]", ROWS, "'time' has no unit: write it as 'time [s]'"),
+        ("time [s], load_point [furlong], friction [-]", ROWS, "load_point has the unit 'furlong': use m, cm, mm"),
+        ("time [s], load_point [um], friction [%]", ROWS, "friction has the unit '%'"),
+        ("time [s], load_point [um], mu [-], friction", [row + ", 1" for row in ROWS], "two columns for friction"),
+        (HEAD, ROWS[:5], "has 5 rows"),
+        (HEAD, [*ROWS, "12, 120"], "line 14, has 2 fields but the header has 3"),
+        (HEAD, [*ROWS, "12, 120, n/a"], "line 14: friction is 'n/a', not a number"),
+        (HEAD, [*ROWS, "12, nan, 0.6"], "line 14: load_point is nan: use finite numbers"),
+        (HEAD, [*ROWS, "11, 110, 0.6"], "time must increase, but sample 13"),
+        (
+            "time [s], load_point [um], tau [MPa], sigma_n [MPa]",
+            [f"{k}, {k}, 1, 0" for k in range(12)],
+            "must be positive",
+        ),
+        ("", [], "holds no data"),
+    ],
+)
+def test_refusals(tmp_path, head, rows, sentence):
+    with pytest.raises(ValueError) as caught:
+        read_csv(written(tmp_path / "a.csv", head, rows))
+    assert sentence in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_binary_files_and_rest_at_the_start(tmp_path):
+    (tmp_path / "a.csv").write_bytes(bytes(range(256)))
+    with pytest.raises(ValueError, match="not a text file"):
+        read_csv(tmp_path / "a.csv")
+    (tmp_path / "b.csv").write_bytes(b"time\0\0\0")
+    with pytest.raises(ValueError, match="binary"):
+        read_csv(tmp_path / "b.csv")
+    resting = read_csv(written(tmp_path / "c.csv", rows=[f"{k}, 0, 0.5" for k in range(12)]))
+    with pytest.raises(ValueError, match="does not start with sliding"):
+        data(resting)
+    with pytest.raises(ValueError, match="no normal_stress"):
+        data(resting, normal=True)

@@ -1,0 +1,81 @@
+"""Means with honest errors, healing, and what holds show."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from stickslip.friction.loads import Leg, slide_hold_slide
+from stickslip.friction.measure import healing, held, steady, steady_from
+from stickslip.friction.ratestate import RateState, Spring, slide
+
+
+def memory(seed, number, rho):
+    return lfilter([np.sqrt(1 - rho**2)], [1, -rho], np.random.default_rng(seed).normal(size=number + 500))[500:]
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
+def test_the_error_of_a_mean_is_that_of_repetitions(rho):
+    found = [steady(memory(seed, 2000, rho)) for seed in range(200)]
+    scatter = np.std([one.mean for one in found])
+    # 200 repetitions tell a standard deviation to 5 %; the estimate is some per cent low for slow noise
+    assert np.mean([one.error for one in found]) == pytest.approx(scatter, rel=0.2)
+    assert np.mean([one.effective for one in found]) == pytest.approx(2000 * (1 - rho) / (1 + rho), rel=0.25)
+    assert np.mean([abs(one.mean) < 1.96 * one.error for one in found]) > 0.88
+
+
+def test_a_constant_has_no_error():
+    assert steady(np.full(20, 0.3))[:2] == (pytest.approx(0.3), 0.0)
+
+
+def test_where_a_series_gets_steady():
+    cuts = []
+    for seed in range(20):
+        series = 0.4 + 0.01 * memory(seed, 3000, 0.5) + 0.3 * np.exp(-np.arange(3000) / 100)
+        cut = steady_from(series)
+        cuts.append(cut)
+        assert abs(steady(series[cut:]).mean - 0.4) < 5 * steady(series[cut:]).error + 1e-3
+    assert 200 < np.median(cuts) < 900  # the transient is down to the noise after some 340
+    assert steady_from(memory(0, 3000, 0.0)) <= 1500
+
+
+def test_healing_is_a_straight_line_in_ln_t():
+    hold = np.array([1.0, 3.0, 10.0, 30.0])
+    found = healing(hold, 0.0178 * np.log(hold) + 0.003)
+    assert found[:2] == (pytest.approx(0.0178), pytest.approx(0.003))
+    hits = 0
+    for seed in range(200):
+        noise = 0.002 * np.random.default_rng(seed).normal(size=4)
+        low, high = healing(hold, 0.0178 * np.log(hold) + noise).interval
+        hits += low <= 0.0178 <= high
+    assert 180 <= hits <= 199  # 95 % of 200 is 190, with a standard deviation of 3
+
+
+def test_holds_of_a_stiff_slider_heal_as_the_aging_law_says():
+    rs = RateState(0.0247, 0.0178, 5.3e-3, 0.4, 0.02)
+    holds = [1.0, 10.0, 100.0, 1000.0]
+    legs = slide_hold_slide(holds, velocity=0.02, distance=0.1)
+    h = slide(rs, Spring(1e6), legs)
+    found = held(h.time, h.friction, legs)
+    assert found.hold.tolist() == holds
+    assert found.steady == pytest.approx(0.4, abs=1e-6)
+    assert (np.diff(found.drop) > 0).all()
+    late = healing(found.hold[1:], found.excess[1:])
+    assert late.slope == pytest.approx(rs.b, rel=0.05)  # ln(1 + V t/D_c), less what slips before the peak
+    slip = slide(rs._replace(law="slip"), Spring(1e6), legs)
+    assert np.abs(held(slip.time, slip.friction, legs).excess).max() < 0.1 * rs.b
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (lambda: steady([1.0, 2.0]), "at least 8"),
+        (lambda: steady([1.0] * 9 + [np.nan]), "not finite"),
+        (lambda: healing([1, 1, 2], [0, 0, 0]), "2 different holds"),
+        (lambda: healing([0, 1, 2], [0, 0, 0]), "positive and finite"),
+        (lambda: held([0, 1, 2], [0, 0, 0], (Leg(2, 1),)), "no hold"),
+        (lambda: held([0, 2.9], [0, 0], (Leg(1, 1), Leg(1, 0), Leg(1, 1))), "no samples before"),
+    ],
+)
+def test_bad_input_is_one_sentence(call, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        call()

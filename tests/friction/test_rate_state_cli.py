@@ -1,0 +1,114 @@
+"""`stickslip run` of a slider, `stickslip fit` of what it wrote, and wrong words."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from stickslip.cli import app
+from stickslip.data import archive
+from stickslip.data.scenario import ScenarioError, read, scenario
+from tests.published.test_disk_array import stickslip
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "rate_state.toml"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    out = tmp_path_factory.mktemp("rate-state") / "out"
+    run = stickslip("run", EXAMPLE, "--out", out)
+    assert run.returncode == 0, run.stderr
+    assert "stable with any spring" in " ".join(run.stdout.split())
+    return out
+
+
+def test_the_example_writes_what_it_says(folder):
+    names = {path.name for path in folder.iterdir()}
+    assert names == {"fig1_history.png", "results.h5", "scenario.json", "series.csv"}
+    numbers = archive.read(folder / "results.h5")
+    assert numbers["history"]["friction"].shape == numbers["recorded"].shape
+    assert read(folder / "scenario.json") == read(EXAMPLE)
+
+
+def test_the_series_fitted_again_gives_the_parameters(folder, tmp_path):
+    words = ("fit", folder / "series.csv", "--stiffness", "200", "--out", tmp_path / "fit", "--json")
+    run = stickslip(*words)
+    assert run.returncode == 0, run.stderr
+    found = json.loads(run.stdout)
+    assert found == json.loads((tmp_path / "fit" / "fit.json").read_text())
+    assert {path.name for path in (tmp_path / "fit").iterdir()} == {"fit.json", "fit.png"}
+    slip = found["fits"]["slip"]
+    for name, true in (("a", 0.0247), ("b", 0.0178), ("dc", 5.3e-3), ("mu0", 0.4)):  # the example's, paper 003's
+        assert abs(slip["values"][name] - true) < 4 * slip["errors"][name], name
+    assert found["comparison"]["preferred"] == "slip"
+    assert found["fits"]["aging"]["intervals"]["a"] == [None, None]
+    again = stickslip(*words)
+    assert again.returncode == 2
+    assert "holds the results of a fit" in again.stderr
+
+
+def test_tables_for_people(folder, capsys):
+    app(["fit", str(folder / "series.csv"), "--free-stiffness", "--law", "slip", "--detrend"], standalone_mode=False)
+    said = capsys.readouterr().out
+    for word in ("Slip law", "dc", "stiffness", "trend", "a − b", "1/m"):
+        assert word in said
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ([], "give --stiffness K [1/m], or --free-stiffness"),
+        (["--stiffness", "-1"], "stiffness = -1.0 was fixed"),
+        (["--stiffness", "1", "--free-stiffness"], "both given"),
+        (["--law", "slow"], "law 'slow' is not known: use aging, slip, both"),
+        (["--free-stiffness", "--normal"], "no normal_stress"),
+    ],
+)
+def test_wrong_words(folder, words, sentence):
+    with pytest.raises(ValueError) as caught:
+        app(["fit", str(folder / "series.csv"), *words], standalone_mode=False)
+    assert sentence in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_absent_files(tmp_path):
+    run = stickslip("fit", tmp_path / "absent.csv", "--free-stiffness")
+    assert run.returncode == 2
+    assert "no such file" in run.stderr
+
+
+@pytest.mark.parametrize(
+    ("tables", "sentence"),
+    [
+        ({"surface": {"a": 0.0}}, "surface.a = 0.0"),
+        ({"surface": {"law": "slow"}}, "surface.law = 'slow'"),
+        ({"surface": {"c": 1.0}}, "has no key 'c'"),
+        ({"legs": [{"velocity": 0.0, "duration": 1.0}]}, "the first leg is a hold"),
+        ({"legs": [{"velocity": 1.0}]}, "either duration or distance"),
+        ({"legs": [{"velocity": 1.0, "distance": 1.0}, {"velocity": 0.0, "distance": 1.0}]}, "give its duration"),
+        ({"legs": [{"duration": 1.0}]}, "legs.velocity (entry 1) is missing"),
+    ],
+)
+def test_wrong_scenarios(tables, sentence):
+    with pytest.raises(ScenarioError) as caught:
+        scenario(experiment="rate-state", **tables)
+    assert sentence in str(caught.value)
+
+
+def test_a_slider_that_runs_away_is_shown_as_far_as_it_got(tmp_path, capsys):
+    text = """
+experiment = "rate-state"
+legs = [{velocity = 1e-6, distance = 1e-4}, {velocity = 1e-5, distance = 1e-2}]
+[surface]
+a = 0.010
+b = 0.015
+dc = 1e-5
+[spring]
+stiffness = 100.0
+"""
+    (tmp_path / "s.toml").write_text(text)
+    app(["run", str(tmp_path / "s.toml"), "--out", str(tmp_path / "out")], standalone_mode=False)
+    said = " ".join(capsys.readouterr().out.split())
+    assert "ran away" in said
+    assert "unstable: stiffness 100 is 0.2 of the critical 500" in said
+    assert (tmp_path / "out" / "fig1_history.png").exists()
