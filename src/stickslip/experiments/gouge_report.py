@@ -170,12 +170,12 @@ def _write_series(path: Path, result: GougeResult) -> None:
 def show_result(result: GougeResult) -> None:
     """Steady friction, holds and warnings on the terminal."""
     scenario, first = result.scenario, result.realizations[0]
-    table = Table(title=f"{len(result.realizations)} realizations; errors are standard errors", **STYLE)
-    for name in ("velocity [m/s]", "steady friction", "error"):
+    table = Table(title=f"{len(result.realizations)} realizations; ± is half a 95 % interval", **STYLE)
+    for name in ("velocity [m/s]", "steady friction", "±"):
         table.add_column(name, justify="right", no_wrap=True)
     for velocity in measures.velocities(result):
         found = measures.mean_friction(result, velocity)
-        table.add_row(f"{velocity:g}", f"{found.value:.4f}", f"{found.error:.4f}")
+        table.add_row(f"{velocity:g}", f"{found.value:.4f}", f"{found.half:.4f}")
     console.print(table)
     if measures.reslides(result):
         _show_holds(result)
@@ -198,13 +198,13 @@ def show_result(result: GougeResult) -> None:
 
 def _show_holds(result: GougeResult) -> None:
     table = Table(title="Slides after holds", **STYLE)
-    for name in ("V_i [m/s]", "hold [s]", "V_i t/dc", "k V_i t/(a σ)", "V_r [m/s]", "peak − steady", "error"):
+    for name in ("V_i [m/s]", "hold [s]", "V_i t/dc", "k V_i t/(a σ)", "V_r [m/s]", "peak − steady", "±"):
         table.add_column(name, justify="right", no_wrap=True)
     for before, hold, after in measures.reslides(result):
         found = measures.peak(measures.reslide_curve(result, before, hold, after))
         scaled = normalised_hold(result.scenario, hold, before)
         table.add_row(
             f"{before:g}", f"{hold:g}", f"{scaled['load_point']:.3g}", f"{scaled['frozen']:.3g}", f"{after:g}",
-            f"{found.value:+.4f}", f"{found.error:.4f}",
+            f"{found.value:+.4f}", f"{found.half:.4f}",
         )  # fmt: skip
     console.print(table)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
+from rich.markup import escape
 from rich.padding import Padding
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
@@ -146,7 +147,7 @@ def show_claims(claims: list[claims_table.Claim]) -> None:
     if missed:
         console.print("[bold]Why not, or not quite[/] (all notes are in claims.json)")
     for c in missed:
-        console.print(Padding(f"[{COLORS[c.verdict]}]{c.id}[/]: {c.note}", (0, 0, 0, 2)), highlight=False)
+        console.print(Padding(f"[{COLORS[c.verdict]}]{c.id}[/]: {escape(c.note)}", (0, 0, 0, 2)), highlight=False)
     count = {v: sum(c.verdict == v for c in claims) for v in COLORS}
     console.print(", ".join(f"{n} {verdict}" for verdict, n in count.items()) + ".")
 

@@ -32,7 +32,7 @@ def velocity_steps(curves):
     """Mean difference of friction after each step to a copy without it, against slip, with two standard errors."""
     figure, axes = axes_of(1, 2.4)
     for number, curve in enumerate(curves):
-        _band(axes, curve, COLORS[number], errors=True)
+        _band(axes, curve, COLORS[2 * number % len(COLORS)], errors=True)
     axes.axhline(0, color=BLACK, lw=0.5)
     axes.set(xlabel="slip of the load point / $D$", ylabel=r"$\Delta\mu$, step less no step")
     axes.legend()

@@ -7,14 +7,17 @@ figures of paper 003.
 from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import t as student
 
+from ..friction.loads import Leg
 from ..friction.measure import Mean, steady
+from ..friction.model import Data
 from .gouge_ensemble import GougeResult
 from .gouge_run import Realization, Test
 
 POINTS = 200  # of a mean curve
 EARLIEST = 1e-3  # of a hold, from which on its logarithm of time is followed
-EARLY = (0.02, 0.12)  # slip of the load point in which the spring has loaded, and state has hardly changed [D]
+EARLY = 0.05  # slip of the load point in which state hardly changes: 3 % of the dc of paper 003 [D]
 DRAWS = 400  # of realizations, with replacement, for the error of what is read off a mean curve
 
 
@@ -40,12 +43,22 @@ class Curve(NamedTuple):
         """(G,) standard error of the mean; NaN with one realization."""
         return self.band / 2 / np.sqrt(len(self.rows)) if len(self.rows) > 1 else np.full(len(self.x), np.nan)
 
+    def at(self, k: int) -> "Number":
+        """The mean at one point."""
+        return Number(float(self.mean[k]), float(self.error[k]), len(self.rows))
+
 
 class Number(NamedTuple):
-    """A number and its standard error, NaN with one realization."""
+    """A number, its standard error (NaN with one realization), and how many realizations it rests on."""
 
     value: float
     error: float
+    realizations: int
+
+    @property
+    def half(self) -> float:
+        """Half width of its 95 % interval by Student's t: with two realizations 12.7 standard errors."""
+        return self.error * float(student.ppf(0.975, self.realizations - 1)) if self.realizations > 1 else np.nan
 
 
 def steady_friction(found: Realization, velocity: float, window: float) -> Mean | None:
@@ -82,8 +95,8 @@ def mean_friction(result: GougeResult, velocity: float) -> Number:
     means = [steady_friction(one, velocity, window) for one in result.realizations]
     values = np.array([m.mean for m in means])
     if len(values) == 1:
-        return Number(float(values[0]), float(means[0].error))
-    return Number(float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values))))
+        return Number(float(values[0]), float(means[0].error), 1)
+    return Number(float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values))), len(values))
 
 
 def steps(result: GougeResult) -> list[tuple[float, float]]:
@@ -133,12 +146,12 @@ def _stepped(result: GougeResult, step: Test, twin: Test | None, grid) -> np.nda
 def direct_effect(curve: Curve, before: float, after: float) -> Number:
     """Change of friction just after a step over ln(V2/V1): about the a that a laboratory would read off."""
     found, size = just_after(curve), np.log(after / before)
-    return Number(found.value / size, found.error / abs(size))
+    return found._replace(value=found.value / size, error=found.error / abs(size))
 
 
 def just_after(curve: Curve) -> Number:
-    """Mean over the slips of `EARLY`: a fixed window, since the largest of what fluctuates would always be positive."""
-    near = (curve.x >= EARLY[0]) & (curve.x <= EARLY[1])
+    """Mean over slips up to `EARLY`: a fixed window, since the largest of what fluctuates would always be positive."""
+    near = curve.x <= EARLY
     return _read_off(curve, lambda mean: mean[near].mean())
 
 
@@ -231,16 +244,19 @@ def _read_off(curve: Curve, read) -> Number:
     """A number read off the mean curve, with its error by drawing realizations again (bootstrap)."""
     value, number = float(read(curve.mean)), len(curve.rows)
     if number == 1:
-        return Number(value, np.nan)
+        return Number(value, np.nan, 1)
     rng = np.random.default_rng(0)
     drawn = [read(curve.rows[rng.integers(number, size=number)].mean(axis=0)) for _ in range(DRAWS)]
-    return Number(value, float(np.std(drawn, ddof=1)))
+    wider = np.sqrt(number / (number - 1))  # what is drawn from a sample scatters less than what that was drawn from
+    return Number(value, float(wider * np.std(drawn, ddof=1)), number)
 
 
 def average(numbers: list[Number]) -> Number:
     """Mean of independent numbers."""
     return Number(
-        float(np.mean([n.value for n in numbers])), float(np.sqrt(sum(n.error**2 for n in numbers)) / len(numbers))
+        float(np.mean([n.value for n in numbers])),
+        float(np.sqrt(sum(n.error**2 for n in numbers)) / len(numbers)),
+        min(n.realizations for n in numbers),
     )
 
 
@@ -254,4 +270,31 @@ def slope(x, numbers: list[Number]) -> Number:
     told = float(np.sqrt((centred**2) @ (errors**2))) / spread
     rest = y - y.mean() - value * centred
     seen = float(np.sqrt(rest @ rest / (len(x) - 2) / spread)) if len(x) > 2 else 0.0
-    return Number(value, max(told, seen) if np.isfinite(told) else np.nan)
+    return Number(value, max(told, seen) if np.isfinite(told) else np.nan, min(n.realizations for n in numbers))
+
+
+def step_records(result: GougeResult, *, samples: int = 400) -> list[Data]:
+    """Velocity steps of every realization as records of a laboratory: friction against time, with the legs of the load.
+
+    Parameters
+    ----------
+    samples : at most so many of each realization, means over as many neighbouring ones as that takes
+    """
+    return [_record(one, samples) for one in result.realizations if one.of("step")]
+
+
+def _record(one: Realization, samples: int) -> Data:
+    tests = one.of("slide", "step")
+    last = next(k for k in reversed(range(len(tests))) if tests[k].kind == "step")
+    first = next(k for k in range(last, -1, -1) if tests[k].kind == "slide")
+    chain, time, friction, legs, start = tests[first : last + 1], [], [], [], 0.0
+    bunch = -(-sum(len(test.series.time) for test in chain) // samples)
+    for test in chain:
+        series, count = test.series, len(test.series.time) // bunch * bunch
+        interval = float(series.time[1] - series.time[0])
+        inside = interval * np.arange(1, len(series.time) + 1)
+        time.append(start + inside[:count].reshape(-1, bunch).mean(axis=1))
+        friction.append(series.friction[:count].reshape(-1, bunch).mean(axis=1))
+        legs.append(Leg(float(inside[-1]), test.velocity))
+        start += float(inside[-1])
+    return Data(np.concatenate(time), np.concatenate(friction), tuple(legs))
