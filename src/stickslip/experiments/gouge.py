@@ -102,10 +102,10 @@ def judged(main: GougeResult, damped: GougeResult) -> list[Claim]:
 
 def _scale(result: GougeResult) -> str:
     """At which reduced scale something was measured."""
-    chosen, runs = result.scenario, len(result.realizations)
+    chosen, speeds = result.scenario, [t.velocity for t in result.realizations[0].tests if t.velocity > 0]
     return (
-        f"{runs} realizations of {chosen.grains.number} grains of 2 to 4 mm at {SLOW:g} to {FAST:g} m/s "
-        f"(paper: 8 of some 4800 grains of 1 to 5 mm, down to 2e-4 m/s)"
+        f"{len(result.realizations)} × {chosen.grains.number} grains at {min(speeds):g} to {max(speeds):g} m/s, "
+        f"paper 8 × 4800 down to 2e-4 m/s"
     )
 
 
