@@ -19,14 +19,14 @@ def written(path, head=HEAD, rows=ROWS, **options):
 
 def test_units_separators_and_comments(tmp_path):
     rows = [f"{k / 60};{k / 100};{3.0 + 0.01 * k};5.0;{2 + k};left out" for k in range(12)]
-    head = "Time [min]; Load Point Displacement [mm]; Shear Stress [MPa]; sigma_n [MPa]; slip rate [µm/s]; note"
+    head = "Time [min]; Load Point Displacement [mm]; Shear Stress [MPa]; sigma_n [MPa]; slip rate [mm/min]; note"
     path = written(tmp_path / "a.csv", head, ["# a comment", *rows[:5], "", *rows[5:]], encoding="utf-8-sig")
     found = read_csv(path)
     assert np.allclose(found.time, np.arange(12.0))
     assert np.allclose(found.load_point, 1e-5 * np.arange(12))
     assert np.allclose(found.friction, (3.0 + 0.01 * np.arange(12)) / 5.0)
     assert np.allclose(found.normal_stress, 5e6)
-    assert np.allclose(found.velocity, 1e-6 * (2 + np.arange(12)))
+    assert np.allclose(found.velocity, 1e-3 / 60 * (2 + np.arange(12)))
     tabs = written(tmp_path / "b.csv", HEAD.replace(", ", "\t"), [row.replace(", ", "\t") for row in ROWS])
     assert np.allclose(read_csv(tabs).load_point, 1e-5 * np.arange(12))
 

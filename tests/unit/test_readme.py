@@ -20,6 +20,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
         ("README.md", 1, ("oscillatory instability: 1 complex pair",)),
         ("README.md", 2, ("the lid bears 1.9", "loses its stability")),
         ("docs/quasi_rigid.md", 0, ("loses its stability", "CONSISTENT")),
+        ("docs/rate_and_state.md", 0, ("reached its end", "all parameters are known", "prefer the slip law")),
     ],
 )
 def test_the_examples_run_and_are_short(page, number, words, tmp_path):

@@ -25,6 +25,7 @@ LED_AWAY = (
     1.0  # excess of the sum of squares over m/n_eff: at most 0.54 in 240 fits of the right law, 1.4 to 3.7 of wrong
 )
 ROUNDS = 3  # of noise and parameters in turn
+EXACT = 1e-7  # residuals over the scatter of friction, below which they are the integration's own
 TINY = 1e-15  # least size of noise
 
 
@@ -141,6 +142,8 @@ def _with_memory(task: Task, start) -> tuple[np.ndarray, tuple, bool, int]:
     x, evaluations = start, 0
     rest = residual(task, x)
     least = float(rest @ rest)
+    if np.sqrt(least / len(rest)) < EXACT * task.scatter:
+        return start, WHITE, True, 0
     first = filters = autoregression([rest[piece] for piece in pieces(task)])
     for _ in range(ROUNDS):
         if effective(filters, len(rest)) < SLOW * len(x):
