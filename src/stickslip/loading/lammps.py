@@ -73,7 +73,7 @@ def engine(processes: int = 1) -> Engine:
 
 
 def start(scenario: GougeScenario, gouge: Gouge) -> Place:
-    """A settled sample on its spring, no contact of which has slipped yet.
+    """A sample on its spring, where it is attached here unless it is already, no contact of which has slipped yet.
 
     Raises
     ------
@@ -87,7 +87,8 @@ def start(scenario: GougeScenario, gouge: Gouge) -> Place:
             "LAMMPS was given a contact law that it does not run: use hertz_mindlin_reff with one material, sharp "
             "Coulomb friction and viscoelastic dashpots"
         )
-    attached = sprung(gouge, stiffness(scenario) * scenario.area, [gouge.state.time], [0.0])
+    ahead = lead(gouge) if gouge.state.control.spring[gouge.top, 0].any() else 0.0
+    attached = sprung(gouge, stiffness(scenario) * scenario.area, [gouge.state.time], [ahead])
     return Place(attached._replace(state=_touching(attached.state, law)), b"")
 
 
