@@ -17,7 +17,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from . import contact_status, engine, spheres
+from . import contact_status, engine, gouge, spheres
 
 HERE = Path(__file__).parent
 ROUNDS, STEPS = 5, 400_000
@@ -115,10 +115,11 @@ def versions() -> dict:
 def main() -> None:
     """Run everything; `--quick` leaves out minutes, `--large` adds thousands of grains to what is quasi-static.
 
-    `--engine`, `--spheres` and `--status` run only time steps of many grains, what is quasi-static, or contact status.
+    `--engine`, `--spheres`, `--status` and `--gouge` run only time steps of many grains, what is quasi-static, contact
+    status, or time steps of fault gouge.
     """
     rows, quick = [], "--quick" in sys.argv
-    chosen = {"--engine", "--spheres", "--status"} & set(sys.argv)
+    chosen = {"--engine", "--spheres", "--status", "--gouge"} & set(sys.argv)
     if not chosen or "--engine" in chosen:
         rows += engine.rows(full=not quick)
     if not chosen:
@@ -128,6 +129,8 @@ def main() -> None:
         rows += spheres.rows("--large" in sys.argv)
     if not chosen or "--status" in chosen:
         rows += contact_status.rows()
+    if "--gouge" in chosen or not (chosen or quick):
+        rows += gouge.rows()
     show(rows)
     path, today = Path("bench.json"), datetime.now(UTC).date().isoformat()
     measured, rows = {row["case"] for row in rows}, [row | {"date": today} for row in rows]

