@@ -170,7 +170,8 @@ def _write_series(path: Path, result: GougeResult) -> None:
 def show_result(result: GougeResult) -> None:
     """Steady friction, holds and warnings on the terminal."""
     scenario, first = result.scenario, result.realizations[0]
-    table = Table(title=f"{len(result.realizations)} realizations; ± is half a 95 % interval", **STYLE)
+    console.print(f"{len(result.realizations)} realizations; ± is half a 95 % interval.", highlight=False)
+    table = Table(**STYLE)
     for name in ("velocity [m/s]", "steady friction", "±"):
         table.add_column(name, justify="right", no_wrap=True)
     for velocity in measures.velocities(result):

@@ -42,8 +42,9 @@ def simulate_gouge(
     Raises
     ------
     RuntimeError
-        with one sentence, if every realization failed.
+        with one sentence, if the engine is not installed, or every realization failed.
     """
+    engine_of(scenario)
     seeds = range(scenario.seed, scenario.seed + scenario.realizations)
     alone = [scenario.model_copy(update={"realizations": 1, "seed": seed}) for seed in seeds]
     kept = [_kept(one, folder) for one in alone]
