@@ -17,7 +17,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from . import contact_status, engine, gouge, spheres
+from . import contact_status, engine, gouge, rate_state, spheres
 
 HERE = Path(__file__).parent
 ROUNDS, STEPS = 5, 400_000
@@ -69,6 +69,9 @@ def budgets(full: bool) -> list[dict]:
         rows.append(("reproduce quasi-rigid --quick, warm kernels", 120, timed(
             "reproduce", "quasi-rigid", "--quick", "--out", f"{folder}/q", **cold
         )))  # fmt: skip
+        rows.append(("reproduce gouge --quick, warm kernels", 240, timed(
+            "reproduce", "gouge", "--quick", "--out", f"{folder}/g", **cold
+        )))  # fmt: skip
         rows.append(("reproduce disk-array --quick, warm kernels", 60, timed(*quick, "--out", f"{folder}/b", **cold)))
         probe = str(HERE / "kernel_cache.py")
         child(probe, **cold)
@@ -115,11 +118,11 @@ def versions() -> dict:
 def main() -> None:
     """Run everything; `--quick` leaves out minutes, `--large` adds thousands of grains to what is quasi-static.
 
-    `--engine`, `--spheres`, `--status` and `--gouge` run only time steps of many grains, what is quasi-static, contact
-    status, or time steps of fault gouge.
+    `--engine`, `--spheres`, `--status`, `--gouge` and `--friction` run only time steps of many grains, what is
+    quasi-static, contact status, time steps of fault gouge, or the slider with rate-and-state friction.
     """
     rows, quick = [], "--quick" in sys.argv
-    chosen = {"--engine", "--spheres", "--status", "--gouge"} & set(sys.argv)
+    chosen = {"--engine", "--spheres", "--status", "--gouge", "--friction"} & set(sys.argv)
     if not chosen or "--engine" in chosen:
         rows += engine.rows(full=not quick)
     if not chosen:
@@ -131,6 +134,8 @@ def main() -> None:
         rows += contact_status.rows()
     if "--gouge" in chosen or not (chosen or quick):
         rows += gouge.rows()
+    if not chosen or "--friction" in chosen:
+        rows += rate_state.rows()
     show(rows)
     path, today = Path("bench.json"), datetime.now(UTC).date().isoformat()
     measured, rows = {row["case"] for row in rows}, [row | {"date": today} for row in rows]
