@@ -21,6 +21,9 @@ from .frame import AHEAD, RATE, SLIDE_BACK, VECTORS
 from .laws import DAMPING_N, DAMPING_T, MU, damping_factor, normal_force, parameters, tangential_stiffness
 from .state import OPEN, SLIDE, STICK
 
+# of what is compiled into its callers: it makes no arrays, and references to those that it takes out of tuples are not
+# counted, which would take half of a step with dashpots
+BARE = {"error_model": "numpy", "forceinline": True, "_nrt": False}
 LANES = 64
 TILE = 2048
 # modes of a block's contact besides OPEN, STICK and SLIDE: it sticks but was at Coulomb's limit since it closed; it
@@ -114,7 +117,7 @@ def anchored(contacts, position, angle, radius, shift, pair_out, roll_out):
     return rested
 
 
-@njit(fastmath=True, error_model="numpy", forceinline=True)
+@njit(fastmath=True, **BARE)
 def _gathered(dim, predict, flow, blocks, body, ahead, b, scratch):
     """What the contacts of block b see of their two bodies, plane by plane."""
     first = b * LANES
@@ -146,7 +149,7 @@ def _gathered(dim, predict, flow, blocks, body, ahead, b, scratch):
                 scratch[_X + k * LANES + l] += blocks.vector[at + k * LANES + l]
 
 
-@njit(fastmath=True, error_model="numpy", forceinline=True)
+@njit(fastmath=True, **BARE)
 def _flowed(dim, predict, blocks, flow, b, scratch):
     """What a deforming cell adds: the shift across the boundary, and L r to relative velocities.
 
@@ -174,7 +177,7 @@ def _flowed(dim, predict, blocks, flow, b, scratch):
                 scratch[_AHEAD + k * LANES + l] += ahead[k, 0] * x + ahead[k, 1] * y + ahead[k, 2] * z
 
 
-@njit(fastmath=True, error_model="numpy", forceinline=True)
+@njit(fastmath=True, **BARE)
 def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, scratch):
     """Forces and memory of one block, all lanes alike: what does not touch gets zeros. With `hold`, memory stays."""
     predict = viscous > 0 and not rate
@@ -257,7 +260,7 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
             scratch[128 + l] = scratch[192 + l] = scratch[256 + l] = 0.0
 
 
-@njit(fastmath=True, error_model="numpy", forceinline=True)
+@njit(fastmath=True, **BARE)
 def evaluated(kind, coulomb, dim, viscous, rate, first, last, blocks, body, ahead, p, dt, hold, flow, scratch):
     """Loads and memory of a stretch of blocks; compiled into its callers."""
     load, predict = blocks.load, viscous > 0 and not rate

@@ -12,7 +12,7 @@ import numba
 import numpy as np
 from numba import njit, prange
 
-from .blocks import LANES, SCRATCH, STUCK_AGAIN, evaluated
+from .blocks import BARE, LANES, SCRATCH, STUCK_AGAIN, evaluated
 from .forces import CLOSED, OPENED, REACHED_LIMIT, record_event
 from .frame import STRETCH, TURN, begun, course_at, finished
 from .plan import DONE, FULL, MOVED, pooled
@@ -58,7 +58,7 @@ def _sprung(pull, first, body, force):
                 force[first + s, k] += pull.stiffness[s, k] * (pull.anchor[s, k] + ahead - body[first + s, k])
 
 
-@njit(fastmath=False, error_model="numpy", forceinline=True)
+@njit(fastmath=False, **BARE)
 def _one(keep, slow, kick, half, go_on, v, f):
     """Velocity after the end of a step, and after half a kick of the next one, for a free component."""
     if half:
@@ -68,7 +68,7 @@ def _one(keep, slow, kick, half, go_on, v, f):
     return v
 
 
-@njit(fastmath=False, error_model="numpy", forceinline=True)
+@njit(fastmath=False, **BARE)
 def _carried(m, x, y, z):
     """A 3 × 3 matrix times a vector."""
     return (
@@ -78,20 +78,20 @@ def _carried(m, x, y, z):
     )
 
 
-@njit(fastmath=False, error_model="numpy", forceinline=True)
+@njit(fastmath=False, **BARE)
 def _turned(flow, free, g, vx, vy, vz):
     """Velocity of a grain relative to the cell's flow after half a step of it; what is not free is left alone."""
     x, y, z = _carried(flow.matrix[TURN], vx, vy, vz)
     return x if free[g, 0] else vx, y if free[g, 1] else vy, z if free[g, 2] else vz
 
 
-@njit(fastmath=False, error_model="numpy", forceinline=True)
+@njit(fastmath=False, **BARE)
 def _given(flow, when, free, g, k, value):
     """Rate of a component: its own if it is free, else what is imposed, in mean over the step (0) or at its end (1)."""
     return value if free[g, k] else flow.rate[g, k] * flow.factor[when, flow.follows[g, k]]
 
 
-@njit(fastmath=False, error_model="numpy", forceinline=True)
+@njit(fastmath=False, **BARE)
 def _drifted(flow, dt, x, y, z, vx, vy, vz):
     """Where a body is at the end of the step."""
     if flow is None:
@@ -101,7 +101,7 @@ def _drifted(flow, dt, x, y, z, vx, vy, vz):
     return x + half * vx, y + half * vy, z + half * vz
 
 
-@njit(fastmath=False, error_model="numpy", forceinline=True)
+@njit(fastmath=False, **BARE)
 def _moved(dim, predict, moving, pace, flow, g, half, go_on, fx, fy, fz, tx, ty, tz):
     """Half a kick with implicit drag ends a step; half a kick with explicit drag and the drift begin the next one.
 
@@ -175,7 +175,7 @@ def _moved(dim, predict, moving, pace, flow, g, half, go_on, fx, fy, fz, tx, ty,
     return square if square < _LOST else _LOST
 
 
-@njit(fastmath=False, error_model="numpy", forceinline=True)
+@njit(fastmath=False, **BARE)
 def _pressed(virial, load, code, first, last, g):
     """Σ f ⊗ r of the contacts in which a body is i."""
     for k in range(9):
@@ -187,7 +187,7 @@ def _pressed(virial, load, code, first, last, g):
                 virial[g, 3 * k + m] += load[c, k] * load[c, 6 + m]
 
 
-@njit(fastmath=False, error_model="numpy", forceinline=True)
+@njit(fastmath=False, **BARE)
 def _pulled(dim, flow, moving, blocks, g):
     """External loads plus those of all contacts of a body, in the order of its partners."""
     external, tx, ty, tz = moving.external, 0.0, 0.0, 0.0
@@ -217,7 +217,7 @@ def _pulled(dim, flow, moving, blocks, g):
     return fx, fy, fz, tx, ty, tz
 
 
-@njit(fastmath=False, error_model="numpy", forceinline=True)
+@njit(fastmath=False, **BARE)
 def _ended(dim, predict, first, last, moving, blocks, pace, flow, fresh, go_on):
     """End the step of a tile's grains and go on with the next, or keep the forces."""
     far, force = 0.0, moving.force
@@ -231,7 +231,7 @@ def _ended(dim, predict, first, last, moving, blocks, pace, flow, fresh, go_on):
     return far
 
 
-@njit(fastmath=False, error_model="numpy", forceinline=True)
+@njit(fastmath=False, **BARE)
 def _last_ended(dim, predict, moving, blocks, pace, flow, pull, fresh, go_on):
     """The same for the last tile: walls, what springs pull, and rigid groups, whose members get the force on all."""
     first, last, force = moving.tile[-1], len(moving.body), moving.force
@@ -251,7 +251,7 @@ def _last_ended(dim, predict, moving, blocks, pace, flow, pull, fresh, go_on):
     return far
 
 
-@njit(fastmath=False, error_model="numpy", forceinline=True)
+@njit(fastmath=False, **BARE)
 def _begun(dim, predict, first, last, moving, pace, flow):
     """Begin the step of a tile's grains with the forces kept."""
     far, force = 0.0, moving.force
