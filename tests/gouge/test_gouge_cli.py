@@ -49,6 +49,8 @@ def test_a_run_leaves_figures_series_and_numbers(tmp_path):
     tests = found["realizations"]["0000"]["tests"]
     assert [tests[k]["kind"] for k in sorted(tests)][:3] == ["steady", "slide", "twin"]
     assert np.isfinite(found["realizations"]["0000"]["ledger"]["defect"]).all()
+    fitted = stickslip("fit", out / "steps_0000.csv", "--law", "slip", "--stiffness", "1433")
+    assert fitted.returncode == 0, fitted.stderr
     again = stickslip("run", file, "--out", out)
     assert "1 realizations were finished before and not run again" in " ".join(again.stdout.split())
 

@@ -7,6 +7,7 @@ from rich.table import Table
 
 from ..figures import gouge as figures
 from ..figures.style import save as save_figure
+from ..friction.laboratory import Record, write_csv
 from ..friction.loads import Leg
 from ..friction.ratestate import RateState, Spring, slide
 from ..loading import gouge_measures as measures
@@ -50,6 +51,7 @@ def _write(folder: Path, result: GougeResult, claims) -> list[Path]:
     with complete(folder) as room:
         save(room, result.scenario, numbers(result))
         _write_series(room / SERIES, result)
+        _write_steps(room, result)
         for name, figure in _figures(result):
             save_figure(figure, room / name)
         if claims is not None:
@@ -165,6 +167,19 @@ def _write_series(path: Path, result: GougeResult) -> None:
             table = np.stack([getattr(test.series, name) for name in names], axis=1)
             lines += [head + ",".join(f"{x:.7g}" for x in row) for row in table]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _write_steps(room: Path, result: GougeResult) -> None:
+    """The velocity steps of every realization as a laboratory's record, which `stickslip fit` reads."""
+    k = stiffness(result.scenario) / result.scenario.load.normal_stress
+    for one, data in zip(result.realizations, measures.step_records(result), strict=False):
+        ends = np.cumsum([0.0, *(leg.duration for leg in data.legs)])
+        place = np.interp(data.time, ends, np.cumsum([0.0, *(leg.duration * leg.velocity for leg in data.legs)]))
+        words = (
+            f"velocity steps of fault gouge, realization {one.seed}; the spring's stiffness over the normal stress is "
+            f"{k:.6g} 1/m; sliding was steady at {data.legs[0].velocity:g} m/s before"
+        )
+        write_csv(room / f"steps_{one.seed:04d}.csv", Record(data.time, data.friction, place), (words,))
 
 
 def show_result(result: GougeResult) -> None:
