@@ -74,9 +74,10 @@ def _figures(result: GougeResult):
             "fig3_holds.png",
             figures.holds(curves, [predicted(result, v, c.x) for v, c in zip(before, curves, strict=True)]),
         )
-        yield "fig4_reslides.png", _reslides(result, before[0])
-        if len(_same_velocity(result, before[0])) > 1:
-            yield "fig5_healing.png", _healing(result, before[0])
+        yield "fig4_reslides.png", _reslides(result, max(before, key=lambda v: len(after_longest(result, v)[0])))
+        most = max(before, key=lambda v: len(_same_velocity(result, v)))
+        if len(_same_velocity(result, most)) > 1:
+            yield "fig5_healing.png", _healing(result, most)
     yield "fig6_sample.png", figures.sample(result.realizations[0], result.scenario)
 
 
