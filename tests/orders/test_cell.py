@@ -183,7 +183,7 @@ def test_wrong_arguments_of_control_are_refused():
         ss.stress_controlled(control, {"yq": 1.0})
     with pytest.raises(ValueError, match=r"shape \(3,\)"):
         ss.deformed(control, [1, 2, 3])
-    with pytest.raises(ValueError, match="3 times and 2 factors"):
+    with pytest.raises(ValueError, match="3 times and 2 values"):
         ss.following(control, [0], [0, 1, 2], [1, 1])
     with pytest.raises(ValueError, match="'box' was given"):
         ss.following(control, "box", [0, 1], [1, 1])
