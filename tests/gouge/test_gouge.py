@@ -8,7 +8,14 @@ from stickslip.data.gouge_scenario import GougeScenario
 from stickslip.loading import gouge_measures as measures
 from stickslip.loading.gouge import BOTTOM, TOP, plate_number, settled, sprung
 from stickslip.loading.gouge_ensemble import MEMBERS, GougeResult, simulate_gouge
-from stickslip.loading.gouge_numbers import Range, normalised_hold, normalised_stiffness, range_of, stiffness
+from stickslip.loading.gouge_numbers import (
+    Range,
+    inertial_numbers,
+    normalised_hold,
+    normalised_stiffness,
+    range_of,
+    stiffness,
+)
 from stickslip.loading.gouge_run import Realization, Series, Test
 
 SLIDE = [{"kind": "slide", "velocity": 0.3, "slip": 1.0}]
@@ -97,6 +104,13 @@ def test_every_definition_of_hold_time_is_its_formula():
     assert found["load_point"] == pytest.approx(0.1 * 0.02 / 5.3e-3)
     assert found["frozen"] == pytest.approx(7e9 / 5e6 * 0.02 * 0.1 / 0.0247)
     assert found["inertial"] == pytest.approx(0.1 / (3e-3 * np.sqrt(2500 / 5e6)))
+
+
+def test_every_definition_of_the_inertial_number_is_its_formula():
+    chosen = ss.scenario(experiment="gouge", protocol=SLIDE)
+    found, root = inertial_numbers(chosen, 0.1, 0.03), np.sqrt(2500 / 5e6)
+    told = {"mean_grain": 0.1 / 0.03 * 3e-3 * root, "largest_grain": 0.1 / 0.03 * 4e-3 * root, "slip": 0.1 * root}
+    assert found == pytest.approx(told)
 
 
 def test_what_leaves_the_quasi_static_range_is_said():

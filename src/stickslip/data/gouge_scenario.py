@@ -14,7 +14,7 @@ Share = Annotated[float, Field(gt=0, lt=1)]
 Number = Annotated[int, Field(ge=1)]
 Velocities = Annotated[tuple[NotNegative, ...], Listed, Field(min_length=1)]
 Many = Annotated[tuple[Positive, ...], Listed, Field(min_length=1)]
-FASTEST = 4e6  # grain-steps a second and process, for the estimate before the start
+FASTEST = 1e7  # grain-steps a second and process, for the estimate before the start
 
 
 class GougeGrains(Part):

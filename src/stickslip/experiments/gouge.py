@@ -21,7 +21,7 @@ from .claims import PARTLY, Claim, claim
 from .gouge_report import after_longest, foretell, healed, predicted
 
 CUTS = (
-    "2 realizations of 340 grains instead of 8 of 500, in a shorter cell; one hold at 0.3 m/s instead of three; "
+    "4 realizations of 340 grains instead of 16 of 500, in a shorter cell; one hold at 0.3 m/s instead of three; "
     "holds up to 10 ms instead of 50 ms; velocities from 0.1 instead of 0.03 m/s; less slip before it all"
 )
 FAST, MIDDLE, SLOW = 0.3, 0.1, 0.03  # velocities [m/s]
@@ -44,7 +44,7 @@ class Reproduction(NamedTuple):
 
 def paper_scenario(*, quick: bool = False, seed: int = 0) -> GougeScenario:
     """Steady sliding, velocity steps down and up, and slides after holds, at the reduced scale."""
-    number, length, runs = (340, 0.024, 2) if quick else (500, 0.03, 8)
+    number, length, runs = (340, 0.024, 4) if quick else (500, 0.03, 16)
     velocities = (FAST, MIDDLE, FAST) if quick else (FAST, SLOW, FAST, SLOW, FAST)
     cycle = {
         "kind": "slide-hold-slide", "before": (FAST,), "holds": (1e-3, 1e-2) if quick else (1e-3, 1e-2, 5e-2),

@@ -12,7 +12,7 @@ from ..friction.loads import Leg
 from ..friction.ratestate import RateState, Spring, slide
 from ..loading import gouge_measures as measures
 from ..loading.gouge_ensemble import GougeResult, simulate_gouge
-from ..loading.gouge_numbers import normalised_hold, normalised_stiffness, stiffness
+from ..loading.gouge_numbers import inertial_numbers, normalised_hold, normalised_stiffness, stiffness
 from . import claims as claims_table
 from .report import CLAIMS, SERIES, STYLE, complete, console, files_of, plain, save
 
@@ -132,11 +132,20 @@ def _healing(result: GougeResult, before: float):
 
 def numbers(result: GougeResult) -> dict:
     """What the archive holds besides scenario and version."""
-    scenario = result.scenario
+    scenario, first = result.scenario, result.realizations[0]
+    thickness = first.range.thickness * scenario.grains.mean
     return {
         "scenario": scenario.text,
-        "units": "SI",
+        "units": "SI; names of groups are velocities before, and hold times",
         "stiffness": normalised_stiffness(scenario),
+        "hold": {
+            f"{hold:g} after {before:g}": normalised_hold(scenario, hold, before)
+            for before, hold, _ in measures.reslides(result)
+        },
+        "inertial_number": {
+            f"{velocity:g}": inertial_numbers(scenario, velocity, thickness)
+            for velocity in measures.velocities(result)
+        },
         "realizations": {
             f"{one.seed:04d}": {
                 "range": one.range._asdict(),

@@ -62,6 +62,20 @@ def normalised_hold(scenario: GougeScenario, hold: float, velocity: float) -> di
     }
 
 
+def inertial_numbers(scenario: GougeScenario, velocity: float, thickness: float) -> dict[str, float]:
+    """Inertial number at a velocity V of the plate and a thickness H [m] in terms of every definition.
+
+    mean_grain: (V/H) D √(ρ/σ) with the mean diameter, which warnings go by; largest_grain: with the largest one;
+    slip: V √(ρ/σ), for shear that is localised in one layer of grains.
+    """
+    grains, stress = scenario.grains, scenario.load.normal_stress
+    sizes = {"mean_grain": grains.mean, "largest_grain": grains.diameter[1], "slip": thickness}
+    return {
+        name: inertial_number(velocity / thickness, stress, diameter=size, density=grains.density)
+        for name, size in sizes.items()
+    }
+
+
 class Range(NamedTuple):
     """How quasi-static and how hard a sample is, and how far its plates are apart."""
 
@@ -99,7 +113,7 @@ def range_of(scenario: GougeScenario, velocity: float, thickness: float, overlap
     """The range of a sample: its thickness [m], mean overlap over D, and largest stable time step [s]."""
     grains, law, stress = scenario.grains, scenario.law, scenario.load.normal_stress
     return Range(
-        inertial_number(velocity / thickness, stress, diameter=grains.mean, density=grains.density),
+        inertial_numbers(scenario, velocity, thickness)["mean_grain"],
         (law.young / ((1 - law.poisson**2) * stress)) ** (2 / 3),
         overlap, thickness / grains.mean, scenario.cell.length / grains.mean, scenario.dt / stable,
     )  # fmt: skip
