@@ -19,6 +19,8 @@ from stickslip.loading.gouge_numbers import (
 from stickslip.loading.gouge_run import Realization, Series, Test
 
 SLIDE = [{"kind": "slide", "velocity": 0.3, "slip": 1.0}]
+STEPS = {"kind": "velocity-steps", "velocities": [0.3, 0.1], "slip": 1.0}
+HOLDS = {"kind": "slide-hold-slide", "before": [0.3], "holds": [1e-2]}
 Test.__test__ = False  # not a test of pytest's
 
 
@@ -58,7 +60,16 @@ def ran(tmp_path_factory):
         ({"protocol": [{"kind": "slide", "velocity": 0.0, "slip": 1.0}]}, "never reaches a slip"),
         ({"protocol": [{"kind": "slide", "velocity": 0.1, "time": 1.0, "steady": True}]}, "needs slip"),
         ({"protocol": []}, "at least 1 item"),
-        ({"protocol": [{"kind": "slip"}]}, "slide-hold-slide"),
+        ({"protocol": [{"kind": "slip"}]}, "protocol \\(entry 1\\) has kind = 'slip': use 'slide', 'velocity-steps'"),
+        (
+            {"protocol": [*SLIDE, {"kind": "velocity-steps", "slip": 1.0}]},
+            "protocol.velocities \\(entry 2\\) is missing",
+        ),
+        ({"protocol": [{**STEPS, "twinn": 1.0}]}, "has no key 'twinn': did you mean 'twin'"),
+        ({"protocol": [{"kind": "slide", "velocity": 0.3, "slip": 1e-3}]}, "fewer than 8 samples of 5e-05 s"),
+        ({"protocol": [{**HOLDS, "holds": [1e-3, 1.01e-3]}]}, "must be different by a sample"),
+        ({"protocol": [{"kind": "slide", "velocity": 0.1, "slip": 1.0, "steady": True}]}, "two windows, 4, at least"),
+        ({"protocol": SLIDE, "preparation": {"longest": 3.0}}, "give at least slip and two windows, 8"),
         ({"protocol": SLIDE, "cell": {"length": 0.01}}, "touch their own images"),
         ({"protocol": SLIDE, "grains": {"diameter": [4e-3, 2e-3]}}, "smallest first"),
         ({"protocol": SLIDE, "load": {"definition": "newton"}}, "per_area"),
@@ -119,8 +130,8 @@ def test_what_leaves_the_quasi_static_range_is_said():
     assert good.warnings == []
     assert good.inertial_number == pytest.approx(0.1 / 0.03 * 3e-3 * np.sqrt(2500 / 5e6))
     assert good.stiffness == pytest.approx((50e9 / (0.91 * 5e6)) ** (2 / 3))
-    bad = Range(2e-3, 50.0, 0.03, 5.0, 5.0, 0.1).warnings
-    assert len(bad) == 4
+    bad = Range(2e-3, 50.0, 0.03, 5.0, 5.0, 0.8).warnings
+    assert len(bad) == 5
     assert "inertial number reaches 2.0e-03" in bad[0]
 
 
@@ -307,7 +318,13 @@ def test_healing_and_compaction_of_a_made_up_sample():
     assert measures.mean_friction(result, 0.3).value == pytest.approx(0.4 + 0.01 / 3)
     plain = measures.reslide_curve(result, 0.3, 1e-2, 0.3)
     assert plain.mean == pytest.approx(b * np.log(100), abs=1e-9)
-    assert plain.band[0] == pytest.approx(2 * np.std([0, 0.03, -0.02], ddof=1))
+    assert plain.band == pytest.approx(0, abs=1e-9)
+
+
+def test_bands_are_two_standard_deviations():
+    curve = measures.Curve(np.zeros(2), np.array([[0.0, 1], [0.03, 1], [-0.02, 1]]), "")
+    assert curve.band == pytest.approx([2 * np.std([0, 0.03, -0.02], ddof=1), 0])
+    assert curve.error == pytest.approx(curve.band / 2 / np.sqrt(3))
 
 
 def test_one_realization_has_no_error():
@@ -315,3 +332,66 @@ def test_one_realization_has_no_error():
     assert np.isnan(measures.just_after(curve).error)
     assert np.isnan(curve.error).all()
     assert measures.slope([0.0, 1.0], [measures.just_after(curve)] * 2).value == 0
+    with pytest.raises(ValueError, match="two different x"):
+        measures.slope([1.0], [measures.just_after(curve)])
+
+
+def test_a_twin_that_goes_further_than_its_step_is_cut():
+    tests = [
+        made("slide", 0.3, 0.3, 0.0, np.full(50, 0.4)), made("twin", 0.3, 0.3, 0.0, np.linspace(0.4, 0.5, 200)),
+        made("step", 0.3, 0.3, 0.0, np.linspace(0.4, 0.5, 200)[:50]),
+    ]  # fmt: skip
+    curve = measures.step_curve(of_tests(tests), 0.3, 0.3, twin=True)
+    assert np.abs(curve.mean).max() < 1e-12
+
+
+def test_the_first_samples_are_seen_however_long_the_slip_is():
+    """20 diameters: the window after the step still holds many points."""
+    count = 10_000
+    tests = [
+        made("slide", 0.3, 0.3, 0.0, np.full(50, 0.4)), made("twin", 0.3, 0.3, 0.0, np.zeros(count)),
+        made("step", 0.3, 0.6, 0.0, np.arange(count) % 2),
+    ]  # fmt: skip
+    found = measures.just_after(measures.step_curve(of_tests(tests), 0.3, 0.6, twin=True))
+    assert found.value == pytest.approx(0.5, abs=0.15)
+
+
+def test_of_several_holds_the_longest_count():
+    tests = [
+        made("slide", 0.3, 0.3, 0.0, np.full(50, 0.4)), made("hold", 0.3, 0.0, 0.0, np.full(1000, 0.3)),
+        made("slide", 0.0, 0.3, 0.0, np.full(50, 0.4)), made("hold", 0.3, 0.0, 0.0, np.full(100, 0.0)),
+    ]  # fmt: skip
+    curve = measures.hold_curve(of_tests(tests), 0.3)
+    assert curve.x[-1] == pytest.approx(1000 * 2e-5)
+    assert curve.mean == pytest.approx(-0.1)
+
+
+def test_records_of_steps_know_what_was_before():
+    """Each slide with steps is a record of its own; after a hold the first half of its first leg is left out."""
+    ones = [
+        made("steady", 0.0, 0.3, 0.0, np.full(50, 0.4)), made("slide", 0.3, 0.1, 0.0, np.full(80, 0.4)),
+        made("step", 0.1, 0.3, 0.0, np.full(40, 0.4)), made("slide", 0.3, 0.0, 0.0, np.full(30, 0.4)),
+        made("slide", 0.0, 0.1, 0.0, np.full(80, 0.4)), made("twin", 0.1, 0.1, 0.0, np.full(30, 0.4)),
+        made("step", 0.1, 0.3, 0.0, np.full(40, 0.4)), made("step", 0.3, 0.1, 0.0, np.full(40, 0.4)),
+    ]  # fmt: skip
+    first, second = measures.step_records(of_tests(ones))
+    assert (first.part, second.part) == (0, 1)
+    assert first.data.before == 0.3
+    assert second.data.before is None
+    assert [leg.velocity for leg in first.data.legs] == [0.1, 0.3]
+    assert [round(leg.duration / 2e-5) for leg in second.data.legs] == [40, 40, 40]
+    few = measures.step_records(of_tests(ones), samples=20)[0].data
+    assert len(few.time) == 20
+    assert few.time[-1] < sum(leg.duration for leg in few.legs)
+
+
+def test_a_level_that_samples_keep_is_no_error_of_what_follows_a_hold():
+    """Each sample's friction after a hold is measured from its own steady friction."""
+    tests = []
+    for level in (0.30, 0.35, 0.40, 0.45):
+        tests.append([
+            made("slide", 0.3, 0.3, 0.0, np.full(50, level)), made("reslide", 0.3, 0.3, 1e-3, np.full(50, level + 0.01))
+        ])  # fmt: skip
+    found = measures.peak(measures.reslide_curve(of_tests(*tests), 0.3, 1e-3, 0.3))
+    assert found.value == pytest.approx(0.01)
+    assert found.half < 1e-9

@@ -26,7 +26,7 @@ def ran():
     for part in protocol:
         part |= {"slip": 0.2, "twin": 0.1}
         if "holds" in part:
-            part |= {"holds": tuple(t / 50 for t in part["holds"]), "approach": 0.1}
+            part |= {"holds": tuple(t / 10 for t in part["holds"]), "approach": 0.1}
     reduced = scenario(**tiny | {"protocol": protocol, "realizations": 2})
     return simulate_gouge(reduced, workers=2), simulate_gouge(paper.damped_scenario(reduced), workers=2)
 
@@ -49,7 +49,7 @@ def test_a_run_leaves_figures_series_and_numbers(tmp_path):
     tests = found["realizations"]["0000"]["tests"]
     assert [tests[k]["kind"] for k in sorted(tests)][:3] == ["steady", "slide", "twin"]
     assert np.isfinite(found["realizations"]["0000"]["ledger"]["defect"]).all()
-    fitted = stickslip("fit", out / "steps_0000.csv", "--law", "slip", "--stiffness", "1433")
+    fitted = stickslip("fit", out / "steps_0000_0.csv", "--law", "slip", "--stiffness", "1433")
     assert fitted.returncode == 0, fitted.stderr
     again = stickslip("run", file, "--out", out)
     assert "1 realizations were finished before and not run again" in " ".join(again.stdout.split())

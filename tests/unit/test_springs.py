@@ -61,6 +61,13 @@ def test_a_new_course_replaces_the_old_one():
     assert ss.spring_forces(control, np.zeros((1, 3)), 5.0)[0, 0] == pytest.approx(2 * 1.5)
 
 
+def test_a_course_that_others_follow_stays_theirs():
+    state = ss.assembly(ss.spheres([[0, 0, 0], [5, 0, 0]], 0.5))
+    both = ss.pulled(state.control, [0, 1], state.grains.position, 2.0, times=[0, 10], displacement=[0, 1])
+    one = ss.pulled(both, [0], state.grains.position[:1], 1.0, times=[0, 10], displacement=[0, 4])
+    assert ss.spring_forces(one, state.grains.position, 5.0)[:, 0] == pytest.approx([2.0, 0.5])
+
+
 def test_the_record_tells_what_pulls_a_group():
     """Force of contacts, of the spring and of the load give the group's acceleration."""
     state = plate()

@@ -185,6 +185,9 @@ def pulled(
     if not (np.isfinite(stiffness) and stiffness > 0):
         raise ValueError(f"a spring of stiffness {stiffness:g} was given: it must be positive")
     column = control.leads[bodies[0], axis]
+    others = control.leads == column
+    others[bodies, axis] = False
+    column = -1 if others.any() else column  # a course that others follow, too, stays theirs
     control = control if column >= 0 else control._replace(course=_with_column(control.course))
     column = column if column >= 0 else control.course.shape[1] - 1
     knots, course = _joined(control, times, displacement, column)

@@ -4,6 +4,7 @@ x is the direction of shear, y that of the normal stress, z across; the cell is 
 states is marked so; the rest was chosen, and each choice is an entry of its own.
 """
 
+from itertools import pairwise
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
@@ -12,8 +13,8 @@ from .parts import Listed, NotNegative, Part, Positive, Whole
 
 Share = Annotated[float, Field(gt=0, lt=1)]
 Number = Annotated[int, Field(ge=1)]
-Velocities = Annotated[tuple[NotNegative, ...], Listed, Field(min_length=1)]
 Many = Annotated[tuple[Positive, ...], Listed, Field(min_length=1)]
+LEAST = 8  # samples of a leg, from which a mean with an error can be taken
 FASTEST = 1e7  # grain-steps a second and process, for the estimate before the start
 
 
@@ -211,6 +212,54 @@ class GougeScenario(Whole):
                 f"(law.young)"
             )
         return self
+
+    @model_validator(mode="after")
+    def _sampled(self):
+        size, chosen = self.grains.mean, self.preparation
+        least = max(chosen.slip, 2 * chosen.window)
+        if chosen.longest < least:
+            raise ValueError(
+                f"preparation.longest = {chosen.longest:g} was given: give at least slip and two windows, {least:g}"
+            )
+        legs = {"preparation.window": chosen.window * size / chosen.velocity}
+        for number, part in enumerate(self.protocol, start=1):
+            name = f"protocol entry {number}"
+            if part.kind == "slide":
+                legs[name] = part.time if part.time is not None else part.slip * size / part.velocity
+                if part.steady and part.slip < 2 * chosen.window:
+                    raise ValueError(
+                        f"slip = {part.slip:g} was given in {name}: steadiness takes two windows, "
+                        f"{2 * chosen.window:g}, at least"
+                    )
+                if part.steady:
+                    legs[f"{name}, its window"] = chosen.window * size / part.velocity
+            elif part.kind == "velocity-steps":
+                slips = [s for s in (part.slip, part.twin) if s]
+                legs[name] = min(slips) * size / max(part.velocities)
+            else:
+                slips = [s for s in (part.approach, part.slip, part.twin) if s]
+                legs[name] = min(slips) * size / max((*part.before, *(part.after or ())))
+                self._check_holds(name, part.holds)
+        for name, seconds in legs.items():
+            if seconds < LEAST * self.interval * (1 - 1e-9):
+                raise ValueError(
+                    f"the shortest leg of {name} takes {seconds:.2g} s, fewer than {LEAST} samples of "
+                    f"{self.interval:.2g} s: lower sample_every, or slide further"
+                )
+        return self
+
+    def _check_holds(self, name: str, holds) -> None:
+        marks = [round(hold / self.interval) for hold in sorted(holds)]
+        if marks[0] < 2 or marks[-1] < LEAST or any(b <= a for a, b in pairwise(marks)):
+            raise ValueError(
+                f"holds = {list(holds)} were given in {name}: they must be different by a sample of "
+                f"{self.interval:.2g} s, the shortest two samples and the longest {LEAST}: lower sample_every"
+            )
+
+    @property
+    def interval(self) -> float:
+        """Time between samples [s]."""
+        return self.sample_every * self.dt
 
     @property
     def longest_step(self) -> float:

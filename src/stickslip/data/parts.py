@@ -49,6 +49,10 @@ def sentence(problem: ValidationError, kind: type[BaseModel]) -> str:
     message = message[0].lower() + message[1:]
     if first["type"] == "value_error":
         return message
+    if first["type"].startswith("union_tag"):
+        given = f"has kind = {first['ctx']['tag']!r}" if "tag" in first["ctx"] else "has no kind"
+        kinds = [table.model_fields["kind"].default for table in _tables(kind.model_fields[keys[-1]].annotation)]
+        return f"{'.'.join(keys)}{entry} {given}: use {', '.join(map(repr, kinds))}"
     if first["type"] == "missing":
         return f"{'.'.join(keys)}{entry} is missing: give it"
     got = repr(first["input"])
@@ -58,21 +62,27 @@ def sentence(problem: ValidationError, kind: type[BaseModel]) -> str:
 
 def _walked(where, table: type[BaseModel]):
     """The keys of a location without pydantic's words for branches of a union, the last table, and which entry."""
-    keys, entry = [], ""
+    keys, entry, branches = [], "", []
     for part in where:
         if isinstance(part, int):
-            entry = f" (entry {part + 1})"
+            entry = entry or f" (entry {part + 1})"
         elif part in table.model_fields:
             keys.append(part)
-            table = _table(table.model_fields[part].annotation) or table
+            branches = _tables(table.model_fields[part].annotation)
+            table = branches[0] if branches else table
+        else:
+            kinds = {
+                branch.model_fields["kind"].default: branch for branch in branches if "kind" in branch.model_fields
+            }
+            table = kinds.get(part, table)
     return keys, table, entry
 
 
-def _table(annotation) -> type[BaseModel] | None:
-    """The class of the tables that an annotation holds, in a tuple, a dictionary or a union."""
+def _tables(annotation) -> list[type[BaseModel]]:
+    """The classes of the tables that an annotation holds, in a tuple, a dictionary or a union."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return annotation
-    return next((found for found in map(_table, get_args(annotation)) if found), None)
+        return [annotation]
+    return [found for inner in get_args(annotation) for found in _tables(inner)]
 
 
 def _unknown_key(where, kind: type[BaseModel]) -> str:

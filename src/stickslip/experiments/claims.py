@@ -1,6 +1,7 @@
 """What a paper states, what the package measured, and an honest verdict."""
 
 import json
+import math
 from pathlib import Path
 from typing import NamedTuple
 
@@ -38,6 +39,11 @@ def claim(
     'reproduced'
     """
     verdict = _verdict(paper, measured, tolerance)
+    if math.isnan(error):
+        verdict = PARTLY if verdict == REPRODUCED else verdict
+        return Claim(
+            id, source, paper, measured, unit, tolerance, verdict, f"{note}; its error is not known: one realization"
+        )
     if measured is not None and error > 0 and error > tolerance * abs(paper):
         verdict = PARTLY if abs(measured - paper) <= 2 * error else NOT_REPRODUCED
         note = f"{note}; its error exceeds the tolerance: too few realizations to decide"

@@ -143,7 +143,7 @@ def _steps(main: GougeResult) -> list[Claim]:
     down = measures.average([n for (v, w), n in effects.items() if w < v])
     up = measures.average([n for (v, w), n in effects.items() if w > v])
     words = f"per e-fold of velocity, {EARLY}: down {_told(down)}, up {_told(up)}"
-    apart = measures.Number(up.value - down.value, float(np.hypot(up.error, down.error)), up.realizations)
+    apart = measures.combined([up, down], lambda pair: pair[0] - pair[1])
     both = measures.average([down, up])
     alike = None if not abs(both.value) > apart.half else bool(abs(apart.value) <= apart.half)
     return [
@@ -160,7 +160,7 @@ def _steps(main: GougeResult) -> list[Claim]:
 
 def _fitted(main: GougeResult) -> Claim:
     """Rate-and-state fits to the velocity steps of all realizations at once, as a laboratory would do them."""
-    records = measures.step_records(main, samples=200)
+    records = [steps.data for steps in measures.step_records(main, samples=200)]
     known = {"stiffness": stiffness(main.scenario) / main.scenario.load.normal_stress}
     slip, aging = (fit(records, law=law, fixed=known) for law in ("slip", "aging"))
     value, low, high = slip.difference
@@ -253,7 +253,7 @@ def _restitution(main: GougeResult, damped: GougeResult) -> Claim:
     alike = all(abs(a.value - b.value) <= halves[name] for name, (a, b) in pairs.items())
     words = "; ".join(f"{name} {_told(a)} and {_told(b)}" for name, (a, b) in pairs.items())
     return _yes(
-        "restitution-insensitivity", "supplement, text", None if halves["steady friction"] > TELLING else alike,
+        "restitution-insensitivity", "supplement, text", alike if halves["steady friction"] <= TELLING else None,
         f"restitution 0.98 and 0.3, alike within their 95 % intervals: {words}; hold of {hold:g} s; {_scale(main)}",
     )  # fmt: skip
 

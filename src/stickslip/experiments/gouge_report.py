@@ -16,6 +16,7 @@ from ..loading.gouge_numbers import inertial_numbers, normalised_hold, normalise
 from . import claims as claims_table
 from .report import CLAIMS, SERIES, STYLE, complete, console, files_of, plain, save
 
+STEPS = "steps_{:04d}_{}.csv"  # realization, part of the protocol
 COLLAPSE = 5.0  # C of paper 003, Fig S2b
 
 
@@ -63,10 +64,12 @@ def _figures(result: GougeResult):
     """(file, figure) of everything that the protocol has measured."""
     size = result.scenario.grains.mean
     yield "fig1_steady_sliding.png", figures.steady_sliding(result.realizations, size)
-    curves = [c for pair in measures.steps(result) if (c := measures.step_curve(result, *pair, twin=True))]
-    curves = curves or [measures.step_curve(result, *pair, twin=False) for pair in measures.steps(result)]
-    if curves:
-        yield "fig2_velocity_steps.png", figures.velocity_steps(curves)
+    steps = measures.steps(result)
+    if steps:
+        paired = [measures.step_curve(result, *pair, twin=True) for pair in steps]
+        plain_ones = [measures.step_curve(result, *pair, twin=False) for pair in steps]
+        twins = all(curve is not None for curve in paired)
+        yield "fig2_velocity_steps.png", figures.velocity_steps(paired if twins else plain_ones, twins=twins)
     before = measures.holds(result)
     if before:
         curves = [measures.hold_curve(result, v) for v in before]
@@ -75,8 +78,8 @@ def _figures(result: GougeResult):
             figures.holds(curves, [predicted(result, v, c.x) for v, c in zip(before, curves, strict=True)]),
         )
         yield "fig4_reslides.png", _reslides(result, max(before, key=lambda v: len(after_longest(result, v)[0])))
-        most = max(before, key=lambda v: len(_same_velocity(result, v)))
-        if len(_same_velocity(result, most)) > 1:
+        most = max(before, key=lambda v: len(_same_velocity(result, v)[0]))
+        if len(_same_velocity(result, most)[0]) > 1:
             yield "fig5_healing.png", _healing(result, most)
     yield "fig6_sample.png", figures.sample(result.realizations[0], result.scenario)
 
@@ -108,18 +111,16 @@ def _reslides(result: GougeResult, before: float):
     return figures.reslides(curves, ratios, peaks, fitted, COLLAPSE)
 
 
-def _same_velocity(result: GougeResult, before: float) -> list[float]:
-    """Hold times after which a slide goes on at one velocity: the velocity before if there is one, else the slowest."""
+def _same_velocity(result: GougeResult, before: float) -> tuple[list[float], float]:
+    """Hold times after which slides go on at one velocity, and that: the one before, else the slowest."""
     found = [(h, w) for v, h, w in measures.reslides(result) if v == before]
     chosen = before if any(w == before for _, w in found) else min(w for _, w in found)
-    return sorted(h for h, w in found if w == chosen)
+    return sorted(h for h, w in found if w == chosen), chosen
 
 
 def healed(result: GougeResult, before: float):
     """Hold times, peaks after them at one velocity, and their slope against the logarithm of the time."""
-    times = _same_velocity(result, before)
-    found = [w for v, h, w in measures.reslides(result) if v == before and h == times[0]]
-    after = before if before in found else min(found)
+    times, after = _same_velocity(result, before)
     peaks = [measures.peak(measures.reslide_curve(result, before, h, after)) for h in times]
     return times, peaks, measures.slope(np.log(times), peaks)
 
@@ -143,8 +144,7 @@ def numbers(result: GougeResult) -> dict:
             for before, hold, _ in measures.reslides(result)
         },
         "inertial_number": {
-            f"{velocity:g}": inertial_numbers(scenario, velocity, thickness)
-            for velocity in measures.velocities(result)
+            f"{velocity:g}": inertial_numbers(scenario, velocity, thickness) for velocity in measures.velocities(result)
         },
         "realizations": {
             f"{one.seed:04d}": {
@@ -182,14 +182,16 @@ def _write_series(path: Path, result: GougeResult) -> None:
 def _write_steps(room: Path, result: GougeResult) -> None:
     """The velocity steps of every realization as a laboratory's record, which `stickslip fit` reads."""
     k = stiffness(result.scenario) / result.scenario.load.normal_stress
-    for one, data in zip(result.realizations, measures.step_records(result), strict=False):
+    for seed, part, data in measures.step_records(result):
         ends = np.cumsum([0.0, *(leg.duration for leg in data.legs)])
         place = np.interp(data.time, ends, np.cumsum([0.0, *(leg.duration * leg.velocity for leg in data.legs)]))
         words = (
-            f"velocity steps of fault gouge, realization {one.seed}; the spring's stiffness over the normal stress is "
-            f"{k:.6g} 1/m; sliding was steady at {data.legs[0].velocity:g} m/s before"
+            f"velocity steps of fault gouge, realization {seed}; the spring's stiffness over the normal stress is "
+            f"{k:.6g} 1/m, the velocity before {data.before or data.legs[0].velocity:g} m/s",
+            f"stickslip fit {STEPS.format(seed, part)} --stiffness {k:.6g} "
+            f"--before {data.before or data.legs[0].velocity:g}",
         )
-        write_csv(room / f"steps_{one.seed:04d}.csv", Record(data.time, data.friction, place), (words,))
+        write_csv(room / STEPS.format(seed, part), Record(data.time, data.friction, place), words)
 
 
 def show_result(result: GougeResult) -> None:
@@ -213,9 +215,8 @@ def show_result(result: GougeResult) -> None:
         f"the largest stable one.",
         highlight=False,
     )
-    for one in result.realizations:
-        for words in one.range.warnings if one is first else ():
-            console.print(f"[yellow]warning: {words}[/]", highlight=False)
+    for words in dict.fromkeys(words for one in result.realizations for words in one.range.warnings):
+        console.print(f"[yellow]warning: {words}[/]", highlight=False)
     for words in result.failures:
         console.print(f"[yellow]{words}[/]", highlight=False)
     if result.reused:

@@ -28,13 +28,16 @@ def steady_sliding(realizations, diameter: float):
 
 
 @styled
-def velocity_steps(curves):
-    """Mean difference of friction after each step to a copy without it, against slip, with two standard errors."""
+def velocity_steps(curves, *, twins: bool = True):
+    """Friction after each step, less that of a copy without it (`twins`) or its later mean, ± two standard errors."""
     figure, axes = axes_of(1, 2.4)
     for number, curve in enumerate(curves):
         _band(axes, curve, COLORS[2 * number % len(COLORS)], errors=True)
     axes.axhline(0, color=BLACK, lw=0.5)
-    axes.set(xlabel="slip of the load point / $D$", ylabel=r"$\Delta\mu$, step less no step")
+    axes.set(
+        xlabel="slip of the load point / $D$",
+        ylabel=r"$\Delta\mu$, step less no step" if twins else r"$\mu - \mu_{ss}$ after the step",
+    )
     axes.legend()
     return figure
 
@@ -61,7 +64,7 @@ def holds(curves, predicted):
 
 @styled
 def reslides(curves, ratios, peaks, slope, offset: float):
-    """Friction after holds, for each velocity: as it is, over C + ln(V_r/V_i), and its peak against the ratio.
+    """Friction after holds, for each velocity: with two standard errors, over C + ln(V_r/V_i), and peak against ratio.
 
     Parameters
     ----------
@@ -77,16 +80,17 @@ def reslides(curves, ratios, peaks, slope, offset: float):
     for number, (curve, ratio) in enumerate(zip(curves, ratios, strict=True)):
         color = COLORS[2 * number % len(COLORS)]
         above.plot(curve.x, curve.mean, color=color, label=f"$V_r/V_i$ = {ratio:.3g}")
-        low, high = curve.mean - np.nan_to_num(curve.error), curve.mean + np.nan_to_num(curve.error)
-        above.fill_between(curve.x, low, high, color=color, alpha=0.15, lw=0)
-        below.plot(curve.x, curve.mean / (offset + np.log(ratio)), color=color)
+        width = 2 * np.nan_to_num(curve.error)
+        above.fill_between(curve.x, curve.mean - width, curve.mean + width, color=color, alpha=0.15, lw=0)
+        if offset + np.log(ratio) > 0.1 * offset:  # else the collapse has no meaning
+            below.plot(curve.x, curve.mean / (offset + np.log(ratio)), color=color)
     above.set_ylabel(r"$\mu - \mu_{ss}$")
     above.legend()
     below.set(xlabel="slip of the load point / $D$", ylabel=rf"$(\mu - \mu_{{ss}})/({offset:.2g} + \ln V_r/V_i)$")
     if rows == 3:
         x, y = np.log(ratios), [p.value for p in peaks]
-        panels[2].errorbar(x, y, yerr=np.nan_to_num([2 * p.error for p in peaks]), fmt="o", color=BLACK, lw=0.7)
-        words = f"slope {slope.value:.3f} ± {slope.error:.3f}"
+        panels[2].errorbar(x, y, yerr=np.nan_to_num([p.half for p in peaks]), fmt="o", color=BLACK, lw=0.7)
+        words = f"slope {slope.value:.3f} ± {slope.half:.3f}"
         panels[2].plot(x, np.mean(y) + slope.value * (x - x.mean()), color=RED, lw=0.8, label=words)
         panels[2].set(xlabel=r"$\ln V_r/V_i$", ylabel=r"peak of $\mu - \mu_{ss}$")
         panels[2].legend()
@@ -107,7 +111,7 @@ def healing(times, peaks, slope, b: float, thickness):
     """
     figure, (above, below) = axes_of(2, 3.8, sharex=True)
     x, y = np.asarray(times), np.array([p.value for p in peaks])
-    above.errorbar(x, y, yerr=np.nan_to_num([2 * p.error for p in peaks]), fmt="o", color=BLUE)
+    above.errorbar(x, y, yerr=np.nan_to_num([p.half for p in peaks]), fmt="o", color=BLUE)
     middle = np.exp(np.log(x).mean())
     for rate, words, color, style in (
         (slope.value, "fit", BLUE, "-"), (b, "$b$", ORANGE, "--"), (b / 2, "$b/2$", ORANGE, ":")

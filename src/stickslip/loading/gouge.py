@@ -175,7 +175,7 @@ def _advanced(scenario: GougeScenario, state: State, law: Law, drag: float, step
 def _at_rest(scenario: GougeScenario, state: State, law: Law, stage: str, report: Report) -> State:
     """The state once its mean unbalanced force and its kinetic energy are small."""
     chosen = scenario.preparation
-    for k in range(int(chosen.most / CHUNK)):
+    for k in range(max(1, round(chosen.most / CHUNK))):
         state = _advanced(scenario, state, law, _drag(scenario))
         unrest, swing = _unrest(state, law)
         report(stage, min(1.0, (k + 1) * CHUNK / chosen.most), f"unbalanced {unrest:.1e}, kinetic/elastic {swing:.1e}")

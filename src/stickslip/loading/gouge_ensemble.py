@@ -1,5 +1,6 @@
 """Realizations of a gouge experiment in parallel processes; a finished one is kept in a file and not run again."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -64,7 +65,7 @@ def simulate_gouge(
     for (text, _), member in zip(missing, members, strict=True):
         seed = GougeScenario.model_validate_json(text).seed
         if member.failure:
-            failures.append(f"realization {seed} failed: {member.failure.removeprefix('RuntimeError: ')}")
+            failures.append(f"realization {seed} failed: {re.sub(r'^[A-Z][A-Za-z]+: ', '', member.failure)}")
         else:
             found[seed] = member.result
     if not found:

@@ -45,15 +45,19 @@ class Curve(NamedTuple):
 
     def at(self, k: int) -> "Number":
         """The mean at one point."""
-        return Number(float(self.mean[k]), float(self.error[k]), len(self.rows))
+        return _read_off(self.rows, lambda mean: mean[k])
 
 
 class Number(NamedTuple):
-    """A number, its standard error (NaN with one realization), and how many realizations it rests on."""
+    """A number that rests on realizations: its standard error is NaN with one of them.
+
+    `draws` are its values for realizations drawn again with replacement, the same ones for all numbers of a result.
+    """
 
     value: float
     error: float
     realizations: int
+    draws: np.ndarray  # (DRAWS,), or (0,) with one realization
 
     @property
     def half(self) -> float:
@@ -91,12 +95,15 @@ def mean_friction(result: GougeResult, velocity: float) -> Number:
 
     The error is the scatter of realizations over √R, or with one of them the error of its own mean.
     """
+    means = _levels(result, velocity)
+    found = _read_off(np.array([[m.mean] for m in means]), lambda mean: mean[0])
+    return found._replace(error=means[0].error) if len(means) == 1 else found
+
+
+def _levels(result: GougeResult, velocity: float) -> list[Mean]:
+    """Steady friction of every realization at a velocity."""
     window = result.scenario.preparation.window * result.scenario.grains.mean
-    means = [steady_friction(one, velocity, window) for one in result.realizations]
-    values = np.array([m.mean for m in means])
-    if len(values) == 1:
-        return Number(float(values[0]), float(means[0].error), 1)
-    return Number(float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values))), len(values))
+    return [steady_friction(one, velocity, window) for one in result.realizations]
 
 
 def steps(result: GougeResult) -> list[tuple[float, float]]:
@@ -117,9 +124,15 @@ def step_curve(result: GougeResult, before: float, after: float, *, twin: bool) 
         if not pairs:
             return None
         if grid is None:
-            grid = np.linspace(0, min(_slid(result, c if twin else t)[-1] for t, c in pairs), POINTS)
+            grid = _grid(_slid(result, one)[-1] for pair in pairs for one in pair if one is not None)
         rows.append(np.mean([_stepped(result, t, c, grid) for t, c in pairs], axis=0))
     return Curve(grid, np.array(rows), f"{before:g} → {after:g} m/s")
+
+
+def _grid(ends) -> np.ndarray:
+    """Slips up to the shortest of some [D], close enough to average over the first `EARLY` of them."""
+    end = float(min(ends))
+    return np.linspace(0, end, max(POINTS, int(20 * end / EARLY)))
 
 
 def _twin_of(one: Realization, step: Test) -> Test | None:
@@ -146,13 +159,13 @@ def _stepped(result: GougeResult, step: Test, twin: Test | None, grid) -> np.nda
 def direct_effect(curve: Curve, before: float, after: float) -> Number:
     """Change of friction just after a step over ln(V2/V1): about the a that a laboratory would read off."""
     found, size = just_after(curve), np.log(after / before)
-    return found._replace(value=found.value / size, error=found.error / abs(size))
+    return Number(found.value / size, found.error / abs(size), found.realizations, found.draws / size)
 
 
 def just_after(curve: Curve) -> Number:
     """Mean over slips up to `EARLY`: a fixed window, since the largest of what fluctuates would always be positive."""
     near = curve.x <= EARLY
-    return _read_off(curve, lambda mean: mean[near].mean())
+    return _read_off(curve.rows, lambda mean: mean[near].mean())
 
 
 def holds(result: GougeResult) -> list[float]:
@@ -163,11 +176,14 @@ def holds(result: GougeResult) -> list[float]:
 def hold_curve(result: GougeResult, before: float, column: str = "friction") -> Curve:
     """Change of a column since a hold began, against the time held [s], on a logarithmic grid.
 
-    Several holds of one realization are averaged first. The start is the mean of the first interval of a sample.
+    Of the holds after one velocity the longest count; several of one realization are averaged first. The start is the
+    last sample before the hold.
     """
     rows, grid = [], None
     for one in result.realizations:
         tests = [t for t in one.of("hold") if t.before == before]
+        longest = max(_held(result, t)[-1] for t in tests)
+        tests = [t for t in tests if _held(result, t)[-1] > longest * (1 - 1e-6)]
         if grid is None:
             last = min(_held(result, t)[-1] for t in tests)
             grid = np.geomspace(max(EARLIEST * last, _held(result, tests[0])[0]), last, POINTS)
@@ -197,7 +213,7 @@ def compaction(result: GougeResult, before: float) -> Number:
     curve = hold_curve(result, before, "thickness")
     late = curve.x > 0.05 * curve.x[-1]
     thickness = np.mean([one.tests[0].series.thickness[-1] for one in result.realizations])
-    return _read_off(curve, lambda mean: -np.polyfit(np.log(curve.x[late]), mean[late], 1)[0] / thickness)
+    return _read_off(curve.rows, lambda mean: -np.polyfit(np.log(curve.x[late]), mean[late], 1)[0] / thickness)
 
 
 def reslides(result: GougeResult) -> list[tuple[float, float, float]]:
@@ -206,18 +222,18 @@ def reslides(result: GougeResult) -> list[tuple[float, float, float]]:
 
 
 def reslide_curve(result: GougeResult, before: float, hold: float, after: float, *, twin: bool = False) -> Curve | None:
-    """Friction after a hold against the load point's slip [D], less the mean steady friction at the velocity before.
+    """Friction after a hold against the load point's slip [D], less each sample's steady friction before it.
 
     With `twin`, less that of the copy that went on without a hold; None if there was none.
     """
-    level, rows, grid = mean_friction(result, before).value, [], None
-    for one in result.realizations:
+    rows, grid = [], None
+    for one, level in zip(result.realizations, (m.mean for m in _levels(result, before)), strict=True):
         tests = [t for t in one.of("reslide") if (t.before, t.hold, t.velocity) == (before, hold, after)]
         twins = [_twin_without_hold(one, t) for t in tests] if twin else [None] * len(tests)
         if twin and None in twins:
             return None
         if grid is None:
-            grid = np.linspace(0, min(_slid(result, t)[-1] for t in (*tests, *twins) if t is not None), POINTS)
+            grid = _grid(_slid(result, t)[-1] for t in (*tests, *twins) if t is not None)
         mine = [np.interp(grid, _slid(result, t), t.series.friction) - level for t in tests]
         if twin:
             mine = [
@@ -237,64 +253,83 @@ def _twin_without_hold(one: Realization, reslide: Test) -> Test | None:
 
 def peak(curve: Curve) -> Number:
     """Largest value of the mean curve."""
-    return _read_off(curve, lambda mean: mean.max())
+    return _read_off(curve.rows, lambda mean: mean.max())
 
 
-def _read_off(curve: Curve, read) -> Number:
-    """A number read off the mean curve, with its error by drawing realizations again (bootstrap)."""
-    value, number = float(read(curve.mean)), len(curve.rows)
+def _read_off(rows: np.ndarray, read) -> Number:
+    """A number read off the mean of (R, G) rows, with its error by drawing realizations again (bootstrap)."""
+    value, number = float(read(rows.mean(axis=0))), len(rows)
     if number == 1:
-        return Number(value, np.nan, 1)
+        return Number(value, np.nan, 1, np.zeros(0))
     rng = np.random.default_rng(0)
-    drawn = [read(curve.rows[rng.integers(number, size=number)].mean(axis=0)) for _ in range(DRAWS)]
+    draws = np.array([read(rows[rng.integers(number, size=number)].mean(axis=0)) for _ in range(DRAWS)])
+    return _drawn(value, number, draws)
+
+
+def _drawn(value: float, number: int, draws: np.ndarray) -> Number:
     wider = np.sqrt(number / (number - 1))  # what is drawn from a sample scatters less than what that was drawn from
-    return Number(value, float(wider * np.std(drawn, ddof=1)), number)
+    return Number(value, float(wider * draws.std(ddof=1)), number, draws)
+
+
+def combined(numbers: list[Number], read) -> Number:
+    """read(values) of numbers of one result, with the error that realizations drawn again for all at once give."""
+    value, number = float(read(np.array([n.value for n in numbers]))), numbers[0].realizations
+    if number == 1:
+        return Number(value, np.nan, 1, np.zeros(0))
+    return _drawn(value, number, np.array([read(one) for one in np.array([n.draws for n in numbers]).T]))
 
 
 def average(numbers: list[Number]) -> Number:
-    """Mean of independent numbers."""
-    return Number(
-        float(np.mean([n.value for n in numbers])),
-        float(np.sqrt(sum(n.error**2 for n in numbers)) / len(numbers)),
-        min(n.realizations for n in numbers),
-    )
+    """Mean of numbers of one result."""
+    return combined(numbers, np.mean)
 
 
 def slope(x, numbers: list[Number]) -> Number:
-    """Slope of a straight line through numbers, with the larger error of what theirs and the residuals give."""
-    x, y = np.asarray(x, float), np.array([n.value for n in numbers])
+    """Slope of a straight line through numbers of one result, least squares; at least two different x."""
+    x = np.asarray(x, float)
+    if len(set(x.tolist())) < 2:
+        raise ValueError(f"a slope through {len(x)} points was asked for: give at least two different x")
     centred = x - x.mean()
-    spread = float(centred @ centred)
-    value = float(centred @ y) / spread
-    errors = np.array([n.error for n in numbers])
-    told = float(np.sqrt((centred**2) @ (errors**2))) / spread
-    rest = y - y.mean() - value * centred
-    seen = float(np.sqrt(rest @ rest / (len(x) - 2) / spread)) if len(x) > 2 else 0.0
-    return Number(value, max(told, seen) if np.isfinite(told) else np.nan, min(n.realizations for n in numbers))
+    return combined(numbers, lambda y: centred @ y / (centred @ centred))
 
 
-def step_records(result: GougeResult, *, samples: int = 400) -> list[Data]:
-    """Velocity steps of every realization as records of a laboratory: friction against time, with the legs of the load.
+class Steps(NamedTuple):
+    """A slide and the velocity steps after it, as a record of a laboratory."""
+
+    seed: int  # of the realization
+    part: int  # of its protocol, counted from 0
+    data: Data
+
+
+def step_records(result: GougeResult, *, samples: int = 400) -> list[Steps]:
+    """Velocity steps of every realization as records: friction against time, with the legs of the load.
 
     Parameters
     ----------
-    samples : at most so many of each realization, means over as many neighbouring ones as that takes
+    samples : of each record at most, as many in each leg, means over neighbouring ones
     """
-    return [_record(one, samples) for one in result.realizations if one.of("step")]
+    found = []
+    for one in result.realizations:
+        tests = one.of("slide", "step")
+        starts = [k for k in range(len(tests) - 1) if tests[k].kind == "slide" and tests[k + 1].kind == "step"]
+        for part, first in enumerate(starts):
+            last = next((k for k in range(first + 1, len(tests)) if tests[k].kind != "step"), len(tests))
+            found.append(Steps(one.seed, part, _record(tests[first:last], samples)))
+    return found
 
 
-def _record(one: Realization, samples: int) -> Data:
-    tests = one.of("slide", "step")
-    last = next(k for k in reversed(range(len(tests))) if tests[k].kind == "step")
-    first = next(k for k in range(last, -1, -1) if tests[k].kind == "slide")
-    chain, time, friction, legs, start = tests[first : last + 1], [], [], [], 0.0
-    bunch = -(-sum(len(test.series.time) for test in chain) // samples)
-    for test in chain:
-        series, count = test.series, len(test.series.time) // bunch * bunch
-        interval = float(series.time[1] - series.time[0])
-        inside = interval * np.arange(1, len(series.time) + 1)
+def _record(chain: list[Test], samples: int) -> Data:
+    """The record of a chain. After a hold it begins in the middle of the first leg, where sliding is steady again."""
+    time, friction, legs, start = [], [], [], 0.0
+    for number, test in enumerate(chain):
+        interval = float(test.series.time[1] - test.series.time[0])
+        values = test.series.friction
+        values = values[len(values) // 2 :] if number == 0 and test.before == 0 else values
+        bunch = -(-len(values) * len(chain) // samples)
+        count = len(values) // bunch * bunch
+        inside = interval * np.arange(1, len(values) + 1)
         time.append(start + inside[:count].reshape(-1, bunch).mean(axis=1))
-        friction.append(series.friction[:count].reshape(-1, bunch).mean(axis=1))
+        friction.append(values[:count].reshape(-1, bunch).mean(axis=1))
         legs.append(Leg(float(inside[-1]), test.velocity))
         start += float(inside[-1])
-    return Data(np.concatenate(time), np.concatenate(friction), tuple(legs))
+    return Data(np.concatenate(time), np.concatenate(friction), tuple(legs), before=chain[0].before or None)

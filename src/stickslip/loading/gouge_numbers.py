@@ -9,6 +9,7 @@ from ..data.gouge_scenario import GougeScenario
 
 # limits of the quasi-static range of hard grains, in a layer that is not dominated by its plates
 INERTIAL, STIFFNESS, OVERLAP, LAYER = 1e-3, 100.0, 0.02, 8.0
+LONG = 0.4  # of the largest stable time step, above which the stiffest contacts are off by a per cent and more
 
 
 def stiffness(scenario: GougeScenario, value: float | None = None, definition: str | None = None) -> float:
@@ -100,10 +101,12 @@ class Range(NamedTuple):
                 f"grains overlap by {self.overlap:.1%} of a diameter, (E/((1 − ν²) σ))^(2/3) = {self.stiffness:.3g}: "
                 f"below {OVERLAP:.0%} and above {STIFFNESS:g} they count as hard, use a larger young"
             )
+        if self.time_step > LONG:
+            said.append(f"dt is {self.time_step:.2f} of the largest stable time step: give a shorter one")
         for name, value in (("thickness", self.thickness), ("length", self.length)):
             if value < LAYER:
                 said.append(
-                    f"the {name} of the layer is {value:.1f} D: below {LAYER:g} D plates and images are felt, use more "
+                    f"the {name} of the layer is {value:.0f} D: below {LAYER:g} D plates and images are felt, use more "
                     f"grains or a longer cell"
                 )
         return said

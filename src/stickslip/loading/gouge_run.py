@@ -99,7 +99,8 @@ def realization(scenario: GougeScenario, seed: int, engine: Engine, tell: Tell) 
     state = states["steady"]
     overlap, thickness = _mean_overlap(state) / scenario.grains.mean, float(runner.tests[0].series.thickness[-1])
     found = range_of(scenario, fastest, thickness, overlap, stable_time_step(state, gouge.law))
-    ledger = _ledger(scenario, gouge._replace(state=states["end"])) if scenario.ledger_steps else {}
+    counted = scenario.ledger_steps and engine is OURS  # states of other engines have no memory of contacts
+    ledger = _ledger(scenario, gouge._replace(state=states["end"])) if counted else {}
     return Realization(seed, found, tuple(runner.tests), states, ledger)
 
 
@@ -174,11 +175,12 @@ class _Runner:
             if part.twin:
                 _, series = self._leg(place, before, part.twin * size / before, f"slide at {before:g} m/s, no hold")
                 self._keep("twin", before, before, 0.0, series, went_on=False)
-            held, parts, last = place, [], 0.0
+            held, parts, last, interval = place, [], 0, self.scenario.interval
             for hold in sorted(part.holds):
-                held, series = self._leg(held, 0.0, hold - last, f"hold after {before:g} m/s")
+                until = round(hold / interval)
+                held, series = self._leg(held, 0.0, (until - last) * interval, f"hold after {before:g} m/s")
                 parts.append(series)
-                last = hold
+                last = until
                 for after in part.after or (before,):
                     words = f"slide at {after:g} m/s after a hold of {hold:g} s"
                     _, again = self._leg(held, after, part.slip * size / after, words)
@@ -216,7 +218,8 @@ def _is_steady(series: Series, window: float, change: float) -> bool:
     """Whether friction over the last window of slip is that over the window before."""
     slip = series.load_point - series.load_point[-1]
     late, early = slip > -window, (slip > -2 * window) & (slip <= -window)
-    if not early.any() or slip[0] > -2 * window:
+    begin = slip[0] - (slip[1] - slip[0])  # samples begin one interval after the slide did
+    if begin > -2 * window * (1 - 1e-9):
         return False
     a, b = steady(series.friction[early]), steady(series.friction[late])
     return abs(a.mean - b.mean) <= max(change, float(np.hypot(a.error, b.error)))
