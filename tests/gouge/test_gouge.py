@@ -331,6 +331,7 @@ def test_one_realization_has_no_error():
     curve = measures.Curve(np.linspace(0, 1, 50), np.full((1, 50), 0.1), "")
     assert np.isnan(measures.just_after(curve).error)
     assert np.isnan(curve.error).all()
+    assert repr(measures.just_after(curve)) == "Number(0.1 ± nan, 95 %, 1 realizations)"
     assert measures.slope([0.0, 1.0], [measures.just_after(curve)] * 2).value == 0
     with pytest.raises(ValueError, match="two different x"):
         measures.slope([1.0], [measures.just_after(curve)])

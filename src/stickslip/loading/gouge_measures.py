@@ -59,6 +59,9 @@ class Number(NamedTuple):
     realizations: int
     draws: np.ndarray  # (DRAWS,), or (0,) with one realization
 
+    def __repr__(self) -> str:
+        return f"Number({self.value:.4g} ± {self.half:.2g}, 95 %, {self.realizations} realizations)"
+
     @property
     def half(self) -> float:
         """Half width of its 95 % interval by Student's t: with two realizations 12.7 standard errors."""
