@@ -5,6 +5,7 @@ states is marked so; the rest was chosen, and each choice is an entry of its own
 """
 
 from itertools import pairwise
+from math import pi
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
@@ -116,6 +117,10 @@ class Slide(Part):
     time: Positive | None = Field(None, description="[s]")
     steady: bool = Field(False, description="until steady as in the preparation; `slip` is then the longest")
 
+    def legs(self, size: float) -> list[float]:
+        """Seconds of each leg; `size` is D [m]."""
+        return [self.time if self.time is not None else self.slip * size / self.velocity]
+
     @model_validator(mode="after")
     def _ends(self):
         ends = (self.slip is not None) + (self.time is not None)
@@ -142,6 +147,11 @@ class VelocitySteps(Part):
         ),
     )
 
+    def legs(self, size: float) -> list[float]:
+        """Seconds of each leg; `size` is D [m]."""
+        twins = [self.twin * size / v for v in self.velocities[:-1] if self.twin]
+        return [*(self.slip * size / v for v in self.velocities), *twins]
+
 
 class SlideHoldSlide(Part):
     """Slide at each velocity before; hold; slide again at each velocity after, from each of the hold times.
@@ -156,6 +166,14 @@ class SlideHoldSlide(Part):
     approach: Positive = Field(2.0, description="slip at each velocity before its hold [D]")
     slip: Positive = Field(2.0, description="slip of the load point after each hold [D]")
     twin: NotNegative = Field(0.0, description="slip for which a copy goes on without a hold; see velocity-steps [D]")
+
+    def legs(self, size: float) -> list[float]:
+        """Seconds of each leg; `size` is D [m]."""
+        found = []
+        for v in self.before:
+            found += [self.approach * size / v, max(self.holds), *([self.twin * size / v] if self.twin else [])]
+            found += [self.slip * size / w for w in self.after or (v,)] * len(self.holds)
+        return found
 
 
 Protocol = Annotated[Slide | VelocitySteps | SlideHoldSlide, Field(discriminator="kind")]
@@ -224,22 +242,16 @@ class GougeScenario(Whole):
         legs = {"preparation.window": chosen.window * size / chosen.velocity}
         for number, part in enumerate(self.protocol, start=1):
             name = f"protocol entry {number}"
-            if part.kind == "slide":
-                legs[name] = part.time if part.time is not None else part.slip * size / part.velocity
-                if part.steady and part.slip < 2 * chosen.window:
+            legs[name] = min(part.legs(size))
+            if part.kind == "slide-hold-slide":
+                self._check_holds(name, part.holds)
+            if part.kind == "slide" and part.steady:
+                legs[f"{name}, its window"] = chosen.window * size / part.velocity
+                if part.slip < 2 * chosen.window:
                     raise ValueError(
                         f"slip = {part.slip:g} was given in {name}: steadiness takes two windows, "
                         f"{2 * chosen.window:g}, at least"
                     )
-                if part.steady:
-                    legs[f"{name}, its window"] = chosen.window * size / part.velocity
-            elif part.kind == "velocity-steps":
-                slips = [s for s in (part.slip, part.twin) if s]
-                legs[name] = min(slips) * size / max(part.velocities)
-            else:
-                slips = [s for s in (part.approach, part.slip, part.twin) if s]
-                legs[name] = min(slips) * size / max((*part.before, *(part.after or ())))
-                self._check_holds(name, part.holds)
         for name, seconds in legs.items():
             if seconds < LEAST * self.interval * (1 - 1e-9):
                 raise ValueError(
@@ -267,7 +279,7 @@ class GougeScenario(Whole):
         d, kn = self.grains.diameter[0], 2 / 3 * self.law.young / (1 - self.law.poisson**2)
         root, force = (d / 4) ** 0.5, self.load.normal_stress * d * d
         stiffness = 1.5 * kn * root * (force / (kn * root)) ** (1 / 3)
-        return 0.58 * (self.grains.density * 3.1416 / 6 * d**3 / stiffness) ** 0.5
+        return 0.58 * (self.grains.density * pi / 6 * d**3 / stiffness) ** 0.5
 
     @property
     def area(self) -> float:
@@ -277,20 +289,9 @@ class GougeScenario(Whole):
     @property
     def duration(self) -> float:
         """Time that the load takes, of preparation its least part [s]."""
-        slip = self.grains.mean
-        total = self.preparation.slip * slip / self.preparation.velocity
-        for part in self.protocol:
-            if part.kind == "slide":
-                total += part.time if part.time is not None else part.slip * slip / part.velocity
-            elif part.kind == "velocity-steps":
-                total += sum(part.slip * slip / v for v in part.velocities)
-                total += sum(part.twin * slip / v for v in part.velocities[:-1])
-            else:
-                for v in part.before:
-                    after = part.after or (v,)
-                    total += (part.approach + part.twin) * slip / v + max(part.holds)
-                    total += len(part.holds) * sum(part.slip * slip / w for w in after)
-        return total
+        size = self.grains.mean
+        preparation = self.preparation.slip * size / self.preparation.velocity
+        return preparation + sum(sum(part.legs(size)) for part in self.protocol)
 
     @property
     def steps(self) -> float:

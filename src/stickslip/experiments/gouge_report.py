@@ -11,10 +11,10 @@ from ..friction.laboratory import Record, write_csv
 from ..friction.loads import Leg
 from ..friction.ratestate import RateState, Spring, slide
 from ..loading import gouge_measures as measures
-from ..loading.gouge_ensemble import GougeResult, simulate_gouge
+from ..loading.gouge_ensemble import GougeResult, simulate_gouge, tree_of
 from ..loading.gouge_numbers import inertial_numbers, normalised_hold, normalised_stiffness, stiffness
 from . import claims as claims_table
-from .report import CLAIMS, SERIES, STYLE, complete, console, files_of, plain, save
+from .report import CLAIMS, SERIES, STYLE, complete, console, files_of, save
 
 STEPS = "steps_{:04d}_{}.csv"  # realization, part of the protocol
 COLLAPSE = 5.0  # C of paper 003, Fig S2b
@@ -73,10 +73,8 @@ def _figures(result: GougeResult):
     before = measures.holds(result)
     if before:
         curves = [measures.hold_curve(result, v) for v in before]
-        yield (
-            "fig3_holds.png",
-            figures.holds(curves, [predicted(result, v, c.x) for v, c in zip(before, curves, strict=True)]),
-        )
+        laws = [predicted(result, v, c.x) for v, c in zip(before, curves, strict=True)]
+        yield "fig3_holds.png", figures.holds(curves, laws)
         yield "fig4_reslides.png", _reslides(result, max(before, key=lambda v: len(after_longest(result, v)[0])))
         most = max(before, key=lambda v: len(_same_velocity(result, v)[0]))
         if len(_same_velocity(result, most)[0]) > 1:
@@ -146,17 +144,7 @@ def numbers(result: GougeResult) -> dict:
         "inertial_number": {
             f"{velocity:g}": inertial_numbers(scenario, velocity, thickness) for velocity in measures.velocities(result)
         },
-        "realizations": {
-            f"{one.seed:04d}": {
-                "range": one.range._asdict(),
-                "tests": {
-                    f"{k:04d}": {**test._asdict(), "series": plain(test.series)} for k, test in enumerate(one.tests)
-                },
-                "frames": one.states,
-                "ledger": one.ledger,
-            }
-            for one in result.realizations
-        },
+        "realizations": {f"{one.seed:04d}": tree_of(one) for one in result.realizations},
         "failures": "\n".join(result.failures),
         "steady_friction": {f"{v:g}": measures.mean_friction(result, v)._asdict() for v in measures.velocities(result)},
     }

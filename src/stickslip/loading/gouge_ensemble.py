@@ -94,7 +94,7 @@ def _member(text: str, path: str, tell: Tell) -> Realization:
     found = realization(one, one.seed, engine_of(one), tell)
     if path:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
-        archive.write(path, _tree(found), scenario=text, version=__version__)
+        archive.write(path, tree_of(found), scenario=text, version=__version__)
     return found
 
 
@@ -103,7 +103,8 @@ def _kept(one: GougeScenario, folder: Path | None) -> Path | None:
     return folder / MEMBERS / f"{one.digest}.h5" if folder else None
 
 
-def _tree(found: Realization) -> dict:
+def tree_of(found: Realization) -> dict:
+    """A realization as an archive holds it."""
     return {
         "version": __version__,
         "seed": found.seed,

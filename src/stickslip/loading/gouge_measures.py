@@ -1,7 +1,6 @@
 """What a gouge experiment shows: means over realizations against slip or time, peaks, healing, compaction.
 
-Errors are standard errors over realizations; bands in figures are two standard deviations over realizations, as in the
-figures of paper 003.
+Errors are standard errors over realizations. Several tests of one kind in one realization are averaged first.
 """
 
 from typing import NamedTuple
@@ -140,9 +139,13 @@ def _grid(ends) -> np.ndarray:
 
 def _twin_of(one: Realization, step: Test) -> Test | None:
     """The copy that went on from where a step was made: what ran just before it."""
-    place = next(k for k, test in enumerate(one.tests) if test is step)
-    twin = one.tests[place - 1]
+    twin = _before(one, step)[-1]
     return twin if twin.kind == "twin" else None
+
+
+def _before(one: Realization, test: Test) -> tuple[Test, ...]:
+    """Everything that ran before a test."""
+    return one.tests[: next(k for k, other in enumerate(one.tests) if other is test)]
 
 
 def _slid(result: GougeResult, test: Test) -> np.ndarray:
@@ -206,8 +209,7 @@ def _held(result: GougeResult, test: Test) -> np.ndarray:
 
 def _just_before(one: Realization, hold: Test, column: str) -> float:
     """The last sample of the slide that a hold ended."""
-    place = next(k for k, test in enumerate(one.tests) if test is hold)
-    slide = next(t for t in reversed(one.tests[:place]) if t.kind == "slide" and t.velocity == hold.before)
+    slide = next(t for t in reversed(_before(one, hold)) if t.kind == "slide" and t.velocity == hold.before)
     return float(getattr(slide.series, column)[-1])
 
 
@@ -249,8 +251,7 @@ def reslide_curve(result: GougeResult, before: float, hold: float, after: float,
 
 def _twin_without_hold(one: Realization, reslide: Test) -> Test | None:
     """The copy that went on from where the hold before a slide began."""
-    place = next(k for k, test in enumerate(one.tests) if test is reslide)
-    last = next((test for test in reversed(one.tests[:place]) if test.kind in ("twin", "slide")), None)
+    last = next((test for test in reversed(_before(one, reslide)) if test.kind in ("twin", "slide")), None)
     return last if last is not None and last.kind == "twin" else None
 
 
