@@ -13,6 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
+from stickslip.data.archive import SCHEMA
+
 from .engine import HERE, ROUNDS, STORE, console, row
 
 VELOCITY = 0.3  # of the load point [m/s]
@@ -28,7 +30,7 @@ def scene(copies: int) -> tuple[Path, int]:
     from stickslip.loading.gouge_run import OURS
 
     whole = scenario(experiment="gouge", protocol=[{"kind": "slide", "velocity": VELOCITY, "slip": 1.0}])
-    path = STORE / f"gouge-{whole.digest[:16]}-{copies}.pickle"
+    path = STORE / f"gouge-{whole.digest[:16]}-{copies}-{SCHEMA}.pickle"
     if path.exists():
         _, place = pickle.loads(path.read_bytes())
         return path, len(place.gouge.state.grains.radius)

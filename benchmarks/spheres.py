@@ -11,6 +11,7 @@ from scipy.linalg import eigvals
 import stickslip as ss
 from stickslip.core.integrate import run
 from stickslip.core.measure import mean_normal_force
+from stickslip.data.archive import SCHEMA
 from stickslip.loading.packing import jammed
 from stickslip.loading.shear import aqs, sheared
 from stickslip.solve.equilibrate import equilibrate
@@ -25,7 +26,7 @@ STORE = Path("results") / "benchmark-packings"  # packings of thousands of grain
 
 def packing(n: int, strain: float = 2e-4):
     """A packing at φ = 0.68, sheared a little so that its contacts carry slip."""
-    path = STORE / f"{n}.pkl"
+    path = STORE / f"{n}-{SCHEMA}.pkl"  # of this layout of states
     if path.exists():
         return pickle.loads(path.read_bytes())
     state, _ = jammed(n, packing_fraction=0.68, seed=0)
