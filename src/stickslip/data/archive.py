@@ -16,6 +16,7 @@ import platform
 import uuid
 from collections.abc import Iterable
 from contextlib import contextmanager
+from enum import Enum
 from pathlib import Path
 
 import h5py
@@ -105,7 +106,8 @@ def read(path: str | Path, *, nouns: Iterable[type] = ()) -> dict:
 
     Parameters
     ----------
-    nouns : classes of other NamedTuples that come back as what they were; without, they come back as dictionaries
+    nouns : classes of other NamedTuples and enums that come back as what they were; without, they come back as
+        dictionaries and words
 
     Raises
     ------
@@ -156,6 +158,10 @@ def _check_schema(path, schema) -> None:
 def _put(group, name: str, value, units: dict) -> None:
     if isinstance(value, Contacts):
         value = trimmed(value)
+    if isinstance(value, Enum):
+        group[name] = value.name
+        group[name].attrs["noun"] = type(value).__name__
+        return
     if hasattr(value, "_asdict"):
         child = group.create_group(name)
         child.attrs["noun"] = type(value).__name__
@@ -205,7 +211,8 @@ def trimmed(contacts: Contacts) -> Contacts:
 
 def _take(item, known: dict):
     if isinstance(item, h5py.Dataset):
-        return _taken_array(item)
+        value, noun = _taken_array(item), known.get(item.attrs.get("noun"))
+        return noun[value] if noun else value
     tree = {name: _take(child, known) for name, child in item.items()}
     if "sequence" in item.attrs:
         made = list(tree.values())

@@ -1,6 +1,7 @@
 """What every run leaves in its folder and on the terminal: scenario, raw numbers, claims table, progress."""
 
 import re
+import shutil
 import tempfile
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,10 +16,11 @@ from rich.table import Table
 from .. import __version__
 from ..core.state import State
 from ..data import archive
+from ..data.kept import SCENARIO, finished
 from . import claims as claims_table
 
 console = Console(soft_wrap=False)
-SCENARIO, NUMBERS, CLAIMS, MOVIE = "scenario.json", "results.h5", "claims.json", "transition.gif"
+NUMBERS, CLAIMS, MOVIE, WRITING = "results.h5", "claims.json", "transition.gif", ".writing"
 SERIES = "series.csv"
 _OURS = re.compile(
     r"fig\d_\w+\.png|steps_\d+_\d+\.csv|" + "|".join(map(re.escape, (SCENARIO, NUMBERS, CLAIMS, MOVIE, SERIES)))
@@ -34,6 +36,8 @@ def claim_folder(folder: Path, scenario, *, overwrite: bool = False) -> None:
     ------
     ValueError
         if it is a file, cannot be written, or holds results of another scenario.
+
+    With `overwrite`, what is kept of an unfinished run goes away.
     """
     known = folder / SCENARIO
     try:
@@ -44,6 +48,8 @@ def claim_folder(folder: Path, scenario, *, overwrite: bool = False) -> None:
         if folder.exists() and not folder.is_dir():
             raise ValueError(f"{folder} is a file, not a folder: choose another --out")
         _probe(folder)
+        if overwrite:
+            finished(folder)
     except OSError as problem:
         raise ValueError(f"the folder {folder} cannot be written ({problem.strerror}): choose another --out") from None
 
@@ -94,15 +100,21 @@ def progress(*, transient: bool = False):
 
 @contextmanager
 def complete(folder: Path):
-    """A room beside the folder, whose files go there all at once at the end, in the place of an earlier run's."""
+    """A room whose files go to the folder at the end, in the place of an earlier run's; the run is finished then."""
     folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as room:
-        yield Path(room)
+    room = folder / WRITING
+    shutil.rmtree(room, ignore_errors=True)
+    room.mkdir()
+    try:
+        yield room
         for path in files_of(folder):
-            if not (Path(room) / path.name).exists():
+            if not (room / path.name).exists():
                 path.unlink()
-        for path in Path(room).iterdir():
+        for path in room.iterdir():
             path.replace(folder / path.name)
+        finished(folder)
+    finally:
+        shutil.rmtree(room, ignore_errors=True)
 
 
 def files_of(folder: Path) -> list[Path]:
