@@ -4,6 +4,8 @@ On a worker of the cluster every task runs in a process of its own (`helper`), s
 interpreter's lock, never keep the worker from telling its scheduler that it is alive.
 """
 
+import logging
+import os
 import queue
 import threading
 import time
@@ -38,6 +40,8 @@ def connected(address):
         return
     where = {"scheduler_file": address} if str(address).endswith(".json") else {"address": address}
     try:
+        if "scheduler_file" in where and not os.path.exists(address):  # a client would wait for it for ever
+            raise OSError("there is no such file")
         client = distributed.Client(**where, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError, TypeError, KeyError) as problem:
         said = " ".join(str(problem).split())[:150] or type(problem).__name__
@@ -45,8 +49,13 @@ def connected(address):
             f"no Dask scheduler answers at {address!r} ({said}): start one with `dask scheduler` and give its address, "
             "such as tcp://host:8786, or its JSON file"
         ) from None
-    with client:
-        yield client
+    log = logging.getLogger("distributed.client")
+    before, _ = log.level, log.setLevel(logging.CRITICAL)  # what is wrong is said in one sentence, and not by traceback
+    try:
+        with client:
+            yield client
+    finally:
+        log.setLevel(before)
 
 
 def spread(packed, address, keep, heard) -> None:

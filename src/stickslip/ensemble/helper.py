@@ -15,6 +15,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import suppress
 
 from .. import __version__
 
@@ -92,10 +93,8 @@ class Helper:
         self.process.kill()
         self.process.wait()
         for pipe in (self.process.stdin, self.process.stdout):
-            try:
+            with suppress(OSError):  # what was to be sent cannot be sent any more
                 pipe.close()
-            except OSError:  # what was to be sent cannot be sent any more
-                pass
 
 
 def _send(stream, data: bytes) -> None:

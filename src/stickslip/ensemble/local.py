@@ -3,7 +3,7 @@
 import queue
 import threading
 
-from .helper import WorkerDiedError, ready
+from .helper import Helper, WorkerDiedError, ready
 
 TRIES = 2  # of a task whose process dies
 PAUSE = 0.2  # at least, between two words of one task [s]
@@ -39,6 +39,20 @@ def spread(packed, workers: int, keep, heard) -> None:
             hand.stop()
         for hand in hands:
             hand.end()
+
+
+def trial(packed: bytes, seconds: float) -> tuple[bytes | None, str | None] | None:
+    """One task in a process that is ended after some seconds; None if it was, or died."""
+    helper = Helper()
+    clock = threading.Timer(seconds, helper.process.kill)
+    clock.start()
+    try:
+        return helper.call(packed, None, None)
+    except WorkerDiedError:
+        return None
+    finally:
+        clock.cancel()
+        helper.end()
 
 
 def _next(source, waiting) -> int:

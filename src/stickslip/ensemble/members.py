@@ -24,8 +24,15 @@ def default_workers() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def reach(workers: Workers) -> str:
-    """Make sure that runs can be spread as asked, before anything starts; what will do them, in words.
+class Spread(NamedTuple):
+    """Where runs go."""
+
+    slots: int  # how many run at once
+    words: str
+
+
+def reach(workers: Workers) -> Spread:
+    """Make sure that runs can be spread as asked, before anything starts: how many at once, and where, in words.
 
     Raises
     ------
@@ -36,12 +43,13 @@ def reach(workers: Workers) -> str:
         number = default_workers() if workers is None else workers
         if number < 1:
             raise ValueError(f"workers = {number} was given: at least 1 is needed")
-        return f"{number} process{'es' if number > 1 else ''}"
+        return Spread(number, f"{number} process{'es' if number > 1 else ''}")
     from . import cluster
 
     with cluster.connected(workers) as client:
         slots = sum(client.nthreads().values())
-        return f"the Dask cluster at {client.scheduler.address}, {slots or 'no'} slot{'' if slots == 1 else 's'} now"
+        now = f"{slots or 'no'} slot{'' if slots == 1 else 's'} now"
+        return Spread(slots, f"the Dask cluster at {client.scheduler.address}, {now}")
 
 
 def run_members(
@@ -100,6 +108,15 @@ def run_members(
     if missing:
         _spread(function, {k: tasks[k] for k in missing}, workers, keep, heard if live else None)
     return members
+
+
+def trial(function: Callable, task: tuple, seconds: float) -> Member | None:
+    """function(*task) in a process here, which is ended if it takes longer than some seconds; None then."""
+    found = local.trial(pickle.dumps((function, task), protocol=5), seconds)
+    members = []
+    if found is not None:
+        _unpacked(lambda _, one: members.append(one), 0, *found)
+    return members[0] if members else None
 
 
 def _spread(function, tasks: dict[int, tuple], workers: Workers, keep, heard) -> None:

@@ -9,7 +9,7 @@ from ..core.laws import Law, dashpots
 from ..core.outcome import NotInEquilibriumError
 from ..core.state import State
 from ..data.scenario import Dynamics, Scenario
-from ..ensemble import run_members
+from ..ensemble import Workers, run_members
 from ..solve.spectrum import Spectrum, damped_growth, spectrum
 from . import fronts
 from .packing import array_of, pushed
@@ -250,9 +250,9 @@ def around_transition(point: Equilibrium, law: Law, scenario: Scenario, known: F
 
 
 def slide_many(
-    points: list[Equilibrium], law: Law, scenario: Scenario, workers: int | None, report: Report = silent
+    points: list[Equilibrium], law: Law, scenario: Scenario, workers: Workers, report: Report = silent
 ) -> dict[float, Ensemble]:
-    """Realizations of sliding at every load, in parallel processes; seeds are the scenario's seed + 1, 2, 3 …"""
+    """Realizations of sliding at every load, in parallel; seeds are the scenario's seed + 1, 2, 3 …"""
     how, dynamics = scenario.sliding, scenario.dynamics
     options = {
         "velocity": dynamics.seed_velocity,
@@ -296,13 +296,13 @@ def _one_transition(state, law, seed, options):
 
 
 def simulate(
-    scenario: Scenario, *, workers: int | None = None, sensitivity: bool = False, report: Report = silent
+    scenario: Scenario, *, workers: Workers = None, sensitivity: bool = False, report: Report = silent
 ) -> Result:
     """Run a scenario from beginning to end.
 
     Parameters
     ----------
-    workers : processes for the realizations of sliding; the result does not depend on it
+    workers : processes for the realizations of sliding, or a Dask scheduler's address; the result does not depend on it
     sensitivity : also follow the pairs on the same path with twice the load step, to see how much births depend on it
     report : called as report(stage, share done, words with the quantities that matter)
 

@@ -11,7 +11,7 @@ from ..core.measure import pressure, stress, touching
 from ..core.outcome import NotInEquilibriumError
 from ..core.state import State
 from ..data.scenario import ShearScenario
-from ..ensemble import Member, run_members
+from ..ensemble import Member, Workers, run_members
 from .packing import Packed, jammed, law_of
 from .protocols import Equilibrium, Protocol, bisect_change, path_of
 from .release import Released, release
@@ -190,12 +190,12 @@ def find_onset(clean: Equilibrium, above: float, protocol: Protocol) -> Onset:
     return Onset(change.below, change.above, offset, im, exponent)
 
 
-def simulate_shear(scenario: ShearScenario, *, workers: int | None = None, report: Report = silent) -> ShearResult:
+def simulate_shear(scenario: ShearScenario, *, workers: Workers = None, report: Report = silent) -> ShearResult:
     """Run a shear scenario from beginning to end, one packing for each of the seeds seed, seed + 1, …
 
     Parameters
     ----------
-    workers : processes; the result does not depend on it
+    workers : processes, or a Dask scheduler's address; the result does not depend on it
     report : called as report(stage, share done, words with the quantities that matter)
 
     Examples
