@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.padding import Padding
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
+from rich.table import Column, Table
 
 from .. import __version__
 from ..core.state import State
@@ -73,11 +73,11 @@ def progress(*, transient: bool = False):
         TextColumn("{task.description:<34}"),
         BarColumn(bar_width=20),
         TimeElapsedColumn(),
-        TextColumn("{task.fields[left]}"),
-        TextColumn("{task.fields[words]}"),
+        TextColumn("{task.fields[left]}", table_column=Column(no_wrap=True)),
+        TextColumn("{task.fields[words]}", table_column=Column(no_wrap=True, overflow="ellipsis", ratio=1)),
     )
     stages: dict[str, int] = {}
-    with Progress(*columns, console=console, disable=not console.is_terminal, transient=transient) as bar:
+    with Progress(*columns, console=console, disable=not console.is_terminal, transient=transient, expand=True) as bar:
 
         def tell(stage: str, share: float, words: str, left: float | None = None) -> None:
             if stage not in stages:

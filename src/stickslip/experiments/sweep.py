@@ -41,7 +41,7 @@ class Swept(NamedTuple):
     reused: int  # finished before
 
 
-def judged(chosen: Sweep, report=lambda share, words: None) -> list[str]:
+def judged(chosen: Sweep, report=None) -> list[str]:
     """Names of all members, each of which is a scenario that can be run.
 
     Raises
@@ -52,8 +52,8 @@ def judged(chosen: Sweep, report=lambda share, words: None) -> list[str]:
     names = []
     for k in range(chosen.count):
         names.append(member(chosen, k).name)
-        if k % 1000 == 0:
-            report(k / chosen.count, f"{k} of {chosen.count}")
+        if report and (k + 1) % 500 == 0:
+            report((k + 1) / chosen.count, f"{k + 1} of {chosen.count}")
     return names
 
 

@@ -35,12 +35,20 @@ def simulate(
         if not confirm():
             return None
     with progress() as tell:
-        names = judged(chosen, lambda share, words: tell("scenarios are checked", share, words))
+        told = (lambda share, words: tell("checking scenarios", share, words)) if chosen.count > MANY else None
+        names = judged(chosen, told)
         done = sum(finished(out / MEMBERS / name) is not None for name in set(names)) if out.exists() else 0
         stage = f"{len(set(names)) - done} members to run" + (f", {done} done before" if done else "")
         line = _lines(lambda share, words, left: tell(stage, share, words, left))
         line(0.0, f"on {where.words}", None)
-        return run_sweep(chosen, out, names=names, workers=workers, figures=figures, report=line)
+        try:
+            return run_sweep(chosen, out, names=names, workers=workers, figures=figures, report=line)
+        except KeyboardInterrupt:
+            done = sum(finished(out / MEMBERS / name) is not None for name in set(names))
+            console.print(
+                f"{done} of {len(names)} members are finished and kept: the same call goes on with the others."
+            )
+            raise
 
 
 def _count(chosen: Sweep) -> str:
