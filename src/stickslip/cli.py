@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from . import __version__
+from .extras import MissingExtraError
 
 app = typer.Typer(
     add_completion=False,
@@ -23,6 +24,9 @@ STOPPED = 130  # what shells expect of a process that ctrl-C ended
 Out = Annotated[Path | None, typer.Option("--out", help="Folder for results; made if it does not exist.")]
 Workers = Annotated[
     int | None, typer.Option("--workers", min=1, help="Processes of independent runs, threads of a flow; default: all.")
+]
+Scheduler = Annotated[
+    str | None, typer.Option("--scheduler", help="Address or JSON file of a Dask scheduler that runs them instead.")
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace results of another scenario in the folder.")]
 
@@ -51,19 +55,22 @@ def reproduce(
     out: Out = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of all random velocities.")] = 0,
     workers: Workers = None,
+    scheduler: Scheduler = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Run a paper's experiment end to end: figures, an animation, raw numbers and the claims table."""
-    _one_of("experiment", experiment, list(_PAPERS))
     from .experiments import report
+    from .experiments.rooms import PAPERS, REPORTS
 
-    paper, its_report = _room(_PAPERS[experiment]), _room(_REPORTS[experiment])
+    _one_of("experiment", experiment, list(PAPERS))
+    spread = _spread(workers, scheduler)
+    paper, its_report = _room(PAPERS[experiment]), _room(REPORTS[experiment])
     folder = out or Path("results") / (experiment + ("-quick" if quick else ""))
     report.claim_folder(folder, paper.paper_scenario(quick=quick, seed=seed), overwrite=overwrite)
     if quick:
         report.console.print(f"--quick cuts: {paper.CUTS}.")
     with _working(), report.progress() as tell:
-        found = paper.reproduce(quick=quick, seed=seed, folder=folder, workers=workers, report=tell)
+        found = paper.reproduce(quick=quick, seed=seed, folder=folder, workers=spread, report=tell)
         tell("figures", 0.0, str(folder))
         paths = its_report.write_reproduction(folder, found)
     report.show_claims(found.claims)
@@ -76,23 +83,79 @@ def run(
     out: Annotated[Path, typer.Option("--out", help="Folder for results; made if it does not exist.")],
     engine: Annotated[str | None, typer.Option("--engine", help="stickslip or lammps, of fault gouge.")] = None,
     workers: Workers = None,
+    scheduler: Scheduler = None,
     overwrite: Overwrite = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Run a sweep of however many members.")] = False,
+    figures: Annotated[bool, typer.Option("--figures", help="Draw figures of every member of a sweep.")] = False,
 ) -> None:
-    """Run your own scenario: an array, a sheared packing, a quasi-rigid test, a flow, fault gouge, or a slider."""
-    from .data.scenario import read
+    """Run your own scenario, or with a table [sweep] many: arrays, packings, tests, flows, gouge, sliders."""
+    from .data.scenario import scenario as judged
+    from .data.scenario import tables_of
     from .experiments import report
+    from .experiments.rooms import ALONE, REPORTS
 
-    chosen = read(scenario)
+    tables = tables_of(scenario)
+    if "sweep" in tables:
+        return _sweep(_swept(tables, engine), out, _spread(workers, scheduler), overwrite, yes, figures)
+    chosen = judged(**tables)
     if engine is not None:
         chosen = _with_engine(chosen, engine)
+    if scheduler and chosen.experiment in ALONE:
+        raise ValueError(f"--scheduler was given, but experiment = {chosen.experiment!r} is one run: leave it out")
+    spread = _spread(workers, scheduler)
     report.claim_folder(out, chosen, overwrite=overwrite)
-    its_report = _room(_REPORTS[chosen.experiment])
+    its_report = _room(REPORTS[chosen.experiment])
+    getattr(its_report, "foretell", lambda chosen: None)(chosen)
     with _working(), report.progress() as tell:
-        found = its_report.simulate(chosen, folder=out, workers=workers, report=tell)
+        found = its_report.simulate(chosen, folder=out, workers=spread, report=tell)
         tell("figures", 0.0, str(out))
         paths = its_report.write_result(out, found)
     its_report.show_result(found)
-    report.show_paths(paths)
+    return report.show_paths(paths)
+
+
+def _sweep(tables: dict, out: Path, spread, overwrite: bool, yes: bool, figures: bool) -> None:
+    """Many runs; those that fail end with exit code 1, and the others are kept."""
+    from .data.sweep import sweep
+
+    its_report, chosen = _room("sweep_report"), sweep(**tables)
+
+    def confirm() -> bool:
+        if yes or not sys.stdin.isatty():
+            if not yes:
+                raise ValueError(f"{chosen.count} members are many, and there is no terminal to ask: add --yes")
+            return True
+        return typer.confirm(f"Run {chosen.count} members?")
+
+    found = its_report.simulate(
+        chosen, out, workers=spread, overwrite=overwrite, figures=figures, confirm=confirm
+    )  # fmt: skip
+    if found is None:
+        return print("nothing was run")
+    its_report.show(found, out)
+    if sentence := its_report.verdict(found):
+        raise RuntimeError(sentence)
+    return None
+
+
+def _swept(tables: dict, engine: str | None) -> dict:
+    """The tables of a sweep, run by another engine."""
+    if engine is None:
+        return tables
+    _one_of("engine", engine, ["stickslip", "lammps"])
+    return tables | {"engine": engine}
+
+
+def _spread(workers: int | None, scheduler: str | None) -> int | str | None:
+    """Where independent runs go, tried before anything starts."""
+    if scheduler is None:
+        return workers
+    if workers is not None:
+        raise ValueError("--workers and --scheduler were both given: a cluster has its own workers, give one of them")
+    from .ensemble import reach
+
+    reach(scheduler)
+    return scheduler
 
 
 def _with_engine(chosen, engine: str):
@@ -183,14 +246,6 @@ def fit(
             report.show_paths(paths)
 
 
-# every report has simulate, write_result and show_result; those of papers have write_reproduction, too
-_REPORTS = {
-    "disk-array": "disk_report", "sphere-shear": "shear_report", "quasi-rigid": "quasi_report", "flow": "flow_report",
-    "gouge": "gouge_report", "rate-state": "ratestate_report",
-}  # fmt: skip
-_PAPERS = {"disk-array": "disk_array", "sphere-shear": "sphere_shear", "quasi-rigid": "quasi_rigid", "gouge": "gouge"}
-
-
 def _room(name: str):
     """A module of the experiments, loaded when needed."""
     return import_module(f".experiments.{name}", __package__)
@@ -208,8 +263,8 @@ def _working():
 
     try:
         yield
-    except ScenarioError:
-        raise  # grains that do not fit are seen only when they are poured
+    except (ScenarioError, MissingExtraError):
+        raise  # grains that do not fit are seen only when they are poured; a missing part, when it is needed
     except (ValueError, ArithmeticError, MemoryError) as problem:
         raise RuntimeError(f"the run failed ({type(problem).__name__}: {problem})") from problem
 

@@ -88,6 +88,16 @@ def piece(kept: Kept | None, name: str, make: Callable[[], Any]) -> Any:
     return kept.load(name)
 
 
+def hooks(kept: Kept | None, names: list[str]) -> dict[str, Callable]:
+    """`load` and `save` of `run_members`, for members of these names."""
+    if kept is None:
+        return {}
+    return {
+        "load": lambda k: kept.load(names[k]) if kept.has(names[k]) else None,
+        "save": lambda k, result: kept.save(names[k], result),
+    }
+
+
 def finished(folder: Path) -> None:
     """Remove the pieces of a run that has written its results."""
     shutil.rmtree(folder / UNFINISHED, ignore_errors=True)

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..data.scenario import Scenario, scenario
+from ..ensemble import Workers
 from ..loading import fronts
 from ..loading.protocols import Equilibrium, Protocol, dominant_family, stable_window
 from ..loading.run import Ensemble, Report, Result, at_load, protocol_of, push, silent, simulate
@@ -69,7 +70,7 @@ def quarter_scenario(*, quick: bool = False, seed: int = 0) -> Scenario:
 
 
 def reproduce(
-    *, quick: bool = False, seed: int = 0, folder=None, workers: int | None = None, report: Report = silent
+    *, quick: bool = False, seed: int = 0, folder=None, workers: Workers = None, report: Report = silent
 ) -> Reproduction:
     """Run both scenarios and judge every claim of the paper.
 
@@ -77,7 +78,7 @@ def reproduce(
     ----------
     quick : fewer realizations and shorter runs (CUTS says which)
     seed : of all random velocities
-    workers : processes for the realizations
+    workers : processes for the realizations, or a Dask scheduler's address
     report : called as report(stage, share done, words)
     """
     main = simulate(paper_scenario(quick=quick, seed=seed), workers=workers, report=report)

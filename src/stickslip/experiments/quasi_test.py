@@ -14,7 +14,7 @@ from ..core.laws import KN, Law
 from ..core.measure import branches, contact_forces, touching
 from ..core.state import Control, State
 from ..data.quasi_scenario import QuasiScenario
-from ..ensemble import run_members
+from ..ensemble import Workers, run_members
 from ..loading.biaxial import BOTTOM, LEFT, RIGHT, TOP, biaxial_box, raised, sheared_box
 from ..loading.slow import slowly
 from ..quasirigid.matrices import Matrices, matrices, statuses, stiffness_matrix
@@ -91,12 +91,12 @@ def silent(stage: str, share: float, words: str) -> None:
     """Say nothing."""
 
 
-def simulate_quasi(scenario: QuasiScenario, *, workers: int | None = None, report: Report = silent) -> QuasiResult:
+def simulate_quasi(scenario: QuasiScenario, *, workers: Workers = None, report: Report = silent) -> QuasiResult:
     """Prepare the samples of a scenario, follow them by path and by slow dynamics, and look at their stiffness.
 
     Parameters
     ----------
-    workers : processes, one sample each; the number does not change the results
+    workers : processes, one sample each, or a Dask scheduler's address; it does not change the results
     report : called as report(stage, share done, words)
     """
     tasks = [(scenario, scenario.seed + k) for k in range(scenario.samples)]

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.padding import Padding
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
+from rich.table import Column, Table
 
 from .. import __version__
 from ..core.state import State
@@ -69,7 +69,7 @@ def _probe(folder: Path) -> None:
 
 @contextmanager
 def progress(*, transient: bool = False):
-    """A live line for each stage, with the quantities that matter; a plain line a stage where there is no terminal.
+    """A live line for each stage: time spent and left, the quantities that matter; without a terminal, plain lines.
 
     Parameters
     ----------
@@ -79,23 +79,35 @@ def progress(*, transient: bool = False):
         TextColumn("{task.description:<34}"),
         BarColumn(bar_width=20),
         TimeElapsedColumn(),
-        TextColumn("{task.fields[words]}"),
+        TextColumn("{task.fields[left]}", table_column=Column(no_wrap=True)),
+        TextColumn("{task.fields[words]}", table_column=Column(no_wrap=True, overflow="ellipsis", ratio=1)),
     )
     stages: dict[str, int] = {}
-    with Progress(*columns, console=console, disable=not console.is_terminal, transient=transient) as bar:
+    with Progress(*columns, console=console, disable=not console.is_terminal, transient=transient, expand=True) as bar:
 
-        def tell(stage: str, share: float, words: str) -> None:
+        def tell(stage: str, share: float, words: str, left: float | None = None) -> None:
             if stage not in stages:
                 if not console.is_terminal and not transient:
                     console.print(f"{stage} …")
                 for task in stages.values():
-                    bar.update(task, completed=1.0)
-                stages[stage] = bar.add_task(stage, total=1.0, words=words)
-            bar.update(stages[stage], completed=share, words=words)
+                    bar.update(task, completed=1.0, left="")
+                stages[stage] = bar.add_task(stage, total=1.0, words=words, left="")
+            task, spent = stages[stage], bar.tasks[stages[stage]].elapsed or 0.0
+            if left is None and 0 < share < 1 and spent > 2:
+                left = spent * (1 - share) / share
+            bar.update(task, completed=share, words=words, left="" if left is None else f"{duration(left)} left")
 
         yield tell
         for task in stages.values():
-            bar.update(task, completed=1.0)
+            bar.update(task, completed=1.0, left="")
+
+
+def duration(seconds: float) -> str:
+    """About how long, in words that are short."""
+    for size, name in ((86400, "days"), (3600, "h"), (60, "min")):
+        if seconds >= 2 * size:
+            return f"{seconds / size:.3g} {name}"
+    return f"{seconds:.0f} s"
 
 
 @contextmanager

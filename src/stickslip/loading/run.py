@@ -9,9 +9,9 @@ import numpy as np
 from ..core.laws import Law, dashpots
 from ..core.outcome import NotInEquilibriumError, Outcome, Status
 from ..core.state import State
-from ..data.kept import Kept, kept_in, piece
+from ..data.kept import Kept, hooks, kept_in, piece
 from ..data.scenario import Dynamics, Scenario
-from ..ensemble import run_members
+from ..ensemble import Workers, run_members
 from ..solve.spectrum import Spectrum, damped_growth, spectrum
 from . import fronts
 from .packing import array_of, pushed
@@ -262,12 +262,12 @@ def slide_many(
     points: list[Equilibrium],
     law: Law,
     scenario: Scenario,
-    workers: int | None,
+    workers: Workers,
     report: Report = silent,
     *,
     kept: Kept | None = None,
 ) -> dict[float, Ensemble]:
-    """Realizations of sliding at every load, in parallel processes; seeds are the scenario's seed + 1, 2, 3 …"""
+    """Realizations of sliding at every load, in parallel; seeds are the scenario's seed + 1, 2, 3 …"""
     how, dynamics = scenario.sliding, scenario.dynamics
     options = {
         "velocity": dynamics.seed_velocity,
@@ -281,12 +281,13 @@ def slide_many(
         check_time_step(point, dynamics.dt)
     seeds = [scenario.seed + 1 + k for k in range(how.realizations)]
     tasks = [(p.state, law, seed, options | {"sample": fastest_period(p) / 10}) for p in points for seed in seeds]
+    names = [f"{point.load:g}-{seed}" for point in points for seed in seeds]
 
     def tell(done, total, member):
         speed = f"sliding velocity {member.result.velocity:.2e}" if member.result else member.failure
         report("realizations of sliding", done / total, f"{done} of {total}, {speed}")
 
-    members = run_members(_one_transition, tasks, workers=workers, report=tell)
+    members = run_members(_one_transition, tasks, workers=workers, report=tell, **hooks(kept, names))
     out = {}
     for k, point in enumerate(points):
         mine = members[k * len(seeds) : (k + 1) * len(seeds)]
@@ -314,7 +315,7 @@ def simulate(
     scenario: Scenario,
     *,
     folder: Path | None = None,
-    workers: int | None = None,
+    workers: Workers = None,
     sensitivity: bool = False,
     report: Report = silent,
 ) -> Result:
@@ -324,7 +325,7 @@ def simulate(
     ----------
     folder : where loads, free runs and realizations are kept as soon as they are done; a run that was killed goes on
         from what is kept
-    workers : processes for the realizations of sliding; the result does not depend on it
+    workers : processes for the realizations of sliding, or a Dask scheduler's address; the result does not depend on it
     sensitivity : also follow the pairs on the same path with twice the load step, to see how much births depend on it
     report : called as report(stage, share done, words with the quantities that matter)
 
