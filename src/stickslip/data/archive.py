@@ -187,6 +187,9 @@ def _put_array(group, name: str, value, units: dict) -> None:
     if value is None:
         group.create_dataset(name, data=h5py.Empty("f8"))
         return
+    if isinstance(value, bytes):
+        group.create_dataset(name, data=np.frombuffer(value, np.uint8)).attrs["sequence"] = "bytes"
+        return
     array = np.asarray(value)
     if array.dtype.kind == "U":
         array = np.asarray(value, dtype=h5py.string_dtype())
@@ -231,5 +234,5 @@ def _taken_array(item: h5py.Dataset):
     if h5py.check_string_dtype(item.dtype) is not None:
         return value.decode() if isinstance(value, bytes) else np.array([v.decode() for v in value.ravel()], str)
     if "sequence" in item.attrs:
-        return tuple(value.tolist()) if item.attrs["sequence"] == "tuple" else value.tolist()
+        return {"tuple": tuple, "list": list, "bytes": bytes}[item.attrs["sequence"]](value.tolist())
     return value.item() if np.ndim(value) == 0 else value

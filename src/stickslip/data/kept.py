@@ -60,7 +60,7 @@ class Kept(NamedTuple):
         about = archive.attributes(path)
         if about["scenario"] != self.scenario:
             raise archive.ArchiveError(
-                f"{path} was computed for another scenario than the folder's, perhaps with another law: put the old one "
+                f"{path} was computed for another scenario than the folder's, perhaps with another law: put that one "
                 f"back, or run the new one with --overwrite"
             )
         if about["stickslip"] != __version__:
@@ -69,6 +69,10 @@ class Kept(NamedTuple):
                 f"differ: go on with that version, or begin again with --overwrite"
             )
         return archive.read(path, nouns=self.nouns)["piece"]
+
+    def clear(self) -> None:
+        """Remove all pieces of this part."""
+        shutil.rmtree(self.folder, ignore_errors=True)
 
     def _path(self, name: str) -> Path:
         return self.folder / f"{name}.h5"

@@ -69,7 +69,7 @@ def engine(processes: int = 1) -> Engine:
         raise RuntimeError(f"LAMMPS is installed, but cannot be loaded ({_said(loaded)}): {GET}")
     if processes > 1 and not _mpirun():
         raise RuntimeError(f"LAMMPS was asked for in {processes} processes, but mpirun is missing: {GET}")
-    return Engine(start, partial(_leg, processes=processes), lambda place: place.gouge.state)
+    return Engine(start, partial(_leg, processes=processes), lambda place: place.gouge.state, (Place, Gouge))
 
 
 def start(scenario: GougeScenario, gouge: Gouge) -> Place:
