@@ -3,7 +3,7 @@
 Schema 4. Groups and datasets mirror nested dictionaries, tuples and NamedTuples; a group that was a NamedTuple carries
 its name in the attribute `noun`. The root has the attributes `schema`, `stickslip` and `versions` (of what computed
 it), and `scenario` (canonical text); no times of day and no names of machines. Contact lists are stored up to their
-count, with all of their memory. Datasets of states have the attribute `units`.
+count, with all of their memory. Datasets have the attribute `units` where they are known.
 
 A file is made in memory, written beside its place and then renamed: whoever is killed, or finds the disk full, leaves
 what was there before. It begins with a block of text, which HDF5 passes over, that holds a checksum of the rest, as
@@ -24,18 +24,13 @@ import numpy as np
 
 from ..core.laws import Law
 from ..core.state import Cell, Contacts, Control, Grains, Instant, State, Walls
+from .units import unit_of
 
 SCHEMA = 4
 _BLOCK, _SEAL = 512, b"stickslip archive, SHA-256 of what follows this block:\n"
 _NOUNS = (State, Grains, Walls, Cell, Contacts, Control, Instant, Law)
 _VERSIONS = ("numpy", "numba", "scipy", "h5py")
 _EVERY_PAIR = ("i", "j", "image", "key", "slip", "mode", "pair", "roll", "reached")
-UNITS = {
-    "position": "length", "angle": "rad", "velocity": "length/time", "spin": "rad/time", "radius": "length",
-    "mass": "mass", "inertia": "mass length^2", "point": "length", "vectors": "length", "rate": "1/time",
-    "slip": "length", "pair": "length", "roll": "length", "force": "force", "torque": "force length",
-    "gravity": "length/time^2", "time": "time",
-}  # fmt: skip
 # what HDF5 and what is made of its contents raise where a file is damaged
 _DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError, OverflowError, MemoryError)
 
@@ -44,9 +39,7 @@ class ArchiveError(ValueError):
     """A file that cannot be read as an archive; the message is one sentence for the user."""
 
 
-def write(
-    path: str | Path, tree: dict, *, scenario: str = "", version: str = "", units: dict[str, str] | None = None
-) -> None:
+def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = "", si: bool = False) -> None:
     """Write a tree to an HDF5 file, all or nothing.
 
     Parameters
@@ -54,20 +47,20 @@ def write(
     tree : nested dictionaries of arrays, numbers, words, None, tuples and NamedTuples of these, states among them
     scenario : canonical text
     version : of the package that computed it
-    units : of datasets by their last name, besides those of states
+    si : whether units are SI; else the attribute `units` of a dataset tells its dimension
 
     Raises
     ------
     OSError
         where the file cannot be written; what was there is left alone.
     """
-    path, units = Path(path), UNITS | (units or {})
+    path = Path(path)
     memory = {"driver": "core", "backing_store": False, "userblock_size": _BLOCK}
     with h5py.File(uuid.uuid4().hex, "w", **memory) as file:
         file.attrs["schema"], file.attrs["scenario"], file.attrs["stickslip"] = SCHEMA, scenario, version
         file.attrs["versions"] = versions()
         for name, value in tree.items():
-            _put(file, name, value, units)
+            _put(file, name, value, si)
         file.flush()
         image = file.id.get_file_image()
     replace(path, _sealed(image))
@@ -119,6 +112,14 @@ def read(path: str | Path, *, nouns: Iterable[type] = ()) -> dict:
         return {name: _take(value, known) for name, value in file.items()}
 
 
+def units(path: str | Path) -> dict[str, str]:
+    """Units of an archive's datasets, by their path; errors as in `read`."""
+    found = {}
+    with _opened(path) as file:
+        file.visititems(lambda name, item: found.update({name: item.attrs["units"]} if "units" in item.attrs else {}))
+    return found
+
+
 def attributes(path: str | Path) -> dict[str, str]:
     """`scenario`, `stickslip` (version) and `versions` of an archive; errors as in `read`."""
     with _opened(path) as file:
@@ -155,7 +156,7 @@ def _check_schema(path, schema) -> None:
         raise ArchiveError(f"{path} has archive schema {schema}, and this version reads schema {SCHEMA}: {remedy}")
 
 
-def _put(group, name: str, value, units: dict) -> None:
+def _put(group, name: str, value, si: bool) -> None:
     if isinstance(value, Contacts):
         value = trimmed(value)
     if isinstance(value, Enum):
@@ -166,24 +167,24 @@ def _put(group, name: str, value, units: dict) -> None:
         child = group.create_group(name)
         child.attrs["noun"] = type(value).__name__
         for key, item in value._asdict().items():
-            _put(child, key, item, units)
+            _put(child, key, item, si)
     elif isinstance(value, dict):
         child = group.create_group(name)
         numbers = [key for key in value if not isinstance(key, str)]
         if numbers:
             child.attrs["keys"] = type(numbers[0]).__name__
         for key, item in value.items():
-            _put(child, key if isinstance(key, str) else repr(key), item, units)
+            _put(child, key if isinstance(key, str) else repr(key), item, si)
     elif isinstance(value, tuple | list) and not _plain(value):
         child = group.create_group(name)
         child.attrs["sequence"] = type(value).__name__
         for k, item in enumerate(value):
-            _put(child, f"{k:06d}", item, units)
+            _put(child, f"{k:06d}", item, si)
     else:
-        _put_array(group, name, value, units)
+        _put_array(group, name, value, si)
 
 
-def _put_array(group, name: str, value, units: dict) -> None:
+def _put_array(group, name: str, value, si: bool) -> None:
     if value is None:
         group.create_dataset(name, data=h5py.Empty("f8"))
         return
@@ -197,8 +198,8 @@ def _put_array(group, name: str, value, units: dict) -> None:
     made = group.create_dataset(name, data=array, **options)
     if isinstance(value, tuple | list):
         made.attrs["sequence"] = type(value).__name__
-    if name in units:
-        made.attrs["units"] = units[name]
+    if array.dtype.kind in "fc" and (unit := unit_of(name, si=si)):
+        made.attrs["units"] = unit
 
 
 def _plain(value) -> bool:

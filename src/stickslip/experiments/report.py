@@ -30,6 +30,7 @@ SERIES = "series.csv"
 _OURS = re.compile(
     r"fig\d_\w+\.png|steps_\d+_\d+\.csv|" + "|".join(map(re.escape, (SCENARIO, NUMBERS, CLAIMS, MOVIE, SERIES)))
 )
+SI = ("gouge", "rate-state")  # experiments whose scenarios are in SI units
 STYLE = {"title_justify": "left", "header_style": "bold", "box": SIMPLE_HEAD, "pad_edge": False}
 COLORS = {claims_table.REPRODUCED: "green", claims_table.PARTLY: "yellow", claims_table.NOT_REPRODUCED: "red"}
 
@@ -183,7 +184,8 @@ def files_of(folder: Path) -> list[Path]:
 
 def save(room: Path, scenario, numbers: dict) -> None:
     """Scenario and raw numbers."""
-    archive.write(room / NUMBERS, numbers, scenario=scenario.text, version=__version__)
+    si = scenario.experiment in SI
+    archive.write(room / NUMBERS, numbers, scenario=scenario.text, version=__version__, si=si)
     (room / SCENARIO).write_text(scenario.text, encoding="utf-8")
 
 
