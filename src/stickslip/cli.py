@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from . import __version__
+from .extras import MissingExtraError
 
 app = typer.Typer(
     add_completion=False,
@@ -208,8 +209,8 @@ def _working():
 
     try:
         yield
-    except ScenarioError:
-        raise  # grains that do not fit are seen only when they are poured
+    except (ScenarioError, MissingExtraError):
+        raise  # grains that do not fit are seen only when they are poured; a missing part, when it is needed
     except (ValueError, ArithmeticError, MemoryError) as problem:
         raise RuntimeError(f"the run failed ({type(problem).__name__}: {problem})") from problem
 

@@ -1,0 +1,68 @@
+"""A missing optional part is one sentence with the command that installs it."""
+
+import importlib
+import subprocess
+import sys
+import tomllib
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+import pytest
+
+from stickslip import extras
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_a_library_that_is_there_is_returned():
+    assert extras.needed("importlib.metadata", "dev") is importlib.metadata
+
+
+@pytest.mark.parametrize("extra", ["exchange", "cluster"])
+def test_a_missing_library_is_one_sentence_with_the_command(extra, monkeypatch):
+    library = extras.EXTRAS[extra][0]
+    monkeypatch.setattr(sys, "meta_path", [])
+    for name in [name for name in sys.modules if name.partition(".")[0] == library]:
+        monkeypatch.delitem(sys.modules, name)
+    with pytest.raises(extras.MissingExtraError) as caught:
+        extras.needed(f"{library}.inner", extra)
+    assert str(caught.value) == f'{library} is not installed: `pip install "stickslip[{extra}]"` installs it'
+    assert isinstance(caught.value, ValueError)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [("import absent_below", "No module named 'absent_below'"), ("raise OSError('no libmpi\\n.so')", "no libmpi .so")],
+)
+def test_a_broken_library_is_told_from_a_missing_one(text, said, tmp_path, monkeypatch):
+    (tmp_path / "broken_library.py").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(extras.MissingExtraError) as caught:
+        extras.needed("broken_library", "fast")
+    again = '`pip install --force-reinstall "stickslip[fast]"` may mend it'
+    assert str(caught.value) == f"broken_library is installed, but cannot be loaded ({said}): {again}"
+
+
+def test_the_command_line_ends_with_the_sentence_and_exit_code_2():
+    code = "\n".join([
+        "import sys, stickslip.cli as cli", "from stickslip.extras import needed",
+        "def broken():", "    with cli._working():", "        needed('absent_library', 'cluster')",
+        "cli.app.command('broken')(broken)", "sys.argv = ['stickslip', 'broken']", "cli.main()",
+    ])  # fmt: skip
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert run.returncode == 2
+    wanted = 'stickslip: absent_library is not installed: `pip install "stickslip[cluster]"` installs it\n'
+    assert run.stderr == wanted
+
+
+def test_the_table_of_extras_is_that_of_the_package():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    assert set(extras.EXTRAS) == set(project)
+    with pytest.raises(KeyError, match="no extra 'fastest': use fast, cluster"):
+        extras.command("fastest")
+    distributions = packages_distributions()
+    for extra, libraries in extras.EXTRAS.items():
+        listed = " ".join(project[extra])
+        for library in libraries:
+            for name in distributions.get(library, []):  # of those installed here
+                assert name in listed, (extra, library)
