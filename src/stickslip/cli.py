@@ -184,6 +184,18 @@ def fit(
             report.show_paths(paths)
 
 
+@app.command()
+def cite(
+    scenario: Annotated[Path, typer.Argument(help="A scenario in TOML, or the folder of a run's results.")],
+) -> None:
+    """BibTeX of what a run rests on: this package, papers, laws, libraries."""
+    from .data.scenario import read
+    from .data.sources import bibtex
+    from .experiments.report import SCENARIO
+
+    print(bibtex(read(scenario / SCENARIO if scenario.is_dir() else scenario)), end="")
+
+
 # every report has simulate, write_result and show_result; those of papers have write_reproduction, too
 _REPORTS = {
     "disk-array": "disk_report", "sphere-shear": "shear_report", "quasi-rigid": "quasi_report", "flow": "flow_report",
