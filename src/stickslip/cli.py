@@ -196,6 +196,16 @@ def cite(
     print(bibtex(read(scenario / SCENARIO if scenario.is_dir() else scenario)), end="")
 
 
+@app.command()
+def doctor(
+    as_json: Annotated[bool, typer.Option("--json", help="Print one object instead of tables.")] = False,
+) -> None:
+    """Is this installation sound? Versions, threads, caches, optional parts, a self-check; exit code 1 if it fails."""
+    from .doctor.report import told
+
+    raise typer.Exit(0 if told(as_json=as_json) else 1)
+
+
 # every report has simulate, write_result and show_result; those of papers have write_reproduction, too
 _REPORTS = {
     "disk-array": "disk_report", "sphere-shear": "shear_report", "quasi-rigid": "quasi_report", "flow": "flow_report",

@@ -60,14 +60,13 @@ def present(module: str) -> bool:
         return False
 
 
-def command(extra: str) -> str:
+def command(extra: str, *, again: bool = False) -> str:
     """What a user types for an extra, in quotes that every shell understands."""
     if extra not in EXTRAS:
         raise KeyError(f"no extra {extra!r}: use {', '.join(EXTRAS)}")
-    return f'`pip install "stickslip[{extra}]"`'
+    return f'`pip install {"--force-reinstall " * again}"stickslip[{extra}]"`'
 
 
 def _broken(library: str, extra: str, problem: Exception) -> str:
     said = " ".join(str(problem).split())
-    again = command(extra).replace("install ", "install --force-reinstall ", 1)
-    return f"{library} is installed, but cannot be loaded ({said}): {again} may mend it"
+    return f"{library} is installed, but cannot be loaded ({said}): {command(extra, again=True)} may mend it"
