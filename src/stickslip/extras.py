@@ -47,9 +47,9 @@ def needed(module: str, extra: str) -> ModuleType:
     except ModuleNotFoundError as problem:
         if (problem.name or "").partition(".")[0] == library and not present(library):
             raise MissingExtraError(f"{library} is not installed: {command(extra)} installs it") from None
-        raise MissingExtraError(_broken(library, extra, problem)) from problem
+        raise broken(library, extra, problem) from problem
     except (ImportError, OSError) as problem:
-        raise MissingExtraError(_broken(library, extra, problem)) from problem
+        raise broken(library, extra, problem) from problem
 
 
 def present(module: str) -> bool:
@@ -67,6 +67,8 @@ def command(extra: str, *, again: bool = False) -> str:
     return f'`pip install {"--force-reinstall " * again}"stickslip[{extra}]"`'
 
 
-def _broken(library: str, extra: str, problem: Exception) -> str:
+def broken(library: str, extra: str, problem: Exception) -> MissingExtraError:
+    """The error to raise where a library is installed, and what it needs is not: one sentence, too."""
     said = " ".join(str(problem).split())
-    return f"{library} is installed, but cannot be loaded ({said}): {command(extra, again=True)} may mend it"
+    again = command(extra, again=True)
+    return MissingExtraError(f"{library} is installed, but cannot be loaded ({said}): {again} may mend it")
