@@ -1,4 +1,4 @@
-"""What this installation is made of: versions, threads, caches and optional parts; nothing is changed."""
+"""What this installation is made of: versions, threads, caches and optional parts."""
 
 import os
 import platform
@@ -116,7 +116,7 @@ def _pardiso() -> Wrong | None:
     try:
         got = factorised(sparse.csc_array(np.diag([2.0, 4.0])), method="pardiso")(np.array([2.0, 4.0]))
     except Exception as problem:  # what a library without its MKL raises is its own affair
-        return Wrong(f"it cannot be loaded ({_line(problem)})")
+        return Wrong(f"it cannot be loaded ({_line(problem.__cause__ or problem)})")
     return None if np.allclose(got, 1.0) else Wrong(f"it found x = {got} for diag(2, 4) x = (2, 4)")
 
 
@@ -147,7 +147,7 @@ def _numba() -> str:
         except ImportError:
             continue
         return f"{_threads(numba.config.NUMBA_NUM_THREADS)}, layer {layer}"
-    return f"{_threads(numba.config.NUMBA_NUM_THREADS)}, no layer can be loaded: runs use one thread"
+    return f"{_threads(numba.config.NUMBA_NUM_THREADS)}, no threading layer can be loaded"
 
 
 def _version(library: str) -> str | None:
