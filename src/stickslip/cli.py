@@ -287,6 +287,28 @@ def fit(
             report.show_paths(paths)
 
 
+@app.command()
+def cite(
+    scenario: Annotated[Path, typer.Argument(help="A scenario in TOML, or the folder of a run's results.")],
+) -> None:
+    """BibTeX of what a run rests on: this package, papers, laws, libraries."""
+    from .data.scenario import read
+    from .data.sources import bibtex
+    from .experiments.report import SCENARIO
+
+    print(bibtex(read(scenario / SCENARIO if scenario.is_dir() else scenario)), end="")
+
+
+@app.command()
+def doctor(
+    as_json: Annotated[bool, typer.Option("--json", help="Print one object instead of tables.")] = False,
+) -> None:
+    """Is this installation sound? Versions, threads, caches, optional parts, a self-check; exit code 1 if it fails."""
+    from .doctor.report import told
+
+    raise typer.Exit(0 if told(as_json=as_json) else 1)
+
+
 def _room(name: str):
     """A module of the experiments, loaded when needed."""
     return import_module(f".experiments.{name}", __package__)
