@@ -148,7 +148,11 @@ def test_a_helper_that_is_gone_is_a_death():
 
 @pytest.mark.parametrize(
     ("where", "words"),
-    [(0, "workers = 0 was given"), ("nonsense", "no Dask scheduler answers at 'nonsense'"), ("a/b.json", "no such file")],
+    [
+        (0, "workers = 0 was given"),
+        ("nonsense", "no Dask scheduler answers at 'nonsense'"),
+        ("a/b.json", "no such file"),
+    ],
 )
 def test_where_nothing_can_run_is_one_sentence(where, words):
     with pytest.raises(ValueError, match=words) as caught:
