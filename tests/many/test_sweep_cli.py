@@ -108,6 +108,10 @@ def test_a_folder_of_another_run_is_not_taken(tmp_path):
     run = stickslip("run", sliders(tmp_path / "s.toml"), "--out", out)
     assert run.returncode == 2
     assert "holds the results of another scenario" in run.stderr
+    assert stickslip("run", tmp_path / "s.toml", "--out", tmp_path / "sweep").returncode == 0
+    run = stickslip("run", ROOT / "examples" / "rate_state.toml", "--out", tmp_path / "sweep")
+    assert run.returncode == 2
+    assert "holds the results of a sweep" in run.stderr
 
 
 def test_a_member_that_is_no_scenario_stops_the_sweep_before_it_starts(tmp_path):

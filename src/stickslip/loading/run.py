@@ -1,6 +1,7 @@
 """A scenario, run: press, push quasi-statically with spectra, let go from chosen loads, slide many times."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -271,7 +272,8 @@ def slide_many(
         speed = f"sliding velocity {member.result.velocity:.2e}" if member.result else member.failure
         report("realizations of sliding", done / total, f"{done} of {total}, {speed}")
 
-    members = run_members(_one_transition, tasks, workers=workers, report=tell)
+    live = partial(report, "realizations of sliding")
+    members = run_members(_one_transition, tasks, workers=workers, report=tell, live=live)
     out = {}
     for k, point in enumerate(points):
         mine = members[k * len(seeds) : (k + 1) * len(seeds)]
@@ -291,7 +293,8 @@ def slide_many(
     return out
 
 
-def _one_transition(state, law, seed, options):
+def _one_transition(state, law, seed, options, tell):
+    tell(0.0, f"seed {seed} started")
     return fronts.transition(state, law, seed, **options)
 
 
