@@ -104,7 +104,7 @@ def run(
     from .data.scenario import scenario as judged
     from .data.scenario import tables_of
     from .experiments import report
-    from .experiments.rooms import ALONE
+    from .experiments.rooms import ALONE, SWEEP
 
     tables = tables_of(scenario)
     if "sweep" in tables:
@@ -114,6 +114,8 @@ def run(
         chosen = _with_engine(chosen, engine)
     if scheduler and chosen.experiment in ALONE:
         raise ValueError(f"--scheduler was given, but experiment = {chosen.experiment!r} is one run: leave it out")
+    if (out / SWEEP).exists():
+        raise ValueError(f"{out} holds the results of a sweep: choose another --out")
     spread = _spread(workers, scheduler)
     report.claim_folder(out, chosen, overwrite=overwrite)
     return _ran(chosen, out, spread)

@@ -180,9 +180,8 @@ def _axis(key: str, told, base: dict, mode: str, number: int | None, seed: int) 
     if isinstance(told, list):
         if not told:
             raise ScenarioError(f"sweep.{key} is an empty list: give at least one value")
-        twice = [value for k, value in enumerate(told) if value in told[:k]] if mode == "grid" else []
-        if twice:
-            raise ScenarioError(f"sweep.{key} holds {twice[0]} twice: give every value once")
+        if mode == "grid" and (twice := _twice(told)):
+            raise ScenarioError(f"sweep.{key} holds {twice} twice: give every value once")
         return Axis(key, tuple(told), "list", told)
     if not isinstance(told, dict):
         raise ScenarioError(f"sweep.{key} = {told!r} was given: use a list of values, or {{{' | '.join(KINDS)} = …}}")
@@ -205,6 +204,16 @@ def _axis(key: str, told, base: dict, mode: str, number: int | None, seed: int) 
         return Axis(key, _spaced(kind, *told[kind], many), kind, told)
     draws = np.random.default_rng([seed, zlib.crc32(key.encode())]).random(many)
     return Axis(key, _quantiles(kind, told[kind], np.sort(draws) if mode == "grid" else draws), kind, told)
+
+
+def _twice(told: list) -> str | None:
+    """The first value of a list that stands there twice."""
+    seen = set()
+    for words in map(str, told):
+        if words in seen:
+            return words
+        seen.add(words)
+    return None
 
 
 def _kind(key: str, told: dict) -> str:

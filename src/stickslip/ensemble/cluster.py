@@ -4,9 +4,11 @@ On a worker of the cluster every task runs in a process of its own (`helper`), s
 interpreter's lock, never keep the worker from telling its scheduler that it is alive.
 """
 
+import json
 import logging
 import os
 import queue
+import socket
 import threading
 import time
 from contextlib import contextmanager
@@ -38,11 +40,8 @@ def connected(address):
     if isinstance(address, distributed.Client):
         yield address
         return
-    where = {"scheduler_file": address} if str(address).endswith(".json") else {"address": address}
     try:
-        if "scheduler_file" in where and not os.path.exists(address):  # a client would wait for it for ever
-            raise OSError("there is no such file")
-        client = distributed.Client(**where, timeout=PATIENCE, set_as_default=False)
+        client = distributed.Client(_answering(str(address)), timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError, TypeError, KeyError) as problem:
         said = " ".join(str(problem).split())[:150] or type(problem).__name__
         raise ValueError(
@@ -56,6 +55,23 @@ def connected(address):
             yield client
     finally:
         log.setLevel(before)
+
+
+def _answering(address: str) -> str:
+    """The address, or the one in a JSON file, after a look whether anybody listens: a client would try for long."""
+    if address.endswith(".json"):
+        if not os.path.exists(address):
+            raise OSError("there is no such file")
+        with open(address, encoding="utf-8") as file:
+            address = str(json.load(file)["address"])
+    kind, found, host = address.rpartition("://")
+    if found and kind not in ("tcp", "tls"):
+        return address
+    name, colon, port = host.rpartition(":")
+    if not colon or not port.isdigit():
+        raise ValueError("it has no port")
+    with socket.create_connection((name.strip("[]"), int(port)), timeout=PATIENCE):
+        return address
 
 
 def spread(packed, address, keep, heard) -> None:

@@ -22,10 +22,11 @@ from ..data.kept import SCENARIO, UNFINISHED, finished
 from ..data.parts import Whole
 from ..data.scenario import read as read_scenario
 from . import claims as claims_table
+from .rooms import SWEEP
 
 console = Console(soft_wrap=False)
 NUMBERS, CLAIMS, MOVIE, WRITING = "results.h5", "claims.json", "transition.gif", ".writing"
-REPRODUCTION, SWEEP = "reproduce.json", "sweep.json"
+REPRODUCTION = "reproduce.json"
 SERIES = "series.csv"
 _OURS = re.compile(
     r"fig\d_\w+\.png|steps_\d+_\d+\.csv|" + "|".join(map(re.escape, (SCENARIO, NUMBERS, CLAIMS, MOVIE, SERIES)))

@@ -13,8 +13,8 @@ from .. import __version__
 from ..data.sweep import Sweep, member, sweep
 from ..data.sweep_data import write_sweep
 from ..ensemble import Workers, reach, run_members, trial
-from .report import NUMBERS, SWEEP, complete, duration, files_of, save
-from .rooms import REPORTS
+from .report import NUMBERS, complete, duration, files_of, save
+from .rooms import REPORTS, SWEEP
 
 MEMBERS, MEASURES = "members", "measures.json"
 MANY = 1000  # members, above which a user is asked
@@ -91,7 +91,7 @@ def finished(folder: Path) -> dict | None:
 
 
 def run_sweep(
-    chosen: Sweep, folder: Path, *, names: list[str] | None = None, workers: Workers = None, figures: bool = False,
+    chosen: Sweep, folder: str | Path, *, names: list[str] | None = None, workers: Workers = None, figures: bool = False,
     report: Callable = lambda share, words, left: None,
 ) -> Swept:  # fmt: skip
     """Run all members that the folder does not hold already, and write the dataset of all that are finished.
@@ -103,7 +103,7 @@ def run_sweep(
     figures : whether every member draws its figures, too
     report : called as report(share of what is run, words, seconds left or None)
     """
-    folder, names = folder.resolve(), names or judged(chosen)
+    folder, names = Path(folder).resolve(), names or judged(chosen)
     (folder / MEMBERS).mkdir(parents=True, exist_ok=True)
     (folder / SWEEP).write_text(chosen.text, encoding="utf-8")
     found = [finished(folder / MEMBERS / name) for name in names]

@@ -1,6 +1,7 @@
 """A scenario, run: press, push quasi-statically with spectra, let go from chosen loads, slide many times."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -287,7 +288,8 @@ def slide_many(
         speed = f"sliding velocity {member.result.velocity:.2e}" if member.result else member.failure
         report("realizations of sliding", done / total, f"{done} of {total}, {speed}")
 
-    members = run_members(_one_transition, tasks, workers=workers, report=tell, **hooks(kept, names))
+    live = partial(report, "realizations of sliding")
+    members = run_members(_one_transition, tasks, workers=workers, report=tell, live=live, **hooks(kept, names))
     out = {}
     for k, point in enumerate(points):
         mine = members[k * len(seeds) : (k + 1) * len(seeds)]
@@ -307,7 +309,8 @@ def slide_many(
     return out
 
 
-def _one_transition(state, law, seed, options):
+def _one_transition(state, law, seed, options, tell):
+    tell(0.0, f"seed {seed} started")
     return fronts.transition(state, law, seed, **options)
 
 

@@ -1,0 +1,243 @@
+"""Sweeps: members from lists and distributions, each an ordinary scenario; the same dataset however they are run."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from stickslip.data import archive
+from stickslip.data.scenario import EXPERIMENTS, ScenarioError, read, scenario
+from stickslip.data.sweep import OPTIONS, members, read_sweep, sweep
+from stickslip.data.sweep_data import DATASET, is_sweep, open_sweep
+from stickslip.experiments.rooms import SWEEP
+from stickslip.experiments.sweep import MEASURES, MEMBERS, run_sweep
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "rate_state_sweep.toml"
+SLIDER = {"experiment": "rate-state", "samples": {"number": 12}, "legs": [{"velocity": 0.02, "distance": 1e-3}]}
+LATIN = {"mode": "sample", "number": 4}
+
+
+def small(**table):
+    """A sweep of sliders, which take milliseconds."""
+    return sweep(**SLIDER, sweep=table or {"surface.mu0": [0.3, 0.5, 0.7], "seed": {"count": 2}})
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ({"law.my": [0.2]}, r"sweep.law.my: the table \[law\] has no key 'my': did you mean 'mu'"),
+        ({"lw.mu": [0.2]}, "sweep.lw.mu: a scenario has no key 'lw': did you mean 'law'"),
+        ({"law": [0.2]}, "sweep.law is a table: name one of its keys, kind, coulomb"),
+        ({"law.mu.x": [0.2]}, "sweep.law.mu.x: law.mu is no table"),
+        ({"law.mu": 0.4}, "sweep.law.mu = 0.4 was given: use a list"),
+        ({"law.mu": []}, "sweep.law.mu is an empty list"),
+        ({"law.mu": [0.2, 0.2]}, "sweep.law.mu holds 0.2 twice"),
+        ({"law.mu": {}}, "sweep.law.mu has 0 kinds of values"),
+        ({"law.mu": {"unifrom": [0, 1], "number": 2}}, "sweep.law.mu has no key 'unifrom'"),
+        ({"law.mu": {"logspace": [0, 1], "number": 2}}, "did you mean 'geomspace', whose ends are values"),
+        ({"law.mu": {"uniform": [0, 1]}}, "sweep.law.mu has no number of values"),
+        ({"law.mu": {"uniform": [1, 0], "number": 2}}, "the first end must be below the second"),
+        ({"law.mu": {"uniform": [0, 1, 2], "number": 2}}, "use two numbers, the ends"),
+        ({"law.mu": {"loguniform": [0, 1], "number": 2}}, "both ends must be positive"),
+        ({"law.mu": {"normal": {"mean": 1}, "number": 2}}, "use {mean = 0.4, sd = 0.1}"),
+        ({"law.mu": {"uniform": [0, 1], "number": 0}}, "sweep.law.mu.number = 0 was given"),
+        ({"array.disks": {"integers": [1.5, 3], "number": 2}}, "use two whole numbers"),
+        ({"law.mu": {"count": 3}}, "count, which is for seed"),
+        ({"seed": {"count": 0}}, "sweep.seed.count = 0 was given"),
+        ({"mode": "gird", "seed": [1]}, "sweep.mode = 'gird' was given: use 'grid', 'zip', 'sample'"),
+        ({"mode": "sample", "seed": [1]}, "needs the number of points"),
+        ({"number": 3, "seed": [1]}, "sweep.number belongs to zip and sample"),
+        (LATIN | {"law.mu": {"uniform": [0, 1], "number": 2}}, "a sample has one for all keys"),
+        ({"mode": "zip", "law.mu": [1, 2], "law.kn": [1, 2, 3]}, "sweep.law.mu has 2 values and sweep.law.kn 3"),
+        ({}, "holds no key"),
+        ({"law.mu": {"uniform": [0, 1], "number": 10_000}, "seed": {"count": 101}}, "makes 1010000 members: at most"),
+        ({"law.mu": [0.4, -1.0]}, "member law.mu = -1.0: law.mu = -1.0 was given, but it should be greater"),
+        ({"array.disks": [3, 2.5]}, "member array.disks = 2.5: array.disks = 2.5 was given"),
+    ],
+)  # fmt: skip
+def test_a_bad_sweep_is_one_sentence(table, words):
+    with pytest.raises(ScenarioError, match=words) as caught:
+        list(members(sweep(sweep=table)))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("key", "words"),
+    [("legs.velocity", "name its entry"), ("legs.2.velocity", "entry 2, but the scenario gives 1 entries")],
+)
+def test_entries_of_lists_are_counted_from_one(key, words):
+    with pytest.raises(ScenarioError, match=words):
+        list(members(small(**{key: [0.01]})))
+    assert next(members(small(**{"legs.1.velocity": [0.01]}))).scenario.legs[0].velocity == 0.01
+
+
+def test_every_member_is_the_scenario_with_its_values():
+    found = list(members(small(**{"surface.a": [0.01, 0.02], "seed": {"count": 3}})))
+    assert [one.values for one in found[:4]] == [
+        {"surface.a": 0.01, "seed": 0}, {"surface.a": 0.01, "seed": 1}, {"surface.a": 0.01, "seed": 2},
+        {"surface.a": 0.02, "seed": 0},
+    ]  # fmt: skip
+    assert found[3].scenario == scenario(**SLIDER, surface={"a": 0.02}, seed=0)
+    assert len({one.name for one in found}) == 6
+
+
+def test_dotted_keys_and_tables_are_the_same():
+    assert small(**{"surface.a": [0.01]}).axes == small(surface={"a": [0.01]}).axes
+
+
+def test_spaced_values_hold_their_ends_and_stay_whole():
+    axes = sweep(sweep={
+        "array.disks": {"linspace": [4, 8], "number": 3}, "law.kn": {"geomspace": [1.0, 100.0], "number": 3},
+    }).axes  # fmt: skip
+    assert axes[0].values == (4, 6, 8)
+    assert all(isinstance(value, int) for value in axes[0].values)
+    assert axes[1].values == pytest.approx((1, 10, 100))
+
+
+def test_draws_depend_on_their_seed_and_key_alone():
+    table = {"law.mu": {"uniform": [0, 1], "number": 5}}
+    alone = sweep(sweep=table).axes[0].values
+    assert sweep(sweep=table).axes[0].values == alone == tuple(sorted(alone))
+    assert sweep(sweep={"law.kn": {"uniform": [0, 1], "number": 2}} | table).axes[1].values == alone
+    assert not set(alone) & set(sweep(sweep=table | {"draw_seed": 1}).axes[0].values)
+
+
+@pytest.mark.parametrize(
+    ("told", "median", "quarter"),
+    [
+        ({"uniform": [1.0, 3.0]}, 2.0, 1.5), ({"loguniform": [1.0, 100.0]}, 10.0, 10**0.5),
+        ({"normal": {"mean": 2.0, "sd": 0.5}}, 2.0, 2 - 0.5 * 0.67449), ({"linspace": [1.0, 3.0]}, 2.0, 1.5),
+    ],
+)  # fmt: skip
+def test_a_latin_hypercube_has_one_value_in_every_part(told, median, quarter):
+    chosen = sweep(sweep={"mode": "sample", "number": 1000, "law.kn": told, "law.kt": {"uniform": [0.0, 1.0]}})
+    assert chosen.shape == (1000,)
+    values, other = (np.array(axis.values) for axis in chosen.axes)
+    assert np.median(values) == pytest.approx(median, rel=5e-3)  # one of 1000 strata is 1e-3 of the probability
+    assert np.quantile(values, 0.25) == pytest.approx(quarter, rel=5e-3)
+    np.testing.assert_array_equal(np.sort((other * 1000).astype(int)), np.arange(1000))
+    assert abs(np.corrcoef(values, other)[0, 1]) < 0.15  # 1/sqrt(1000) = 0.03 for independent ones
+
+
+def test_points_that_go_side_by_side_are_repeated_with_every_seed():
+    both = sweep(sweep={"mode": "zip", "law.mu": [1.0, 2.0], "array.disks": [3, 4], "seed": {"count": 2}})
+    found = [tuple(one.values.values()) for one in members(both)]
+    assert found == [(1.0, 3, 0), (1.0, 3, 1), (2.0, 4, 0), (2.0, 4, 1)]
+
+
+def test_no_key_of_a_scenario_is_an_option_of_a_sweep():
+    for kind in EXPERIMENTS.values():
+        assert not set(OPTIONS) & set(kind.model_fields)
+
+
+def test_a_scenario_with_a_sweep_is_not_one_scenario():
+    with pytest.raises(ScenarioError, match=r"holds a \[sweep\], which is many scenarios"):
+        read(EXAMPLE)
+    assert read_sweep(EXAMPLE).shape == (2, 5, 4)
+
+
+def test_the_dataset_is_labelled_and_members_are_where_it_says(tmp_path):
+    swept = run_sweep(small(), tmp_path, workers=1)
+    assert not any(swept.failures)
+    found = open_sweep(tmp_path)
+    assert is_sweep(tmp_path)
+    assert found.sizes == {"surface.mu0": 3, "seed": 2}
+    assert found.critical_stiffness.attrs["units"] == "1/m"
+    assert found.sel({"surface.mu0": 0.5}).final_friction.values == pytest.approx(0.5, abs=1e-3)  # a slide at V0
+    assert "[m" not in str(found["surface.mu0"].attrs)
+    for mu0 in (0.3, 0.5, 0.7):
+        one = found.sel({"surface.mu0": mu0, "seed": 1})
+        folder = tmp_path / MEMBERS / str(one.member.values)
+        left = read(folder / "scenario.json")
+        assert (left.surface.mu0, left.seed) == (mu0, 1)
+        assert archive.read(folder / "results.h5")["history"]["friction"][-1] == one.final_friction
+    with xr.open_dataset(tmp_path / DATASET) as again:
+        assert again.identical(found)
+
+
+def test_the_dataset_does_not_depend_on_how_members_were_run(tmp_path, cluster):
+    found = []
+    for k, workers in enumerate((1, 2, cluster.address)):
+        run_sweep(small(), tmp_path / str(k), workers=workers)
+        found.append(open_sweep(tmp_path / str(k)).drop_vars("seconds"))
+    assert found[0].identical(found[1])
+    assert found[0].identical(found[2])
+
+
+def test_files_of_a_member_travel_when_its_worker_does_not_see_the_folder(tmp_path, monkeypatch):
+    monkeypatch.setattr("stickslip.experiments.sweep._sees", lambda path, text: False)
+    swept = run_sweep(small(), tmp_path, workers=1)
+    for name in swept.names:
+        here = {path.name for path in (tmp_path / MEMBERS / name).iterdir()}
+        assert here == {"scenario.json", "results.h5", MEASURES}
+
+
+def test_a_second_call_runs_what_is_missing_only(tmp_path):
+    first = run_sweep(small(), tmp_path, workers=1)
+    times = {name: (tmp_path / MEMBERS / name / "results.h5").stat().st_mtime_ns for name in first.names}
+    (tmp_path / MEMBERS / first.names[2] / MEASURES).write_text("{broken")
+    (tmp_path / MEMBERS / first.names[4] / "results.h5").unlink()
+    again = run_sweep(small(), tmp_path, workers=1)
+    assert again.reused == 4
+    assert [one["measures"] for one in again.found] == [one["measures"] for one in first.found]
+    new = {name for name in first.names if (tmp_path / MEMBERS / name / "results.h5").stat().st_mtime_ns != times[name]}
+    assert new == {first.names[2], first.names[4]}
+    more = run_sweep(small(**{"surface.mu0": [0.1, 0.3, 0.5, 0.7], "seed": {"count": 2}}), tmp_path, workers=1)
+    assert more.reused == 6
+    assert open_sweep(tmp_path).finished.values.all()
+
+
+def test_members_of_another_version_are_run_again(tmp_path):
+    first = run_sweep(small(), tmp_path, workers=1)
+    path = tmp_path / MEMBERS / first.names[0] / MEASURES
+    path.write_text(path.read_text().replace(json.loads(path.read_text())["stickslip"], "0.0.1"))
+    assert run_sweep(small(), tmp_path, workers=1).reused == 5
+
+
+def test_a_scenario_that_is_drawn_twice_is_run_once(tmp_path):
+    swept = run_sweep(
+        small(mode="zip", **{"surface.mu0": [0.3, 0.3, 0.5], "surface.law": ["aging"] * 3}), tmp_path, workers=1
+    )
+    assert len(list((tmp_path / MEMBERS).iterdir())) == 2
+    assert swept.found[0] == swept.found[1]
+    assert open_sweep(tmp_path).sizes == {"point": 3}
+
+
+def test_members_that_fail_are_named_and_tried_again(tmp_path):
+    disks = {"array": {"disks": 2}, "load": {"push": [0.0, 0.01], "step": 5e-3}, "dynamics": {"loads": ()}}
+    chosen = sweep(**disks, sweep={"law.mu": [0.0, 10.0]})
+    swept = run_sweep(chosen, tmp_path, workers=1)
+    assert "no equilibrium at push = 0.005" in swept.failures[0]
+    assert not swept.failures[1]
+    found = open_sweep(tmp_path)
+    assert found.finished.values.tolist() == [0, 1]
+    assert "no equilibrium" in str(found.failure.values[0])
+    assert np.isnan(found.pairs.values[0])
+    assert found.pairs.values[1] == 0
+    again = run_sweep(chosen, tmp_path, workers=1)
+    assert again.reused == 1
+    assert again.failures[0]
+
+
+def test_figures_are_drawn_if_asked_for(tmp_path):
+    swept = run_sweep(small(**{"surface.mu0": [0.3]}), tmp_path, workers=1, figures=True)
+    here = {path.name for path in (tmp_path / MEMBERS / swept.names[0]).iterdir()}
+    assert here >= {"fig1_history.png", "series.csv", "results.h5"}
+
+
+def test_what_is_no_sweep_cannot_be_opened(tmp_path):
+    assert not is_sweep(tmp_path)
+    with pytest.raises(ValueError, match="holds no sweep"):
+        open_sweep(tmp_path)
+    (tmp_path / DATASET).write_text("broken")
+    with pytest.raises(ValueError, match="holds no sweep"):
+        open_sweep(tmp_path)
+
+
+def test_the_sweep_that_was_run_is_kept(tmp_path):
+    chosen = small()
+    run_sweep(chosen, tmp_path, workers=1)
+    assert read_sweep(tmp_path / SWEEP) == chosen
+    assert json.loads(open_sweep(tmp_path).attrs["sweep"]) == json.loads(chosen.text)
