@@ -41,11 +41,22 @@ class Kept(NamedTuple):
         """Whether a piece is there."""
         return self._path(name).is_file()
 
-    def save(self, name: str, value: Any) -> None:
-        """Write a piece, all or nothing; from here on it is there whatever happens to this process."""
+    def announce(self) -> None:
+        """Write the scenario, with which the run can be gone on with and other processes find its folder."""
         self.folder.mkdir(parents=True, exist_ok=True)
         if not (self.run / SCENARIO).exists():
             archive.replace(self.run / SCENARIO, self.scenario.encode())
+
+    def seen(self) -> "Kept | None":
+        """The same, if this process sees the run's folder; a worker on another machine may not."""
+        try:
+            return self if (self.run / SCENARIO).read_bytes() == self.scenario.encode() else None
+        except OSError:
+            return None
+
+    def save(self, name: str, value: Any) -> None:
+        """Write a piece, all or nothing; from here on it is there whatever happens to this process."""
+        self.announce()
         archive.write(self._path(name), {"piece": value}, scenario=self.scenario, version=__version__)
 
     def load(self, name: str) -> Any:
@@ -96,6 +107,7 @@ def hooks(kept: Kept | None, names: list[str]) -> dict[str, Callable]:
     """`load` and `save` of `run_members`, for members of these names."""
     if kept is None:
         return {}
+    kept.announce()
     return {
         "load": lambda k: kept.load(names[k]) if kept.has(names[k]) else None,
         "save": lambda k, result: kept.save(names[k], result),

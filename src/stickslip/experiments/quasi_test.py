@@ -135,6 +135,7 @@ def prepared(scenario: QuasiScenario, seed: int) -> tuple[State, Law, Control]:
 def tested(scenario: QuasiScenario, seed: int, kept: Kept | None = None, tell=lambda share, words: None) -> Tested:
     """One sample, followed by path and by slow dynamics; these are kept, each as soon as it is done."""
     load, slow = scenario.loading, scenario.dynamics
+    kept = kept and kept.seen()
     tell(0.0, f"sample {seed}: coming to rest")
     state, law, end = piece(kept, "prepared", lambda: prepared(scenario, seed))
     options = {"increment": load.increment, "geometric": load.geometric}

@@ -51,7 +51,7 @@ def simulate_gouge(
     seeds = range(scenario.seed, scenario.seed + scenario.realizations)
     alone = [scenario.model_copy(update={"realizations": 1, "seed": seed}) for seed in seeds]
     reused = [_read(_kept(one, folder), one) for one in alone]
-    missing = reused.count(None)
+    missing, kept = reused.count(None), kept_in(folder, scenario)
 
     def live(share, words):
         report(f"realizations ({missing} to run)", share, words)
@@ -64,9 +64,10 @@ def simulate_gouge(
             kept.of(alone[k].digest).clear()
 
     if missing:
+        if kept:
+            kept.announce()
         before = f"; {len(alone) - missing} were finished before" if missing < len(alone) else ""
         live(0.0, f"each takes {scenario.words}{before}")
-    kept = kept_in(folder, scenario)
     tasks = [(one.text, kept and kept.of(one.digest)) for one in alone]
     members = run_members(_member, tasks, workers=workers, live=live, load=reused.__getitem__, save=save)
     found = tuple(member.result for member in members if member.failure is None)
@@ -98,7 +99,7 @@ def engine_of(scenario: GougeScenario) -> Engine:
 def _member(text: str, kept: Kept | None, tell: Tell) -> Realization:
     """One realization, in whichever process."""
     one = GougeScenario.model_validate_json(text)
-    return realization(one, one.seed, engine_of(one), tell, kept)
+    return realization(one, one.seed, engine_of(one), tell, kept and kept.seen())
 
 
 def _kept(one: GougeScenario, folder: Path | None) -> Path | None:

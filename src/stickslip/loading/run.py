@@ -282,7 +282,7 @@ def slide_many(
         check_time_step(point, dynamics.dt)
     seeds = [scenario.seed + 1 + k for k in range(how.realizations)]
     tasks = [(p.state, law, seed, options | {"sample": fastest_period(p) / 10}) for p in points for seed in seeds]
-    names = [f"{point.load:g}-{seed}" for point in points for seed in seeds]
+    names = [f"{point.load!r}-{seed}" for point in points for seed in seeds]
 
     def tell(done, total, member):
         speed = f"sliding velocity {member.result.velocity:.2e}" if member.result else member.failure
@@ -355,7 +355,7 @@ def simulate(
     free_runs, trajectory = {}, None
     for k, load in enumerate(scenario.dynamics.loads):
         point = at_load(path, load)
-        free_runs[load] = piece(kept, f"free-run-{load:g}", lambda point=point: let_go(point, law, scenario))
+        free_runs[load] = piece(kept, f"free-run-{load!r}", lambda point=point: let_go(point, law, scenario))
         report("free runs", (k + 1) / len(scenario.dynamics.loads), f"push {load:g}, M = {free_runs[load].msd[-1]:.1e}")
         wanted = free_runs[load].slid if scenario.dynamics.watch is None else load == scenario.dynamics.watch
         if wanted and trajectory is None:

@@ -136,7 +136,7 @@ def shear(
     kept : where the packing and points of the path are kept
     report : called as report(share done, words)
     """
-    law = law_of(scenario.law)
+    law, kept = law_of(scenario.law), kept and kept.seen()
     state, packed = piece(kept, "packing", lambda: packing_of(scenario, seed))
     protocol = aqs(law, slip=scenario.shear.slip, tolerance=scenario.shear.tolerance)
     path, loads, stopped = [], strains(scenario), ""

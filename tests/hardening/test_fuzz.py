@@ -1,0 +1,208 @@
+"""Mutated files: whatever is in a scenario or a packing, the command line ends with 0, or with 2 and one sentence."""
+
+import copy
+import json
+import signal
+import sys
+import tomllib
+import warnings
+
+import numpy as np
+import pytest
+
+from stickslip.cli import main
+from stickslip.data import archive
+from stickslip.loading.packing import jammed
+from tests.unit.test_sample import arrays_of
+from tests.unit.test_scenario import EXAMPLES
+
+PATIENCE = 30  # seconds for one input; most take milliseconds
+NASTY = [
+    -1, 0, 1, 2, 3, 10**30, -0.0, 1e308, -1e308, 1e-320, float("nan"), float("inf"), -float("inf"), 0.5, True, False,
+    None, "", "x", "x" * 5000, "\x00", "ß∂ƒ", "../..", "__import__('os').system('true')", [], {}, [[]], [0], [1e300] * 4,
+    ["a"], {"a": 1}, [1, 2, 3], [[0, 0, 0]], {"x": 1e9}, {"kind": "slide"},
+]  # fmt: skip
+
+
+def ended(words, capsys):
+    """Exit code of the command line in this process, which ends a hang itself; on 2 there is one sentence."""
+
+    def hangs(*_):
+        raise AssertionError(f"no answer within {PATIENCE} s")
+
+    before = signal.signal(signal.SIGALRM, hangs)
+    signal.alarm(PATIENCE)
+    argv, sys.argv = sys.argv, ["stickslip", *map(str, words)]
+    try:
+        with pytest.raises(SystemExit) as caught, warnings.catch_warnings():
+            warnings.simplefilter("error", RuntimeWarning)
+            main()
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+        sys.argv = argv
+    code, said = caught.value.code or 0, capsys.readouterr().err
+    assert code in (0, 2), said
+    if code == 2:
+        assert said.startswith("stickslip: ")
+        assert said.count("\n") == 1, said
+        assert len(said) < 2000, said
+    return code
+
+
+def places(tree, above=()):
+    """Paths to everything in nested dictionaries and lists."""
+    items = tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()
+    for key, value in items:
+        yield (*above, key)
+        yield from places(value, (*above, key))
+
+
+def with_change(tree, rng):
+    """The tree with an entry replaced, removed, doubled or renamed."""
+    tree = copy.deepcopy(tree)
+    known = list(places(tree))
+    *above, last = known[rng.integers(len(known))]
+    holder = tree
+    for key in above:
+        holder = holder[key]
+    way = rng.integers(5)
+    if way == 0:
+        del holder[last]
+    elif way == 1 and isinstance(holder, dict):
+        holder[str(last) + "s"] = holder.pop(last)
+    elif way == 2 and isinstance(holder[last], int | float):
+        holder[last] = holder[last] * float(10.0 ** rng.integers(-20, 20)) * rng.choice([-1, 1])
+    elif way == 3:
+        holder[last] = [copy.deepcopy(holder[last])]
+    else:
+        holder[last] = copy.deepcopy(NASTY[rng.integers(len(NASTY))])
+    return tree
+
+
+def with_damage(content: bytes, rng) -> bytes:
+    """The content cut, with bytes changed, or with a piece of it moved."""
+    out = bytearray(content)
+    for _ in range(rng.integers(1, 4)):
+        a, b = sorted(rng.integers(0, len(out) + 1, 2))
+        way = rng.integers(4)
+        if way == 0:
+            out = out[:a] or out
+        elif way == 1 and a < len(out):
+            out[a] = rng.integers(256)
+        elif way == 2:
+            out = (out[:a] + out[b:]) or out
+        else:
+            out = out[:b] + out[a : min(b, a + 200)] + out[b:]
+    return bytes(out)
+
+
+def check_scenarios(count, tmp_path, capsys):
+    rng, texts = np.random.default_rng(0), [path.read_bytes() for path in sorted(EXAMPLES.glob("*.toml"))]
+    codes = []
+    for _ in range(count):
+        text = texts[rng.integers(len(texts))]
+        if rng.random() < 0.3:
+            path = tmp_path / "s.toml"
+            path.write_bytes(with_damage(text, rng))
+        else:
+            path, tree = tmp_path / "s.json", tomllib.loads(text.decode())
+            for _ in range(rng.integers(1, 4)):
+                tree = with_change(tree, rng) if tree else tree
+            path.write_text(json.dumps(tree))
+        codes.append(ended(["cite", path], capsys))
+    assert 0 < sum(code == 0 for code in codes) < count
+
+
+def packing():
+    state, _ = jammed(12, packing_fraction=0.66, seed=2)
+    return {**arrays_of(state), "mass": np.ones(12), "kn": 1.0, "kt": 0.3, "mu": 0.4, "law": "hertz_mindlin"}
+
+
+def with_array_changed(arrays, rng):
+    arrays = dict(arrays)
+    name = list(arrays)[rng.integers(len(arrays))]
+    value = np.array(arrays[name])
+    way = rng.integers(7)
+    if way == 0:
+        del arrays[name]
+    elif way == 1:
+        arrays[name] = value[..., :-1] if value.ndim else np.array([value])
+    elif way == 2:
+        arrays[name + "s"] = arrays.pop(name)
+    elif way == 3 and value.size and value.dtype.kind in "fi":
+        flat = value.astype(float).reshape(-1)
+        flat[rng.integers(flat.size)] = rng.choice([np.nan, np.inf, -1.0, 0.0, 1e300, 1e-300, 7.5, -(2.0**40)])
+        arrays[name] = flat.reshape(value.shape)
+    elif way == 4:
+        arrays[name] = value.astype(str)
+    elif way == 5 and value.dtype.kind in "fi":
+        arrays[name] = value * rng.choice([-1.0, 0.0, 1e-12, 1e12, 1.01])
+    else:
+        arrays[name] = np.zeros((0, 3)) if rng.random() < 0.5 else value[:0] if value.ndim else value
+    return arrays
+
+
+def check_packings(count, tmp_path, capsys):
+    rng, whole, codes = np.random.default_rng(1), packing(), []
+    state, _ = jammed(12, packing_fraction=0.66, seed=2)
+    np.savez(tmp_path / "whole.npz", **whole)
+    archive.write(tmp_path / "whole.h5", {"state": state})
+    for k in range(count):
+        way = rng.integers(4)
+        path = tmp_path / ("p.h5" if way == 0 else "p.npz")
+        if way < 2:
+            path.write_bytes(with_damage((tmp_path / f"whole{path.suffix}").read_bytes(), rng))
+        else:
+            arrays = whole
+            for _ in range(rng.integers(1, 3)):
+                arrays = with_array_changed(arrays, rng) if arrays else arrays
+            np.savez(path, **arrays)
+        codes.append(ended(["stability", path, "--json"], capsys))
+    assert 0 < sum(code == 0 for code in codes) < count
+
+
+def test_some_mutated_scenarios(tmp_path, capsys):
+    check_scenarios(300, tmp_path, capsys)
+
+
+def test_some_mutated_packings(tmp_path, capsys):
+    check_packings(150, tmp_path, capsys)
+
+
+@pytest.mark.slow
+def test_ten_thousand_mutated_scenarios(tmp_path, capsys):
+    check_scenarios(10_000, tmp_path, capsys)
+
+
+@pytest.mark.slow
+def test_ten_thousand_mutated_packings(tmp_path, capsys):
+    check_packings(10_000, tmp_path, capsys)
+
+
+@pytest.mark.parametrize("name", ["p.npz", "p.h5", "s.toml", "s.json"])
+def test_nothing_of_a_file_is_executed(name, tmp_path, capsys):
+    """Pickles and code are words like any others."""
+    path, made = tmp_path / name, tmp_path / "made"
+    if name == "p.npz":
+        np.savez(path, position=np.array([_Evil(str(made))], object), radius=np.ones(1))
+    elif name == "p.h5":
+        import pickle
+
+        path.write_bytes(pickle.dumps(_Evil(str(made))))
+    else:
+        word = f"__import__('pathlib').Path({str(made)!r}).touch()"
+        path.write_text(json.dumps({"seed": word}) if name == "s.json" else f"seed = {json.dumps(word)}")
+    words = ["stability", path, "--json"] if name.startswith("p") else ["cite", path]
+    assert ended(words, capsys) == 2
+    assert not made.exists()
+
+
+class _Evil:
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        import pathlib
+
+        return pathlib.Path.touch, (pathlib.Path(self.path),)
