@@ -1,5 +1,6 @@
 """The command line: thin; every command calls one function of the layer below and shows what came back."""
 
+import errno
 import sys
 from contextlib import contextmanager
 from importlib import import_module
@@ -24,6 +25,9 @@ STOPPED = 130  # what shells expect of a process that ctrl-C ended
 Out = Annotated[Path | None, typer.Option("--out", help="Folder for results; made if it does not exist.")]
 Workers = Annotated[
     int | None, typer.Option("--workers", min=1, help="Processes of independent runs, threads of a flow; default: all.")
+]
+Scheduler = Annotated[
+    str | None, typer.Option("--scheduler", help="Address or JSON file of a Dask scheduler that runs them instead.")
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace results of another scenario in the folder.")]
 
@@ -52,19 +56,33 @@ def reproduce(
     out: Out = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of all random velocities.")] = 0,
     workers: Workers = None,
+    scheduler: Scheduler = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Run a paper's experiment end to end: figures, an animation, raw numbers and the claims table."""
-    _one_of("experiment", experiment, list(_PAPERS))
     from .experiments import report
+    from .experiments.rooms import PAPERS
 
-    paper, its_report = _room(_PAPERS[experiment]), _room(_REPORTS[experiment])
+    _one_of("experiment", experiment, list(PAPERS))
+    spread = _spread(workers, scheduler)
+    paper = _room(PAPERS[experiment])
     folder = out or Path("results") / (experiment + ("-quick" if quick else ""))
-    report.claim_folder(folder, paper.paper_scenario(quick=quick, seed=seed), overwrite=overwrite)
+    chosen = paper.paper_scenario(quick=quick, seed=seed)
+    report.claim_folder(folder, chosen, overwrite=overwrite)
+    report.begin_reproduction(folder, chosen, experiment=experiment, quick=quick, seed=seed)
+    _reproduced(folder, spread, experiment=experiment, quick=quick, seed=seed)
+
+
+def _reproduced(folder: Path, spread, *, experiment: str, quick: bool, seed: int) -> None:
+    """Run a paper's experiment in a folder, or what is left of it."""
+    from .experiments import report
+    from .experiments.rooms import PAPERS, REPORTS
+
+    paper, its_report = _room(PAPERS[experiment]), _room(REPORTS[experiment])
     if quick:
         report.console.print(f"--quick cuts: {paper.CUTS}.")
     with _working(), report.progress() as tell:
-        found = paper.reproduce(quick=quick, seed=seed, folder=folder, workers=workers, report=tell)
+        found = paper.reproduce(quick=quick, seed=seed, folder=folder, workers=spread, report=tell)
         tell("figures", 0.0, str(folder))
         paths = its_report.write_reproduction(folder, found)
     report.show_claims(found.claims)
@@ -77,23 +95,108 @@ def run(
     out: Annotated[Path, typer.Option("--out", help="Folder for results; made if it does not exist.")],
     engine: Annotated[str | None, typer.Option("--engine", help="stickslip or lammps, of fault gouge.")] = None,
     workers: Workers = None,
+    scheduler: Scheduler = None,
     overwrite: Overwrite = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Run a sweep of however many members.")] = False,
+    figures: Annotated[bool, typer.Option("--figures", help="Draw figures of every member of a sweep.")] = False,
 ) -> None:
-    """Run your own scenario: an array, a sheared packing, a quasi-rigid test, a flow, fault gouge, or a slider."""
-    from .data.scenario import read
+    """Run your own scenario, or with a table [sweep] many: arrays, packings, tests, flows, gouge, sliders."""
+    from .data.scenario import scenario as judged
+    from .data.scenario import tables_of
     from .experiments import report
+    from .experiments.rooms import ALONE
 
-    chosen = read(scenario)
+    tables = tables_of(scenario)
+    if "sweep" in tables:
+        return _sweep(_swept(tables, engine), out, _spread(workers, scheduler), overwrite, yes, figures)
+    chosen = judged(**tables)
     if engine is not None:
         chosen = _with_engine(chosen, engine)
+    if scheduler and chosen.experiment in ALONE:
+        raise ValueError(f"--scheduler was given, but experiment = {chosen.experiment!r} is one run: leave it out")
+    spread = _spread(workers, scheduler)
     report.claim_folder(out, chosen, overwrite=overwrite)
-    its_report = _room(_REPORTS[chosen.experiment])
+    return _ran(chosen, out, spread)
+
+
+def _ran(chosen, folder: Path, spread) -> None:
+    """Run a scenario in a folder, or what is left of it."""
+    from .experiments import report
+    from .experiments.rooms import REPORTS
+
+    its_report = _room(REPORTS[chosen.experiment])
+    getattr(its_report, "foretell", lambda chosen: None)(chosen)
     with _working(), report.progress() as tell:
-        found = its_report.simulate(chosen, folder=out, workers=workers, report=tell)
-        tell("figures", 0.0, str(out))
-        paths = its_report.write_result(out, found)
+        found = its_report.simulate(chosen, folder=folder, workers=spread, report=tell)
+        tell("figures", 0.0, str(folder))
+        paths = its_report.write_result(folder, found)
     its_report.show_result(found)
     report.show_paths(paths)
+
+
+@app.command()
+def resume(
+    folder: Annotated[Path, typer.Argument(help="The folder of a run that was stopped or killed.")],
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+) -> None:
+    """Go on with a run that was killed: dynamics to the last bit, quasi-static steps to their solver's tolerance."""
+    from .experiments import report
+
+    found = report.begun(folder)
+    if found is None:
+        report.console.print(f"{folder} is finished: there is nothing to go on with.", highlight=False)
+        return report.show_paths(report.files_of(folder))
+    spread = _spread(workers, scheduler)
+    if found.reproduction:
+        return _reproduced(folder, spread, **found.reproduction)
+    if found.sweep:
+        return _sweep(found.sweep, folder, spread, overwrite=False, yes=True, figures=False)
+    return _ran(found.scenario, folder, spread)
+
+
+def _sweep(tables: dict, out: Path, spread, overwrite: bool, yes: bool, figures: bool) -> None:
+    """Many runs; those that fail end with exit code 1, and the others are kept."""
+    from .data.sweep import sweep
+
+    its_report, chosen = _room("sweep_report"), sweep(**tables)
+
+    def confirm() -> bool:
+        if yes or not sys.stdin.isatty():
+            if not yes:
+                raise ValueError(f"{chosen.count} members are many, and there is no terminal to ask: add --yes")
+            return True
+        return typer.confirm(f"Run {chosen.count} members?")
+
+    found = its_report.simulate(
+        chosen, out, workers=spread, overwrite=overwrite, figures=figures, confirm=confirm
+    )  # fmt: skip
+    if found is None:
+        return print("nothing was run")
+    its_report.show(found, out)
+    if sentence := its_report.verdict(found):
+        raise RuntimeError(sentence)
+    return None
+
+
+def _swept(tables: dict, engine: str | None) -> dict:
+    """The tables of a sweep, run by another engine."""
+    if engine is None:
+        return tables
+    _one_of("engine", engine, ["stickslip", "lammps"])
+    return tables | {"engine": engine}
+
+
+def _spread(workers: int | None, scheduler: str | None) -> int | str | None:
+    """Where independent runs go, tried before anything starts."""
+    if scheduler is None:
+        return workers
+    if workers is not None:
+        raise ValueError("--workers and --scheduler were both given: a cluster has its own workers, give one of them")
+    from .ensemble import reach
+
+    reach(scheduler)
+    return scheduler
 
 
 def _with_engine(chosen, engine: str):
@@ -189,11 +292,9 @@ def cite(
     scenario: Annotated[Path, typer.Argument(help="A scenario in TOML, or the folder of a run's results.")],
 ) -> None:
     """BibTeX of what a run rests on: this package, papers, laws, libraries."""
-    from .data.scenario import read
-    from .data.sources import bibtex
-    from .experiments.report import SCENARIO
+    from .data.sources import bibtex, scenarios_of
 
-    print(bibtex(read(scenario / SCENARIO if scenario.is_dir() else scenario)), end="")
+    print(bibtex(*scenarios_of(scenario)), end="")
 
 
 @app.command()
@@ -204,14 +305,6 @@ def doctor(
     from .doctor.report import told
 
     raise typer.Exit(0 if told(as_json=as_json) else 1)
-
-
-# every report has simulate, write_result and show_result; those of papers have write_reproduction, too
-_REPORTS = {
-    "disk-array": "disk_report", "sphere-shear": "shear_report", "quasi-rigid": "quasi_report", "flow": "flow_report",
-    "gouge": "gouge_report", "rate-state": "ratestate_report",
-}  # fmt: skip
-_PAPERS = {"disk-array": "disk_array", "sphere-shear": "sphere_shear", "quasi-rigid": "quasi_rigid", "gouge": "gouge"}
 
 
 def _room(name: str):
@@ -227,12 +320,13 @@ def _one_of(name: str, got: str, allowed: list[str]) -> None:
 @contextmanager
 def _working():
     """What goes wrong after the input was accepted is a failed run, not bad input."""
+    from .data.archive import ArchiveError
     from .data.parts import ScenarioError
 
     try:
         yield
-    except (ScenarioError, MissingExtraError):
-        raise  # grains that do not fit are seen only when they are poured; a missing part, when it is needed
+    except (ScenarioError, ArchiveError, MissingExtraError):
+        raise  # seen late: grains that do not fit, pieces that belong to another run, parts that are not installed
     except (ValueError, ArithmeticError, MemoryError) as problem:
         raise RuntimeError(f"the run failed ({type(problem).__name__}: {problem})") from problem
 
@@ -258,7 +352,10 @@ def main() -> None:
 
 def _words(problem: Exception) -> str:
     if isinstance(problem, OSError) and problem.strerror:
-        return f"{problem.filename}: {problem.strerror.lower()}"
+        remedy = ""
+        if problem.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS):
+            remedy = "; what was kept before is whole: make room, then go on with stickslip resume"
+        return f"{problem.filename}: {problem.strerror.lower()}{remedy}"
     return str(problem)
 
 

@@ -43,7 +43,7 @@ def sentence(problem: ValidationError, kind: type[BaseModel]) -> str:
     """The first thing that is wrong: the key, what was got and what is allowed."""
     first = problem.errors()[0]
     if first["type"] == "extra_forbidden":
-        return _unknown_key(first["loc"], kind)
+        return unknown_key(first["loc"], kind)
     keys, _, entry = _walked(first["loc"], kind)
     message = first["msg"].removeprefix("Value error, ")
     message = message[0].lower() + message[1:]
@@ -51,7 +51,7 @@ def sentence(problem: ValidationError, kind: type[BaseModel]) -> str:
         return message
     if first["type"].startswith("union_tag"):
         given = f"has kind = {first['ctx']['tag']!r}" if "tag" in first["ctx"] else "has no kind"
-        kinds = [table.model_fields["kind"].default for table in _tables(kind.model_fields[keys[-1]].annotation)]
+        kinds = [table.model_fields["kind"].default for table in tables_in(kind.model_fields[keys[-1]].annotation)]
         return f"{'.'.join(keys)}{entry} {given}: use {', '.join(map(repr, kinds))}"
     if first["type"] == "missing":
         return f"{'.'.join(keys)}{entry} is missing: give it"
@@ -68,7 +68,7 @@ def _walked(where, table: type[BaseModel]):
             entry = entry or f" (entry {part + 1})"
         elif part in table.model_fields:
             keys.append(part)
-            branches = _tables(table.model_fields[part].annotation)
+            branches = tables_in(table.model_fields[part].annotation)
             table = branches[0] if branches else table
         else:
             kinds = {
@@ -78,14 +78,15 @@ def _walked(where, table: type[BaseModel]):
     return keys, table, entry
 
 
-def _tables(annotation) -> list[type[BaseModel]]:
+def tables_in(annotation) -> list[type[BaseModel]]:
     """The classes of the tables that an annotation holds, in a tuple, a dictionary or a union."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
-    return [found for inner in get_args(annotation) for found in _tables(inner)]
+    return [found for inner in get_args(annotation) for found in tables_in(inner)]
 
 
-def _unknown_key(where, kind: type[BaseModel]) -> str:
+def unknown_key(where, kind: type[BaseModel]) -> str:
+    """That a table has no such key, and what may have been meant."""
     keys, table, entry = _walked(where[:-1], kind)
     known, key = list(table.model_fields), str(where[-1])
     place = f"the table [{'.'.join(keys)}]{entry}" if keys else "a scenario"

@@ -249,7 +249,7 @@ AnyScenario = Scenario | ShearScenario | FlowScenario | QuasiScenario | GougeSce
 EXPERIMENTS = {kind.model_fields["experiment"].default: kind for kind in get_args(AnyScenario)}
 
 
-def _kind(tables: dict) -> type[Whole]:
+def kind_of(tables: dict) -> type[Whole]:
     """The class of scenario that `experiment` names; without it, a disk array."""
     name = tables.get("experiment", "disk-array")
     if not isinstance(name, str) or name not in EXPERIMENTS:
@@ -270,7 +270,7 @@ def scenario(**tables) -> AnyScenario:
     >>> scenario(array={"disks": 5}, load={"push": (0.0, 0.05)}, dynamics={"loads": (0.03,)}).array.disks
     5
     """
-    kind = _kind(tables)
+    kind = kind_of(tables)
     try:
         return kind.model_validate(tables)
     except ValidationError as problem:
@@ -279,10 +279,24 @@ def scenario(**tables) -> AnyScenario:
 
 def read(path: str | Path) -> AnyScenario:
     """A scenario from a TOML file, or from the canonical text that a run left behind."""
+    tables = tables_of(path)
+    if "sweep" in tables:
+        raise ScenarioError(f"{path} holds a [sweep], which is many scenarios: use read_sweep, or leave the table out")
+    return scenario(**tables)
+
+
+def tables_of(path: str | Path) -> dict:
+    """What a TOML or JSON file holds.
+
+    Raises
+    ------
+    ScenarioError
+        with one sentence, if it cannot be read.
+    """
     path = Path(path)
     try:
         text = path.read_text(encoding="utf-8")
-        tables = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
+        return json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
     except OSError as problem:
         raise ScenarioError(
             f"the scenario {path} cannot be read ({problem.strerror}): give the path of a TOML file"
@@ -293,4 +307,3 @@ def read(path: str | Path) -> AnyScenario:
         raise ScenarioError(f"the scenario {path} is not valid TOML: {problem}") from None
     except json.JSONDecodeError as problem:
         raise ScenarioError(f"the scenario {path} is not valid JSON: {problem}") from None
-    return scenario(**tables)

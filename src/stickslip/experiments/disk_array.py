@@ -11,7 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..data.kept import UNFINISHED
 from ..data.scenario import Scenario, scenario
+from ..ensemble import Workers
 from ..loading import fronts
 from ..loading.protocols import Equilibrium, Protocol, dominant_family, stable_window
 from ..loading.run import Ensemble, Report, Result, at_load, protocol_of, push, silent, simulate
@@ -69,7 +71,7 @@ def quarter_scenario(*, quick: bool = False, seed: int = 0) -> Scenario:
 
 
 def reproduce(
-    *, quick: bool = False, seed: int = 0, folder=None, workers: int | None = None, report: Report = silent
+    *, quick: bool = False, seed: int = 0, folder=None, workers: Workers = None, report: Report = silent
 ) -> Reproduction:
     """Run both scenarios and judge every claim of the paper.
 
@@ -77,12 +79,13 @@ def reproduce(
     ----------
     quick : fewer realizations and shorter runs (CUTS says which)
     seed : of all random velocities
-    workers : processes for the realizations
+    workers : processes for the realizations, or a Dask scheduler's address
     report : called as report(stage, share done, words)
     """
-    main = simulate(paper_scenario(quick=quick, seed=seed), workers=workers, report=report)
+    main = simulate(paper_scenario(quick=quick, seed=seed), folder=folder, workers=workers, report=report)
     quarter = simulate(
         quarter_scenario(quick=quick, seed=seed),
+        folder=folder and folder / UNFINISHED / "quarter",
         workers=workers,
         report=lambda stage, share, words: report(f"{stage} (quarter)", share, words),
     )

@@ -6,6 +6,7 @@ import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
+from ..ensemble import Workers
 from ..figures import disk_array as figures
 from ..figures.style import save as save_figure
 from ..loading.run import Result, at_load
@@ -24,9 +25,9 @@ FIGURES = (
 )
 
 
-def simulate(scenario, *, folder: Path, workers: int | None, report) -> Result:
+def simulate(scenario, *, folder: Path, workers: Workers, report) -> Result:
     """Run a user's scenario, births again at twice the load step."""
-    return simulate_array(scenario, workers=workers, sensitivity=True, report=report)
+    return simulate_array(scenario, folder=folder, workers=workers, sensitivity=True, report=report)
 
 
 def write_reproduction(folder: Path, found: disk_array.Reproduction) -> list[Path]:
@@ -50,7 +51,7 @@ def write_result(folder: Path, result: Result) -> list[Path]:
         slid = [result.trajectory.load]
     loads, line = list(result.sliding)[:4], disk_array.velocity_line(result)
     with complete(folder) as room:
-        save(room, result.scenario, {"main": _numbers(result)})
+        save(room, result.scenario, numbers(result))
         save_figure(figures.complex_pairs({"": result}), room / FIGURES[0])
         point = at_load(result.path, slid[0]) if slid else result.path[-1]
         _figures(room, result, point, loads, line, center_load=slid[0] if slid else None)
@@ -72,6 +73,11 @@ def _figures(room: Path, result: Result, point, front_loads, line, *, center_loa
     save_figure(figures.mode_shape(point.spectrum, disk_array.y_mode(point.spectrum)), room / FIGURES[4])
     if center_load is not None:
         save_figure(figures.center_of_mass(result, center_load, line, printed), room / FIGURES[5])
+
+
+def numbers(result: Result) -> dict:
+    """What the archive of a user's scenario holds."""
+    return {"main": _numbers(result)}
 
 
 def _numbers(result: Result) -> dict:
@@ -151,3 +157,30 @@ def show_result(result: Result) -> None:
             for failure in e.failures:
                 console.print(f"[yellow]push {load:g}, {failure}[/]")
         console.print(slides)
+
+
+def scalars(result: Result) -> dict[str, tuple[float, str]]:
+    """{name: (value, unit)} of a run, for sweeps; loads are in the scenario's numbers."""
+    pushed, eigenvalues = "load", [f.eigenvalues.imag.max() for f in result.families]
+    births = sorted(f.birth.load for f in result.families if f.birth)
+    slid = [load for load, free in result.free_runs.items() if free.slid]
+    out = {
+        "pairs": (len(result.families), "1"),
+        "first_birth": (births[0] if births else np.nan, pushed),
+        "last_birth": (births[-1] if births else np.nan, pushed),
+        "largest_im_lambda": (max(eigenvalues, default=0.0), "1/time^2"),
+        "largest_growth_rate": (max(p.spectrum.growth_rate.max(initial=0.0) for p in result.path), "1/time"),
+    }
+    if result.free_runs:
+        out["first_load_that_slides"] = min(slid, default=np.nan), pushed
+        out["fitted_growth_rate"] = _last_fitted(result), "1/time"
+    for load, ensemble in result.sliding.items():
+        good = ensemble.velocity[np.isfinite(ensemble.velocity)]
+        out[f"sliding_velocity@{load:g}"] = good.mean() if len(good) else np.nan, "length/time"
+    return out
+
+
+def _last_fitted(result: Result) -> float:
+    """Growth rate of the free run at the largest load at which one could be fitted."""
+    fitted = {load: free.growth.growth_rate for load, free in result.free_runs.items() if free.growth}
+    return fitted[max(fitted)] if fitted else np.nan

@@ -14,13 +14,13 @@ from .report import SERIES, STYLE, complete, console, files_of, plain, save
 
 def simulate(scenario, *, folder: Path, workers: int | None, report) -> FlowResult:
     """Run a scenario; `workers` are the threads of the one run."""
-    return simulate_flow(scenario, threads=workers, report=report)
+    return simulate_flow(scenario, folder=folder, threads=workers, report=report)
 
 
 def write_result(folder: Path, result: FlowResult) -> list[Path]:
     """Figures, series as CSV, scenario, frames and raw numbers; returns their paths."""
     with complete(folder) as room:
-        save(room, result.scenario, _numbers(result))
+        save(room, result.scenario, numbers(result))
         _write_series(room / SERIES, result)
         save_figure(figures.snapshots(result), room / "fig1_snapshots.png")
         save_figure(figures.time_series(result), room / "fig2_time_series.png")
@@ -30,7 +30,8 @@ def write_result(folder: Path, result: FlowResult) -> list[Path]:
     return files_of(folder)
 
 
-def _numbers(result: FlowResult) -> dict:
+def numbers(result: FlowResult) -> dict:
+    """What the archive holds besides scenario and version."""
     found, shear = {}, plane_shear(result)
     if shear:
         found["plane_shear"] = plain(shear)
@@ -97,3 +98,21 @@ def show_result(result: FlowResult) -> None:
             f"{shear.inertial_number:.2e}, packing fraction {shear.packing_fraction:.3f}.",
             highlight=False,
         )
+
+
+def scalars(result: FlowResult) -> dict[str, tuple[float, str]]:
+    """{name: (value, unit)} of a run, for sweeps: the deposit at its end, in units of the scenario, and plane shear."""
+    series, left = result.series, deposit(result.frames[-1], result.poured.loose)
+    out = {
+        "end": (series.time[-1], "time"),
+        "kinetic_energy": (series.kinetic_energy[-1], "energy"),
+        "coordination": (series.coordination[-1], "1"),
+        "deposit_top": (left.high[1], "length"),
+        "grains_in_deposit": (len(left.grains), "1"),
+    }
+    if "x" not in result.scenario.cell.periodic:
+        out |= {"deposit_length": (left.high[0] - left.low[0], "length"), "run_out": (left.high[0], "length")}
+    if shear := plane_shear(result):
+        units = {"pressure": "force/length^(dim-1)", "shear_rate": "1/time", "height": "length"}
+        out |= {f"plane_{name}": (value, units.get(name, "1")) for name, value in shear._asdict().items()}
+    return out

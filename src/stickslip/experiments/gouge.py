@@ -12,6 +12,7 @@ import numpy as np
 
 from ..data.gouge_scenario import GougeScenario
 from ..data.scenario import scenario
+from ..ensemble import Workers
 from ..friction.evidence import compare
 from ..friction.fit import fit
 from ..loading import gouge_measures as measures
@@ -78,7 +79,7 @@ def reproduce(
     quick: bool = False,
     seed: int = 0,
     folder: Path | None = None,
-    workers: int | None = None,
+    workers: Workers = None,
     report: Report = lambda stage, share, words: None,
 ) -> Reproduction:
     """Run both scenarios and judge the claims; arguments as in `simulate_gouge`."""

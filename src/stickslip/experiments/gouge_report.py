@@ -5,13 +5,14 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
+from ..ensemble import Workers
 from ..figures import gouge as figures
 from ..figures.style import save as save_figure
 from ..friction.laboratory import Record, write_csv
 from ..friction.loads import Leg
 from ..friction.ratestate import RateState, Spring, slide
 from ..loading import gouge_measures as measures
-from ..loading.gouge_ensemble import GougeResult, simulate_gouge, tree_of
+from ..loading.gouge_ensemble import GougeResult, simulate_gouge
 from ..loading.gouge_numbers import inertial_numbers, normalised_hold, normalised_stiffness, stiffness
 from . import claims as claims_table
 from .report import CLAIMS, SERIES, STYLE, complete, console, files_of, save
@@ -20,9 +21,8 @@ STEPS = "steps_{:04d}_{}.csv"  # realization, part of the protocol
 COLLAPSE = 5.0  # C of paper 003, Fig S2b
 
 
-def simulate(scenario, *, folder: Path, workers: int | None, report) -> GougeResult:
+def simulate(scenario, *, folder: Path, workers: Workers, report) -> GougeResult:
     """Run a scenario; realizations that the folder holds are not run again."""
-    foretell(scenario)
     return simulate_gouge(scenario, folder=folder, workers=workers, report=report)
 
 
@@ -144,7 +144,7 @@ def numbers(result: GougeResult) -> dict:
         "inertial_number": {
             f"{velocity:g}": inertial_numbers(scenario, velocity, thickness) for velocity in measures.velocities(result)
         },
-        "realizations": {f"{one.seed:04d}": tree_of(one) for one in result.realizations},
+        "realizations": {f"{one.seed:04d}": one for one in result.realizations},
         "failures": "\n".join(result.failures),
         "steady_friction": {f"{v:g}": measures.mean_friction(result, v)._asdict() for v in measures.velocities(result)},
     }
@@ -223,3 +223,23 @@ def _show_holds(result: GougeResult) -> None:
             f"{found.value:+.4f}", f"{found.half:.4f}",
         )  # fmt: skip
     console.print(table)
+
+
+def scalars(result: GougeResult) -> dict[str, tuple[float, str]]:
+    """{name: (value, unit)} of a run, for sweeps; velocities [m/s] and holds [s] are in the names."""
+    k = normalised_stiffness(result.scenario)
+    out = {
+        "thickness": (result.realizations[0].range.thickness, "mean diameters"),
+        "inertial_number": (result.realizations[0].range.inertial_number, "1"),
+        "stiffness_over_b": (k["rate_state"], "1"),
+    }
+    for velocity in measures.velocities(result):
+        found = measures.mean_friction(result, velocity)
+        out |= {
+            f"steady_friction@{velocity:g}": (found.value, "1"),
+            f"steady_friction_half@{velocity:g}": (found.half, "1"),
+        }
+    for before, hold, after in measures.reslides(result):
+        found = measures.peak(measures.reslide_curve(result, before, hold, after))
+        out[f"peak@{before:g},{hold:g}s,{after:g}"] = found.value, "1"
+    return out

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
+from ..ensemble import Workers
 from ..figures import quasi_rigid as figures
 from ..figures.style import save as save_figure
 from . import claims as claims_table
@@ -13,9 +14,9 @@ from .quasi_test import Curve, QuasiResult, Tested, simulate_quasi
 from .report import CLAIMS, SERIES, STYLE, complete, console, files_of, plain, save
 
 
-def simulate(scenario, *, folder: Path, workers: int | None, report) -> QuasiResult:
+def simulate(scenario, *, folder: Path, workers: Workers, report) -> QuasiResult:
     """Run a user's scenario."""
-    return simulate_quasi(scenario, workers=workers, report=report)
+    return simulate_quasi(scenario, folder=folder, workers=workers, report=report)
 
 
 def write_reproduction(folder: Path, found: Reproduction) -> list[Path]:
@@ -31,7 +32,7 @@ def write_result(folder: Path, result: QuasiResult) -> list[Path]:
 def _write(folder: Path, result: QuasiResult, claims) -> list[Path]:
     longest = max(result.tested, key=lambda one: len(one.path.events))
     with complete(folder) as room:
-        save(room, result.scenario, _numbers(result))
+        save(room, result.scenario, numbers(result))
         _write_curves(room / SERIES, result)
         save_figure(figures.curves(result.tested, result.scenario.loading.test), room / "fig1_curves.png")
         end = longest.path.points[-1]
@@ -47,7 +48,8 @@ def _write(folder: Path, result: QuasiResult, claims) -> list[Path]:
     return files_of(folder)
 
 
-def _numbers(result: QuasiResult) -> dict:
+def numbers(result: QuasiResult) -> dict:
+    """What the archive holds besides scenario and version."""
     return {
         "scenario": result.scenario.text,
         "units": "those of the scenario; loads are shares of the way from the first to the last load",
@@ -125,3 +127,18 @@ def show_result(result: QuasiResult) -> None:
         console.print(f"  sample {one.seed}: {end}")
     for failure in result.failures:
         console.print(f"[yellow]{failure}[/]")
+
+
+def scalars(result: QuasiResult) -> dict[str, tuple[float, str]]:
+    """{name: (value, unit)} of a run, for sweeps: medians over its samples; loads are shares of the whole load."""
+    slowest = [min(one.slow, key=lambda run: -run.time) for one in result.tested if one.slow]
+    columns = {
+        "last_load": [one.path.load[-1] for one in result.tested],
+        "stress_ratio": [one.curve.ratio[-1] for one in result.tested],
+        "strain": [one.curve.strain[-1] for one in result.tested],
+        "events": [len(one.path.events) for one in result.tested],
+        "sliding_share": [p.sliding / max(p.contacts, 1) for p in (one.path.points[-1] for one in result.tested)],
+        "error_of_slowest_dynamics": [run.error for run in slowest],
+        "collapse_load": [one.collapse for one in result.tested if one.collapse is not None],
+    }
+    return {name: (float(np.median(values)) if values else np.nan, "1") for name, values in columns.items()}

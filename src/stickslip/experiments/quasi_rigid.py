@@ -12,6 +12,7 @@ from scipy.linalg import LinAlgError
 from ..core.state import State
 from ..data.quasi_scenario import QuasiScenario
 from ..data.scenario import scenario
+from ..ensemble import Workers
 from ..loading.biaxial import TOP
 from ..quasirigid.apex import WORDS, Apex, consistent_statuses
 from ..quasirigid.matrices import Matrices, matrices
@@ -51,9 +52,9 @@ def paper_scenario(*, quick: bool = False, seed: int = 0) -> QuasiScenario:
     )  # fmt: skip
 
 
-def reproduce(*, quick: bool = False, seed: int = 0, folder=None, workers: int | None = None, report: Report = silent):
+def reproduce(*, quick: bool = False, seed: int = 0, folder=None, workers: Workers = None, report: Report = silent):
     """Run the paper's scenario and judge its claims; arguments as in `simulate_quasi`. Returns a Reproduction."""
-    main = simulate_quasi(paper_scenario(quick=quick, seed=seed), workers=workers, report=report)
+    main = simulate_quasi(paper_scenario(quick=quick, seed=seed), folder=folder, workers=workers, report=report)
     report("constructed cases", 0.0, "statuses and the apex")
     return Reproduction(main, judged(main, cases=QUICK_CASES if quick else CASES))
 

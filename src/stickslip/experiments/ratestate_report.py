@@ -59,8 +59,7 @@ def _noise(scenario: RateStateScenario, number: int) -> np.ndarray:
 def write_result(folder: Path, result: Slid) -> list[Path]:
     """Figure, series as CSV (which `stickslip fit` reads), scenario and raw numbers; returns their paths."""
     with complete(folder) as room:
-        numbers = plain(result.history._replace(end=result.history.end.value))
-        save(room, result.scenario, {"history": numbers, "recorded": result.recorded, "units": "m, s"})
+        save(room, result.scenario, numbers(result))
         h = result.history
         record = Record(h.time, result.recorded, h.load_point, slip=h.slip, velocity=h.velocity, theta=h.theta)
         said = (
@@ -71,6 +70,12 @@ def write_result(folder: Path, result: Slid) -> list[Path]:
         write_csv(room / SERIES, record, (f"stickslip, experiment rate-state: {said}",))
         save_figure(figures.slid(h, result.recorded, result.legs), room / "fig1_history.png")
     return files_of(folder)
+
+
+def numbers(result: Slid) -> dict:
+    """What the archive holds besides scenario and version."""
+    history = plain(result.history._replace(end=result.history.end.value))
+    return {"history": history, "recorded": result.recorded, "units": "m, s"}
 
 
 def show_result(result: Slid) -> None:
@@ -90,3 +95,20 @@ def show_result(result: Slid) -> None:
         console.print(f"  {sentence}", highlight=False)
     if not h.ok:
         console.print(f"[yellow]{h.end.value} (after {h.reached:.6g} s)[/]", highlight=False)
+
+
+def scalars(result: Slid) -> dict[str, tuple[float, str]]:
+    """{name: (value, unit)} of a run, for sweeps; stability is that of the last leg that moves."""
+    h, surface = result.history, result.scenario.surface
+    velocity = [leg.velocity for leg in result.legs if leg.velocity > 0][-1]
+    return {
+        "final_friction": (h.friction[-1], "1"),
+        "final_velocity": (h.velocity[-1], "m/s"),
+        "least_friction": (h.friction.min(), "1"),
+        "greatest_friction": (h.friction.max(), "1"),
+        "steady_friction": (surface.mu0 + (surface.a - surface.b) * np.log(velocity / surface.v0), "1"),
+        "critical_stiffness": (result.sliding[-1].critical, "1/m"),
+        "growth_rate": (result.sliding[-1].growth_rate, "1/s"),
+        "stable": (result.sliding[-1].stable, "1"),
+        "reached": (h.reached, "s"),
+    }

@@ -1,30 +1,79 @@
 """What every run leaves in its folder and on the terminal: scenario, raw numbers, claims table, progress."""
 
+import json
 import re
+import shutil
 import tempfile
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NamedTuple
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
 from rich.padding import Padding
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
+from rich.table import Column, Table
 
 from .. import __version__
 from ..core.state import State
 from ..data import archive
+from ..data.kept import SCENARIO, UNFINISHED, finished
+from ..data.parts import Whole
+from ..data.scenario import read as read_scenario
 from . import claims as claims_table
 
 console = Console(soft_wrap=False)
-SCENARIO, NUMBERS, CLAIMS, MOVIE = "scenario.json", "results.h5", "claims.json", "transition.gif"
+NUMBERS, CLAIMS, MOVIE, WRITING = "results.h5", "claims.json", "transition.gif", ".writing"
+REPRODUCTION, SWEEP = "reproduce.json", "sweep.json"
 SERIES = "series.csv"
 _OURS = re.compile(
     r"fig\d_\w+\.png|steps_\d+_\d+\.csv|" + "|".join(map(re.escape, (SCENARIO, NUMBERS, CLAIMS, MOVIE, SERIES)))
 )
 STYLE = {"title_justify": "left", "header_style": "bold", "box": SIMPLE_HEAD, "pad_edge": False}
 COLORS = {claims_table.REPRODUCED: "green", claims_table.PARTLY: "yellow", claims_table.NOT_REPRODUCED: "red"}
+
+
+class Begun(NamedTuple):
+    """A run that was begun in a folder and is not finished."""
+
+    scenario: Whole | None
+    reproduction: dict | None = None  # arguments of `reproduce`, if the run is that of a paper
+    sweep: dict | None = None  # tables, if it is one
+
+
+def begin_reproduction(folder: Path, scenario, **arguments) -> None:
+    """Note in the folder which paper's run begins there, for `begun`."""
+    (folder / UNFINISHED).mkdir(parents=True, exist_ok=True)
+    archive.replace(folder / SCENARIO, scenario.text.encode())
+    archive.replace(folder / UNFINISHED / REPRODUCTION, json.dumps(arguments).encode())
+
+
+def begun(folder: Path) -> Begun | None:
+    """What is unfinished in a folder; None if it is finished.
+
+    Raises
+    ------
+    ValueError
+        with one sentence, if there is no run.
+    """
+    if not folder.is_dir():
+        raise ValueError(f"{folder} is no folder: give the one of a run that was stopped")
+    if (folder / SWEEP).is_file():
+        return Begun(None, sweep=_noted(folder / SWEEP))
+    if not (folder / SCENARIO).is_file():
+        raise ValueError(f"{folder} holds nothing to go on from: begin with stickslip run SCENARIO --out {folder}")
+    chosen, note = read_scenario(folder / SCENARIO), folder / UNFINISHED / REPRODUCTION
+    if not note.parent.is_dir():
+        return None
+    return Begun(chosen, _noted(note) if note.is_file() else None)
+
+
+def _noted(path: Path) -> dict:
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except ValueError:
+        raise ValueError(f"{path} is damaged: begin again, with --overwrite") from None
 
 
 def claim_folder(folder: Path, scenario, *, overwrite: bool = False) -> None:
@@ -34,6 +83,8 @@ def claim_folder(folder: Path, scenario, *, overwrite: bool = False) -> None:
     ------
     ValueError
         if it is a file, cannot be written, or holds results of another scenario.
+
+    With `overwrite`, what is kept of an unfinished run goes away.
     """
     known = folder / SCENARIO
     try:
@@ -44,6 +95,8 @@ def claim_folder(folder: Path, scenario, *, overwrite: bool = False) -> None:
         if folder.exists() and not folder.is_dir():
             raise ValueError(f"{folder} is a file, not a folder: choose another --out")
         _probe(folder)
+        if overwrite:
+            finished(folder)
     except OSError as problem:
         raise ValueError(f"the folder {folder} cannot be written ({problem.strerror}): choose another --out") from None
 
@@ -63,7 +116,7 @@ def _probe(folder: Path) -> None:
 
 @contextmanager
 def progress(*, transient: bool = False):
-    """A live line for each stage, with the quantities that matter; a plain line a stage where there is no terminal.
+    """A live line for each stage: time spent and left, the quantities that matter; without a terminal, plain lines.
 
     Parameters
     ----------
@@ -73,36 +126,54 @@ def progress(*, transient: bool = False):
         TextColumn("{task.description:<34}"),
         BarColumn(bar_width=20),
         TimeElapsedColumn(),
-        TextColumn("{task.fields[words]}"),
+        TextColumn("{task.fields[left]}", table_column=Column(no_wrap=True)),
+        TextColumn("{task.fields[words]}", table_column=Column(no_wrap=True, overflow="ellipsis", ratio=1)),
     )
     stages: dict[str, int] = {}
-    with Progress(*columns, console=console, disable=not console.is_terminal, transient=transient) as bar:
+    with Progress(*columns, console=console, disable=not console.is_terminal, transient=transient, expand=True) as bar:
 
-        def tell(stage: str, share: float, words: str) -> None:
+        def tell(stage: str, share: float, words: str, left: float | None = None) -> None:
             if stage not in stages:
                 if not console.is_terminal and not transient:
                     console.print(f"{stage} …")
                 for task in stages.values():
-                    bar.update(task, completed=1.0)
-                stages[stage] = bar.add_task(stage, total=1.0, words=words)
-            bar.update(stages[stage], completed=share, words=words)
+                    bar.update(task, completed=1.0, left="")
+                stages[stage] = bar.add_task(stage, total=1.0, words=words, left="")
+            task, spent = stages[stage], bar.tasks[stages[stage]].elapsed or 0.0
+            if left is None and 0 < share < 1 and spent > 2:
+                left = spent * (1 - share) / share
+            bar.update(task, completed=share, words=words, left="" if left is None else f"{duration(left)} left")
 
         yield tell
         for task in stages.values():
-            bar.update(task, completed=1.0)
+            bar.update(task, completed=1.0, left="")
+
+
+def duration(seconds: float) -> str:
+    """About how long, in words that are short."""
+    for size, name in ((86400, "days"), (3600, "h"), (60, "min")):
+        if seconds >= 2 * size:
+            return f"{seconds / size:.3g} {name}"
+    return f"{seconds:.0f} s"
 
 
 @contextmanager
 def complete(folder: Path):
-    """A room beside the folder, whose files go there all at once at the end, in the place of an earlier run's."""
+    """A room whose files go to the folder at the end, in the place of an earlier run's; the run is finished then."""
     folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as room:
-        yield Path(room)
+    room = folder / WRITING
+    shutil.rmtree(room, ignore_errors=True)
+    room.mkdir()
+    try:
+        yield room
         for path in files_of(folder):
-            if not (Path(room) / path.name).exists():
+            if not (room / path.name).exists():
                 path.unlink()
-        for path in Path(room).iterdir():
+        for path in room.iterdir():
             path.replace(folder / path.name)
+        finished(folder)
+    finally:
+        shutil.rmtree(room, ignore_errors=True)
 
 
 def files_of(folder: Path) -> list[Path]:

@@ -2,8 +2,10 @@
 
 from pathlib import Path
 
+import numpy as np
 from rich.table import Table
 
+from ..ensemble import Workers
 from ..figures import sphere_shear as figures
 from ..figures.style import save as save_figure
 from ..loading.shear_run import ShearResult, simulate_shear
@@ -12,9 +14,9 @@ from .report import CLAIMS, STYLE, complete, console, files_of, plain, save
 from .sphere_shear import Reproduction
 
 
-def simulate(scenario, *, folder: Path, workers: int | None, report) -> ShearResult:
+def simulate(scenario, *, folder: Path, workers: Workers, report) -> ShearResult:
     """Run a user's scenario."""
-    return simulate_shear(scenario, workers=workers, report=report)
+    return simulate_shear(scenario, folder=folder, workers=workers, report=report)
 
 
 def write_reproduction(folder: Path, found: Reproduction) -> list[Path]:
@@ -29,7 +31,7 @@ def write_result(folder: Path, result: ShearResult) -> list[Path]:
 
 def _write(folder: Path, result: ShearResult, claims) -> list[Path]:
     with complete(folder) as room:
-        save(room, result.scenario, _numbers(result))
+        save(room, result.scenario, numbers(result))
         fine = result.scenario.shear.strain[1]
         save_figure(figures.pairs_along_strain(result.paths, fine), room / "fig1_complex_pairs.png")
         runs = [r for r in (*result.single, *result.later) if r]
@@ -48,7 +50,8 @@ def _write(folder: Path, result: ShearResult, claims) -> list[Path]:
     return files_of(folder)
 
 
-def _numbers(result: ShearResult) -> dict:
+def numbers(result: ShearResult) -> dict:
+    """What the archive holds besides scenario and version."""
     out = {"scenario": result.scenario.text, "law": result.law, "units": "2 sigma_1 = m = k_n = 1"}
     for name, items in (("paths", result.paths), ("single", result.single), ("later", result.later)):
         out[name] = {
@@ -86,3 +89,24 @@ def show_result(result: ShearResult) -> None:
         console.print(table)
     for failure in result.failures:
         console.print(f"[yellow]{failure}[/]")
+
+
+def scalars(result: ShearResult) -> dict[str, tuple[float, str]]:
+    """{name: (value, unit)} of a run, for sweeps: medians over its packings, NaN where none has it."""
+    paths, runs = result.paths, [r for r in result.single if r]
+    fitted = [r.growth.growth_rate / r.corrected_rate for r in runs if r.growth]
+    columns = {
+        "packing_fraction": ([p.packed.packing_fraction for p in paths], "1"),
+        "packing_pressure": ([p.packed.pressure for p in paths], "force/length^(dim-1)"),
+        "coordination": ([p.packed.coordination for p in paths], "1"),
+        "rattlers": ([p.packed.rattlers for p in paths], "1"),
+        "onset_strain": ([p.onset.strain for p in paths if p.onset], "1"),
+        "onset_exponent": ([p.onset.exponent for p in paths if p.onset], "1"),
+        "pairs_at_last_strain": ([p.pairs[-1] for p in paths], "1"),
+        "largest_growth_rate": ([p.growth_rate.max() for p in paths], "1/time"),
+        "shear_stress_at_last_strain": ([p.shear_stress[-1] for p in paths], "force/length^(dim-1)"),
+        "fitted_over_predicted_growth": (fitted, "1"),
+        "stress_drop_over_pressure": ([r.drop / r.pressure[0] for r in result.later if r], "1"),
+        "contacts_lost": ([r.contacts_lost for r in result.later if r], "1"),
+    }
+    return {name: (float(np.median(values)) if values else np.nan, unit) for name, (values, unit) in columns.items()}

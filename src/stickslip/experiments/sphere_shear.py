@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..data.scenario import ShearScenario, scenario
+from ..ensemble import Workers
 from ..loading.release import Released
 from ..loading.shear_run import Report, ShearResult, silent, simulate_shear
 from .claims import Claim, claim
@@ -44,9 +45,9 @@ def paper_scenario(*, quick: bool = False, seed: int = 0) -> ShearScenario:
     return scenario(experiment="sphere-shear", seed=seed)
 
 
-def reproduce(*, quick: bool = False, seed: int = 0, folder=None, workers: int | None = None, report: Report = silent):
+def reproduce(*, quick: bool = False, seed: int = 0, folder=None, workers: Workers = None, report: Report = silent):
     """Run the paper's scenario and judge its claims; arguments as in `simulate_shear`. Returns a Reproduction."""
-    main = simulate_shear(paper_scenario(quick=quick, seed=seed), workers=workers, report=report)
+    main = simulate_shear(paper_scenario(quick=quick, seed=seed), folder=folder, workers=workers, report=report)
     return Reproduction(main, judged(main))
 
 

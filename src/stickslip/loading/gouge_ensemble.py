@@ -8,7 +8,8 @@ from typing import NamedTuple
 from .. import __version__
 from ..data import archive
 from ..data.gouge_scenario import GougeScenario
-from ..ensemble import run_members
+from ..data.kept import Kept, kept_in
+from ..ensemble import Workers, run_members
 from .gouge_numbers import Range
 from .gouge_run import OURS, Engine, Realization, Series, Tell, Test, realization
 
@@ -29,15 +30,16 @@ def simulate_gouge(
     scenario: GougeScenario,
     *,
     folder: Path | None = None,
-    workers: int | None = None,
+    workers: Workers = None,
     report: Report = lambda stage, share, words: None,
 ) -> GougeResult:
     """Run all realizations of a scenario.
 
     Parameters
     ----------
-    folder : where finished realizations are kept, each as soon as it is; those that it holds are not run again
-    workers : number of processes
+    folder : where finished realizations are kept, each as soon as it is, and pieces of unfinished ones; what is there
+        is not run again
+    workers : number of processes, or a Dask scheduler's address
     report : called as report(stage, share done, words)
 
     Raises
@@ -48,29 +50,34 @@ def simulate_gouge(
     engine_of(scenario)
     seeds = range(scenario.seed, scenario.seed + scenario.realizations)
     alone = [scenario.model_copy(update={"realizations": 1, "seed": seed}) for seed in seeds]
-    kept = [_kept(one, folder) for one in alone]
-    found = {one.seed: again for one, path in zip(alone, kept, strict=True) if (again := _read(path, one))}
-    reused = len(found)
-    missing = [
-        (one.text, str(path) if path else "") for one, path in zip(alone, kept, strict=True) if one.seed not in found
-    ]
+    reused = [_read(_kept(one, folder), one) for one in alone]
+    missing = reused.count(None)
 
     def live(share, words):
-        report(f"realizations ({len(missing)} to run)", share, words)
+        report(f"realizations ({missing} to run)", share, words)
+
+    def save(k, one):
+        if folder:
+            path = _kept(alone[k], folder)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            archive.write(path, {"realization": one}, scenario=alone[k].text, version=__version__)
+            kept.of(alone[k].digest).clear()
 
     if missing:
-        live(0.0, f"each takes {scenario.words}" + (f"; {reused} were finished before" if reused else ""))
-    members = run_members(_member, missing, workers=workers, live=live)
-    failures = []
-    for (text, _), member in zip(missing, members, strict=True):
-        seed = GougeScenario.model_validate_json(text).seed
-        if member.failure:
-            failures.append(f"realization {seed} failed: {re.sub(r'^[A-Z][A-Za-z]+: ', '', member.failure)}")
-        else:
-            found[seed] = member.result
+        before = f"; {len(alone) - missing} were finished before" if missing < len(alone) else ""
+        live(0.0, f"each takes {scenario.words}{before}")
+    kept = kept_in(folder, scenario)
+    tasks = [(one.text, kept and kept.of(one.digest)) for one in alone]
+    members = run_members(_member, tasks, workers=workers, live=live, load=reused.__getitem__, save=save)
+    found = tuple(member.result for member in members if member.failure is None)
+    failures = tuple(
+        f"realization {seed} failed: {re.sub(r'^[A-Z][A-Za-z]+: ', '', member.failure)}"
+        for seed, member in zip(seeds, members, strict=True)
+        if member.failure
+    )
     if not found:
         raise RuntimeError(f"no realization succeeded; {failures[0]}")
-    return GougeResult(scenario, tuple(found[seed] for seed in sorted(found)), tuple(failures), reused)
+    return GougeResult(scenario, found, failures, len(alone) - missing)
 
 
 def engine_of(scenario: GougeScenario) -> Engine:
@@ -88,14 +95,10 @@ def engine_of(scenario: GougeScenario) -> Engine:
     return engine()
 
 
-def _member(text: str, path: str, tell: Tell) -> Realization:
+def _member(text: str, kept: Kept | None, tell: Tell) -> Realization:
     """One realization, in whichever process."""
     one = GougeScenario.model_validate_json(text)
-    found = realization(one, one.seed, engine_of(one), tell)
-    if path:
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        archive.write(path, tree_of(found), scenario=text, version=__version__)
-    return found
+    return realization(one, one.seed, engine_of(one), tell, kept)
 
 
 def _kept(one: GougeScenario, folder: Path | None) -> Path | None:
@@ -103,31 +106,14 @@ def _kept(one: GougeScenario, folder: Path | None) -> Path | None:
     return folder / MEMBERS / f"{one.digest}.h5" if folder else None
 
 
-def tree_of(found: Realization) -> dict:
-    """A realization as an archive holds it."""
-    return {
-        "version": __version__,
-        "seed": found.seed,
-        "range": found.range._asdict(),
-        "tests": {
-            f"{k:04d}": {**test._asdict(), "series": test.series._asdict()} for k, test in enumerate(found.tests)
-        },
-        "states": found.states,
-        "ledger": found.ledger,
-    }
-
-
 def _read(path: Path | None, one: GougeScenario) -> Realization | None:
     """A realization that was finished before by this version; None if there is none, or the file is broken."""
     if path is None or not path.exists():
         return None
     try:
-        tree = archive.read(path)
-        tests = [
-            Test(**{**tree["tests"][name], "series": Series(**tree["tests"][name]["series"])})
-            for name in sorted(tree["tests"])
-        ]
-        found = Realization(int(tree["seed"]), Range(**tree["range"]), tuple(tests), tree["states"], tree["ledger"])
-    except (ValueError, KeyError, TypeError):
+        if archive.attributes(path)["stickslip"] != __version__:
+            return None
+        found = archive.read(path, nouns=(Realization, Range, Test, Series))["realization"]
+    except archive.ArchiveError:
         return None
-    return found if tree["version"] == __version__ and found.seed == one.seed else None
+    return found if found.seed == one.seed else None

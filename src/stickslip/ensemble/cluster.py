@@ -1,0 +1,163 @@
+"""Tasks on a Dask cluster that exists already: the only room that knows Dask.
+
+On a worker of the cluster every task runs in a process of its own (`helper`), so that compiled kernels, which hold the
+interpreter's lock, never keep the worker from telling its scheduler that it is alive.
+"""
+
+import logging
+import os
+import queue
+import threading
+import time
+from contextlib import contextmanager
+from itertools import islice
+from uuid import uuid4
+
+from ..extras import needed
+from .helper import Helper, WorkerDiedError, ready, sentence
+from .local import TRIES
+
+PATIENCE = 10.0  # for the scheduler's first answer [s]
+PAUSE = 1.0  # at least, between two words of one task: a scheduler hears of many [s]
+LOOK = 2.0  # between two looks at the cluster [s]
+AHEAD = 256  # tasks, at least, that wait on the scheduler for a free worker
+
+_idle: list[Helper] = []  # of this process, which is a worker of a cluster
+
+
+@contextmanager
+def connected(address):
+    """A client of the scheduler at an address, at the one in a JSON file, or a client as it is.
+
+    Raises
+    ------
+    ValueError
+        with one sentence, if Dask is not installed, or no scheduler answers.
+    """
+    distributed = needed("distributed", "cluster")
+    if isinstance(address, distributed.Client):
+        yield address
+        return
+    where = {"scheduler_file": address} if str(address).endswith(".json") else {"address": address}
+    try:
+        if "scheduler_file" in where and not os.path.exists(address):  # a client would wait for it for ever
+            raise OSError("there is no such file")
+        client = distributed.Client(**where, timeout=PATIENCE, set_as_default=False)
+    except (OSError, ValueError, TypeError, KeyError) as problem:
+        said = " ".join(str(problem).split())[:150] or type(problem).__name__
+        raise ValueError(
+            f"no Dask scheduler answers at {address!r} ({said}): start one with `dask scheduler` and give its address, "
+            "such as tcp://host:8786, or its JSON file"
+        ) from None
+    log = logging.getLogger("distributed.client")
+    before, _ = log.level, log.setLevel(logging.CRITICAL)  # what is wrong is said in one sentence, and not by traceback
+    try:
+        with client:
+            yield client
+    finally:
+        log.setLevel(before)
+
+
+def spread(packed, address, keep, heard) -> None:
+    """Run all tasks; arguments as in `local.spread`, and the scheduler's address.
+
+    Raises
+    ------
+    RuntimeError
+        with one sentence, if the scheduler is gone before the last result is here.
+    """
+    topic, events, source, futures = f"stickslip-{uuid4().hex}", queue.SimpleQueue(), iter(packed), {}
+    with connected(address) as client:
+
+        def ask(most: int) -> None:
+            for k, task in islice(source, max(0, most - len(futures))):
+                name = f"{topic}-{k}"
+                futures[k] = client.submit(hosted, task, k, topic if heard else None, key=name, pure=False)
+                futures[k].add_done_callback(lambda future, k=k: events.put(("done", k)))
+
+        if heard:
+            client.subscribe_topic(topic, lambda event: events.put(("said", *event[1])))
+        try:
+            for kind, *rest in _events(client, events, futures, ask):
+                if kind == "done":
+                    keep(rest[0], *_answer(futures.pop(rest[0])))
+                elif heard and rest[0] in futures:
+                    heard(*rest)
+        finally:
+            if client.status == "running":
+                client.cancel(list(futures.values()))
+                if heard:
+                    client.unsubscribe_topic(topic)
+
+
+def _events(client, events, futures: dict, ask):
+    """Yield what happens until no task is left; a cluster without workers is waited for, and that is said."""
+    ahead, looked = AHEAD, -LOOK
+    ask(ahead)
+    while futures:
+        if client.status != "running":
+            raise RuntimeError(f"the Dask scheduler is gone; {len(futures)} members or more were not finished")
+        if time.monotonic() - looked >= LOOK:
+            looked, slots = time.monotonic(), sum(client.nthreads().values())
+            ahead = max(AHEAD, 2 * slots)
+            if not slots:
+                yield "said", next(iter(futures)), 0.0, "the cluster has no workers yet: waiting for the first"
+        try:
+            yield events.get(timeout=LOOK)
+        except queue.Empty:
+            continue
+        ask(ahead)
+
+
+def _answer(future) -> tuple[bytes | None, str | None]:
+    """What a task has come to, or why not."""
+    killed = needed("distributed.scheduler", "cluster").KilledWorker
+    if future.cancelled():
+        raise RuntimeError("the Dask scheduler is gone, or has forgotten the tasks; not all members were finished")
+    try:
+        return future.result()
+    except killed:
+        return None, "worker died (killed, or out of memory), every time that the scheduler tried again"
+    except WorkerDiedError as problem:
+        return None, str(problem)
+    except Exception as problem:
+        return None, sentence(problem)
+
+
+def hosted(packed: bytes, k: int, topic: str | None) -> tuple[bytes | None, str | None]:
+    """One task on a worker of the cluster, in a process of its own; it ends if the client does not want it any more."""
+    from distributed import get_worker
+
+    worker = get_worker()
+    key = worker.get_current_task()
+
+    def unwanted() -> bool:
+        task = worker.state.tasks.get(key)
+        return task is None or task.state == "cancelled"
+
+    def heard(share: float, words: str) -> None:
+        worker.log_event(topic, [k, share, words])
+
+    for tries in range(1, TRIES + 1):
+        helper, finished = ready(_idle.pop() if _idle else None), threading.Event()
+        threading.Thread(target=_watch, args=(helper, finished, unwanted), daemon=True).start()
+        try:
+            answer = helper.call(packed, PAUSE if topic else None, heard)
+        except WorkerDiedError as problem:
+            helper.end()
+            if tries == TRIES or unwanted():
+                return None, f"{problem}, {tries} times"
+        else:
+            _idle.append(helper)
+            return answer
+        finally:
+            finished.set()
+    raise AssertionError("the last try returns")
+
+
+def _watch(helper: Helper, finished: threading.Event, unwanted) -> None:
+    """End a process whose task was cancelled; the thread that waits for it could not."""
+    while not finished.wait(LOOK):
+        if unwanted():
+            helper.process.kill()
+            return

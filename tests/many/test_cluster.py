@@ -1,0 +1,106 @@
+"""Many runs on a real Dask cluster of separate processes, which are killed in the middle."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from stickslip.ensemble import reach, run_members
+from tests.many import tasks
+from tests.many.test_ensemble import ended, until
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals are those of POSIX")
+
+
+def test_results_and_words_come_from_the_cluster(cluster):
+    said = []
+    found = run_members(
+        tasks.square, [(k,) for k in range(5)], workers=cluster.address, live=lambda *now: said.append(now)
+    )
+    assert [m.result for m in found] == [0, 1, 4, 9, 16]
+    assert {words for _, words in said} >= {"half of 0"}
+    assert "the Dask cluster at tcp://127.0.0.1" in reach(cluster.address).words
+
+
+def test_a_client_will_do(cluster):
+    from distributed import Client
+
+    with Client(scheduler_file=cluster.address, set_as_default=False) as client:
+        found = run_members(tasks.fail_at, [(k, 2) for k in range(4)], workers=client)
+        assert client.status == "running"
+    assert [m.result for m in found] == [0, 1, None, 3]
+    assert found[2].failure == "ValueError: 2 is bad"
+
+
+def test_a_member_that_always_dies_costs_only_itself(cluster, tmp_path):
+    found = run_members(tasks.die, [(k, str(tmp_path), 99) for k in range(6)], workers=cluster.address)
+    assert [m.result for m in found] == [0, 1, 4, None, 16, 25]
+    assert found[3].failure == "worker died (killed, or out of memory), 2 times"
+
+
+def test_a_killed_worker_costs_nothing_while_another_is_left(scheduler, tmp_path):
+    workers = {process.pid: process for process in (scheduler.worker(), scheduler.worker())}
+    killed = []
+
+    def kill():
+        until(lambda: (tmp_path / "pid0").exists() and len((tmp_path / "pid0").read_text().split()) == 2)
+        helper, worker = map(int, (tmp_path / "pid0").read_text().split())
+        assert worker in workers
+        os.kill(worker, signal.SIGKILL)
+        killed.extend([worker, until(lambda: ended(helper), 5)])
+
+    killer = threading.Thread(target=kill)
+    killer.start()
+    found = run_members(tasks.wait, [(str(tmp_path), k, 1.0) for k in range(4)], workers=scheduler.address)
+    killer.join()
+    assert [m.result for m in found] == [0, 1, 2, 3]
+    assert killed[1], "the killed worker's own process went on"
+    assert workers[killed[0]].wait() == -signal.SIGKILL
+
+
+def test_a_cluster_without_workers_is_waited_for_and_that_is_said(scheduler):
+    said = []
+
+    def live(share, words):
+        if not said:
+            scheduler.worker()
+        said.append(words)
+
+    found = run_members(tasks.square, [(3,), (4,)], workers=scheduler.address, live=live)
+    assert [m.result for m in found] == [9, 16]
+    assert said[0] == "the cluster has no workers yet: waiting for the first"
+
+
+def test_a_scheduler_that_is_gone_is_one_sentence(scheduler, tmp_path):
+    scheduler.worker()
+
+    def live(share, words):
+        if "started" in words:
+            scheduler.scheduler.kill()
+
+    with pytest.raises(RuntimeError, match="the Dask scheduler is gone") as caught:
+        run_members(tasks.wait, [(str(tmp_path), k, 60) for k in range(2)], workers=scheduler.address, live=live)
+    assert "\n" not in str(caught.value)
+
+
+def test_members_end_when_their_client_is_killed(cluster, tmp_path):
+    code = f"from stickslip.ensemble import run_members as r; from tests.many.tasks import wait; \
+        r(wait, [({str(tmp_path)!r}, 0, 60)], workers={cluster.address!r})"
+    client = subprocess.Popen([sys.executable, "-c", code], env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)})
+    assert until(lambda: (tmp_path / "pid0").exists())
+    helper = int((tmp_path / "pid0").read_text().split()[0])
+    assert not ended(helper)
+    client.kill()
+    client.wait()
+    assert until(lambda: ended(helper), 10)
+
+
+@pytest.mark.slow
+def test_a_kernel_that_keeps_the_interpreter_does_not_cost_the_worker(cluster):
+    """The scheduler of this cluster gives a silent worker up after 5 s; that of a user after five minutes."""
+    found = run_members(tasks.hold, [(15,), (15,)], workers=cluster.address)
+    assert [m.result for m in found] == [15, 15]
+    assert reach(cluster.address).slots == 2

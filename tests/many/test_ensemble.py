@@ -1,0 +1,167 @@
+"""Many runs in processes: the same results however they are spread, and a death that costs one member only."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from stickslip.ensemble import reach, run_members, trial
+from stickslip.ensemble.helper import Helper, WorkerDiedError
+from tests.many import tasks
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals are those of POSIX")
+
+
+def ended(process: int) -> bool:
+    """Whether a process is no more, or a zombie that nobody has buried."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+    except OSError:
+        return True
+
+
+def until(condition, seconds=20.0) -> bool:
+    end = time.monotonic() + seconds
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.05)
+    return bool(condition())
+
+
+@pytest.mark.parametrize("workers", [1, 2, 3])
+def test_results_do_not_depend_on_processes(workers):
+    said, reported = [], []
+    found = run_members(
+        tasks.square, [(k,) for k in range(5)], workers=workers,
+        report=lambda *now: reported.append(now), live=lambda *now: said.append(now),
+    )  # fmt: skip
+    assert [m.result for m in found] == [0, 1, 4, 9, 16]
+    assert sorted(words for _, words in said) == [f"half of {k}" for k in range(5)]
+    assert all(0 < share < 1 for share, _ in said)
+    assert [done for done, *_ in reported] == [1, 2, 3, 4, 5]
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_member_that_fails_is_a_sentence(workers):
+    found = run_members(tasks.fail_at, [(k, 2) for k in range(4)], workers=workers)
+    assert [m.result for m in found] == [0, 1, None, 3]
+    assert found[2].failure == "ValueError: 2 is bad"
+
+
+def test_what_cannot_travel_is_a_failure():
+    found = run_members(tasks.unpicklable, [(), ()], workers=2)
+    assert all("pickle" in m.failure for m in found)
+
+
+def test_processes_have_one_core_each():
+    found = [m.result for m in run_members(tasks.environment, [(), ()], workers=2)]
+    assert [threads for threads, _ in found] == ["1", "1"]
+    assert os.getpid() not in [process for _, process in found]
+
+
+def test_a_member_whose_process_dies_once_is_tried_again(tmp_path):
+    found = run_members(tasks.die, [(k, str(tmp_path), 1) for k in range(6)], workers=2)
+    assert [m.result for m in found] == [k * k for k in range(6)]
+    assert (tmp_path / "deaths").read_text() == ".."
+
+
+def test_a_member_that_always_dies_costs_only_itself(tmp_path):
+    found = run_members(tasks.die, [(k, str(tmp_path), 99) for k in range(6)], workers=2)
+    assert [m.result for m in found] == [0, 1, 4, None, 16, 25]
+    assert found[3].failure == "worker died (killed, or out of memory), 2 times"
+    assert (tmp_path / "deaths").read_text() == ".."
+
+
+def test_a_process_killed_from_outside_does_not_stop_the_others(tmp_path):
+    def kill():
+        until(lambda: (tmp_path / "pid0").exists() and (tmp_path / "pid0").read_text())
+        os.kill(int((tmp_path / "pid0").read_text().split()[0]), signal.SIGKILL)
+
+    killer = threading.Thread(target=kill)
+    killer.start()
+    found = run_members(tasks.wait, [(str(tmp_path), k, 0.5) for k in range(4)], workers=2)
+    killer.join()
+    assert [m.result for m in found] == [0, 1, 2, 3]
+
+
+def test_finished_members_are_loaded_and_others_saved():
+    kept, saved, reported = {1: "one", 3: "three"}, {}, []
+    found = run_members(
+        tasks.fail_at, [(k, 2) for k in range(5)], workers=2, load=kept.get, save=saved.__setitem__,
+        report=lambda *now: reported.append(now),
+    )  # fmt: skip
+    assert [m.result for m in found] == [0, "one", None, "three", 4]
+    assert saved == {0: 0, 4: 4}
+    assert [done for done, *_ in reported] == [3, 4, 5]
+
+
+def test_what_cannot_be_saved_stops_everything(tmp_path):
+    def save(k, result):
+        raise OSError("the disk is full")
+
+    before = set(threading.enumerate())
+    with pytest.raises(OSError, match="disk is full"):
+        run_members(tasks.wait, [(str(tmp_path), k, 0.1 + k) for k in range(3)], workers=2, save=save)
+    assert set(threading.enumerate()) == before
+
+
+def test_processes_end_with_whoever_started_them(tmp_path):
+    code = f"from stickslip.ensemble import run_members as r; from tests.many.tasks import wait; \
+        r(wait, [({str(tmp_path)!r}, k, 60) for k in range(2)], workers=2)"
+    mother = subprocess.Popen([sys.executable, "-c", code], env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)})
+    assert until(lambda: all((tmp_path / f"pid{k}").exists() for k in range(2)))
+    children = [int((tmp_path / f"pid{k}").read_text().split()[0]) for k in range(2)]
+    assert not any(map(ended, children))
+    mother.kill()
+    mother.wait()
+    assert until(lambda: all(map(ended, children)), 5)
+
+
+def test_a_trial_ends_in_time():
+    assert trial(tasks.square, (3,), 20.0).result == 9
+    assert "bad" in trial(tasks.fail_at, (1, 1), 20.0).failure
+    begin = time.monotonic()
+    assert trial(tasks.hold, (60,), 0.5) is None
+    assert time.monotonic() - begin < 5
+
+
+def test_a_worker_of_another_version_says_so(monkeypatch):
+    helper = Helper()
+    monkeypatch.setattr("stickslip.ensemble.helper.__version__", "0.0.1")
+    answer, failure = helper.call(b"", None, None)
+    helper.end()
+    assert answer is None
+    assert "0.0.1 asks: install the same there" in failure
+
+
+def test_a_helper_that_is_gone_is_a_death():
+    helper = Helper()
+    helper.process.kill()
+    with pytest.raises(WorkerDiedError, match="killed, or out of memory"):
+        helper.call(b"", None, None)
+    helper.end()
+
+
+@pytest.mark.parametrize(
+    ("where", "words"),
+    [
+        (0, "workers = 0 was given"),
+        ("nonsense", "no Dask scheduler answers at 'nonsense'"),
+        ("a/b.json", "no such file"),
+    ],
+)
+def test_where_nothing_can_run_is_one_sentence(where, words):
+    with pytest.raises(ValueError, match=words) as caught:
+        reach(where)
+    assert "\n" not in str(caught.value)
+    assert reach(3) == (3, "3 processes")
+
+
+def test_without_dask_one_sentence_names_the_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(ValueError, match=r'pip install .*"stickslip\[cluster\]"'):
+        run_members(tasks.square, [(1,)], workers="tcp://127.0.0.1:8786")
