@@ -294,11 +294,9 @@ def cite(
     scenario: Annotated[Path, typer.Argument(help="A scenario in TOML, or the folder of a run's results.")],
 ) -> None:
     """BibTeX of what a run rests on: this package, papers, laws, libraries."""
-    from .data.scenario import read
-    from .data.sources import bibtex
-    from .experiments.report import SCENARIO
+    from .data.sources import bibtex, scenarios_of
 
-    print(bibtex(read(scenario / SCENARIO if scenario.is_dir() else scenario)), end="")
+    print(bibtex(*scenarios_of(scenario)), end="")
 
 
 @app.command()

@@ -7,7 +7,7 @@ import pytest
 
 import stickslip as ss
 from stickslip.data import sources
-from stickslip.data.scenario import EXPERIMENTS, read
+from stickslip.data.scenario import EXPERIMENTS
 from tests.published.test_disk_array import stickslip
 
 ROOT = Path(__file__).parents[2]
@@ -63,10 +63,10 @@ def test_all_references_have_what_bibtex_needs():
 
 @pytest.mark.parametrize("path", sorted((ROOT / "examples").glob("*.toml")), ids=lambda path: path.stem)
 def test_every_example_can_be_cited(path):
-    scenario = read(path)
-    text = sources.bibtex(scenario)
+    scenarios = sources.scenarios_of(path)
+    text = sources.bibtex(*scenarios)
     entries = parsed(text)
-    wanted = [key for keys in sources.rests_on(scenario).values() for key in keys]
+    wanted = [key for keys in sources.rests_on(scenarios[0]).values() for key in keys]
     assert list(entries) == ["stickslip", *wanted]
     assert {"NumPy", "Numba"} <= set(wanted)
     assert all(fields.keys() >= REQUIRED[kind] for kind, fields in entries.values())
@@ -99,6 +99,13 @@ def test_what_is_cited_follows_the_scenario(tables, in_it, not_in_it):
     keys = {key for keys in sources.rests_on(ss.scenario(**tables)).values() for key in keys}
     assert keys >= set(in_it.split())
     assert not keys & set(not_in_it.split())
+
+
+def test_a_sweep_rests_on_what_any_of_its_members_does(tmp_path):
+    (tmp_path / "sweep.json").write_text('{"sweep": {"law.kind": ["linear", "hertz_mindlin"]}}')
+    keys = list(parsed(sources.bibtex(*sources.scenarios_of(tmp_path))))
+    assert {"Charan2020", "Cundall1979", "Mindlin1949"} <= set(keys)
+    assert keys[-len(sources.LIBRARIES) :] == list(sources.LIBRARIES)
 
 
 def test_the_package_is_cited_as_its_citation_file_says():

@@ -12,7 +12,9 @@ from .gouge_scenario import GougeScenario
 from .parts import Whole
 from .quasi_scenario import QuasiScenario
 from .ratestate_scenario import RateStateScenario
-from .scenario import Scenario, ShearScenario
+from .scenario import Scenario, ShearScenario, tables_of
+from .scenario import scenario as judged
+from .sweep import members, sweep
 
 LIBRARIES = ("NumPy", "SciPy", "Numba", "h5py", "Matplotlib")
 CONTACT = {
@@ -24,8 +26,8 @@ STATE = {"aging": ("Dieterich1979", "Ruina1983"), "slip": ("Ruina1983",)}
 HERE, CFF = Path(__file__).parent, "CITATION.cff"
 
 
-def bibtex(scenario: Whole) -> str:
-    """BibTeX entries of what a run of a scenario rests on, in groups under a line of comment each.
+def bibtex(*scenarios: Whole) -> str:
+    """BibTeX entries of what runs of scenarios rest on, in groups under a line of comment each.
 
     Examples
     --------
@@ -35,9 +37,28 @@ def bibtex(scenario: Whole) -> str:
     """
     entries = _entries()
     parts = ["% the package\n" + software()]
-    for title, keys in rests_on(scenario).items():
+    groups: dict[str, dict] = {}
+    for scenario in scenarios:
+        for title, keys in rests_on(scenario).items():
+            groups.setdefault(title, {}).update(dict.fromkeys(keys))
+    libraries = groups.pop("libraries", {})
+    for title, keys in (groups | {"libraries": libraries}).items():
         parts.append(f"% {title}\n" + "\n\n".join(entries[key] for key in keys))
     return "\n\n".join(parts) + "\n"
+
+
+def scenarios_of(path: Path) -> list[Whole]:
+    """The scenario of a TOML file or of a folder of results; of a sweep those of all its members.
+
+    Raises
+    ------
+    ScenarioError
+        with one sentence, if there is none.
+    """
+    if path.is_dir():
+        path = path / ("sweep.json" if (path / "sweep.json").exists() else "scenario.json")
+    tables = tables_of(path)
+    return [one.scenario for one in members(sweep(**tables))] if "sweep" in tables else [judged(**tables)]
 
 
 def rests_on(scenario: Whole) -> dict[str, tuple[str, ...]]:
