@@ -20,6 +20,7 @@ app = typer.Typer(
     help="A laboratory for frictional grains: build them, load them, know when and how they will slip.",
 )
 
+LONGEST = 1000  # characters of a sentence
 STOPPED = 130  # what shells expect of a process that ctrl-C ended
 
 Out = Annotated[Path | None, typer.Option("--out", help="Folder for results; made if it does not exist.")]
@@ -362,6 +363,7 @@ def _words(problem: Exception) -> str:
 
 
 def _fail(sentence: str, code: int) -> None:
-    print(f"stickslip: {sentence}", file=sys.stderr)
+    line = " ".join(sentence.split())
+    print(f"stickslip: {line if len(line) <= LONGEST else line[:LONGEST] + ' …'}", file=sys.stderr)
     sys.stderr.flush()
     sys.exit(code)

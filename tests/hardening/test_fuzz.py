@@ -148,7 +148,7 @@ def check_packings(count, tmp_path, capsys):
     state, _ = jammed(12, packing_fraction=0.66, seed=2)
     np.savez(tmp_path / "whole.npz", **whole)
     archive.write(tmp_path / "whole.h5", {"state": state})
-    for k in range(count):
+    for _ in range(count):
         way = rng.integers(4)
         path = tmp_path / ("p.h5" if way == 0 else "p.npz")
         if way < 2:

@@ -18,6 +18,7 @@ REQUIRED = ("position", "radius")
 CONTACTS = ("pair_i", "pair_j", "image", "slip")
 OPTIONAL = ("mass", "cell", "periodic", *CONTACTS, "external_force", "dim")
 LAW = ("law", "coulomb", "kn", "kt", "mu", "i0")  # a file may carry its law, too
+HUGE = 1e30  # beyond which products of numbers overflow
 LAWS = {"hertz_mindlin": hertz_mindlin, "linear": linear}
 
 
@@ -184,7 +185,7 @@ def _states(tree: dict, above: str = ""):
 def _array(name: str, value, shape: tuple, kind=float) -> np.ndarray:
     try:
         array = np.asarray(value)
-        if kind is int and array.dtype.kind == "f" and not (array == np.round(array)).all():
+        if kind is int and array.dtype.kind == "f" and not ((array == np.round(array)) & (abs(array) < 2**53)).all():
             raise TypeError
         array = array.astype(np.int64 if kind is int else kind)
     except (TypeError, ValueError):
@@ -196,6 +197,8 @@ def _array(name: str, value, shape: tuple, kind=float) -> np.ndarray:
         raise SampleError(f"{name} has shape {array.shape}: {wanted} is needed")
     if kind is float and not np.isfinite(array).all():
         raise SampleError(f"{name} holds NaN or infinity: every entry must be a finite number")
+    if kind is float and (np.abs(array) > HUGE).any():
+        raise SampleError(f"{name} holds {np.abs(array).max():.3g}, beyond {HUGE:g}: use other units")
     return array
 
 
@@ -214,6 +217,9 @@ def _cell(cell, periodic, dim: int):
     if dim == 2 and np.shape(cell) in ((2,), (2, 2)):
         cell = np.diag([*cell, 1.0]) if np.ndim(cell) == 1 else np.vstack([_in_space(cell), [0.0, 0.0, 1.0]])
     cell = _array("cell", np.diag(cell) if np.shape(cell) == (3,) else cell, (3, 3))
+    short = np.linalg.norm(cell, axis=1).min()
+    if short < 1 / HUGE:
+        raise SampleError(f"the cell has a vector of length {short:.3g}: give three vectors that span the box")
     flags = [True, True, dim == 3] if periodic is None else _array("periodic", periodic, (3,), bool)
     if dim == 2:
         if cell[2, :2].any() or cell[:2, 2].any():

@@ -256,7 +256,7 @@ def _whole(name: str, value, least: int, most: int | None = None) -> int:
 
 
 def _spaced(kind: str, first, last, number: int) -> tuple:
-    values = getattr(np, kind)(first, last, number)
+    values = getattr(np, kind)(float(first), float(last), number)
     whole = isinstance(first, int) and isinstance(last, int) and (values == np.round(values)).all()
     return tuple((values.astype(int) if whole else values).tolist())
 
