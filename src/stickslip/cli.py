@@ -122,7 +122,8 @@ def stability(
     """Is this packing stable? Complex pairs, buckling, floppy modes and rattlers of anybody's packing."""
     import warnings
 
-    from .data.sample import SampleWarning, read_sample
+    from .data.exchange.files import read_sample
+    from .data.sample import SampleWarning
     from .experiments import report, stability_report
     from .solve import stability as room
 

@@ -8,7 +8,8 @@ import pytest
 import stickslip as ss
 from stickslip.core.measure import touching
 from stickslip.data import archive
-from stickslip.data.sample import SampleError, SampleWarning, read_sample, sample
+from stickslip.data.exchange.files import read_sample
+from stickslip.data.sample import SampleError, SampleWarning, sample
 from stickslip.loading.packing import jammed
 from stickslip.loading.protocols import ramp
 from stickslip.loading.shear import aqs
