@@ -44,6 +44,7 @@ _WHERE = {
     "quasirigid.path": "Path quasirigid_path",
     "quasirigid.status": "Choice Verdict certificate complementarity status status_map",
     "solve.collision": "Collision collision with_restitution",
+    "solve.damped": "Damped damped_stability",
     "solve.equilibrate": "UnstableEquilibriumWarning equilibrate",
     "solve.fastest": "FastestPair fastest_pair",
     "solve.freedom": "Freedom displaced freedom residual_vector restricted stiffness",

@@ -37,8 +37,8 @@ def sample(
     pair_i, pair_j : (M,) integers from 0, each pair once; exchanging i and j flips image and slip. Left out: the
         contacts are found, with zero slip
     image : (M, 3) integers, default zero; slip : (M, 3) [length], default zero
-    mode : (M,) 1 for contacts that stick, 2 for those that slide, whose slip is then put at Coulomb's limit; default: as
-        the slip says, which round-off decides for a contact at its limit
+    mode : (M,) 1 for contacts that stick, 2 for those that slide, whose slip is then put at Coulomb's limit; default:
+        as the slip says, which round-off decides for a contact at its limit
     velocity : (N, 3) [length/time]; spin : (N, 3) [rad/time]; angle : (N, 3) [rad]; default zero
     external_force : (N, 3) [force]
     dim : 2 or 3; with 2 all vectors may have two components

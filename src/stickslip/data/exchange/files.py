@@ -13,8 +13,9 @@ from .arrays import law_given, read_archive, read_npz, write_archive, write_npz
 from .frame import Frame, frame_of
 from .gsd_file import read_gsd, write_gsd
 from .lammps_file import contact_law, read_lammps
-from .lammps_write import write_lammps
-from .vtk_file import write_vtk
+from .lammps_write import contacts_path, write_lammps
+from .motion import mode_frames, read_mode
+from .vtk_file import vtk_paths, write_vtk
 from .xyz_file import write_xyz
 
 ARCHIVE, LAMMPS_DATA, DUMP = (".h5", ".hdf5"), (".data", ".lmp", ".lammps"), (".dump", ".lammpstrj")
@@ -73,9 +74,7 @@ def read_samples(path: str | Path, *, frame: str | None = "all", **options) -> l
     if suffix == ".gsd":
         return [_whole(*found, given, i0) for found in read_gsd(path, frame)]
     if suffix != ".npz":
-        near = difflib.get_close_matches(suffix, READ, n=1)
-        hint = f"did you mean {near[0]!r}?" if near else f"{', '.join(READ)} are read"
-        raise SampleError(f"{path} ends with {suffix or 'nothing'!r}, which is no packing's ending: {hint}")
+        raise SampleError(_unknown(path, READ, "read"))
     if frame not in (None, "all"):
         raise SampleError(f"frame {frame!r} was asked for, but {path} has one state: leave it out")
     arrays, in_file = read_npz(path)
@@ -152,9 +151,7 @@ def write_sample(path: str | Path, states, law: Law | None = None) -> list[str]:
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in WRITTEN:
-        near = difflib.get_close_matches(suffix, WRITTEN, n=1)
-        hint = f"did you mean {near[0]!r}?" if near else f"{', '.join(WRITTEN)} are written"
-        raise SampleError(f"{path} ends with {suffix or 'nothing'!r}: {hint}")
+        raise SampleError(_unknown(path, WRITTEN, "written"))
     if isinstance(states, State):
         states = [frame_of(states, law)]
     frames: list[Frame] = list(states)
@@ -172,6 +169,59 @@ def write_sample(path: str | Path, states, law: Law | None = None) -> list[str]:
     return SINGLE[suffix](path, frames[0])
 
 
-def words_of(caught: list[warnings.WarningMessage]) -> list[str]:
-    """What SampleWarnings said."""
-    return [str(w.message) for w in caught if issubclass(w.category, SampleWarning)]
+def convert(
+    path: str | Path, to: str | Path, *, modes: str | Path | None = None, mode: int = 0, count: int = 48,
+    amplitude: float = 0.3, grow: bool = False, **options,
+) -> tuple[list[Path], list[str]]:  # fmt: skip
+    """Read a packing and write it in another format, all its states or the chosen one; or animate one of its modes.
+
+    Parameters
+    ----------
+    modes : file of modes that `stickslip stability` wrote; `mode`, `count`, `amplitude` and `grow`: see `mode_frames`
+    options : of `read_sample`
+
+    Returns
+    -------
+    list of Path
+        what was written
+    list of str
+        what was taken from the file, and what the other format does not hold
+    """
+    path, to = Path(path), Path(to)
+    if to.suffix.lower() not in WRITTEN:
+        raise SampleError(_unknown(to, WRITTEN, "written"))
+    if to.exists() and path.exists() and to.samefile(path):
+        raise SampleError(f"{to} would replace the file that it is made from: give another name")
+    if modes is None:
+        chosen = {} if options.get("frame") is None else {"frame": options["frame"]}
+        found = read_samples(path, **{**options, "frame": "all", **chosen})
+        frames = [frame_of(state, law) for _, state, law, _ in found]
+        words = list(dict.fromkeys(word for *_, said in found for word in said))
+    else:
+        state, law, words = read_sample(path, **options)
+        of_mode = read_mode(modes, mode, len(state.grains.radius))
+        frames = mode_frames(frame_of(state, law), *of_mode, count=count, amplitude=amplitude, grow=grow)
+        words = [*words, f"mode {mode}: s = {of_mode[2]:.4g}, {count} frames of one period"]
+    words += write_sample(to, frames)
+    return _written(to, len(frames)), words
+
+
+def _written(to: Path, count: int) -> list[Path]:
+    if to.suffix.lower() == ".vtu":
+        return [path for pair in vtk_paths(to, count) for path in pair][:4]
+    beside = contacts_path(to) if to.suffix.lower() in LAMMPS_DATA else None
+    return [to, *([beside] if beside and beside.exists() else [])]
+
+
+def _unknown(path: Path, known: tuple[str, ...], done: str) -> str:
+    near = difflib.get_close_matches(path.suffix.lower(), known, n=1)
+    hint = f"did you mean {near[0]!r}?" if near else f"{', '.join(known)} are {done}"
+    return f"{path} ends with {path.suffix or 'nothing'!r}, which is not {done}: {hint}"
+
+
+def listened(call, *given, **options):
+    """What a call returns, and what SampleWarnings said on the way."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", SampleWarning)
+        found = call(*given, **options)
+    return found, list(dict.fromkeys(str(w.message) for w in caught if issubclass(w.category, SampleWarning)))

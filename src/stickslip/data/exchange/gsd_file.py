@@ -21,21 +21,26 @@ from .frame import Frame, beside, law_of, law_words, library, shown_box, without
 SCHEMA = 1  # of what is under stickslip/
 OURS = "stickslip/"
 META = f"{OURS}meta"
-NOUNS = {"grains": core.Grains, "walls": core.Walls, "cell": core.Cell, "contacts": core.Contacts, "control": core.Control}
+NOUNS = {
+    "grains": core.Grains,
+    "walls": core.Walls,
+    "cell": core.Cell,
+    "contacts": core.Contacts,
+    "control": core.Control,
+}
 
 
 def write_gsd(path: str | Path, frames: list[Frame]) -> list[str]:
     """Write frames as a trajectory; returns sentences about what other programs do not see in it."""
     hoomd = library("gsd.hoomd", "writing GSD")
     words = []
-    with beside(Path(path)) as part:
-        with hoomd.open(str(part), "w") as file:
-            for step, frame in enumerate(frames):
-                picture, lost = _picture(hoomd, frame, step)
-                for name, chunk in _whole(frame).items():
-                    file.file.write_chunk(name, chunk)
-                file.append(picture)
-                words += [word for word in lost if word not in words]
+    with beside(Path(path)) as part, hoomd.open(str(part), "w") as file:
+        for step, frame in enumerate(frames):
+            picture, lost = _picture(hoomd, frame, step)
+            for name, chunk in _whole(frame).items():
+                file.file.write_chunk(name, chunk)
+            file.append(picture)
+            words += [word for word in lost if word not in words]
     return words
 
 
@@ -65,7 +70,9 @@ def _picture(hoomd, frame: Frame, step: int):
     columns = {"spin": grains.spin, **frame.grains}
     out.log |= {f"particles/{name}": _shown(column) for name, column in columns.items()}
     if len(pairs["i"]):
-        out.log |= {f"bonds/{name}": _shown(column) for name, column in pairs.items() if name not in ("i", "j", "image")}
+        out.log |= {
+            f"bonds/{name}": _shown(column) for name, column in pairs.items() if name not in ("i", "j", "image")
+        }
     if not cell.periodic[: cell.dim].all():
         words.append("GSD knows no box that is open: other programs see a periodic one around the grains")
     if len(state.walls.mass):
@@ -197,7 +204,9 @@ def _foreign(frame):
         "position": position, "radius": p.diameter.astype(float) / 2, "mass": p.mass.astype(float), "cell": vectors,
         "velocity": p.velocity.astype(float), "spin": spin, "dim": dim,
     }  # fmt: skip
-    words = ["the file was not written by stickslip: positions have seven digits, contacts have no memory, there is no law"]
+    words = [
+        "the file was not written by stickslip: positions have seven digits, contacts have no memory, there is no law"
+    ]
     if (p.diameter == 1).all():
         words.append("all diameters are 1, which GSD takes where none are given")
     if (inertia[:, 2] > 0).all():

@@ -26,7 +26,8 @@ from ..sample import SampleError, SampleWarning, accepted, sample
 from .lammps_text import Table, dumped_grains, read_data, read_dump
 
 NEEDED = ("law", "kn", "kt", "mu", "damping_n", "damping_t")
-ORDER = "i j dist dx dy dz fx fy fz tx ty tz".split()  # of contacts that carry no names; more may follow
+# of the columns of contacts that carry no names; more may follow
+ORDER = ["i", "j", "dist", "dx", "dy", "dz", "fx", "fy", "fz", "tx", "ty", "tz"]
 SAME = {"patom1": "i", "patom2": "j", "id1": "i", "id2": "j", "p1": "tx", "p2": "ty", "p3": "tz"}
 AT_LIMIT = 1e-5  # share of Coulomb's limit within which a contact slides: six digits are what a dump has at least
 STRANGE = 0.05  # of the mean normal force: a law that misses LAMMPS's by more is another one
@@ -65,12 +66,13 @@ def read_grains(path: Path, *, wanted: str | None = None, boundary: str | None =
         dump = file.read(5) == b"ITEM:"
     if dump:
         tables, steps = read_dump(path, wanted)
-        said = [f"{path.name} has {len(steps)} time steps: the last, {steps[-1]}, was taken; --frame chooses"]
-        parts = [(table, *dumped_grains(table, path)) for table in tables]
-        return [
-            Packing(table.step, ids, *_in_box(table, arrays, boundary, words + said * (wanted is None < len(steps) - 1)))
-            for table, ids, arrays, words in parts
-        ]
+        many = [f"{path.name} has {len(steps)} time steps: the last, {steps[-1]}, was taken; --frame chooses"]
+        said = many if wanted is None and len(steps) > 1 else []
+        found = []
+        for table in tables:
+            ids, arrays, words = dumped_grains(table, path)
+            found.append(Packing(table.step, ids, *_in_box(table, arrays, boundary, words + said)))
+        return found
     ids, arrays, box, words = read_data(path)
     if wanted not in (None, "all"):
         raise SampleError(f"{path} is a data file, which has one state: leave out the choice of {wanted}")
@@ -85,7 +87,10 @@ def _in_box(table: Table, arrays: dict, boundary: str | None, words: list[str]) 
             raise SampleError(f"boundary {boundary!r} was given: three letters are needed, such as ppp or ppf")
         periodic = np.array([letter == "p" for letter in boundary])
     elif periodic is None:
-        periodic, words = np.ones(3, bool), [*words, "the file does not say what is periodic: everything, it is assumed"]
+        periodic, words = (
+            np.ones(3, bool),
+            [*words, "the file does not say what is periodic: everything, it is assumed"],
+        )
     flat = [arrays["position"], arrays.get("velocity", np.zeros((1, 3)))]
     cell = table.vectors.copy()
     if not any(a[:, 2].any() for a in flat):
@@ -108,7 +113,9 @@ def read_pairs(path: Path, packing: Packing, columns: str | None = None) -> Pair
     place = np.minimum(np.searchsorted(packing.ids, ends), len(packing.ids) - 1)
     strange = packing.ids[place] != ends
     if strange.any():
-        raise SampleError(f"{path} names grain {ends[strange][0]}, which is not among the grains: give files of one run")
+        raise SampleError(
+            f"{path} names grain {ends[strange][0]}, which is not among the grains: give files of one run"
+        )
 
     def vectors(*names):
         return table.numbers(*names) if table.has(*names) else None
@@ -131,8 +138,8 @@ def _named(table: Table, path: Path, columns: str | None) -> Table:
     found = table._replace(columns=dict(zip(names, table.columns.values(), strict=True)))
     if not found.has("i", "j", "tx", "ty", "tz"):
         raise SampleError(
-            f"{path} has columns {' '.join(table.columns)}: i j tx ty tz are needed, named by `dump_modify colname`, or "
-            f"in the order {' '.join(ORDER)}, or by --columns"
+            f"{path} has columns {' '.join(table.columns)}: i j tx ty tz are needed, named by `dump_modify colname`, "
+            f"or in the order {' '.join(ORDER)}, or by --columns"
         )
     return found
 
@@ -209,8 +216,8 @@ def _matched(state: State, pairs: Pairs) -> tuple[np.ndarray, np.ndarray, np.nda
     if len(lost):
         a, b = pairs.i[lost[0]], pairs.j[lost[0]]
         raise SampleError(
-            f"{len(lost)} pair(s), as of grains {a} and {b}, counted from 0, carry force but do not touch: contacts and "
-            f"grains are of different time steps or runs, or the box is another"
+            f"{len(lost)} pair(s), as of grains {a} and {b}, counted from 0, carry force but do not touch: contacts "
+            f"and grains are of different time steps or runs, or the box is another"
         )
     entries = np.flatnonzero(~open_pair)
     chosen = first[entries].copy()

@@ -66,7 +66,10 @@ def _table(step: int, piece: str) -> Table:
     items = {}
     for item in piece.split("ITEM: ")[1:]:
         head, _, body = item.partition("\n")
-        items[re.split(r" (?![A-Z]+\b)", head.strip(), maxsplit=1)[0] if head[:3] == "BOX" else head.split()[0]] = (head, body)
+        items[re.split(r" (?![A-Z]+\b)", head.strip(), maxsplit=1)[0] if head[:3] == "BOX" else head.split()[0]] = (
+            head,
+            body,
+        )
     rows = int(items["NUMBER"][1].split()[0])
     vectors, corner, periodic = _box(*items["BOX BOUNDS"])
     head, body = items["ATOMS"] if "ATOMS" in items else items["ENTRIES"]

@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from ..sample import SampleError
-from .frame import Frame, library, shown_box, unheld, wrapped_into
+from .frame import Frame, library, unheld, wrapped_into
 
 
 def vtk_paths(path: Path, count: int) -> list[tuple[Path, Path]]:
@@ -74,4 +74,3 @@ def _plain(columns: dict) -> dict:
         values = column.astype(np.int32) if column.dtype.kind in "iub" else column
         out[name] = tuple(_axes(values)) if values.ndim == 2 else np.ascontiguousarray(values)
     return out
-

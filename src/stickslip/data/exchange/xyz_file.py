@@ -6,8 +6,6 @@ Written without a library, as ASE would leave eight decimals of every number.
 import json
 from pathlib import Path
 
-import numpy as np
-
 from .frame import Frame, beside, law_words, unheld
 
 
