@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from ...core.jacobian import linearised
-from ...core.laws import SHARP
+from ...core.laws import SHARP, dashpots
 from ...core.measure import touching
+from ...core.state import SLIDE
 from .frame import Frame, beside, shown_box, unheld, without_walls, wrapped_into
 from .lammps_file import ORDER, approach
 from .lammps_text import VOLUME
@@ -93,4 +94,7 @@ def _write_contacts(path: Path, frame: Frame, vectors, corner) -> list[str]:
     head += [f"ITEM: BOX BOUNDS xy xz yz {' '.join(flags)}", *bounds, f"ITEM: ENTRIES {' '.join(ORDER)}"]
     with beside(path) as part:
         part.write_text("\n".join([*head, *(f"{i} {j} {row}" for i, j, row in ends), ""]), encoding="utf-8")
+    sliding = int(((pairs["mode"] == SLIDE) & (vt.any(axis=1) | (vn != 0))).sum())
+    if dashpots(law) and sliding:
+        words.append(f"the slip of {sliding} sliding contact(s) in motion is held only to within what dashpots bear")
     return [*words, f"LAMMPS cannot be given memory: it is in {path.name}, for --contacts"]
