@@ -1,4 +1,4 @@
-"""GSD: what is ours comes back to the last bit, what others wrote as far as they can, what is broken in one sentence."""
+"""GSD: what is ours comes back to the last bit, what others wrote as far as it can, what is broken in one sentence."""
 
 import json
 import subprocess

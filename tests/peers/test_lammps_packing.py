@@ -40,7 +40,8 @@ pair_coeff * *
 fix move all nve/sphere
 timestep 0.05
 ''')
-code.create_atoms(n, list(range(1, n + 1)), [1] * n, place.ravel().tolist(), rng.normal(0, 0.01, (n, 3)).ravel().tolist())
+speed = rng.normal(0, 0.01, (n, 3)).ravel().tolist()
+code.create_atoms(n, list(range(1, n + 1)), [1] * n, place.ravel().tolist(), speed)
 order = code.numpy.extract_atom("id")[:n] - 1
 code.numpy.extract_atom("radius")[:n] = np.where(np.arange(n) % 2, 0.5, 0.7)[order]
 code.numpy.extract_atom("rmass")[:n] = np.where(np.arange(n) % 2, 1.0, 2.0)[order]

@@ -203,12 +203,14 @@ def convert(
         frames = mode_frames(frame_of(state, law), *of_mode, count=count, amplitude=amplitude, grow=grow)
         words = [*words, f"mode {mode}: s = {of_mode[2]:.4g}, {count} frames of one period"]
     words += write_sample(to, frames)
+    if to.suffix.lower() == ".vtu" and len(frames) > 1:
+        words.append(f"{len(frames)} frames: numbered files, which ParaView opens as a series")
     return _written(to, len(frames)), words
 
 
 def _written(to: Path, count: int) -> list[Path]:
     if to.suffix.lower() == ".vtu":
-        return [path for pair in vtk_paths(to, count) for path in pair][:4]
+        return [path for path in vtk_paths(to, count)[0] if path.exists()]
     beside = contacts_path(to) if to.suffix.lower() in LAMMPS_DATA else None
     return [to, *([beside] if beside and beside.exists() else [])]
 

@@ -67,6 +67,7 @@ def _picture(hoomd, frame: Frame, step: int):
     out.bonds.N, out.bonds.types = len(pairs["i"]), ["sticking", "sliding"]
     out.bonds.group = np.stack([pairs["i"], pairs["j"]], axis=1)
     out.bonds.typeid = (pairs["mode"] == core.SLIDE).astype(np.uint32)
+    out.log["time"] = np.array([state.time])
     columns = {"spin": grains.spin, **frame.grains}
     out.log |= {f"particles/{name}": _shown(column) for name, column in columns.items()}
     if len(pairs["i"]):

@@ -265,12 +265,21 @@ def contact_law(given: dict) -> dict:
     return out
 
 
+def _boundary(contacts: Path) -> str | None:
+    """What the head of a dump says of its box's boundaries: a data file does not know them."""
+    with contacts.open(encoding="utf-8", errors="replace") as file:
+        head = re.search(r"ITEM: BOX BOUNDS.*?([pfsm]{2}) ([pfsm]{2}) ([pfsm]{2})\s*\n", file.read(4096))
+    return None if head is None else "".join("p" if mark == "pp" else "f" for mark in head.groups())
+
+
 def read_lammps(
     path: Path, law: Law, *, contacts: Path | None = None, columns: str | None = None, wanted: str | None = None,
     boundary: str | None = None,
 ) -> list[tuple[str, State, Law | None, list[str]]]:  # fmt: skip
     """States of a data file or a dump, with memory where there is a `dump local` of contacts."""
     out = []
+    if contacts is not None and boundary is None:
+        boundary = _boundary(contacts)
     for packing in read_grains(path, wanted=wanted, boundary=boundary):
         if contacts is None:
             words = [*packing.words, "no contacts were given: found from positions, without memory (zero slip)"]

@@ -56,9 +56,12 @@ def read_dump(path: Path, wanted: str | None = None) -> tuple[list[Table], list[
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError:
         raise SampleError(f"{path} is no text: give files of LAMMPS as text, not binary or compressed") from None
+    if text and not text.endswith("\n"):  # a number that lost its last digits is still a number
+        raise SampleError(f"{path} ends in the middle of a line: it is truncated, or its last line has no end")
+    return text
 
 
 def _table(step: int, piece: str) -> Table:

@@ -31,11 +31,15 @@ def write_vtk(path: str | Path, frames: list[Frame]) -> list[str]:
         made = []
         for frame, targets in zip(frames, pairs, strict=True):
             for target, write in zip(targets, (_grains, _lines), strict=True):
+                if write is _lines and not len(frame.contacts["i"]):
+                    continue  # pyevtk writes no empty file
                 made.append((Path(write(hl, str(Path(folder) / target.stem), frame)), target))
         for part, target in made:
             part.replace(target)
     lost = ["the cell", "the images of contacts", *unheld(frames[0])]
-    return [f"VTK does not hold {', '.join(lost)}; it is written, not read back"]
+    bare = sum(not len(frame.contacts["i"]) for frame in frames)
+    words = [f"{bare} frame(s) have no contacts: no file of lines was written for them"] if bare else []
+    return [*words, f"VTK does not hold {', '.join(lost)}; it is written, not read back"]
 
 
 def _places(frame: Frame) -> np.ndarray:
