@@ -53,7 +53,7 @@ def sample(
     Examples
     --------
     >>> sample([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], hertz_mindlin()).contacts.mode[:1]
-    array([1])
+    array([1], dtype=int8)
     """
     if dim not in (2, 3):
         raise SampleError(f"dim = {dim} was given: 2 and 3 are allowed")

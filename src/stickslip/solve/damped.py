@@ -96,8 +96,8 @@ def damped_stability(state: State, law: Law, *, method: str = "auto", report=Non
     >>> from stickslip import linear, sample
     >>> law = linear(1.0, 0.5, 0.5, coulomb="sharp", damping_n=0.1, damping_t=0.1)
     >>> flat = sample([[0, 0], [0.99, 0], [0.5, 0.85]], [0.5, 0.5, 0.5], law, dim=2)
-    >>> damped_stability(flat, law).stable
-    True
+    >>> damped_stability(flat, law).undamped.contacts
+    3
     """
     size = _size(state)
     if method == "dense" and size > DENSE_AT_MOST:
