@@ -3,7 +3,9 @@
 import errno
 import sys
 from contextlib import contextmanager
+from functools import wraps
 from importlib import import_module
+from inspect import Signature, signature
 from pathlib import Path
 from typing import Annotated
 
@@ -31,6 +33,44 @@ Scheduler = Annotated[
     str | None, typer.Option("--scheduler", help="Address or JSON file of a Dask scheduler that runs them instead.")
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace results of another scenario in the folder.")]
+
+
+def _packing(
+    law: Annotated[
+        str | None, typer.Option(help="hertz_mindlin, linear or hertz_mindlin_reff; wins over the file.")
+    ] = None,
+    coulomb: Annotated[str | None, typer.Option(help="smooth or sharp.")] = None,
+    kn: Annotated[float | None, typer.Option(help="Normal stiffness.")] = None,
+    kt: Annotated[float | None, typer.Option(help="Tangential stiffness.")] = None,
+    mu: Annotated[float | None, typer.Option(help="Friction coefficient.")] = None,
+    young: Annotated[float | None, typer.Option(help="Young's modulus, with --poisson instead of --kn, --kt.")] = None,
+    poisson: Annotated[float | None, typer.Option(help="Poisson's ratio.")] = None,
+    damping: Annotated[str | None, typer.Option(help="velocity, mass_velocity or viscoelastic.")] = None,
+    damping_n: Annotated[float | None, typer.Option(help="Coefficient of the normal dashpots.")] = None,
+    damping_t: Annotated[float | None, typer.Option(help="Coefficient of the tangential dashpots.")] = None,
+    i0: Annotated[float | None, typer.Option(help="Moment of inertia I0 m R²: 0.4 for spheres.")] = None,
+    frame: Annotated[str | None, typer.Option(help="Which state of an archive, GSD file or dump.")] = None,
+    contacts: Annotated[Path | None, typer.Option(help="LAMMPS's `dump local` with the forces of contacts.")] = None,
+    columns: Annotated[str | None, typer.Option(help='Names of its columns: "i j dist … tx ty tz".')] = None,
+    boundary: Annotated[str | None, typer.Option(help="As in LAMMPS, ppf, where the file does not say.")] = None,
+):
+    """Options of every command that reads a packing; see `read_sample`."""
+
+
+def _reads_packing(command):
+    """Give a command the options of `_packing`, which reach it as one dictionary called `options`."""
+    own, more = (list(signature(f).parameters.values()) for f in (command, _packing))
+    names = [parameter.name for parameter in more]
+
+    @wraps(command)
+    def called(**given):
+        options = {name: given.pop(name) for name in names}
+        return command(**given, options=options)
+
+    del called.__wrapped__
+    called.__signature__ = Signature([*(p for p in own if p.name != "options"), *more])
+    called.__annotations__ = {p.name: p.annotation for p in called.__signature__.parameters.values()}
+    return called
 
 
 def _version(wanted: bool) -> None:
@@ -211,15 +251,10 @@ def _with_engine(chosen, engine: str):
 
 
 @app.command()
+@_reads_packing
 def stability(
-    file: Annotated[Path, typer.Argument(help="A packing: .npz with position, radius, …, or an archive with a state.")],
-    law: Annotated[str | None, typer.Option("--law", help="hertz_mindlin or linear; wins over the file.")] = None,
-    coulomb: Annotated[str | None, typer.Option("--coulomb", help="smooth or sharp.")] = None,
-    kn: Annotated[float | None, typer.Option("--kn", help="Normal stiffness.")] = None,
-    kt: Annotated[float | None, typer.Option("--kt", help="Tangential stiffness.")] = None,
-    mu: Annotated[float | None, typer.Option("--mu", help="Friction coefficient.")] = None,
-    i0: Annotated[float | None, typer.Option("--i0", help="Moment of inertia I0 m R²: 0.4 for spheres.")] = None,
-    frame: Annotated[str | None, typer.Option("--frame", help="Which state of an archive.")] = None,
+    file: Annotated[Path, typer.Argument(help="A packing: .npz, .h5, .gsd, LAMMPS .data or .dump.")],
+    options: dict,
     method: Annotated[str, typer.Option("--method", help="auto, dense, pairs or fastest.")] = "auto",
     modes: Annotated[
         Path | None, typer.Option("--modes", help="Where modes go; default: FILE's name with -modes.npz, here.")
@@ -227,29 +262,48 @@ def stability(
     as_json: Annotated[bool, typer.Option("--json", help="Print one object; write modes only with --modes.")] = False,
 ) -> None:
     """Is this packing stable? Complex pairs, buckling, floppy modes and rattlers of anybody's packing."""
-    import warnings
-
-    from .data.sample import SampleWarning, read_sample
+    from .data.exchange.files import listened, read_sample
     from .experiments import report, stability_report
-    from .solve import stability as room
 
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", SampleWarning)
-        state, its_law, words = read_sample(file, law=law, coulomb=coulomb, kn=kn, kt=kt, mu=mu, i0=i0, frame=frame)
-    words = [*words, *(str(w.message) for w in caught if issubclass(w.category, SampleWarning))]
+    (state, its_law, words), said = listened(read_sample, file, **options)
+    words = [*words, *said]
     if as_json:
         for line in words:
             print(f"stickslip: {line}", file=sys.stderr)
-        found = room.stability(state, its_law, method=method)
+        found = stability_report.judged(state, its_law, method=method)
         print(stability_report.as_json(found))
     else:
         with report.progress(transient=True) as tell:
-            found = room.stability(state, its_law, method=method, report=tell)
+            found = stability_report.judged(state, its_law, method=method, report=tell)
         stability_report.show(found, its_law, words)
     if modes or (not as_json and found.modes.shape[1]):
         path = stability_report.write_modes(modes or Path(f"{file.stem}-modes.npz"), found)
         if not as_json:
             report.show_paths([path])
+
+
+@app.command()
+@_reads_packing
+def convert(
+    file: Annotated[Path, typer.Argument(help="A packing: .npz, .h5, .gsd, LAMMPS .data or .dump.")],
+    to: Annotated[Path, typer.Option("--to", help="Where: .gsd, .vtu, .xyz, .data, .npz or .h5.")],
+    options: dict,
+    modes: Annotated[Path | None, typer.Option("--modes", help="Animate a mode that `stability` wrote.")] = None,
+    mode: Annotated[int, typer.Option("--mode", min=0, help="Which one, the fastest first.")] = 0,
+    frames: Annotated[int, typer.Option("--frames", min=2, help="Frames of one period.")] = 48,
+    amplitude: Annotated[float, typer.Option("--amplitude", help="Largest displacement over the radius.")] = 0.3,
+    grow: Annotated[bool, typer.Option("--grow", help="Let the mode grow as it does.")] = False,
+) -> None:
+    """Write a packing for OVITO, ParaView, ASE or LAMMPS; with --modes, the animation of a mode."""
+    from .data.exchange.files import convert, listened
+    from .experiments import report
+
+    (paths, words), said = listened(
+        convert, file, to, modes=modes, mode=mode, count=frames, amplitude=amplitude, grow=grow, **options
+    )
+    for line in [*words, *said]:
+        report.console.print(f"[yellow]{line}[/]")
+    report.show_paths(paths)
 
 
 @app.command()

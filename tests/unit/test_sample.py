@@ -8,7 +8,8 @@ import pytest
 import stickslip as ss
 from stickslip.core.measure import touching
 from stickslip.data import archive
-from stickslip.data.sample import SampleError, SampleWarning, read_sample, sample
+from stickslip.data.exchange.files import read_sample
+from stickslip.data.sample import SampleError, SampleWarning, sample
 from stickslip.loading.packing import jammed
 from stickslip.loading.protocols import ramp
 from stickslip.loading.shear import aqs
@@ -143,7 +144,17 @@ def test_the_command_prints_one_object_with_the_documented_keys(unstable, tmp_pa
     done = run("stability", str(tmp_path / "p.npz"), *options, "--i0", "0.4", "--json")
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
-    assert list(found) == ["n", "contacts", "rattlers", "residual", "stable", "pairs", "negative", "zero_modes"]
+    assert list(found) == [
+        "n",
+        "contacts",
+        "rattlers",
+        "residual",
+        "stable",
+        "pairs",
+        "negative",
+        "zero_modes",
+        "spectrum",
+    ]
     truth = ss.spectrum(unstable, LAW)
     assert found["n"] == 30
     assert found["stable"] is False

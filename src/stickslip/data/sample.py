@@ -1,25 +1,18 @@
-"""A packing from elsewhere: arrays, or an .npz or archive file, into an accepted state."""
+"""A packing from elsewhere, as arrays, into an accepted state; `exchange.files` reads them from files."""
 
-import difflib
 import warnings
-import zipfile
-from pathlib import Path
 
 import numpy as np
 
+from ..core.contact import FREE, HELD
 from ..core.forces import accept, forces
-from ..core.laws import COULOMB, Law, hertz_mindlin, linear
+from ..core.laws import COULOMB, DAMPING, Law, hertz_mindlin, hertz_mindlin_reff, linear, stiffnesses
 from ..core.measure import branches
 from ..core.neighbors import grid_of, pack_key, updated
-from ..core.state import OPEN, STICK, State, assembly, box, disks, loads, spheres
-from . import archive
+from ..core.state import OPEN, SLIDE, STICK, State, assembly, box, disks, loads, spheres
 
-REQUIRED = ("position", "radius")
-CONTACTS = ("pair_i", "pair_j", "image", "slip")
-OPTIONAL = ("mass", "cell", "periodic", *CONTACTS, "external_force", "dim")
-LAW = ("law", "coulomb", "kn", "kt", "mu", "i0")  # a file may carry its law, too
 HUGE = 1e30  # beyond which products of numbers overflow
-LAWS = {"hertz_mindlin": hertz_mindlin, "linear": linear}
+LAWS = {"hertz_mindlin": hertz_mindlin, "linear": linear, "hertz_mindlin_reff": hertz_mindlin_reff}
 
 
 class SampleError(ValueError):
@@ -32,7 +25,7 @@ class SampleWarning(UserWarning):
 
 def sample(
     position, radius, law: Law, *, mass=1.0, cell=None, periodic=None, pair_i=None, pair_j=None, image=None, slip=None,
-    external_force=None, dim=3, i0=None,
+    mode=None, velocity=None, spin=None, angle=None, external_force=None, dim=3, i0=None,
 ) -> State:  # fmt: skip
     """An accepted state from anybody's arrays; r_ij = r_i − r_j + cellᵀ·image.
 
@@ -45,9 +38,12 @@ def sample(
     pair_i, pair_j : (M,) integers from 0, each pair once; exchanging i and j flips image and slip. Left out: the
         contacts are found, with zero slip
     image : (M, 3) integers, default zero; slip : (M, 3) [length], default zero
+    mode : (M,) 1 for contacts that stick, 2 for those that slide, whose slip is then put at Coulomb's limit; default:
+        as the slip says, which round-off decides for a contact at its limit
+    velocity : (N, 3) [length/time]; spin : (N, 3) [rad/time]; angle : (N, 3) [rad]; default zero
     external_force : (N, 3) [force]
     dim : 2 or 3; with 2 all vectors may have two components
-    i0 : float, moment of inertia I0 m R², default 2/5, or 1/2 in two dimensions
+    i0 : float or (N,), moment of inertia I0 m R², default 2/5, or 1/2 in two dimensions
 
     Raises
     ------
@@ -58,128 +54,74 @@ def sample(
     Examples
     --------
     >>> sample([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], hertz_mindlin()).contacts.mode[:1]
-    array([1])
+    array([1], dtype=int8)
     """
-    if dim == 2:
-        position, image, slip, external_force = map(_in_space, (position, image, slip, external_force))
-    position, radius = _array("position", position, (None, 3)), _array("radius", radius, (None,))
-    n = len(position)
-    if len(radius) != n:
-        raise SampleError(f"radius has {len(radius)} entries for {n} positions: give one for each grain")
-    mass = _array("mass", np.broadcast_to(mass, (n,)) if np.ndim(mass) == 0 else mass, (n,))
-    force = 0.0 if external_force is None else _array("external_force", external_force, (n, 3))
     if dim not in (2, 3):
         raise SampleError(f"dim = {dim} was given: 2 and 3 are allowed")
-    if dim == 2 and (position[:, 2].any() or (slip is not None and np.any(np.asarray(slip)[..., 2:]))):
+    motion = {"velocity": velocity, "spin": spin, "angle": angle}
+    if dim == 2:
+        position, image, slip, external_force = map(_in_space, (position, image, slip, external_force))
+        motion["velocity"] = _in_space(velocity)
+    state = _grains(position, radius, mass, motion, _cell(cell, periodic, dim), external_force, i0)
+    if dim == 2 and slip is not None and np.any(np.asarray(slip)[..., 2:]):
         raise SampleError("position or slip leaves the plane although dim is 2: z must be zero")
-    make = disks if dim == 2 else spheres
+    if pair_i is not None or pair_j is not None:
+        state = _with_contacts(state, pair_i, pair_j, image, slip, mode)
+    elif image is not None or slip is not None or mode is not None:
+        raise SampleError("image, slip or mode was given without pair_i and pair_j: give these too")
+    return accepted(state, law, modes=mode is not None)
+
+
+def _grains(position, radius, mass, motion: dict, cell, force, i0) -> State:
+    """The state without memory, its box and overlaps checked."""
+    position, radius = _array("position", position, (None, 3)), _array("radius", radius, (None,))
+    n, dim = len(position), cell.dim
+    if len(radius) != n:
+        raise SampleError(f"radius has {len(radius)} entries for {n} positions: give one for each grain")
+    if dim == 2 and position[:, 2].any():
+        raise SampleError("position or slip leaves the plane although dim is 2: z must be zero")
+    rest = {name: _array(name, value, (n, 3)) for name, value in motion.items() if value is not None}
+    mass = _array("mass", np.broadcast_to(mass, (n,)) if np.ndim(mass) == 0 else mass, (n,))
+    force = 0.0 if force is None else _array("external_force", force, (n, 3))
+    if i0 is not None:
+        rest["i0"] = _array("i0", i0, () if np.ndim(i0) == 0 else (n,))
     try:
-        grains = make(position, radius, mass=mass, **({} if i0 is None else {"i0": i0}))
-        state = assembly(grains, cell=_cell(cell, periodic, dim), control=loads(n, force=force))
+        grains = (disks if dim == 2 else spheres)(position, radius, mass=mass, **rest)
+        state = assembly(grains, cell=cell, control=loads(n, force=force))
     except ValueError as problem:
         raise SampleError(str(problem)) from None
     _check_box(state)
     state = updated(state)
     _check_overlap(state)
-    if pair_i is not None or pair_j is not None:
-        state = _with_contacts(state, pair_i, pair_j, image, slip)
-    elif image is not None or slip is not None:
-        raise SampleError("image or slip was given without pair_i and pair_j: give these too")
-    return _accepted(state, law)
+    return state
 
 
-def read_sample(path: str | Path, **law_options) -> tuple[State, Law, list[str]]:
-    """State, law and words about where the law comes from, from an .npz (names as in `sample`) or an archive.
+def law_from(
+    law="hertz_mindlin", coulomb="smooth", kn=None, kt=None, mu=10.0, *, young=None, poisson=None, damping=None,
+    damping_n=0.0, damping_t=0.0,
+) -> Law:  # fmt: skip
+    """A law by name; SampleError in one sentence if there is none such.
 
     Parameters
     ----------
-    law_options : law, coulomb, kn, kt, mu, i0, frame; None where not given. What is given wins over the file.
-        `frame` is the path of a state inside an archive that holds several, such as main/frames/0.030000
+    kn, kt : default 1 and 2/7; or `young` and `poisson` of alike elastic grains, see `stiffnesses`
+    damping : model of damping, default that of the law
     """
-    path = Path(path)
-    if not path.is_file():
-        raise SampleError(f"{path} is no file: give an .npz or an archive (.h5)")
-    frame = law_options.pop("frame", None)
-    given = {name: value for name, value in law_options.items() if value is not None}
-    if path.suffix in (".h5", ".hdf5"):
-        return _from_archive(path, frame, given)
+    for name, value, known in (("law", law, LAWS), ("coulomb", coulomb, COULOMB), ("damping", damping, DAMPING)):
+        if value not in known and not (name == "damping" and value is None):
+            raise SampleError(f"{name} {value!r} is not known: use {' or '.join(known)}")
+    if (young is None) != (poisson is None):
+        raise SampleError("only one of young and poisson was given: give both, or kn and kt")
+    if young is not None and (law != "hertz_mindlin_reff" or kn is not None or kt is not None):
+        raise SampleError("young and poisson stand for kn and kt of hertz_mindlin_reff: give them with that law alone")
+    model = {} if damping is None else {"damping": damping}
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile):
-        raise SampleError(f"{path} cannot be read as .npz: write it with numpy.savez, without objects") from None
-    known = (*REQUIRED, *OPTIONAL, *LAW)
-    for name in arrays:
-        if name not in known:
-            near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
-            hint = f"did you mean {near[0]!r}?" if near else f"it may hold {', '.join(known)}"
-            raise SampleError(f"{path} has an array {name!r} that is not known: {hint}")
-    for name in REQUIRED:
-        if name not in arrays:
-            raise SampleError(f"{path} has no array {name!r}: it needs {' and '.join(REQUIRED)}")
-    for name in LAW:
-        if name in arrays:
-            value = arrays.pop(name)
-            if value.ndim:
-                raise SampleError(f"{name} has shape {value.shape} in {path}: it must be a single value")
-            given.setdefault(name, value.item())
-    arrays["dim"] = int(_array("dim", arrays.get("dim", 3), ()))
-    arrays["i0"] = given.pop("i0", None)
-    words = [] if given else ["no contact law was given: the defaults are assumed"]
-    law = law_from(**given)
-    return sample(arrays.pop("position"), arrays.pop("radius"), law, **arrays), law, words
-
-
-def law_from(law="hertz_mindlin", coulomb="smooth", kn=1.0, kt=2 / 7, mu=10.0) -> Law:
-    """A law by name; SampleError in one sentence if there is none such."""
-    if law not in LAWS:
-        raise SampleError(f"law {law!r} is not known: use {' or '.join(LAWS)}")
-    if coulomb not in COULOMB:
-        raise SampleError(f"coulomb {coulomb!r} is not known: use {' or '.join(COULOMB)}")
-    try:
-        return LAWS[law](kn, kt, mu, coulomb=coulomb)
+        if young is not None:
+            kn, kt = stiffnesses(young, poisson)
+        kn, kt = 1.0 if kn is None else kn, 2 / 7 if kt is None else kt
+        return LAWS[law](kn, kt, mu, coulomb=coulomb, damping_n=damping_n, damping_t=damping_t, **model)
     except (TypeError, ValueError) as problem:
         raise SampleError(str(problem)) from None
-
-
-def _from_archive(path: Path, frame: str | None, given: dict):
-    tree = archive.read(path)
-    states = dict(_states(tree))
-    if not states:
-        raise SampleError(f"{path} holds no state: give an archive of states, or an .npz")
-    some = ", ".join(list(states)[:4]) + (" …" if len(states) > 4 else "")
-    if frame is None and len(states) > 1:
-        raise SampleError(f"{path} holds {len(states)} states: choose one with --frame, from {some}")
-    frame = frame or next(iter(states))
-    if frame not in states:
-        raise SampleError(f"{path} has no state {frame!r}: it has {some}")
-    state = states[frame]
-    i0 = given.pop("i0", None)
-    if i0 is not None:
-        if not (np.isfinite(i0) and i0 > 0):
-            raise SampleError(f"i0 = {i0} was given: it must be positive")
-        grains = state.grains
-        state = state._replace(grains=grains._replace(inertia=i0 * grains.mass * grains.radius**2))
-    if given:
-        return _accepted(updated(state), law_from(**given)), law_from(**given), []
-    holder, law = tree, tree.get("law")
-    for part in frame.split("/")[:-1]:
-        holder = holder[part]
-        law = holder.get("law", law) if isinstance(holder, dict) else law
-    if law is None:
-        law, words = law_from(), ["the file has no contact law: the defaults are assumed"]
-    else:
-        words = []
-    return _accepted(updated(state), law), law, words
-
-
-def _states(tree: dict, above: str = ""):
-    """Names and values of all states in an archive, however deep."""
-    for name, value in tree.items():
-        if isinstance(value, State):
-            yield above + name, value
-        elif isinstance(value, dict):
-            yield from _states(value, f"{above}{name}/")
 
 
 def _array(name: str, value, shape: tuple, kind=float) -> np.ndarray:
@@ -251,7 +193,7 @@ def _check_overlap(state: State) -> None:
         )
 
 
-def _with_contacts(state: State, pair_i, pair_j, image, slip) -> State:
+def _with_contacts(state: State, pair_i, pair_j, image, slip, mode) -> State:
     """The state with a given list of contacts and their slip, not yet projected."""
     if pair_i is None or pair_j is None:
         raise SampleError("only one of pair_i and pair_j was given: give both")
@@ -261,6 +203,9 @@ def _with_contacts(state: State, pair_i, pair_j, image, slip) -> State:
     j = _array("pair_j", pair_j, (m,), int)
     image = np.zeros((m, 3), int) if image is None else _array("image", image, (m, 3), int)
     slip = np.zeros((m, 3)) if slip is None else _array("slip", slip, (m, 3))
+    mode = np.full(m, STICK) if mode is None else _array("mode", mode, (m,), int)
+    if not np.isin(mode, (STICK, SLIDE)).all():
+        raise SampleError("mode holds something else than 1 and 2: 1 is a contact that sticks, 2 one that slides")
     if m and not (min(i.min(), j.min()) >= 0 and max(i.max(), j.max()) < n):
         raise SampleError(f"a pair names grain {max(i.max(), j.max())} or below 0: there are grains 0 to {n - 1}")
     if np.abs(image).max(initial=0) > 60:
@@ -281,7 +226,8 @@ def _with_contacts(state: State, pair_i, pair_j, image, slip) -> State:
     row = np.searchsorted(contacts.key[:count], key)
     there = row < count
     there[there] = contacts.key[row[there]] == key[there]
-    new = contacts._replace(slip=contacts.slip.copy(), mode=contacts.mode.copy(), pair=contacts.pair.copy())
+    copied = {name: getattr(contacts, name).copy() for name in ("slip", "mode", "pair", "roll")}
+    new, turned = contacts._replace(**copied), state.grains.radius[:, None] * state.grains.angle
     branch = branches(state)
     reach = state.grains.radius[contacts.i[:count]] + state.grains.radius[contacts.j[:count]]
     touches = np.linalg.norm(branch, axis=1) < reach
@@ -293,7 +239,8 @@ def _with_contacts(state: State, pair_i, pair_j, image, slip) -> State:
             f"grains {i[c]} and {j[c]} with image {image[c].tolist()} have slip but do not touch: check the sign of "
             f"the image, r_ij = r_i - r_j + cell^T image"
         )
-    new.slip[row[there]], new.mode[row[there]], new.pair[row[there]] = slip[there], STICK, branch[row[there]]
+    new.slip[row[there]], new.mode[row[there]], new.pair[row[there]] = slip[there], mode[there], branch[row[there]]
+    new.roll[row[there]] = turned[i[there]] + turned[j[there]]
     missing = int((touches & (new.mode[:count] == OPEN)).sum())
     if missing:
         words = f"{missing} touching pair(s) are not in the list: taken with zero slip"
@@ -301,10 +248,16 @@ def _with_contacts(state: State, pair_i, pair_j, image, slip) -> State:
     return state._replace(contacts=new)
 
 
-def _accepted(state: State, law: Law) -> State:
-    """The state with its memory committed: slip perpendicular to the normal and within Coulomb's limit."""
+def accepted(state: State, law: Law, *, memory: int = FREE, modes: bool = False) -> State:
+    """The state with its memory committed: slip perpendicular to the normal and within Coulomb's limit.
+
+    Parameters
+    ----------
+    memory : as in `forces`; FROZEN leaves contacts as they are where nothing has moved
+    modes : True takes the contacts' modes as given: what slides is put at the limit, what sticks is cut to it
+    """
     count = int(state.contacts.count[0])
-    _, trial = forces(state, law)
+    _, trial = forces(state, law, memory=memory)
     branch = branches(state)
     normal = branch / np.linalg.norm(branch, axis=1)[:, None]
     slip = np.where(trial.mode[:count, None] != OPEN, state.contacts.slip[:count], 0.0)
@@ -314,7 +267,22 @@ def _accepted(state: State, law: Law) -> State:
         words = f"slip was projected on the plane of contact: its normal part was up to {most:.3g}"
         warnings.warn(f"{words}, {most / size:.2g} of the largest slip", SampleWarning, stacklevel=3)
     wanted = np.linalg.norm(slip - along[:, None] * normal, axis=1)
-    cut = int((np.linalg.norm(trial.slip[:count], axis=1) < wanted * (1 - 1e-9)).sum())
-    if cut:
-        warnings.warn(f"{cut} slip(s) exceed Coulomb's limit and were cut to it", SampleWarning, stacklevel=3)
+    cut = np.linalg.norm(trial.slip[:count], axis=1) < wanted * (1 - 1e-9)
+    if modes:
+        cut &= state.contacts.mode[:count] != SLIDE
+        _take_modes(state, law, trial, cut)
+    if cut.any():
+        words = f"{int(cut.sum())} slip(s) exceed Coulomb's limit and were cut to it"
+        warnings.warn(words, SampleWarning, stacklevel=3)
     return accept(state, trial)
+
+
+def _take_modes(state: State, law: Law, trial, cut) -> None:
+    """Put the modes of a state, and the slip of what slides, into trial memory, but for contacts that were cut."""
+    count, given = int(state.contacts.count[0]), state.contacts.mode
+    _, held = forces(state, law, memory=HELD)
+    rows = np.flatnonzero((given[:count] != OPEN) & (trial.mode[:count] != OPEN) & ~cut)
+    trial.mode[rows] = given[rows]
+    rows = rows[given[rows] == SLIDE]
+    trial.slip[rows] = held.slip[rows]
+    trial.reached[rows] = True

@@ -7,62 +7,113 @@ import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from ..core.laws import COULOMB, HERTZ_MINDLIN, PARAMETERS, Law
-from ..solve.stability import Stability
+from ..core.laws import COULOMB, DAMPING, KINDS, NO_TENSION, PARAMETERS, Law, dashpots
+from ..core.state import State
+from ..solve.damped import Damped, damped_stability
+from ..solve.stability import Stability, stability
 from .report import console
 
 SHOWN = 12  # pairs in the table
 UNBALANCED = 1e-6  # residual above which the user is told that this is no equilibrium
 
 
-def as_json(found: Stability) -> str:
+def judged(state: State, law: Law, *, method: str = "auto", report=None) -> Stability | Damped:
+    """The verdict by the spectrum that belongs to the law: with dashpots, the damped one."""
+    return (damped_stability if dashpots(law) else stability)(state, law, method=method, report=report)
+
+
+def as_json(found: Stability | Damped) -> str:
     """One object with the documented keys."""
-    pairs = [
-        {"re_lambda": float(p.real), "im_lambda": float(p.imag), "omega": float(w), "growth_rate": float(g)}
-        for p, w, g in zip(found.pairs, found.frequency, found.growth_rate, strict=True)
-    ]
+    static = found.undamped if isinstance(found, Damped) else found
+    if isinstance(found, Damped):
+        swings = found.exponents.imag > 0
+        pairs = [
+            {"re_s": float(s.real), "im_s": float(s.imag), "omega": float(s.imag), "growth_rate": float(s.real)}
+            for s in found.exponents[swings]
+        ]
+        negative = [float(v) for v in found.exponents[~swings].real]
+    else:
+        pairs = [
+            {"re_lambda": float(p.real), "im_lambda": float(p.imag), "omega": float(w), "growth_rate": float(g)}
+            for p, w, g in zip(found.pairs, found.frequency, found.growth_rate, strict=True)
+        ]
+        negative = [float(v) for v in found.negative]
     out = {
-        "n": found.n,
-        "contacts": found.contacts,
-        "rattlers": len(found.rattlers),
-        "residual": found.residual if np.isfinite(found.residual) else None,
+        "n": static.n,
+        "contacts": static.contacts,
+        "rattlers": len(static.rattlers),
+        "residual": static.residual if np.isfinite(static.residual) else None,
         "stable": found.stable,
         "pairs": pairs,
-        "negative": [float(v) for v in found.negative],
-        "zero_modes": found.zero_modes,
+        "growing" if isinstance(found, Damped) else "negative": negative,
+        "zero_modes": static.zero_modes,
+        "spectrum": "damped" if isinstance(found, Damped) else "undamped",
     }
     return json.dumps(out, allow_nan=False)
 
 
-def show(found: Stability, law: Law, words: list[str]) -> None:
+def show(found: Stability | Damped, law: Law, words: list[str]) -> None:
     """The verdict in words, the pairs in a table."""
-    kind = "hertz_mindlin" if law.kind == HERTZ_MINDLIN else "linear"
+    static = found.undamped if isinstance(found, Damped) else found
+    for line in words:
+        console.print(f"[yellow]{line}[/]")
+    console.print(f"law: {_law_in_words(law)}", highlight=False)
+    console.print(
+        f"{static.n} grains, {static.contacts} contacts, {len(static.rattlers)} rattlers, residual "
+        f"{static.residual:.2g} of the mean normal contact force",
+        highlight=False,
+    )
+    if static.residual > UNBALANCED:
+        console.print("[yellow]the forces do not balance: this is the first moment of a motion, not an equilibrium[/]")
+    color = "green" if found.stable else "red"
+    console.print(f"[bold {color}]{found.verdict}[/]", highlight=False)
+    if isinstance(found, Damped):
+        console.print("spectrum: damped, exponents s of exp(st) from M q̈ = J q + C q̇ at rest", highlight=False)
+        console.print(f"without the dashpots it would be: {static.verdict}", highlight=False)
+    if found.scope:
+        console.print(f"scope: {found.scope}", highlight=False)
+    if len(static.rattlers):
+        some = ", ".join(map(str, static.rattlers[:20])) + (" …" if len(static.rattlers) > 20 else "")
+        console.print(f"rattlers (left out): {some}", highlight=False)
+    if isinstance(found, Damped):
+        _show_exponents(found)
+    else:
+        _show_pairs(found)
+
+
+def _law_in_words(law: Law) -> str:
     coulomb = next(name for name, number in COULOMB.items() if number == law.coulomb)
     values = ", ".join(
         f"{name} = {value:.4g}" for name, value in zip(PARAMETERS, law.table[0, 0], strict=True) if value
     )
-    for line in words:
-        console.print(f"[yellow]{line}[/]")
-    console.print(f"law: {kind}, {coulomb} Coulomb, {values}", highlight=False)
-    console.print(
-        f"{found.n} grains, {found.contacts} contacts, {len(found.rattlers)} rattlers, residual "
-        f"{found.residual:.2g} of the mean normal contact force",
-        highlight=False,
-    )
-    if found.residual > UNBALANCED:
-        console.print("[yellow]the forces do not balance: this is the first moment of a motion, not an equilibrium[/]")
-    color = "green" if found.stable else "red"
-    console.print(f"[bold {color}]{found.verdict}[/]", highlight=False)
-    if found.scope:
-        console.print(f"scope: {found.scope}", highlight=False)
-    if len(found.rattlers):
-        some = ", ".join(map(str, found.rattlers[:20])) + (" …" if len(found.rattlers) > 20 else "")
-        console.print(f"rattlers (left out): {some}", highlight=False)
+    damping = next(name for name, number in DAMPING.items() if number == law.damping & ~NO_TENSION)
+    return f"{KINDS[law.kind]}, {coulomb} Coulomb, {values}" + (f" ({damping})" if dashpots(law) else "")
+
+
+def _table(name: str, count: int, columns: tuple[str, ...]) -> Table:
+    title = name + (f", the fastest {SHOWN} of {count}" if count > SHOWN else "")
+    table = Table(title=title, title_justify="left", header_style="bold", box=SIMPLE_HEAD)
+    for column in columns:
+        table.add_column(column, justify="right")
+    return table
+
+
+def _show_exponents(found: Damped) -> None:
+    if len(found.exponents):
+        table = _table("Growing exponents", len(found.exponents), ("Re s", "Im s", "period", "e-folding time"))
+        for s in found.exponents[:SHOWN]:
+            period = f"{2 * np.pi / s.imag:.4g}" if s.imag > 0 else "–"
+            table.add_row(f"{s.real:.5g}", f"{s.imag:.5g}", period, f"{1 / s.real:.4g}")
+        console.print(table)
+    elif found.slowest is not None:
+        s = found.slowest
+        console.print(f"slowest decay: s = {s.real:.4g} ± {abs(s.imag):.4g}i", highlight=False)
+
+
+def _show_pairs(found: Stability) -> None:
     if len(found.pairs):
-        title = "Complex pairs" + (f", the fastest {SHOWN} of {len(found.pairs)}" if len(found.pairs) > SHOWN else "")
-        table = Table(title=title, title_justify="left", header_style="bold", box=SIMPLE_HEAD)
-        for name in ("Re λ", "Im λ", "ω", "growth rate", "period", "e-folding time"):
-            table.add_column(name, justify="right")
+        names = ("Re λ", "Im λ", "ω", "growth rate", "period", "e-folding time")
+        table = _table("Complex pairs", len(found.pairs), names)
         rows = zip(found.pairs[:SHOWN], found.frequency, found.growth_rate, strict=False)
         for pair, w, g in rows:
             period = f"{2 * np.pi / w:.4g}" if w > 0 else "–"
@@ -72,17 +123,27 @@ def show(found: Stability, law: Law, words: list[str]) -> None:
         console.print("negative λ: " + ", ".join(f"{v:.4g}" for v in found.negative[:SHOWN]), highlight=False)
 
 
-def write_modes(path: Path, found: Stability) -> Path:
-    """λ and modes of all pairs and negative λ: `eigenvalue` (K,), `translation` and `rotation` (K, N, 3) complex.
+def write_modes(path: Path, found: Stability | Damped) -> Path:
+    """Modes of what grows: `eigenvalue` λ and `exponent` s (K,), `translation` and `rotation` (K, N, 3) complex.
 
-    A rotation is R·angle; modes have unit norm in the mass-weighted metric. Rattlers and what is not free are zero.
+    The motion is Re(mode exp(st)), with s = −i√λ of the damped or the undamped spectrum. A rotation is R·angle; modes
+    have unit norm in the mass-weighted metric. Rattlers and what is not free are zero.
     """
+    static = found.undamped if isinstance(found, Damped) else found
     count = found.modes.shape[1]
-    full = np.array([found.free.spread(mode)[: found.n] for mode in found.modes.T]).reshape(count, found.n, 6)
-    values = np.concatenate([found.pairs, found.negative.astype(complex)])
+    full = np.array([found.free.spread(mode)[: static.n] for mode in found.modes.T]).reshape(count, static.n, 6)
+    if isinstance(found, Damped):
+        exponents = found.exponents
+        values = -(exponents**2)
+    else:
+        values = np.concatenate([found.pairs, found.negative.astype(complex)])
+        exponents = -1j * np.sqrt(values)
     beside = path.with_name(f".{path.name}.part.npz")
     try:
-        np.savez(beside, eigenvalue=values, translation=full[..., :3], rotation=full[..., 3:], rattlers=found.rattlers)
+        np.savez(
+            beside, eigenvalue=values, exponent=exponents, translation=full[..., :3], rotation=full[..., 3:],
+            rattlers=static.rattlers,
+        )  # fmt: skip
         beside.replace(path)
     finally:
         beside.unlink(missing_ok=True)

@@ -1,0 +1,127 @@
+"""Our own files: an .npz with the arrays of `sample`, and HDF5 archives."""
+
+import difflib
+from pathlib import Path
+
+import numpy as np
+
+from ...core.laws import DAMPING_N, DAMPING_T, KN, KT, MU, NO_TENSION, Law
+from ...core.state import State
+from .. import archive
+from ..sample import SampleError, law_from
+from .frame import Frame, beside, law_words, unheld, without_walls
+
+REQUIRED = ("position", "radius")
+CONTACTS = ("pair_i", "pair_j", "image", "slip", "mode")
+MOTION = ("velocity", "spin", "angle")
+OPTIONAL = ("mass", "cell", "periodic", *CONTACTS, *MOTION, "external_force", "dim", "i0")
+LAW = ("law", "coulomb", "kn", "kt", "mu", "damping", "damping_n", "damping_t")  # a file may carry its law, too
+
+
+def write_npz(path: str | Path, frame: Frame) -> list[str]:
+    """Write the arrays of `sample`, and the law if it has one material; returns what they do not hold."""
+    state, law = frame.state, frame.law
+    grains, control, n = state.grains, state.control, len(state.grains.radius)
+    pairs, words = without_walls(frame)
+    arrays = {
+        "position": grains.position, "radius": grains.radius, "mass": grains.mass, "dim": state.cell.dim,
+        "i0": grains.inertia / (grains.mass * grains.radius**2), "pair_i": pairs["i"], "pair_j": pairs["j"],
+        "image": pairs["image"], "slip": pairs["slip"], "mode": pairs["mode"],
+        **{name: getattr(grains, name) for name in MOTION},
+    }  # fmt: skip
+    if state.cell.periodic.any():
+        arrays |= {"cell": state.cell.vectors, "periodic": state.cell.periodic}
+    if control.force[:n].any():
+        arrays["external_force"] = control.force[:n]
+    rest = frame._replace(state=state._replace(control=control._replace(force=np.zeros_like(control.force))))
+    lost = unheld(rest, law=len(law.table) > 1)
+    if law.damping & NO_TENSION:
+        lost.append("that dashpots do not make contacts pull")
+    if len(law.table) == 1:
+        values = law.table[0, 0]
+        arrays |= {k: v for k, v in law_words(law).items() if k in ("law", "coulomb", "damping")}
+        numbers = {"kn": KN, "kt": KT, "mu": MU, "damping_n": DAMPING_N, "damping_t": DAMPING_T}
+        arrays |= {name: values[column] for name, column in numbers.items()}
+    with beside(Path(path)) as part:
+        np.savez(part, **arrays)
+    return words + ([f".npz does not hold {', '.join(lost)}"] if lost else [])
+
+
+def read_npz(path: Path) -> tuple[dict, dict]:
+    """Arrays for `sample`, and options for `law_from`; SampleError in one sentence if it is none of ours."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+    except Exception:  # whatever a damaged archive makes numpy, zipfile and zlib raise
+        raise SampleError(f"{path} cannot be read as .npz: write it with numpy.savez, without objects") from None
+    known = (*REQUIRED, *OPTIONAL, *LAW)
+    for name in arrays:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
+            hint = f"did you mean {near[0]!r}?" if near else f"it may hold {', '.join(known)}"
+            raise SampleError(f"{path} has an array {name!r} that is not known: {hint}")
+    for name in REQUIRED:
+        if name not in arrays:
+            raise SampleError(f"{path} has no array {name!r}: it needs {' and '.join(REQUIRED)}")
+    given = {}
+    for name in (*LAW, "dim"):
+        if name in arrays:
+            value = arrays.pop(name)
+            if value.ndim:
+                raise SampleError(f"{name} has shape {value.shape} in {path}: it must be a single value")
+            given[name] = value.item()
+    dim = given.pop("dim", 3)
+    if not isinstance(dim, int | float) or dim not in (2, 3):
+        raise SampleError(f"dim = {dim} was given in {path}: 2 and 3 are allowed")
+    return arrays | {"dim": int(dim)}, given
+
+
+def write_archive(path: str | Path, frames: list[Frame]) -> list[str]:
+    """Write states with everything that they hold, and the law of the first, as an archive."""
+    path = Path(path)
+    if not path.parent.is_dir():
+        raise SampleError(f"the folder {path.parent} does not exist: make it first")
+    tree: dict = {"law": frames[0].law}
+    if len(frames) == 1:
+        tree["state"] = frames[0].state
+    else:
+        tree["frames"] = {f"{k:06d}": frame.state for k, frame in enumerate(frames)}
+    archive.write(path, tree)
+    return []
+
+
+def read_archive(path: Path, wanted: str | None) -> list[tuple[str, State, Law | None, list[str]]]:
+    """States of an archive, each with its path in it and the law that stands nearest above it."""
+    tree = archive.read(path)
+    states = dict(_states(tree))
+    if not states:
+        raise SampleError(f"{path} holds no state: give an archive of states, or an .npz")
+    some = ", ".join(list(states)[:4]) + (" …" if len(states) > 4 else "")
+    if wanted is None and len(states) > 1:
+        raise SampleError(f"{path} holds {len(states)} states: choose one with --frame, from {some}")
+    if wanted not in (None, "all") and wanted not in states:
+        raise SampleError(f"{path} has no state {wanted!r}: it has {some}")
+    names = list(states) if wanted in (None, "all") else [wanted]
+    return [(name, states[name], _law_above(tree, name), []) for name in names]
+
+
+def _law_above(tree: dict, name: str) -> Law | None:
+    holder, law = tree, tree.get("law")
+    for part in name.split("/")[:-1]:
+        holder = holder[part]
+        law = holder.get("law", law) if isinstance(holder, dict) else law
+    return law
+
+
+def _states(tree: dict, above: str = ""):
+    """Names and values of all states in an archive, however deep."""
+    for name, value in tree.items():
+        if isinstance(value, State):
+            yield above + name, value
+        elif isinstance(value, dict):
+            yield from _states(value, f"{above}{name}/")
+
+
+def law_given(options: dict) -> Law:
+    """The law of options that may be None."""
+    return law_from(**{name: value for name, value in options.items() if value is not None})

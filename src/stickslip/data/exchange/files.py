@@ -1,0 +1,229 @@
+"""Packings from files and into files: a path's ending says the format."""
+
+import difflib
+import warnings
+from pathlib import Path
+
+from ...core.contact import FROZEN
+from ...core.laws import Law
+from ...core.neighbors import updated
+from ...core.state import State
+from ..sample import SampleError, SampleWarning, accepted, law_from, sample
+from .arrays import law_given, read_archive, read_npz, write_archive, write_npz
+from .frame import Frame, frame_of
+from .gsd_file import read_gsd, write_gsd
+from .lammps_file import contact_law, read_lammps
+from .lammps_write import contacts_path, write_lammps
+from .motion import mode_frames, read_mode
+from .vtk_file import vtk_paths, write_vtk
+from .xyz_file import write_xyz
+
+ARCHIVE, LAMMPS_DATA, DUMP = (".h5", ".hdf5"), (".data", ".lmp", ".lammps"), (".dump", ".lammpstrj")
+READ = (".npz", *ARCHIVE, ".gsd", *LAMMPS_DATA, *DUMP)
+SERIES = {".gsd": write_gsd, ".xyz": write_xyz, ".extxyz": write_xyz, ".vtu": write_vtk}
+SINGLE = {".npz": write_npz} | dict.fromkeys(LAMMPS_DATA, write_lammps)
+WRITTEN = (".npz", *ARCHIVE, *SERIES, *LAMMPS_DATA)
+OF_LAMMPS = ("contacts", "columns", "boundary")
+
+
+def read_sample(path: str | Path, **options) -> tuple[State, Law, list[str]]:
+    """State, law and words about what was taken, from .npz (names as in `sample`), archive, GSD, LAMMPS data or dump.
+
+    Parameters
+    ----------
+    law, coulomb, kn, kt, mu, young, poisson, damping, damping_n, damping_t : of `law_from`; None where not given. What
+        is given wins over the file. LAMMPS's files have no law, and contacts of its dumps need all of it
+    i0 : float, moment of inertia I0 m R²
+    frame : which state: a path in an archive such as main/frames/0.030000, the number of a frame in GSD, a time step in
+        a dump; the last one of these two where it is left out
+    contacts : path of a `dump local` that belongs to the grains, which gives them their memory
+    columns : names of its columns, where it has none: i j dist dx dy dz fx fy fz tx ty tz
+    boundary : three letters as in LAMMPS, such as ppf, where the file does not say what is periodic
+
+    Raises
+    ------
+    SampleError
+        with one sentence, if a file is not what it should be. A SampleWarning tells what was changed in a packing.
+
+    Examples
+    --------
+    >>> import numpy as np, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     np.savez(f"{folder}/pair.npz", position=[[0, 0, 0], [0.99, 0, 0]], radius=[0.5, 0.5])
+    ...     read_sample(f"{folder}/pair.npz", law="linear", coulomb="sharp", mu=0.5)[0].contacts.count
+    array([1])
+    """
+    ((_, *found),) = read_samples(path, **{"frame": None, **options})
+    return tuple(found)
+
+
+def read_samples(path: str | Path, *, frame: str | None = "all", **options) -> list[tuple[str, State, Law, list[str]]]:
+    """All states of a file, each with its name, law and words; options as in `read_sample`."""
+    path = Path(path)
+    if not path.is_file():
+        raise SampleError(f"{path} is no file: give a packing, {', '.join(READ)}")
+    suffix = path.suffix.lower()
+    given = {name: value for name, value in options.items() if value is not None}
+    i0, of_lammps = given.pop("i0", None), {name: given.pop(name) for name in OF_LAMMPS if name in given}
+    if suffix in LAMMPS_DATA + DUMP:
+        return [_with_i0(found, i0) for found in _from_lammps(path, frame, given, of_lammps)]
+    if of_lammps:
+        raise SampleError(f"{', '.join(of_lammps)} was given with {path.name}: only files of LAMMPS take it")
+    if suffix in ARCHIVE:
+        return [_whole(*found, given, i0) for found in read_archive(path, frame)]
+    if suffix == ".gsd":
+        return [_whole(*found, given, i0) for found in read_gsd(path, frame)]
+    if suffix != ".npz":
+        raise SampleError(_unknown(path, READ, "read"))
+    if frame not in (None, "all"):
+        raise SampleError(f"frame {frame!r} was asked for, but {path} has one state: leave it out")
+    arrays, in_file = read_npz(path)
+    given = in_file | given
+    if i0 is not None:
+        arrays["i0"] = i0
+    words = [] if given else ["no contact law was given: the defaults are assumed"]
+    law = law_given(given)
+    return [(path.stem, sample(arrays.pop("position"), arrays.pop("radius"), law, **arrays), law, words)]
+
+
+def _from_lammps(path: Path, frame: str | None, given: dict, of_lammps: dict):
+    contacts = of_lammps.pop("contacts", None)
+    if contacts is not None:
+        contacts = Path(contacts)
+        if not contacts.is_file():
+            raise SampleError(f"{contacts} is no file: give the contacts that LAMMPS's `dump local` wrote")
+        law, words = law_from(**contact_law(given)), []
+    else:
+        law = law_given(given)
+        words = [] if given else ["no contact law was given: the defaults are assumed"]
+    found = read_lammps(path, law, contacts=contacts, wanted=frame, **of_lammps)
+    return [(name, state, law, said + words) for name, state, law, said in found]
+
+
+def _with_i0(found, i0: float | None):
+    name, state, law, words = found
+    return name, _inertia(state, i0), law, words
+
+
+def _inertia(state: State, i0: float | None) -> State:
+    if i0 is None:
+        return state
+    if not (i0 > 0 and i0 < float("inf")):
+        raise SampleError(f"i0 = {i0} was given: it must be positive")
+    grains = state.grains
+    return state._replace(grains=grains._replace(inertia=i0 * grains.mass * grains.radius**2))
+
+
+def _whole(name: str, found: State | dict, its_law: Law | None, words: list[str], given: dict, i0: float | None):
+    """A state as it was, if its law is left to it; else with the slip that another law allows."""
+    if not given and its_law is None:
+        words = [*words, "the file has no contact law: the defaults are assumed"]
+    law = law_given(given) if given or its_law is None else its_law
+    if isinstance(found, dict):
+        return name, _inertia(sample(law=law, **found), i0), law, words
+    same = its_law is not None and not given
+    state = updated(_inertia(found, i0))
+    return name, accepted(state, law, **({"memory": FROZEN} if same else {})), law, words
+
+
+def write_sample(path: str | Path, states, law: Law | None = None) -> list[str]:
+    """Write an accepted state, or several as a trajectory, in the format that the path's ending says.
+
+    Parameters
+    ----------
+    path : .npz, .h5, .gsd (OVITO), .vtu (ParaView), .xyz (ASE), .data (LAMMPS). A file is replaced whole or not at all
+    states : State with `law`, or a list of Frame, as `frame_of` and `mode_frames` make them
+
+    Returns
+    -------
+    list of str
+        sentences about what the format does not hold
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from stickslip import hertz_mindlin, sample
+    >>> law = hertz_mindlin()
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_sample(f"{folder}/p.xyz", sample([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], law), law)
+    ['extended XYZ does not hold contacts and their memory']
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in WRITTEN:
+        raise SampleError(_unknown(path, WRITTEN, "written"))
+    if isinstance(states, State):
+        states = [frame_of(states, law)]
+    frames: list[Frame] = list(states)
+    if suffix in SERIES:
+        return SERIES[suffix](path, frames)
+    if any(frame.moving for frame in frames):
+        raise SampleError(f"an animation cannot be written as {suffix}: write {', '.join(SERIES)}")
+    if suffix in ARCHIVE:
+        return write_archive(path, frames)
+    if len(frames) > 1:
+        raise SampleError(
+            f"{len(frames)} states cannot be written as {suffix}, which holds one: choose one with --frame, or write "
+            f"{', '.join((*SERIES, ARCHIVE[0]))}"
+        )
+    return SINGLE[suffix](path, frames[0])
+
+
+def convert(
+    path: str | Path, to: str | Path, *, modes: str | Path | None = None, mode: int = 0, count: int = 48,
+    amplitude: float = 0.3, grow: bool = False, **options,
+) -> tuple[list[Path], list[str]]:  # fmt: skip
+    """Read a packing and write it in another format, all its states or the chosen one; or animate one of its modes.
+
+    Parameters
+    ----------
+    modes : file of modes that `stickslip stability` wrote; `mode`, `count`, `amplitude` and `grow`: see `mode_frames`
+    options : of `read_sample`
+
+    Returns
+    -------
+    list of Path
+        what was written
+    list of str
+        what was taken from the file, and what the other format does not hold
+    """
+    path, to = Path(path), Path(to)
+    if to.suffix.lower() not in WRITTEN:
+        raise SampleError(_unknown(to, WRITTEN, "written"))
+    if to.exists() and path.exists() and to.samefile(path):
+        raise SampleError(f"{to} would replace the file that it is made from: give another name")
+    if modes is None:
+        chosen = {} if options.get("frame") is None else {"frame": options["frame"]}
+        found = read_samples(path, **{**options, "frame": "all", **chosen})
+        frames = [frame_of(state, law) for _, state, law, _ in found]
+        words = list(dict.fromkeys(word for *_, said in found for word in said))
+    else:
+        state, law, words = read_sample(path, **options)
+        of_mode = read_mode(modes, mode, len(state.grains.radius))
+        frames = mode_frames(frame_of(state, law), *of_mode, count=count, amplitude=amplitude, grow=grow)
+        words = [*words, f"mode {mode}: s = {of_mode[2]:.4g}, {count} frames of one period"]
+    words += write_sample(to, frames)
+    if to.suffix.lower() == ".vtu" and len(frames) > 1:
+        words.append(f"{len(frames)} frames: numbered files, which ParaView opens as a series")
+    return _written(to, len(frames)), words
+
+
+def _written(to: Path, count: int) -> list[Path]:
+    if to.suffix.lower() == ".vtu":
+        return [path for path in vtk_paths(to, count)[0] if path.exists()]
+    beside = contacts_path(to) if to.suffix.lower() in LAMMPS_DATA else None
+    return [to, *([beside] if beside and beside.exists() else [])]
+
+
+def _unknown(path: Path, known: tuple[str, ...], done: str) -> str:
+    near = difflib.get_close_matches(path.suffix.lower(), known, n=1)
+    hint = f"did you mean {near[0]!r}?" if near else f"{', '.join(known)} are {done}"
+    return f"{path} ends with {path.suffix or 'nothing'!r}, which is not {done}: {hint}"
+
+
+def listened(call, *given, **options):
+    """What a call returns, and what SampleWarnings said on the way."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", SampleWarning)
+        found = call(*given, **options)
+    return found, list(dict.fromkeys(str(w.message) for w in caught if issubclass(w.category, SampleWarning)))

@@ -1,0 +1,159 @@
+"""What is written down of a state: its own arrays, and columns by grain and by contact that programs can show.
+
+A file is written beside its place and then renamed, so that nothing half-written stands under its name.
+"""
+
+import os
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ...core.forces import forces
+from ...core.laws import COULOMB, DAMPING, KINDS, NO_TENSION, Law
+from ...core.measure import branches, contact_forces, contact_numbers, touching
+from ...core.state import State
+from ..sample import SampleError
+
+GET = '`pip install "stickslip[exchange]"`'
+
+
+class Frame(NamedTuple):
+    """A state with the columns that a file shows of it; a frame of an animation shows more than a state is."""
+
+    state: State
+    law: Law
+    grains: dict[str, np.ndarray]  # columns by grain, (N,) or (N, 3), that the state does not have itself
+    contacts: dict[str, np.ndarray]  # columns by touching contact, (M,) or (M, 3); i, j, image and branch among them
+    turned: np.ndarray | None = None  # (N, 3) rotation since the first frame [rad]; None where only the plane knows it
+    moving: bool = False  # True in an animation of a mode: no state to go on from
+
+
+def frame_of(state: State, law: Law) -> Frame:
+    """Columns of an accepted state: resultants by grain, elastic forces on i by contact [force].
+
+    Examples
+    --------
+    >>> from stickslip import hertz_mindlin, sample
+    >>> frame_of(sample([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], hertz_mindlin()), hertz_mindlin()).contacts["force_n"]
+    array([0.001])
+    """
+    rows, c, n = touching(state), state.contacts, len(state.grains.radius)
+    branch = branches(state)[rows]
+    force = contact_forces(state, law)[rows]
+    normal = branch / np.linalg.norm(branch, axis=1)[:, None]
+    size = np.einsum("ck,ck->c", force, normal)
+    tangential = force - size[:, None] * normal
+    contacts = {
+        "i": c.i[rows], "j": c.j[rows], "image": c.image[rows], "branch": branch, "force_n": size,
+        "force_t": np.linalg.norm(tangential, axis=1), "tangential": tangential, "slip": c.slip[rows],
+        "mode": c.mode[rows],
+    }  # fmt: skip
+    loads = forces(state, law)[0]
+    grains = {"force": loads.force[:n], "torque": loads.torque[:n], "coordination": contact_numbers(state)}
+    return Frame(state, law, grains, contacts)
+
+
+def without_walls(frame: Frame) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Columns of the contacts between grains, and a word about the others."""
+    between = frame.contacts["j"] < len(frame.state.grains.radius)
+    walls = int((~between).sum())
+    words = [f"{walls} contact(s) with walls are not among the pairs, as they have no second grain"] if walls else []
+    return {name: column[between] for name, column in frame.contacts.items()}, words
+
+
+def law_words(law: Law) -> dict:
+    """A law as names and numbers that JSON holds to the last bit."""
+    return {
+        "law": KINDS[law.kind],
+        "coulomb": next(name for name, number in COULOMB.items() if number == law.coulomb),
+        "damping": next(name for name, number in DAMPING.items() if number == law.damping & ~NO_TENSION),
+        "tension": not law.damping & NO_TENSION,
+        "table": law.table.tolist(),
+    }
+
+
+def law_of(words: dict) -> Law:
+    """The law that `law_words` described; ValueError, KeyError or TypeError if there is none such."""
+    table = np.array(words["table"], float)
+    if table.ndim != 3 or table.shape[0] != table.shape[1] or table.shape[2] != 5 or not np.isfinite(table).all():
+        raise ValueError(f"a law's table of shape {table.shape}")
+    damping = DAMPING[words["damping"]] + (0 if words["tension"] else NO_TENSION)
+    return Law(KINDS.index(words["law"]), COULOMB[words["coulomb"]], table, damping)
+
+
+def lower_triangular(state: State, name: str) -> np.ndarray:
+    """(3, 3) box vectors with the first along x and the second in the plane of x and y, as most formats want them."""
+    vectors = state.cell.vectors
+    if np.triu(vectors, 1).any() or not (np.diag(vectors) > 0).all():
+        raise SampleError(
+            f"{name} wants the first box vector along x and the second in the plane of x and y, which this cell's are "
+            f"not: write .npz, .h5 or .vtu"
+        )
+    return vectors
+
+
+def shown_box(state: State, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Box vectors and corner of a box that holds every grain: the cell's where it is periodic, around them elsewhere.
+
+    Returns
+    -------
+    (3, 3) vectors as rows; (3,) corner [length]
+    """
+    grains, cell = state.grains, state.cell
+    vectors, corner = np.diag([1.0, 1.0, 1.0]), np.zeros(3)
+    if cell.periodic.any():
+        vectors = np.where(cell.periodic[:, None], lower_triangular(state, name), 0.0)
+    low = (grains.position - grains.radius[:, None]).min(axis=0)
+    high = (grains.position + grains.radius[:, None]).max(axis=0)
+    for k in np.flatnonzero(~cell.periodic):
+        vectors[k], vectors[k, k] = 0.0, 1.02 * (high[k] - low[k])
+        corner[k] = low[k] - 0.01 * (high[k] - low[k])
+    return vectors, corner
+
+
+def wrapped_into(position: np.ndarray, vectors, corner, periodic) -> tuple[np.ndarray, np.ndarray]:
+    """Positions less whole periods of a box with a corner, and how many: x = wrapped + image @ vectors."""
+    share = (position - corner) @ np.linalg.inv(vectors)
+    image = np.where(periodic, np.floor(share), 0.0)
+    inside = position - image @ vectors
+    image = image.astype(np.int64)
+    return inside, image
+
+
+def unheld(frame: Frame, *, walls: bool = True, law: bool = True, imposed: bool = True) -> list[str]:
+    """In words, what a format loses of a frame: walls, the law, what `Control` imposes besides free grains."""
+    state, words = frame.state, []
+    control, n = state.control, len(state.grains.radius)
+    if walls and len(state.walls.mass):
+        words.append(f"{len(state.walls.mass)} wall(s)")
+    if law:
+        words.append("the contact law")
+    acts = control.force.any() or control.torque.any() or control.gravity.any() or control.spring.any()
+    held = not control.free[:n, : state.cell.dim].all() or control.cell_free.any() or control.cell_rate.any()
+    if imposed and (acts or held or (control.group >= 0).any()):
+        words.append("loads and what is held or driven")
+    return words
+
+
+@contextmanager
+def beside(path: Path):
+    """A path in the same folder, with the same ending, that is renamed to `path` if all went well."""
+    if not path.parent.is_dir():
+        raise SampleError(f"the folder {path.parent} does not exist: make it first")
+    part = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    try:
+        yield part
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def library(name: str, what: str):
+    """A module of the extra `exchange`; SampleError that says how to get it."""
+    try:
+        return import_module(name)
+    except ImportError:
+        raise SampleError(f"{what} needs {name.partition('.')[0]}, which is not installed: {GET}") from None

@@ -1,0 +1,227 @@
+"""GSD, which OVITO, freud and VMD read: grains, contacts as bonds with their forces, and the whole state beside.
+
+The standard chunks are what other programs show, in single precision and in a box around the origin. Under
+`log/particles/` and `log/bonds/` are columns by grain and by contact. Under `stickslip/`, where other programs do not
+look, is the state itself, every array as it is: a file of ours is read back to the last bit. Of a foreign file only the
+standard chunks are read.
+"""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from ...core import state as core
+from ...core.laws import Law
+from ...core.neighbors import pack_key
+from ...core.state import State, check
+from ..sample import SampleError
+from .frame import Frame, beside, law_of, law_words, library, shown_box, without_walls, wrapped_into
+
+SCHEMA = 1  # of what is under stickslip/
+OURS = "stickslip/"
+META = f"{OURS}meta"
+NOUNS = {
+    "grains": core.Grains,
+    "walls": core.Walls,
+    "cell": core.Cell,
+    "contacts": core.Contacts,
+    "control": core.Control,
+}
+
+
+def write_gsd(path: str | Path, frames: list[Frame]) -> list[str]:
+    """Write frames as a trajectory; returns sentences about what other programs do not see in it."""
+    hoomd = library("gsd.hoomd", "writing GSD")
+    words = []
+    with beside(Path(path)) as part, hoomd.open(str(part), "w") as file:
+        for step, frame in enumerate(frames):
+            picture, lost = _picture(hoomd, frame, step)
+            for name, chunk in _whole(frame).items():
+                file.file.write_chunk(name, chunk)
+            file.append(picture)
+            words += [word for word in lost if word not in words]
+    return words
+
+
+def _picture(hoomd, frame: Frame, step: int):
+    """One frame as gsd wants it."""
+    state, out = frame.state, hoomd.Frame()
+    grains, cell, n = state.grains, state.cell, len(state.grains.radius)
+    vectors, corner = shown_box(state, "GSD")
+    middle = corner + vectors.sum(axis=0) / 2
+    inside, image = wrapped_into(grains.position, vectors, corner, cell.periodic)
+    a, b, c = np.diag(vectors)
+    out.configuration.step, out.configuration.dimensions = step, cell.dim
+    out.configuration.box = [a, b, c, vectors[1, 0] / b, vectors[2, 0] / c, vectors[2, 1] / c]
+    angle = grains.angle * [0, 0, 1] if cell.dim == 2 else np.zeros((n, 3))
+    turn = quaternion(angle if frame.turned is None else frame.turned)
+    kinds = int(grains.material.max(initial=0)) + 1
+    p = out.particles
+    p.N, p.position, p.image, p.velocity = n, inside - middle, image, grains.velocity
+    p.diameter, p.mass, p.orientation = 2 * grains.radius, grains.mass, turn
+    p.moment_inertia = np.repeat(grains.inertia[:, None], 3, axis=1)
+    p.angmom = 2 * multiplied(turn, np.pad(grains.inertia[:, None] * grains.spin, ((0, 0), (1, 0))))
+    p.types, p.typeid = [f"material {k}" for k in range(kinds)], grains.material
+    pairs, words = without_walls(frame)
+    out.bonds.N, out.bonds.types = len(pairs["i"]), ["sticking", "sliding"]
+    out.bonds.group = np.stack([pairs["i"], pairs["j"]], axis=1)
+    out.bonds.typeid = (pairs["mode"] == core.SLIDE).astype(np.uint32)
+    out.log["time"] = np.array([state.time])
+    columns = {"spin": grains.spin, **frame.grains}
+    out.log |= {f"particles/{name}": _shown(column) for name, column in columns.items()}
+    if len(pairs["i"]):
+        out.log |= {
+            f"bonds/{name}": _shown(column) for name, column in pairs.items() if name not in ("i", "j", "image")
+        }
+    if not cell.periodic[: cell.dim].all():
+        words.append("GSD knows no box that is open: other programs see a periodic one around the grains")
+    if len(state.walls.mass):
+        words.append(f"{len(state.walls.mass)} wall(s) are kept for stickslip, other programs do not see them")
+    return out, words
+
+
+def _shown(column: np.ndarray) -> np.ndarray:
+    """A column as other programs read it: small integers with 32 bits."""
+    return np.ascontiguousarray(column.astype(np.int32) if column.dtype.kind in "iub" else column)
+
+
+def _whole(frame: Frame) -> dict[str, np.ndarray]:
+    """The state as chunks: what is in it, flat, with shapes and the law as JSON."""
+    if frame.moving:
+        return {META: _text({"schema": SCHEMA, "moving": True})}
+    chunks, shapes, count = {}, {}, int(frame.state.contacts.count[0])
+    for noun in NOUNS:
+        for name, value in getattr(frame.state, noun)._asdict().items():
+            value = np.asarray(value)
+            if noun == "contacts" and name not in ("origin", "skin", "count"):
+                value = value[:count]
+            shapes[f"{noun}/{name}"] = [value.dtype.str, list(value.shape)]
+            if value.size:
+                flat = np.ascontiguousarray(value).ravel()
+                chunks[f"{OURS}{noun}/{name}"] = flat.astype(np.uint8) if flat.dtype == bool else flat
+    meta = {"schema": SCHEMA, "moving": False, "time": frame.state.time, "law": law_words(frame.law), "shapes": shapes}
+    return {META: _text(meta), **chunks}
+
+
+def _text(words: dict) -> np.ndarray:
+    return np.frombuffer(json.dumps(words).encode(), np.uint8)
+
+
+def read_gsd(path: str | Path, wanted: str | None = None) -> list[tuple[str, State | dict, Law | None, list[str]]]:
+    """Frames of a GSD file: name, state (or arrays for `sample`, of a foreign file), law, words on what is missing.
+
+    Parameters
+    ----------
+    wanted : number of a frame from 0, "all", or None for the last
+
+    Raises
+    ------
+    SampleError
+        with one sentence, if the file is truncated, of another version, or no GSD file at all.
+    """
+    hoomd = library("gsd.hoomd", "reading GSD")
+    try:
+        with hoomd.open(str(path), "r") as file:
+            numbers = _chosen(path, len(file), wanted)
+            return [(str(k), *_taken(path, file, k)) for k in numbers]
+    except SampleError:
+        raise
+    except (OSError, RuntimeError, KeyError, IndexError, TypeError, ValueError, MemoryError, OverflowError) as problem:
+        why = str(problem).replace("\n", " ").strip("'\"")
+        raise SampleError(
+            f"{path} cannot be read as GSD ({type(problem).__name__}: {why[:120]}): it is truncated, of another "
+            f"version, or no GSD file"
+        ) from None
+
+
+def _chosen(path, count: int, wanted: str | None) -> range:
+    if not count:
+        raise SampleError(f"{path} holds no frame: give a GSD file with at least one")
+    if wanted in (None, "all"):
+        return range(count) if wanted else range(count - 1, count)
+    if not wanted.isdecimal() or int(wanted) >= count:
+        raise SampleError(f"{path} has no frame {wanted!r}: it has 0 to {count - 1}")
+    return range(int(wanted), int(wanted) + 1)
+
+
+def _taken(path, file, number: int):
+    """State or arrays, law, words of a frame."""
+    if not file.file.chunk_exists(number, META):
+        return _foreign(file[number])
+    meta = json.loads(file.file.read_chunk(number, META).tobytes().decode())
+    if meta["schema"] != SCHEMA:
+        raise SampleError(f"{path} has schema {meta['schema']} of stickslip's GSD: this version reads {SCHEMA}")
+    if meta["moving"]:
+        raise SampleError(f"{path} is an animation of a mode, not a state: give the packing that it was made from")
+    parts = {}
+    for noun, kind in NOUNS.items():
+        fields = {name: _array(file.file, number, meta["shapes"], f"{noun}/{name}") for name in kind._fields}
+        parts[noun] = kind(**fields)
+    parts["cell"] = parts["cell"]._replace(dim=int(parts["cell"].dim))
+    parts["control"] = parts["control"]._replace(cell_mass=float(parts["control"].cell_mass))
+    state = State(**parts, time=float(meta["time"]))
+    check(state)
+    _check_contacts(state)
+    return state, law_of(meta["law"]), []
+
+
+def _array(file, number: int, shapes: dict, name: str) -> np.ndarray:
+    dtype, shape = np.dtype(shapes[name][0]), tuple(shapes[name][1])
+    if dtype.kind not in "biuf":
+        raise ValueError(f"{name} is of type {dtype}")
+    if not np.prod(shape, dtype=int):
+        return np.zeros(shape, dtype)
+    return file.read_chunk(number, OURS + name).astype(dtype).reshape(shape)
+
+
+def _check_contacts(state: State) -> None:
+    """Raise ValueError where kernels would look beyond an array."""
+    c, n, bodies = state.contacts, len(state.grains.radius), state.n_bodies
+    if any(len(getattr(c, name)) != c.count[0] for name in ("i", "j", "image", "key", "slip", "mode", "pair", "roll")):
+        raise ValueError("contacts of unlike lengths")
+    if c.count[0] and not (min(c.i.min(), c.j.min()) >= 0 and c.i.max() < n and c.j.max() < bodies):
+        raise ValueError("a contact of a grain that is not there")
+    keys = np.array([pack_key(i, j, *image) for i, j, image in zip(c.i, c.j, c.image, strict=True)], np.int64)
+    if not np.array_equal(keys, c.key) or (np.diff(keys) <= 0).any() or c.origin.shape != (bodies, 3):
+        raise ValueError("contacts out of order")
+
+
+def _foreign(frame):
+    """Arrays of the standard chunks, which know neither slip nor law."""
+    p, (a, b, c, xy, xz, yz) = frame.particles, frame.configuration.box.astype(float)
+    dim = int(frame.configuration.dimensions)
+    vectors = np.array([[a, 0, 0], [xy * b, b, 0], [xz * c, yz * c, c or 1.0]])
+    turn, momentum = p.orientation.astype(float), p.angmom.astype(float)
+    body = multiplied(turn * [1, -1, -1, -1], momentum)[:, 1:] / 2
+    inertia = p.moment_inertia.astype(float)
+    spin = np.divide(body, inertia, out=np.zeros_like(body), where=inertia > 0)
+    spin = multiplied(multiplied(turn, np.pad(spin, ((0, 0), (1, 0)))), turn * [1, -1, -1, -1])[:, 1:]
+    position = p.position.astype(float) + p.image @ vectors
+    if dim == 2:
+        position[:, 2] = 0.0
+        vectors[2], vectors[:2, 2] = (0, 0, 1), 0
+    arrays = {
+        "position": position, "radius": p.diameter.astype(float) / 2, "mass": p.mass.astype(float), "cell": vectors,
+        "velocity": p.velocity.astype(float), "spin": spin, "dim": dim,
+    }  # fmt: skip
+    words = [
+        "the file was not written by stickslip: positions have seven digits, contacts have no memory, there is no law"
+    ]
+    if (p.diameter == 1).all():
+        words.append("all diameters are 1, which GSD takes where none are given")
+    if (inertia[:, 2] > 0).all():
+        arrays["i0"] = inertia[:, 2] / (arrays["mass"] * arrays["radius"] ** 2)
+    return arrays, None, words
+
+
+def quaternion(angle: np.ndarray) -> np.ndarray:
+    """(N, 4) unit quaternions of rotation vectors (N, 3) [rad]."""
+    half = 0.5 * np.linalg.norm(angle, axis=1, keepdims=True)
+    return np.hstack([np.cos(half), 0.5 * np.sinc(half / np.pi) * angle])
+
+
+def multiplied(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """(N, 4) products of quaternions, scalar part first."""
+    a, u, b, v = p[:, :1], p[:, 1:], q[:, :1], q[:, 1:]
+    return np.hstack([a * b - (u * v).sum(axis=1, keepdims=True), a * v + b * u + np.cross(u, v)])

@@ -1,0 +1,293 @@
+"""LAMMPS: packings from its data files and dumps, with the memory of contacts from a `dump local`; and back.
+
+LAMMPS writes no slip of `pair_style gran/hertz/history` and `gran/hooke/history`, but the tangential force
+F_t = −(k_t s + c_t v_t), with k_t and c_t at the contact's overlap. Hence
+
+    s = −(F_t + c_t v_t)/k_t,    v_t = (v_i − v_j − (R_i ω_i + R_j ω_j) × n) less its normal part
+
+where the contact is below Coulomb's limit, and what LAMMPS's own next truncation would leave where it is at the limit.
+Signs, as a real run shows (tests/peers): the forces act on the first atom of a pair, d points from the second to it.
+
+Source: LAMMPS's documentation of `pair_style gran` and `compute pair/local`; doi:10.1103/PhysRevE.64.051302.
+"""
+
+import re
+import warnings
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ...core.jacobian import linearised
+from ...core.laws import MU, SHARP, Law, dashpots
+from ...core.measure import branches, touching
+from ...core.state import OPEN, SLIDE, STICK, State
+from ..sample import SampleError, SampleWarning, accepted, sample
+from .lammps_text import Table, dumped_grains, read_data, read_dump
+
+NEEDED = ("law", "kn", "kt", "mu", "damping_n", "damping_t")
+# of the columns of contacts that carry no names; more may follow
+ORDER = ["i", "j", "dist", "dx", "dy", "dz", "fx", "fy", "fz", "tx", "ty", "tz"]
+SAME = {"patom1": "i", "patom2": "j", "id1": "i", "id2": "j", "p1": "tx", "p2": "ty", "p3": "tz"}
+AT_LIMIT = 1e-5  # share of Coulomb's limit within which a contact slides: six digits are what a dump has at least
+STRANGE = 0.05  # of the mean normal force: a law that misses LAMMPS's by more is another one
+FAITHFUL = 1e-6  # the same, below which nothing is said
+ONE_BY_ONE = "`dump_modify ID format float %20.15g` makes LAMMPS write all digits"
+
+
+class Pairs(NamedTuple):
+    """Contacts as LAMMPS wrote them; grains are counted from 0."""
+
+    i: np.ndarray  # (M,)
+    j: np.ndarray  # (M,)
+    branch: np.ndarray | None  # (M, 3) from j to i [length]
+    distance: np.ndarray | None  # (M,) [length]
+    normal: np.ndarray | None  # (M, 3) normal force on i [force]
+    tangential: np.ndarray  # (M, 3) tangential force on i [force]
+
+
+class Packing(NamedTuple):
+    """What a file of grains holds, without contacts."""
+
+    step: int  # −1: unknown
+    ids: np.ndarray | None
+    arrays: dict  # for `sample`
+    words: list[str]
+
+
+def read_grains(path: Path, *, wanted: str | None = None, boundary: str | None = None) -> list[Packing]:
+    """Packings in a dump (`wanted`: a time step, "all", or None for the last) or in a data file.
+
+    Parameters
+    ----------
+    boundary : three letters as in LAMMPS, such as ppf; default: what a dump says, all periodic for a data file
+    """
+    with path.open("rb") as file:
+        dump = file.read(5) == b"ITEM:"
+    if dump:
+        tables, steps = read_dump(path, wanted)
+        many = [f"{path.name} has {len(steps)} time steps: the last, {steps[-1]}, was taken; --frame chooses"]
+        said = many if wanted is None and len(steps) > 1 else []
+        found = []
+        for table in tables:
+            ids, arrays, words = dumped_grains(table, path)
+            found.append(Packing(table.step, ids, *_in_box(table, arrays, boundary, words + said)))
+        return found
+    ids, arrays, box, words = read_data(path)
+    if wanted not in (None, "all"):
+        raise SampleError(f"{path} is a data file, which has one state: leave out the choice of {wanted}")
+    return [Packing(box.step, ids, *_in_box(box, arrays, boundary, words))]
+
+
+def _in_box(table: Table, arrays: dict, boundary: str | None, words: list[str]) -> tuple[dict, list[str]]:
+    """Arrays with cell, periodic flags and dimension."""
+    periodic = table.periodic
+    if boundary is not None:
+        if not re.fullmatch("[pfsm]{3}", boundary):
+            raise SampleError(f"boundary {boundary!r} was given: three letters are needed, such as ppp or ppf")
+        periodic = np.array([letter == "p" for letter in boundary])
+    elif periodic is None:
+        periodic, words = (
+            np.ones(3, bool),
+            [*words, "the file does not say what is periodic: everything, it is assumed"],
+        )
+    flat = [arrays["position"], arrays.get("velocity", np.zeros((1, 3)))]
+    cell = table.vectors.copy()
+    if not any(a[:, 2].any() for a in flat):
+        arrays, words = arrays | {"dim": 2}, [*words, "all grains lie at z = 0: taken as two-dimensional"]
+        periodic, cell[2], cell[:2, 2] = periodic & [True, True, False], (0, 0, 1), 0
+    if not periodic.all() and arrays.get("dim", 3) == 3:
+        words = [*words, "the box is open along an axis: walls are in no file of LAMMPS, and none were read"]
+    return arrays | ({"cell": cell, "periodic": periodic} if periodic.any() else {}), words
+
+
+def read_pairs(path: Path, packing: Packing, columns: str | None = None) -> Pairs:
+    """Contacts of a `dump local` at the time step of a packing; `columns` names them where the file does not."""
+    tables, steps = read_dump(path, None if packing.step < 0 else str(packing.step))
+    if packing.step < 0 and len(steps) > 1:
+        warnings.warn(f"{path.name} has {len(steps)} time steps: the last was taken", SampleWarning, stacklevel=3)
+    table = _named(tables[0], path, columns)
+    if packing.ids is None:
+        raise SampleError("the grains carry no ids, which contacts name: add the column id to their dump")
+    ends = table.numbers("i", "j").astype(np.int64)
+    place = np.minimum(np.searchsorted(packing.ids, ends), len(packing.ids) - 1)
+    strange = packing.ids[place] != ends
+    if strange.any():
+        raise SampleError(
+            f"{path} names grain {ends[strange][0]}, which is not among the grains: give files of one run"
+        )
+
+    def vectors(*names):
+        return table.numbers(*names) if table.has(*names) else None
+
+    tangential = table.numbers("tx", "ty", "tz")
+    return Pairs(*place.T, vectors("dx", "dy", "dz"), vectors("dist"), vectors("fx", "fy", "fz"), tangential)
+
+
+def _named(table: Table, path: Path, columns: str | None) -> Table:
+    """The table with our names of its columns."""
+    names = list(table.columns)
+    if columns is not None:
+        given = columns.split()
+        if len(given) != len(names):
+            raise SampleError(f"{len(given)} names were given for {len(names)} columns of {path}: {' '.join(names)}")
+        names = given
+    elif all(re.fullmatch(r"[cfv]_\w+(\[\d+\])?", name) for name in names) and len(names) >= len(ORDER):
+        names = ORDER + names[len(ORDER) :]
+    names = [SAME.get(name, name) for name in names]
+    found = table._replace(columns=dict(zip(names, table.columns.values(), strict=True)))
+    if not found.has("i", "j", "tx", "ty", "tz"):
+        raise SampleError(
+            f"{path} has columns {' '.join(table.columns)}: i j tx ty tz are needed, named by `dump_modify colname`, "
+            f"or in the order {' '.join(ORDER)}, or by --columns"
+        )
+    return found
+
+
+def with_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
+    """The accepted state of a packing with slip reconstructed from tangential forces.
+
+    Raises
+    ------
+    SampleError
+        if the law is not LAMMPS's, if velocities are missing that the dashpots need, or if contacts and grains do not
+        belong together. A SampleWarning tells what was changed, and how far the law misses LAMMPS's normal forces.
+    """
+    if law.coulomb != SHARP:
+        raise SampleError("coulomb = smooth was given, but LAMMPS's friction is sharp: give --coulomb sharp")
+    arrays, missing = packing.arrays, {"velocity", "spin"} - set(packing.arrays)
+    if dashpots(law) and missing:
+        raise SampleError(
+            f"the slip of contacts with dashpots needs every grain's {' and '.join(sorted(missing))}: add vx vy vz "
+            f"omegax omegay omegaz to the dump of grains, or Velocities to the data file"
+        )
+    state = sample(law=law, **arrays)
+    rows, entries, sign = _matched(state, pairs)
+    c = linearised(state, law)
+    vn, vt = approach(state, rows, c.normal[rows])
+    tangential = sign[:, None] * pairs.tangential[entries]
+    stiffness = c.stiffness_t[rows, None]
+    pull = tangential + c.damping_t[rows, None] * vt
+    force_n = c.force_n[rows] - c.damping_n[rows] * vn
+    if pairs.normal is not None:
+        theirs = sign * np.einsum("ck,ck->c", pairs.normal[entries], c.normal[rows])
+        _compare(force_n, theirs)
+        force_n = theirs
+    slip = np.divide(-pull, stiffness, out=np.zeros_like(pull), where=stiffness > 0)
+    slides = np.linalg.norm(tangential, axis=1) >= (1 - AT_LIMIT) * np.abs(law.table[0, 0, MU] * force_n)
+    contacts = state.contacts
+    new = contacts._replace(slip=contacts.slip.copy(), mode=contacts.mode.copy())
+    new.slip[:] = 0.0
+    new.slip[rows], new.mode[rows] = slip, np.where(slides, SLIDE, STICK)
+    return accepted(state._replace(contacts=new), law, modes=True)
+
+
+def approach(state: State, rows: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Normal part (M,) and tangential vector (M, 3) of the velocity of i relative to j at contacts between grains."""
+    grains, i, j = state.grains, state.contacts.i[rows], state.contacts.j[rows]
+    turn = grains.radius[:, None] * grains.spin
+    v = grains.velocity[i] - grains.velocity[j] - np.cross(turn[i] + turn[j], normal)
+    vn = np.einsum("ck,ck->c", v, normal)
+    return vn, v - vn[:, None] * normal
+
+
+def _compare(ours: np.ndarray, theirs: np.ndarray) -> None:
+    """Say how far the law misses LAMMPS's normal forces; SampleError if it is another law."""
+    miss = float(np.abs(ours - theirs).max(initial=0.0)) / (float(np.abs(theirs).mean()) if len(theirs) else 1.0)
+    if miss > STRANGE:
+        raise SampleError(
+            f"the law's normal forces miss those in the dump by up to {miss:.2g} of their mean: give the law, kn and "
+            f"damping_n that LAMMPS had, and a packing with enough digits ({ONE_BY_ONE})"
+        )
+    if miss > FAITHFUL:
+        words = f"the law's normal forces miss those in the dump by up to {miss:.1g} of their mean"
+        warnings.warn(f"{words}: {ONE_BY_ONE}", SampleWarning, stacklevel=4)
+
+
+def _matched(state: State, pairs: Pairs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows of the list that pairs stand for, the pairs' numbers, and −1 where a pair names its grains the other way."""
+    rows, n = touching(state), len(state.grains.radius)
+    key = state.contacts.i[rows].astype(np.int64) * n + state.contacts.j[rows]
+    low, high = np.minimum(pairs.i, pairs.j), np.maximum(pairs.i, pairs.j)
+    sign = np.where(pairs.i <= pairs.j, 1.0, -1.0)
+    first, last = (np.searchsorted(key, low.astype(np.int64) * n + high, side) for side in ("left", "right"))
+    open_pair = first == last
+    lost = np.flatnonzero(open_pair & pairs.tangential.any(axis=1))
+    if len(lost):
+        a, b = pairs.i[lost[0]], pairs.j[lost[0]]
+        raise SampleError(
+            f"{len(lost)} pair(s), as of grains {a} and {b}, counted from 0, carry force but do not touch: contacts "
+            f"and grains are of different time steps or runs, or the box is another"
+        )
+    entries = np.flatnonzero(~open_pair)
+    chosen = first[entries].copy()
+    for k in np.flatnonzero(last[entries] - first[entries] > 1):  # a grain touches two images of another
+        chosen[k] = _nearest(state, rows, first[entries[k]], last[entries[k]], pairs, entries[k], sign)
+    matched = rows[chosen]
+    if len(np.unique(matched)) < len(matched):
+        raise SampleError("a contact is listed twice: give the contacts of one time step, once, with dx dy dz")
+    if len(matched) < len(rows):
+        words = f"{len(rows) - len(matched)} touching pair(s) are not in the dump: taken with zero slip"
+        warnings.warn(words, SampleWarning, stacklevel=3)
+    return matched, entries, sign[entries]
+
+
+def _nearest(state: State, rows, first: int, last: int, pairs: Pairs, entry: int, sign) -> int:
+    """Which of several images of a pair an entry stands for, by its branch or its length."""
+    own = branches(state)[rows[first:last]]
+    if pairs.branch is not None:
+        miss = np.linalg.norm(own - sign[entry] * pairs.branch[entry], axis=1)
+    elif pairs.distance is not None:
+        miss = np.abs(np.linalg.norm(own, axis=1) - pairs.distance[entry])
+    else:
+        raise SampleError(
+            f"grains {pairs.i[entry]} and {pairs.j[entry]} touch across the box more than once: add dx dy dz to the "
+            f"contacts, so that it is clear which is meant"
+        )
+    return first + int(np.argmin(miss))
+
+
+def contact_law(given: dict) -> dict:
+    """Options for `law_from` of a law whose slip is to be reconstructed: all must be there."""
+    known = dict(given)
+    if "young" in known and "poisson" in known:
+        known |= {"kn": None, "kt": None}
+    missing = [name for name in NEEDED if name not in known]
+    if missing:
+        options = ", ".join(f"--{name.replace('_', '-')}" for name in missing)
+        raise SampleError(
+            f"the slip of LAMMPS's contacts is reconstructed from forces with the law's parameters, and some are "
+            f"missing: give {options} as in its pair_style"
+        )
+    out = {"coulomb": "sharp"} | given
+    if given["law"] == "linear":
+        out = {"damping": "mass_velocity"} | out
+    return out
+
+
+def _boundary(contacts: Path) -> str | None:
+    """What the head of a dump says of its box's boundaries: a data file does not know them."""
+    with contacts.open(encoding="utf-8", errors="replace") as file:
+        head = re.search(r"ITEM: BOX BOUNDS.*?([pfsm]{2}) ([pfsm]{2}) ([pfsm]{2})\s*\n", file.read(4096))
+    return None if head is None else "".join("p" if mark == "pp" else "f" for mark in head.groups())
+
+
+def read_lammps(
+    path: Path, law: Law, *, contacts: Path | None = None, columns: str | None = None, wanted: str | None = None,
+    boundary: str | None = None,
+) -> list[tuple[str, State, Law | None, list[str]]]:  # fmt: skip
+    """States of a data file or a dump, with memory where there is a `dump local` of contacts."""
+    out = []
+    if contacts is not None and boundary is None:
+        boundary = _boundary(contacts)
+    for packing in read_grains(path, wanted=wanted, boundary=boundary):
+        if contacts is None:
+            words = [*packing.words, "no contacts were given: found from positions, without memory (zero slip)"]
+            out.append((str(packing.step), sample(law=law, **packing.arrays), law, words))
+        else:
+            state = with_memory(packing, read_pairs(contacts, packing, columns), law)
+            sliding = int((state.contacts.mode[: state.contacts.count[0]] == SLIDE).sum())
+            count = int((state.contacts.mode[: state.contacts.count[0]] != OPEN).sum())
+            words = [*packing.words, f"slip of {count} contacts reconstructed, {sliding} of them at Coulomb's limit"]
+            out.append((str(packing.step), state, law, words))
+    return out

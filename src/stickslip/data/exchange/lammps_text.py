@@ -1,0 +1,215 @@
+"""Text files of LAMMPS: data files of `atom_style sphere`, dumps of `custom` and `local` style, as arrays."""
+
+import re
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ..sample import SampleError
+
+HEADER = re.compile(r"(?m)^\s*([A-Z][A-Za-z /]*?)\s*(?:#\s*(\S+)\s*)?$")  # of a section in a data file
+VOLUME = 4 / 3 * np.pi
+WHERE = ("x", "y", "z")
+VELOCITY, SPIN = ("vx", "vy", "vz"), ("omegax", "omegay", "omegaz")
+
+
+class Table(NamedTuple):
+    """One time step of a dump: box and columns."""
+
+    step: int
+    vectors: np.ndarray  # (3, 3) box vectors as rows [length]
+    corner: np.ndarray  # (3,) of the box [length]
+    periodic: np.ndarray | None  # (3,) bool; None where the file does not say
+    columns: dict[str, list[str]]  # words, one list a column
+
+    def numbers(self, *names: str) -> np.ndarray:
+        """(rows, len(names)) columns as numbers, (rows,) for one."""
+        try:
+            found = np.array([self.columns[name] for name in names], float).T
+        except ValueError:
+            raise SampleError(f"column {' or '.join(names)} holds something else than numbers") from None
+        return np.ascontiguousarray(found[:, 0] if len(names) == 1 else found)
+
+    def has(self, *names: str) -> bool:
+        """True if all columns are there."""
+        return all(name in self.columns for name in names)
+
+
+def read_dump(path: Path, wanted: str | None = None) -> tuple[list[Table], list[int]]:
+    """Time steps of a dump and the numbers of all that it has; `wanted`: one of them, "all", or None for the last."""
+    pieces = _text(path).split("ITEM: TIMESTEP")[1:]
+    if not pieces:
+        raise SampleError(f"{path} holds no ITEM: TIMESTEP: give a dump that LAMMPS wrote as text")
+    try:
+        steps = [int(piece.split("\n", 2)[1]) for piece in pieces]
+        if wanted not in (None, "all") and wanted not in map(str, steps):
+            some = ", ".join(map(str, steps[:6])) + (" …" if len(steps) > 6 else "")
+            raise SampleError(f"{path} has no time step {wanted}: it has {some}")
+        chosen = [k for k, s in enumerate(steps) if wanted == "all" or (wanted is not None and str(s) == wanted)]
+        return [_table(steps[k], pieces[k]) for k in (chosen or [len(pieces) - 1])], steps
+    except (ValueError, IndexError, KeyError) as problem:
+        if isinstance(problem, SampleError):
+            raise
+        raise SampleError(f"{path} is truncated or no dump of LAMMPS ({problem})") from None
+
+
+def _text(path: Path) -> str:
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise SampleError(f"{path} is no text: give files of LAMMPS as text, not binary or compressed") from None
+    if text and not text.endswith("\n"):  # a number that lost its last digits is still a number
+        raise SampleError(f"{path} ends in the middle of a line: it is truncated, or its last line has no end")
+    return text
+
+
+def _table(step: int, piece: str) -> Table:
+    """One time step; ValueError, IndexError or KeyError if it is cut off."""
+    items = {}
+    for item in piece.split("ITEM: ")[1:]:
+        head, _, body = item.partition("\n")
+        items[re.split(r" (?![A-Z]+\b)", head.strip(), maxsplit=1)[0] if head[:3] == "BOX" else head.split()[0]] = (
+            head,
+            body,
+        )
+    rows = int(items["NUMBER"][1].split()[0])
+    vectors, corner, periodic = _box(*items["BOX BOUNDS"])
+    head, body = items["ATOMS"] if "ATOMS" in items else items["ENTRIES"]
+    names, words = head.split()[1:], body.split()
+    if len(words) != rows * len(names):
+        raise ValueError(f"step {step} announces {rows} rows of {len(names)} numbers and has {len(words)} numbers")
+    if len(set(names)) != len(names):
+        raise ValueError(f"step {step} has two columns of one name")
+    return Table(step, vectors, corner, periodic, {name: words[k :: len(names)] for k, name in enumerate(names)})
+
+
+def _box(head: str, body: str):
+    """Vectors, corner and periodic flags of ITEM: BOX BOUNDS in any of its variants."""
+    marks = head.split()[2:]
+    flags = [mark for mark in marks if len(mark) == 2 and set(mark) <= set("pfsm")]
+    periodic = np.array([mark == "pp" for mark in flags]) if len(flags) == 3 else None
+    rows = np.array([line.split() for line in body.strip().split("\n")[:3]], float)
+    if "abc" in marks and rows.shape == (3, 4):  # general triclinic
+        return rows[:, :3].copy(), rows[:, 3].copy(), periodic
+    if rows.shape not in ((3, 2), (3, 3)):
+        raise ValueError(f"a box of shape {rows.shape}")
+    xy, xz, yz = rows[:, 2] if rows.shape[1] == 3 else (0.0, 0.0, 0.0)
+    low, high = rows[:, 0].copy(), rows[:, 1].copy()
+    low[0] -= min(0.0, xy, xz, xy + xz)  # what is written bounds the tilted box
+    high[0] -= max(0.0, xy, xz, xy + xz)
+    low[1] -= min(0.0, yz)
+    high[1] -= max(0.0, yz)
+    return restricted(high - low, xy, xz, yz), low, periodic
+
+
+def restricted(size, xy: float, xz: float, yz: float) -> np.ndarray:
+    """(3, 3) box vectors as rows of LAMMPS's restricted triclinic box."""
+    return np.array([[size[0], 0, 0], [xy, size[1], 0], [xz, yz, size[2]]], float)
+
+
+def dumped_grains(table: Table, path: Path) -> tuple[np.ndarray | None, dict, list[str]]:
+    """Ids, arrays for `sample` and words of a dump of grains, in the order of their ids."""
+    words, arrays = [], {"position": _position(table, path)}
+    if table.has("radius") or table.has("diameter"):
+        arrays["radius"] = table.numbers("radius") if table.has("radius") else table.numbers("diameter") / 2
+    else:
+        raise SampleError(f"{path} has no column radius or diameter: add one to the dump command")
+    if table.has("mass"):
+        arrays["mass"] = table.numbers("mass")
+    elif table.has("density"):
+        arrays["mass"] = table.numbers("density") * VOLUME * arrays["radius"] ** 3
+    else:
+        words.append(f"{path.name} has no column mass: all masses are taken as 1")
+    for name, columns in (("velocity", VELOCITY), ("spin", SPIN)):
+        if table.has(*columns):
+            arrays[name] = table.numbers(*columns)
+    ids = table.numbers("id").astype(np.int64) if table.has("id") else None
+    if ids is not None:
+        order = np.argsort(ids, kind="stable")
+        ids, arrays = ids[order], {name: column[order] for name, column in arrays.items()}
+    return ids, arrays, words
+
+
+def _position(table: Table, path: Path) -> np.ndarray:
+    """(N, 3) unwrapped where the columns tell, [length]."""
+    vectors, corner = table.vectors, table.corner
+    whole = table.numbers("ix", "iy", "iz") @ vectors if table.has("ix", "iy", "iz") else 0.0
+    for mark in ("u", ""):
+        if table.has(*(axis + mark for axis in WHERE)):
+            place = table.numbers(*(axis + mark for axis in WHERE))
+            return place if mark else place + whole
+    for mark in ("su", "s"):
+        if table.has(*(axis + mark for axis in WHERE)):
+            place = corner + table.numbers(*(axis + mark for axis in WHERE)) @ vectors
+            return place + (whole if mark == "s" else 0.0)
+    raise SampleError(f"{path} has no positions: it needs columns x y z, xu yu zu, xs ys zs or xsu ysu zsu")
+
+
+def read_data(path: Path) -> tuple[np.ndarray, dict, Table, list[str]]:
+    """Ids, arrays for `sample`, the box (with the time step, −1 if unknown) and words of a data file."""
+    text = _text(path)
+    first = text.partition("\n")[0]
+    sections = _sections(text.partition("\n")[2])
+    head = sections.pop("")[1]
+    try:
+        if "Atoms" not in sections:
+            raise SampleError(f"{path} has no section Atoms: give a data file of LAMMPS, or a dump")
+        style, body = sections["Atoms"]
+        count = int(re.search(r"(?m)^\s*(\d+)\s+atoms\b", head)[1])
+        rows = _numbers(body, count, "Atoms")
+        if style not in (None, "sphere") or rows.shape[1] not in (7, 10):
+            raise SampleError(
+                f"{path} has atoms of style {style or 'unknown'} with {rows.shape[1]} columns: atom_style sphere is "
+                f"read, with id type diameter density x y z and, maybe, ix iy iz"
+            )
+        vectors, corner = _data_box(head)
+        step = re.search(r"timestep = (\d+)", first)
+        box = Table(int(step[1]) if step else -1, vectors, corner, None, {})
+        rows = rows[np.argsort(rows[:, 0], kind="stable")]
+        motion = _numbers(sections["Velocities"][1], count, "Velocities") if "Velocities" in sections else None
+    except (ValueError, IndexError, TypeError) as problem:
+        if isinstance(problem, SampleError):
+            raise
+        raise SampleError(f"{path} is truncated or no data file of LAMMPS ({problem})") from None
+    radius = rows[:, 2] / 2
+    arrays = {"position": rows[:, 4:7], "radius": radius, "mass": rows[:, 3] * VOLUME * radius**3}
+    if rows.shape[1] == 10:
+        arrays["position"] = arrays["position"] + rows[:, 7:] @ vectors
+    if motion is not None and motion.shape[1] == 7:
+        motion = motion[np.argsort(motion[:, 0], kind="stable")]
+        arrays |= {"velocity": motion[:, 1:4], "spin": motion[:, 4:7]}
+    return rows[:, 0].astype(np.int64), arrays, box, []
+
+
+def _sections(text: str) -> dict[str, tuple[str | None, str]]:
+    """Head and sections of a data file by name, each with the hint after its #."""
+    found, name, hint, start = {}, "", None, 0
+    for mark in HEADER.finditer(text):
+        found[name] = hint, text[start : mark.start()]
+        name, hint, start = mark[1], mark[2], mark.end()
+    found[name] = hint, text[start:]
+    return found
+
+
+def _numbers(body: str, rows: int, name: str) -> np.ndarray:
+    lines = body.strip().split("\n")
+    if "#" in body:
+        lines = [line.partition("#")[0] for line in lines]
+    lines = [line for line in lines if line.strip()]
+    if len(lines) != rows:
+        raise ValueError(f"section {name} has {len(lines)} lines where {rows} atoms are announced")
+    return np.array(" ".join(lines).split(), float).reshape(rows, -1)
+
+
+def _data_box(head: str) -> tuple[np.ndarray, np.ndarray]:
+    def line(*names):
+        found = re.search(r"(?m)^\s*(.+?)\s+" + r"\s+".join(names) + r"\b", head)
+        return None if found is None else np.array(found[1].split(), float)
+
+    general = [line(name) for name in ("avec", "bvec", "cvec")]
+    if all(v is not None for v in general):
+        return np.array(general), line("abc", "origin")
+    bounds = np.array([line(f"{axis}lo", f"{axis}hi") for axis in WHERE])
+    tilt = line("xy", "xz", "yz")
+    return restricted(bounds[:, 1] - bounds[:, 0], *((0, 0, 0) if tilt is None else tilt)), bounds[:, 0]

@@ -1,0 +1,84 @@
+"""A mode as an animation: the packing, and what exp(st) makes of it over one period."""
+
+from pathlib import Path
+
+import numpy as np
+
+from ...core.state import State
+from ..sample import SampleError
+from .frame import Frame
+
+REQUIRED = ("translation", "rotation", "exponent")
+
+
+def read_mode(path: str | Path, number: int, n: int) -> tuple[np.ndarray, np.ndarray, complex]:
+    """Translation and rotation (N, 3) complex, and exponent s of exp(st), of one mode in the file of `stability`.
+
+    Raises
+    ------
+    SampleError
+        with one sentence, if the file is no such file, or of another packing.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            found = {name: file[name] for name in REQUIRED}
+    except FileNotFoundError:
+        raise SampleError(f"{path} is no file: give the modes that `stickslip stability` wrote") from None
+    except Exception:  # whatever a damaged archive makes numpy and zipfile raise
+        raise SampleError(f"{path} holds no modes: give the .npz that `stickslip stability` wrote") from None
+    translation, rotation, exponent = (found[name] for name in REQUIRED)
+    if exponent.ndim != 1 or translation.shape != (len(exponent), *translation.shape[1:2], 3):
+        raise SampleError(f"{path} holds arrays that do not belong together: write the modes anew")
+    if not len(exponent):
+        raise SampleError(f"{path} holds no modes: the packing has none that grows")
+    if not 0 <= number < len(exponent):
+        raise SampleError(f"mode {number} was asked for: {path} has 0 to {len(exponent) - 1}, the fastest first")
+    if translation.shape[1] != n or rotation.shape != translation.shape:
+        raise SampleError(f"{path} has modes of {translation.shape[1]} grains, the packing has {n}: give its own modes")
+    if not (np.isfinite(translation).all() and np.isfinite(rotation).all() and np.isfinite(exponent).all()):
+        raise SampleError(f"{path} holds NaN or infinity: write the modes anew")
+    return translation[number], rotation[number], complex(exponent[number])
+
+
+def mode_frames(
+    frame: Frame, translation: np.ndarray, rotation: np.ndarray, exponent: complex, *, count: int = 48,
+    amplitude: float = 0.3, grow: bool = False,
+) -> list[Frame]:  # fmt: skip
+    """Frames of Re(mode exp(st)) over one period 2π/|Im s|; a mode without period sways to and fro.
+
+    Parameters
+    ----------
+    frame : of the packing; its contacts and forces stay as they are
+    translation, rotation : (N, 3) complex displacements, and R·angle
+    exponent : s [1/time]
+    count : frames of the period
+    amplitude : largest displacement of any grain, over its radius
+    grow : False leaves the growth out, so that the animation can be repeated; True ends at `amplitude`
+    """
+    state, radius = frame.state, frame.state.grains.radius[:, None]
+    if count < 2 or not amplitude > 0:
+        raise SampleError(f"{count} frames of amplitude {amplitude:g} were asked for: at least 2, and above 0")
+    largest = float((np.sqrt((np.abs(translation) ** 2).sum(axis=1, keepdims=True)) / radius).max())
+    turning = float((np.abs(rotation) / radius).max())
+    if not max(largest, turning) > 0:
+        raise SampleError("the mode moves no grain: choose another one")
+    scale = amplitude / (largest or turning)
+    period = 2 * np.pi / abs(exponent.imag) if exponent.imag else 2 * np.pi / abs(exponent)
+    out = []
+    for t in np.arange(count) / count * period:
+        factor = np.exp(1j * (exponent.imag * t if exponent.imag else 2 * np.pi * t / period))
+        if grow:
+            factor *= np.exp(exponent.real * (t - period))
+        out.append(_moved(frame, *((scale * factor * part).real for part in (translation, rotation)), state.time + t))
+    return out
+
+
+def _moved(frame: Frame, shift: np.ndarray, roll: np.ndarray, time: float) -> Frame:
+    state, radius = frame.state, frame.state.grains.radius[:, None]
+    grains = state.grains._replace(position=state.grains.position + shift, angle=state.grains.angle + roll / radius)
+    moved: State = state._replace(grains=grains, time=float(time))
+    c, n = frame.contacts, len(shift)
+    step = shift[c["i"]] - np.where((c["j"] < n)[:, None], shift[np.minimum(c["j"], n - 1)], 0.0)
+    columns = frame.grains | {"displacement": shift, "rotation": roll / radius}
+    turned = grains.angle if state.cell.dim == 2 else roll / radius
+    return Frame(moved, frame.law, columns, c | {"branch": c["branch"] + step}, turned, moving=True)

@@ -1,0 +1,80 @@
+"""VTK, which ParaView reads: grains as points with radius, contacts as lines with their forces, one file each.
+
+NAME.vtu holds the grains (Glyph: sphere, scaled by `diameter`), NAME-contacts.vtu the lines; of several frames,
+NAME_0000.vtu and so on, which ParaView opens as a series.
+"""
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from ..sample import SampleError
+from .frame import Frame, library, unheld, wrapped_into
+
+
+def vtk_paths(path: Path, count: int) -> list[tuple[Path, Path]]:
+    """Files of grains and of contacts for each frame."""
+    stems = [path.stem] if count == 1 else [f"{path.stem}_{k:04d}" for k in range(count)]
+    one = "{}-contacts{}" if count == 1 else "{0[0]}-contacts_{0[1]}{1}"
+    names = [one.format(stem if count == 1 else stem.rsplit("_", 1), path.suffix) for stem in stems]
+    return [(path.with_name(stem + path.suffix), path.with_name(n)) for stem, n in zip(stems, names, strict=True)]
+
+
+def write_vtk(path: str | Path, frames: list[Frame]) -> list[str]:
+    """Write two .vtu files a frame, all or none; returns what they do not hold."""
+    hl, path = library("pyevtk.hl", "writing VTK"), Path(path)
+    if not path.parent.is_dir():
+        raise SampleError(f"the folder {path.parent} does not exist: make it first")
+    pairs = vtk_paths(path, len(frames))
+    with TemporaryDirectory(prefix=f".{path.stem}.", dir=path.parent) as folder:
+        made = []
+        for frame, targets in zip(frames, pairs, strict=True):
+            for target, write in zip(targets, (_grains, _lines), strict=True):
+                if write is _lines and not len(frame.contacts["i"]):
+                    continue  # pyevtk writes no empty file
+                made.append((Path(write(hl, str(Path(folder) / target.stem), frame)), target))
+        for part, target in made:
+            part.replace(target)
+    lost = ["the cell", "the images of contacts", *unheld(frames[0])]
+    bare = sum(not len(frame.contacts["i"]) for frame in frames)
+    words = [f"{bare} frame(s) have no contacts: no file of lines was written for them"] if bare else []
+    return [*words, f"VTK does not hold {', '.join(lost)}; it is written, not read back"]
+
+
+def _places(frame: Frame) -> np.ndarray:
+    """Positions inside the box; of an animation as they are, so that no grain jumps across."""
+    state = frame.state
+    if frame.moving or not state.cell.periodic.any():
+        return state.grains.position
+    vectors, corner = state.cell.vectors, np.zeros(3)
+    return wrapped_into(state.grains.position, vectors, corner, state.cell.periodic)[0]
+
+
+def _grains(hl, path: str, frame: Frame) -> str:
+    grains = frame.state.grains
+    columns = {name: getattr(grains, name) for name in ("radius", "mass", "inertia", "material")}
+    columns |= {"diameter": 2 * grains.radius, "velocity": grains.velocity, "spin": grains.spin, "angle": grains.angle}
+    return hl.pointsToVTK(path, *_axes(_places(frame)), data=_plain(columns | frame.grains))
+
+
+def _lines(hl, path: str, frame: Frame) -> str:
+    """Each line runs from i along the branch to j, or to the surface of a wall, across the box's boundary or not."""
+    c = frame.contacts
+    start = _places(frame)[c["i"]]
+    ends = np.stack([start, start - c["branch"]], axis=1).reshape(-1, 3)
+    columns = {name: column for name, column in c.items() if name != "image"}
+    return hl.linesToVTK(path, *_axes(ends), cellData=_plain(columns))
+
+
+def _axes(points: np.ndarray):
+    return (np.ascontiguousarray(axis) for axis in points.T)
+
+
+def _plain(columns: dict) -> dict:
+    """Columns as pyevtk wants them: vectors as three arrays, small integers as 32 bits."""
+    out = {}
+    for name, column in columns.items():
+        values = column.astype(np.int32) if column.dtype.kind in "iub" else column
+        out[name] = tuple(_axes(values)) if values.ndim == 2 else np.ascontiguousarray(values)
+    return out

@@ -1,0 +1,38 @@
+"""Extended XYZ, which ASE and OVITO read: grains as atoms of species X with columns, the cell, and the law as text.
+
+Written without a library, as ASE would leave eight decimals of every number.
+"""
+
+import json
+from pathlib import Path
+
+from .frame import Frame, beside, law_words, unheld
+
+
+def write_xyz(path: str | Path, frames: list[Frame]) -> list[str]:
+    """Write frames one after the other, numbers to the last bit; returns what the format does not hold."""
+    with beside(Path(path)) as part, part.open("w", encoding="utf-8") as file:
+        for frame in frames:
+            file.write(_block(frame))
+    lost = ["contacts and their memory", *unheld(frames[0], law=False)]
+    return [f"extended XYZ does not hold {', '.join(lost)}"]
+
+
+def _block(frame: Frame) -> str:
+    grains, cell = frame.state.grains, frame.state.cell
+    named = {"pos": grains.position, "radius": grains.radius, "mass": grains.mass, "velo": grains.velocity}
+    named |= {"spin": grains.spin, "angle": grains.angle, "inertia": grains.inertia, "material": grains.material}
+    named |= {"contact_force" if name == "force" else name: column for name, column in frame.grains.items()}
+    columns, kinds = [], []
+    for name, values in named.items():
+        width = 1 if values.ndim == 1 else values.shape[1]
+        kinds.append(f"{name}:{'I' if values.dtype.kind in 'iu' else 'R'}:{width}")
+        columns.append([" ".join(map(repr, row)) for row in values.reshape(-1, width).tolist()])
+    lattice = " ".join(repr(v) for v in cell.vectors.ravel().tolist())
+    flags = " ".join("T" if p else "F" for p in cell.periodic)
+    law = json.dumps(json.dumps(law_words(frame.law)))  # quoted, and what is quoted in it escaped
+    head = [f'Lattice="{lattice}"'] if cell.periodic.any() else []
+    head += [f'pbc="{flags}"', f"Properties=species:S:1:{':'.join(kinds)}"]
+    head += [f"time={frame.state.time!r}", f"dim={cell.dim}", f"law={law}"]
+    rows = (f"X {' '.join(row)}\n" for row in zip(*columns, strict=True))
+    return f"{len(grains.radius)}\n{' '.join(head)}\n{''.join(rows)}"

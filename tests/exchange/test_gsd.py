@@ -1,0 +1,178 @@
+"""GSD: what is ours comes back to the last bit, what others wrote as far as it can, what is broken in one sentence."""
+
+import json
+import subprocess
+import sys
+
+import gsd.hoomd
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import stickslip as ss
+from stickslip.data.exchange import gsd_file
+
+from .packings import SHARP, assert_same, disks, spheres, walled
+
+
+@pytest.mark.parametrize("make", [lambda: (spheres(), SHARP), lambda: (disks(), SHARP), walled])
+def test_our_own_file_is_read_to_the_last_bit(make, tmp_path):
+    state, law = make()
+    ss.write_sample(tmp_path / "p.gsd", state, law)
+    back, its_law, words = ss.read_sample(tmp_path / "p.gsd")
+    assert not words
+    assert_same(state, back)
+    assert its_law[:2] == law[:2]
+    assert its_law.damping == law.damping
+    assert np.array_equal(its_law.table, law.table)
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 10**6), flat=st.booleans(), time=st.floats(0, 1e9))
+def test_any_packing_comes_back(seed, flat, time, tmp_path_factory):
+    state = (disks if flat else spheres)(seed)._replace(time=time)
+    path = tmp_path_factory.mktemp("gsd") / "p.gsd"
+    ss.write_sample(path, state, SHARP)
+    assert_same(state, ss.read_sample(path)[0])
+
+
+def test_what_other_programs_see(tmp_path):
+    state = spheres()
+    assert ss.write_sample(tmp_path / "p.gsd", state, SHARP) == []
+    with gsd.hoomd.open(tmp_path / "p.gsd") as file:
+        (frame,) = list(file)
+    rows, c = ss.touching(state), state.contacts
+    assert np.array_equal(frame.bonds.group, np.stack([c.i[rows], c.j[rows]], axis=1))
+    assert [frame.bonds.types[k] for k in frame.bonds.typeid] == [
+        "sliding" if m == ss.SLIDE else "sticking" for m in c.mode[rows]
+    ]
+    force, branch = ss.contact_forces(state, SHARP)[rows], ss.branches(state)[rows]
+    normal = branch / np.linalg.norm(branch, axis=1)[:, None]
+    np.testing.assert_allclose(frame.log["bonds/force_n"], np.einsum("ck,ck->c", force, normal), rtol=1e-12)
+    along = frame.log["bonds/force_n"][:, None] * normal + frame.log["bonds/tangential"]
+    np.testing.assert_allclose(along, force, atol=1e-15)
+    np.testing.assert_allclose(frame.log["bonds/force_t"], np.linalg.norm(frame.log["bonds/tangential"], axis=1))
+    # positions in a box around the origin, with images: together they are where the grains are, in single precision
+    vectors = state.cell.vectors
+    whole = frame.particles.position + frame.particles.image @ vectors + vectors.sum(axis=0) / 2
+    np.testing.assert_allclose(whole, state.grains.position, atol=1e-5)
+    share = frame.particles.position @ np.linalg.inv(vectors)
+    assert np.abs(share).max() < 0.5 + 1e-6
+    np.testing.assert_allclose(frame.particles.diameter, 2 * state.grains.radius, rtol=1e-6)
+    np.testing.assert_allclose(frame.log["particles/force"], ss.forces(state, SHARP)[0].force[:64])
+
+
+def test_a_foreign_file_gives_what_it_has(tmp_path):
+    """Without our chunks: positions, radii, masses, velocities and spins in single precision; no slip, no law."""
+    state = disks()
+    ss.write_sample(tmp_path / "p.gsd", state, SHARP)
+    with gsd.hoomd.open(tmp_path / "p.gsd") as ours, gsd.hoomd.open(tmp_path / "f.gsd", "w") as file:
+        frame = ours[0]
+        frame.log.clear()
+        file.append(frame)
+    back, _, words = ss.read_sample(tmp_path / "f.gsd", law="linear")
+    assert any("was not written by stickslip" in word for word in words)
+    shift = back.grains.position - state.grains.position
+    shift -= shift[0]
+    np.testing.assert_allclose(shift - np.round(shift / 5.7) * [5.7, 5.7, 0], 0, atol=1e-5)
+    for name in ("radius", "mass", "inertia", "velocity", "spin"):
+        np.testing.assert_allclose(getattr(back.grains, name), getattr(state.grains, name), rtol=1e-5, atol=1e-9)
+    assert back.cell.dim == 2
+    assert not back.contacts.slip.any()
+    _, _, words = ss.read_sample(tmp_path / "f.gsd")
+    assert any("no contact law" in word for word in words)
+
+
+def test_spins_of_turned_grains_are_read(tmp_path):
+    """HOOMD's angular momentum is in the frame of the grain: a grain that was turned has its spin turned back."""
+    turn = gsd_file.quaternion(np.array([[0.3, -0.5, 0.7], [0.0, 0.0, 0.0]]))
+    spin, inertia = np.array([[1.0, 2.0, 3.0], [0.5, 0.0, -1.0]]), 0.1
+    inverse = turn * [1, -1, -1, -1]
+    body = gsd_file.multiplied(gsd_file.multiplied(inverse, np.pad(spin, ((0, 0), (1, 0)))), turn)
+    frame = gsd.hoomd.Frame()
+    frame.configuration.box = [5, 5, 5, 0, 0, 0]
+    p = frame.particles
+    p.N, p.position, p.diameter, p.orientation = 2, [[0, 0, 0], [2, 0, 0]], [1.0, 1.2], turn
+    p.moment_inertia = np.full((2, 3), inertia)
+    p.angmom = 2 * gsd_file.multiplied(turn, inertia * body)
+    with gsd.hoomd.open(tmp_path / "f.gsd", "w") as file:
+        file.append(frame)
+    back, _, _ = ss.read_sample(tmp_path / "f.gsd")
+    np.testing.assert_allclose(back.grains.spin, spin, rtol=1e-5)
+
+
+def test_frames_are_chosen(tmp_path):
+    states = [spheres(k) for k in range(3)]
+    ss.write_sample(tmp_path / "p.gsd", [ss.frame_of(state, SHARP) for state in states])
+    assert_same(states[1], ss.read_sample(tmp_path / "p.gsd", frame="1")[0])
+    assert_same(states[2], ss.read_sample(tmp_path / "p.gsd")[0])
+    for state, (_, back, _, _) in zip(states, ss.read_samples(tmp_path / "p.gsd"), strict=True):
+        assert_same(state, back)
+    with pytest.raises(ss.SampleError, match=r"no frame '7': it has 0 to 2"):
+        ss.read_sample(tmp_path / "p.gsd", frame="7")
+
+
+CUT = """
+import sys
+import stickslip as ss
+whole = open(sys.argv[1], "rb").read()
+for share in range(0, 100, 5):
+    path = sys.argv[1] + "-cut.gsd"
+    open(path, "wb").write(whole[: len(whole) * share // 100])
+    try:
+        ss.read_sample(path)
+        print("read", share)
+    except ss.SampleError as problem:
+        assert "\\n" not in str(problem)
+"""
+
+
+def test_truncated_files_are_refused_politely(tmp_path):
+    """In a process of its own: a reader in C could end it."""
+    ss.write_sample(tmp_path / "p.gsd", spheres(), SHARP)
+    done = subprocess.run([sys.executable, "-c", CUT, str(tmp_path / "p.gsd")], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert not done.stdout
+
+
+def rewritten(path, change):
+    """The file with another meta chunk."""
+    with gsd.hoomd.open(path) as file:
+        frame, names = file[0], file.file.find_matching_chunk_names("stickslip/")
+        chunks = {name: file.file.read_chunk(0, name) for name in names}
+    meta = json.loads(chunks[gsd_file.META].tobytes())
+    change(meta, chunks)
+    chunks[gsd_file.META] = np.frombuffer(json.dumps(meta).encode(), np.uint8)
+    with gsd.hoomd.open(path, "w") as file:
+        for name, chunk in chunks.items():
+            file.file.write_chunk(name, chunk)
+        file.append(frame)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda meta, chunks: meta.update(schema=9), "has schema 9"),
+        (lambda meta, chunks: meta.pop("law"), "cannot be read"),
+        (lambda meta, chunks: meta["law"].update(table=[[[1, 2]]]), "law's table"),
+        (lambda meta, chunks: meta["shapes"].update({"grains/radius": ["|O", [64]]}), "of type object"),
+        (lambda meta, chunks: meta["shapes"].update({"grains/radius": ["<f8", [65]]}), "cannot be read"),
+        (lambda meta, chunks: chunks["stickslip/contacts/j"].__setitem__(0, 9999), "grain that is not there"),
+        (lambda meta, chunks: chunks["stickslip/contacts/key"].__setitem__(0, 1), "out of order"),
+        (lambda meta, chunks: chunks["stickslip/grains/position"].__setitem__(0, np.nan), "NaN"),
+    ],
+)
+def test_files_of_another_kind_are_refused_politely(change, words, tmp_path):
+    ss.write_sample(tmp_path / "p.gsd", spheres(), SHARP)
+    rewritten(tmp_path / "p.gsd", change)
+    with pytest.raises(ss.SampleError, match=words) as problem:
+        ss.read_sample(tmp_path / "p.gsd")
+    assert "\n" not in str(problem.value)
+
+
+@pytest.mark.parametrize("content", [b"", b"no gsd at all", b"\xdf\x65\xdf\x65\xdf\x65\xdf\x65" + bytes(300)])
+def test_what_is_no_gsd_is_refused(content, tmp_path):
+    (tmp_path / "p.gsd").write_bytes(content)
+    with pytest.raises(ss.SampleError, match="cannot be read as GSD"):
+        ss.read_sample(tmp_path / "p.gsd")

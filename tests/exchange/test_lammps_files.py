@@ -1,0 +1,248 @@
+"""LAMMPS's text files: every way to write a box and a position, memory from forces, and what cannot be taken."""
+
+import time
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import stickslip as ss
+from stickslip.data.exchange.lammps_text import read_dump
+
+from .packings import SHARP, disks, spheres
+
+GIVEN = {"law": "hertz_mindlin_reff", "kn": 2.0, "kt": 1.5, "mu": 0.2, "damping_n": 0.3, "damping_t": 0.2}
+
+
+def back(path, **options):
+    return ss.read_sample(path, contacts=path.with_name(f"{path.stem}.contacts.dump"), **(GIVEN | options))
+
+
+@pytest.mark.parametrize("make", [spheres, disks])
+def test_data_and_contacts_come_back(make, tmp_path):
+    """Slip comes back through the force: to round-off of its division by overlaps."""
+    state = make(motion=False)
+    words = ss.write_sample(tmp_path / "p.data", state, SHARP)
+    assert any("p.contacts.dump, for --contacts" in word for word in words)
+    again, law, _ = back(tmp_path / "p.data", boundary="ppp")
+    for name in ("radius", "velocity", "spin"):
+        assert np.array_equal(getattr(again.grains, name), getattr(state.grains, name))
+    np.testing.assert_allclose(again.grains.mass, state.grains.mass, rtol=1e-14)
+    np.testing.assert_allclose(again.grains.position, state.grains.position, atol=1e-13)
+    np.testing.assert_allclose(again.cell.vectors, state.cell.vectors, rtol=1e-14)
+    mine, theirs = ss.touching(state), ss.touching(again)
+    assert len(mine) == len(theirs)
+    scale = np.abs(state.contacts.slip).max()
+    np.testing.assert_allclose(branches_and_slip(again, theirs), branches_and_slip(state, mine), atol=1e-9 * scale)
+    assert sorted(again.contacts.mode[theirs]) == sorted(state.contacts.mode[mine])
+    np.testing.assert_allclose(ss.forces(again, law)[0].force, ss.forces(state, SHARP)[0].force, atol=1e-11)
+
+
+def branches_and_slip(state, rows):
+    """Contacts in an order that does not depend on which periods positions are counted in."""
+    c = state.contacts
+    table = np.column_stack([c.i[rows], c.j[rows], ss.branches(state)[rows], c.slip[rows]])
+    return table[np.lexsort((np.round(table[:, 2], 6), table[:, 1], table[:, 0]))][:, 2:]
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_any_packing_keeps_its_forces(seed, tmp_path_factory):
+    state = spheres(seed, motion=False)
+    path = tmp_path_factory.mktemp("data") / "p.data"
+    ss.write_sample(path, state, SHARP)
+    again, law, _ = back(path)
+    np.testing.assert_allclose(ss.forces(again, law)[0].force, ss.forces(state, SHARP)[0].force, atol=1e-11)
+
+
+def test_in_motion_what_sticks_comes_back_and_what_slides_is_said(tmp_path):
+    """A sliding contact's force says how far its spring is stretched only up to what its dashpot bears."""
+    state = spheres()
+    words = ss.write_sample(tmp_path / "p.data", state, SHARP)
+    assert any("9 sliding contact(s) in motion" in word for word in words)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ss.SampleWarning)
+        again, _, _ = back(tmp_path / "p.data")
+    mine, theirs = ss.touching(state), ss.touching(again)
+    miss = np.abs(branches_and_slip(again, theirs) - branches_and_slip(state, mine)).max(axis=1)
+    assert (miss > 1e-11).sum() <= 9
+    assert miss.max() < 1e-4
+
+
+def dump(path, state, *, columns, rows, box="", flags="pp pp pp", order=None, step=5):
+    """A dump of grains, with its box bounded as LAMMPS does."""
+    v = state.cell.vectors
+    xy, xz, yz = v[1, 0], v[2, 0], v[2, 1]
+    low = [min(0, xy, xz, xy + xz), min(0, yz), 0]
+    high = [v[0, 0] + max(0, xy, xz, xy + xz), v[1, 1] + max(0, yz), v[2, 2]]
+    lines = [f"{a!r} {b!r} {c!r}" for a, b, c in np.array([low, high, (xy, xz, yz)]).T.tolist()]
+    head = f"ITEM: TIMESTEP\n{step}\nITEM: NUMBER OF ATOMS\n{len(rows)}\nITEM: BOX BOUNDS xy xz yz {flags}\n"
+    order = range(len(rows)) if order is None else order
+    body = "\n".join(" ".join(f"{x:.17g}" for x in rows[k]) for k in order)
+    with path.open("a") as file:
+        file.write(head + "\n".join(lines) + f"\nITEM: ATOMS {columns}\n{body}\n")
+
+
+@pytest.mark.parametrize(
+    "kind", ["x y z", "xu yu zu", "xs ys zs", "xsu ysu zsu", "x y z ix iy iz", "xs ys zs ix iy iz"]
+)
+def test_positions_in_all_their_columns(kind, tmp_path):
+    state = spheres()
+    g, inverse = state.grains, np.linalg.inv(state.cell.vectors)
+    share = g.position @ inverse
+    whole = np.floor(share)
+    n = np.arange(1, 65)[:, None]
+    wrapped = share - whole
+    parts = {
+        "x y z": wrapped @ state.cell.vectors, "xu yu zu": g.position, "xs ys zs": wrapped, "xsu ysu zsu": share,
+        "ix iy iz": whole,
+    }  # fmt: skip
+    chosen = [part for name, part in parts.items() if name in kind]
+    rows = np.hstack([n, *chosen, 2 * g.radius[:, None], g.mass[:, None]])
+    order = np.random.default_rng(0).permutation(64)
+    dump(tmp_path / "g.dump", state, columns=f"id {kind} diameter mass", rows=rows, order=order)
+    again, _, words = ss.read_sample(tmp_path / "g.dump", **GIVEN)
+    np.testing.assert_allclose(again.cell.vectors, state.cell.vectors, atol=1e-14)
+    known = "u" in kind or "ix" in kind
+    expected = g.position if known else wrapped @ state.cell.vectors
+    np.testing.assert_allclose(again.grains.position, expected, atol=1e-13)
+    np.testing.assert_allclose(again.grains.radius, g.radius, rtol=1e-15)
+    assert any("without memory" in word for word in words)
+
+
+def test_a_general_triclinic_box(tmp_path):
+    text = "ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n1\nITEM: BOX BOUNDS abc origin pp ff pp\n"
+    text += "0 5 0 -1\n-6 0 0 -2\n0 0 7 -3\nITEM: ATOMS id x y z radius mass\n1 0 0 1 0.5 1\n"
+    (tmp_path / "g.dump").write_text(text)
+    (table,), _ = read_dump(tmp_path / "g.dump")
+    assert table.vectors.tolist() == [[0, 5, 0], [-6, 0, 0], [0, 0, 7]]
+    assert table.corner.tolist() == [-1, -2, -3]
+    assert table.periodic.tolist() == [True, False, True]
+    state, _, words = ss.read_sample(tmp_path / "g.dump", **GIVEN)
+    assert state.cell.periodic.tolist() == [True, False, True]
+    assert any("walls are in no file of LAMMPS" in word for word in words)
+
+
+def test_time_steps_are_chosen_and_said(tmp_path):
+    state = spheres()
+    for step in (0, 10, 20):
+        rows = np.column_stack([np.arange(1, 65), state.grains.position + step, state.grains.radius])
+        dump(tmp_path / "g.dump", state, columns="id xu yu zu radius", rows=rows, step=step)
+    last, _, words = ss.read_sample(tmp_path / "g.dump", **GIVEN)
+    np.testing.assert_allclose(last.grains.position, state.grains.position + 20)
+    assert any("has 3 time steps: the last, 20, was taken" in word for word in words)
+    assert any("all masses are taken as 1" in word for word in words)
+    chosen, _, words = ss.read_sample(tmp_path / "g.dump", frame="10", **GIVEN)
+    np.testing.assert_allclose(chosen.grains.position, state.grains.position + 10)
+    assert not any("time steps" in word for word in words)
+    assert len(ss.read_samples(tmp_path / "g.dump", **GIVEN)) == 3
+    with pytest.raises(ss.SampleError, match="no time step 7: it has 0, 10, 20"):
+        ss.read_sample(tmp_path / "g.dump", frame="7", **GIVEN)
+
+
+def test_flat_packings_are_two_dimensional(tmp_path):
+    state = disks(motion=False)
+    ss.write_sample(tmp_path / "p.data", state, SHARP)
+    again, _, words = back(tmp_path / "p.data", i0=0.5)
+    assert again.cell.dim == 2
+    assert any("two-dimensional" in word for word in words)
+    assert np.array_equal(again.grains.inertia, 0.5 * again.grains.mass * again.grains.radius**2)
+
+
+def test_a_grain_that_touches_two_images_of_another(tmp_path):
+    law = ss.linear(1.0, 0.5, 0.5, coulomb="sharp")
+    arrays = {"position": [[0.5, 0.5, 0.5], [1.45, 0.5, 0.5]], "radius": [0.5, 0.5], "cell": [1.9, 3, 3]}
+    slip, image = [[0, 1e-3, 0], [0, -2e-3, 1e-3]], [[0, 0, 0], [1, 0, 0]]
+    state = ss.sample(law=law, pair_i=[0, 0], pair_j=[1, 1], image=image, slip=slip, **arrays)
+    ss.write_sample(tmp_path / "p.data", state, law)
+    given = {"law": "linear", "kn": 1.0, "kt": 0.5, "mu": 0.5, "damping_n": 0.0, "damping_t": 0.0}
+    again, _, _ = ss.read_sample(tmp_path / "p.data", contacts=tmp_path / "p.contacts.dump", **given)
+    rows = ss.touching(again)
+    assert len(rows) == 2
+    np.testing.assert_allclose(branches_and_slip(again, rows), branches_and_slip(state, ss.touching(state)), atol=1e-15)
+
+
+@pytest.mark.parametrize("name", ["law", "kn", "kt", "mu", "damping_n", "damping_t"])
+def test_every_parameter_of_the_law_is_needed(name, tmp_path):
+    ss.write_sample(tmp_path / "p.data", spheres(), SHARP)
+    with pytest.raises(ss.SampleError, match=f"give --{name.replace('_', '-')} as in its pair_style"):
+        back(tmp_path / "p.data", **{name: None})
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"kn": 3.0}, "miss those in the dump"),
+        ({"coulomb": "smooth"}, "friction is sharp"),
+        ({"law": "hooke"}, "is not known"),
+        ({"columns": "i j"}, "2 names were given for 12 columns"),
+        ({"boundary": "xyz"}, "three letters"),
+    ],
+)
+def test_what_does_not_fit_is_one_sentence(change, words, tmp_path):
+    ss.write_sample(tmp_path / "p.data", spheres(), SHARP)
+    with pytest.raises(ss.SampleError, match=words) as problem:
+        back(tmp_path / "p.data", **change)
+    assert "\n" not in str(problem.value)
+
+
+def edited(path, old, new, count=1):
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, count))
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "words"),
+    [
+        ("p.data", "64 atoms", "65 atoms", "65 atoms are announced"),
+        ("p.data", "Atoms # sphere", "Atoms # atomic", "atom_style sphere is read"),
+        ("p.data", "Atoms # sphere", "Bonds", "no section Atoms"),
+        ("p.data", "xlo xhi", "ylo", "truncated or no data file"),
+        ("p.data", "64 atoms", "some atoms", "truncated or no data file"),
+        ("p.contacts.dump", "tx ty tz", "a b c", "i j tx ty tz are needed"),
+        ("p.contacts.dump", "tx ty tz", "tx tx tz", "two columns of one name"),
+        ("p.contacts.dump", "ITEM: TIMESTEP", "ITEM: TIME", "no ITEM: TIMESTEP"),
+        ("p.contacts.dump", "ITEM: TIMESTEP\n0", "ITEM: TIMESTEP\n3", "no time step 0: it has 3"),
+        ("p.contacts.dump", "tx ty tz\n", "tx ty tz\n999 ", "truncated|grain 999"),
+    ],
+)
+def test_broken_files_are_one_sentence(name, old, new, words, tmp_path):
+    ss.write_sample(tmp_path / "p.data", spheres(), SHARP)
+    edited(tmp_path / name, old, new)
+    with pytest.raises(ss.SampleError, match=words) as problem:
+        back(tmp_path / "p.data")
+    assert "\n" not in str(problem.value)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.3, 0.5, 0.7, 0.9, 0.99])
+@pytest.mark.parametrize("name", ["p.data", "p.contacts.dump"])
+def test_truncated_files_are_one_sentence(name, share, tmp_path):
+    ss.write_sample(tmp_path / "p.data", spheres(), SHARP)
+    whole = (tmp_path / name).read_bytes()
+    (tmp_path / name).write_bytes(whole[: int(len(whole) * share)])
+    with pytest.raises(ss.SampleError) as problem:
+        back(tmp_path / "p.data")
+    assert "\n" not in str(problem.value)
+
+
+def test_dashpots_need_velocities(tmp_path):
+    state = spheres()
+    ss.write_sample(tmp_path / "p.data", state, SHARP)
+    rows = np.column_stack([np.arange(1, 65), state.grains.position, state.grains.radius, state.grains.mass])
+    dump(tmp_path / "p.dump", state, columns="id xu yu zu radius mass", rows=rows, step=0)
+    with pytest.raises(ss.SampleError, match="needs every grain's spin and velocity"):
+        back(tmp_path / "p.dump")
+
+
+def test_a_hundred_thousand_grains_are_read_in_seconds(tmp_path):
+    side = 47
+    place = np.stack(np.meshgrid(*[np.arange(side)] * 3, indexing="ij"), axis=-1).reshape(-1, 3) * 1.0
+    state = ss.sample(place, np.full(len(place), 0.51), SHARP, cell=[side] * 3)
+    start = time.perf_counter()
+    ss.write_sample(tmp_path / "p.data", state, SHARP)
+    again, _, _ = ss.read_sample(tmp_path / "p.data", **GIVEN)
+    assert len(again.grains.radius) == side**3
+    assert time.perf_counter() - start < 30  # 6 seconds here

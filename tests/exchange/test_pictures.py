@@ -1,0 +1,98 @@
+"""Files that are only shown: VTK as written bytes say, extended XYZ as ASE reads it."""
+
+import json
+import re
+import sys
+
+import ase.io
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.data.exchange.vtk_file import vtk_paths
+
+from .packings import SHARP, disks, spheres, walled
+
+KINDS = {"Float64": np.float64, "Int32": np.int32, "UInt8": np.uint8}
+
+
+def vtk_arrays(path) -> dict[str, np.ndarray]:
+    """All arrays of a .vtu file with appended raw data, as VTK's documentation describes it."""
+    raw = path.read_bytes()
+    head, _, body = raw.partition(b'<AppendedData encoding="raw">')
+    body = body[body.index(b"_") + 1 :]
+    found = {}
+    for tag in re.findall(r"<DataArray (.*?)/>", head.decode()):
+        words = dict(re.findall(r'(\w+)="(.*?)"', tag))
+        start = int(words["offset"])
+        size = int(np.frombuffer(body[start : start + 8], np.uint64)[0])
+        array = np.frombuffer(body[start + 8 : start + 8 + size], KINDS[words["type"]])
+        width = int(words["NumberOfComponents"])
+        found[words["Name"]] = array.reshape(-1, width) if width > 1 else array
+    return found
+
+
+@pytest.mark.parametrize("make", [lambda: (spheres(), SHARP), lambda: (disks(), SHARP), walled])
+def test_vtk_holds_grains_and_contact_lines(make, tmp_path):
+    state, law = make()
+    words = ss.write_sample(tmp_path / "p.vtu", state, law)
+    assert "VTK does not hold" in words[0]
+    grains, lines = vtk_arrays(tmp_path / "p.vtu"), vtk_arrays(tmp_path / "p-contacts.vtu")
+    g, rows = state.grains, ss.touching(state)
+    for name in ("radius", "mass", "velocity", "spin", "angle"):
+        assert np.array_equal(grains[name], getattr(g, name))
+    shift = grains["points"] - g.position
+    if state.cell.periodic.any():
+        shares = (shift @ np.linalg.inv(state.cell.vectors))[:, state.cell.periodic]
+        np.testing.assert_allclose(shares, np.round(shares), atol=1e-12)
+    ends = lines["points"].reshape(-1, 2, 3)
+    np.testing.assert_allclose(ends[:, 0], grains["points"][state.contacts.i[rows]], atol=1e-12)
+    np.testing.assert_allclose(ends[:, 0] - ends[:, 1], ss.branches(state)[rows], atol=1e-12)
+    force, branch = ss.contact_forces(state, law)[rows], ss.branches(state)[rows]
+    along = np.einsum("ck,ck->c", force, branch) / np.linalg.norm(branch, axis=1)
+    np.testing.assert_allclose(lines["force_n"], along, rtol=1e-12)
+    assert lines["connectivity"].tolist() == list(range(2 * len(rows)))
+
+
+def test_a_series_has_numbered_files(tmp_path):
+    states = [spheres(k) for k in range(3)]
+    ss.write_sample(tmp_path / "p.vtu", [ss.frame_of(state, SHARP) for state in states])
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert names == sorted(path.name for pair in vtk_paths(tmp_path / "p.vtu", 3) for path in pair)
+    assert names[:2] == ["p-contacts_0000.vtu", "p-contacts_0001.vtu"]
+    assert np.array_equal(vtk_arrays(tmp_path / "p_0002.vtu")["velocity"], states[2].grains.velocity)
+
+
+def test_a_packing_without_contacts_is_written(tmp_path):
+    apart = ss.sample([[0, 0, 0], [3, 0, 0]], [0.5, 0.5], SHARP)
+    for name in ("p.vtu", "p.gsd", "p.xyz", "p.npz", "p.data", "p.h5"):
+        ss.write_sample(tmp_path / name, apart, SHARP)
+    assert len(ss.read_sample(tmp_path / "p.gsd")[0].grains.radius) == 2
+    assert not (tmp_path / "p-contacts.vtu").exists()
+
+
+@pytest.mark.parametrize("make", [lambda: (spheres(), SHARP), walled])
+def test_ase_reads_extended_xyz_to_the_last_bit(make, tmp_path):
+    state, law = make()
+    ss.write_sample(tmp_path / "p.xyz", [ss.frame_of(state, law)] * 2)
+    atoms = ase.io.read(tmp_path / "p.xyz", index=":", format="extxyz")
+    assert len(atoms) == 2
+    assert np.array_equal(atoms[1].positions, state.grains.position)
+    assert atoms[1].pbc.tolist() == state.cell.periodic.tolist()
+    assert np.array_equal(atoms[1].cell.array, state.cell.vectors)
+    for theirs, ours in {"radius": "radius", "mass": "mass", "velo": "velocity", "spin": "spin"}.items():
+        assert np.array_equal(atoms[1].arrays[theirs], getattr(state.grains, ours)), theirs
+    np.testing.assert_array_equal(atoms[1].arrays["contact_force"], ss.forces(state, law)[0].force[: len(atoms[1])])
+    kept = atoms[1].info["law"]
+    kept = json.loads(kept) if isinstance(kept, str) else kept
+    assert kept["table"] == law.table.tolist()
+
+
+@pytest.mark.parametrize(("name", "library"), [("p.gsd", "gsd"), ("p.vtu", "pyevtk")])
+def test_a_missing_library_is_one_sentence(name, library, tmp_path, monkeypatch):
+    for module in [m for m in sys.modules if m.partition(".")[0] == library]:
+        monkeypatch.setitem(sys.modules, module, None)
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(ss.SampleError, match=r'pip install "stickslip\[exchange\]"'):
+        ss.write_sample(tmp_path / name, disks(), SHARP)
+    assert not list(tmp_path.iterdir())
