@@ -92,9 +92,14 @@ def finished(folder: Path) -> dict | None:
 
 
 def run_sweep(
-    chosen: Sweep, folder: str | Path, *, names: list[str] | None = None, workers: Workers = None, figures: bool = False,
+    chosen: Sweep,
+    folder: str | Path,
+    *,
+    names: list[str] | None = None,
+    workers: Workers = None,
+    figures: bool = False,
     report: Callable = lambda share, words, left: None,
-) -> Swept:  # fmt: skip
+) -> Swept:
     """Run all members that the folder does not hold already, and write the dataset of all that are finished.
 
     Parameters
