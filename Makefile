@@ -22,10 +22,11 @@ bench: $(STAMP)  ## ratios against peers and references, measured in this run; w
 	$(BIN)/python -m benchmarks
 
 docs: $(STAMP)  ## the API reference, into docs/_build
-	$(BIN)/pdoc --docformat numpy --output-directory docs/_build $(addprefix stickslip.,core solve friction quasirigid loading data experiments ensemble figures)
+	$(BIN)/pdoc --docformat numpy --output-directory docs/_build $(addprefix stickslip.,core solve friction quasirigid loading data experiments ensemble figures doctor extras)
 
-lock:  ## resolve the pinned dependencies again (needs uv)
-	uv pip compile --universal --generate-hashes --no-emit-index-url --python-version 3.11 --extra dev pyproject.toml -o requirements.lock
+lock:  ## resolve the pinned dependencies again, with uv
+	@PATH="$(BIN):$$PATH" command -v uv >/dev/null || { echo "make lock needs uv: $(BIN)/pip install uv"; exit 1; }
+	PATH="$(BIN):$$PATH" uv pip compile --universal --generate-hashes --no-emit-index-url --python-version 3.11 --extra dev pyproject.toml -o requirements.lock
 
 $(STAMP): requirements.lock pyproject.toml
 	@$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11) and 'stickslip needs Python 3.11 or later: make PYTHON=python3.12')"

@@ -52,6 +52,7 @@ _WHERE = {
     "solve.relax": "relax residual",
     "solve.spectrum": "Spectrum damped_growth follow spectrum",
     "solve.stability": "Stability stability",
+    "data.dataset": "contact_table open",
     "data.sample": "SampleError SampleWarning read_sample sample",
     "data.flow_scenario": "FlowScenario",
     "data.gouge_scenario": "GougeScenario",

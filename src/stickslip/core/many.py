@@ -6,8 +6,9 @@ import numpy as np
 from .blocks import TILE, Moving, anchored, committed, no_blocks
 from .contact import FROZEN
 from .forces import Bodies, forces, moved_masses
-from .frame import RATE, SINCE, VECTORS, frame_of, imposes, room_left, unbalanced_cell
+from .frame import PULL, RATE, SINCE, VECTORS, frame_of, imposes, room_left, unbalanced_cell
 from .geometry import shifts
+from .instant import bodies_at_start
 from .laws import Law, dashpots
 from .ledger import entered
 from .neighbors import TOO_FAR, farthest, grid_of, rebuilt
@@ -20,7 +21,6 @@ from .plan import (
     FULL,
     MOVED,
     Plan,
-    driven_bodies,
     first_bad,
     largest_unbalanced,
     pool_of,
@@ -29,7 +29,7 @@ from .plan import (
 )
 from .record import Writing, sample, sample_groups, with_lost
 from .selection import chosen_blocks, morton
-from .state import State, deforms
+from .state import Instant, State, deforms
 from .tiles import Pace, Pull, exported, marcher
 
 MANY = 48  # bodies from which blocks are faster than a plain sweep
@@ -106,10 +106,11 @@ def _moving(state: State, plan: Plan, here: Bodies, predict: bool, imposed: bool
 
 
 def marched(
-    state: State, law: Law, plan: Plan, steps: int, tolerance: float, writing: Writing, books, *, rate: int, threads
-):
+    state: State, law: Law, plan: Plan, steps: int, tolerance: float, writing: Writing, books, instant, *, rate: int,
+    threads,
+):  # fmt: skip
     """As many steps as asked, in blocks; see `run`. Returns what the plain stepper does."""
-    contacts, here, nothing = state.contacts, driven_bodies(state), np.zeros((0, 3))
+    contacts, here, nothing = state.contacts, bodies_at_start(state, instant), np.zeros((0, 3))
     at = (here.position, here.angle, here.radius)
     if anchored(contacts, *at, shifts(contacts, state.cell.vectors), nothing, nothing):
         # what a run writes; pair vectors and angles are written when it ends
@@ -128,7 +129,12 @@ def marched(
     drags = [0.5 * plan.dt * nu for nu in plan.drags]
     pace = Pace(plan.dt, 1 - drags[0], 1 / (1 + drags[0]), 1 - drags[1], 1 / (1 + drags[1]))
     every, deforming = writing.every, deforms(state)
-    step, stop, ended, fresh, code, residual, worst = 0, 0, False, True, MOVED, np.inf, -1
+    ended = instant is not None
+    step, stop, fresh, code, residual, worst = 0, 0, not ended, MOVED, np.inf, -1
+    if ended:
+        moving.force[:] = instant.force[moving.order]
+        if imposed:
+            flow.matrix[PULL] = instant.pull
     blocks, before = no_blocks(), numba.get_num_threads()
     numba.set_num_threads(threads)
     try:
@@ -190,13 +196,15 @@ def marched(
         numba.set_num_threads(before)
     clock = frame.clock if imposed else pull.clock if pull else [state.time + step * plan.dt]
     time = float(clock[0])
+    instant = Instant(_forces(moving), flow.matrix[PULL].copy() if imposed else np.zeros((3, 3)), 0)
     del moving, blocks, frame, flow  # memory for what is given back
     if deforming or contacts.skin[0] != state.contacts.skin[0]:
         # a list tells whether it is still good by how far grains have moved, not by how the cell has
         contacts = _with_skin(float(state.contacts.skin[0]), here, contacts, grid_of(state.cell))
     contacts = contacts._replace(pair=np.zeros_like(contacts.slip), roll=np.zeros_like(contacts.slip))
     anchored(contacts, *at, shifts(contacts, state.cell.vectors), contacts.pair, contacts.roll)
-    return state_after(state, here, contacts, time), code, step, residual, worst, writing, books
+    end = state_after(state, here, contacts, time)._replace(instant=instant)
+    return end, code, step, residual, worst, writing, books
 
 
 def _forces(moving: Moving) -> np.ndarray:

@@ -293,7 +293,9 @@ def rebuilt(x, radius, wall_normal, grid, old):
         room *= 2
     new = empty_contacts(len(x), max(end, 0), skin, len(old.pair) < len(old.i))
     new.count[0] = max(end, -1)
-    new.origin[:] = x
+    for a in range(len(x)):  # an assignment of whole arrays takes seconds to compile, for the text of its error
+        for m in range(3):
+            new.origin[a, m] = x[a, m]
     if end > 0:
         carry_memory(old, new, _listed(key, first, many, new))
     return new

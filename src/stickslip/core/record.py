@@ -115,9 +115,12 @@ def sample(kind, coulomb, dim, p, k, bodies, contacts, shift, plan, writing, vec
             for m in range(3):
                 for q in range(3):
                     row[_VIRIAL + 3 * m + q] += f[m] * r[q]
-    row[_FABRIC : _FABRIC + 9] /= max(row[6], 1.0)
+    for m in range(9):  # not as a whole array, as in `neighbors.rebuilt`
+        row[_FABRIC + m] /= max(row[6], 1.0)
     row[_RATTLERS], row[_HELD] = _held(contacts, n, len(bodies.radius), 2 if p[:, :, MU].max() > 0.0 else dim + 1)
-    row[_CELL : _CELL + 9] = vectors.ravel()
+    for m in range(3):
+        for q in range(3):
+            row[_CELL + 3 * m + q] = vectors[m, q]
     for a in range(len(writing.probes)):
         for m in range(3):
             track[a, m] = x[writing.probes[a], m]

@@ -97,6 +97,14 @@ class Control(NamedTuple):
     leads: np.ndarray  # (N + W, 3) column of `course` that is added to `anchor` [length], −1: none
 
 
+class Instant(NamedTuple):
+    """Forces of a run's last step, with which a continued run begins; see `instant`."""
+
+    force: np.ndarray  # (N + W, 6) forces and torques, external ones included
+    pull: np.ndarray  # (3, 3) L̇ of the cell's free components [1/time²]
+    mark: int  # checksum of the state that they belong to
+
+
 class State(NamedTuple):
     """Everything that the future depends on, except the law."""
 
@@ -106,6 +114,7 @@ class State(NamedTuple):
     contacts: Contacts
     control: Control
     time: float
+    instant: Instant | None = None  # what a run with dashpots leaves behind
 
     @property
     def n_bodies(self) -> int:
@@ -299,7 +308,7 @@ def assembly(
 
 def check(state: State) -> None:
     """Raise ValueError with one sentence if a state holds what no state may hold."""
-    grains, walls, cell, contacts, control, _ = state
+    grains, walls, cell, contacts, control = state[:5]
     n, b = len(grains.radius), state.n_bodies
     for noun, part, count in (("grains", grains, n), ("walls", walls, len(walls.mass)), ("control", control, None)):
         for name, array in zip(part._fields, part, strict=True):

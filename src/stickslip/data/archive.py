@@ -1,86 +1,239 @@
-"""One HDF5 file a run: scenario text, versions, frames with full contact memory, and numbers.
+"""One HDF5 file: scenario text, versions, and a tree of arrays, words, states and results.
 
-Schema 3. The file is a tree of groups and datasets that mirrors nested dictionaries and the NamedTuples of `core`;
-a group that was a NamedTuple carries its name in the attribute `noun`. The root has the attributes `schema`,
-`stickslip` (version) and `scenario` (canonical text). Contact lists are stored up to their count, whole.
+Schema 4. Groups and datasets mirror nested dictionaries, tuples and NamedTuples; a group that was a NamedTuple carries
+its name in the attribute `noun`. The root has the attributes `schema`, `stickslip` and `versions` (of what computed
+it), and `scenario` (canonical text); no times of day and no names of machines. Contact lists are stored up to their
+count, with all of their memory. Datasets have the attribute `units` where they are known.
 
-A file is written beside its place and then renamed, so that a killed process never leaves a broken one behind.
+A file is made in memory, written beside its place and then renamed: whoever is killed, or finds the disk full, leaves
+what was there before. It begins with a block of text, which HDF5 passes over, that holds a checksum of the rest, as
+HDF5 itself may read a damaged file for ever.
 """
 
+import hashlib
 import os
+import platform
+import uuid
+from collections.abc import Iterable
+from contextlib import contextmanager
+from enum import Enum
 from pathlib import Path
 
 import h5py
 import numpy as np
 
 from ..core.laws import Law
-from ..core.state import Cell, Contacts, Control, Grains, State, Walls
+from ..core.state import Cell, Contacts, Control, Grains, Instant, State, Walls
+from .units import unit_of
 
-SCHEMA = 3
-_NOUNS = {noun.__name__: noun for noun in (State, Grains, Walls, Cell, Contacts, Control, Law)}
-
-
-def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = "") -> None:
-    """Write nested dictionaries of arrays, numbers, strings and states to an HDF5 file, all or nothing."""
-    path = Path(path)
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with h5py.File(beside, "w") as file:
-            file.attrs["schema"], file.attrs["scenario"], file.attrs["stickslip"] = SCHEMA, scenario, version
-            for name, value in tree.items():
-                _put(file, name, value)
-        os.replace(beside, path)
-    except BaseException:
-        beside.unlink(missing_ok=True)
-        raise
+SCHEMA = 4
+_BLOCK, _SEAL = 512, b"stickslip archive, SHA-256 of what follows this block:\n"
+_NOUNS = (State, Grains, Walls, Cell, Contacts, Control, Instant, Law)
+_VERSIONS = ("numpy", "numba", "scipy", "h5py")
+_EVERY_PAIR = ("i", "j", "image", "key", "slip", "mode", "pair", "roll", "reached")
+# what HDF5 and what is made of its contents raise where a file is damaged
+_DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError, OverflowError, MemoryError)
 
 
-def read(path: str | Path) -> dict:
-    """The tree that `write` was given; states come back as State.
+class ArchiveError(ValueError):
+    """A file that cannot be read as an archive; the message is one sentence for the user."""
+
+
+def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = "", si: bool = False) -> None:
+    """Write a tree to an HDF5 file, all or nothing.
+
+    Parameters
+    ----------
+    tree : nested dictionaries of arrays, numbers, words, None, tuples and NamedTuples of these, states among them
+    scenario : canonical text
+    version : of the package that computed it
+    si : whether units are SI; else the attribute `units` of a dataset tells its dimension
 
     Raises
     ------
-    ValueError
-        if the file is not an archive or of a later schema.
+    OSError
+        where the file cannot be written; what was there is left alone.
     """
+    path = Path(path)
+    memory = {"driver": "core", "backing_store": False, "userblock_size": _BLOCK}
+    with h5py.File(uuid.uuid4().hex, "w", **memory) as file:
+        file.attrs["schema"], file.attrs["scenario"], file.attrs["stickslip"] = SCHEMA, scenario, version
+        file.attrs["versions"] = versions()
+        for name, value in tree.items():
+            _put(file, name, value, si)
+        file.flush()
+        image = file.id.get_file_image()
+    replace(path, _sealed(image))
+
+
+def _sealed(image: bytes) -> bytes:
+    """An image behind a block that holds its checksum."""
+    return _SEAL + hashlib.sha256(image).hexdigest().encode().ljust(_BLOCK - len(_SEAL), b"\n") + image
+
+
+def replace(path: Path, content: bytes) -> None:
+    """Put a file in place of another, all or nothing."""
+    beside = path.with_name(f".{path.name}.{os.getpid()}")
     try:
+        with open(beside, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(beside, path)
+    except BaseException as problem:
+        beside.unlink(missing_ok=True)
+        if isinstance(problem, OSError):
+            problem.filename = str(path)
+        raise
+
+
+def versions() -> str:
+    """Versions of what numbers may depend on."""
+    from importlib.metadata import version
+
+    return ", ".join([f"python {platform.python_version()}", *(f"{name} {version(name)}" for name in _VERSIONS)])
+
+
+def read(path: str | Path, *, nouns: Iterable[type] = ()) -> dict:
+    """The tree that `write` was given; states come back as State.
+
+    Parameters
+    ----------
+    nouns : classes of other NamedTuples and enums that come back as what they were; without, they come back as
+        dictionaries and words
+
+    Raises
+    ------
+    ArchiveError
+        if the file is not an archive, is cut short, or is of a schema that this version does not read.
+    """
+    known = {noun.__name__: noun for noun in (*_NOUNS, *nouns)}
+    with _opened(path) as file:
+        return {name: _take(value, known) for name, value in file.items()}
+
+
+def units(path: str | Path) -> dict[str, str]:
+    """Units of an archive's datasets, by their path; errors as in `read`."""
+    found = {}
+    with _opened(path) as file:
+        file.visititems(lambda name, item: found.update({name: item.attrs["units"]} if "units" in item.attrs else {}))
+    return found
+
+
+def attributes(path: str | Path) -> dict[str, str]:
+    """`scenario`, `stickslip` (version) and `versions` of an archive; errors as in `read`."""
+    with _opened(path) as file:
+        return {name: str(file.attrs.get(name, "")) for name in ("scenario", "stickslip", "versions")}
+
+
+@contextmanager
+def _opened(path):
+    try:
+        _check_seal(path)
         with h5py.File(path) as file:
-            if file.attrs.get("schema") != SCHEMA:
-                raise ValueError(
-                    f"{path} has archive schema {file.attrs.get('schema')}: this version reads schema {SCHEMA}"
-                )
-            return {name: _take(value) for name, value in file.items()}
-    except OSError:
-        raise ValueError(f"{path} is not an archive that can be read: give the results.h5 of a run") from None
+            _check_schema(path, file.attrs.get("schema"))
+            yield file
+    except ArchiveError:
+        raise
+    except _DAMAGE as problem:
+        words = str(problem).split(" (")[0].lower()
+        raise ArchiveError(f"{path} cannot be read as an archive ({words}): give the results.h5 of a run") from None
 
 
-def _put(group, name: str, value) -> None:
+def _check_seal(path) -> None:
+    with open(path, "rb") as file:
+        block = file.read(_BLOCK)
+        if not block.startswith(_SEAL):
+            raise ArchiveError(f"{path} is not an archive: give the results.h5 of a run")
+        digest = hashlib.file_digest(file, "sha256").hexdigest().encode()
+    if block[len(_SEAL) :].strip() != digest:
+        raise ArchiveError(f"{path} is damaged, or was changed since it was written: its checksum does not hold")
+
+
+def _check_schema(path, schema) -> None:
+    if schema != SCHEMA:
+        remedy = "install a later stickslip" if schema > SCHEMA else "run it again"
+        raise ArchiveError(f"{path} has archive schema {schema}, and this version reads schema {SCHEMA}: {remedy}")
+
+
+def _put(group, name: str, value, si: bool) -> None:
     if isinstance(value, Contacts):
-        count = int(value.count[0])
-        value = value._replace(
-            **{f: getattr(value, f)[:count] for f in Contacts._fields if f not in ("origin", "skin", "count")}
-        )
-    if isinstance(value, dict) or hasattr(value, "_fields"):
+        value = trimmed(value)
+    if isinstance(value, Enum):
+        group[name] = value.name
+        group[name].attrs["noun"] = type(value).__name__
+        return
+    if hasattr(value, "_asdict"):
         child = group.create_group(name)
-        if not isinstance(value, dict):
-            child.attrs["noun"] = type(value).__name__
-            value = value._asdict()
+        child.attrs["noun"] = type(value).__name__
+        for key, item in value._asdict().items():
+            _put(child, key, item, si)
+    elif isinstance(value, dict):
+        child = group.create_group(name)
+        numbers = [key for key in value if not isinstance(key, str)]
+        if numbers:
+            child.attrs["keys"] = type(numbers[0]).__name__
         for key, item in value.items():
-            _put(child, str(key), item)
+            _put(child, key if isinstance(key, str) else repr(key), item, si)
+    elif isinstance(value, tuple | list) and not _plain(value):
+        child = group.create_group(name)
+        child.attrs["sequence"] = type(value).__name__
+        for k, item in enumerate(value):
+            _put(child, f"{k:06d}", item, si)
+    else:
+        _put_array(group, name, value, si)
+
+
+def _put_array(group, name: str, value, si: bool) -> None:
+    if value is None:
+        group.create_dataset(name, data=h5py.Empty("f8"))
+        return
+    if isinstance(value, bytes):
+        group.create_dataset(name, data=np.frombuffer(value, np.uint8)).attrs["sequence"] = "bytes"
         return
     array = np.asarray(value)
     if array.dtype.kind == "U":
         array = np.asarray(value, dtype=h5py.string_dtype())
-    options = {"compression": "gzip", "shuffle": True} if array.size > 1000 else {}
-    group.create_dataset(name, data=array, **options)
+    options = {"compression": "gzip", "shuffle": True} if array.size > 1000 and array.dtype.kind != "O" else {}
+    made = group.create_dataset(name, data=array, **options)
+    if isinstance(value, tuple | list):
+        made.attrs["sequence"] = type(value).__name__
+    if array.dtype.kind in "fc" and (unit := unit_of(name, si=si)):
+        made.attrs["units"] = unit
 
 
-def _take(item):
+def _plain(value) -> bool:
+    """Whether an array holds a sequence as it is: all floats, or all integers."""
+    return bool(value) and any(all(type(v) is kind for v in value) for kind in (float, int))
+
+
+def trimmed(contacts: Contacts) -> Contacts:
+    """The list without the room behind its last pair."""
+    count = int(contacts.count[0])
+    return contacts._replace(**{name: getattr(contacts, name)[:count] for name in _EVERY_PAIR})
+
+
+def _take(item, known: dict):
     if isinstance(item, h5py.Dataset):
-        value = item[()]
-        if h5py.check_string_dtype(item.dtype) is not None:
-            return value.decode() if isinstance(value, bytes) else np.array([v.decode() for v in value.ravel()])
-        return value.item() if np.ndim(value) == 0 else value
-    tree = {name: _take(child) for name, child in item.items()}
-    noun = _NOUNS.get(item.attrs.get("noun"))
+        value, noun = _taken_array(item), known.get(item.attrs.get("noun"))
+        return noun[value] if noun else value
+    tree = {name: _take(child, known) for name, child in item.items()}
+    if "sequence" in item.attrs:
+        made = list(tree.values())
+        return tuple(made) if item.attrs["sequence"] == "tuple" else made
+    if "keys" in item.attrs:
+        number = {"float": float, "int": int}[item.attrs["keys"]]
+        return {number(name): value for name, value in tree.items()}
+    noun = known.get(item.attrs.get("noun"))
     return noun(**tree) if noun else tree
+
+
+def _taken_array(item: h5py.Dataset):
+    value = item[()]
+    if isinstance(value, h5py.Empty):
+        return None
+    if h5py.check_string_dtype(item.dtype) is not None:
+        return value.decode() if isinstance(value, bytes) else np.array([v.decode() for v in value.ravel()], str)
+    if "sequence" in item.attrs:
+        return {"tuple": tuple, "list": list, "bytes": bytes}[item.attrs["sequence"]](value.tolist())
+    return value.item() if np.ndim(value) == 0 else value

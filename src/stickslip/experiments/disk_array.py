@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..data.kept import UNFINISHED
 from ..data.scenario import Scenario, scenario
 from ..ensemble import Workers
 from ..loading import fronts
@@ -81,9 +82,10 @@ def reproduce(
     workers : processes for the realizations, or a Dask scheduler's address
     report : called as report(stage, share done, words)
     """
-    main = simulate(paper_scenario(quick=quick, seed=seed), workers=workers, report=report)
+    main = simulate(paper_scenario(quick=quick, seed=seed), folder=folder, workers=workers, report=report)
     quarter = simulate(
         quarter_scenario(quick=quick, seed=seed),
+        folder=folder and folder / UNFINISHED / "quarter",
         workers=workers,
         report=lambda stage, share, words: report(f"{stage} (quarter)", share, words),
     )

@@ -27,7 +27,7 @@ FIGURES = (
 
 def simulate(scenario, *, folder: Path, workers: Workers, report) -> Result:
     """Run a user's scenario, births again at twice the load step."""
-    return simulate_array(scenario, workers=workers, sensitivity=True, report=report)
+    return simulate_array(scenario, folder=folder, workers=workers, sensitivity=True, report=report)
 
 
 def write_reproduction(folder: Path, found: disk_array.Reproduction) -> list[Path]:

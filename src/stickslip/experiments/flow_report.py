@@ -14,7 +14,7 @@ from .report import SERIES, STYLE, complete, console, files_of, plain, save
 
 def simulate(scenario, *, folder: Path, workers: int | None, report) -> FlowResult:
     """Run a scenario; `workers` are the threads of the one run."""
-    return simulate_flow(scenario, threads=workers, report=report)
+    return simulate_flow(scenario, folder=folder, threads=workers, report=report)
 
 
 def write_result(folder: Path, result: FlowResult) -> list[Path]:

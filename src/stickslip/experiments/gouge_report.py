@@ -12,7 +12,7 @@ from ..friction.laboratory import Record, write_csv
 from ..friction.loads import Leg
 from ..friction.ratestate import RateState, Spring, slide
 from ..loading import gouge_measures as measures
-from ..loading.gouge_ensemble import GougeResult, simulate_gouge, tree_of
+from ..loading.gouge_ensemble import GougeResult, simulate_gouge
 from ..loading.gouge_numbers import inertial_numbers, normalised_hold, normalised_stiffness, stiffness
 from . import claims as claims_table
 from .report import CLAIMS, SERIES, STYLE, complete, console, files_of, save
@@ -144,7 +144,7 @@ def numbers(result: GougeResult) -> dict:
         "inertial_number": {
             f"{velocity:g}": inertial_numbers(scenario, velocity, thickness) for velocity in measures.velocities(result)
         },
-        "realizations": {f"{one.seed:04d}": tree_of(one) for one in result.realizations},
+        "realizations": {f"{one.seed:04d}": one for one in result.realizations},
         "failures": "\n".join(result.failures),
         "steady_friction": {f"{v:g}": measures.mean_friction(result, v)._asdict() for v in measures.velocities(result)},
     }

@@ -16,7 +16,7 @@ from .report import CLAIMS, SERIES, STYLE, complete, console, files_of, plain, s
 
 def simulate(scenario, *, folder: Path, workers: Workers, report) -> QuasiResult:
     """Run a user's scenario."""
-    return simulate_quasi(scenario, workers=workers, report=report)
+    return simulate_quasi(scenario, folder=folder, workers=workers, report=report)
 
 
 def write_reproduction(folder: Path, found: Reproduction) -> list[Path]:

@@ -54,7 +54,7 @@ def paper_scenario(*, quick: bool = False, seed: int = 0) -> QuasiScenario:
 
 def reproduce(*, quick: bool = False, seed: int = 0, folder=None, workers: Workers = None, report: Report = silent):
     """Run the paper's scenario and judge its claims; arguments as in `simulate_quasi`. Returns a Reproduction."""
-    main = simulate_quasi(paper_scenario(quick=quick, seed=seed), workers=workers, report=report)
+    main = simulate_quasi(paper_scenario(quick=quick, seed=seed), folder=folder, workers=workers, report=report)
     report("constructed cases", 0.0, "statuses and the apex")
     return Reproduction(main, judged(main, cases=QUICK_CASES if quick else CASES))
 

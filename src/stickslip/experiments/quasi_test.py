@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path as Folder
 from typing import NamedTuple
 
 import numpy as np
@@ -13,14 +14,15 @@ from ..core.forces import forces
 from ..core.laws import KN, Law
 from ..core.measure import branches, contact_forces, touching
 from ..core.state import Control, State
+from ..data.kept import Kept, hooks, kept_in, piece
 from ..data.quasi_scenario import QuasiScenario
 from ..ensemble import Workers, run_members
 from ..loading.biaxial import BOTTOM, LEFT, RIGHT, TOP, biaxial_box, raised, sheared_box
-from ..loading.slow import slowly
+from ..loading.slow import SlowRun, slowly
 from ..quasirigid.matrices import Matrices, matrices, statuses, stiffness_matrix
-from ..quasirigid.path import Path, quasirigid_path
-from ..quasirigid.piece import external
-from ..quasirigid.status import certificate, complementarity, status_map
+from ..quasirigid.path import Path, Point, quasirigid_path
+from ..quasirigid.piece import Event, external
+from ..quasirigid.status import Verdict, certificate, complementarity, status_map
 from ..quasirigid.system import pins
 from ..solve.freedom import Freedom, displaced, residual_vector
 
@@ -91,17 +93,25 @@ def silent(stage: str, share: float, words: str) -> None:
     """Say nothing."""
 
 
-def simulate_quasi(scenario: QuasiScenario, *, workers: Workers = None, report: Report = silent) -> QuasiResult:
+def simulate_quasi(
+    scenario: QuasiScenario, *, folder: Folder | None = None, workers: Workers = None, report: Report = silent
+) -> QuasiResult:
     """Prepare the samples of a scenario, follow them by path and by slow dynamics, and look at their stiffness.
 
     Parameters
     ----------
+    folder : where samples, and the path and runs of each, are kept as soon as they are done; a call that was killed
+        goes on from what is kept
     workers : processes, one sample each, or a Dask scheduler's address; it does not change the results
     report : called as report(stage, share done, words)
     """
-    tasks = [(scenario, scenario.seed + k) for k in range(scenario.samples)]
-    members = run_members(tested, tasks, workers=workers, live=partial(report, "path and slow dynamics"))
-    failures = tuple(f"sample {seed}: {m.failure}" for (_, seed), m in zip(tasks, members, strict=True) if m.failure)
+    kept = kept_in(folder, scenario, Tested, Path, Point, Event, Verdict, Curve, Looks, Slowly, SlowRun)
+    seeds = [scenario.seed + k for k in range(scenario.samples)]
+    names = [f"sample-{seed}" for seed in seeds]
+    tasks = [(scenario, seed, kept and kept.of(name)) for seed, name in zip(seeds, names, strict=True)]
+    live = partial(report, "path and slow dynamics")
+    members = run_members(tested, tasks, workers=workers, live=live, **hooks(kept, names))
+    failures = tuple(f"sample {seed}: {m.failure}" for (_, seed, _), m in zip(tasks, members, strict=True) if m.failure)
     found = tuple(m.result for m in members if m.result is not None)
     if not found:
         raise RuntimeError(f"no sample could be tested: {failures[0]}")
@@ -122,13 +132,14 @@ def prepared(scenario: QuasiScenario, seed: int) -> tuple[State, Law, Control]:
     return state, law, stress_controlled(state.control, {"xy": shear})
 
 
-def tested(scenario: QuasiScenario, seed: int, tell=lambda share, words: None) -> Tested:
-    """One sample, followed by path and by slow dynamics."""
+def tested(scenario: QuasiScenario, seed: int, kept: Kept | None = None, tell=lambda share, words: None) -> Tested:
+    """One sample, followed by path and by slow dynamics; these are kept, each as soon as it is done."""
     load, slow = scenario.loading, scenario.dynamics
     tell(0.0, f"sample {seed}: coming to rest")
-    state, law, end = prepared(scenario, seed)
+    state, law, end = piece(kept, "prepared", lambda: prepared(scenario, seed))
     options = {"increment": load.increment, "geometric": load.geometric}
-    path = quasirigid_path(state, law, end, report=lambda s, w: tell(0.3 * s, f"sample {seed}: {w}"), **options)
+    heard = lambda s, w: tell(0.3 * s, f"sample {seed}: {w}")  # noqa: E731
+    path = piece(kept, "path", lambda: quasirigid_path(state, law, end, report=heard, **options))
     curve, back = curve_of(path.states, path.load, scenario), None
     if load.unload:
         turn = load.turn * path.load[-1]
@@ -140,12 +151,13 @@ def tested(scenario: QuasiScenario, seed: int, tell=lambda share, words: None) -
     until, runs = min(1.0, (1 + slow.beyond) * path.load[-1]), []
     for k, time in enumerate(slow.times if until > 0 else ()):
         heard = lambda s, w, k=k: tell(0.3 + 0.6 * (k + s) / len(slow.times), f"sample {seed}: {w}")  # noqa: E731
-        run = slowly(state, law, end, time=time, until=until, drag=slow.drag, report=heard)
+        follow = partial(slowly, state, law, end, time=time, until=until, drag=slow.drag, report=heard)
+        run = piece(kept, f"slow-{k}", follow)
         followed = curve_of([state, *run.states], np.append(0.0, run.load), scenario)
         runs.append(Slowly(time, followed, run.kinetic_energy, difference(curve, followed)))
     looks = looks_along(path, law, state, end)
-    kept, track = cone_tracks(path)
-    return Tested(seed, law, path, curve, back, looks, tuple(runs), collapse(runs, curve), track, kept)
+    lasting, track = cone_tracks(path)
+    return Tested(seed, law, path, curve, back, looks, tuple(runs), collapse(runs, curve), track, lasting)
 
 
 def curve_of(states: list[State], load, scenario: QuasiScenario) -> Curve:

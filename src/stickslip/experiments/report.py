@@ -1,9 +1,12 @@
 """What every run leaves in its folder and on the terminal: scenario, raw numbers, claims table, progress."""
 
+import json
 import re
+import shutil
 import tempfile
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NamedTuple
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -15,16 +18,64 @@ from rich.table import Column, Table
 from .. import __version__
 from ..core.state import State
 from ..data import archive
+from ..data.kept import SCENARIO, UNFINISHED, finished
+from ..data.parts import Whole
+from ..data.scenario import read as read_scenario
 from . import claims as claims_table
+from .rooms import SWEEP
 
 console = Console(soft_wrap=False)
-SCENARIO, NUMBERS, CLAIMS, MOVIE = "scenario.json", "results.h5", "claims.json", "transition.gif"
+NUMBERS, CLAIMS, MOVIE, WRITING = "results.h5", "claims.json", "transition.gif", ".writing"
+REPRODUCTION = "reproduce.json"
 SERIES = "series.csv"
 _OURS = re.compile(
     r"fig\d_\w+\.png|steps_\d+_\d+\.csv|" + "|".join(map(re.escape, (SCENARIO, NUMBERS, CLAIMS, MOVIE, SERIES)))
 )
+SI = ("gouge", "rate-state")  # experiments whose scenarios are in SI units
 STYLE = {"title_justify": "left", "header_style": "bold", "box": SIMPLE_HEAD, "pad_edge": False}
 COLORS = {claims_table.REPRODUCED: "green", claims_table.PARTLY: "yellow", claims_table.NOT_REPRODUCED: "red"}
+
+
+class Begun(NamedTuple):
+    """A run that was begun in a folder and is not finished."""
+
+    scenario: Whole | None
+    reproduction: dict | None = None  # arguments of `reproduce`, if the run is that of a paper
+    sweep: dict | None = None  # tables, if it is one
+
+
+def begin_reproduction(folder: Path, scenario, **arguments) -> None:
+    """Note in the folder which paper's run begins there, for `begun`."""
+    (folder / UNFINISHED).mkdir(parents=True, exist_ok=True)
+    archive.replace(folder / SCENARIO, scenario.text.encode())
+    archive.replace(folder / UNFINISHED / REPRODUCTION, json.dumps(arguments).encode())
+
+
+def begun(folder: Path) -> Begun | None:
+    """What is unfinished in a folder; None if it is finished.
+
+    Raises
+    ------
+    ValueError
+        with one sentence, if there is no run.
+    """
+    if not folder.is_dir():
+        raise ValueError(f"{folder} is no folder: give the one of a run that was stopped")
+    if (folder / SWEEP).is_file():
+        return Begun(None, sweep=_noted(folder / SWEEP))
+    if not (folder / SCENARIO).is_file():
+        raise ValueError(f"{folder} holds nothing to go on from: begin with stickslip run SCENARIO --out {folder}")
+    chosen, note = read_scenario(folder / SCENARIO), folder / UNFINISHED / REPRODUCTION
+    if not note.parent.is_dir():
+        return None
+    return Begun(chosen, _noted(note) if note.is_file() else None)
+
+
+def _noted(path: Path) -> dict:
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except ValueError:
+        raise ValueError(f"{path} is damaged: begin again, with --overwrite") from None
 
 
 def claim_folder(folder: Path, scenario, *, overwrite: bool = False) -> None:
@@ -34,6 +85,8 @@ def claim_folder(folder: Path, scenario, *, overwrite: bool = False) -> None:
     ------
     ValueError
         if it is a file, cannot be written, or holds results of another scenario.
+
+    With `overwrite`, what is kept of an unfinished run goes away.
     """
     known = folder / SCENARIO
     try:
@@ -44,6 +97,8 @@ def claim_folder(folder: Path, scenario, *, overwrite: bool = False) -> None:
         if folder.exists() and not folder.is_dir():
             raise ValueError(f"{folder} is a file, not a folder: choose another --out")
         _probe(folder)
+        if overwrite:
+            finished(folder)
     except OSError as problem:
         raise ValueError(f"the folder {folder} cannot be written ({problem.strerror}): choose another --out") from None
 
@@ -106,15 +161,21 @@ def duration(seconds: float) -> str:
 
 @contextmanager
 def complete(folder: Path):
-    """A room beside the folder, whose files go there all at once at the end, in the place of an earlier run's."""
+    """A room whose files go to the folder at the end, in the place of an earlier run's; the run is finished then."""
     folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as room:
-        yield Path(room)
+    room = folder / WRITING
+    shutil.rmtree(room, ignore_errors=True)
+    room.mkdir()
+    try:
+        yield room
         for path in files_of(folder):
-            if not (Path(room) / path.name).exists():
+            if not (room / path.name).exists():
                 path.unlink()
-        for path in Path(room).iterdir():
+        for path in room.iterdir():
             path.replace(folder / path.name)
+        finished(folder)
+    finally:
+        shutil.rmtree(room, ignore_errors=True)
 
 
 def files_of(folder: Path) -> list[Path]:
@@ -124,7 +185,8 @@ def files_of(folder: Path) -> list[Path]:
 
 def save(room: Path, scenario, numbers: dict) -> None:
     """Scenario and raw numbers."""
-    archive.write(room / NUMBERS, numbers, scenario=scenario.text, version=__version__)
+    si = scenario.experiment in SI
+    archive.write(room / NUMBERS, numbers, scenario=scenario.text, version=__version__, si=si)
     (room / SCENARIO).write_text(scenario.text, encoding="utf-8")
 
 

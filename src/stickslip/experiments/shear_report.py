@@ -16,7 +16,7 @@ from .sphere_shear import Reproduction
 
 def simulate(scenario, *, folder: Path, workers: Workers, report) -> ShearResult:
     """Run a user's scenario."""
-    return simulate_shear(scenario, workers=workers, report=report)
+    return simulate_shear(scenario, folder=folder, workers=workers, report=report)
 
 
 def write_reproduction(folder: Path, found: Reproduction) -> list[Path]:

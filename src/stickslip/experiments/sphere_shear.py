@@ -47,7 +47,7 @@ def paper_scenario(*, quick: bool = False, seed: int = 0) -> ShearScenario:
 
 def reproduce(*, quick: bool = False, seed: int = 0, folder=None, workers: Workers = None, report: Report = silent):
     """Run the paper's scenario and judge its claims; arguments as in `simulate_shear`. Returns a Reproduction."""
-    main = simulate_shear(paper_scenario(quick=quick, seed=seed), workers=workers, report=report)
+    main = simulate_shear(paper_scenario(quick=quick, seed=seed), folder=folder, workers=workers, report=report)
     return Reproduction(main, judged(main))
 
 

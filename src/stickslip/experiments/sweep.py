@@ -1,7 +1,6 @@
 """All members of a sweep: each leaves the folder of an ordinary run, all of them one dataset."""
 
 import json
-import shutil
 import tempfile
 import time
 from collections.abc import Callable
@@ -198,8 +197,6 @@ def _sees(path: Path, text: str) -> bool:
 
 def _left(one, folder: Path, figures: bool, words: str, tell) -> tuple[float, dict]:
     """Run a scenario, fill its folder: seconds and measures."""
-    for broken in folder.parent.glob(f".{folder.name}-*"):  # of a process that was killed while it wrote
-        shutil.rmtree(broken, ignore_errors=True)
     start, room = time.perf_counter(), import_module(f".{REPORTS[one.experiment]}", __package__)
     result = room.simulate(one, folder=folder, workers=1, report=lambda stage, s, w: tell(s, f"{words}: {stage}, {w}"))
     if figures:

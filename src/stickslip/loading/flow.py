@@ -1,24 +1,27 @@
 """A flow, run: grains poured, then stage after stage in chunks between samples, each told in physical quantities."""
 
+import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from ..core.contact import FROZEN
-from ..core.control import driven, following
 from ..core.forces import forces, unbalanced
 from ..core.integrate import run
 from ..core.laws import Law
 from ..core.measure import contact_forces, coordination, elastic_energy, touching
 from ..core.neighbors import without_walls
-from ..core.state import SLIDE, State, loads
-from ..data.flow_scenario import AXES, FlowScenario, Shaking, Stage, axis_of
-from .pouring import Poured, inward, poured, pressing
+from ..core.state import SLIDE, State
+from ..data.flow_scenario import FlowScenario, Stage
+from ..data.kept import kept_in
+from .flow_control import controlled, imposed
+from .pouring import Poured, poured
 
 Report = Callable[[str, float, str], None]
-KNOTS = 32  # of a period of shaking, between which its velocity is linear: 0.5 per cent off at most
 BINS = 24  # of the profile along y
+SAVE_EVERY = 20.0  # seconds after which a piece is kept although no frame is due
 MOST = 0.99  # share of the grains that `low` and `high` enclose from either side
 
 
@@ -66,13 +69,31 @@ class FlowResult(NamedTuple):
     frame_walls: tuple[tuple[str, ...], ...]  # names of the walls that each frame still has
 
 
+class Piece(NamedTuple):
+    """What a run has done since the piece before, and what the rest of it needs."""
+
+    stage: int
+    begin: float  # of the stage [time]
+    samples: int  # of the stage that are done
+    rows: dict[str, np.ndarray]  # columns of `Series`
+    state: State
+    frame: bool  # whether the result shows the state
+    end: StageEnd | None  # of the stage, where it is over
+
+
 def simulate_flow(
-    scenario: FlowScenario, *, threads: int | None = None, report: Report = lambda stage, share, words: None
+    scenario: FlowScenario,
+    *,
+    folder: Path | None = None,
+    threads: int | None = None,
+    report: Report = lambda stage, share, words: None,
 ) -> FlowResult:
     """Pour the grains of a scenario and run its stages.
 
     Parameters
     ----------
+    folder : where frames are kept as soon as they are there. A run that was killed goes on from what is kept, and gives
+        the bits of one that was not
     threads : as in `run`
     report : called as report(stage, share done, words) after every sample
 
@@ -83,115 +104,66 @@ def simulate_flow(
     RuntimeError
         with one sentence, if a grain moves faster than a radius in one step, or a position is not a number.
     """
-    return run_flow(scenario, poured(scenario), threads=threads, report=report)
+    start, kept = poured(scenario), kept_in(folder, scenario, Piece, StageEnd)
+    pieces = [kept.load(name) for name in kept.names] if kept else []
 
+    def keep(piece):
+        if kept:
+            kept.save(f"{len(pieces):06d}", piece)
+        pieces.append(piece)
 
-def run_flow(scenario: FlowScenario, start: Poured, *, threads: int | None, report: Report) -> FlowResult:
-    """The stages of a scenario from a given start; arguments as in `simulate_flow`."""
-    state, walls, motion = start.state, start.walls, _first_motion(scenario)
-    height = state.grains.position[:, 1]
-    edges = np.linspace(height.min(), height.max(), BINS + 1)
-    interval = scenario.duration / scenario.samples
-    every = max(1, round(scenario.samples / scenario.frames))
-    rows, frames, ends = [], [(state, walls)], []
-    gravity, drag = scenario.gravity or (0.0,) * scenario.grains.dim, scenario.drag
-    for number, stage in enumerate(scenario.stages):
-        begin = state.time
-        gone = [k for k, name in enumerate(walls) if name in stage.remove]
-        state, walls = without_walls(state, gone), tuple(n for n in walls if n not in stage.remove)
-        motion = _changed(motion, stage, scenario, begin)
-        gravity, drag = stage.gravity or gravity, drag if stage.drag is None else stage.drag
-        rested = None if stage.until is None else False
-        state = controlled(state, start, walls, motion, gravity, begin + stage.duration)
-        count = max(1, round(stage.duration / interval))
-        for k in range(count):
-            target = begin + (k + 1) * stage.duration / count
-            state = _advanced(state, start, drag, target, threads)
-            rows.append(_measured(state, start, walls, number, edges))
-            share = (k + 1) / count
-            report(stage.name, share, _words(rows[-1]))
-            if stage.until == "rest" and _rests(rows[-1], stage):
-                rested = True
-                break
-            if len(rows) % every == 0 and share < 1:
-                frames.append((state, walls))
-        ends.append(StageEnd(stage.name, begin, state.time, rested))
-        frames.append((state, walls))
-    series = Series(*(np.array([row[name] for row in rows]) for name in Series._fields))
+    for number in range(len(scenario.stages)):
+        if not any(piece.end for piece in pieces if piece.stage == number):
+            _run_stage(scenario, start, number, pieces, keep, threads, report)
+    series = Series(*(np.concatenate([piece.rows[name] for piece in pieces]) for name in Series._fields))
+    shown = [piece for piece in pieces if piece.frame]
+    walls = [imposed(scenario, [0.0] * (piece.stage + 1)).walls for piece in shown]
     return FlowResult(
-        scenario, start.law, start, tuple(ends), series, edges, tuple(f for f, _ in frames), tuple(w for _, w in frames)
-    )
+        scenario, start.law, start, tuple(piece.end for piece in pieces if piece.end), series, _edges(start),
+        (start.state, *(piece.state for piece in shown)), (start.walls, *walls),
+    )  # fmt: skip
 
 
-def _first_motion(scenario: FlowScenario) -> dict:
-    """What moves each body along each axis: ("velocity", course, when it began) or ("force", size); else it stands."""
-    motion = {}
-    for body in (*scenario.walls, *scenario.plates):
-        motion[body.name] = {axis: ("velocity", course, 0.0) for axis, course in body.velocity.prescribed.items()}
-    for plate in scenario.plates:
-        if (push := pressing(plate, scenario)) is not None:
-            motion[plate.name]["y"] = ("force", push)
-    for wall in scenario.walls:
-        if wall.force is not None:
-            motion[wall.name][axis_of(wall)] = ("force", wall.force * _sign(wall))
-    return motion
+def _run_stage(scenario: FlowScenario, start: Poured, number: int, pieces: list[Piece], keep, threads, report) -> None:
+    """Run what is left of a stage; `keep` adds to the pieces."""
+    stage, edges = scenario.stages[number], _edges(start)
+    state, begin, done, acts = _entered(scenario, start, number, pieces)
+    count = max(1, round(stage.duration * scenario.samples / scenario.duration))
+    every = max(1, round(scenario.samples / scenario.frames))
+    total, rows, saved = sum(len(piece.rows["time"]) for piece in pieces), [], time.monotonic()
+    for k in range(done, count):
+        state = _advanced(state, start, acts.drag, begin + (k + 1) * stage.duration / count, threads)
+        rows.append(_measured(state, start, acts.walls, number, edges))
+        words, rests = _words(rows[-1]), stage.until == "rest" and _rests(rows[-1], stage)
+        over = rests or k + 1 == count
+        frame = over or (total + k + 1 - done) % every == 0
+        if frame or time.monotonic() - saved > SAVE_EVERY:
+            end = StageEnd(stage.name, begin, state.time, rests if stage.until else None) if over else None
+            columns = {name: np.array([row[name] for row in rows]) for name in Series._fields}
+            keep(Piece(number, begin, k + 1, columns, state, frame, end))
+            rows, saved = [], time.monotonic()
+        report(stage.name, (k + 1) / count, f"{words}, {sum(piece.frame for piece in pieces)} frames kept")
+        if over:
+            return
 
 
-def _sign(wall) -> float:
-    """Along which way of its axis a wall's normal points."""
-    return float(np.sign(sum(wall.normal)))
+def _entered(scenario: FlowScenario, start: Poured, number: int, pieces: list[Piece]):
+    """State, time at which the stage began, its samples that are done, and what acts in it."""
+    last = pieces[-1] if pieces else None
+    begins = [piece.end.start for piece in pieces if piece.end]
+    if last and last.stage == number:
+        return last.state, last.begin, last.samples, imposed(scenario, [*begins, last.begin])
+    state = last.state if last else start.state
+    before, acts = imposed(scenario, begins), imposed(scenario, [*begins, state.time])
+    begin, stage = state.time, scenario.stages[number]
+    state = without_walls(state, [k for k, name in enumerate(before.walls) if name in stage.remove])
+    return controlled(state, start, acts, begin + stage.duration), begin, 0, acts
 
 
-def _changed(motion: dict, stage: Stage, scenario: FlowScenario, now: float) -> dict:
-    """What moves each body from the start of a stage on."""
-    bodies = {body.name: body for body in (*scenario.walls, *scenario.plates)}
-    plates = {plate.name for plate in scenario.plates}
-    motion = {name: dict(axes) for name, axes in motion.items()}
-    for name, moves in stage.velocity.items():
-        motion[name] |= {axis: ("velocity", course, now) for axis, course in moves.prescribed.items()}
-    for name, size in stage.force.items():
-        body = bodies[name]
-        sign = inward(body, scenario) if name in plates else _sign(body)
-        motion[name][axis_of(body)] = ("force", sign * size)
-    return motion
-
-
-def knots(course: float | tuple | Shaking, duration: float) -> tuple[np.ndarray, np.ndarray]:
-    """Times and values of a course, linear between them and constant after the last.
-
-    Examples
-    --------
-    >>> knots(((1.0, 0.0), (2.0, 0.5)), 10.0)
-    (array([1., 2.]), array([0. , 0.5]))
-    """
-    if isinstance(course, Shaking):
-        times = np.linspace(0.0, duration, 1 + max(1, int(np.ceil(duration * course.frequency * KNOTS))))
-        return times, course.amplitude * np.sin(2 * np.pi * course.frequency * times + course.phase)
-    if isinstance(course, tuple):
-        return tuple(np.array(course, float).T)
-    return np.zeros(1), np.full(1, float(course))
-
-
-def controlled(state: State, start: Poured, walls: tuple[str, ...], motion: dict, gravity, until: float) -> State:
-    """The state with walls and plates controlled from now to the end of a stage."""
-    n, pull = len(state.grains.radius), np.zeros(3)
-    pull[: len(gravity)] = gravity
-    control = loads(n, len(walls), gravity=pull)._replace(group=state.control.group)
-    for name in (*walls, *start.plates):
-        rows = start.plates.get(name)
-        rows = np.array([n + walls.index(name)]) if rows is None else rows
-        control = driven(control, rows, 0.0)
-        for axis, way in motion[name].items():
-            k = AXES.index(axis)
-            if way[0] == "force":
-                control.free[rows, k], control.force[rows[0], k] = True, way[1]
-            elif isinstance(way[1], int | float):
-                control.rate[rows, k] = way[1]
-            else:
-                times, values = knots(way[1], until - way[2])
-                control.rate[rows, k] = 1.0
-                control = following(control, rows, way[2] + times, values, axes=[k])
-    return state._replace(control=control)
+def _edges(start: Poured) -> np.ndarray:
+    """(BINS + 1,) between the bins of the profile [length]."""
+    height = start.state.grains.position[:, 1]
+    return np.linspace(height.min(), height.max(), BINS + 1)
 
 
 def _advanced(state: State, start: Poured, drag: float, target: float, threads) -> State:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from .. import __version__
 from ..data import archive
 from ..data.gouge_scenario import GougeScenario
+from ..data.kept import Kept, kept_in
 from ..ensemble import Workers, run_members
 from .gouge_numbers import Range
 from .gouge_run import OURS, Engine, Realization, Series, Tell, Test, realization
@@ -36,7 +37,8 @@ def simulate_gouge(
 
     Parameters
     ----------
-    folder : where finished realizations are kept, each as soon as it is; those that it holds are not run again
+    folder : where finished realizations are kept, each as soon as it is, and pieces of unfinished ones; what is there
+        is not run again
     workers : number of processes, or a Dask scheduler's address
     report : called as report(stage, share done, words)
 
@@ -58,12 +60,14 @@ def simulate_gouge(
         if folder:
             path = _kept(alone[k], folder)
             path.parent.mkdir(parents=True, exist_ok=True)
-            archive.write(path, tree_of(one), scenario=alone[k].text, version=__version__)
+            archive.write(path, {"realization": one}, scenario=alone[k].text, version=__version__)
+            kept.of(alone[k].digest).clear()
 
     if missing:
         before = f"; {len(alone) - missing} were finished before" if missing < len(alone) else ""
         live(0.0, f"each takes {scenario.words}{before}")
-    tasks = [(one.text,) for one in alone]
+    kept = kept_in(folder, scenario)
+    tasks = [(one.text, kept and kept.of(one.digest)) for one in alone]
     members = run_members(_member, tasks, workers=workers, live=live, load=reused.__getitem__, save=save)
     found = tuple(member.result for member in members if member.failure is None)
     failures = tuple(
@@ -91,10 +95,10 @@ def engine_of(scenario: GougeScenario) -> Engine:
     return engine()
 
 
-def _member(text: str, tell: Tell) -> Realization:
+def _member(text: str, kept: Kept | None, tell: Tell) -> Realization:
     """One realization, in whichever process."""
     one = GougeScenario.model_validate_json(text)
-    return realization(one, one.seed, engine_of(one), tell)
+    return realization(one, one.seed, engine_of(one), tell, kept)
 
 
 def _kept(one: GougeScenario, folder: Path | None) -> Path | None:
@@ -102,31 +106,14 @@ def _kept(one: GougeScenario, folder: Path | None) -> Path | None:
     return folder / MEMBERS / f"{one.digest}.h5" if folder else None
 
 
-def tree_of(found: Realization) -> dict:
-    """A realization as an archive holds it."""
-    return {
-        "version": __version__,
-        "seed": found.seed,
-        "range": found.range._asdict(),
-        "tests": {
-            f"{k:04d}": {**test._asdict(), "series": test.series._asdict()} for k, test in enumerate(found.tests)
-        },
-        "states": found.states,
-        "ledger": found.ledger,
-    }
-
-
 def _read(path: Path | None, one: GougeScenario) -> Realization | None:
     """A realization that was finished before by this version; None if there is none, or the file is broken."""
     if path is None or not path.exists():
         return None
     try:
-        tree = archive.read(path)
-        tests = [
-            Test(**{**tree["tests"][name], "series": Series(**tree["tests"][name]["series"])})
-            for name in sorted(tree["tests"])
-        ]
-        found = Realization(int(tree["seed"]), Range(**tree["range"]), tuple(tests), tree["states"], tree["ledger"])
-    except (ValueError, KeyError, TypeError):
+        if archive.attributes(path)["stickslip"] != __version__:
+            return None
+        found = archive.read(path, nouns=(Realization, Range, Test, Series))["realization"]
+    except archive.ArchiveError:
         return None
-    return found if tree["version"] == __version__ and found.seed == one.seed else None
+    return found if found.seed == one.seed else None

@@ -1,6 +1,7 @@
 """One realization of a gouge experiment: prepared, slid to steadiness, then taken through its protocol."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from ..core.record import Record
 from ..core.state import State
 from ..core.timestep import stable_time_step
 from ..data.gouge_scenario import GougeScenario, Slide, SlideHoldSlide, VelocitySteps
+from ..data.kept import Kept, piece
 from ..friction.measure import steady
 from .gouge import BOTTOM, TOP, Gouge, settled, sprung
 from .gouge_numbers import Range, range_of, stiffness
@@ -69,16 +71,24 @@ class Realization(NamedTuple):
 class Engine(NamedTuple):
     """What runs legs: `start` from a settled sample, `leg` for some steps at a velocity, `state` as ours has it.
 
-    A place that `start` or `leg` returned stays valid: legs may branch from it.
+    A place that `start` or `leg` returned stays valid: legs may branch from it, in another process, too.
     """
 
     start: Callable[[GougeScenario, Gouge], Any]  # -> place
     leg: Callable[[GougeScenario, Any, float, int], tuple[Any, Series]]  # place, velocity, steps -> place, series
     state: Callable[[Any], Any]  # place -> State
+    nouns: tuple[type, ...]  # classes of NamedTuples in a place
 
 
-def realization(scenario: GougeScenario, seed: int, engine: Engine, tell: Tell) -> Realization:
+def realization(
+    scenario: GougeScenario, seed: int, engine: Engine, tell: Tell, kept: Kept | None = None
+) -> Realization:
     """Prepare one sample and take it through the protocol.
+
+    Parameters
+    ----------
+    kept : where the sample and pieces of its legs are kept; one that was killed goes on from the last of them, to the
+        bits of one that was not
 
     Raises
     ------
@@ -86,8 +96,13 @@ def realization(scenario: GougeScenario, seed: int, engine: Engine, tell: Tell) 
         with one sentence, if the sample does not settle, does not become steady, or blows up.
     """
     done, total = 0.1 * scenario.steps, 1.1 * scenario.steps
-    gouge = settled(scenario, seed, report=lambda stage, share, words: tell(share / 33, f"{stage}: {words}"))
-    runner = _Runner(scenario, engine, tell, done, total)
+    kept = kept and kept._replace(nouns=(Gouge, Series, *engine.nouns))
+
+    def say(stage, share, words):
+        tell(share / 33, f"{stage}: {words}")
+
+    gouge = piece(kept, "settled", lambda: settled(scenario, seed, report=say))
+    runner = _Runner(scenario, engine, tell, kept, done, total)
     place = engine.start(scenario, gouge)
     states = {"settled": gouge.state}
     place = runner.steady(place)
@@ -107,9 +122,9 @@ def realization(scenario: GougeScenario, seed: int, engine: Engine, tell: Tell) 
 class _Runner:
     """The protocol of one realization, with what it has measured so far."""
 
-    def __init__(self, scenario: GougeScenario, engine: Engine, tell: Tell, done: float, total: float):
-        self.scenario, self.engine, self.tell = scenario, engine, tell
-        self.done, self.total = done, total
+    def __init__(self, scenario: GougeScenario, engine: Engine, tell: Tell, kept: Kept | None, done, total):
+        self.scenario, self.engine, self.tell, self.kept = scenario, engine, tell, kept
+        self.done, self.total, self.legs = done, total, 0
         self.tests: list[Test] = []
         self.velocity = 0.0
 
@@ -191,19 +206,37 @@ class _Runner:
     def _leg(self, place, velocity: float, seconds: float, words: str):
         """A leg, in pieces between which progress is told; each ends with a sample."""
         every = self.scenario.sample_every
-        samples, parts = max(1, round(seconds / self.scenario.dt / every)), []
-        while samples > 0:
-            number = min(CHUNK, samples)
-            place, part = self.engine.leg(self.scenario, place, velocity, number * every)
-            parts.append(part)
-            samples, self.done = samples - number, self.done + number * every
-            self.total = max(self.total, self.done)
-            self.tell(
-                self.done / self.total,
-                f"{words}: friction {part.friction[-1]:.3f}, thickness {part.thickness[-1] * 1e3:.2f} mm, "
-                f"{part.sliding_fraction[-1]:.0%} of contacts slide",
-            )
-        return place, _joined(parts)
+        samples = max(1, round(seconds / self.scenario.dt / every))
+        name, self.legs = f"leg-{self.legs:04d}", self.legs + 1
+        pieces = self.kept and self.kept.of(name)
+
+        def run_pieces(place=place):
+            parts = []
+            for first in range(0, samples, CHUNK):
+                steps = min(CHUNK, samples - first) * every
+                leg = partial(self.engine.leg, self.scenario, place, velocity, steps)
+                place, part = piece(pieces, f"{first:09d}", leg)
+                parts.append(part)
+                self._went(steps, part, words)
+            return place, _joined(parts)
+
+        before = self.done
+        place, series = piece(self.kept, name, run_pieces)
+        if pieces:
+            pieces.clear()
+        if self.done == before:  # all of it was kept
+            self._went(samples * every, series, words)
+        return place, series
+
+    def _went(self, steps: int, series: Series, words: str) -> None:
+        """Tell how far it is, and what the sample does."""
+        self.done += steps
+        self.total = max(self.total, self.done)
+        self.tell(
+            self.done / self.total,
+            f"{words}: friction {series.friction[-1]:.3f}, thickness {series.thickness[-1] * 1e3:.2f} mm, "
+            f"{series.sliding_fraction[-1]:.0%} of contacts slide",
+        )
 
     def _keep(self, kind, before, velocity, hold, series, *, went_on=True):
         self.tests.append(Test(kind, before, velocity, hold, series))
@@ -293,4 +326,4 @@ def _mean_overlap(state: State) -> float:
     return float((radius[i] + radius[j] - distance).mean()) if len(rows) else 0.0
 
 
-OURS = Engine(_start, _leg, lambda place: place.state)
+OURS = Engine(_start, _leg, lambda place: place.state, (Gouge,))

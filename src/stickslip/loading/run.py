@@ -2,19 +2,22 @@
 
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from ..core.laws import Law, dashpots
-from ..core.outcome import NotInEquilibriumError
+from ..core.outcome import NotInEquilibriumError, Outcome, Status
 from ..core.state import State
+from ..data.kept import Kept, hooks, kept_in, piece
 from ..data.scenario import Dynamics, Scenario
 from ..ensemble import Workers, run_members
 from ..solve.spectrum import Spectrum, damped_growth, spectrum
 from . import fronts
 from .packing import array_of, pushed
 from .protocols import (
+    Change,
     Equilibrium,
     Family,
     Growth,
@@ -127,12 +130,13 @@ def press(scenario: Scenario) -> tuple[State, Law]:
     return state, law
 
 
-def push(scenario: Scenario, *, step: float | None = None, report: Report = silent):
+def push(scenario: Scenario, *, step: float | None = None, kept: Kept | None = None, report: Report = silent):
     """Press the array and push it along its path: State, Law and list of Equilibrium.
 
     Parameters
     ----------
     step : float, another load step than the scenario's, to see how much the path depends on it
+    kept : where points of the path are kept
     """
     state, law = press(scenario)
     through = (*scenario.dynamics.loads, *scenario.sliding.loads)
@@ -145,7 +149,12 @@ def push(scenario: Scenario, *, step: float | None = None, report: Report = sile
         words = f"push {point.load:.4f}, {len(point.spectrum.pairs)} pairs, growth rate {fastest:.2e}"
         report("quasi-static ramp", len(seen) / len(loads), f"{words}, residual {point.outcome.residual:.0e}")
 
-    return state, law, ramp(state, loads, protocol_of(scenario, law), tell)
+    return state, law, ramp(state, loads, protocol_of(scenario, law), tell, kept=kept)
+
+
+def _coarse(scenario: Scenario, law: Law) -> list[Family]:
+    """Pairs on the path with twice the load step."""
+    return families(push(scenario, step=2 * scenario.load.step)[2], protocol_of(scenario, law))
 
 
 def at_load(path: list[Equilibrium], load: float) -> Equilibrium:
@@ -251,7 +260,13 @@ def around_transition(point: Equilibrium, law: Law, scenario: Scenario, known: F
 
 
 def slide_many(
-    points: list[Equilibrium], law: Law, scenario: Scenario, workers: Workers, report: Report = silent
+    points: list[Equilibrium],
+    law: Law,
+    scenario: Scenario,
+    workers: Workers,
+    report: Report = silent,
+    *,
+    kept: Kept | None = None,
 ) -> dict[float, Ensemble]:
     """Realizations of sliding at every load, in parallel; seeds are the scenario's seed + 1, 2, 3 …"""
     how, dynamics = scenario.sliding, scenario.dynamics
@@ -267,13 +282,14 @@ def slide_many(
         check_time_step(point, dynamics.dt)
     seeds = [scenario.seed + 1 + k for k in range(how.realizations)]
     tasks = [(p.state, law, seed, options | {"sample": fastest_period(p) / 10}) for p in points for seed in seeds]
+    names = [f"{point.load:g}-{seed}" for point in points for seed in seeds]
 
     def tell(done, total, member):
         speed = f"sliding velocity {member.result.velocity:.2e}" if member.result else member.failure
         report("realizations of sliding", done / total, f"{done} of {total}, {speed}")
 
     live = partial(report, "realizations of sliding")
-    members = run_members(_one_transition, tasks, workers=workers, report=tell, live=live)
+    members = run_members(_one_transition, tasks, workers=workers, report=tell, live=live, **hooks(kept, names))
     out = {}
     for k, point in enumerate(points):
         mine = members[k * len(seeds) : (k + 1) * len(seeds)]
@@ -299,12 +315,19 @@ def _one_transition(state, law, seed, options, tell):
 
 
 def simulate(
-    scenario: Scenario, *, workers: Workers = None, sensitivity: bool = False, report: Report = silent
+    scenario: Scenario,
+    *,
+    folder: Path | None = None,
+    workers: Workers = None,
+    sensitivity: bool = False,
+    report: Report = silent,
 ) -> Result:
     """Run a scenario from beginning to end.
 
     Parameters
     ----------
+    folder : where loads, free runs and realizations are kept as soon as they are done; a run that was killed goes on
+        from what is kept
     workers : processes for the realizations of sliding, or a Dask scheduler's address; the result does not depend on it
     sensitivity : also follow the pairs on the same path with twice the load step, to see how much births depend on it
     report : called as report(stage, share done, words with the quantities that matter)
@@ -321,23 +344,27 @@ def simulate(
     >>> [len(point.spectrum.pairs) for point in simulate(short).path]
     [0, 1, 1]
     """
-    pressed, law, path = push(scenario, report=report)
+    kept = kept_in(folder, scenario, FreeRun, Growth, Trajectory, fronts.Transition, Family, Change, Outcome, Status)
+    pressed, law, path = push(scenario, kept=kept and kept.of("ramp"), report=report)
     report("births and deaths of pairs", 0.0, "bisection in the push")
-    born = families(path, protocol_of(scenario, law))
+    born = piece(kept, "families", lambda: families(path, protocol_of(scenario, law)))
     coarse = []
     if sensitivity:
         report("births and deaths of pairs", 0.5, "again with twice the load step")
-        coarse = families(push(scenario, step=2 * scenario.load.step)[2], protocol_of(scenario, law))
+        coarse = piece(kept, "coarse-families", lambda: _coarse(scenario, law))
     free_runs, trajectory = {}, None
     for k, load in enumerate(scenario.dynamics.loads):
         point = at_load(path, load)
-        free_runs[load] = let_go(point, law, scenario)
+        free_runs[load] = piece(kept, f"free-run-{load:g}", lambda point=point: let_go(point, law, scenario))
         report("free runs", (k + 1) / len(scenario.dynamics.loads), f"push {load:g}, M = {free_runs[load].msd[-1]:.1e}")
         wanted = free_runs[load].slid if scenario.dynamics.watch is None else load == scenario.dynamics.watch
         if wanted and trajectory is None:
-            trajectory = around_transition(point, law, scenario, free_runs[load])
+            known = free_runs[load]
+            trajectory = piece(
+                kept, "trajectory", lambda point=point, known=known: around_transition(point, law, scenario, known)
+            )
     sliding = {}
     if scenario.sliding.loads:
         points = [at_load(path, load) for load in scenario.sliding.loads]
-        sliding = slide_many(points, law, scenario, workers, report)
+        sliding = slide_many(points, law, scenario, workers, report, kept=kept and kept.of("sliding"))
     return Result(scenario, law, pressed, spectrum(pressed, law), path, born, coarse, free_runs, trajectory, sliding)

@@ -2,18 +2,21 @@
 
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from ..core.laws import Law
 from ..core.measure import pressure, stress, touching
-from ..core.outcome import NotInEquilibriumError
+from ..core.outcome import NotInEquilibriumError, Outcome, Status
 from ..core.state import State
+from ..data.kept import Kept, hooks, kept_in, piece
 from ..data.scenario import ShearScenario
 from ..ensemble import Member, Workers, run_members
+from ..solve.spectrum import spectrum
 from .packing import Packed, jammed, law_of
-from .protocols import Equilibrium, Protocol, bisect_change, path_of
+from .protocols import Equilibrium, Growth, Protocol, bisect_change, path_of
 from .release import Released, release
 from .shear import aqs
 
@@ -110,50 +113,68 @@ def packing_of(scenario: ShearScenario, seed: int):
     )
 
 
-def shear(scenario: ShearScenario, seed: int, report: Callable[[float, str], None] | None = None) -> ShearPath:
+class Step(NamedTuple):
+    """One point of a path."""
+
+    strain: float
+    state: State
+    row: tuple  # columns of ShearPath from `pairs` to `residual`
+    zero_modes: int
+    fallback: bool
+
+
+def shear(
+    scenario: ShearScenario,
+    seed: int,
+    kept: Kept | None = None,
+    report: Callable[[float, str], None] = lambda share, words: None,
+) -> ShearPath:
     """Pack one sample and shear it; the path ends early, with a word, where no equilibrium is found.
 
     Parameters
     ----------
+    kept : where the packing and points of the path are kept
     report : called as report(share done, words)
     """
     law = law_of(scenario.law)
-    state, packed = packing_of(scenario, seed)
+    state, packed = piece(kept, "packing", lambda: packing_of(scenario, seed))
     protocol = aqs(law, slip=scenario.shear.slip, tolerance=scenario.shear.tolerance)
-    rows, loads, stopped = [], strains(scenario), ""
-    clean = before = single = None  # the last state without pairs before the first, and the best one with one pair
-    fallbacks, seen_two = 0, False
+    path, loads, stopped = [], strains(scenario), ""
     for k, strain in enumerate(loads):
         try:
-            point = protocol.step(state, strain)
+            step = piece(kept, f"strain-{k:06d}", lambda state=state, strain=strain: _step(protocol, state, strain))
         except NotInEquilibriumError as problem:
             stopped = str(problem)
             break
-        state, modes, fallbacks = point.state, point.spectrum, fallbacks + point.outcome.fallback
-        pairs = modes.pairs
-        row = _row(point, law)
-        if k == 0:
-            size = np.abs(modes.eigenvalues)
-            zero_modes = int((size < 1e-9 * size.max()).sum())
-        rows.append(row)
-        if not len(pairs) and before is None:
-            clean = point
-        elif before is None:
-            before = clean, float(strain)
-        seen_two |= len(pairs) > 1
-        if len(pairs) == 1 and not seen_two and (single is None or row[3] > single[1]):
-            single = point, row[3]
-        if report:
-            words = f"packing {seed}, strain {strain:.2e}, {len(pairs)} pairs, growth rate {row[3]:.1e}"
-            report((k + 1) / len(loads), f"{words}, residual {point.outcome.residual:.0e}")
-    if not rows:
+        path.append(step)
+        state, (pairs, _, _, rate, *_, residual) = step.state, step.row
+        words = f"packing {seed}, strain {strain:.2e}, {pairs} pairs, growth rate {rate:.1e}, residual {residual:.0e}"
+        report((k + 1) / len(loads), words)
+    if not path:
         raise RuntimeError(stopped)
-    onset = find_onset(*before, protocol) if before and before[0] else None
-    table = np.array(rows).T
+    numbers = [step.row[0] for step in path]
+    born = next((k for k, pairs in enumerate(numbers) if pairs), 0)
+    onset = find_onset(_equilibrium(path[born - 1], protocol), path[born].strain, protocol) if born else None
+    two = next((k for k, pairs in enumerate(numbers) if pairs > 1), len(path))
+    single = max((step for step in path[:two] if step.row[0]), key=lambda step: step.row[3], default=None)
     return ShearPath(
-        seed, packed, zero_modes, loads[: len(rows)], *table, fallbacks, onset,
-        single[0].state if single else None, single[0].load if single else np.nan, state, stopped,
+        seed, packed, path[0].zero_modes, loads[: len(path)], *np.array([step.row for step in path]).T,
+        sum(step.fallback for step in path), onset, single.state if single else None,
+        single.strain if single else np.nan, state, stopped,
     )  # fmt: skip
+
+
+def _step(protocol: Protocol, state: State, strain: float) -> Step:
+    point = protocol.step(state, strain)
+    size = np.abs(point.spectrum.eigenvalues)
+    zeros = int((size < 1e-9 * size.max()).sum())
+    return Step(float(strain), point.state, _row(point, protocol.law), zeros, point.outcome.fallback)
+
+
+def _equilibrium(step: Step, protocol: Protocol) -> Equilibrium:
+    """A point of a path with its spectrum."""
+    modes = spectrum(step.state, protocol.law, modes=protocol.modes)
+    return Equilibrium(step.strain, step.state, modes, Outcome(Status.CONVERGED, step.row[-1], 0))
 
 
 def _row(point: Equilibrium, law: Law) -> tuple:
@@ -175,7 +196,7 @@ def _row(point: Equilibrium, law: Law) -> tuple:
 
 
 def find_onset(clean: Equilibrium, above: float, protocol: Protocol) -> Onset:
-    """Bisect the birth of the first pair between a saved state without pairs and a strain with some.
+    """Bisect the birth of the first pair between a state without pairs and a strain with some.
 
     Every trial is one strain step from the saved state, so that the path does not depend on the search.
     """
@@ -190,11 +211,15 @@ def find_onset(clean: Equilibrium, above: float, protocol: Protocol) -> Onset:
     return Onset(change.below, change.above, offset, im, exponent)
 
 
-def simulate_shear(scenario: ShearScenario, *, workers: Workers = None, report: Report = silent) -> ShearResult:
+def simulate_shear(
+    scenario: ShearScenario, *, folder: Path | None = None, workers: Workers = None, report: Report = silent
+) -> ShearResult:
     """Run a shear scenario from beginning to end, one packing for each of the seeds seed, seed + 1, …
 
     Parameters
     ----------
+    folder : where points of the paths and runs are kept as soon as they are done; a run that was killed goes on from
+        what is kept, and agrees with one that was not to the tolerance of the solver
     workers : processes, or a Dask scheduler's address; the result does not depend on it
     report : called as report(stage, share done, words with the quantities that matter)
 
@@ -207,17 +232,21 @@ def simulate_shear(scenario: ShearScenario, *, workers: Workers = None, report: 
     (3,)
     """
     seeds = [scenario.seed + k for k in range(scenario.packings)]
+    kept = kept_in(folder, scenario, ShearPath, Step, Packed, Onset, Released, Growth)
 
-    def run(stage, function, tasks):
+    def run(stage, function, tasks, names):
         return run_members(
             function,
             tasks,
             workers=workers,
             report=lambda done, total, member: report(stage, done / total, _words(member)),
             live=partial(report, stage),
+            **hooks(kept, names),
         )
 
-    found = run("quasi-static shear", shear, [(scenario, seed) for seed in seeds])
+    names = [f"packing-{seed}" for seed in seeds]
+    tasks = [(scenario, seed, kept and kept.of(name)) for seed, name in zip(seeds, names, strict=True)]
+    found = run("quasi-static shear", shear, tasks, names)
     paths = [m.result for m in found if m.failure is None]
     if not paths:
         raise RuntimeError(f"every packing failed, the first with {found[0].failure}")
@@ -226,7 +255,8 @@ def simulate_shear(scenario: ShearScenario, *, workers: Workers = None, report: 
     tasks += [(scenario, p.seed, p.last, float(p.strain[-1])) for p in paths]
     wanted = [k for k, (*_, state, _) in enumerate(tasks) if state is not None]
     wanted = [k for k in wanted if k < len(paths) or paths[k - len(paths)].pairs[-1]]
-    runs = run("Newtonian runs", _release, [tasks[k] for k in wanted])
+    names = [f"released-{k:04d}" for k in wanted]
+    runs = run("Newtonian runs", _release, [tasks[k] for k in wanted], names)
     released: list[Released | None] = [None] * len(tasks)
     for k, member in zip(wanted, runs, strict=True):
         released[k] = member.result

@@ -4,13 +4,14 @@ import os
 import weakref
 from collections.abc import Callable
 from functools import cache
-from importlib.util import find_spec
 
 import numpy as np
 from scipy import sparse
 from scipy.linalg import LinAlgError, get_lapack_funcs
 from scipy.sparse.linalg import splu
 from threadpoolctl import ThreadpoolController
+
+from ..extras import MissingExtraError, broken, needed, present
 
 DENSE_BELOW = 700  # coordinates; below it LAPACK is faster than a sparse factorisation
 Solve = Callable[[np.ndarray], np.ndarray]
@@ -29,9 +30,13 @@ def one_thread():
     return _controller().limit(limits=1, user_api="blas")
 
 
+@cache
 def has_pardiso() -> bool:
-    """True if the extra `fast` is installed."""
-    return find_spec("pypardiso") is not None
+    """True if the extra `fast` is installed and its library can be loaded; SuperLU serves where it is broken."""
+    try:
+        return present("pypardiso") and _solver() is not None
+    except MissingExtraError:
+        return False
 
 
 def factorised(matrix, *, method: str | None = None, ordered: bool = False) -> Solve:
@@ -79,12 +84,19 @@ def _superlu(matrix, order: str, **sizes) -> Solve:
     return factor.solve
 
 
-def _pardiso(matrix) -> Solve:
-    from pypardiso import PyPardisoSolver
+def _solver():
+    """PARDISO for matrices without symmetry."""
+    room = needed("pypardiso", "fast")
+    try:
+        return room.PyPardisoSolver(mtype=11)
+    except (ImportError, OSError) as problem:  # it looks for MKL here, not when it is imported
+        raise broken("pypardiso", "fast", problem) from problem
 
+
+def _pardiso(matrix) -> Solve:
     matrix = sparse.csr_matrix(matrix)
     matrix.sort_indices()
-    solver = PyPardisoSolver(mtype=11)
+    solver = _solver()
     os.environ.setdefault("PYPARDISO_MKL_RT", solver.libmkl._name)  # or the next one searches the disk again
     solver.factorize(matrix)
 

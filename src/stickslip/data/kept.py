@@ -1,0 +1,107 @@
+"""Pieces of a run that is not finished: archives in a folder, each whole, so that who was killed goes on where it was.
+
+A piece knows the scenario that it belongs to, and is taken for no other. When a run has written its results, its pieces
+go away.
+"""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from .. import __version__
+from . import archive
+
+UNFINISHED, SCENARIO = "unfinished", "scenario.json"  # a folder and a file, beside the results to come
+
+
+class Kept(NamedTuple):
+    """Where a run keeps its pieces, and one of its parts keeps its own."""
+
+    run: Path  # folder of the run
+    scenario: str  # canonical text
+    nouns: tuple[type, ...] = ()  # classes of NamedTuples and enums that its pieces hold
+    part: str = "."
+
+    def of(self, part: str, *nouns: type) -> "Kept":
+        """A place of its own for one of several parts."""
+        return self._replace(part=f"{self.part}/{part}", nouns=nouns or self.nouns)
+
+    @property
+    def folder(self) -> Path:
+        """Where the pieces are."""
+        return self.run / UNFINISHED / self.part
+
+    @property
+    def names(self) -> list[str]:
+        """Of the pieces that are there, in order."""
+        return sorted(path.stem for path in self.folder.glob("*.h5") if not path.name.startswith("."))
+
+    def has(self, name: str) -> bool:
+        """Whether a piece is there."""
+        return self._path(name).is_file()
+
+    def save(self, name: str, value: Any) -> None:
+        """Write a piece, all or nothing; from here on it is there whatever happens to this process."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        if not (self.run / SCENARIO).exists():
+            archive.replace(self.run / SCENARIO, self.scenario.encode())
+        archive.write(self._path(name), {"piece": value}, scenario=self.scenario, version=__version__)
+
+    def load(self, name: str) -> Any:
+        """A piece.
+
+        Raises
+        ------
+        ArchiveError
+            with one sentence, if it is damaged, or belongs to another scenario or version.
+        """
+        path = self._path(name)
+        about = archive.attributes(path)
+        if about["scenario"] != self.scenario:
+            raise archive.ArchiveError(
+                f"{path} was computed for another scenario than the folder's, perhaps with another law: put that one "
+                f"back, or run the new one with --overwrite"
+            )
+        if about["stickslip"] != __version__:
+            raise archive.ArchiveError(
+                f"{path} was computed by stickslip {about['stickslip']}, and this is {__version__}, whose numbers may "
+                f"differ: go on with that version, or begin again with --overwrite"
+            )
+        return archive.read(path, nouns=self.nouns)["piece"]
+
+    def clear(self) -> None:
+        """Remove all pieces of this part."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def _path(self, name: str) -> Path:
+        return self.folder / f"{name}.h5"
+
+
+def kept_in(folder: Path | None, scenario, *nouns: type) -> Kept | None:
+    """Where the run of a scenario in a folder keeps its pieces; None without a folder."""
+    return Kept(folder, scenario.text, nouns) if folder else None
+
+
+def piece(kept: Kept | None, name: str, make: Callable[[], Any]) -> Any:
+    """A piece that is there, else one that is made and kept."""
+    if kept is None:
+        return make()
+    if not kept.has(name):
+        kept.save(name, make())
+    return kept.load(name)
+
+
+def hooks(kept: Kept | None, names: list[str]) -> dict[str, Callable]:
+    """`load` and `save` of `run_members`, for members of these names."""
+    if kept is None:
+        return {}
+    return {
+        "load": lambda k: kept.load(names[k]) if kept.has(names[k]) else None,
+        "save": lambda k, result: kept.save(names[k], result),
+    }
+
+
+def finished(folder: Path) -> None:
+    """Remove the pieces of a run that has written its results."""
+    shutil.rmtree(folder / UNFINISHED, ignore_errors=True)

@@ -1,0 +1,42 @@
+"""Units of what archives hold, by the last name of a dataset: dimensions, or SI where a scenario is in SI."""
+
+_NAMES = {
+    "length": "position point vectors slip pair roll radius center low high edges wall_point plate_position load_point "
+    "thickness overlap anchor turns",
+    "time": "time dt breach slide start end hold theta snapshot_time close_time turn_time knots",
+    "length/time": "velocity speed profile_velocity before after",
+    "rad": "angle",
+    "rad/time": "spin",
+    "mass": "mass",
+    "mass length^2": "inertia",
+    "force": "force wall_force plate_force residual",
+    "force length": "torque",
+    "force/length": "spring",
+    "energy": "kinetic_energy elastic_energy kinetic tangential external coulomb viscous drag nonpotential defect",
+    "force/length^(dim-1)": "pressure shear_stress stress",
+    "length/time^2": "gravity",
+    "length^2": "msd snapshot_msd close_msd saturation",
+    "length^2/time^2": "temperature",
+    "1/time": "growth_rate frequency predicted_growth predicted_frequency rate",
+    "1/time^2": "eigenvalues eigenvalue snapshots im_lambda largest smallest",
+    "1": "friction contact_friction coordination sliding_fraction strain packing_fraction unbalanced volumetric ratio "
+    "fabric",
+}
+_UNITS = {name: unit for unit, names in _NAMES.items() for name in names.split()}
+_SI = {
+    "length": "m", "time": "s", "length/time": "m/s", "rad/time": "rad/s", "mass": "kg", "mass length^2": "kg m^2",
+    "force": "N", "force length": "N m", "force/length": "N/m", "energy": "J", "force/length^(dim-1)": "Pa",
+    "length/time^2": "m/s^2", "length^2": "m^2", "length^2/time^2": "m^2/s^2", "1/time": "1/s", "1/time^2": "1/s^2",
+}  # fmt: skip
+
+
+def unit_of(name: str, *, si: bool = False) -> str | None:
+    """The unit of a dataset; None where it has none that is known by its name.
+
+    Examples
+    --------
+    >>> unit_of("velocity"), unit_of("velocity", si=True), unit_of("kind")
+    ('length/time', 'm/s', None)
+    """
+    unit = _UNITS.get(name)
+    return _SI.get(unit, unit) if si else unit

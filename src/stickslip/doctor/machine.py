@@ -1,0 +1,174 @@
+"""What this installation is made of: versions, threads, caches and optional parts."""
+
+import os
+import platform
+import subprocess
+import tempfile
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from shutil import which
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from scipy import sparse
+from threadpoolctl import threadpool_info
+
+from .. import __version__, core, extras
+from ..ensemble import default_workers
+from ..loading.lammps import cannot_load
+from ..solve.linear import factorised
+
+CORE = ("numpy", "scipy", "numba", "llvmlite", "h5py", "matplotlib", "xarray", "pydantic", "typer", "rich")
+DISTRIBUTIONS = {"xdist": "pytest-xdist", "importlinter": "import-linter"}  # where the name of the package is another
+MPI = "`pip install mpich` brings the library"
+
+
+class Wrong(NamedTuple):
+    """What is wrong with a part that is installed, and what mends it if that is not to install it again."""
+
+    words: str
+    remedy: str = ""
+
+
+class Part(NamedTuple):
+    """An optional part: what is there, in words, and whether it works; `remedy` is what mends it."""
+
+    name: str
+    purpose: str
+    found: str
+    ok: bool
+    remedy: str
+
+
+def versions() -> dict[str, str]:
+    """Of this package, Python, the machine, and the libraries that every run needs."""
+    found = {
+        "stickslip": __version__,
+        "python": platform.python_version(),
+        "machine": f"{platform.system()} {platform.machine()}",
+    }
+    return found | {name: _version(name) or "missing" for name in CORE}
+
+
+def threads() -> dict[str, str]:
+    """Cores, and the threads that Numba and BLAS would use."""
+    found = {"cores": f"{default_workers()} of {os.cpu_count()} for this process", "numba": _numba()}
+    for pool in threadpool_info():
+        if pool["user_api"] == "blas":
+            kind = f"{pool['internal_api']} {pool['version'] or ''}".strip()
+            layer = pool.get("threading_layer", "")
+            where = Path(pool["filepath"]).parent.name.removesuffix(".libs")
+            found[f"blas of {where}"] = f"{kind}, {_threads(pool['num_threads'])}{layer and f' ({layer})'}"
+    variables = ("NUMBA_NUM_THREADS", "NUMBA_THREADING_LAYER", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+    found |= {name: os.environ[name] for name in variables if name in os.environ}
+    return found
+
+
+def caches() -> dict[str, str | int | bool]:
+    """Where compiled kernels are kept, whether that can be written, and how much is there."""
+    folder = Path(core.numba.config.CACHE_DIR)  # `core` chose it
+    chosen = "NUMBA_CACHE_DIR" in os.environ
+    files = [path for path in folder.rglob("*") if path.is_file()] if folder.exists() else []
+    kept = chosen or not folder.name.startswith("stickslip-kernels-")
+    older = (
+        [path for path in folder.parent.iterdir() if path.is_dir() and path != folder] if kept and not chosen else []
+    )
+    return {
+        "folder": str(folder),
+        "chosen_by": "NUMBA_CACHE_DIR" if chosen else "stickslip" if kept else "stickslip, for this process alone",
+        "writable": _writable(folder),
+        "kept": kept,
+        "files": len(files),
+        "bytes": sum(path.stat().st_size for path in files),
+        "of_other_versions": len(older),
+    }
+
+
+def parts() -> list[Part]:
+    """Every extra and external engine."""
+    return [
+        _extra("fast", "PARDISO, a solver", _pardiso),
+        _extra("cluster", "Dask clusters"),
+        _extra("exchange", "other formats"),
+        _extra("docs", "API reference"),
+        _extra("dev", "tests, checks"),
+        _extra("bench", "LAMMPS, an engine", _lammps),
+        _yade(),
+    ]
+
+
+def _extra(name: str, purpose: str, works=None) -> Part:
+    libraries = extras.EXTRAS[name]
+    here = [f"{library} {_version(library) or ''}".strip() for library in libraries if extras.present(library)]
+    gone = [library for library in libraries if not extras.present(library)]
+    if gone:
+        return Part(name, purpose, ", ".join([*here, f"{', '.join(gone)} missing"]), False, extras.command(name))
+    wrong = works() if works else None
+    if wrong:
+        remedy = wrong.remedy or extras.command(name, again=True)
+        return Part(name, purpose, f"{', '.join(here)} installed, but {wrong.words}", False, remedy)
+    return Part(name, purpose, ", ".join(here), True, "")
+
+
+def _pardiso() -> Wrong | None:
+    """It is loaded and solves, as being installed does not mean that."""
+    try:
+        got = factorised(sparse.csc_array(np.diag([2.0, 4.0])), method="pardiso")(np.array([2.0, 4.0]))
+    except Exception as problem:  # what a library without its MKL raises is its own affair
+        return Wrong(f"it cannot be loaded ({_line(problem.__cause__ or problem)})")
+    return None if np.allclose(got, 1.0) else Wrong(f"it found x = {got} for diag(2, 4) x = (2, 4)")
+
+
+def _lammps() -> Wrong | None:
+    said = cannot_load()
+    return Wrong(f"its library cannot be loaded ({said})", MPI if "mpi" in said.lower() else "") if said else None
+
+
+def _yade() -> Part:
+    purpose, program = "speed compared", which("yade")
+    if program is None:
+        return Part("YADE", purpose, "missing", False, "`apt install yade` (Debian)")
+    try:
+        run = subprocess.run([program, "--version"], capture_output=True, text=True, timeout=30)
+    except (OSError, subprocess.TimeoutExpired) as problem:
+        return Part("YADE", purpose, f"installed, but does not start ({_line(problem)})", False, "`apt install yade`")
+    words = (run.stdout + run.stderr).split()
+    return Part("YADE", purpose, words[-1] if words else "installed", True, "")
+
+
+def _numba() -> str:
+    """Threads, and the first layer of its list that can be loaded, which is the one that it will take."""
+    if numba.config.THREADING_LAYER not in ("default", "safe", "threadsafe", "forksafe"):
+        return f"{_threads(numba.config.NUMBA_NUM_THREADS)}, layer {numba.config.THREADING_LAYER} (asked for)"
+    for layer in numba.config.THREADING_LAYER_PRIORITY:
+        try:
+            __import__(f"numba.np.ufunc.{'workqueue' if layer == 'workqueue' else layer + 'pool'}")
+        except ImportError:
+            continue
+        return f"{_threads(numba.config.NUMBA_NUM_THREADS)}, layer {layer}"
+    return f"{_threads(numba.config.NUMBA_NUM_THREADS)}, no threading layer can be loaded"
+
+
+def _version(library: str) -> str | None:
+    try:
+        return version(DISTRIBUTIONS.get(library, library))
+    except PackageNotFoundError:
+        return None
+
+
+def _threads(number: int) -> str:
+    return f"{number} thread{'s' * (number != 1)}"
+
+
+def _writable(folder: Path) -> bool:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
+
+
+def _line(problem: Exception) -> str:
+    return " ".join(str(problem).split())[:160] or type(problem).__name__

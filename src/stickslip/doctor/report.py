@@ -1,0 +1,109 @@
+"""What the doctor found, on the terminal or as JSON."""
+
+import json
+import math
+from pathlib import Path
+
+from rich.markup import escape
+from rich.table import Table
+
+from ..experiments.report import STYLE, console
+from . import machine
+from .machine import Part
+from .selfcheck import Selfcheck, selfcheck
+
+COMPILING = "self-check (the first one compiles kernels: up to a minute)"
+
+
+def told(*, as_json: bool = False) -> bool:
+    """Examine this installation and tell what was found; True if every number is right."""
+    if as_json:
+        found = machine.versions(), machine.threads(), machine.caches(), machine.parts()
+        check = selfcheck()
+        print(in_json(*found, check))
+    else:
+        show_machine(machine.versions(), machine.threads(), machine.caches(), machine.parts())
+        with console.status(COMPILING) as status:
+            check = selfcheck(lambda words: status.update(f"{COMPILING}: {words}"))
+        show_checks(check)
+    return check.ok
+
+
+def show_machine(versions: dict, threads: dict, caches: dict, parts: list[Part]) -> None:
+    """Tables of versions, threads, caches and optional parts."""
+    _pairs("Versions", versions)
+    _pairs("Threads", threads)
+    _pairs("Compiled kernels", _cache_words(caches))
+    table = Table("extra", "for", "found", title="Optional parts", **STYLE)
+    for part in parts:
+        color = "green" if part.ok else "yellow"
+        found = escape(part.found) + (f"\n{escape(part.remedy)}" if part.remedy else "")
+        table.add_row(part.name, part.purpose, f"[{color}]{found}[/]")
+    console.print(table)
+
+
+def show_checks(found: Selfcheck) -> None:
+    """The self-check line by line, and the verdict."""
+    table = Table("number", "measured", "deviation", "allowed", "", title="Self-check against stored numbers", **STYLE)
+    for check in found.checks:
+        color, word = ("green", "ok") if check.ok else ("red", "failed")
+        if check.deviation is None:
+            table.add_row(check.name, str(check.measured), check.note, "", f"[{color}]{word}[/]")
+        else:
+            numbers = f"{check.measured:.9g}", f"{check.deviation:.1e}", f"{check.tolerance:.0e}"
+            table.add_row(check.name, *numbers, f"[{color}]{word}[/]")
+    console.print(table)
+    wrong = [check for check in found.checks if not check.ok]
+    for check in wrong:
+        words = f"{check.name}: stored {check.stored}, measured {check.measured}; allowed for {check.note}"
+        console.print(escape(words), style="red", highlight=False)
+    if found.problem:
+        console.print(escape(found.problem), style="red", highlight=False)
+    verdict = f"[red]{len(wrong)} of {len(found.checks)} numbers are wrong[/]" if wrong else "[green]all is well[/]"
+    console.print(f"{verdict}, in {found.seconds:.1f} s", highlight=False)
+
+
+def in_json(versions: dict, threads: dict, caches: dict, parts: list[Part], found: Selfcheck) -> str:
+    """One object with the keys of the tables; a number that could not be measured is null."""
+    rows = [{key: _finite(value) for key, value in check._asdict().items()} for check in found.checks]
+    out = {
+        "ok": found.ok,
+        "versions": versions,
+        "threads": threads,
+        "caches": caches,
+        "parts": [part._asdict() for part in parts],
+        "selfcheck": rows,
+        "problem": found.problem,
+        "seconds": round(found.seconds, 2),
+    }
+    return json.dumps(out, indent=1, ensure_ascii=False, allow_nan=False)
+
+
+def _pairs(title: str, rows: dict) -> None:
+    table = Table(title=title, show_header=False, **STYLE)
+    for name, value in rows.items():
+        table.add_row(name, escape(str(value)))
+    console.print(table)
+
+
+def _cache_words(caches: dict) -> dict[str, str]:
+    size = caches["bytes"] / 2**20
+    writable = "writable" if caches["writable"] else "not writable: kernels are compiled in every process"
+    if not caches["kept"]:
+        writable = "of this process alone, as no other folder could be written: set NUMBA_CACHE_DIR"
+    words = {"folder": _short(caches["folder"]), "state": f"{writable}; chosen by {caches['chosen_by']}"}
+    words["content"] = f"{caches['files']} files, {size:.1f} MiB" + (
+        "" if caches["files"] else "; filled by first runs"
+    )
+    if caches["of_other_versions"]:
+        words["other versions"] = f"{caches['of_other_versions']} folders beside it, safe to delete"
+    return words
+
+
+def _short(path: str) -> str:
+    home = str(Path.home())
+    return f"~{path[len(home) :]}" if path.startswith(f"{home}/") else path
+
+
+def _finite(value):
+    return None if isinstance(value, float) and math.isnan(value) else value

@@ -1,0 +1,211 @@
+"""The self-check: a number or two from every room against `numbers.json`.
+
+The stored numbers are written again by `python -m stickslip.doctor.selfcheck`, which is to be done only where a change
+of the numbers is meant. All cases share one contact law and one dimension, so that few kernels are compiled.
+"""
+
+import hashlib
+import json
+import platform
+import time
+from collections.abc import Callable
+from functools import partial
+from importlib.metadata import version
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.forces import accept, forces
+from ..core.integrate import run
+from ..core.laws import Law, between, hertz_mindlin, linear
+from ..core.neighbors import updated
+from ..core.outcome import Outcome
+from ..core.state import SLIDE, STICK, State
+from ..friction.loads import slide_hold_slide
+from ..friction.ratestate import RateState, Spring, slide
+from ..loading.packing import disk_array, pushed
+from ..loading.protocols import shaken
+from ..quasirigid.matrices import matrices
+from ..quasirigid.status import status
+from ..solve.relax import relax
+from ..solve.spectrum import spectrum
+
+STORED = Path(__file__).with_name("numbers.json")
+PUSHES = (0.5e-5, 1.0e-5, 1.5e-5)
+BITS, PROBLEM = "dynamics, bits of positions", "problem"
+
+
+class Check(NamedTuple):
+    """One line of the self-check."""
+
+    name: str
+    measured: float | str
+    stored: float | str
+    deviation: float | None  # relative; None for bits
+    tolerance: float | None
+    ok: bool
+    note: str
+
+
+class Selfcheck(NamedTuple):
+    """The whole self-check."""
+
+    checks: list[Check]
+    problem: str  # what went wrong on the way, if anything did
+    seconds: float
+
+    @property
+    def ok(self) -> bool:
+        """True if every number is right."""
+        return all(check.ok for check in self.checks)
+
+
+def evaluated(law: Law) -> dict[str, float]:
+    """Contact forces of displaced disks: no solver and no time step, so round-off only."""
+    state = disk_array(10, press=5e-5)
+    _, trial = forces(state, law)
+    state = accept(state, trial)
+    grains = state.grains
+    move, turn = np.zeros((10, 3)), np.zeros((10, 3))
+    move[0], turn[0, 2] = (2e-4, -1e-3, 0.0), 3e-4
+    moved = state._replace(grains=grains._replace(position=grains.position + move, angle=grains.angle + turn))
+    loads, _ = forces(moved, law)
+    return {"contact force, normal": loads.force[0, 1], "contact force, tangential": loads.force[0, 0]}
+
+
+def array(law: Law) -> State:
+    """Ten disks on a substrate, pushed until one complex pair has been born (paper 000)."""
+    state, _ = relax(disk_array(10, press=5e-5), law)
+    for push in PUSHES:
+        state = _reached(*relax(pushed(state, push), law))
+    return state
+
+
+def pair(state: State, law: Law) -> dict[str, float]:
+    """The fastest complex pair of the exact Jacobian."""
+    modes = spectrum(state, law)
+    if not len(modes.pairs):
+        return {}
+    first = modes.eigenvalues[modes.pairs[0]]
+    return {"Jacobian, Re λ of a pair": first.real, "Jacobian, Im λ of a pair": first.imag}
+
+
+def moved(state: State, law: Law) -> dict[str, float | str]:
+    """Where the pushed disk is after a thousand steps, and the bits of all positions."""
+    end, _, outcome = run(shaken(state, seed=1, velocity=1e-4), law, 1000, 0.1)
+    end = _reached(end, outcome)
+    bits = hashlib.sha256(np.ascontiguousarray(end.grains.position).tobytes()).hexdigest()[:16]
+    return {"dynamics, x after 1000 steps": end.grains.position[0, 0], BITS: bits}
+
+
+def slid() -> dict[str, float]:
+    """Friction right after a hold, by the slip law with the parameters of paper 003."""
+    surface = RateState(a=0.0247, b=0.0178, dc=5.3e-3, mu0=0.4, v0=0.02, law="slip")
+    legs = slide_hold_slide([1.0], velocity=0.02, distance=0.05)
+    history = slide(surface, Spring(200.0), legs, times=np.linspace(0, 5, 51))
+    return {"rate and state, after a hold": float(history.friction.min())}
+
+
+def sliding() -> dict[str, float]:
+    """Which of four critical contacts of disks in a row slide under two forces (paper 002); their slip is given."""
+    law = between(linear(kn=1.0, kt=0.5, mu=0.5), 0, 1)
+    state = disk_array(5, press=1e-3, gap=-1e-3)
+    lifted = state.grains.position - [0, 1e-3, 0]
+    state = updated(state._replace(grains=state.grains._replace(position=lifted)))
+    contacts, near = state.contacts, state.contacts.count[0]
+    mode, slip = np.zeros_like(contacts.mode), np.zeros_like(contacts.slip)
+    mode[:near] = STICK
+    critical = np.flatnonzero((contacts.j[:near] >= 5) & (contacts.i[:near] < 4))  # on the floor, the last disk's not
+    mode[critical], slip[critical, 0] = SLIDE, 1e-3
+    matrix = matrices(state._replace(contacts=contacts._replace(mode=mode, slip=slip)), law)
+    load = np.zeros(matrix.c.shape[0])
+    load[0], load[9] = 0.3, -0.4  # along x on the first disk and on the fourth
+    choice = status(matrix, load)
+    return {
+        "quasi-rigid, number sliding": float(choice.sliding.sum()) if choice.ok else -1.0,
+        "quasi-rigid, slip rate": float(np.abs(choice.rate).max()),
+    }
+
+
+def of_the_array(law: Law) -> dict[str, float | str]:
+    """Eigenvalues and dynamics of the pushed array."""
+    state = array(law)
+    return pair(state, law) | moved(state, law)
+
+
+def measured(report: Callable[[str], None] = lambda words: None) -> dict[str, float | str]:
+    """All numbers, by name; what went wrong on the way stands under `PROBLEM`."""
+    law, found = between(hertz_mindlin(kn=1.0, kt=2 / 7, mu=10.0, coulomb="smooth"), 0, 1), {}
+    groups = {
+        "contact forces": partial(evaluated, law),
+        "ten disks: equilibria, eigenvalues, dynamics": partial(of_the_array, law),
+        "rate and state": slid,
+        "quasi-rigid": sliding,
+    }
+    for words, group in groups.items():
+        report(words)
+        try:
+            found |= {name: value if isinstance(value, str) else float(value) for name, value in group().items()}
+        except Exception as problem:  # a broken compiler or library is what the doctor is asked for
+            said = f"{words}: {type(problem).__name__}: {' '.join(str(problem).split())[:300]}"
+            found[PROBLEM] = "; ".join(filter(None, [found.get(PROBLEM), said]))
+    return found
+
+
+# relative deviations that are no reason to worry, on any processor and with any BLAS; each with its reason
+TOLERANCES = {
+    "contact force": (1e-12, "round-off of one evaluation, with fused operations or not"),
+    "Jacobian": (1e-6, "equilibria are found to 1e-14 of residual force; eigenvalues follow, as LAPACK's do"),
+    "dynamics": (1e-9, "a thousand steps from such an equilibrium; nothing is chaotic yet"),
+    "rate": (1e-6, "tolerance of the integrator"),
+    "quasi-rigid": (1e-9, "one sparse or dense solve"),
+}
+
+
+def checked(found: dict, stored: dict) -> list[Check]:
+    """Every stored number beside what was measured now.
+
+    Bits are compared too, but may differ on another processor or with another Numba: only that machine type promises
+    them, so other bits are told and do not fail.
+    """
+    rows = []
+    for name, right in stored["numbers"].items():
+        if name == BITS:
+            got = found.get(name, "none")
+            note = "the same bits" if got == right else "other bits: allowed"
+            rows.append(Check(name, got, right, None, None, got != "none", note))
+            continue
+        got = found.get(name, float("nan"))
+        tolerance, why = next(rule for start, rule in TOLERANCES.items() if name.startswith(start))
+        deviation = abs(got - right) / abs(right)
+        rows.append(Check(name, got, right, deviation, tolerance, bool(deviation <= tolerance), why))
+    return rows
+
+
+def selfcheck(report: Callable[[str], None] = lambda words: None) -> Selfcheck:
+    """Measure and compare."""
+    start = time.perf_counter()
+    found = measured(report)
+    checks = checked(found, json.loads(STORED.read_text(encoding="utf-8")))
+    return Selfcheck(checks, found.get(PROBLEM, ""), time.perf_counter() - start)
+
+
+def write() -> None:
+    """Store the numbers of this machine."""
+    with_what = {name: version(name) for name in ("numpy", "scipy", "numba")}
+    with_what |= {"python": platform.python_version(), "machine": platform.machine()}
+    made = {"made_by": "python -m stickslip.doctor.selfcheck", "with": with_what, "numbers": measured()}
+    if PROBLEM in made["numbers"]:
+        raise RuntimeError(made["numbers"][PROBLEM])
+    STORED.write_text(json.dumps(made, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def _reached(end: State, outcome: Outcome) -> State:
+    if not outcome.ok:
+        raise RuntimeError(f"the self-check could not end: {outcome}")
+    return end
+
+
+if __name__ == "__main__":
+    write()

@@ -1,0 +1,124 @@
+"""What an archive holds comes back; what cannot be read is refused in one sentence; nothing is left half-written."""
+
+from typing import NamedTuple
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+import stickslip as ss
+from stickslip.data import archive
+from tests.conftest import make_law, make_packing, stirred
+
+words = st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]), max_size=8)
+numbers = st.one_of(st.floats(), st.integers(-(2**62), 2**62), st.booleans(), st.complex_numbers())
+arrays = hnp.arrays(st.sampled_from(["f8", "i8", "i4", "bool", "c16"]), hnp.array_shapes(min_side=0, max_side=4))
+leaves = st.one_of(numbers, arrays, words, st.none())
+names = st.text("abcdefgh_ .-", min_size=1, max_size=6).filter(lambda name: name.strip("."))
+trees = st.recursive(
+    leaves,
+    lambda inner: st.one_of(
+        st.dictionaries(names, inner, max_size=3),
+        st.dictionaries(st.floats(allow_nan=False), inner, max_size=3),
+        st.lists(inner, max_size=3),
+        st.lists(inner, max_size=3).map(tuple),
+    ),
+    max_leaves=8,
+)
+
+
+class Inner(NamedTuple):
+    rate: float
+    words: tuple[str, ...]
+
+
+class Outer(NamedTuple):
+    values: np.ndarray
+    inner: Inner | None
+    by_load: dict
+
+
+def same(one, two):
+    if isinstance(one, np.ndarray) and one.ndim:
+        return one.dtype == two.dtype and one.shape == two.shape and one.tobytes() == two.tobytes()
+    if isinstance(one, dict):
+        return list(map(repr, sorted(one, key=repr))) == list(map(repr, sorted(two, key=repr))) and all(
+            same(one[key], two[key]) for key in one
+        )
+    if isinstance(one, tuple | list):
+        return type(one) is type(two) and len(one) == len(two) and all(map(same, one, two))
+    if isinstance(one, np.ndarray):
+        one = one.item()
+    return type(one) is type(two) and (one == two or one != one)
+
+
+@given(st.dictionaries(names, trees, max_size=3))
+def test_any_tree_comes_back(tmp_path_factory, tree):
+    path = tmp_path_factory.mktemp("tree") / "tree.h5"
+    archive.write(path, tree)
+    assert same(tree, archive.read(path))
+
+
+def test_states_and_results_come_back_as_what_they_were(tmp_path):
+    law = make_law("hertz_mindlin", "smooth")
+    state = stirred(make_packing(3), law, np.random.default_rng(0))
+    result = Outer(np.arange(3.0), Inner(0.5, ("one", "")), {0.03: Inner(np.nan, ()), -1.0: None})
+    archive.write(tmp_path / "a.h5", {"state": state, "law": law, "result": result}, scenario="text", version="0")
+    tree = archive.read(tmp_path / "a.h5", nouns=(Outer, Inner))
+    assert isinstance(tree["state"], ss.State)
+    assert same(tuple(state._replace(contacts=archive.trimmed(state.contacts))), tuple(tree["state"]))
+    assert same(tuple(result), tuple(tree["result"]))
+    assert isinstance(tree["result"].by_load[0.03], Inner)
+    assert archive.read(tmp_path / "a.h5")["result"]["inner"]["rate"] == 0.5  # who has no classes gets dictionaries
+    assert archive.attributes(tmp_path / "a.h5")["scenario"] == "text"
+    with h5py.File(tmp_path / "a.h5") as file:
+        assert file["state/grains/velocity"].attrs["units"] == "length/time"
+
+
+def test_the_same_tree_gives_the_same_bytes(tmp_path):
+    for name in ("a.h5", "b.h5"):
+        archive.write(tmp_path / name, {"x": np.arange(5000.0), "words": "a"}, scenario="s")
+    assert (tmp_path / "a.h5").read_bytes() == (tmp_path / "b.h5").read_bytes()
+
+
+def test_cut_short_or_of_another_schema_is_refused(tmp_path, monkeypatch):
+    archive.write(tmp_path / "a.h5", {"x": np.random.default_rng(0).random(5000), "y": {"z": 1}})
+    whole = (tmp_path / "a.h5").read_bytes()
+    for share in np.linspace(0, 0.999, 60):
+        (tmp_path / "cut.h5").write_bytes(whole[: int(share * len(whole))])
+        with pytest.raises(archive.ArchiveError, match=r"cut\.h5"):
+            archive.read(tmp_path / "cut.h5")
+    for schema, words in ((archive.SCHEMA + 1, "install a later stickslip"), (archive.SCHEMA - 1, "run it again")):
+        with monkeypatch.context() as patched:
+            patched.setattr(archive, "SCHEMA", schema)
+            archive.write(tmp_path / "other.h5", {"x": 1})
+        with pytest.raises(archive.ArchiveError, match=words):
+            archive.read(tmp_path / "other.h5")
+
+
+def test_any_damage_is_told(tmp_path):
+    archive.write(tmp_path / "a.h5", {"state": make_packing(2), "words": ("a", "b"), "x": np.arange(2000.0)})
+    whole, rng = (tmp_path / "a.h5").read_bytes(), np.random.default_rng(0)
+    for place in rng.integers(0, len(whole), 300):
+        damaged = bytearray(whole)
+        damaged[place] ^= 1 << rng.integers(8)
+        (tmp_path / "bad.h5").write_bytes(damaged)
+        with pytest.raises(archive.ArchiveError, match=r"bad\.h5"):
+            archive.read(tmp_path / "bad.h5")
+
+
+def test_a_full_disk_leaves_the_earlier_file(tmp_path, monkeypatch):
+    archive.write(tmp_path / "a.h5", {"x": 1})
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(archive.os, "fsync", full)
+    with pytest.raises(OSError, match="No space left") as caught:
+        archive.write(tmp_path / "a.h5", {"x": 2})
+    assert caught.value.filename == str(tmp_path / "a.h5")
+    assert archive.read(tmp_path / "a.h5") == {"x": 1}
+    assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]

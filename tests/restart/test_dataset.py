@@ -1,0 +1,85 @@
+"""Results as an xarray dataset: units, ragged contacts, a table of one frame, runs that are not finished."""
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.data import archive
+from stickslip.data.kept import Kept
+from tests.conftest import make_law, make_packing, stirred
+
+LAW = make_law("hertz_mindlin", "sharp")
+
+
+def results(path, si=False):
+    """A file of two frames that have different numbers of contacts, and a table."""
+    rng = np.random.default_rng(0)
+    one, two = (stirred(make_packing(3, seed=seed), LAW, rng) for seed in (0, 3))
+    series = {"time": np.arange(4.0), "kinetic_energy": np.ones(4), "center": np.zeros((4, 3)), "kind": "a"}
+    tree = {"law": LAW, "frames": {"first": one, "last": two}, "series": series, "units": "those of the scenario"}
+    archive.write(path / "results.h5", tree, scenario="text", version="0", si=si)
+    return one, two
+
+
+def test_frames_have_units_and_contacts_are_ragged(tmp_path):
+    one, two = results(tmp_path)
+    data = ss.open(tmp_path)
+    assert dict(data.sizes)["frame"] == 2
+    assert data.position.dims == ("frame", "grain", "axis")
+    assert data.position.units == "length"
+    assert data.velocity.units == "length/time"
+    assert data["series.kinetic_energy"].dims == ("series",)
+    assert data["series.kinetic_energy"].units == "energy"
+    assert data["series.center"].dims == ("series", "axis")
+    np.testing.assert_array_equal(data.position.sel(frame="last"), two.grains.position)
+    counts = [len(ss.touching(state)) for state in (one, two)]
+    assert counts[0] != counts[1]
+    np.testing.assert_array_equal(data.contact_count, counts)
+    assert data.sizes["contact"] == sum(counts)
+    assert data.attrs["scenario"] == "text"
+    assert data.attrs["stickslip"] == "0"
+
+
+def test_the_table_of_a_frame_holds_its_contacts(tmp_path):
+    one, two = results(tmp_path)
+    data = ss.open(tmp_path / "results.h5")
+    for state, frames in ((one, ("first", 0, -2)), (two, ("last", 1, -1))):
+        rows = ss.touching(state)
+        for frame in frames:
+            table = ss.contact_table(data, frame)
+            np.testing.assert_array_equal(table.i, state.contacts.i[rows])
+            np.testing.assert_array_equal(table[["slip_x", "slip_y", "slip_z"]], state.contacts.slip[rows])
+            force = ss.contact_forces(state, LAW)[rows]
+            np.testing.assert_array_equal(table[["force_x", "force_y", "force_z"]], force)
+            assert set(table["mode"]) <= {"stick", "slide"}
+    for wrong in ("middle", 2, -3):
+        with pytest.raises(ValueError, match="the dataset has first, last"):
+            ss.contact_table(data, wrong)
+
+
+def test_units_are_si_where_the_scenario_is(tmp_path):
+    results(tmp_path, si=True)
+    data = ss.open(tmp_path)
+    assert data.position.units == "m"
+    assert data["series.kinetic_energy"].units == "J"
+
+
+def test_what_an_unfinished_run_has_kept_can_be_looked_at(tmp_path):
+    kept = Kept(tmp_path, "text")
+    state = stirred(make_packing(2), LAW, np.random.default_rng(0))
+    kept.save("000000", {"state": state, "rows": {"time": np.arange(3.0)}})
+    kept.save("000001", {"state": state._replace(time=2.0), "rows": {"time": np.arange(2.0)}})
+    data = ss.open(tmp_path)
+    np.testing.assert_array_equal(data.time, [state.time, 2.0])
+    assert data.attrs["finished"] == "no"
+
+
+@pytest.mark.parametrize("made", [None, "folder", "file"])
+def test_a_foreign_place_is_told(tmp_path, made):
+    place = tmp_path / "place"
+    if made == "folder":
+        place.mkdir()
+    if made == "file":
+        place.write_bytes(b"PK\x03\x04")
+    with pytest.raises(ValueError, match=r"give the (folder of a run|results\.h5)"):
+        ss.open(place)

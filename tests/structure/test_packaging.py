@@ -1,0 +1,144 @@
+"""What is built can be installed without this repository: core dependencies alone, every Python that is at hand."""
+
+import glob
+import os
+import subprocess
+import sys
+import tarfile
+import tomllib
+import zipfile
+from pathlib import Path
+from shutil import which
+
+import pytest
+
+from stickslip import extras
+
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+PYTHONS = ("3.11", "3.12", "3.13")
+OFFLINE = ("NewConnectionError", "Temporary failure in name resolution", "No matching distribution found for numpy")
+
+
+def clean(**more):
+    """The environment without this repository's sources."""
+    return {name: value for name, value in os.environ.items() if name != "PYTHONPATH"} | more
+
+
+def called(*words, cwd, **env):
+    return subprocess.run([*map(str, words)], cwd=cwd, env=clean(**env), capture_output=True, text=True)
+
+
+def interpreter(release):
+    """A Python of that release, on the path or of pyenv; None if there is none that starts."""
+    own = [sys.executable] if release == "{}.{}".format(*sys.version_info) else []
+    versions = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")) / "versions" / f"{release}.*/bin/python"
+    for path in [*own, *filter(None, [which(f"python{release}")]), *sorted(glob.glob(str(versions)))]:
+        run = called(path, "-c", "import sys, venv, ensurepip; print(*sys.version_info[:2], sep='.')", cwd=ROOT)
+        if run.returncode == 0 and run.stdout.strip() == release:
+            return path
+    return None
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    """The sdist, and the wheel that is built from the unpacked sdist alone."""
+    folder = tmp_path_factory.mktemp("dist")
+    run = called(sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", folder, cwd=ROOT)
+    assert run.returncode == 0, run.stderr
+    (sdist,) = folder.glob("*.tar.gz")
+    with tarfile.open(sdist) as archive:
+        archive.extractall(folder / "unpacked", filter="data")
+    (source,) = (folder / "unpacked").iterdir()
+    run = called(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", folder, cwd=source)
+    assert run.returncode == 0, run.stderr
+    (wheel,) = folder.glob("*.whl")
+    return sdist, wheel, source
+
+
+@pytest.fixture(scope="module", params=PYTHONS)
+def installed(request, built, tmp_path_factory):
+    """The folder of programs of a fresh environment that holds the wheel and its core dependencies."""
+    python = interpreter(request.param)
+    if python is None:
+        pytest.skip(f"no Python {request.param} here")
+    home = tmp_path_factory.mktemp(f"python{request.param}")
+    assert called(python, "-m", "venv", home / "venv", cwd=home).returncode == 0
+    programs = home / "venv" / ("Scripts" if os.name == "nt" else "bin")
+    words = ("-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--only-binary", ":all:", built[1])
+    run = called(programs / "python", *words, cwd=home)
+    if run.returncode and any(word in run.stderr for word in OFFLINE):
+        pytest.skip("the package index cannot be reached")
+    assert run.returncode == 0, run.stderr
+    return programs
+
+
+def test_classifiers_and_versions_agree():
+    named = [line.rsplit(" ", 1)[1] for line in PROJECT["classifiers"] if line.startswith("Programming Language")]
+    assert named == ["3", *PYTHONS]
+    assert PROJECT["requires-python"] == f">={PYTHONS[0]}"
+
+
+@pytest.mark.slow
+def test_the_sdist_holds_what_tests_and_users_need_and_the_wheel_the_package_alone(built):
+    _, wheel, source = built
+    for kept in (
+        "LICENSE",
+        "CITATION.cff",
+        "Makefile",
+        "requirements.lock",
+        "tests/conftest.py",
+        "examples/gouge.toml",
+    ):
+        assert (source / kept).exists(), kept
+    for kept in called("git", "ls-files", cwd=ROOT).stdout.splitlines():  # nothing, where this is no clone
+        assert (source / kept).exists(), kept
+    with zipfile.ZipFile(wheel) as archive:
+        names = archive.namelist()
+    tops = {name.split("/")[0] for name in names}
+    assert tops == {"stickslip", f"stickslip-{wheel.name.split('-')[1]}.dist-info"}
+    assert not [name for name in names if {"tests", "benchmarks", "__pycache__"} & set(name.split("/"))]
+    for needed in ("LICENSE", "CITATION.cff", "references.bib", "numbers.json", "METADATA", "entry_points.txt"):
+        assert [name for name in names if name.endswith(needed)], needed
+
+
+@pytest.mark.slow
+def test_the_wheel_runs_with_core_dependencies_alone(installed, tmp_path):
+    def stickslip(*words):
+        return called(installed / "stickslip", *words, cwd=tmp_path, XDG_CACHE_HOME=str(tmp_path / "cache"))
+
+    run = stickslip("--version")
+    assert (run.returncode, run.stdout) == (0, f"stickslip {built_version()}\n"), run.stderr
+    run = stickslip("doctor")
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert "all is well" in run.stdout
+    for extra in ("fast", "cluster", "exchange", "docs", "dev", "bench"):
+        assert extras.command(extra) in " ".join(run.stdout.split()), extra
+    run = stickslip("cite", ROOT / "examples/gouge.toml")
+    assert "@misc{stickslip," in run.stdout, run.stderr
+    run = stickslip("run", ROOT / "examples/rate_state.toml", "--out", tmp_path / "out")
+    assert run.returncode == 0, run.stderr
+    assert (tmp_path / "out/results.h5").exists()
+
+
+@pytest.mark.slow
+def test_every_missing_extra_is_one_sentence_with_its_command(installed, tmp_path):
+    code = "\n".join([
+        "import sys", "from stickslip import cli, extras",
+        "def ask(library: str, extra: str):", "    extras.needed(library, extra)",
+        "cli.app.command('ask')(ask)", "cli.main()",
+    ])  # fmt: skip
+    for extra, libraries in extras.EXTRAS.items():
+        run = called(installed / "python", "-c", code, "ask", libraries[0], extra, cwd=tmp_path)
+        assert run.returncode == 2
+        assert run.stderr == f"stickslip: {libraries[0]} is not installed: {extras.command(extra)} installs it\n"
+    words = ("run", ROOT / "examples/gouge.toml", "--engine", "lammps", "--out", tmp_path / "out")
+    run = called(installed / "stickslip", *words, cwd=tmp_path)
+    assert run.returncode == 2, run.stderr
+    assert extras.command("bench") in run.stderr
+    assert run.stderr.count("\n") == 1
+
+
+def built_version():
+    words = (ROOT / "src/stickslip/__init__.py").read_text()
+    return words.partition('__version__ = "')[2].partition('"')[0]

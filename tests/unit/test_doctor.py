@@ -1,0 +1,120 @@
+"""`stickslip doctor`: it tells what is there, and fails when a number is wrong."""
+
+import json
+import subprocess
+import sys
+
+import numba
+import pytest
+
+from stickslip import extras
+from stickslip.core import _kernel_cache
+from stickslip.doctor import machine, report, selfcheck
+from stickslip.doctor.selfcheck import BITS, PROBLEM, TOLERANCES, checked
+from tests.published.test_disk_array import stickslip
+
+STORED = json.loads(selfcheck.STORED.read_text())
+
+
+@pytest.fixture(scope="module")
+def found():
+    return selfcheck.measured()
+
+
+def test_the_numbers_are_the_stored_ones(found):
+    assert PROBLEM not in found
+    assert found.keys() == STORED["numbers"].keys()
+    wrong = [check for check in checked(found, STORED) if not check.ok]
+    assert not wrong
+
+
+@pytest.mark.parametrize("name", [name for name in STORED["numbers"] if name != BITS])
+@pytest.mark.parametrize("by", [2.0, 1e-3])
+def test_a_number_off_by_more_than_its_tolerance_fails(found, name, by):
+    tolerance = next(rule[0] for start, rule in TOLERANCES.items() if name.startswith(start))
+    off = found | {name: STORED["numbers"][name] * (1 + by * tolerance)}
+    check = next(check for check in checked(off, STORED) if check.name == name)
+    # the smallest tolerance is 4500 times the round-off of the product above
+    assert check.ok == (by < 1)
+
+
+def test_other_bits_are_told_and_allowed_but_not_none(found):
+    other = next(check for check in checked(found | {BITS: "0" * 16}, STORED) if check.name == BITS)
+    assert other.ok
+    assert other.note == "other bits: allowed"
+    none = next(check for check in checked({}, STORED) if check.name == BITS)
+    assert not none.ok
+
+
+def test_what_breaks_on_the_way_is_told_and_the_rest_goes_on(monkeypatch, capsys):
+    def broken():
+        raise TypeError("no\nsuch compiler")
+
+    monkeypatch.setattr(selfcheck, "slid", broken)
+    monkeypatch.setattr(selfcheck, "of_the_array", lambda law: {})
+    result = selfcheck.selfcheck()
+    assert not result.ok
+    assert result.problem == "rate and state: TypeError: no such compiler"
+    assert [check.ok for check in result.checks if check.name.startswith(("contact", "quasi"))] == [True] * 4
+    report.show_checks(result)
+    said = capsys.readouterr().out
+    assert "no such compiler" in said
+    assert "5 of 9 numbers are wrong" in said
+
+
+def test_the_command_tells_and_succeeds(tmp_path):
+    run = stickslip("doctor", cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    assert "all is well" in run.stdout
+    assert "\x1b" not in run.stdout
+    assert max(map(len, run.stdout.splitlines())) <= 80
+    for word in ("numpy", numba.__version__, "cores", "writable", "fast", "exchange", "Self-check"):
+        assert word in run.stdout, word
+    assert not list(tmp_path.iterdir())
+
+
+def test_json_is_one_object_and_a_wrong_number_ends_with_1(tmp_path):
+    stored = STORED | {"numbers": STORED["numbers"] | {"contact force, normal": 1.0}}
+    (tmp_path / "numbers.json").write_text(json.dumps(stored))
+    code = "\n".join([
+        "import sys, pathlib, stickslip.doctor.selfcheck as s",
+        f"s.STORED = pathlib.Path({str(tmp_path)!r}, 'numbers.json')",
+        "sys.argv = ['stickslip', 'doctor', '--json']", "from stickslip.cli import main", "main()",
+    ])  # fmt: skip
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert run.returncode == 1
+    out = json.loads(run.stdout)
+    assert out["ok"] is False
+    assert [check["name"] for check in out["selfcheck"] if not check["ok"]] == ["contact force, normal"]
+    assert out["versions"]["numba"] == numba.__version__
+    assert {part["name"] for part in out["parts"]} == {*extras.EXTRAS, "YADE"}
+
+
+def test_missing_and_broken_parts_say_what_installs_them(monkeypatch):
+    monkeypatch.setattr(extras, "present", lambda library: library not in ("gsd", "pdoc"))
+    monkeypatch.setattr(machine, "factorised", lambda matrix, method: 1 / 0)
+    monkeypatch.setattr(machine, "cannot_load", lambda: "libmpi.so.12: cannot open shared object file")
+    monkeypatch.setattr(machine, "which", lambda name: None)
+    parts = {part.name: part for part in machine.parts()}
+    assert parts["exchange"].remedy == '`pip install "stickslip[exchange]"`'
+    assert parts["exchange"].found.endswith("gsd missing")
+    assert parts["docs"].found == "pdoc missing"
+    assert "it cannot be loaded (division by zero)" in parts["fast"].found
+    assert parts["fast"].remedy == '`pip install --force-reinstall "stickslip[fast]"`'
+    assert "libmpi.so.12" in parts["bench"].found
+    assert parts["bench"].remedy.startswith("`pip install mpich`")
+    assert not parts["YADE"].ok
+
+
+def test_caches_tell_where_kernels_are(monkeypatch, tmp_path):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    (tmp_path / "a.nbc").write_bytes(b"12345")
+    told = machine.caches()
+    assert (told["files"], told["bytes"], told["writable"], told["chosen_by"]) == (1, 5, True, "NUMBA_CACHE_DIR")
+    monkeypatch.delenv("NUMBA_CACHE_DIR")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "a.nbc"))  # a file: no folder can be made there
+    monkeypatch.setattr(numba.config, "CACHE_DIR", _kernel_cache())
+    told = machine.caches()
+    assert not told["kept"]
+    assert "set NUMBA_CACHE_DIR" in report._cache_words(told)["state"]
