@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from .. import __version__
+from ..data.archive import ArchiveError
+from ..data.kept import finished as drop_pieces
 from ..data.sweep import Sweep, member, sweep
 from ..data.sweep_data import write_sweep
 from ..ensemble import Workers, reach, run_members, trial
@@ -198,7 +200,17 @@ def _sees(path: Path, text: str) -> bool:
 def _left(one, folder: Path, figures: bool, words: str, tell) -> tuple[float, dict]:
     """Run a scenario, fill its folder: seconds and measures."""
     start, room = time.perf_counter(), import_module(f".{REPORTS[one.experiment]}", __package__)
-    result = room.simulate(one, folder=folder, workers=1, report=lambda stage, s, w: tell(s, f"{words}: {stage}, {w}"))
+
+    def simulated():
+        return room.simulate(
+            one, folder=folder, workers=1, report=lambda *now: tell(now[1], f"{words}: {now[0]}, {now[2]}")
+        )
+
+    try:
+        result = simulated()
+    except ArchiveError:  # pieces that are damaged, or of another version, while nobody is there to be asked
+        drop_pieces(folder)
+        result = simulated()
     if figures:
         room.write_result(folder, result)
     else:
