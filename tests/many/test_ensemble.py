@@ -19,7 +19,7 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals are those of
 def ended(process: int) -> bool:
     """Whether a process is no more, or a zombie that nobody has buried."""
     found = subprocess.run(["ps", "-o", "stat=", "-p", str(process)], capture_output=True, text=True)
-    return found.stdout.strip() in ("", *"Z Z+ Zs".split())
+    return found.stdout.strip() in ("", *["Z", "Z+", "Zs"])
 
 
 def until(condition, seconds=20.0) -> bool:

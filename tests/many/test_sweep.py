@@ -221,6 +221,24 @@ def test_members_that_fail_are_named_and_tried_again(tmp_path):
     assert again.failures[0]
 
 
+def test_pieces_that_cannot_be_used_do_not_stop_a_member(tmp_path, monkeypatch):
+    from stickslip.data.archive import ArchiveError
+    from stickslip.data.kept import UNFINISHED
+    from stickslip.experiments import ratestate_report as room
+
+    simulate = room.simulate
+
+    def picky(one, *, folder, **more):
+        if (folder / UNFINISHED).exists():
+            raise ArchiveError("pieces of another version")
+        return simulate(one, folder=folder, **more)
+
+    monkeypatch.setattr(room, "simulate", picky)
+    chosen = small(**{"surface.mu0": [0.3]})
+    (tmp_path / MEMBERS / next(members(chosen)).name / UNFINISHED).mkdir(parents=True)
+    assert run_sweep(chosen, tmp_path, workers=1).failures == [""]
+
+
 def test_figures_are_drawn_if_asked_for(tmp_path):
     swept = run_sweep(small(**{"surface.mu0": [0.3]}), tmp_path, workers=1, figures=True)
     here = {path.name for path in (tmp_path / MEMBERS / swept.names[0]).iterdir()}

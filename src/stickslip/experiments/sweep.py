@@ -1,6 +1,7 @@
 """All members of a sweep: each leaves the folder of an ordinary run, all of them one dataset."""
 
 import json
+import statistics
 import tempfile
 import time
 from collections.abc import Callable
@@ -10,6 +11,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from .. import __version__
+from ..data.archive import ArchiveError
+from ..data.kept import finished as drop_pieces
 from ..data.sweep import Sweep, member, sweep
 from ..data.sweep_data import write_sweep
 from ..ensemble import Workers, reach, run_members, trial
@@ -19,6 +22,7 @@ from .rooms import REPORTS, SWEEP
 MEMBERS, MEASURES = "members", "measures.json"
 MANY = 1000  # members, above which a user is asked
 FIRST = "first"  # of a trial
+SOME = 50  # members whose times are looked at
 PROBE = 20.0  # longest trial of the first member, before that [s]
 
 
@@ -59,21 +63,33 @@ def judged(chosen: Sweep, report=None) -> list[str]:
 def estimate(chosen: Sweep, folder: Path, slots: int) -> str:
     """How long all members will take, in words, and on what that rests.
 
-    That is the time of the first member, as it was before, or in a trial of at most PROBE seconds in a process here.
+    That is the median time of members that were finished before, or that of the first one in a trial, in a process here,
+    of at most PROBE seconds.
     """
-    known = finished(folder / MEMBERS / member(chosen, 0).name)
+    some = (finished(folder / MEMBERS / member(chosen, k).name) for k in range(min(chosen.count, SOME)))
+    known = [one["seconds"] for one in some if one]
     if known:
-        one, words = known["seconds"], "the first one took {:.3g} s before"
+        one, words = statistics.median(known), "those finished before took {:.2g} s"
     else:
-        with tempfile.TemporaryDirectory() as room:  # far from the sweep's folder, which it may not see
-            tried = trial(_run, (chosen.text, 0, str(Path(room) / MEMBERS / FIRST), False, _unheard), PROBE)
+        tried = trial(_trial, (chosen.text,), PROBE)
         if tried is None:
             least = PROBE * chosen.count / max(1, slots)
             return f"more than {duration(least)}, since the first one takes longer than {PROBE:g} s"
         if tried.failure:
             return f"how long is unknown, since the first one fails ({tried.failure})"
-        one, words = tried.result.seconds, "a trial of the first one took {:.3g} s"
+        one, words = tried.result, "a trial of the first one took {:.2g} s"
     return f"about {duration(one * chosen.count / max(1, slots))}: {words.format(one)}"
+
+
+def _trial(text: str) -> float:
+    """Seconds of the first member, without what a process needs once, such as to load kernels."""
+    seconds = PROBE
+    for _ in range(2):
+        with tempfile.TemporaryDirectory() as room:  # far from the sweep's folder, which it may not see
+            seconds = min(seconds, _run(text, 0, str(Path(room) / MEMBERS / FIRST), False, _unheard).seconds)
+        if seconds > 0.3 * PROBE:  # a second run might not end in time
+            break
+    return seconds
 
 
 def _unheard(share: float, words: str) -> None:
@@ -91,9 +107,14 @@ def finished(folder: Path) -> dict | None:
 
 
 def run_sweep(
-    chosen: Sweep, folder: str | Path, *, names: list[str] | None = None, workers: Workers = None, figures: bool = False,
+    chosen: Sweep,
+    folder: str | Path,
+    *,
+    names: list[str] | None = None,
+    workers: Workers = None,
+    figures: bool = False,
     report: Callable = lambda share, words, left: None,
-) -> Swept:  # fmt: skip
+) -> Swept:
     """Run all members that the folder does not hold already, and write the dataset of all that are finished.
 
     Parameters
@@ -193,7 +214,17 @@ def _sees(path: Path, text: str) -> bool:
 def _left(one, folder: Path, figures: bool, words: str, tell) -> tuple[float, dict]:
     """Run a scenario, fill its folder: seconds and measures."""
     start, room = time.perf_counter(), import_module(f".{REPORTS[one.experiment]}", __package__)
-    result = room.simulate(one, folder=folder, workers=1, report=lambda stage, s, w: tell(s, f"{words}: {stage}, {w}"))
+
+    def simulated():
+        return room.simulate(
+            one, folder=folder, workers=1, report=lambda *now: tell(now[1], f"{words}: {now[0]}, {now[2]}")
+        )
+
+    try:
+        result = simulated()
+    except ArchiveError:  # pieces that are damaged, or of another version, while nobody is there to be asked
+        drop_pieces(folder)
+        result = simulated()
     if figures:
         room.write_result(folder, result)
     else:
