@@ -10,16 +10,18 @@ import warnings
 import numpy as np
 import pytest
 
+import stickslip as ss
 from stickslip.cli import main
-from stickslip.data import archive
 from stickslip.loading.packing import jammed
 from tests.unit.test_sample import arrays_of
 from tests.unit.test_scenario import EXAMPLES
 
+DAMAGED = (".npz", ".h5", ".gsd", ".data")
 PATIENCE = 30  # seconds for one input; most take milliseconds
 NASTY = [
     -1, 0, 1, 2, 3, 10**30, -0.0, 1e308, -1e308, 1e-320, float("nan"), float("inf"), -float("inf"), 0.5, True, False,
-    None, "", "x", "x" * 5000, "\x00", "ß∂ƒ", "../..", "__import__('os').system('true')", [], {}, [[]], [0], [1e300] * 4,
+    None, "", "x", "x" * 5000, "\x00", "ß∂ƒ", "../..", "__import__('os').system('true')", [], {}, [[]], [0],
+    [1e300] * 4,
     ["a"], {"a": 1}, [1, 2, 3], [[0, 0, 0]], {"x": 1e9}, {"kind": "slide"},
 ]  # fmt: skip
 
@@ -147,11 +149,12 @@ def check_packings(count, tmp_path, capsys):
     rng, whole, codes = np.random.default_rng(1), packing(), []
     state, _ = jammed(12, packing_fraction=0.66, seed=2)
     np.savez(tmp_path / "whole.npz", **whole)
-    archive.write(tmp_path / "whole.h5", {"state": state})
+    for suffix in DAMAGED[1:]:
+        ss.write_sample(tmp_path / f"whole{suffix}", state, ss.hertz_mindlin())
     for _ in range(count):
-        way = rng.integers(4)
-        path = tmp_path / ("p.h5" if way == 0 else "p.npz")
-        if way < 2:
+        way = rng.integers(8)
+        path = tmp_path / f"p{DAMAGED[way] if way < len(DAMAGED) else '.npz'}"
+        if way < len(DAMAGED):
             path.write_bytes(with_damage((tmp_path / f"whole{path.suffix}").read_bytes(), rng))
         else:
             arrays = whole

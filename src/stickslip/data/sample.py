@@ -263,7 +263,7 @@ def accepted(state: State, law: Law, *, memory: int = FREE, modes: bool = False)
     slip = np.where(trial.mode[:count, None] != OPEN, state.contacts.slip[:count], 0.0)
     along = np.einsum("ck,ck->c", slip, normal)
     size, most = np.linalg.norm(slip, axis=1).max(initial=0.0), np.abs(along).max(initial=0.0)
-    if most > 1e-8 * size:
+    if most > 1e-8 * size > 0:
         words = f"slip was projected on the plane of contact: its normal part was up to {most:.3g}"
         warnings.warn(f"{words}, {most / size:.2g} of the largest slip", SampleWarning, stacklevel=3)
     wanted = np.linalg.norm(slip - along[:, None] * normal, axis=1)

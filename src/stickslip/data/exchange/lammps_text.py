@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..sample import SampleError
+from ..sample import HUGE, SampleError
 
 HEADER = re.compile(r"(?m)^\s*([A-Z][A-Za-z /]*?)\s*(?:#\s*(\S+)\s*)?$")  # of a section in a data file
 VOLUME = 4 / 3 * np.pi
@@ -199,13 +199,19 @@ def _numbers(body: str, rows: int, name: str) -> np.ndarray:
     lines = [line for line in lines if line.strip()]
     if len(lines) != rows:
         raise ValueError(f"section {name} has {len(lines)} lines where {rows} atoms are announced")
-    return np.array(" ".join(lines).split(), float).reshape(rows, -1)
+    values = np.array(" ".join(lines).split(), float).reshape(rows, -1)
+    if not (np.abs(values) < HUGE).all():
+        raise ValueError(f"section {name} holds NaN, infinity or numbers beyond {HUGE:g}")
+    return values
 
 
 def _data_box(head: str) -> tuple[np.ndarray, np.ndarray]:
     def line(*names):
         found = re.search(r"(?m)^\s*(.+?)\s+" + r"\s+".join(names) + r"\b", head)
-        return None if found is None else np.array(found[1].split(), float)
+        values = None if found is None else np.array(found[1].split(), float)
+        if values is not None and not (np.abs(values) < HUGE).all():
+            raise ValueError(f"the box has {found[0].strip()!r}")
+        return values
 
     general = [line(name) for name in ("avec", "bvec", "cvec")]
     if all(v is not None for v in general):
