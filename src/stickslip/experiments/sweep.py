@@ -63,8 +63,8 @@ def judged(chosen: Sweep, report=None) -> list[str]:
 def estimate(chosen: Sweep, folder: Path, slots: int) -> str:
     """How long all members will take, in words, and on what that rests.
 
-    That is the median time of members that were finished before, or that of the first one in a trial, in a process here,
-    of at most PROBE seconds.
+    That is the median time of members that were finished before, or else that of the first one, tried for at most PROBE
+    seconds in a process here.
     """
     some = (finished(folder / MEMBERS / member(chosen, k).name) for k in range(min(chosen.count, SOME)))
     known = [one["seconds"] for one in some if one]
