@@ -63,7 +63,7 @@ def judged(chosen: Sweep, report=None) -> list[str]:
 def estimate(chosen: Sweep, folder: Path, slots: int) -> str:
     """How long all members will take, in words, and on what that rests.
 
-    That is the median time of members that were finished before, or that of the first one in a trial of at most PROBE
+    That is the median time of members that were finished before, or else that of the first one, tried for at most PROBE
     seconds in a process here.
     """
     some = (finished(folder / MEMBERS / member(chosen, k).name) for k in range(min(chosen.count, SOME)))
