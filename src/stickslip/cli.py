@@ -403,7 +403,7 @@ def main() -> None:
             raise
         _fail(problem.format_message().rstrip(".") or "say what to do, as listed above", 2)
     if code == STOPPED:
-        _fail("stopped by the user; nothing that was not reported as written was left behind", STOPPED)
+        _fail("stopped by the user: stickslip resume FOLDER goes on with what is kept", STOPPED)
     sys.exit(code or 0)
 
 

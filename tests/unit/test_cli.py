@@ -116,7 +116,7 @@ def test_a_push_that_nothing_holds_ends_with_the_load_and_a_remedy(change, tmp_p
     assert run.returncode == 1
     assert "no equilibrium at push = 0.005" in run.stderr
     assert "stronger drag" in run.stderr
-    assert not (tmp_path / "out").exists()
+    assert not (tmp_path / "out" / "results.h5").exists()
 
 
 def test_a_time_step_that_cannot_work_is_named(tmp_path):
@@ -124,7 +124,7 @@ def test_a_time_step_that_cannot_work_is_named(tmp_path):
     run = stickslip("run", tmp_path / "s.toml", "--out", tmp_path / "out")
     assert run.returncode == 1
     assert "dynamics.dt = 20 is too long at push = 0.01" in run.stderr
-    assert not (tmp_path / "out").exists()
+    assert not (tmp_path / "out" / "results.h5").exists()
 
 
 def test_a_disk_whose_own_contact_is_first_at_the_limit_can_be_drawn(tmp_path):
@@ -151,8 +151,9 @@ def test_control_c_ends_with_a_sentence_and_130(tmp_path):
     _, said = run.communicate(timeout=60)
     assert run.returncode == 130
     assert "stopped by the user" in said
+    assert "goes on with what is kept" in said
     assert "Traceback" not in said
-    assert not (tmp_path / "out").exists()
+    assert not (tmp_path / "out" / "results.h5").exists()
 
 
 def test_the_number_of_workers_does_not_change_the_numbers(tmp_path):

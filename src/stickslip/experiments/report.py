@@ -91,9 +91,8 @@ def claim_folder(folder: Path, scenario, *, overwrite: bool = False) -> None:
     known = folder / SCENARIO
     try:
         if known.exists() and known.read_bytes() != scenario.text.encode() and not overwrite:
-            raise ValueError(
-                f"{folder} holds the results of another scenario: choose another --out, or add --overwrite"
-            )
+            what = "the results" if (folder / NUMBERS).exists() else "an unfinished run"
+            raise ValueError(f"{folder} holds {what} of another scenario: choose another --out, or add --overwrite")
         if folder.exists() and not folder.is_dir():
             raise ValueError(f"{folder} is a file, not a folder: choose another --out")
         _probe(folder)

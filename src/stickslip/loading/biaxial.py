@@ -94,6 +94,7 @@ def at_rest(state: State, law: Law, tolerance: float) -> State:
         if it does not come to rest.
     """
     for _ in range(BLOCKS):
+        state = state._replace(instant=None)  # so that a seed's sample stays the one whose numbers are known
         state, _, outcome = run(state, law, STEPS, 0.2, drag=0.02, tolerance=tolerance)
         if outcome.ok and outcome.iterations < STEPS:
             break

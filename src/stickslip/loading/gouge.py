@@ -159,6 +159,7 @@ def _approached(scenario: GougeScenario, state: State, law: Law, report: Report)
 
 
 def _advanced(scenario: GougeScenario, state: State, law: Law, drag: float, steps: int = CHUNK) -> State:
+    state = state._replace(instant=None)  # so that a seed's sample stays the one whose numbers are known
     try:
         state, _, outcome = run(state, law, steps, scenario.dt, drag=drag, threads=1)
     except ValueError as problem:
