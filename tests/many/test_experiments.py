@@ -59,6 +59,7 @@ def test_a_member_leaves_numbers_with_units(experiment, tmp_path):
     assert np.isfinite(found[name].values).all()
 
 
+@pytest.mark.slow
 def test_realizations_of_papers_are_the_same_on_a_cluster(cluster):
     disks = ss.scenario(**DISKS)
     here, there = (ss.simulate(disks, workers=workers).sliding[0.02] for workers in (1, cluster.address))

@@ -131,7 +131,7 @@ def test_members_that_fail_end_with_1_and_the_others_are_kept(tmp_path):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals are those of POSIX")
-@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize("end", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGKILL])
 def test_a_sweep_that_is_stopped_goes_on_with_the_next_call(end, tmp_path):
     (tmp_path / "s.toml").write_text(DISKS.format(mu=""))
     words = [sys.executable, "-c", "from stickslip.cli import main; main()", "run", tmp_path / "s.toml"]

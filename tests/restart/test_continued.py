@@ -82,13 +82,13 @@ CONTROLS = (
 SHARP, VISCOUS = "hertz_mindlin sharp", "reff sharp viscoelastic"  # whose kernels other tests compile, too
 # law, dimension, grains (30: the plain loop, 150: blocks), control, memory, drag
 FAST = [
-    *((law, 3, n, control, "difference", drag) for law in (SHARP, VISCOUS) for control, n, drag in CONTROLS),
+    *((VISCOUS, 3, n, control, "difference", drag) for control, n, drag in CONTROLS),
     *((law, 3, 150, free, memory, 0.0) for law in (SHARP, VISCOUS) for memory in ("difference", "rate")),
 ]
 SLOW = [
     *((law, dim, n, free, "difference", 0.0) for law in LAWS for dim, n in ((3, 150), (2, 150), (3, 30), (2, 30))),
     *((law, dim, 150, free, "rate", 0.0) for law in LAWS if "smooth" not in law for dim in (2, 3)),
-    *((law, 2, n, control, "difference", drag) for law in LAWS for control, n, drag in CONTROLS),
+    *((law, dim, n, control, "difference", drag) for law in LAWS for dim in (2, 3) for control, n, drag in CONTROLS),
 ]
 MATRIX = [*FAST, *(pytest.param(*case, marks=pytest.mark.slow) for case in SLOW if case not in FAST)]
 
