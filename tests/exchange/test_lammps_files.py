@@ -237,6 +237,7 @@ def test_dashpots_need_velocities(tmp_path):
         back(tmp_path / "p.dump")
 
 
+@pytest.mark.slow
 def test_a_hundred_thousand_grains_are_read_in_seconds(tmp_path):
     side = 47
     place = np.stack(np.meshgrid(*[np.arange(side)] * 3, indexing="ij"), axis=-1).reshape(-1, 3) * 1.0

@@ -102,6 +102,7 @@ def test_a_single_run_has_nothing_for_a_cluster(tmp_path):
     assert "experiment = 'rate-state' is one run: leave it out" in run.stderr
 
 
+@pytest.mark.slow
 def test_a_folder_of_another_run_is_not_taken(tmp_path):
     out = tmp_path / "out"
     assert stickslip("run", ROOT / "examples" / "rate_state.toml", "--out", out).returncode == 0

@@ -42,6 +42,7 @@ def test_modes_solve_the_quadratic_problem(packing):
         assert np.linalg.norm(s**2 * y - s * (drag @ mode) / root + pull @ y) < 1e-9
 
 
+@pytest.mark.slow
 def test_methods_for_large_packings_find_the_same(packing):
     law = ss.linear(1.0, 0.4, 5.0, coulomb="sharp", damping_n=1e-3, damping_t=1e-3)
     dense, near = (ss.damped_stability(packing, law, method=method) for method in ("dense", "pairs"))
