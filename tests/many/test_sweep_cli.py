@@ -41,6 +41,7 @@ def sliders(path, values="[0.3, 0.5]", seeds=2):
     return path
 
 
+@pytest.mark.slow
 def test_a_sweep_says_what_it_is_and_where_everything_is(tmp_path):
     run = stickslip("run", sliders(tmp_path / "s.toml"), "--out", tmp_path / "out", "--workers", "2")
     assert run.returncode == 0, run.stderr

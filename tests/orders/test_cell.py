@@ -63,6 +63,7 @@ def test_friction_sees_the_flow_as_the_laboratory_does():
         np.testing.assert_allclose(mine, its, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [60, 400])
 def test_a_deforming_cell_gives_the_same_bits_on_any_number_of_threads_and_in_any_order(n, monkeypatch):
     law = make_law("hertz_mindlin_reff", "sharp", damping_n=0.3, damping_t=0.15)

@@ -41,7 +41,14 @@ CASES = [
     ("hertz_mindlin", "smooth", 2, {}, True),
     ("linear", "smooth", 3, {"damping": "mass_velocity", "damping_n": 0.02, "damping_t": 0.01}, True),
     ("hertz_mindlin_reff", "sharp", 3, {"damping_n": 0.3, "damping_t": 0.15}, False),
-    ("hertz_mindlin_reff", "sharp", 2, {"damping_n": 0.3, "damping_t": 0.15, "tension": False}, True),
+    pytest.param(
+        "hertz_mindlin_reff",
+        "sharp",
+        2,
+        {"damping_n": 0.3, "damping_t": 0.15, "tension": False},
+        True,
+        marks=pytest.mark.slow,
+    ),
 ]
 
 
@@ -67,7 +74,9 @@ def test_blocks_agree_with_a_plain_sweep(law_name, coulomb, dim, more, walls, mo
         assert np.array_equal(known[0][column], known[1][column])
 
 
-@pytest.mark.parametrize(("law_name", "coulomb", "dim", "more", "walls"), [CASES[1], CASES[3]])
+@pytest.mark.parametrize(
+    ("law_name", "coulomb", "dim", "more", "walls"), [pytest.param(*CASES[1], marks=pytest.mark.slow), CASES[3]]
+)
 def test_two_threads_give_the_bits_of_one(law_name, coulomb, dim, more, walls):
     if numba.config.NUMBA_NUM_THREADS < 2:
         pytest.skip("this machine has one core: two threads cannot be compared with one")

@@ -33,7 +33,7 @@ IDS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("dim", "fraction"), [(3, 0.7), (2, 0.88)])
+@pytest.mark.parametrize(("dim", "fraction"), [(3, 0.7), pytest.param(2, 0.88, marks=pytest.mark.slow)])
 def test_a_small_scenario_runs_in_both_dimensions(tmp_path, dim, fraction):
     (tmp_path / "s.toml").write_text(SMALL.format(dim=dim, fraction=fraction))
     done = stickslip("run", tmp_path / "s.toml", "--out", tmp_path / "out")
@@ -58,6 +58,7 @@ def test_a_small_scenario_runs_in_both_dimensions(tmp_path, dim, fraction):
     assert last.cell.vectors[1, 0] / last.cell.vectors[1, 1] == pytest.approx(0.02)
 
 
+@pytest.mark.slow
 def test_the_result_does_not_depend_on_the_number_of_processes(tmp_path):
     text = SMALL.format(dim=3, fraction=0.7).replace("0.01, 0.02", "1e-3").replace("[5e-4, 1e-3]", "5e-4")
     (tmp_path / "s.toml").write_text(text)

@@ -169,6 +169,7 @@ def test_geometric_stiffness_keeps_the_balance(boxed):
     assert residual[0] < 0.2 * residual[1]
 
 
+@pytest.mark.slow
 def test_simple_shear_of_a_periodic_packing():
     state, law = sheared_box(60, seed=1)
     end = ss.stress_controlled(state.control, {"xy": -0.05 * 1e-4})

@@ -146,11 +146,8 @@ def leaves(path):
     return found
 
 
-@pytest.mark.parametrize(
-    ("scenario", "after"),
-    [(ARRAY, 14), pytest.param(SPHERES, 6, marks=pytest.mark.slow)],
-    ids=["disk-array", "sphere-shear"],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("scenario", "after"), [(ARRAY, 14), (SPHERES, 6)], ids=["disk-array", "sphere-shear"])
 def test_quasi_static_runs_go_on_to_the_tolerance_of_their_solver(tmp_path, scenario, after):
     """On this machine and with as many threads it is to the last bit, but that is promised for dynamics only."""
     out, _, _ = run_killed_once(tmp_path, scenario, after)

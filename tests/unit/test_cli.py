@@ -127,6 +127,7 @@ def test_a_time_step_that_cannot_work_is_named(tmp_path):
     assert not (tmp_path / "out" / "results.h5").exists()
 
 
+@pytest.mark.slow
 def test_a_disk_whose_own_contact_is_first_at_the_limit_can_be_drawn(tmp_path):
     text = "\n".join([
         "[array]", "disks = 2", "[law.wall]", "mu = 1.0", "[load]", "push = [0.0, 0.06]", "step = 5e-3", "disk = 2",
@@ -156,6 +157,7 @@ def test_control_c_ends_with_a_sentence_and_130(tmp_path):
     assert not (tmp_path / "out" / "results.h5").exists()
 
 
+@pytest.mark.slow
 def test_the_number_of_workers_does_not_change_the_numbers(tmp_path):
     scenario = short(tmp_path / "s.toml")
     found = []
