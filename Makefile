@@ -8,7 +8,7 @@ demo: $(STAMP)  ## install, run paper 000 (quick), show figures' paths and the c
 	$(BIN)/stickslip reproduce disk-array --quick --overwrite --out results/disk-array-quick
 
 test: $(STAMP)  ## the tests, under ten minutes on two cores
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 slow: $(STAMP)  ## the long checks
 	$(BIN)/python -m pytest -m slow

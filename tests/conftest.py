@@ -1,5 +1,11 @@
 """Shared assemblies, and a process in which NaN cannot pass unnoticed."""
 
+import contextlib
+import io
+import sys
+import warnings
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import settings
@@ -57,3 +63,20 @@ def stirred(state, law, rng, size=0.02, times=3):
         state = state._replace(grains=grains._replace(position=grains.position + move, angle=grains.angle + turn))
     _, trial = forces(state, law)
     return accept(state, trial)
+
+
+def stickslip_here(*words, cwd=None):
+    """What the command line says and returns, in this process: a second less than in one of its own."""
+    from stickslip.cli import main
+
+    out, err, argv = io.StringIO(), io.StringIO(), sys.argv
+    sys.argv = ["stickslip", *map(str, words)]
+    go = contextlib.chdir(cwd) if cwd else contextlib.nullcontext()
+    with go, contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), warnings.catch_warnings():
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code or 0
+        finally:
+            sys.argv = argv
+    return SimpleNamespace(returncode=code, stdout=out.getvalue(), stderr=err.getvalue())

@@ -13,7 +13,7 @@ from stickslip.loading.packing import jammed
 from stickslip.loading.protocols import ramp
 from stickslip.loading.shear import aqs
 from stickslip.solve.freedom import stiffness
-from tests.published.test_disk_array import stickslip as run
+from tests.conftest import stickslip_here as run
 
 from .packings import SHARP, assert_same, disks, spheres, walled
 

@@ -10,6 +10,7 @@ import pytest
 
 import stickslip as ss
 from stickslip.data.exchange.vtk_file import vtk_paths
+from stickslip.extras import MissingExtraError
 
 from .packings import SHARP, disks, spheres, walled
 
@@ -93,6 +94,6 @@ def test_a_missing_library_is_one_sentence(name, library, tmp_path, monkeypatch)
     for module in [m for m in sys.modules if m.partition(".")[0] == library]:
         monkeypatch.setitem(sys.modules, module, None)
     monkeypatch.setitem(sys.modules, library, None)
-    with pytest.raises(ss.SampleError, match=r'pip install "stickslip\[exchange\]"'):
+    with pytest.raises(MissingExtraError, match=r'pip install "stickslip\[exchange\]"'):
         ss.write_sample(tmp_path / name, disks(), SHARP)
     assert not list(tmp_path.iterdir())

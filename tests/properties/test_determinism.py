@@ -39,7 +39,14 @@ def same_bits(one, two):
 CASES = [
     ("hertz_mindlin", "sharp", 3, {}, False),
     ("hertz_mindlin", "smooth", 2, {}, True),
-    ("linear", "smooth", 3, {"damping": "mass_velocity", "damping_n": 0.02, "damping_t": 0.01}, True),
+    pytest.param(
+        "linear",
+        "smooth",
+        3,
+        {"damping": "mass_velocity", "damping_n": 0.02, "damping_t": 0.01},
+        True,
+        marks=pytest.mark.slow,
+    ),
     ("hertz_mindlin_reff", "sharp", 3, {"damping_n": 0.3, "damping_t": 0.15}, False),
     pytest.param(
         "hertz_mindlin_reff",

@@ -116,7 +116,7 @@ def test_a_full_disk_leaves_the_earlier_file(tmp_path, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(archive.os, "fsync", full)
+    monkeypatch.setattr("os.fsync", full)
     with pytest.raises(OSError, match="No space left") as caught:
         archive.write(tmp_path / "a.h5", {"x": 2})
     assert caught.value.filename == str(tmp_path / "a.h5")

@@ -14,7 +14,7 @@ from stickslip.loading.packing import jammed
 from stickslip.loading.protocols import ramp
 from stickslip.loading.shear import aqs
 from stickslip.solve.stability import stability
-from tests.published.test_disk_array import stickslip as run
+from tests.conftest import stickslip_here as run
 
 LAW = ss.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth")
 

@@ -11,7 +11,6 @@ HDF5 itself may read a damaged file for ever.
 """
 
 import hashlib
-import os
 import platform
 import uuid
 from collections.abc import Iterable
@@ -25,6 +24,7 @@ import numpy as np
 from ..core.laws import Law
 from ..core.state import Cell, Contacts, Control, Grains, Instant, State, Walls
 from .units import unit_of
+from .whole import replace
 
 SCHEMA = 4
 _BLOCK, _SEAL = 512, b"stickslip archive, SHA-256 of what follows this block:\n"
@@ -69,22 +69,6 @@ def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = ""
 def _sealed(image: bytes) -> bytes:
     """An image behind a block that holds its checksum."""
     return _SEAL + hashlib.sha256(image).hexdigest().encode().ljust(_BLOCK - len(_SEAL), b"\n") + image
-
-
-def replace(path: Path, content: bytes) -> None:
-    """Put a file in place of another, all or nothing."""
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with open(beside, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(beside, path)
-    except BaseException as problem:
-        beside.unlink(missing_ok=True)
-        if isinstance(problem, OSError):
-            problem.filename = str(path)
-        raise
 
 
 def versions() -> str:

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 from .. import __version__
 from . import archive
+from .whole import replace
 
 UNFINISHED, SCENARIO = "unfinished", "scenario.json"  # a folder and a file, beside the results to come
 
@@ -45,7 +46,7 @@ class Kept(NamedTuple):
         """Write the scenario, with which the run can be gone on with and other processes find its folder."""
         self.folder.mkdir(parents=True, exist_ok=True)
         if not (self.run / SCENARIO).exists():
-            archive.replace(self.run / SCENARIO, self.scenario.encode())
+            replace(self.run / SCENARIO, self.scenario.encode())
 
     def seen(self) -> "Kept | None":
         """The same, if this process sees the run's folder; a worker on another machine may not."""

@@ -3,7 +3,6 @@
 It is NetCDF 3, which xarray reads with SciPy alone, and which every program of the geosciences reads.
 """
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +12,7 @@ from .. import __version__
 from .keys import field_at
 from .scenario import kind_of
 from .sweep import Axis, Sweep
+from .whole import replace
 
 DATASET = "sweep.nc"
 POINT = "point"  # the dimension along which axes go side by side
@@ -56,13 +56,7 @@ def write_sweep(folder: Path, chosen: Sweep, names: list[str], found: list[dict 
     names, found, failures : of all members in their order: folder; what it left (None if it is not finished) with
         `measures` {name: [value, unit]} and `seconds`; sentence, or nothing
     """
-    path = folder / DATASET
-    beside = path.with_name(f".{DATASET}.{os.getpid()}")
-    try:
-        beside.write_bytes(dataset(chosen, names, found, failures).to_netcdf(engine="scipy"))
-        os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)
+    replace(folder / DATASET, bytes(dataset(chosen, names, found, failures).to_netcdf(engine="scipy")))
 
 
 def dataset(chosen: Sweep, names: list[str], found: list[dict | None], failures: list[str]) -> xr.Dataset:

@@ -21,6 +21,7 @@ from ..data import archive
 from ..data.kept import SCENARIO, UNFINISHED, finished
 from ..data.parts import Whole
 from ..data.scenario import read as read_scenario
+from ..data.whole import replace
 from . import claims as claims_table
 from .rooms import SWEEP
 
@@ -47,8 +48,8 @@ class Begun(NamedTuple):
 def begin_reproduction(folder: Path, scenario, **arguments) -> None:
     """Note in the folder which paper's run begins there, for `begun`."""
     (folder / UNFINISHED).mkdir(parents=True, exist_ok=True)
-    archive.replace(folder / SCENARIO, scenario.text.encode())
-    archive.replace(folder / UNFINISHED / REPRODUCTION, json.dumps(arguments).encode())
+    replace(folder / SCENARIO, scenario.text.encode())
+    replace(folder / UNFINISHED / REPRODUCTION, json.dumps(arguments).encode())
 
 
 def begun(folder: Path) -> Begun | None:

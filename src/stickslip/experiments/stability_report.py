@@ -9,6 +9,7 @@ from rich.table import Table
 
 from ..core.laws import COULOMB, DAMPING, KINDS, NO_TENSION, PARAMETERS, Law, dashpots
 from ..core.state import State
+from ..data.whole import beside
 from ..solve.damped import Damped, damped_stability
 from ..solve.stability import Stability, stability
 from .report import console
@@ -138,13 +139,9 @@ def write_modes(path: Path, found: Stability | Damped) -> Path:
     else:
         values = np.concatenate([found.pairs, found.negative.astype(complex)])
         exponents = -1j * np.sqrt(values)
-    beside = path.with_name(f".{path.name}.part.npz")
-    try:
+    with beside(path) as part:
         np.savez(
-            beside, eigenvalue=values, exponent=exponents, translation=full[..., :3], rotation=full[..., 3:],
+            part, eigenvalue=values, exponent=exponents, translation=full[..., :3], rotation=full[..., 3:],
             rattlers=static.rattlers,
         )  # fmt: skip
-        beside.replace(path)
-    finally:
-        beside.unlink(missing_ok=True)
     return path

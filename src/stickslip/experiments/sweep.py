@@ -15,6 +15,7 @@ from ..data.archive import ArchiveError
 from ..data.kept import finished as drop_pieces
 from ..data.sweep import Sweep, member, sweep
 from ..data.sweep_data import write_sweep
+from ..data.whole import replace
 from ..ensemble import Workers, reach, run_members, trial
 from .report import NUMBERS, complete, duration, files_of, save
 from .rooms import REPORTS, SWEEP
@@ -126,7 +127,7 @@ def run_sweep(
     """
     folder, names = Path(folder).resolve(), names or judged(chosen)
     (folder / MEMBERS).mkdir(parents=True, exist_ok=True)
-    (folder / SWEEP).write_text(chosen.text, encoding="utf-8")
+    replace(folder / SWEEP, chosen.text.encode())
     found = [finished(folder / MEMBERS / name) for name in names]
     first = {name: k for k, name in reversed(list(enumerate(names)))}  # a sample may hold a scenario twice
     failures, missing = [""] * len(names), [k for k in first.values() if found[k] is None][::-1]
@@ -178,9 +179,7 @@ def _kept(folder: Path, left: Left) -> dict:
             for name, data in left.files.items():
                 (room / name).write_bytes(data)
     known = {"stickslip": __version__, "seconds": left.seconds, "measures": left.measures}
-    beside = folder / f".{MEASURES}"
-    beside.write_text(json.dumps(known, indent=1), encoding="utf-8")
-    beside.replace(folder / MEASURES)
+    replace(folder / MEASURES, json.dumps(known, indent=1).encode())
     return known
 
 

@@ -9,7 +9,8 @@ from ...core.laws import DAMPING_N, DAMPING_T, KN, KT, MU, NO_TENSION, Law
 from ...core.state import State
 from .. import archive
 from ..sample import SampleError, law_from
-from .frame import Frame, beside, law_words, unheld, without_walls
+from ..whole import beside
+from .frame import Frame, law_words, unheld, without_walls
 
 REQUIRED = ("position", "radius")
 CONTACTS = ("pair_i", "pair_j", "image", "slip", "mode")

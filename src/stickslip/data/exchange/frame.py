@@ -3,10 +3,6 @@
 A file is written beside its place and then renamed, so that nothing half-written stands under its name.
 """
 
-import os
-from contextlib import contextmanager
-from importlib import import_module
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -16,8 +12,6 @@ from ...core.laws import COULOMB, DAMPING, KINDS, NO_TENSION, Law
 from ...core.measure import branches, contact_forces, contact_numbers, touching
 from ...core.state import State
 from ..sample import SampleError
-
-GET = '`pip install "stickslip[exchange]"`'
 
 
 class Frame(NamedTuple):
@@ -136,24 +130,3 @@ def unheld(frame: Frame, *, walls: bool = True, law: bool = True, imposed: bool 
     if imposed and (acts or held or (control.group >= 0).any()):
         words.append("loads and what is held or driven")
     return words
-
-
-@contextmanager
-def beside(path: Path):
-    """A path in the same folder, with the same ending, that is renamed to `path` if all went well."""
-    if not path.parent.is_dir():
-        raise SampleError(f"the folder {path.parent} does not exist: make it first")
-    part = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
-    try:
-        yield part
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
-
-
-def library(name: str, what: str):
-    """A module of the extra `exchange`; SampleError that says how to get it."""
-    try:
-        return import_module(name)
-    except ImportError:
-        raise SampleError(f"{what} needs {name.partition('.')[0]}, which is not installed: {GET}") from None

@@ -15,8 +15,10 @@ from ...core import state as core
 from ...core.laws import Law
 from ...core.neighbors import pack_key
 from ...core.state import State, check
+from ...extras import needed
 from ..sample import SampleError
-from .frame import Frame, beside, law_of, law_words, library, shown_box, without_walls, wrapped_into
+from ..whole import beside
+from .frame import Frame, law_of, law_words, shown_box, without_walls, wrapped_into
 
 SCHEMA = 1  # of what is under stickslip/
 OURS = "stickslip/"
@@ -32,7 +34,7 @@ NOUNS = {
 
 def write_gsd(path: str | Path, frames: list[Frame]) -> list[str]:
     """Write frames as a trajectory; returns sentences about what other programs do not see in it."""
-    hoomd = library("gsd.hoomd", "writing GSD")
+    hoomd = needed("gsd.hoomd", "exchange")
     words = []
     with beside(Path(path)) as part, hoomd.open(str(part), "w") as file:
         for step, frame in enumerate(frames):
@@ -120,7 +122,7 @@ def read_gsd(path: str | Path, wanted: str | None = None) -> list[tuple[str, Sta
     SampleError
         with one sentence, if the file is truncated, of another version, or no GSD file at all.
     """
-    hoomd = library("gsd.hoomd", "reading GSD")
+    hoomd = needed("gsd.hoomd", "exchange")
     try:
         with hoomd.open(str(path), "r") as file:
             numbers = _chosen(path, len(file), wanted)

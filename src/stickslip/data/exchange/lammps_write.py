@@ -11,7 +11,8 @@ from ...core.jacobian import linearised
 from ...core.laws import SHARP, dashpots
 from ...core.measure import touching
 from ...core.state import SLIDE
-from .frame import Frame, beside, shown_box, unheld, without_walls, wrapped_into
+from ..whole import beside
+from .frame import Frame, shown_box, unheld, without_walls, wrapped_into
 from .lammps_file import ORDER, approach
 from .lammps_text import VOLUME
 

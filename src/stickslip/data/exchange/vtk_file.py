@@ -9,8 +9,9 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from ...extras import needed
 from ..sample import SampleError
-from .frame import Frame, library, unheld, wrapped_into
+from .frame import Frame, unheld, wrapped_into
 
 
 def vtk_paths(path: Path, count: int) -> list[tuple[Path, Path]]:
@@ -23,7 +24,7 @@ def vtk_paths(path: Path, count: int) -> list[tuple[Path, Path]]:
 
 def write_vtk(path: str | Path, frames: list[Frame]) -> list[str]:
     """Write two .vtu files a frame, all or none; returns what they do not hold."""
-    hl, path = library("pyevtk.hl", "writing VTK"), Path(path)
+    hl, path = needed("pyevtk.hl", "exchange"), Path(path)
     if not path.parent.is_dir():
         raise SampleError(f"the folder {path.parent} does not exist: make it first")
     pairs = vtk_paths(path, len(frames))

@@ -6,7 +6,8 @@ Written without a library, as ASE would leave eight decimals of every number.
 import json
 from pathlib import Path
 
-from .frame import Frame, beside, law_words, unheld
+from ..whole import beside
+from .frame import Frame, law_words, unheld
 
 
 def write_xyz(path: str | Path, frames: list[Frame]) -> list[str]:
