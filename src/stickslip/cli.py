@@ -145,7 +145,7 @@ def run(
     from .data.scenario import scenario as judged
     from .data.scenario import tables_of
     from .experiments import report
-    from .experiments.rooms import ALONE, SWEEP
+    from .experiments.rooms import SWEEP
 
     tables = tables_of(scenario)
     if "sweep" in tables:
@@ -153,11 +153,9 @@ def run(
     chosen = judged(**tables)
     if engine is not None:
         chosen = _with_engine(chosen, engine)
-    if scheduler and chosen.experiment in ALONE:
-        raise ValueError(f"--scheduler was given, but experiment = {chosen.experiment!r} is one run: leave it out")
     if (out / SWEEP).exists():
         raise ValueError(f"{out} holds the results of a sweep: choose another --out")
-    spread = _spread(workers, scheduler)
+    spread = _spread(workers, scheduler, chosen)
     report.claim_folder(out, chosen, overwrite=overwrite)
     return _ran(chosen, out, spread)
 
@@ -190,7 +188,7 @@ def resume(
     if found is None:
         report.console.print(f"{folder} is finished: there is nothing to go on with.", highlight=False)
         return report.show_paths(report.files_of(folder))
-    spread = _spread(workers, scheduler)
+    spread = _spread(workers, scheduler, found.scenario)
     if found.reproduction:
         return _reproduced(folder, spread, **found.reproduction)
     if found.sweep:
@@ -230,8 +228,12 @@ def _swept(tables: dict, engine: str | None) -> dict:
     return tables | {"engine": engine}
 
 
-def _spread(workers: int | None, scheduler: str | None) -> int | str | None:
-    """Where independent runs go, tried before anything starts."""
+def _spread(workers: int | None, scheduler: str | None, chosen=None) -> int | str | None:
+    """Where independent runs of a scenario go, tried before anything starts."""
+    from .experiments.rooms import ALONE
+
+    if scheduler and chosen and chosen.experiment in ALONE:
+        raise ValueError(f"--scheduler was given, but experiment = {chosen.experiment!r} is one run: leave it out")
     if scheduler is None:
         return workers
     if workers is not None:
@@ -409,10 +411,10 @@ def main() -> None:
 
 def _words(problem: Exception) -> str:
     if isinstance(problem, OSError) and problem.strerror:
-        remedy = ""
-        if problem.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS):
-            remedy = "; what was kept before is whole: make room, then go on with stickslip resume"
-        return f"{problem.filename}: {problem.strerror.lower()}{remedy}"
+        full = problem.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+        remedy = ": what was there before is whole; make room, then stickslip resume goes on with a run" if full else ""
+        place = f"{problem.filename}: " if problem.filename else ""
+        return f"{place}{problem.strerror.lower()}{remedy}"
     return str(problem)
 
 

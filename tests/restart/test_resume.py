@@ -84,7 +84,7 @@ def begun(path, words):
     code = "from stickslip.cli import main; main()"
     return subprocess.Popen(
         [sys.executable, "-c", code, *map(str, words)], cwd=path, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        text=True, start_new_session=True,
+        text=True, start_new_session=True, env=os.environ | {"FORCE_COLOR": "1", "COLUMNS": "300"},
     )  # fmt: skip
 
 
@@ -220,7 +220,7 @@ def test_a_full_disk_ends_with_a_sentence_and_what_was_kept_is_whole(tmp_path):
 
 @pytest.mark.slow
 def test_a_hundred_kills_lose_no_frame_that_was_said_to_be_kept(tmp_path):
-    scenario, rng, kills = FLOW.format(settle=60.0, open=60.0), random.Random(0), 0
+    scenario, rng, kills, most = FLOW.format(settle=60.0, open=60.0), random.Random(0), 0, 0
     other = whole(tmp_path / "other", scenario)
     while kills < 100:
         out = tmp_path / f"out-{kills}"
@@ -231,11 +231,13 @@ def test_a_hundred_kills_lose_no_frame_that_was_said_to_be_kept(tmp_path):
             alive = killed_after(process, rng.uniform(0.8, 4.0))
             kills += alive
             said = max(said, *(int(n) for n in re.findall(r"(\d+) frames kept", process.said)), 0)
+            most = max(most, said)
             frames = sum(archive.read(path)["piece"]["frame"] for path in pieces(out))
             assert frames >= said or (out / "results.h5").exists()
             words = ["resume", out] if (out / "scenario.json").exists() else words
         stickslip("resume", out)
         assert (out / "results.h5").read_bytes() == (other / "results.h5").read_bytes()
+    assert most > 0  # what is said was heard
 
 
 def killed_after(process, seconds):

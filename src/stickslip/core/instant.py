@@ -19,7 +19,7 @@ _PASSED = ("pair", "roll", "origin", "skin", "i", "j", "image")  # follow from t
 
 def mark(state: State, law: Law, memory: str) -> int:
     """A checksum of what forces depend on: all arrays of a state, law and mode of memory."""
-    out = zlib.crc32(f"{law.kind} {law.coulomb} {law.damping} {memory} {state.time!r}".encode())
+    out = zlib.crc32(f"{law.kind} {law.coulomb} {law.damping} {memory} {float(state.time)!r}".encode())
     count = int(state.contacts.count[0])
     for noun in (state.grains, state.walls, state.cell, state.contacts, state.control):
         for name, array in zip(noun._fields, noun, strict=True):
@@ -31,8 +31,11 @@ def mark(state: State, law: Law, memory: str) -> int:
 
 
 def with_mark(state: State, law: Law, memory: str) -> State:
-    """The state at the end of a run, its instant marked, or left out where forces are found again to the last bit."""
-    if not dashpots(law):
+    """The state at the end of a run, its instant marked, or left out where a run begins with the same bits anyway.
+
+    Without dashpots forces are found again, but the mean velocity of a rigid group is not.
+    """
+    if not (dashpots(law) or (state.control.group >= 0).any()):
         return state._replace(instant=None)
     return state._replace(instant=state.instant._replace(mark=mark(state, law, memory)))
 

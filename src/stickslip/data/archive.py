@@ -131,7 +131,9 @@ def _check_seal(path) -> None:
             raise ArchiveError(f"{path} is not an archive: give the results.h5 of a run")
         digest = hashlib.file_digest(file, "sha256").hexdigest().encode()
     if block[len(_SEAL) :].strip() != digest:
-        raise ArchiveError(f"{path} is damaged, or was changed since it was written: its checksum does not hold")
+        raise ArchiveError(
+            f"{path} is damaged, or was changed since it was written (its checksum): take a copy, or run it again"
+        )
 
 
 def _check_schema(path, schema) -> None:

@@ -113,7 +113,7 @@ def _dataset(tree: dict, units: dict[str, str]) -> xr.Dataset:
     states, tables, laws = {}, {}, {}
     _gathered(tree, "", tree.get("law"), states, tables, laws)
     states = {name: state for name, state in states.items() if len(state.grains.radius) == _most(states)}
-    variables = _frames(states, laws, units) if states else {}
+    variables = _frames(states, laws, units, _wall_rows(tree, states)) if states else {}
     for group, entries in tables.items():
         variables |= _table(group, entries, units)
     names = list(states)
@@ -142,7 +142,19 @@ def _gathered(tree, above: str, law, states: dict, tables: dict, laws: dict) -> 
             tables.setdefault(above, {})[name] = np.asarray(value)
 
 
-def _frames(states: dict[str, State], laws: dict, units: dict) -> dict:
+def _wall_rows(tree: dict, states: dict[str, State]) -> dict[str, np.ndarray]:
+    """Which wall of the whole run each wall of a state is: others may have been removed before it."""
+    names = tree["walls"].split("\n") if isinstance(tree.get("walls"), str) else []
+    left = tree.get("frame_walls", {})
+    out = {}
+    for path, state in states.items():
+        mine = left.get(path.rpartition("/")[2], "").split("\n")
+        known = len(mine) == len(state.walls.mass) and set(mine) <= set(names)
+        out[path] = np.array([names.index(name) for name in mine] if known else range(len(state.walls.mass)), int)
+    return out
+
+
+def _frames(states: dict[str, State], laws: dict, units: dict, walls: dict[str, np.ndarray]) -> dict:
     """Variables of states."""
     first, many = next(iter(states)), list(states.values())
 
@@ -156,26 +168,31 @@ def _frames(states: dict[str, State], laws: dict, units: dict) -> dict:
         out[name] = (("frame", "grain", "axis")[: values.ndim], values, unit("grains", name))
     if most := max(len(state.walls.mass) for state in many):
         for name in _WALLS:
-            values = np.stack([_padded(getattr(state.walls, name), most) for state in many])
+            values = np.stack([_placed(getattr(s.walls, name), walls[path], most) for path, s in states.items()])
             out[f"wall_{name}"] = (("frame", "wall", "axis")[: values.ndim], values, unit("walls", name))
     out["cell"] = (("frame", "vector", "axis"), np.stack([s.cell.vectors for s in many]), unit("cell", "vectors"))
-    return out | _contacts(states, laws, unit)
+    return out | _contacts(states, laws, unit, walls)
 
 
-def _padded(values: np.ndarray, number: int) -> np.ndarray:
+def _placed(values: np.ndarray, rows: np.ndarray, number: int) -> np.ndarray:
     """Rows of walls, NaN for those that are gone."""
     out = np.full((number, *values.shape[1:]), np.nan)
-    out[: len(values)] = values
+    out[rows] = values
     return out
 
 
-def _contacts(states: dict[str, State], laws: dict, unit) -> dict:
+def _contacts(states: dict[str, State], laws: dict, unit, walls: dict[str, np.ndarray]) -> dict:
     """Variables of all contacts that touch, frame after frame."""
     rows = [touching(state) for state in states.values()]
-    out = {"contact_count": ("frame", np.array([len(r) for r in rows]), {"sample_dimension": "contact"})}
+    counts = np.array([len(r) for r in rows])
+    out = {"contact_count": ("frame", counts, {"sample_dimension": "contact"})}
     for name in _PAIRS:
         values = np.concatenate([getattr(s.contacts, name)[r] for s, r in zip(states.values(), rows, strict=True)])
         out[f"contact_{name}"] = (("contact", "axis")[: values.ndim], values, unit("contacts", name))
+    for (path, state), ends in zip(states.items(), np.split(out["contact_j"][1], np.cumsum(counts)[:-1]), strict=True):
+        n = len(state.grains.radius)
+        at_wall = ends >= n
+        ends[at_wall] = n + walls[path][ends[at_wall] - n]
     if all(laws[name] is not None for name in states):
         force = [
             contact_forces(state, laws[name])[r] if len(r) else np.zeros((0, 3))

@@ -4,6 +4,7 @@ A piece knows the scenario that it belongs to, and is taken for no other. When a
 go away.
 """
 
+import hashlib
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -47,13 +48,23 @@ class Kept(NamedTuple):
         self.folder.mkdir(parents=True, exist_ok=True)
         if not (self.run / SCENARIO).exists():
             replace(self.run / SCENARIO, self.scenario.encode())
+        if not self._note.exists():
+            replace(self._note, self.scenario.encode())
 
     def seen(self) -> "Kept | None":
         """The same, if this process sees the run's folder; a worker on another machine may not."""
-        try:
-            return self if (self.run / SCENARIO).read_bytes() == self.scenario.encode() else None
-        except OSError:
-            return None
+        return self if self._note.is_file() else None
+
+    def check(self) -> None:
+        """Raise ArchiveError if a piece of this part, or of parts of it, cannot be used."""
+        for path in sorted(self.folder.rglob("*.h5")):
+            inside = path.relative_to(self.folder)
+            if not path.name.startswith(".") and UNFINISHED not in inside.parts:
+                self._check(path)
+
+    @property
+    def _note(self) -> Path:
+        return self.run / UNFINISHED / f"{hashlib.sha256(self.scenario.encode()).hexdigest()[:16]}.scenario"
 
     def save(self, name: str, value: Any) -> None:
         """Write a piece, all or nothing; from here on it is there whatever happens to this process."""
@@ -69,6 +80,10 @@ class Kept(NamedTuple):
             with one sentence, if it is damaged, or belongs to another scenario or version.
         """
         path = self._path(name)
+        self._check(path)
+        return archive.read(path, nouns=self.nouns)["piece"]
+
+    def _check(self, path: Path) -> None:
         about = archive.attributes(path)
         if about["scenario"] != self.scenario:
             raise archive.ArchiveError(
@@ -80,7 +95,6 @@ class Kept(NamedTuple):
                 f"{path} was computed by stickslip {about['stickslip']}, and this is {__version__}, whose numbers may "
                 f"differ: go on with that version, or begin again with --overwrite"
             )
-        return archive.read(path, nouns=self.nouns)["piece"]
 
     def clear(self) -> None:
         """Remove all pieces of this part."""
@@ -108,6 +122,7 @@ def hooks(kept: Kept | None, names: list[str]) -> dict[str, Callable]:
     """`load` and `save` of `run_members`, for members of these names."""
     if kept is None:
         return {}
+    kept.check()
     kept.announce()
     return {
         "load": lambda k: kept.load(names[k]) if kept.has(names[k]) else None,
@@ -117,4 +132,8 @@ def hooks(kept: Kept | None, names: list[str]) -> dict[str, Callable]:
 
 def finished(folder: Path) -> None:
     """Remove the pieces of a run that has written its results."""
-    shutil.rmtree(folder / UNFINISHED, ignore_errors=True)
+    gone = folder / f".{UNFINISHED}"  # renamed first: a kill must not leave some of them
+    shutil.rmtree(gone, ignore_errors=True)
+    if (folder / UNFINISHED).is_dir():
+        (folder / UNFINISHED).rename(gone)
+    shutil.rmtree(gone, ignore_errors=True)

@@ -50,7 +50,8 @@ def write_result(folder: Path, result: Result) -> list[Path]:
     if result.trajectory:
         slid = [result.trajectory.load]
     loads, line = list(result.sliding)[:4], disk_array.velocity_line(result)
-    with complete(folder) as room:
+    failed = [words for ensemble in result.sliding.values() for words in ensemble.failures]
+    with complete(folder, failures=failed) as room:
         save(room, result.scenario, numbers(result))
         save_figure(figures.complex_pairs({"": result}), room / FIGURES[0])
         point = at_load(result.path, slid[0]) if slid else result.path[-1]

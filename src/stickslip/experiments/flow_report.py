@@ -47,6 +47,7 @@ def numbers(result: FlowResult) -> dict:
         },
         "series": plain(result.series),
         "profile": {"edges": result.edges, "velocity": velocity_profile(result)},
+        "frame_walls": {f"{k:04d}": "\n".join(names) for k, names in enumerate(result.frame_walls)},
         "frames": {f"{k:04d}": state for k, state in enumerate(result.frames)},
         "units": "those of the scenario",
         **found,

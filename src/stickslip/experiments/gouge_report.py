@@ -49,7 +49,7 @@ def write_reproduction(folder: Path, found) -> list[Path]:
 
 
 def _write(folder: Path, result: GougeResult, claims) -> list[Path]:
-    with complete(folder) as room:
+    with complete(folder, failures=result.failures) as room:
         save(room, result.scenario, numbers(result))
         _write_series(room / SERIES, result)
         _write_steps(room, result)

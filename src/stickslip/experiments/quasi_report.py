@@ -31,7 +31,7 @@ def write_result(folder: Path, result: QuasiResult) -> list[Path]:
 
 def _write(folder: Path, result: QuasiResult, claims) -> list[Path]:
     longest = max(result.tested, key=lambda one: len(one.path.events))
-    with complete(folder) as room:
+    with complete(folder, failures=result.failures) as room:
         save(room, result.scenario, numbers(result))
         _write_curves(room / SERIES, result)
         save_figure(figures.curves(result.tested, result.scenario.loading.test), room / "fig1_curves.png")

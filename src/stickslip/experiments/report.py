@@ -67,7 +67,7 @@ def begun(folder: Path) -> Begun | None:
     if not (folder / SCENARIO).is_file():
         raise ValueError(f"{folder} holds nothing to go on from: begin with stickslip run SCENARIO --out {folder}")
     chosen, note = read_scenario(folder / SCENARIO), folder / UNFINISHED / REPRODUCTION
-    if not note.parent.is_dir():
+    if not note.parent.is_dir() and (folder / NUMBERS).is_file():
         return None
     return Begun(chosen, _noted(note) if note.is_file() else None)
 
@@ -99,6 +99,7 @@ def claim_folder(folder: Path, scenario, *, overwrite: bool = False) -> None:
         _probe(folder)
         if overwrite:
             finished(folder)
+            known.unlink(missing_ok=True)
     except OSError as problem:
         raise ValueError(f"the folder {folder} cannot be written ({problem.strerror}): choose another --out") from None
 
@@ -160,8 +161,11 @@ def duration(seconds: float) -> str:
 
 
 @contextmanager
-def complete(folder: Path):
-    """A room whose files go to the folder at the end, in the place of an earlier run's; the run is finished then."""
+def complete(folder: Path, *, failures=()):
+    """A room whose files go to the folder at the end, in the place of an earlier run's.
+
+    The run is finished then, unless members failed: `stickslip resume` tries these again.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     room = folder / WRITING
     shutil.rmtree(room, ignore_errors=True)
@@ -173,7 +177,8 @@ def complete(folder: Path):
                 path.unlink()
         for path in room.iterdir():
             path.replace(folder / path.name)
-        finished(folder)
+        if not failures:
+            finished(folder)
     finally:
         shutil.rmtree(room, ignore_errors=True)
 

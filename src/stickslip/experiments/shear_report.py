@@ -30,7 +30,7 @@ def write_result(folder: Path, result: ShearResult) -> list[Path]:
 
 
 def _write(folder: Path, result: ShearResult, claims) -> list[Path]:
-    with complete(folder) as room:
+    with complete(folder, failures=result.failures) as room:
         save(room, result.scenario, numbers(result))
         fine = result.scenario.shear.strain[1]
         save_figure(figures.pairs_along_strain(result.paths, fine), room / "fig1_complex_pairs.png")

@@ -139,9 +139,9 @@ def write_modes(path: Path, found: Stability | Damped) -> Path:
     else:
         values = np.concatenate([found.pairs, found.negative.astype(complex)])
         exponents = -1j * np.sqrt(values)
-    with beside(path) as part:
+    with beside(path) as part, part.open("wb") as file:
         np.savez(
-            part, eigenvalue=values, exponent=exponents, translation=full[..., :3], rotation=full[..., 3:],
+            file, eigenvalue=values, exponent=exponents, translation=full[..., :3], rotation=full[..., 3:],
             rattlers=static.rattlers,
         )  # fmt: skip
     return path

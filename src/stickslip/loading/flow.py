@@ -14,8 +14,9 @@ from ..core.laws import Law
 from ..core.measure import contact_forces, coordination, elastic_energy, touching
 from ..core.neighbors import without_walls
 from ..core.state import SLIDE, State
+from ..data.archive import ArchiveError
 from ..data.flow_scenario import FlowScenario, Stage
-from ..data.kept import kept_in
+from ..data.kept import Kept, kept_in
 from .flow_control import controlled, imposed
 from .pouring import Poured, poured
 
@@ -105,7 +106,7 @@ def simulate_flow(
         with one sentence, if a grain moves faster than a radius in one step, or a position is not a number.
     """
     start, kept = poured(scenario), kept_in(folder, scenario, Piece, StageEnd)
-    pieces = [kept.load(name) for name in kept.names] if kept else []
+    pieces = _pieces(kept) if kept else []
 
     def keep(piece):
         if kept:
@@ -122,6 +123,14 @@ def simulate_flow(
         scenario, start.law, start, tuple(piece.end for piece in pieces if piece.end), series, _edges(start),
         (start.state, *(piece.state for piece in shown)), (start.walls, *walls),
     )  # fmt: skip
+
+
+def _pieces(kept: Kept) -> list[Piece]:
+    """All that a run has kept; ArchiveError if some of it is gone."""
+    for k, name in enumerate(kept.names):
+        if name != f"{k:06d}":
+            raise ArchiveError(f"the piece {k:06d} is missing in {kept.folder}: begin again with --overwrite")
+    return [kept.load(name) for name in kept.names]
 
 
 def _run_stage(scenario: FlowScenario, start: Poured, number: int, pieces: list[Piece], keep, threads, report) -> None:

@@ -65,6 +65,8 @@ def simulate_gouge(
 
     if missing:
         if kept:
+            for one in alone:
+                kept.of(one.digest).check()
             kept.announce()
         before = f"; {len(alone) - missing} were finished before" if missing < len(alone) else ""
         live(0.0, f"each takes {scenario.words}{before}")
