@@ -13,6 +13,7 @@ from stickslip.data.sweep_data import open_sweep
 from tests.many.test_ensemble import until
 from tests.published.test_disk_array import stickslip
 
+pytestmark = pytest.mark.slow  # processes of their own, each a second or two to begin
 ROOT = Path(__file__).parents[2]
 SLIDERS = """
 experiment = "rate-state"
