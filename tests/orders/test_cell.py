@@ -9,6 +9,8 @@ from tests.conftest import make_law
 from tests.derivatives.test_free_cell import packed
 from tests.properties.test_determinism import flowing, same_bits
 
+pytestmark = pytest.mark.slow  # kernels of deforming cells take a minute to compile
+
 RATE = 2e-3
 
 
