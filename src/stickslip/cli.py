@@ -142,10 +142,10 @@ def run(
     figures: Annotated[bool, typer.Option("--figures", help="Draw figures of every member of a sweep.")] = False,
 ) -> None:
     """Run your own scenario, or with a table [sweep] many: arrays, packings, tests, flows, gouge, sliders."""
+    from .data.kept import SWEEP
     from .data.scenario import scenario as judged
     from .data.scenario import tables_of
     from .experiments import report
-    from .experiments.rooms import SWEEP
 
     tables = tables_of(scenario)
     if "sweep" in tables:

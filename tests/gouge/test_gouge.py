@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
+from stickslip.data.archive import ArchiveError
 from stickslip.data.gouge_scenario import GougeScenario
 from stickslip.loading import gouge_measures as measures
 from stickslip.loading.gouge import BOTTOM, TOP, plate_number, settled, sprung
@@ -202,7 +203,7 @@ def test_the_energies_of_sliding_balance(ran):
 
 
 def test_a_finished_realization_is_not_run_again(ran, monkeypatch):
-    """Neither by the same scenario nor by one that asks for more of them; a broken file is run again."""
+    """Neither by the same scenario nor by one that asks for more of them; what cannot be used stops the run."""
     result, folder = ran
     monkeypatch.setattr("stickslip.loading.gouge_ensemble.realization", refuse)
     again = simulate_gouge(small(realizations=2), folder=folder, workers=1)
@@ -216,8 +217,12 @@ def test_a_finished_realization_is_not_run_again(ran, monkeypatch):
     file = next((folder / MEMBERS).iterdir())
     whole = file.read_bytes()
     file.write_bytes(whole[: len(whole) // 2])
-    assert len(simulate_gouge(small(realizations=2), folder=folder, workers=1).failures) == 1
+    with pytest.raises(ArchiveError, match="damaged"):
+        simulate_gouge(small(realizations=2), folder=folder, workers=1)
     file.write_bytes(whole)
+    monkeypatch.setattr("stickslip.loading.gouge_ensemble.__version__", "99.0")
+    with pytest.raises(ArchiveError, match=r"computed by stickslip .*, and this is 99.0.*: move it away"):
+        simulate_gouge(small(realizations=2), folder=folder, workers=1)
 
 
 def refuse(*_):

@@ -8,10 +8,10 @@ import pytest
 import xarray as xr
 
 from stickslip.data import archive
+from stickslip.data.kept import SWEEP
 from stickslip.data.scenario import EXPERIMENTS, ScenarioError, read, scenario
 from stickslip.data.sweep import OPTIONS, members, read_sweep, sweep
 from stickslip.data.sweep_data import DATASET, is_sweep, open_sweep
-from stickslip.experiments.rooms import SWEEP
 from stickslip.experiments.sweep import MEASURES, MEMBERS, run_sweep
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "rate_state_sweep.toml"

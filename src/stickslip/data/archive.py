@@ -184,7 +184,7 @@ def _put_array(group, name: str, value, si: bool) -> None:
     made = group.create_dataset(name, data=array, **options)
     if isinstance(value, tuple | list):
         made.attrs["sequence"] = type(value).__name__
-    if array.dtype.kind in "fc" and (unit := unit_of(name, si=si)):
+    if array.dtype.kind in "fc" and (unit := unit_of(name, noun=group.attrs.get("noun"), si=si)):
         made.attrs["units"] = unit
 
 

@@ -15,7 +15,7 @@ from ..core.laws import Law
 from ..core.measure import contact_forces, touching
 from ..core.state import OPEN, SLIDE, STICK, State
 from . import archive
-from .kept import UNFINISHED
+from .kept import SWEEP, UNFINISHED
 from .sweep_data import is_sweep, open_sweep
 from .units import unit_of
 
@@ -52,6 +52,10 @@ def open(place: str | Path) -> xr.Dataset:
     path = Path(place)
     if is_sweep(path):
         return open_sweep(path)
+    if (path / SWEEP).is_file():
+        raise ValueError(
+            f"{path} holds a sweep that was stopped: stickslip resume {path} goes on, and ends in a dataset"
+        )
     if path.is_dir() and not (path / RESULTS).is_file():
         return _unfinished(path)
     path = path / RESULTS if path.is_dir() else path
@@ -105,8 +109,14 @@ def _unfinished(folder: Path) -> xr.Dataset:
     paths = [path for path in paths if not path.name.startswith(".")]
     if not paths:
         raise ValueError(f"{folder} holds no results: give the folder of a run, or its results.h5")
-    tree = {str(path.relative_to(folder / UNFINISHED).with_suffix("")): archive.read(path)["piece"] for path in paths}
-    return _dataset(tree, {}).assign_attrs(archive.attributes(paths[0]) | {"finished": "no"})
+    names = [str(path.relative_to(folder / UNFINISHED).with_suffix("")) for path in paths]
+    tree = {name: archive.read(path)["piece"] for name, path in zip(names, paths, strict=True)}
+    units = {
+        f"{name}/{inner.removeprefix('piece/')}": unit
+        for name, path in zip(names, paths, strict=True)
+        for inner, unit in archive.units(path).items()
+    }
+    return _dataset(tree, units).assign_attrs(archive.attributes(paths[0]) | {"finished": "no"})
 
 
 def _dataset(tree: dict, units: dict[str, str]) -> xr.Dataset:

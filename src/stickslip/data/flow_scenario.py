@@ -13,7 +13,7 @@ from .parts import Duration, Finite, Listed, NotNegative, Part, Positive, Severa
 AXES = "xyz"
 Vector = Annotated[tuple[Finite, ...], Listed, Field(min_length=2, max_length=3)]
 Knot = Annotated[tuple[Finite, Finite], Listed]
-Name = Annotated[str, Field(pattern=r"^[\w .+-]{1,40}$")]  # a word for tables, files and sentences
+Name = Annotated[str, Field(pattern=r"^[ .]*[\w+-][\w .+-]*$", max_length=40)]  # a word for tables, files and sentences
 Names = Annotated[tuple[str, ...], Listed]
 
 

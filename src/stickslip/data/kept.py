@@ -12,9 +12,11 @@ from typing import Any, NamedTuple
 
 from .. import __version__
 from . import archive
+from .units import SI
 from .whole import replace
 
-UNFINISHED, SCENARIO = "unfinished", "scenario.json"  # a folder and a file, beside the results to come
+# a folder and two files beside the results to come
+UNFINISHED, SCENARIO, SWEEP = "unfinished", "scenario.json", "sweep.json"
 
 
 class Kept(NamedTuple):
@@ -24,6 +26,7 @@ class Kept(NamedTuple):
     scenario: str  # canonical text
     nouns: tuple[type, ...] = ()  # classes of NamedTuples and enums that its pieces hold
     part: str = "."
+    si: bool = False  # whether units are SI
 
     def of(self, part: str, *nouns: type) -> "Kept":
         """A place of its own for one of several parts."""
@@ -69,7 +72,7 @@ class Kept(NamedTuple):
     def save(self, name: str, value: Any) -> None:
         """Write a piece, all or nothing; from here on it is there whatever happens to this process."""
         self.announce()
-        archive.write(self._path(name), {"piece": value}, scenario=self.scenario, version=__version__)
+        archive.write(self._path(name), {"piece": value}, scenario=self.scenario, version=__version__, si=self.si)
 
     def load(self, name: str) -> Any:
         """A piece.
@@ -106,7 +109,7 @@ class Kept(NamedTuple):
 
 def kept_in(folder: Path | None, scenario, *nouns: type) -> Kept | None:
     """Where the run of a scenario in a folder keeps its pieces; None without a folder."""
-    return Kept(folder, scenario.text, nouns) if folder else None
+    return Kept(folder, scenario.text, nouns, si=scenario.experiment in SI) if folder else None
 
 
 def piece(kept: Kept | None, name: str, make: Callable[[], Any]) -> Any:

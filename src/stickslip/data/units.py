@@ -22,6 +22,12 @@ _NAMES = {
     "1": "friction contact_friction coordination sliding_fraction strain packing_fraction unbalanced volumetric ratio "
     "fabric",
 }
+# where one array holds lengths and angles side by side, or a name means something else
+_OF_NOUNS = {
+    ("Control", "rate"): None, ("Control", "stress"): "force/length^(dim-1)", ("Instant", "force"): None,
+    ("Instant", "pull"): "1/time^2",
+}  # fmt: skip
+SI = ("gouge", "rate-state")  # experiments whose scenarios are in SI units
 _UNITS = {name: unit for unit, names in _NAMES.items() for name in names.split()}
 _SI = {
     "length": "m", "time": "s", "length/time": "m/s", "rad/time": "rad/s", "mass": "kg", "mass length^2": "kg m^2",
@@ -30,13 +36,13 @@ _SI = {
 }  # fmt: skip
 
 
-def unit_of(name: str, *, si: bool = False) -> str | None:
-    """The unit of a dataset; None where it has none that is known by its name.
+def unit_of(name: str, *, noun: str | None = None, si: bool = False) -> str | None:
+    """The unit of a dataset, in a group that was a NamedTuple of some noun; None where there is none, or two.
 
     Examples
     --------
     >>> unit_of("velocity"), unit_of("velocity", si=True), unit_of("kind")
     ('length/time', 'm/s', None)
     """
-    unit = _UNITS.get(name)
+    unit = _OF_NOUNS.get((noun, name), _UNITS.get(name))
     return _SI.get(unit, unit) if si else unit

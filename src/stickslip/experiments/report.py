@@ -18,12 +18,12 @@ from rich.table import Column, Table
 from .. import __version__
 from ..core.state import State
 from ..data import archive
-from ..data.kept import SCENARIO, UNFINISHED, finished
+from ..data.kept import SCENARIO, SWEEP, UNFINISHED, finished
 from ..data.parts import Whole
 from ..data.scenario import read as read_scenario
+from ..data.units import SI
 from ..data.whole import replace
 from . import claims as claims_table
-from .rooms import SWEEP
 
 console = Console(soft_wrap=False)
 NUMBERS, CLAIMS, MOVIE, WRITING = "results.h5", "claims.json", "transition.gif", ".writing"
@@ -32,7 +32,6 @@ SERIES = "series.csv"
 _OURS = re.compile(
     r"fig\d_\w+\.png|steps_\d+_\d+\.csv|" + "|".join(map(re.escape, (SCENARIO, NUMBERS, CLAIMS, MOVIE, SERIES)))
 )
-SI = ("gouge", "rate-state")  # experiments whose scenarios are in SI units
 STYLE = {"title_justify": "left", "header_style": "bold", "box": SIMPLE_HEAD, "pad_edge": False}
 COLORS = {claims_table.REPRODUCED: "green", claims_table.PARTLY: "yellow", claims_table.NOT_REPRODUCED: "red"}
 

@@ -6,5 +6,4 @@ REPORTS = {
     "gouge": "gouge_report", "rate-state": "ratestate_report",
 }  # fmt: skip
 PAPERS = {"disk-array": "disk_array", "sphere-shear": "sphere_shear", "quasi-rigid": "quasi_rigid", "gouge": "gouge"}
-SWEEP = "sweep.json"  # in the folder of a sweep
 ALONE = ("flow", "rate-state")  # one run, and no realizations that could be spread

@@ -12,13 +12,14 @@ from typing import NamedTuple
 
 from .. import __version__
 from ..data.archive import ArchiveError
+from ..data.kept import SWEEP
 from ..data.kept import finished as drop_pieces
 from ..data.sweep import Sweep, member, sweep
 from ..data.sweep_data import write_sweep
 from ..data.whole import replace
 from ..ensemble import Workers, reach, run_members, trial
 from .report import NUMBERS, complete, duration, files_of, save
-from .rooms import REPORTS, SWEEP
+from .rooms import REPORTS
 
 MEMBERS, MEASURES = "members", "measures.json"
 MANY = 1000  # members, above which a user is asked

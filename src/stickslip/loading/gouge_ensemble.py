@@ -46,11 +46,13 @@ def simulate_gouge(
     ------
     RuntimeError
         with one sentence, if the engine is not installed, or every realization failed.
+    ArchiveError
+        if a file of what was finished before is damaged, or of another version.
     """
     engine_of(scenario)
     seeds = range(scenario.seed, scenario.seed + scenario.realizations)
     alone = [scenario.model_copy(update={"realizations": 1, "seed": seed}) for seed in seeds]
-    reused = [_read(_kept(one, folder), one) for one in alone]
+    reused = [_read(_kept(one, folder)) for one in alone]
     missing, kept = reused.count(None), kept_in(folder, scenario)
 
     def live(share, words):
@@ -109,14 +111,13 @@ def _kept(one: GougeScenario, folder: Path | None) -> Path | None:
     return folder / MEMBERS / f"{one.digest}.h5" if folder else None
 
 
-def _read(path: Path | None, one: GougeScenario) -> Realization | None:
-    """A realization that was finished before by this version; None if there is none, or the file is broken."""
+def _read(path: Path | None) -> Realization | None:
+    """A realization that was finished before; None if there is none."""
     if path is None or not path.exists():
         return None
-    try:
-        if archive.attributes(path)["stickslip"] != __version__:
-            return None
-        found = archive.read(path, nouns=(Realization, Range, Test, Series))["realization"]
-    except archive.ArchiveError:
-        return None
-    return found if found.seed == one.seed else None
+    if (version := archive.attributes(path)["stickslip"]) != __version__:
+        raise archive.ArchiveError(
+            f"{path} was computed by stickslip {version}, and this is {__version__}, whose numbers may differ: move it "
+            f"away to have it computed again"
+        )
+    return archive.read(path, nouns=(Realization, Range, Test, Series))["realization"]
