@@ -146,27 +146,37 @@ def _course(frame, c, time):
     return value, frame.area[k, c] + 0.5 * (time - knots[k]) * (course[k, c] + value)
 
 
+# scalars and loops, here and below: every array expression costs seconds of compile time
+
+
 @njit(fastmath=False, error_model="numpy")
-def inverse(m):
-    """Of a 3 × 3 matrix."""
-    out = np.empty((3, 3))
+def _inverse(m, out):
+    """Of a 3 × 3 matrix, into another."""
     for a in range(3):
         b, c = (a + 1) % 3, (a + 2) % 3
         for k in range(3):
             q, r = (k + 1) % 3, (k + 2) % 3
             out[k, a] = m[b, q] * m[c, r] - m[b, r] * m[c, q]
-    return out / (m[0, 0] * out[0, 0] + m[0, 1] * out[1, 0] + m[0, 2] * out[2, 0])
+    determinant = m[0, 0] * out[0, 0] + m[0, 1] * out[1, 0] + m[0, 2] * out[2, 0]
+    for a in range(3):
+        for k in range(3):
+            out[k, a] /= determinant
 
 
 @njit(fastmath=False, error_model="numpy")
-def product(a, b):
-    """Of two 3 × 3 matrices, always in the same order of operations."""
-    out = np.zeros((3, 3))
+def _product(a, b, out):
+    """Of two 3 × 3 matrices, always in the same order of operations, into a third."""
     for i in range(3):
-        for k in range(3):
-            for j in range(3):
-                out[i, j] += a[i, k] * b[k, j]
-    return out
+        for j in range(3):
+            out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
+
+
+@njit(fastmath=False, error_model="numpy")
+def _one_plus(factor, m, out):
+    """1 + factor m."""
+    for a in range(3):
+        for b in range(3):
+            out[a, b] = (1.0 if a == b else 0.0) + factor * m[a, b]
 
 
 @njit(cache=True, fastmath=False, error_model="numpy")
@@ -188,14 +198,30 @@ def begun(frame, flow, pace):
             else:
                 rate[a, b] = frame.given[a, b] * flow.factor[0, frame.follows[a, b]]
                 ahead[a, b] = frame.given[a, b] * flow.factor[1, frame.follows[a, b]]
-    one = np.eye(3)
-    matrix[STRETCH] = product(inverse(one - half * rate), one + half * rate)
-    matrix[TURN] = product(inverse(one + 0.5 * half * rate), one - 0.5 * half * rate)
-    matrix[SLIDE_BACK] = inverse(one + half * rate)
-    matrix[SINCE] = product(matrix[STRETCH], matrix[SINCE])
-    matrix[VECTORS] = product(matrix[VECTORS], matrix[STRETCH].T)
+    work = np.empty((2, 3, 3))
+    one, other = work[0], work[1]
+    _one_plus(-half, rate, one)
+    _inverse(one, other)
+    _one_plus(half, rate, one)
+    _product(other, one, matrix[STRETCH])
+    _inverse(one, matrix[SLIDE_BACK])
+    _one_plus(0.5 * half, rate, one)
+    _inverse(one, other)
+    _one_plus(-0.5 * half, rate, one)
+    _product(other, one, matrix[TURN])
+    stretch, since, vectors = matrix[STRETCH], matrix[SINCE], matrix[VECTORS]
+    _product(stretch, since, one)
+    square = 0.0
+    for a in range(3):
+        for b in range(3):
+            since[a, b] = one[a, b]
+            square += (one[a, b] - (1.0 if a == b else 0.0)) ** 2
+            other[a, b] = vectors[a, 0] * stretch[b, 0] + vectors[a, 1] * stretch[b, 1] + vectors[a, 2] * stretch[b, 2]
+    for a in range(3):
+        for b in range(3):
+            vectors[a, b] = other[a, b]
     # a pair further apart than s + reach stays so while the deformation alone takes no more than it leaves
-    strain = np.sqrt(((matrix[SINCE] - one) ** 2).sum())
+    strain = np.sqrt(square)
     left = frame.reach[0] - strain * (frame.widest + frame.reach[0])
     return (0.5 * max(left, 0.0)) ** 2
 

@@ -50,44 +50,43 @@ def _bound(contacts, springs, radius, inverse_mass, inverse_inertia, cell):
 
 
 @njit(cache=True)
+def _pulled(contacts, normal, springs, x, e, y, pull):
+    """Add K x to y and, of the cell, to `pull`: in scalars, as array expressions compile slowly."""
+    for c in range(contacts.count[0]):
+        i, j = contacts.i[c], contacts.j[c]
+        n0, n1, n2, arm = normal[c, 0], normal[c, 1], normal[c, 2], springs[c, 2]
+        d0, d1, d2 = x[i, 0] - x[j, 0], x[i, 1] - x[j, 1], x[i, 2] - x[j, 2]
+        w0, w1, w2 = x[i, 3] + x[j, 3], x[i, 4] + x[j, 4], x[i, 5] + x[j, 5]
+        d0 += (e[0, 0] * n0 + e[0, 1] * n1 + e[0, 2] * n2) * arm
+        d1 += (e[1, 0] * n0 + e[1, 1] * n1 + e[1, 2] * n2) * arm
+        d2 += (e[2, 0] * n0 + e[2, 1] * n1 + e[2, 2] * n2) * arm
+        t0, t1, t2 = d0 + n1 * w2 - n2 * w1, d1 + n2 * w0 - n0 * w2, d2 + n0 * w1 - n1 * w0
+        along, across = springs[c, 0] * (d0 * n0 + d1 * n1 + d2 * n2), t0 * n0 + t1 * n1 + t2 * n2
+        f0 = along * n0 + springs[c, 1] * (t0 - across * n0)
+        f1 = along * n1 + springs[c, 1] * (t1 - across * n1)
+        f2 = along * n2 + springs[c, 1] * (t2 - across * n2)
+        for k, f, q in ((0, f0, n2 * f1 - n1 * f2), (1, f1, n0 * f2 - n2 * f0), (2, f2, n1 * f0 - n0 * f1)):
+            y[i, k] += f
+            y[j, k] -= f
+            y[i, 3 + k] += q
+            y[j, 3 + k] += q
+            pull[k, 0] += f * n0 * arm
+            pull[k, 1] += f * n1 * arm
+            pull[k, 2] += f * n2 * arm
+
+
 def _largest(contacts, normal, springs, radius, inverse_mass, inverse_inertia, cell, rounds):
     """Largest ω² by power iteration on M^(−1/2) K M^(−1/2)."""
-    bodies = len(radius)
-    root = np.empty((bodies, 6))
-    for a in range(bodies):
-        for k in range(3):
-            root[a, k], root[a, 3 + k] = np.sqrt(inverse_mass[a]), radius[a] * np.sqrt(inverse_inertia[a])
-    x, value = np.empty((bodies, 6)), 0.0
-    e, weight = np.sqrt(cell), np.sqrt(cell)
-    for a in range(bodies):
-        for k in range(6):
-            x[a, k] = np.sin(1.0 + 7.0 * a + 3.1 * k)
+    root = np.repeat(np.sqrt(np.stack([inverse_mass, radius**2 * inverse_inertia], axis=1)), 3, axis=1)
+    x, weight = np.sin(1.0 + 7.0 * np.arange(len(radius))[:, None] + 3.1 * np.arange(6)), np.sqrt(cell)
+    e, value = weight, 0.0
     for _ in range(rounds):
-        size = np.sqrt((x * x).sum() + (e * e).sum())
-        if size == 0.0:
+        value = float(np.sqrt((x * x).sum() + (e * e).sum()))
+        if value == 0.0:
             return 0.0
-        x *= root / size
-        e *= weight / size
-        y, pull = np.zeros((bodies, 6)), np.zeros((3, 3))
-        for c in range(contacts.count[0]):
-            i, j, n = contacts.i[c], contacts.j[c], normal[c]
-            d, w = x[i, :3] - x[j, :3], x[i, 3:] + x[j, 3:]
-            for a in range(3):
-                for b in range(3):
-                    d[a] += e[a, b] * n[b] * springs[c, 2]
-            t = d + np.array([n[1] * w[2] - n[2] * w[1], n[2] * w[0] - n[0] * w[2], n[0] * w[1] - n[1] * w[0]])
-            along = (d * n).sum()
-            f = springs[c, 0] * along * n + springs[c, 1] * (t - (t * n).sum() * n)
-            q = np.array([n[2] * f[1] - n[1] * f[2], n[0] * f[2] - n[2] * f[0], n[1] * f[0] - n[0] * f[1]])
-            for a in range(3):
-                for b in range(3):
-                    pull[a, b] += f[a] * n[b] * springs[c, 2]
-            y[i, :3] += f
-            y[j, :3] -= f
-            y[i, 3:] += q
-            y[j, 3:] += q
+        y, pull = np.zeros_like(x), np.zeros((3, 3))
+        _pulled(contacts, normal, springs, x * (root / value), e * (weight / value), y, pull)
         x, e = y * root, pull * weight
-        value = size
     return value
 
 
