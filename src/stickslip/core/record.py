@@ -69,7 +69,8 @@ def _held(contacts, n, bodies, least):
     """Number of rattlers, and contacts of the other grains: peeled as `measure.rattlers` does."""
     loose, number = np.zeros(bodies, np.bool_), np.zeros(bodies, np.int64)
     while True:
-        number[:] = 0
+        for a in range(bodies):
+            number[a] = 0
         for c in range(contacts.count[0]):
             i, j = contacts.i[c], contacts.j[c]
             if contacts.mode[c] != OPEN and not loose[i] and not loose[j]:
@@ -80,7 +81,22 @@ def _held(contacts, n, bodies, least):
             if number[a] < least and not loose[a]:
                 loose[a] = peeled = True
         if not peeled:
-            return loose[:n].sum(), number[:n].sum()
+            break
+    rattlers = held = 0
+    for a in range(n):
+        rattlers += loose[a]
+        held += number[a]
+    return rattlers, held
+
+
+@njit(cache=True)
+def _rubs(p):
+    """True if some pair of materials has friction."""
+    for a in range(len(p)):
+        for b in range(len(p)):
+            if p[a, b, MU] > 0.0:
+                return True
+    return False
 
 
 @njit(cache=True)
@@ -88,7 +104,8 @@ def sample(kind, coulomb, dim, p, k, bodies, contacts, shift, plan, writing, vec
     """Row k of the series and of the tracks."""
     x, angle, v, spin = bodies.position, bodies.angle, bodies.velocity, bodies.spin
     row, track, n = writing.series[k], writing.tracks[k], len(plan.mass)
-    row[:] = 0.0
+    for m in range(len(row)):  # here and below not as a whole array, as in `neighbors.rebuilt`
+        row[m] = 0.0
     row[0] = time
     for a in range(n):
         for m in range(3):
@@ -115,9 +132,9 @@ def sample(kind, coulomb, dim, p, k, bodies, contacts, shift, plan, writing, vec
             for m in range(3):
                 for q in range(3):
                     row[_VIRIAL + 3 * m + q] += f[m] * r[q]
-    for m in range(9):  # not as a whole array, as in `neighbors.rebuilt`
+    for m in range(9):
         row[_FABRIC + m] /= max(row[6], 1.0)
-    row[_RATTLERS], row[_HELD] = _held(contacts, n, len(bodies.radius), 2 if p[:, :, MU].max() > 0.0 else dim + 1)
+    row[_RATTLERS], row[_HELD] = _held(contacts, n, len(bodies.radius), 2 if _rubs(p) else dim + 1)
     for m in range(3):
         for q in range(3):
             row[_CELL + 3 * m + q] = vectors[m, q]

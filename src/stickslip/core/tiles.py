@@ -300,7 +300,8 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
                 if watch:
                     if event_count[0] + 2 * len(before) > len(events):
                         return FULL, step, ended
-                    before[:] = blocks.mode[: len(before)]
+                    for s in range(len(before)):
+                        before[s] = blocks.mode[s]
                 go_on = step < stop and not watch and flow is None
                 if parallel:
                     for k in prange(workers):
