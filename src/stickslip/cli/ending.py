@@ -1,8 +1,10 @@
 """How a process ends: bad input with one sentence and exit code 2, a failed run with one and exit code 1."""
 
+import codecs
 import errno
 import json
 import sys
+import unicodedata
 from contextlib import contextmanager
 
 from ..extras import MissingExtraError
@@ -10,6 +12,10 @@ from .app import app
 
 LONGEST = 1000  # characters of a sentence
 STOPPED = 130  # what shells expect of a process that ctrl-C ended
+SPELLED = {
+    "λ": "lambda", "ω": "omega", "φ": "phi", "σ": "sigma", "μ": "mu", "θ": "theta", "δ": "delta", "Δ": "Delta",
+    "×": "x", "±": "+-", "−": "-", "–": "-", "—": "-", "√": "sqrt", "≤": "<=", "≥": ">=", "°": "deg", "─": "-",
+}  # fmt: skip
 
 
 class FailedError(RuntimeError):
@@ -36,9 +42,10 @@ def working():
 
 def main() -> None:
     """Entry point: bad input ends with one sentence and exit code 2, a failed run with one and exit code 1."""
+    codecs.register_error("spelled", _spelled)
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="replace")  # a code page without φ shows ? for it, and no traceback
+            stream.reconfigure(errors="spelled")
     try:
         code = app(prog_name="stickslip", standalone_mode=False)
     except (ValueError, OSError) as problem:
@@ -54,6 +61,13 @@ def main() -> None:
     if code == STOPPED:
         _fail("stopped by the user: stickslip resume FOLDER goes on with what is kept", STOPPED)
     sys.exit(code or 0)
+
+
+def _spelled(problem: UnicodeError) -> tuple[str, int]:
+    """Letters that a terminal's code page lacks, in those that every one has."""
+    lacking = problem.object[problem.start : problem.end]
+    near = (SPELLED.get(c) or unicodedata.normalize("NFKD", c).encode("ascii", "ignore").decode() for c in lacking)
+    return "".join(letters or "?" for letters in near), problem.end
 
 
 def _words(problem: Exception) -> str:

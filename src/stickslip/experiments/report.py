@@ -138,7 +138,7 @@ def speaking(*, quiet: bool = False, as_json: bool = False):
 
 def live() -> bool:
     """Whether lines can be drawn again: FORCE_COLOR alone does not make a pipe a terminal."""
-    return console.file.isatty() and not console.is_dumb_terminal
+    return console.is_terminal and console.file.isatty() and not console.is_dumb_terminal
 
 
 class _Bars(Progress):
