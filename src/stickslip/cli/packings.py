@@ -31,7 +31,7 @@ CONVERT = examples(
     ("convert examples/packing.npz --to packing.data --mu 10", "for LAMMPS, with the contacts beside it"),
     ("convert examples/packing.npz --to packing.gsd --mu 10", "for OVITO; needs the extra exchange"),
     (
-        "convert examples/packing.npz --to mode.gsd --modes packing-modes.npz",
+        "convert examples/packing.npz --to m.gsd --modes packing-modes.npz",
         "the animation of the mode that `stability` found",
     ),
 )

@@ -13,6 +13,7 @@ from filelock import FileLock, Timeout
 
 from .kept import MEMBERS, SWEEP
 
+TRIES = 20
 LOCK, HOLDER = ".lock", ".lock.json"  # neither is there any more when the work is done
 
 
@@ -29,13 +30,12 @@ def alone(folder: Path) -> Iterator[None]:
         with one sentence that says which process works there and since when, or why nothing can be written there.
     """
     place = _place(folder)
-    if place.exists() and not place.is_dir():
+    if place.is_file():
         raise ValueError(f"{folder} is a file, not a folder: choose another --out")
     made = [path for path in (place, *place.parents) if not path.exists()]
     lock = FileLock(place / LOCK, timeout=0)
     try:
-        place.mkdir(parents=True, exist_ok=True)
-        lock.acquire()
+        _acquire(place, lock)
     except Timeout:
         raise ValueError(f"{folder} is in use: {_holder(place)}; wait until it ends, or choose another --out") from None
     except OSError as problem:
@@ -50,6 +50,18 @@ def alone(folder: Path) -> Iterator[None]:
                 (place / name).unlink()
         lock.release()
         _remove(made)
+
+
+def _acquire(place: Path, lock: FileLock) -> None:
+    """Make the folder and take the lock in it; tried again where another process removes what it had made itself."""
+    for last in (False,) * (TRIES - 1) + (True,):
+        try:
+            place.mkdir(parents=True, exist_ok=True)
+            lock.acquire()
+            return
+        except (FileNotFoundError, FileExistsError):
+            if last:
+                raise
 
 
 def _place(folder: Path) -> Path:
