@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 
 import pytest
 
@@ -97,6 +98,7 @@ def test_of_many_at_once_one_is_in_at_a_time(tmp_path):
             try:
                 with alone(tmp_path / "out"):
                     inside.append(1)
+                    time.sleep(1e-3)
                     most.append(len(inside))
                     entered += 1
                     inside.pop()

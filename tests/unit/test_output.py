@@ -1,4 +1,4 @@
-"""What programs get: one object or bare paths, no colours in pipes, letters of any code page; and what shells complete."""
+"""What programs get: one object or paths, no colours in pipes, letters of any code page; what shells complete."""
 
 import io
 import json
@@ -6,7 +6,6 @@ import os
 import re
 import subprocess
 import sys
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -208,4 +207,4 @@ def test_other_shells_are_answered(shell, line, word):
     }
     code = "from stickslip.cli import main; main()"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=os.environ | env)
-    assert word in run.stdout, SimpleNamespace(**vars(run))
+    assert word in run.stdout, run.stderr
