@@ -35,7 +35,8 @@ def test_the_series_fitted_again_gives_the_parameters(folder, tmp_path):
     run = stickslip(*words)
     assert run.returncode == 0, run.stderr
     found = json.loads(run.stdout)
-    assert found == json.loads((tmp_path / "fit" / "fit.json").read_text())
+    written = json.loads((tmp_path / "fit" / "fit.json").read_text())
+    assert {key: found[key] for key in written} == written
     assert {path.name for path in (tmp_path / "fit").iterdir()} == {"fit.json", "fit.png"}
     slip = found["fits"]["slip"]
     for name, true in (("a", 0.0247), ("b", 0.0178), ("dc", 5.3e-3), ("mu0", 0.4)):  # the example's, paper 003's

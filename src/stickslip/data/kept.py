@@ -15,8 +15,8 @@ from . import archive
 from .units import SI
 from .whole import replace
 
-# a folder and two files beside the results to come
-UNFINISHED, SCENARIO, SWEEP = "unfinished", "scenario.json", "sweep.json"
+# a folder and two files beside the results to come, and the folder of a sweep's members
+UNFINISHED, SCENARIO, SWEEP, MEMBERS = "unfinished", "scenario.json", "sweep.json", "members"
 
 
 class Kept(NamedTuple):

@@ -142,6 +142,37 @@ def member(chosen: Sweep, k: int) -> One:
     return One(_name(values, one), values, one)
 
 
+def differences(old: dict, new: dict) -> str:
+    """What makes the tables of two sweeps different studies, in words; nothing if only values of their keys differ."""
+    (base, keys, mode), (its_base, its_keys, its_mode) = map(_study, (old, new))
+    words = []
+    if set(keys) != set(its_keys):
+        words.append(f"that one sweeps {', '.join(keys)}, this one {', '.join(its_keys)}")
+    if mode != its_mode:
+        words.append(f"its mode is {mode}, not {its_mode}")
+    changed = [key for key in dict.fromkeys((*base, *its_base)) if base.get(key) != its_base.get(key)]
+    for key in changed[:3]:
+        there, here = (json.dumps(one[key])[:60] if key in one else "left out" for one in (base, its_base))
+        words.append(f"{key} is {there} there and {here} here")
+    if len(changed) > 3:
+        words.append(f"{len(changed) - 3} more keys differ")
+    return ", ".join(words)
+
+
+def _study(tables: dict) -> tuple[dict, list[str], str]:
+    """Dotted keys of the base with their values, keys that are swept, mode."""
+    table = tables.get("sweep", {})
+    base = {"experiment": "disk-array"} | _dotted({k: v for k, v in tables.items() if k != "sweep"})
+    return base, list(_flat({k: v for k, v in table.items() if k not in OPTIONS})), table.get("mode", "grid")
+
+
+def _dotted(table: dict, above: str = "") -> dict:
+    out = {}
+    for key, value in table.items():
+        out |= _dotted(value, f"{above}{key}.") if isinstance(value, dict) else {above + key: value}
+    return out
+
+
 def _name(values: dict, one: AnyScenario) -> str:
     words = ",".join(f"{key}={f'{v:.6g}' if isinstance(v, float) else v}" for key, v in values.items())
     return f"{re.sub(r'[^A-Za-z0-9.=,+_-]+', '_', words)[:80]}-{one.digest[:10]}"

@@ -7,26 +7,25 @@ from pathlib import Path
 from rich.markup import escape
 from rich.table import Table
 
-from ..experiments.report import STYLE, console
+from ..experiments.report import STYLE, console, progress
 from . import machine
 from .machine import Part
 from .selfcheck import Selfcheck, selfcheck
 
-COMPILING = "self-check (the first one compiles kernels: up to a minute)"
+COMPILING = "the first time kernels are compiled: up to a minute"
 
 
-def told(*, as_json: bool = False) -> bool:
-    """Examine this installation and tell what was found; True if every number is right."""
+def told(*, as_json: bool = False) -> tuple[bool, str]:
+    """Examine this installation and show what was found: whether every number is right, and JSON or the verdict."""
+    found = machine.versions(), machine.threads(), machine.caches(), machine.parts()
+    if not as_json:
+        show_machine(*found)
+    with progress(transient=True) as tell:
+        check = selfcheck(lambda words: tell("self-check", 0.0, f"{words} ({COMPILING})"))
     if as_json:
-        found = machine.versions(), machine.threads(), machine.caches(), machine.parts()
-        check = selfcheck()
-        print(in_json(*found, check))
-    else:
-        show_machine(machine.versions(), machine.threads(), machine.caches(), machine.parts())
-        with console.status(COMPILING) as status:
-            check = selfcheck(lambda words: status.update(f"{COMPILING}: {words}"))
-        show_checks(check)
-    return check.ok
+        return check.ok, in_json(*found, check)
+    show_checks(check)
+    return check.ok, _verdict(check)
 
 
 def show_machine(versions: dict, threads: dict, caches: dict, parts: list[Part]) -> None:
@@ -59,8 +58,13 @@ def show_checks(found: Selfcheck) -> None:
         console.print(escape(words), style="red", highlight=False)
     if found.problem:
         console.print(escape(found.problem), style="red", highlight=False)
-    verdict = f"[red]{len(wrong)} of {len(found.checks)} numbers are wrong[/]" if wrong else "[green]all is well[/]"
-    console.print(f"{verdict}, in {found.seconds:.1f} s", highlight=False)
+    console.print(_verdict(found), style="red" if wrong else "green", highlight=False)
+
+
+def _verdict(found: Selfcheck) -> str:
+    wrong = sum(not check.ok for check in found.checks)
+    words = f"{wrong} of {len(found.checks)} numbers are wrong" if wrong else "all is well"
+    return f"{words}, in {found.seconds:.1f} s"
 
 
 def in_json(versions: dict, threads: dict, caches: dict, parts: list[Part], found: Selfcheck) -> str:

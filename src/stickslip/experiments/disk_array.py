@@ -90,15 +90,20 @@ def reproduce(
         report=lambda stage, share, words: report(f"{stage} (quarter)", share, words),
     )
     report("claims", 0.0, "births by bisection, for four load steps")
-    return Reproduction(main, quarter, judged(main, quarter))
+    return Reproduction(main, quarter, judged(main, quarter, lambda share, words: report("claims", share, words)))
 
 
-def judged(main: Result, quarter: Result) -> list[Claim]:
-    """All claims, the main scenario's first."""
-    printed = _wall_mode(main) + _spectra(main, "", 0.05) + _dynamics(main)
+def judged(main: Result, quarter: Result, report=lambda share, words: None) -> list[Claim]:
+    """All claims, the main scenario's first; `report(share done, words)` is called along ramps of other steps."""
+    printed = _wall_mode(main) + _spectra(main, "", 0.05, lambda s, w: report(0.5 * s, w)) + _dynamics(main)
     printed += _fronts(main) + _sliding(main, "") + _y_mode(main)
     suffix = "@quarter"
-    return printed + _spectra(quarter, suffix, 0.07) + _sliding(quarter, suffix) + [_backward(quarter, suffix)]
+    return (
+        printed
+        + _spectra(quarter, suffix, 0.07, lambda s, w: report(0.5 + 0.5 * s, w))
+        + _sliding(quarter, suffix)
+        + [_backward(quarter, suffix)]
+    )
 
 
 def _wall_mode(main: Result) -> list[Claim]:
@@ -110,14 +115,20 @@ def _wall_mode(main: Result) -> list[Claim]:
     return [claim("wall-mode-frequency", "Fig 6", 0.235, float(modes.frequency[k]), "sqrt(k_n (2R)^1/2/m)", 0.01, note)]
 
 
-def _spectra(result: Result, suffix: str, near: float) -> list[Claim]:
+def _spectra(result: Result, suffix: str, near: float, report) -> list[Claim]:
     out = []
     for load, paper in {0.030: 1, 0.040: 1, 0.062: 0}.items():
         modes = at_load(result.path, load).spectrum
         note = "Im lambda " + (", ".join(f"{v:.2e}" for v in modes.im_lambda[modes.pairs]) or "zero throughout")
         out.append(claim(f"pairs-at-{load:.3f}{suffix}", "Figs 2, 3", paper, len(modes.pairs), "pairs", 0.0, note))
     protocol = protocol_of(result.scenario, result.law)
-    paths = {step: push(result.scenario, step=step)[2] for step in (5e-3, 2e-3, 1e-3)}
+    paths = {}
+    for k, step in enumerate((5e-3, 2e-3, 1e-3)):
+
+        def heard(_, share: float, words: str, k=k, step=step) -> None:
+            report((k + share) / 3, f"load step {step:g}: {words}")
+
+        paths[step] = push(result.scenario, step=step, report=heard)[2]
     paths[result.scenario.load.step] = result.path
     windows = {step: stable_window(path, near, protocol) for step, path in paths.items()}
     births = {step: late_birth(path, protocol) for step, path in paths.items()}

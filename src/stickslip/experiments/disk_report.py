@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from ..ensemble import Workers
@@ -13,7 +12,7 @@ from ..loading.run import Result, at_load
 from ..loading.run import simulate as simulate_array
 from . import claims as claims_table
 from . import disk_array
-from .report import CLAIMS, MOVIE, complete, console, files_of, plain, save
+from .report import CLAIMS, MOVIE, STYLE, complete, console, files_of, plain, save
 
 FIGURES = (
     "fig2_complex_pairs.png",
@@ -117,11 +116,9 @@ def _numbers(result: Result) -> dict:
 
 def show_result(result: Result) -> None:
     """What a user's scenario led to, on the terminal."""
-    pairs = Table(
-        title="Complex pairs along the path of pushes", title_justify="left", header_style="bold", box=SIMPLE_HEAD
-    )
+    pairs = Table(title="Complex pairs along the path of pushes", **STYLE)
     for name in ("pair", "born at", "by load step", "dies at", "largest Im λ", "at push"):
-        pairs.add_column(name, justify="right")
+        pairs.add_column(name, justify="right", overflow="fold")
     coarse = np.array([f.birth.load for f in result.coarse_families if f.birth])
     for k, f in enumerate(result.families):
         top = int(np.argmax(f.eigenvalues.imag))
@@ -136,18 +133,18 @@ def show_result(result: Result) -> None:
     if result.families:
         console.print("  by load step: distance to the nearest birth on the same path with twice the load step")
     if result.free_runs:
-        runs = Table(title="Free runs", title_justify="left", header_style="bold", box=SIMPLE_HEAD)
+        runs = Table(title="Free runs", **STYLE)
         for name in ("push", "predicted growth rate", "fitted", "M at the end", "verdict"):
-            runs.add_column(name, justify="right")
+            runs.add_column(name, justify="right", overflow="fold")
         for load, f in result.free_runs.items():
             fitted = f"{f.growth.growth_rate:.4e}" if f.growth else "–"
             words = "slides" if f.slid else "unstable, arrested" if f.predicted_growth > 0 else "stable"
             runs.add_row(f"{load:g}", f"{f.predicted_growth:.4e}", fitted, f"{f.msd[-1]:.2e}", words)
         console.print(runs)
     if result.sliding:
-        slides = Table(title="Sliding", title_justify="left", header_style="bold", box=SIMPLE_HEAD)
+        slides = Table(title="Sliding", **STYLE)
         for name in ("push", "realizations", "slid in time", "velocity", "forward front"):
-            slides.add_column(name, justify="right")
+            slides.add_column(name, justify="right", overflow="fold")
         for load, e in result.sliding.items():
             good = e.velocity[np.isfinite(e.velocity)]
             found = disk_array.forward_front(result, e)

@@ -118,6 +118,11 @@ def show(found: Fitted) -> None:
         console.print(f"[bold]{found.comparison.sentence}[/]", highlight=False)
 
 
+def sentences(found: Fitted) -> list[str]:
+    """The answer in a word: which law the data prefer, or what one fit tells."""
+    return [found.comparison.sentence] if found.comparison is not None else [one.sentence for one in found.fits]
+
+
 def _cells(value: float, low: float, high: float) -> tuple[str, str]:
     if not np.isfinite(value):
         return "not known", "–"

@@ -30,11 +30,13 @@ class Slid(NamedTuple):
 
 def simulate(scenario: RateStateScenario, *, folder: Path, workers: int | None, report) -> Slid:
     """Run a scenario; one slider needs one process."""
-    report("slider", 0.0, "")
     surface, spring = RateState(**scenario.surface.model_dump()), Spring(**scenario.spring.model_dump())
     legs = tuple(Leg(leg.time, leg.velocity, leg.normal) for leg in scenario.legs)
-    history = slide(surface, spring, legs, times=_times(legs, scenario.samples.number))
     sliding = tuple(steady_sliding(surface, spring, leg.velocity) for leg in legs if leg.velocity > 0)
+    rate = f"stiffness {spring.stiffness:g}, growth rate {max(one.growth_rate for one in sliding):.2e}"
+    report("slider", 0.0, f"{len(legs)} legs of the load point, {rate}")
+    history = slide(surface, spring, legs, times=_times(legs, scenario.samples.number))
+    report("slider", 1.0, f"{rate}, friction {history.friction[-1]:.4f} at {history.velocity[-1]:.1e} m/s")
     return Slid(scenario, legs, history, history.friction + _noise(scenario, len(history.time)), sliding)
 
 

@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 import tempfile
+import time
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
@@ -14,6 +15,7 @@ from rich.markup import escape
 from rich.padding import Padding
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Column, Table
+from rich.text import Text
 
 from .. import __version__
 from ..core.state import State
@@ -26,8 +28,10 @@ from ..data.whole import replace
 from . import claims as claims_table
 
 console = Console(soft_wrap=False)
+WIDE = 110  # columns from which on a stage and its words share a line
+LINES = 30.0  # between two lines where there is no terminal [s]
 NUMBERS, CLAIMS, MOVIE, WRITING = "results.h5", "claims.json", "transition.gif", ".writing"
-REPRODUCTION = "reproduce.json"
+REPRODUCTION, OPTIONS = "reproduce.json", "sweep-options.json"  # what a call was given, for `stickslip resume`
 SERIES = "series.csv"
 _OURS = re.compile(
     r"fig\d_\w+\.png|steps_\d+_\d+\.csv|" + "|".join(map(re.escape, (SCENARIO, NUMBERS, CLAIMS, MOVIE, SERIES)))
@@ -42,6 +46,7 @@ class Begun(NamedTuple):
     scenario: Whole | None
     reproduction: dict | None = None  # arguments of `reproduce`, if the run is that of a paper
     sweep: dict | None = None  # tables, if it is one
+    figures: bool = False  # whether its members draw theirs
 
 
 def begin_reproduction(folder: Path, scenario, **arguments) -> None:
@@ -62,16 +67,19 @@ def begun(folder: Path) -> Begun | None:
     if not folder.is_dir():
         raise ValueError(f"{folder} is no folder: give the one of a run that was stopped")
     if (folder / SWEEP).is_file():
-        return Begun(None, sweep=_noted(folder / SWEEP))
+        options = folder / OPTIONS
+        figures = noted(options).get("figures", False) if options.is_file() else False
+        return Begun(None, sweep=noted(folder / SWEEP), figures=figures)
     if not (folder / SCENARIO).is_file():
         raise ValueError(f"{folder} holds nothing to go on from: begin with stickslip run SCENARIO --out {folder}")
     chosen, note = read_scenario(folder / SCENARIO), folder / UNFINISHED / REPRODUCTION
     if not note.parent.is_dir() and (folder / NUMBERS).is_file():
         return None
-    return Begun(chosen, _noted(note) if note.is_file() else None)
+    return Begun(chosen, noted(note) if note.is_file() else None)
 
 
-def _noted(path: Path) -> dict:
+def noted(path: Path) -> dict:
+    """What a file of JSON holds; ValueError with one sentence, if it is damaged."""
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except ValueError:
@@ -117,27 +125,62 @@ def _probe(folder: Path) -> None:
 
 
 @contextmanager
+def speaking(*, quiet: bool = False, as_json: bool = False):
+    """Who hears the console meanwhile: people, nobody, or, where programs read standard output, people beside them."""
+    before = console.quiet, console.stderr
+    console.stderr = as_json
+    console.quiet = quiet or (as_json and not live())
+    try:
+        yield
+    finally:
+        console.quiet, console.stderr = before
+
+
+def live() -> bool:
+    """Whether lines can be drawn again: FORCE_COLOR alone does not make a pipe a terminal."""
+    return console.is_terminal and console.file.isatty() and not console.is_dumb_terminal
+
+
+class _Bars(Progress):
+    """A line for each stage; where the terminal is narrow its words stand below."""
+
+    def get_renderables(self):
+        if console.width >= WIDE:
+            yield self.make_tasks_table(self.tasks)
+            return
+        for task in self.tasks:
+            yield self.make_tasks_table([task])
+            yield Text(f"  {task.fields['words']}", style="dim", no_wrap=True, overflow="ellipsis")
+
+
+def _columns():
+    """Stage, bar, time spent, time left, and words where there is room."""
+    stage = Column(no_wrap=True, overflow="ellipsis", **({"width": 34} if console.width >= WIDE else {"ratio": 1}))
+    left = Column(no_wrap=True, justify="right", width=13)
+    yield TextColumn("{task.description}", table_column=stage, markup=False)
+    yield BarColumn(bar_width=20 if console.width >= 80 else 10)
+    yield TimeElapsedColumn()
+    yield TextColumn("{task.fields[left]}", table_column=left)
+    if console.width >= WIDE:
+        words = Column(no_wrap=True, overflow="ellipsis", ratio=1)
+        yield TextColumn("{task.fields[words]}", table_column=words, markup=False)
+
+
+@contextmanager
 def progress(*, transient: bool = False):
     """A live line for each stage: time spent and left, the quantities that matter; without a terminal, plain lines.
 
     Parameters
     ----------
-    transient : whether the lines go away at the end (and nothing is said where there is no terminal)
+    transient : whether the lines go away at the end (and stages are not named where there is no terminal)
     """
-    columns = (
-        TextColumn("{task.description:<34}"),
-        BarColumn(bar_width=20),
-        TimeElapsedColumn(),
-        TextColumn("{task.fields[left]}", table_column=Column(no_wrap=True)),
-        TextColumn("{task.fields[words]}", table_column=Column(no_wrap=True, overflow="ellipsis", ratio=1)),
-    )
     stages: dict[str, int] = {}
-    with Progress(*columns, console=console, disable=not console.is_terminal, transient=transient, expand=True) as bar:
+    plain_line = None if live() else _lines(transient)
+    console.is_interactive = live()
+    with _Bars(*_columns(), console=console, disable=not live(), transient=transient, expand=True) as bar:
 
         def tell(stage: str, share: float, words: str, left: float | None = None) -> None:
             if stage not in stages:
-                if not console.is_terminal and not transient:
-                    console.print(f"{stage} …")
                 for task in stages.values():
                     bar.update(task, completed=1.0, left="")
                 stages[stage] = bar.add_task(stage, total=1.0, words=words, left="")
@@ -145,10 +188,31 @@ def progress(*, transient: bool = False):
             if left is None and 0 < share < 1 and spent > 2:
                 left = spent * (1 - share) / share
             bar.update(task, completed=share, words=words, left="" if left is None else f"{duration(left)} left")
+            if plain_line:
+                plain_line(stage, share, words, left)
 
         yield tell
         for task in stages.values():
             bar.update(task, completed=1.0, left="")
+
+
+def _lines(transient: bool):
+    """The same without a terminal: every stage when it begins, and how far it is now and then."""
+    known, last = set(), time.monotonic()
+
+    def line(stage: str, share: float, words: str, left: float | None) -> None:
+        nonlocal last
+        if stage not in known:
+            known.add(stage)
+            if not transient:
+                last = time.monotonic()
+                console.print(f"{stage} …", markup=False, highlight=False)
+        elif time.monotonic() - last >= LINES:
+            last = time.monotonic()
+            rest = f"; {duration(left)} left" if left else ""
+            console.print(f"  {share:.0%}: {words}{rest}", markup=False, highlight=False, soft_wrap=True)
+
+    return line
 
 
 def duration(seconds: float) -> str:

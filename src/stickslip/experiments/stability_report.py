@@ -4,7 +4,6 @@ import json
 from pathlib import Path
 
 import numpy as np
-from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from ..core.laws import COULOMB, DAMPING, KINDS, NO_TENSION, PARAMETERS, Law, dashpots
@@ -12,7 +11,7 @@ from ..core.state import State
 from ..data.whole import beside
 from ..solve.damped import Damped, damped_stability
 from ..solve.stability import Stability, stability
-from .report import console
+from .report import STYLE, console
 
 SHOWN = 12  # pairs in the table
 UNBALANCED = 1e-6  # residual above which the user is told that this is no equilibrium
@@ -93,9 +92,9 @@ def _law_in_words(law: Law) -> str:
 
 def _table(name: str, count: int, columns: tuple[str, ...]) -> Table:
     title = name + (f", the fastest {SHOWN} of {count}" if count > SHOWN else "")
-    table = Table(title=title, title_justify="left", header_style="bold", box=SIMPLE_HEAD)
+    table = Table(title=title, **STYLE)
     for column in columns:
-        table.add_column(column, justify="right")
+        table.add_column(column, justify="right", overflow="fold")
     return table
 
 

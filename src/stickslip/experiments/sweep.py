@@ -12,16 +12,16 @@ from typing import NamedTuple
 
 from .. import __version__
 from ..data.archive import ArchiveError
-from ..data.kept import SWEEP
+from ..data.kept import MEMBERS, SWEEP
 from ..data.kept import finished as drop_pieces
 from ..data.sweep import Sweep, member, sweep
 from ..data.sweep_data import write_sweep
 from ..data.whole import replace
 from ..ensemble import Workers, reach, run_members, trial
-from .report import NUMBERS, complete, duration, files_of, save
+from .report import NUMBERS, OPTIONS, complete, duration, files_of, save
 from .rooms import REPORTS
 
-MEMBERS, MEASURES = "members", "measures.json"
+MEASURES = "measures.json"
 MANY = 1000  # members, above which a user is asked
 FIRST = "first"  # of a trial
 SOME = 50  # members whose times are looked at
@@ -128,6 +128,7 @@ def run_sweep(
     """
     folder, names = Path(folder).resolve(), names or judged(chosen)
     (folder / MEMBERS).mkdir(parents=True, exist_ok=True)
+    replace(folder / OPTIONS, json.dumps({"figures": figures}).encode())
     replace(folder / SWEEP, chosen.text.encode())
     found = [finished(folder / MEMBERS / name) for name in names]
     first = {name: k for k, name in reversed(list(enumerate(names)))}  # a sample may hold a scenario twice

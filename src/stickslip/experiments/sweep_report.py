@@ -1,19 +1,20 @@
 """A sweep from beginning to end, with what it tells on the terminal."""
 
-import time
+import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from rich.table import Table
 
-from ..data.sweep import Sweep, member
+from ..data.kept import MEMBERS, SWEEP
+from ..data.sweep import Sweep, differences, member
 from ..data.sweep_data import DATASET
 from ..ensemble import Workers, reach
-from .report import STYLE, claim_folder, console, duration, progress, show_paths
-from .sweep import MANY, MEMBERS, Swept, estimate, finished, judged, run_sweep
+from .report import OPTIONS, STYLE, claim_folder, console, noted, progress
+from .sweep import MANY, Swept, estimate, finished, judged, run_sweep
 
-LINES = 30.0  # between two lines where there is no terminal [s]
 LISTED = 10  # failures that are listed
 
 
@@ -28,6 +29,7 @@ def simulate(
     """
     where = reach(workers)
     claim_folder(out, chosen, overwrite=overwrite)
+    another = _another(out, chosen, overwrite)
     member(chosen, 0)
     console.print(_count(chosen), highlight=False)
     if chosen.count > MANY:
@@ -39,7 +41,12 @@ def simulate(
         names = judged(chosen, told)
         done = sum(finished(out / MEMBERS / name) is not None for name in set(names)) if out.exists() else 0
         stage = f"{len(set(names)) - done} members to run" + (f", {done} done before" if done else "")
-        line = _lines(lambda share, words, left: tell(stage, share, words, left))
+        if another:
+            _begin_anew(out)
+
+        def line(share: float, words: str, left: float | None) -> None:
+            tell(stage, share, words, left)
+
         line(0.0, f"on {where.words}", None)
         try:
             return run_sweep(chosen, out, names=names, workers=workers, figures=figures, report=line)
@@ -59,31 +66,37 @@ def _count(chosen: Sweep) -> str:
     return f"Sweep: {chosen.count} member{'s' if chosen.count > 1 else ''}, {dims}."
 
 
-def _lines(tell):
-    """The same report, and where there is no terminal a line now and then."""
-    last = time.monotonic()
+def _another(out: Path, chosen: Sweep, overwrite: bool) -> bool:
+    """Whether a folder holds another sweep, which then is to be replaced; longer lists of values make none of it."""
+    if not (out / SWEEP).is_file():
+        return False
+    try:
+        differ = differences(noted(out / SWEEP), json.loads(chosen.text))
+    except ValueError:
+        if overwrite:
+            return True
+        raise
+    if differ and not overwrite:
+        raise ValueError(f"{out} holds another sweep ({differ}): choose another --out, or add --overwrite")
+    return bool(differ)
 
-    def line(share: float, words: str, left: float | None) -> None:
-        nonlocal last
-        tell(share, words, left)
-        if not console.is_terminal and time.monotonic() - last >= LINES:
-            last = time.monotonic()
-            console.print(f"  {words}" + (f"; {duration(left)} left" if left else ""), highlight=False)
 
-    return line
+def _begin_anew(out: Path) -> None:
+    """Remove what another sweep left; its name last, so that a kill leaves a sweep that can be gone on with."""
+    shutil.rmtree(out / MEMBERS, ignore_errors=True)
+    for name in (DATASET, OPTIONS, SWEEP):
+        (out / name).unlink(missing_ok=True)
 
 
-def show(swept: Swept, out: Path) -> None:
-    """Ranges of what was measured, failures, and where everything is."""
+def show(swept: Swept) -> None:
+    """Ranges of what was measured, and failures."""
     rows = [one for one in swept.found if one]
     table = Table(title=f"Measures of {len(rows)} of {len(swept.names)} members", **STYLE)
     for name in ("measure", "unit", "members", "least", "median", "greatest"):
         table.add_column(name, justify="left" if name in ("measure", "unit") else "right", no_wrap=True)
-    for name, unit in {name: unit for one in rows for name, (_, unit) in one["measures"].items()}.items():
-        values = np.array([one["measures"].get(name, (np.nan,))[0] for one in rows])
-        values = values[np.isfinite(values)]
-        cells = (values.min(), np.median(values), values.max()) if len(values) else ()
-        table.add_row(name, unit, str(len(values)), *(f"{v:.5g}" for v in cells))
+    for name, known in ranges(swept).items():
+        cells = [known[which] for which in ("least", "median", "greatest")] if known["members"] else []
+        table.add_row(name, known["unit"], str(known["members"]), *(f"{v:.5g}" for v in cells))
     if rows:
         console.print(table)
     failed = [(name, words) for name, words in zip(swept.names, swept.failures, strict=True) if words]
@@ -92,8 +105,21 @@ def show(swept: Swept, out: Path) -> None:
     if len(failed) > LISTED:
         console.print(f"… and {len(failed) - LISTED} more, see the variable `failure` of the dataset")
     if swept.reused:
-        console.print(f"{swept.reused} members were finished before and not run again.", highlight=False)
-    show_paths([out / DATASET, out / MEMBERS])
+        rest = " The sweep is finished: nothing was left to run." if swept.reused == len(set(swept.names)) else ""
+        console.print(f"{swept.reused} members were finished before and not run again.{rest}", highlight=False)
+
+
+def ranges(swept: Swept) -> dict[str, dict]:
+    """{measure: unit, how many members have it, least, median and greatest value}."""
+    rows, out = [one for one in swept.found if one], {}
+    for name, unit in {name: unit for one in rows for name, (_, unit) in one["measures"].items()}.items():
+        values = np.array([one["measures"].get(name, (np.nan,))[0] for one in rows])
+        values = values[np.isfinite(values)]
+        found = (values.min(), np.median(values), values.max()) if len(values) else (None, None, None)
+        out[name] = {"unit": unit, "members": len(values)} | dict(
+            zip(("least", "median", "greatest"), found, strict=True)
+        )
+    return out
 
 
 def verdict(swept: Swept) -> str | None:

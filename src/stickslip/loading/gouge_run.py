@@ -234,7 +234,8 @@ class _Runner:
         self.total = max(self.total, self.done)
         self.tell(
             self.done / self.total,
-            f"{words}: friction {series.friction[-1]:.3f}, thickness {series.thickness[-1] * 1e3:.2f} mm, "
+            f"{words}: load point {series.load_point[-1] * 1e3:.2f} mm, friction {series.friction[-1]:.3f}, "
+            f"kinetic energy {series.kinetic_energy[-1]:.1e} J, thickness {series.thickness[-1] * 1e3:.2f} mm, "
             f"{series.sliding_fraction[-1]:.0%} of contacts slide",
         )
 

@@ -165,9 +165,15 @@ def family(path: list[Equilibrium], members: dict[int, int], protocol: Protocol,
     )
 
 
-def families(path: list[Equilibrium], protocol: Protocol) -> list[Family]:
-    """Every complex pair along a path, with its birth and death."""
-    return [family(path, members, protocol) for members in follow([p.spectrum for p in path], at_least=SAME_PAIR)]
+def families(path: list[Equilibrium], protocol: Protocol, report=lambda share, words: None) -> list[Family]:
+    """Every complex pair along a path, with its birth and death; `report(share done, words)` is called before each."""
+    found, out = follow([p.spectrum for p in path], at_least=SAME_PAIR), []
+    for k, members in enumerate(found):
+        first = path[min(members)]
+        rate = first.spectrum.growth_rate[members[min(members)]]
+        report(k / len(found), f"pair {k + 1} of {len(found)}, load {first.load:.4g}, growth rate {rate:.2e}")
+        out.append(family(path, members, protocol))
+    return out
 
 
 def dominant_family(path: list[Equilibrium], protocol: Protocol) -> Family | None:

@@ -31,6 +31,7 @@ from .protocols import (
     shaken,
 )
 
+BIRTHS = "births and deaths of pairs"  # a stage
 SLID = 0.1  # every disk moved by a tenth of a mean diameter: the array slides
 
 Report = Callable[[str, float, str], None]
@@ -147,14 +148,20 @@ def push(scenario: Scenario, *, step: float | None = None, kept: Kept | None = N
         seen.append(point)
         fastest = point.spectrum.growth_rate.max()
         words = f"push {point.load:.4f}, {len(point.spectrum.pairs)} pairs, growth rate {fastest:.2e}"
-        report("quasi-static ramp", len(seen) / len(loads), f"{words}, residual {point.outcome.residual:.0e}")
+        report("quasi-static ramp", len(seen) / len(loads), f"{words}, unbalanced {point.outcome.residual:.0e}")
 
     return state, law, ramp(state, loads, protocol_of(scenario, law), tell, kept=kept)
 
 
-def _coarse(scenario: Scenario, law: Law) -> list[Family]:
+def _coarse(scenario: Scenario, law: Law, report: Report) -> list[Family]:
     """Pairs on the path with twice the load step."""
-    return families(push(scenario, step=2 * scenario.load.step)[2], protocol_of(scenario, law))
+
+    def heard(_, share: float, words: str) -> None:
+        report(BIRTHS, 0.5 + 0.4 * share, f"twice the load step: {words}")
+
+    path = push(scenario, step=2 * scenario.load.step, report=heard)[2]
+    last = lambda share, words: report(BIRTHS, 0.9 + 0.1 * share, f"twice the load step: {words}")  # noqa: E731
+    return families(path, protocol_of(scenario, law), last)
 
 
 def at_load(path: list[Equilibrium], load: float) -> Equilibrium:
@@ -281,12 +288,13 @@ def slide_many(
     for point in points:
         check_time_step(point, dynamics.dt)
     seeds = [scenario.seed + 1 + k for k in range(how.realizations)]
-    tasks = [(p.state, law, seed, options | {"sample": fastest_period(p) / 10}) for p in points for seed in seeds]
+    tasks = [
+        (p.state, law, p.load, seed, options | {"sample": fastest_period(p) / 10}) for p in points for seed in seeds
+    ]
     names = [f"{point.load!r}-{seed}" for point in points for seed in seeds]
 
     def tell(done, total, member):
-        speed = f"sliding velocity {member.result.velocity:.2e}" if member.result else member.failure
-        report("realizations of sliding", done / total, f"{done} of {total}, {speed}")
+        report("realizations of sliding", done / total, f"{done} of {total}, {_went(member)}")
 
     live = partial(report, "realizations of sliding")
     members = run_members(_one_transition, tasks, workers=workers, report=tell, live=live, **hooks(kept, names))
@@ -309,8 +317,16 @@ def slide_many(
     return out
 
 
-def _one_transition(state, law, seed, options, tell):
-    tell(0.0, f"seed {seed} started")
+def _went(member) -> str:
+    """What became of a realization, in words."""
+    if member.failure:
+        return member.failure
+    velocity = member.result.velocity
+    return f"sliding velocity {velocity:.2e}" if np.isfinite(velocity) else "did not slide in time"
+
+
+def _one_transition(state, law, load, seed, options, tell):
+    tell(0.0, f"push {load:g}, seed {seed} started")
     return fronts.transition(state, law, seed, **options)
 
 
@@ -346,17 +362,19 @@ def simulate(
     """
     kept = kept_in(folder, scenario, FreeRun, Growth, Trajectory, fronts.Transition, Family, Change, Outcome, Status)
     pressed, law, path = push(scenario, kept=kept and kept.of("ramp"), report=report)
-    report("births and deaths of pairs", 0.0, "bisection in the push")
-    born = piece(kept, "families", lambda: families(path, protocol_of(scenario, law)))
+    report(BIRTHS, 0.0, "bisection in the push")
+    heard = lambda share, words: report(BIRTHS, 0.5 * share, words)  # noqa: E731
+    born = piece(kept, "families", lambda: families(path, protocol_of(scenario, law), heard))
     coarse = []
     if sensitivity:
-        report("births and deaths of pairs", 0.5, "again with twice the load step")
-        coarse = piece(kept, "coarse-families", lambda: _coarse(scenario, law))
+        coarse = piece(kept, "coarse-families", lambda: _coarse(scenario, law, report))
     free_runs, trajectory = {}, None
     for k, load in enumerate(scenario.dynamics.loads):
-        point = at_load(path, load)
+        point, count = at_load(path, load), len(scenario.dynamics.loads)
+        rate = f"push {load:g}, growth rate {point.spectrum.growth_rate.max(initial=0.0):.2e}"
+        report("free runs", k / count, rate)
         free_runs[load] = piece(kept, f"free-run-{load!r}", lambda point=point: let_go(point, law, scenario))
-        report("free runs", (k + 1) / len(scenario.dynamics.loads), f"push {load:g}, M = {free_runs[load].msd[-1]:.1e}")
+        report("free runs", (k + 1) / count, f"{rate}, M = {free_runs[load].msd[-1]:.1e}")
         wanted = free_runs[load].slid if scenario.dynamics.watch is None else load == scenario.dynamics.watch
         if wanted and trajectory is None:
             known = free_runs[load]

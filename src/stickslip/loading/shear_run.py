@@ -137,6 +137,7 @@ def shear(
     report : called as report(share done, words)
     """
     law, kept = law_of(scenario.law), kept and kept.seen()
+    report(0.0, f"packing {seed}: {scenario.packing.grains} grains are packed")
     state, packed = piece(kept, "packing", lambda: packing_of(scenario, seed))
     protocol = aqs(law, slip=scenario.shear.slip, tolerance=scenario.shear.tolerance)
     path, loads, stopped = [], strains(scenario), ""
@@ -148,7 +149,7 @@ def shear(
             break
         path.append(step)
         state, (pairs, _, _, rate, *_, residual) = step.state, step.row
-        words = f"packing {seed}, strain {strain:.2e}, {pairs} pairs, growth rate {rate:.1e}, residual {residual:.0e}"
+        words = f"packing {seed}, strain {strain:.2e}, {pairs} pairs, growth rate {rate:.1e}, unbalanced {residual:.0e}"
         report((k + 1) / len(loads), words)
     if not path:
         raise RuntimeError(stopped)

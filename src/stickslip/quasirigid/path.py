@@ -249,6 +249,6 @@ def _crowded(events: list[Event], load: float) -> bool:
 
 def _words(point: Point) -> str:
     return (
-        f"load {point.load:.4f}, {point.sliding} of {point.contacts} contacts slide, out of balance "
+        f"load {point.load:.4f}, {point.sliding} of {point.contacts} contacts slide, unbalanced "
         f"{point.residual:.0e} of the mean force"
     )

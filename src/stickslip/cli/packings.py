@@ -1,0 +1,150 @@
+"""Commands that read anybody's packing: is it stable, and in which other format is it wanted."""
+
+import json
+import sys
+from functools import wraps
+from inspect import Signature, signature
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .app import AsJson, Quiet, app, completes, ended, examples
+
+LAWS = {
+    "hertz_mindlin": "k δ^(3/2), as in papers 000 and 001",
+    "linear": "k δ, as in paper 002",
+    "hertz_mindlin_reff": "k √R δ^(3/2), as in LAMMPS",
+}
+COULOMB = {"smooth": "friction approaches its limit", "sharp": "friction is cut at its limit"}
+DAMPING = {"velocity": "by velocity", "mass_velocity": "by mass and velocity", "viscoelastic": "by overlap, too"}
+METHODS = {
+    "auto": "by the number of grains", "dense": "all eigenvalues", "pairs": "all complex pairs",
+    "fastest": "the fastest growth alone",
+}  # fmt: skip
+STABILITY = examples(
+    ("stability examples/packing.npz --mu 10", "verdict and pairs; modes go to packing-modes.npz here"),
+    ("stability examples/packing.npz --mu 10 --json", "the same as one object, for programs"),
+    ("stability examples/packing.npz --mu 0.2 --coulomb sharp -q", "the verdict alone, under another law"),
+)
+CONVERT = examples(
+    ("convert examples/packing.npz --to packing.data --mu 10", "for LAMMPS, with the contacts beside it"),
+    ("convert examples/packing.npz --to packing.gsd --mu 10", "for OVITO; needs the extra exchange"),
+    (
+        "convert examples/packing.npz --to m.gsd --modes packing-modes.npz",
+        "the animation of the mode that `stability` found",
+    ),
+)
+
+
+def _packing(
+    law: Annotated[
+        str | None,
+        typer.Option(
+            help="hertz_mindlin, linear or hertz_mindlin_reff; wins over the file.", autocompletion=completes(LAWS)
+        ),
+    ] = None,
+    coulomb: Annotated[str | None, typer.Option(help="smooth or sharp.", autocompletion=completes(COULOMB))] = None,
+    kn: Annotated[float | None, typer.Option(help="Normal stiffness.")] = None,
+    kt: Annotated[float | None, typer.Option(help="Tangential stiffness.")] = None,
+    mu: Annotated[float | None, typer.Option(help="Friction coefficient.")] = None,
+    young: Annotated[float | None, typer.Option(help="Young's modulus, with --poisson instead of --kn, --kt.")] = None,
+    poisson: Annotated[float | None, typer.Option(help="Poisson's ratio.")] = None,
+    damping: Annotated[
+        str | None, typer.Option(help="velocity, mass_velocity or viscoelastic.", autocompletion=completes(DAMPING))
+    ] = None,
+    damping_n: Annotated[float | None, typer.Option(help="Coefficient of the normal dashpots.")] = None,
+    damping_t: Annotated[float | None, typer.Option(help="Coefficient of the tangential dashpots.")] = None,
+    i0: Annotated[float | None, typer.Option(help="Moment of inertia I0 m R²: 0.4 for spheres.")] = None,
+    frame: Annotated[str | None, typer.Option(help="Which state of an archive, GSD file or dump.")] = None,
+    contacts: Annotated[Path | None, typer.Option(help="LAMMPS's `dump local` with the forces of contacts.")] = None,
+    columns: Annotated[str | None, typer.Option(help='Names of its columns: "i j dist … tx ty tz".')] = None,
+    boundary: Annotated[str | None, typer.Option(help="As in LAMMPS, ppf, where the file does not say.")] = None,
+):
+    """Options of every command that reads a packing; see `read_sample`."""
+
+
+def _reads_packing(command):
+    """Give a command the options of `_packing`, which reach it as one dictionary called `options`."""
+    own, more = (list(signature(f).parameters.values()) for f in (command, _packing))
+    names = [parameter.name for parameter in more]
+
+    @wraps(command)
+    def called(**given):
+        options = {name: given.pop(name) for name in names}
+        return command(**given, options=options)
+
+    del called.__wrapped__
+    called.__signature__ = Signature([*(p for p in own if p.name != "options"), *more])
+    called.__annotations__ = {p.name: p.annotation for p in called.__signature__.parameters.values()}
+    return called
+
+
+@app.command(epilog=STABILITY, short_help="Is this packing stable?")
+@_reads_packing
+def stability(
+    file: Annotated[Path, typer.Argument(help="A packing: .npz, .h5, .gsd, LAMMPS .data or .dump.")],
+    options: dict,
+    method: Annotated[
+        str, typer.Option("--method", help="auto, dense, pairs or fastest.", autocompletion=completes(METHODS))
+    ] = "auto",
+    modes: Annotated[
+        Path | None, typer.Option("--modes", help="Where modes go; default: FILE's name with -modes.npz, here.")
+    ] = None,
+    quiet: Quiet = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one object; write modes only with --modes.")] = False,
+) -> None:
+    """Is this packing stable? Complex pairs, buckling, floppy modes and rattlers of anybody's packing."""
+    from ..data.exchange.files import listened, read_sample
+    from ..experiments import answers, report, stability_report
+
+    with report.speaking(quiet=quiet, as_json=as_json):
+        (state, its_law, words), said = listened(read_sample, file, **options)
+        words = [*words, *said]
+        with report.progress(transient=True) as tell:
+            found = stability_report.judged(state, its_law, method=method, report=tell)
+        paths = []
+        if modes or (not as_json and found.modes.shape[1]):
+            paths = [stability_report.write_modes(modes or Path(f"{file.stem}-modes.npz"), found)]
+    if as_json:
+        for line in words:
+            print(f"stickslip: {line}", file=sys.stderr)
+        about = answers.common("stability", files=paths) | {"notes": words, "verdict": found.verdict}
+        print(answers.text(about | json.loads(stability_report.as_json(found))))
+    elif quiet:
+        print(found.verdict)
+    else:
+        stability_report.show(found, its_law, words)
+        if paths:
+            report.show_paths(paths)
+
+
+@app.command(epilog=CONVERT, short_help="Write a packing for OVITO, ParaView, ASE, LAMMPS.")
+@_reads_packing
+def convert(
+    file: Annotated[Path, typer.Argument(help="A packing: .npz, .h5, .gsd, LAMMPS .data or .dump.")],
+    to: Annotated[Path, typer.Option("--to", help="Where: .gsd, .vtu, .xyz, .data, .npz or .h5.")],
+    options: dict,
+    modes: Annotated[Path | None, typer.Option("--modes", help="Animate a mode that `stability` wrote.")] = None,
+    mode: Annotated[int, typer.Option("--mode", min=0, metavar="N", help="Which one, the fastest first.")] = 0,
+    frames: Annotated[int, typer.Option("--frames", min=2, metavar="N", help="Frames of one period.")] = 48,
+    amplitude: Annotated[float, typer.Option("--amplitude", help="Largest displacement over the radius.")] = 0.3,
+    grow: Annotated[bool, typer.Option("--grow", help="Let the mode grow as it does.")] = False,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> None:
+    """Write a packing for OVITO, ParaView, ASE or LAMMPS; with --modes, the animation of a mode."""
+    from ..data.exchange.files import convert, listened
+    from ..experiments import answers, report
+
+    (paths, words), said = listened(
+        convert, file, to, modes=modes, mode=mode, count=frames, amplitude=amplitude, grow=grow, **options
+    )
+    words = [*words, *said]
+
+    def show() -> None:
+        for line in words:
+            report.console.print(line, style="yellow", markup=False)
+
+    answer = lambda: answers.common("convert", files=paths) | {"notes": words}  # noqa: E731
+    ended(answer, paths, show, quiet=quiet, as_json=as_json)

@@ -1,0 +1,59 @@
+"""Commands that read a laboratory's record."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .app import Out, Quiet, app, completes, examples, one_of
+
+LAWS = {
+    "aging": "heals with time at rest (Dieterich)", "slip": "evolves with slip alone (Ruina)",
+    "both": "both, and which one the data prefer",
+}  # fmt: skip
+FIT = examples(
+    ("run examples/rate_state.toml --out results/rate-state", "a record to fit; any other CSV will do"),
+    ("fit results/rate-state/series.csv --stiffness 200", "both laws, and which one the data prefer"),
+    ("fit results/rate-state/series.csv --stiffness 200 --json", "the same as one object"),
+)
+
+
+@app.command(epilog=FIT, short_help="Fit rate-and-state friction to a record.")
+def fit(
+    file: Annotated[Path, typer.Argument(help="A record as CSV: time [s], load_point [um], friction [-], …")],
+    law: Annotated[str, typer.Option("--law", help="aging, slip or both.", autocompletion=completes(LAWS))] = "both",
+    stiffness: Annotated[
+        float | None, typer.Option("--stiffness", help="Friction per displacement, known [1/m].")
+    ] = None,
+    free_stiffness: Annotated[bool, typer.Option("--free-stiffness", help="Fit the stiffness, too.")] = False,
+    v0: Annotated[
+        float | None, typer.Option("--v0", help="Velocity at which friction is mu0; default: the first [m/s].")
+    ] = None,
+    before: Annotated[
+        float | None, typer.Option("--before", help="Slip velocity before the record starts [m/s].")
+    ] = None,
+    detrend: Annotated[bool, typer.Option("--detrend", help="Fit a trend, linear in displacement, too.")] = False,
+    normal: Annotated[bool, typer.Option("--normal", help="Let measured changes of normal stress act.")] = False,
+    out: Out = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier fit in the folder.")] = False,
+    quiet: Quiet = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
+) -> None:
+    """Fit rate-and-state friction to a record: a, b, D_c and more with intervals, and which law the data prefer."""
+    one_of("law", law, LAWS)
+    from ..experiments import answers, fit_report, report
+
+    found = fit_report.fitted(
+        file, laws=("aging", "slip") if law == "both" else (law,), stiffness=stiffness, free_stiffness=free_stiffness,
+        v0=v0, before=before, detrend=detrend, normal=normal, out=out, overwrite=overwrite,
+    )  # fmt: skip
+    paths = fit_report.write(out, found) if out else []
+    if as_json:
+        print(answers.text(answers.common("fit", files=paths, folder=out) | json.loads(fit_report.as_json(found))))
+    elif quiet:
+        print("\n".join(fit_report.sentences(found)))
+    else:
+        fit_report.show(found)
+        if paths:
+            report.show_paths(paths)

@@ -1,0 +1,94 @@
+"""One process at a time works in a folder: a lock of the system, which ends with the process however that ends."""
+
+import json
+import os
+import socket
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+
+from .kept import MEMBERS, SWEEP
+
+TRIES = 20
+LOCK, HOLDER = ".lock", ".lock.json"  # neither is there any more when the work is done
+
+
+@contextmanager
+def alone(folder: Path) -> Iterator[None]:
+    """Work in a folder, which is made if it is missing, while no other process does.
+
+    A member of a sweep is held with the whole sweep. Where the system's locks do not reach, as between machines on some
+    network file systems, neither does this one.
+
+    Raises
+    ------
+    ValueError
+        with one sentence that says which process works there and since when, or why nothing can be written there.
+    """
+    place = _place(folder)
+    if place.is_file():
+        raise ValueError(f"{folder} is a file, not a folder: choose another --out")
+    made = [path for path in (place, *place.parents) if not path.exists()]
+    lock = FileLock(place / LOCK, timeout=0)
+    try:
+        _acquire(place, lock)
+    except Timeout:
+        raise ValueError(f"{folder} is in use: {_holder(place)}; wait until it ends, or choose another --out") from None
+    except OSError as problem:
+        _remove(made)
+        raise ValueError(f"the folder {folder} cannot be written ({problem.strerror}): choose another --out") from None
+    try:
+        _note(place)
+        yield
+    finally:
+        for name in (HOLDER, LOCK):  # under the lock: who opens the old file now sees that it is gone, and tries again
+            with suppress(OSError):
+                (place / name).unlink()
+        lock.release()
+        _remove(made)
+
+
+def _acquire(place: Path, lock: FileLock) -> None:
+    """Make the folder and take the lock in it; tried again where another process removes what it had made itself."""
+    for last in (False,) * (TRIES - 1) + (True,):
+        try:
+            place.mkdir(parents=True, exist_ok=True)
+            lock.acquire()
+            return
+        except (FileNotFoundError, FileExistsError):
+            if last:
+                raise
+
+
+def _place(folder: Path) -> Path:
+    """Where the lock is: a member's stands in the sweep's folder."""
+    whole = folder.absolute()
+    above = whole.parent.parent
+    return above if whole.parent.name == MEMBERS and (above / SWEEP).is_file() else whole
+
+
+def _note(place: Path) -> None:
+    words = " ".join(["stickslip", *sys.argv[1:2]])
+    told = {"pid": os.getpid(), "host": socket.gethostname(), "since": time.strftime("%Y-%m-%d %H:%M:%S"), "by": words}
+    with suppress(OSError):  # a full disk is told when results are written
+        (place / HOLDER).write_text(json.dumps(told), encoding="utf-8")
+
+
+def _holder(place: Path) -> str:
+    """Who works there, in words; a note that is being written or is gone tells nothing."""
+    try:
+        told = json.loads((place / HOLDER).read_text(encoding="utf-8"))
+        return f"process {told['pid']} on {told['host']} ({told['by']}) has worked in it since {told['since']}"
+    except (OSError, ValueError, KeyError, TypeError):
+        return "another process works in it"
+
+
+def _remove(folders: list[Path]) -> None:
+    """Those that were made here and hold nothing."""
+    for path in folders:
+        with suppress(OSError):
+            path.rmdir()

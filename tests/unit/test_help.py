@@ -1,0 +1,104 @@
+"""Every screen of help: its examples work as typed, it fits 80 columns, and first words and mistyped ones help on."""
+
+import json
+import re
+import shlex
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import stickslip_here
+
+ROOT = Path(__file__).parents[2]
+COMMANDS = ("doctor", "cite", "run", "resume", "fit", "stability", "convert", "reproduce")  # so that files are there
+DEAR = ("reproduce", "disk_array.toml", "rate_state_sweep.toml --out", "results/sweep", "doctor", "--coulomb sharp")
+
+
+def examples(command):
+    """Lines of the part Examples of a command's help."""
+    said = stickslip_here(command, "--help")
+    assert said.returncode == 0
+    return re.findall(r"^ +stickslip (.+)$", said.stdout.partition("Examples:")[2], flags=re.M)
+
+
+def is_dear(words):
+    return any(part in words for part in DEAR)
+
+
+@pytest.fixture(scope="module")
+def clone(tmp_path_factory):
+    """A clone's root, as far as examples need it."""
+    root = tmp_path_factory.mktemp("clone")
+    shutil.copytree(ROOT / "examples", root / "examples")
+    return root
+
+
+def follow(words, root):
+    run = stickslip_here(*shlex.split(words), cwd=root)
+    assert run.returncode == 0, (words, run.stderr)
+    assert run.stdout
+    if "--json" in words:
+        assert json.loads(run.stdout)["command"] == words.split()[0]
+    return run.stdout
+
+
+def test_every_command_has_examples_and_cheap_ones_work_as_typed(clone):
+    for command in COMMANDS:
+        found = examples(command)
+        assert len(found) >= 2, command
+        assert all(words.startswith((command, "run ")) for words in found)
+        for words in found:
+            if not is_dear(words):
+                follow(words, clone)
+    assert (
+        "instability: 1 complex pair(s)"
+        in stickslip_here("stability", "examples/packing.npz", "--mu", "10", "-q", cwd=clone).stdout
+    )
+
+
+@pytest.mark.slow
+def test_dear_examples_work_as_typed(clone):
+    for command in COMMANDS:
+        for words in filter(is_dear, examples(command)):
+            follow(words, clone)
+
+
+@pytest.mark.parametrize("command", ["", *COMMANDS])
+def test_help_fits_a_terminal_and_a_pipe(command, monkeypatch):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    said = stickslip_here(*command.split(), "--help").stdout
+    assert "\x1b" not in said
+    assert not re.search("[╭─│|]{2}", said)
+    assert max(map(len, said.splitlines())) <= 80
+    if command:
+        assert "--json" in said
+        assert "--quiet" in said
+
+
+def test_without_a_command_it_says_what_to_type_first(clone):
+    said = stickslip_here()
+    assert said.returncode == 0
+    typed = re.findall(r"^  stickslip (.+?)(?:  .*)?$", said.stdout, flags=re.M)
+    known = {words for command in COMMANDS for words in examples(command)}
+    assert len(typed) >= 3
+    assert set(typed) <= known
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["rnu"], "Did you mean 'run'?"),
+        (["reproduce", "disk-aray"], "did you mean 'disk-array'?"),
+        (["reproduce", "gouge", "--quik"], "--quick"),
+        (["run", "s.toml", "--out", "o", "--jsn"], "--json"),
+        (["stability", "s.npz", "--quite"], "--quiet"),
+        (["fit", "s.csv", "--law", "agin"], "did you mean 'aging'?"),
+    ],
+)
+def test_what_is_mistyped_is_guessed(words, sentence, tmp_path):
+    run = stickslip_here(*words, cwd=tmp_path)
+    assert run.returncode == 2
+    assert sentence in run.stderr
+    assert run.stderr.count("\n") == 1
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,210 @@
+"""What programs get: one object or paths, no colours in pipes, letters of any code page; what shells complete."""
+
+import io
+import json
+import os
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from stickslip.data.sweep import differences
+from stickslip.experiments import answers, report
+from tests.conftest import stickslip_here
+
+SLIDER = 'experiment = "rate-state"\n[samples]\nnumber = 12\n'
+SWEEP = SLIDER + '[sweep]\n"{key}" = {values}\n'
+
+
+def object_of(*words, cwd, code=0):
+    """The one object on standard output; nothing else may be there."""
+    run = stickslip_here(*words, "--json", cwd=cwd)
+    assert run.returncode == code, run.stderr
+    assert run.stdout.count("\n") == 1
+    return json.loads(run.stdout, parse_constant=lambda word: pytest.fail(f"{word} is not JSON")), run.stderr
+
+
+def test_a_run_as_one_object_and_as_paths(tmp_path):
+    (tmp_path / "s.toml").write_text(SLIDER)
+    found, err = object_of("run", "s.toml", "--out", "out", cwd=tmp_path)
+    assert not err
+    assert (found["command"], found["status"], found["folder"]) == ("run", "finished", "out")
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {path.split("/")[-1] for path in found["files"]}
+    assert found["measures"]["reached"]["unit"] == "s"
+    assert found["scenario"]["experiment"] == "rate-state"
+    assert re.fullmatch("[0-9a-f]{16}", found["scenario"]["digest"])
+    assert found["versions"]["numpy"] == np.__version__
+    quiet = stickslip_here("run", "s.toml", "--out", "out", "-q", cwd=tmp_path)
+    assert quiet.stdout.split() == found["files"]
+    again, _ = object_of("resume", "out", cwd=tmp_path)
+    assert again["files"] == found["files"]
+    assert again["scenario"] == found["scenario"]
+    assert not report.console.quiet
+    assert not report.console.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["run", "absent.toml", "--out", "o"], "absent.toml cannot be read"),
+        (["reproduce", "disk-aray"], "did you mean 'disk-array'?"),
+        (["resume", "absent"], "is no folder"),
+        (["stability", "absent.npz"], "absent.npz"),
+        (["fit", "absent.csv"], "no such file"),
+        (["cite", "absent.toml"], "absent.toml"),
+        (["convert", "absent.npz", "--to", "x.gsd"], "absent.npz"),
+    ],
+)
+def test_errors_are_an_object_too_and_one_line_for_people(words, sentence, tmp_path):
+    found, err = object_of(*words, cwd=tmp_path, code=2)
+    assert (found["status"], found["exit_code"]) == ("failed", 2)
+    assert sentence in found["error"]
+    assert err == f"stickslip: {found['error']}\n"
+    assert stickslip_here(*words, "--quiet", cwd=tmp_path).stdout == ""
+    assert not list(tmp_path.iterdir())
+
+
+def test_numbers_that_are_none_are_null():
+    told = {
+        "a": np.nan,
+        "b": np.array([1.0, np.inf]),
+        "c": [np.float64(2.0), (-np.inf,)],
+        "d": np.bool_(True),
+        "e": "φ",
+    }
+    assert answers.text(told).isascii()
+    assert json.loads(answers.text(told)) == {"a": None, "b": [1.0, None], "c": [2.0, [None]], "d": True, "e": "φ"}
+
+
+@pytest.mark.slow
+def test_a_sweep_keeps_its_choice_says_when_nothing_is_left_and_is_replaced_only_when_told(tmp_path):
+    def write(key="surface.mu0", values="[0.3, 0.4]"):
+        (tmp_path / "s.toml").write_text(SWEEP.format(key=key, values=values))
+
+    write()
+    words = ("run", "s.toml", "--out", "out", "--workers", "1")
+    found, _ = object_of(*words, "--figures", cwd=tmp_path)
+    assert found["members"] == {"total": 2, "finished": 2, "reused": 0, "failed": 0}
+    assert found["ranges"]["final_friction"]["members"] == 2
+    gone = sorted((tmp_path / "out" / "members").iterdir())[0] / "measures.json"
+    gone.unlink()
+    (gone.parent / "fig1_history.png").unlink()
+    found, _ = object_of("resume", "out", "--workers", "1", cwd=tmp_path)
+    assert found["members"]["reused"] == 1
+    assert (gone.parent / "fig1_history.png").exists()
+    assert "The sweep is finished: nothing was left to run." in " ".join(
+        stickslip_here("resume", "out", "--workers", "1", cwd=tmp_path).stdout.split()
+    )
+    write(values="[0.3, 0.4, 0.5]")
+    assert object_of(*words, cwd=tmp_path)[0]["members"]["reused"] == 2
+    write(key="surface.a", values="[0.01]")
+    before = sorted(path.name for path in (tmp_path / "out" / "members").iterdir())
+    refused = stickslip_here(*words, cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "holds another sweep (that one sweeps surface.mu0, this one surface.a)" in refused.stderr
+    assert sorted(path.name for path in (tmp_path / "out" / "members").iterdir()) == before
+    assert object_of(*words, "--overwrite", cwd=tmp_path)[0]["members"]["total"] == 1
+    assert len(list((tmp_path / "out" / "members").iterdir())) == 1
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({}, ""),
+        ({"sweep": {"law.mu": [3, 4]}}, ""),
+        ({"experiment": "disk-array"}, ""),
+        ({"law": {"kt": 0.2}}, "law.kt is 0.1 there and 0.2 here"),
+        ({"law": {}}, "law.kt is 0.1 there and left out here"),
+        ({"sweep": {"law.kn": [3, 4]}}, "that one sweeps law.mu, this one law.kn"),
+        ({"sweep": {"law.mu": [3, 4], "mode": "zip"}}, "its mode is grid, not zip"),
+        ({"seed": 3}, "seed is left out there and 3 here"),
+    ],
+)
+def test_what_makes_another_sweep(change, words):
+    base = {"law": {"kt": 0.1}, "sweep": {"law.mu": [1, 2]}}
+    assert differences(base, base | change) == words
+
+
+def test_colours_and_live_lines_are_for_terminals(monkeypatch):
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    console = report.Console(file=io.StringIO(), force_terminal=True, width=60)  # a pipe with FORCE_COLOR
+    monkeypatch.setattr(report, "console", console)
+    monkeypatch.setattr(report, "LINES", 0.0)
+    with report.progress() as tell:
+        for k in range(3):
+            tell("ramp", k / 3, f"push {k}, [unbalanced] 1e-9")
+    assert console.file.getvalue() == "ramp …\n  33%: push 1, [unbalanced] 1e-9\n  67%: push 2, [unbalanced] 1e-9\n"
+    for term, drawn in (("xterm", True), ("dumb", False)):
+        screen = report.Console(file=Terminal(), width=60, legacy_windows=False, _environ={"TERM": term})
+        monkeypatch.setattr(report, "console", screen)
+        with report.progress() as tell:
+            tell("births and deaths of pairs (quarter)", 0.5, "push 0.0850, unbalanced 1e-9, growth rate 1.2e-04")
+        said = screen.file.getvalue()
+        assert ("\x1b[" in said) == drawn
+        assert all(len(re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", line)) <= 60 for line in re.split(r"[\r\n]", said))
+        assert not drawn or "unbalanced 1e-9" in said
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "cp1252"])
+def test_code_pages_without_greek_get_words(encoding, tmp_path):
+    code = "import sys; from stickslip.cli.ending import main; from stickslip.cli import app\n"
+    code += "@app.command()\ndef greek(): print('λ ± 2 Å'); raise ValueError('φ → ∞')\nmain()"
+    env = os.environ | {"PYTHONIOENCODING": encoding, "NO_COLOR": "1"}
+    run = subprocess.run([sys.executable, "-c", code, "greek"], capture_output=True, env=env)
+    assert run.returncode == 2
+    assert run.stdout.decode(encoding).strip() == ("lambda +- 2 A" if encoding == "ascii" else "lambda ± 2 Å")
+    assert run.stderr.decode(encoding).strip() == "stickslip: phi ? ?"
+
+
+BASH = """
+{script}
+COMP_WORDS=({words}); COMP_CWORD={place}; _stickslip_completion {program}
+printf '%s\\n' "${{COMPREPLY[@]}}"
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs bash")
+def test_bash_completes_names_engines_laws_and_leaves_files_to_itself(tmp_path):
+    main = f"#!{sys.executable}\nfrom stickslip.cli import main\nmain()\n"
+    (tmp_path / "stickslip").write_text(main)
+    (tmp_path / "stickslip").chmod(0o755)
+    script = stickslip_here("--show-completion", "bash")
+    assert script.returncode == 0
+    assert "complete -o default -F _stickslip_completion stickslip" in script.stdout  # default: names of files
+    expected = {
+        "stickslip re": ["reproduce", "resume"],
+        "stickslip reproduce s": ["sphere-shear"],
+        "stickslip run s.toml --engine l": ["lammps"],
+        "stickslip fit s.csv --law s": ["slip"],
+        "stickslip stability s.npz --law hertz": ["hertz_mindlin", "hertz_mindlin_reff"],
+        "stickslip run examples/": [""],
+    }
+    for words, found in expected.items():
+        line = {"script": script.stdout, "words": words, "place": len(words.split()) - 1}
+        text = BASH.format(**line, program=tmp_path / "stickslip")
+        run = subprocess.run(["bash", "--norc", "-c", text], capture_output=True, text=True)
+        assert run.stdout.split("\n")[:-1] == found, (words, run.stderr)
+
+
+@pytest.mark.parametrize(
+    ("shell", "line", "word"),
+    [
+        ("zsh", "stickslip reproduce ", '"gouge"'),
+        ("fish", "stickslip reproduce ", "gouge\tpaper 003"),
+        ("zsh", "stickslip run x", "_files"),
+    ],
+)
+def test_other_shells_are_answered(shell, line, word):
+    env = {
+        "_STICKSLIP_COMPLETE": f"complete_{shell}",
+        "_TYPER_COMPLETE_ARGS": line,
+        "_TYPER_COMPLETE_FISH_ACTION": "get-args",
+    }
+    code = "from stickslip.cli import main; main()"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=os.environ | env)
+    assert word in run.stdout, run.stderr
