@@ -9,9 +9,11 @@ from ..core.contact import HELD
 from ..core.forces import Loads, moved_masses, unbalanced
 from ..core.frame import cell_mass, strained
 from ..core.jacobian import contact_blocks, triplets
-from ..core.laws import Law
-from ..core.measure import branches, contact_forces, volume
+from ..core.laws import MU, Law
+from ..core.measure import branches, contact_forces, rattlers, volume
 from ..core.state import State, groups
+
+ZERO_BELOW = 1e-10  # share of the largest |λ| below which an eigenvalue is zero
 
 
 class Freedom(NamedTuple):
@@ -90,6 +92,26 @@ def freedom(state: State) -> Freedom:
     return Freedom(component, mass[component], state.cell.dim, place, length)
 
 
+def loose_grains(state: State, law: Law) -> np.ndarray:
+    """(N,) bool: rattlers, as many contacts as the law needs to hold a grain taken into account."""
+    return rattlers(state, 2 if law.table[..., MU].any() else state.cell.dim + 1)
+
+
+def backbone(state: State, law: Law) -> Freedom:
+    """Free coordinates of a state without its rattlers."""
+    loose = loose_grains(state, law)
+    return freedom(state).without(np.append(loose, np.zeros(state.n_bodies - len(loose), bool)))
+
+
+def translations(matrix, free: Freedom) -> np.ndarray:
+    """(n, k) common translations that A = `matrix` of `stiffness` does not resist, in its coordinates, of unit norm."""
+    weight, scale = np.sqrt(free.mass), np.abs(matrix.data).max(initial=0.0)
+    moves = np.stack([np.where(free.axis == axis, weight, 0.0) for axis in range(free.dim)], axis=1)
+    moves = moves[:, moves.any(axis=0)]
+    nothing = np.abs(matrix @ moves).max(axis=0) <= ZERO_BELOW * scale * moves.max(axis=0)
+    return moves[:, nothing] / np.linalg.norm(moves[:, nothing], axis=0)
+
+
 def residual_vector(state: State, loads: Loads, free: Freedom) -> np.ndarray:
     """(n,) generalised unbalanced force Pᵀf [force]."""
     force = unbalanced(state, loads).ravel()
@@ -106,12 +128,15 @@ def jacobian(state: State, law: Law, free: Freedom, *, memory: int = HELD):
     f_a δ_b from the change of r and −V σ_ab δ_cd from that of the volume.
     """
     blocks, _ = contact_blocks(state, law, memory=memory)
+    return assembled(state, blocks, contact_forces(state, law, memory=memory) if free.length else None, free)
+
+
+def assembled(state: State, blocks: np.ndarray, force: np.ndarray | None, free: Freedom):
+    """(n, n) sparse J of contact blocks (C, 6, 6) and, where the cell is free, contact forces (C, 3)."""
     matrix = restricted(state, blocks, free)
     if state.control.spring.any():
         matrix = sparse.csr_array(matrix - of_springs(state, free))
-    if not free.length:
-        return matrix
-    return sparse.csr_array(matrix + of_branches(state, contact_forces(state, law, memory=memory), free))
+    return sparse.csr_array(matrix + of_branches(state, force, free)) if free.length else matrix
 
 
 def of_springs(state: State, free: Freedom):
@@ -157,7 +182,11 @@ def stiffness(state: State, law: Law, free: Freedom):
     Similar to −M⁻¹J, and symmetric where the forces have a potential: its eigenvalues are λ, and its eigenvectors over
     √mass are modes.
     """
-    matrix = jacobian(state, law, free)
+    return per_mass(jacobian(state, law, free), free)
+
+
+def per_mass(matrix, free: Freedom):
+    """(n, n) sparse A = −M^(−1/2) J M^(−1/2) of J, whose entries are overwritten."""
     root = 1 / np.sqrt(free.mass)
     matrix.data *= -root[matrix.indices] * np.repeat(root, np.diff(matrix.indptr))
     return matrix
