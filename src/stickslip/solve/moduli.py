@@ -101,7 +101,7 @@ def elastic_moduli(state: State, law: Law) -> Moduli:
 
     Source
     ------
-    Maloney & Lemaître, doi:10.1103/PhysRevE.74.016118, Eq 22, with −J for the Hessian; Barron & Klein,
+    Maloney & Lemaître, doi:10.1103/PhysRevE.74.016118, with −J for the Hessian; Barron & Klein,
     doi:10.1088/0370-1328/85/3/313, for stress–strain coefficients under an initial stress.
 
     Examples
