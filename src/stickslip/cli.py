@@ -262,10 +262,14 @@ def stability(
         Path | None, typer.Option("--modes", help="Where modes go; default: FILE's name with -modes.npz, here.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one object; write modes only with --modes.")] = False,
+    beyond: Annotated[
+        bool, typer.Option("--more", help="Also elastic moduli, transient growth, the contacts that decide.")
+    ] = False,
 ) -> None:
     """Is this packing stable? Complex pairs, buckling, floppy modes and rattlers of anybody's packing."""
     from .data.exchange.files import listened, read_sample
     from .experiments import report, stability_report
+    from .experiments.stability_more import more_of
 
     (state, its_law, words), said = listened(read_sample, file, **options)
     words = [*words, *said]
@@ -273,11 +277,12 @@ def stability(
         for line in words:
             print(f"stickslip: {line}", file=sys.stderr)
         found = stability_report.judged(state, its_law, method=method)
-        print(stability_report.as_json(found))
+        print(stability_report.as_json(found, more_of(state, its_law, found) if beyond else None))
     else:
         with report.progress(transient=True) as tell:
             found = stability_report.judged(state, its_law, method=method, report=tell)
-        stability_report.show(found, its_law, words)
+            more = more_of(state, its_law, found, report=tell) if beyond else None
+        stability_report.show(found, its_law, words, more)
     if modes or (not as_json and found.modes.shape[1]):
         path = stability_report.write_modes(modes or Path(f"{file.stem}-modes.npz"), found)
         if not as_json:

@@ -12,6 +12,7 @@ from ..core.state import State
 from ..data.whole import beside
 from ..solve.damped import Damped, damped_stability
 from ..solve.stability import Stability, stability
+from . import stability_more
 from .report import console
 
 SHOWN = 12  # pairs in the table
@@ -23,7 +24,7 @@ def judged(state: State, law: Law, *, method: str = "auto", report=None) -> Stab
     return (damped_stability if dashpots(law) else stability)(state, law, method=method, report=report)
 
 
-def as_json(found: Stability | Damped) -> str:
+def as_json(found: Stability | Damped, more: stability_more.More | None = None) -> str:
     """One object with the documented keys."""
     static = found.undamped if isinstance(found, Damped) else found
     if isinstance(found, Damped):
@@ -50,11 +51,15 @@ def as_json(found: Stability | Damped) -> str:
         "zero_modes": static.zero_modes,
         "spectrum": "damped" if isinstance(found, Damped) else "undamped",
     }
+    if more:
+        out["more"] = stability_more.as_object(more)
     return json.dumps(out, allow_nan=False)
 
 
-def show(found: Stability | Damped, law: Law, words: list[str]) -> None:
-    """The verdict in words, the pairs in a table."""
+def show(
+    found: Stability | Damped, law: Law, words: list[str], more: stability_more.More | None = None
+) -> None:  # fmt: skip
+    """The verdict in words, the pairs in a table, and what else there is."""
     static = found.undamped if isinstance(found, Damped) else found
     for line in words:
         console.print(f"[yellow]{line}[/]")
@@ -80,6 +85,8 @@ def show(found: Stability | Damped, law: Law, words: list[str]) -> None:
         _show_exponents(found)
     else:
         _show_pairs(found)
+    if more:
+        stability_more.show(more, found)
 
 
 def _law_in_words(law: Law) -> str:

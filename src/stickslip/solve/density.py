@@ -48,7 +48,9 @@ def participation_ratio(modes: np.ndarray, free: Freedom) -> np.ndarray:
     """
     modes = np.asarray(modes)
     if modes.ndim != 2 or len(modes) != len(free):
-        raise ValueError(f"modes of shape {modes.shape} were given: (n, K) with the n = {len(free)} of `free` is needed")
+        raise ValueError(
+            f"modes of shape {modes.shape} were given: (n, K) with the n = {len(free)} of `free` is needed"
+        )
     bodies, where = np.unique(free.body, return_inverse=True)
     weight = np.zeros((len(bodies), modes.shape[1]))
     np.add.at(weight, where, free.mass[:, None] * np.abs(modes) ** 2)
@@ -61,7 +63,9 @@ class Density(NamedTuple):
     edges: np.ndarray  # (B + 1,) [1/time]
     density: np.ndarray  # (B,) D, of real λ > 0 at ω = √λ and of complex pairs, both members, at ω = |Re √λ| [time]
     error: np.ndarray  # (B,) standard error of the random probes; zero if all eigenvalues were computed [time]
-    of_pairs: np.ndarray  # (B,) the part of `density` that complex pairs make; NaN where they were not told apart [time]
+    of_pairs: (
+        np.ndarray
+    )  # (B,) the part of `density` that complex pairs make; NaN where they were not told apart [time]
     frequency: np.ndarray  # (K,) of all that oscillates, sorted; empty if not all eigenvalues were computed [1/time]
     n: int  # modes: coordinates without those of rattlers
     zero: int  # that do not oscillate: λ = 0

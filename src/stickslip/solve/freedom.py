@@ -128,15 +128,12 @@ def jacobian(state: State, law: Law, free: Freedom, *, memory: int = HELD):
     f_a δ_b from the change of r and −V σ_ab δ_cd from that of the volume.
     """
     blocks, _ = contact_blocks(state, law, memory=memory)
-    return assembled(state, blocks, contact_forces(state, law, memory=memory) if free.length else None, free)
-
-
-def assembled(state: State, blocks: np.ndarray, force: np.ndarray | None, free: Freedom):
-    """(n, n) sparse J of contact blocks (C, 6, 6) and, where the cell is free, contact forces (C, 3)."""
     matrix = restricted(state, blocks, free)
     if state.control.spring.any():
         matrix = sparse.csr_array(matrix - of_springs(state, free))
-    return sparse.csr_array(matrix + of_branches(state, force, free)) if free.length else matrix
+    if not free.length:
+        return matrix
+    return sparse.csr_array(matrix + of_branches(state, contact_forces(state, law, memory=memory), free))
 
 
 def of_springs(state: State, free: Freedom):
@@ -182,11 +179,7 @@ def stiffness(state: State, law: Law, free: Freedom):
     Similar to −M⁻¹J, and symmetric where the forces have a potential: its eigenvalues are λ, and its eigenvectors over
     √mass are modes.
     """
-    return per_mass(jacobian(state, law, free), free)
-
-
-def per_mass(matrix, free: Freedom):
-    """(n, n) sparse A = −M^(−1/2) J M^(−1/2) of J, whose entries are overwritten."""
+    matrix = jacobian(state, law, free)
     root = 1 / np.sqrt(free.mass)
     matrix.data *= -root[matrix.indices] * np.repeat(root, np.diff(matrix.indptr))
     return matrix

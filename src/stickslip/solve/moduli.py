@@ -75,7 +75,7 @@ class Moduli(NamedTuple):
 
     @property
     def asymmetry(self) -> float:
-        """Share of C that has no major symmetry C_abcd = C_cdab: zero if the forces have a potential, at no pressure."""
+        """Share of C that has no major symmetry C_abcd = C_cdab: zero with a potential and without stress."""
         c = symmetrised(self.tensor)
         return float(np.linalg.norm(c - c.transpose(2, 3, 0, 1)) / 2 / np.linalg.norm(c))
 

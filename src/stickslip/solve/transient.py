@@ -67,8 +67,8 @@ def transient_growth(
     norm : "energy": E = ½ q̇ᵀMq̇ + ½ qᵀKq, K the symmetric part of −J, which must be positive: dE/dt is the power of
         the skew part, less what dashpots take. "displacement": |q|² = qᵀMq of what starts at rest. (Without dashpots
         velocities that start from the equilibrium's positions grow by the same factor.)
-    duration : window that is searched [time]; default: 20 periods of the slowest mode, or the longest beat of the modes
-        that nearly coincide. Without dashpots the motion is quasi-periodic and comes near its supremum again and again,
+    duration : window that is searched [time]; default: 20 periods of the slowest mode, or if that is longer a whole beat
+        of the two modes that nearly coincide most. Without dashpots the motion is quasi-periodic and comes near its supremum again and again,
         which may take longer: `amplitude` is what was found, `bound` what none exceeds
     samples : times looked at, evenly spaced, besides those at which nearly coinciding modes are in opposite phase
     report : called as report(stage, share done, words)
@@ -202,7 +202,9 @@ def _inverse(vectors: np.ndarray) -> np.ndarray:
 
 
 def _refuse(rate: float) -> None:
-    raise ValueError(f"an unstable packing was given, which grows as exp({rate:.4g} t): transient growth is of stable ones")
+    raise ValueError(
+        f"an unstable packing was given, which grows as exp({rate:.4g} t): transient growth is of stable ones"
+    )
 
 
 def _scaled(exponents, modes, norms, parts) -> _Motion:
@@ -237,7 +239,7 @@ def _searched(motion: _Motion, pairs, duration: float | None, samples: int, repo
     """Times looked at, sorted, and the amplitude at each."""
     slowest = np.abs(motion.exponents).min()
     if duration is None:
-        duration = max([PERIODS * 2 * np.pi / slowest, *(1.05 * time for _, time, *_ in pairs[:1])])
+        duration = max([PERIODS * 2 * np.pi / slowest, *(2 * time for _, time, *_ in pairs[:1])])
     if not (np.isfinite(duration) and duration > 0 and samples >= 2):
         raise ValueError(f"duration = {duration} with {samples} samples was given: a positive time and at least 2")
     beats = [(time, 2 * np.pi / max(pair)) for _, time, *pair in pairs if time <= duration]
