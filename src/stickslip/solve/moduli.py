@@ -15,7 +15,7 @@ from .linear import factorised
 HELD_ABOVE = (
     1e-13  # row of J, over the largest, from which on a coordinate is resisted: rotations without friction are not
 )
-SOLVED = 1e-7  # residual of the non-affine motion over the affine force, beyond which it was not found
+SOLVED = 1e-9  # residual of the non-affine motion, over the largest row of J, beyond which it was not found
 DENSE_UP_TO = 3_000  # coordinates, up to which floppy modes are told from a load that nothing bears
 VOIGT = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))}
 
@@ -125,6 +125,8 @@ def elastic_moduli(state: State, law: Law) -> Moduli:
     control = state.control._replace(cell_free=free_cell, stress=stress(state, law), cell_rate=np.zeros((3, 3)))
     state = state._replace(control=control)
     free = backbone(state, law)
+    if (free.axis == 6).all():
+        raise ValueError("nothing but rattlers was given: elastic moduli need grains that hold each other")
     matrix = jacobian(state, law, free)
     grain, cell = np.flatnonzero(free.axis < 6), np.flatnonzero(free.axis == 6)
     unit = -(free.length**2) / volume(state)
@@ -157,9 +159,7 @@ def _relaxed(matrix, pull: np.ndarray, free: Freedom) -> np.ndarray:
     """x of J x = −pull; translations and what nothing resists stay where they are."""
     size = np.abs(matrix).sum(axis=1)
     held = size > HELD_ABOVE * size.max(initial=0.0)
-    if not held.any():
-        raise ValueError("nothing but rattlers was given: elastic moduli need grains that hold each other")
-    scale = np.abs(pull).max(initial=0.0)
+    scale = size.max(initial=0.0)
     solved = held.copy()
     solved[_pinned(matrix, held, free)] = False
     rows = np.flatnonzero(solved)

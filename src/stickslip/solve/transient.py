@@ -67,9 +67,9 @@ def transient_growth(
     norm : "energy": E = ½ q̇ᵀMq̇ + ½ qᵀKq, K the symmetric part of −J, which must be positive: dE/dt is the power of
         the skew part, less what dashpots take. "displacement": |q|² = qᵀMq of what starts at rest. (Without dashpots
         velocities that start from the equilibrium's positions grow by the same factor.)
-    duration : window that is searched [time]; default: 20 periods of the slowest mode, or if that is longer a whole beat
-        of the two modes that nearly coincide most. Without dashpots the motion is quasi-periodic and comes near its supremum again and again,
-        which may take longer: `amplitude` is what was found, `bound` what none exceeds
+    duration : window that is searched [time]; default: 20 periods of the slowest mode, or if that is longer a whole
+        beat of the two modes that nearly coincide most. Without dashpots the motion is quasi-periodic and comes near
+        its supremum again and again, which may take longer: `amplitude` is what was found, `bound` what none exceeds
     samples : times looked at, evenly spaced, besides those at which nearly coinciding modes are in opposite phase
     report : called as report(stage, share done, words)
 
