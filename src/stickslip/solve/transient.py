@@ -21,7 +21,7 @@ UNCERTAIN = 1e10  # condition number of the modes beyond which their round-off s
 SYMMETRIC = 1e-13  # of the largest entry
 PAIRS = 8  # of modes, those that nearly coincide, at whose beats is looked
 PERIODS = 20  # of the slowest mode: the window where no beat is longer
-FINE = 24  # times within a period on either side of the best ones
+FINE = 24  # times around each of the best ones, first between samples, then within a period on either side
 
 
 class Transient(NamedTuple):
@@ -242,28 +242,26 @@ def _searched(motion: _Motion, pairs, duration: float | None, samples: int, repo
         duration = max([PERIODS * 2 * np.pi / slowest, *(2 * time for _, time, *_ in pairs[:1])])
     if not (np.isfinite(duration) and duration > 0 and samples >= 2):
         raise ValueError(f"duration = {duration} with {samples} samples was given: a positive time and at least 2")
-    beats = [(time, 2 * np.pi / max(pair)) for _, time, *pair in pairs if time <= duration]
-    times = np.unique(np.concatenate([np.linspace(0.0, duration, samples), [time for time, _ in beats]]))
+    beats = [time for _, time, *_ in pairs if time <= duration]
     amplitude = _amplitudes(motion)
-
-    def looked(times) -> np.ndarray:
+    times = np.unique(np.concatenate([np.linspace(0.0, duration, samples), beats]))
+    found = np.array([amplitude(t) for t in times])
+    # the envelope first, then the phase of what swings below it
+    reaches = duration / (samples - 1), 2 * np.pi / (max(pairs[0][2:]) if pairs else slowest)
+    starts = np.unique([*times[np.argsort(-found)[:2]], *beats[:1]])
+    for k, t in enumerate(starts):
         if report:
-            report("transient growth", 0.5, f"{len(times)} times up to {duration:.4g}")
-        return np.array([amplitude(t) for t in times])
-
-    found = looked(times)
-    spacing = duration / (samples - 1)
-    for t in times[np.argsort(-found)[:2]]:
-        reach = next((period for time, period in beats if time == t), spacing)
-        near = np.clip(t + np.linspace(-reach, reach, FINE), 0.0, duration)
-        values = looked(near)
-        at = near[np.argmax(values)]
+            report("transient growth", (k + 1) / (len(starts) + 1), f"×{found.max():.4g} so far")
+        for reach in reaches:
+            near = np.clip(t + np.linspace(-reach, reach, FINE), 0.0, duration)
+            values = np.array([amplitude(t) for t in near])
+            times, found, t = np.append(times, near), np.append(found, values), near[np.argmax(values)]
         step = 2 * reach / (FINE - 1)
         top = minimize_scalar(
-            lambda t: -amplitude(t), bounds=(max(at - step, 0.0), min(at + step, duration)), method="bounded",
+            lambda t: -amplitude(t), bounds=(max(t - step, 0.0), min(t + step, duration)), method="bounded",
             options={"xatol": 1e-6 * step},
         )  # fmt: skip
-        times, found = np.concatenate([times, near, [top.x]]), np.concatenate([found, values, [-top.fun]])
+        times, found = np.append(times, top.x), np.append(found, -top.fun)
     times, first = np.unique(times, return_index=True)
     return times, found[first]
 
