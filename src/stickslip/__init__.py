@@ -48,7 +48,7 @@ _WHERE = {
     "solve.density": "Density density_of_states participation_ratio",
     "solve.equilibrate": "UnstableEquilibriumWarning equilibrate",
     "solve.fastest": "FastestPair fastest_pair",
-    "solve.freedom": "Freedom displaced freedom residual_vector restricted stiffness",
+    "solve.freedom": "Freedom backbone displaced freedom residual_vector restricted stiffness",
     "solve.moduli": "Moduli elastic_moduli",
     "solve.newton": "Kept newton",
     "solve.pairs": "Pairs complex_pairs",

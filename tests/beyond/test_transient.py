@@ -47,7 +47,7 @@ def test_two_modes_in_closed_form(near):
     times, amplitudes = module._searched(motion, [(of_pair, time, first, second)], None, 60, None)
     # opposite phase and the carrier's crest are up to π/2ω apart, which costs (truth Δω/ω)² π²/32 of the supremum
     assert truth * (1 - 0.4 * (truth * split) ** 2) < amplitudes.max() <= truth * (1 + 1e-12)
-    assert abs(times[np.argmax(amplitudes)] - time) < 2 * np.pi
+    assert abs(times[np.argmax(amplitudes)] - time) < 0.05 * time  # the envelope is flat at its top
 
 
 def test_it_is_the_matrix_exponential_and_nothing_exceeds_it(calm):

@@ -8,7 +8,7 @@ from ..core.laws import Law
 from ..core.state import State
 from ..solve.damped import Damped
 from ..solve.density import participation_ratio
-from ..solve.moduli import Moduli, elastic_moduli, isotropic, voigt
+from ..solve.moduli import Moduli, elastic_moduli, voigt
 from ..solve.sensitivity import Sensitivity, contact_sensitivity
 from ..solve.stability import Stability
 from ..solve.transient import Transient, transient_growth
@@ -72,10 +72,9 @@ def as_object(more: More) -> dict:
 
 
 def _moduli_object(m: Moduli) -> dict:
-    names = ("bulk", "shear", "poisson", "young", "anisotropy", "asymmetry")
-    bulk, shear = isotropic(m.affine)
-    affine = {"bulk_affine": bulk, "shear_affine": shear, "affine": voigt(m.affine).tolist()}
-    return {name: float(getattr(m, name)) for name in names} | affine | {"voigt": m.voigt.tolist()}
+    names = ("bulk", "shear", "bulk_affine", "shear_affine", "poisson", "young", "anisotropy", "asymmetry")
+    whole = {"voigt": m.voigt.tolist(), "voigt_affine": voigt(m.affine).tolist()}
+    return {name: float(getattr(m, name)) for name in names} | whole
 
 
 def _transient_object(t: Transient) -> dict:
@@ -103,7 +102,7 @@ def show(more: More, found: Stability | Damped) -> None:
         rest = " …" if len(more.participation) > SHOWN else ""
         console.print(f"\nparticipation ratios of what grows, in this order: {ratios}{rest}", highlight=False)
     for name, part, shown in (
-        ("moduli", more.moduli, _show_moduli),
+        ("elastic moduli", more.moduli, _show_moduli),
         ("transient growth", more.transient, _show_transient),
         ("contacts that decide", more.contacts, lambda s: _show_contacts(s, isinstance(found, Damped))),
     ):
@@ -118,8 +117,7 @@ def _show_moduli(m: Moduli) -> None:
     table = Table(**STYLE)
     for column in ("", "whole", "affine", "non-affine"):
         table.add_column(column, justify="right")
-    for name, k in (("bulk K", 0), ("shear G", 1)):
-        whole, affine = isotropic(m.tensor)[k], isotropic(m.affine)[k]
+    for name, whole, affine in (("bulk K", m.bulk, m.bulk_affine), ("shear G", m.shear, m.shear_affine)):
         table.add_row(name, f"{whole:.5g}", f"{affine:.5g}", f"{whole - affine:.5g}")
     console.print(table)
     console.print(
@@ -149,15 +147,7 @@ def _show_contacts(s: Sensitivity, damped: bool) -> None:
     )
     slope = dict(zip(s.contacts, s.growth_derivative, strict=True)) if len(s.derivative) else {}
     table = Table(**STYLE)
-    for column in (
-        "grains",
-        "F_t/(μ F_n)",
-        "if it",
-        "growth rate",
-        "then",
-        "verdict then",
-        *["∂/∂ln stiffness"] * bool(slope),
-    ):
+    for column in ("grains", "F_t/(μ F_n)", "if it", "growth rate", "then", "verdict then", *["∂/∂ln s"] * bool(slope)):
         table.add_column(column, justify="right")
     for k in range(len(s.contact))[:CONTACTS]:
         after, words = (f"{s.after[k]:.4g}", s.verdict_after[k]) if s.verified[k] else (f"≈ {s.predicted[k]:.3g}", "?")

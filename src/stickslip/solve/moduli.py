@@ -57,6 +57,16 @@ class Moduli(NamedTuple):
         return isotropic(self.tensor)[1]
 
     @property
+    def bulk_affine(self) -> float:
+        """K of the affine part."""
+        return isotropic(self.affine)[0]
+
+    @property
+    def shear_affine(self) -> float:
+        """G of the affine part."""
+        return isotropic(self.affine)[1]
+
+    @property
     def poisson(self) -> float:
         """ν = (dim K − 2G)/(dim (dim − 1) K + 2G): (K − G)/(K + G) in two dimensions."""
         d, (bulk, shear) = self.dim, isotropic(self.tensor)

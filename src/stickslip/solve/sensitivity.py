@@ -40,7 +40,7 @@ class Sensitivity(NamedTuple):
     mobilised: np.ndarray  # (K,) |F_t|/(μ F_n) of the contact as it is, 1 at Coulomb's limit; NaN without friction
     predicted: np.ndarray  # (K,) growth rate afterwards, by neighbouring modes in pairs: good for small changes only
     after: np.ndarray  # (K,) growth rate afterwards, from the whole spectrum; NaN where it was not computed
-    verdict_after: np.ndarray  # (K,) words; empty where it was not computed
+    verdict_after: np.ndarray  # (K,) the same, or falls apart: rattlers only; empty where it was not computed
     scope: str  # what was not looked at, in words
 
     @property
@@ -155,6 +155,8 @@ def _modes(state: State, law: Law, free: Freedom) -> _Modes:
 
 def _judged(values: np.ndarray) -> tuple[float, str]:
     """Fastest growth rate and verdict, by the thresholds of `stability`."""
+    if not len(values):
+        return 0.0, "falls apart"
     scale = np.abs(values).max(initial=0.0)
     swings = np.abs(values.imag) > PAIR_ABOVE * scale
     falls = ~swings & (values.real < -ZERO_BELOW * scale)

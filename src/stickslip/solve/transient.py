@@ -70,7 +70,8 @@ def transient_growth(
     duration : window that is searched [time]; default: 20 periods of the slowest mode, or if that is longer a whole
         beat of the two modes that nearly coincide most. Without dashpots the motion is quasi-periodic and comes near
         its supremum again and again, which may take longer: `amplitude` is what was found, `bound` what none exceeds
-    samples : times looked at, evenly spaced, besides those at which nearly coinciding modes are in opposite phase
+    samples : times looked at, evenly spaced, besides a third as many early ones and those at which nearly coinciding
+        modes are in opposite phase
     report : called as report(stage, share done, words)
 
     Raises
@@ -244,7 +245,8 @@ def _searched(motion: _Motion, pairs, duration: float | None, samples: int, repo
         raise ValueError(f"duration = {duration} with {samples} samples was given: a positive time and at least 2")
     beats = [time for _, time, *_ in pairs if time <= duration]
     amplitude = _amplitudes(motion)
-    times = np.unique(np.concatenate([np.linspace(0.0, duration, samples), beats]))
+    early = np.geomspace(0.1 / np.abs(motion.exponents).max(), duration, samples // 3)
+    times = np.unique(np.concatenate([np.linspace(0.0, duration, samples), early[early < duration], beats]))
     found = np.array([amplitude(t) for t in times])
     # the envelope first, then the phase of what swings below it
     reaches = duration / (samples - 1), 2 * np.pi / (max(pairs[0][2:]) if pairs else slowest)
