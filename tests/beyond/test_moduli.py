@@ -6,16 +6,7 @@ import pytest
 import stickslip as ss
 from stickslip.core.neighbors import updated
 from stickslip.solve.moduli import isotropic, isotropic_tensor, symmetrised, voigt
-from tests.beyond.conftest import LAW, sheared
-
-OVERLAP = 1e-8
-
-
-def triangular(law, across=4):
-    site = np.array([[0, 0], [1, 0], [0.5, 0.75**0.5], [1.5, 0.75**0.5]])
-    steps = np.array([[2 * i, 3**0.5 * j] for i in range(across // 2) for j in range(across // 2)])
-    place = (steps[:, None] + site).reshape(-1, 2)
-    return ss.sample(place, np.full(len(place), 0.5 + OVERLAP / 2), law, cell=[across, across / 2 * 3**0.5], dim=2)
+from tests.beyond.conftest import LAW, OVERLAP, sheared, triangular
 
 
 def cubic(law, across=3):

@@ -1,9 +1,11 @@
 """`stickslip stability --more`, for the eye and for programs; and the page that tells what it means."""
 
 import contextlib
+import doctest
 import io
 import json
 import re
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -59,6 +61,12 @@ def test_what_cannot_be_told_has_a_reason(tmp_path):
     assert more["transient"] is None and more["reasons"]["transient"]
     done = stickslip_here("stability", file, *OPTIONS, "--more", cwd=tmp_path)
     assert done.returncode == 0 and "elastic moduli: none" in " ".join(done.stdout.split())
+
+
+@pytest.mark.parametrize("name", ["density", "moduli", "sensitivity", "transient"])
+def test_examples_of_docstrings(name):
+    found = doctest.testmod(import_module(f"stickslip.solve.{name}"))
+    assert found.attempted and not found.failed
 
 
 def test_the_example_of_the_page_prints_what_the_page_says():

@@ -97,6 +97,7 @@ def _contact_object(s: Sensitivity, k: int) -> dict:
 
 def show(more: More, found: Stability | Damped) -> None:
     """The same for the eye."""
+    static = found.undamped if isinstance(found, Damped) else found
     if len(more.participation):
         ratios = ", ".join(f"{p:.3g}" for p in more.participation[:SHOWN])
         rest = " …" if len(more.participation) > SHOWN else ""
@@ -104,7 +105,7 @@ def show(more: More, found: Stability | Damped) -> None:
     for name, part, shown in (
         ("elastic moduli", more.moduli, _show_moduli),
         ("transient growth", more.transient, _show_transient),
-        ("contacts that decide", more.contacts, lambda s: _show_contacts(s, isinstance(found, Damped))),
+        ("contacts that decide", more.contacts, lambda s: _show_contacts(s, static.n, isinstance(found, Damped))),
     ):
         if isinstance(part, str):
             console.print(f"\n{name}: none, {part}", highlight=False, markup=False)
@@ -137,7 +138,7 @@ def _show_transient(t: Transient) -> None:
     )
 
 
-def _show_contacts(s: Sensitivity, damped: bool) -> None:
+def _show_contacts(s: Sensitivity, n: int, damped: bool) -> None:
     count, verified = int(s.turns.sum()), int(s.verified.sum())
     turned, aside = "unstable" if s.verdict == "stable" else "stable", " (dashpots left out)" if damped else ""
     console.print(
@@ -151,6 +152,7 @@ def _show_contacts(s: Sensitivity, damped: bool) -> None:
         table.add_column(column, justify="right")
     for k in range(len(s.contact))[:CONTACTS]:
         after, words = (f"{s.after[k]:.4g}", s.verdict_after[k]) if s.verified[k] else (f"≈ {s.predicted[k]:.3g}", "?")
-        row = [f"{s.i[k]}–{s.j[k]}", f"{s.mobilised[k]:.3g}", s.what[k], f"{s.growth_rate:.4g}", after, words]
+        other = f"{s.j[k]}" if s.j[k] < n else f"wall {s.j[k] - n}"
+        row = [f"{s.i[k]}–{other}", f"{s.mobilised[k]:.3g}", s.what[k], f"{s.growth_rate:.4g}", after, words]
         table.add_row(*row, *([f"{slope[s.contact[k]]:.3g}"] if slope else []))
     console.print(table)

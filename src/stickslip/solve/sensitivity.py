@@ -67,6 +67,8 @@ class _Modes(NamedTuple):
     right: np.ndarray  # (n, n) V
     left: np.ndarray  # (n, n) W = V⁻¹
     incidence: sparse.csc_array  # (n, 6C) Q, over √mass
+    blocks: np.ndarray  # (C, 6, 6) B
+    force: np.ndarray  # (C, 3) of contacts
 
 
 def contact_sensitivity(state: State, law: Law, *, pair: int = 0, most: int | None = None, report=None) -> Sensitivity:
@@ -77,7 +79,7 @@ def contact_sensitivity(state: State, law: Law, *, pair: int = 0, most: int | No
     what is not small each contact's block is replaced: by nothing where it opens; where it slides, by that of a contact
     at Coulomb's limit in the direction of its slip (of one without slip, tangential stiffness vanishes). Everything
     else stays where it is: this is the spectrum at the moment of the change, before forces find a new balance. Grains
-    that become rattlers thereby are left out, as `stability` does.
+    that become rattlers thereby are left out with their contacts.
 
     Parameters
     ----------
@@ -96,6 +98,17 @@ def contact_sensitivity(state: State, law: Law, *, pair: int = 0, most: int | No
     ------
     Kato, Perturbation Theory for Linear Operators (Springer 1995), § II.2, Eq 2.33, of simple eigenvalues; Seyranian &
     Mailybaev, doi:10.1142/5305, Ch. 2, of coalescing ones.
+
+    Examples
+    --------
+    Three disks that touch each other; without one of their contacts they are rattlers:
+
+    >>> from stickslip import linear, sample
+    >>> law = linear(1.0, 0.5, 0.5)
+    >>> three = sample([[0, 0], [1, 0], [0.5, 0.75**0.5]], [0.5 + 1e-6] * 3, law, dim=2)
+    >>> found = contact_sensitivity(three, law)
+    >>> [str(word) for word in found.verdict_after[found.what == "opens"]]
+    ['falls apart', 'falls apart', 'falls apart']
     """
     free = backbone(state, law)
     if not len(free):
@@ -110,9 +123,8 @@ def contact_sensitivity(state: State, law: Law, *, pair: int = 0, most: int | No
         rows = touching(state)
         bodies = np.stack([state.contacts.i[rows], state.contacts.j[rows]])
         rows = rows[np.isin(bodies, free.body).any(axis=0)]
-        blocks, _ = contact_blocks(state, law)
-        value, condition, derivative = _of_pair(modes, blocks, rows, pair)
-        changes = _changes(state, law, blocks, rows)
+        value, condition, derivative = _of_pair(modes, rows, pair)
+        changes = _changes(state, law, modes, rows)
         predicted = np.array([_predicted(modes, row, block) for row, _, block, _ in changes])
         order = np.argsort(predicted if growth else -predicted, kind="stable")
         chosen = order[: _affordable(len(free), len(changes)) if most is None else most]
@@ -150,7 +162,8 @@ def _modes(state: State, law: Law, free: Freedom) -> _Modes:
     except np.linalg.LinAlgError:
         raise ValueError("modes coincide to round-off: this packing is at the very birth of a complex pair") from None
     columns = incidence(state, int(state.contacts.count[0]), free) / np.sqrt(free.mass)[:, None]
-    return _Modes(matrix, values, right, left, sparse.csc_array(columns))
+    blocks, force = contact_blocks(state, law)[0], contact_forces(state, law)
+    return _Modes(matrix, values, right, left, sparse.csc_array(columns), blocks, force)
 
 
 def _judged(values: np.ndarray) -> tuple[float, str]:
@@ -165,7 +178,7 @@ def _judged(values: np.ndarray) -> tuple[float, str]:
     return float(rates.max(initial=0.0)), " and ".join(words) or "stable"
 
 
-def _of_pair(modes: _Modes, blocks: np.ndarray, rows: np.ndarray, pair: int):
+def _of_pair(modes: _Modes, rows: np.ndarray, pair: int):
     """λ of a pair, its condition number, and ∂λ/∂ln s (C,) of each contact."""
     scale = np.abs(modes.values).max()
     pairs = np.flatnonzero(modes.values.imag > PAIR_ABOVE * scale)
@@ -178,12 +191,12 @@ def _of_pair(modes: _Modes, blocks: np.ndarray, rows: np.ndarray, pair: int):
     left, right = modes.left[p] @ modes.incidence, modes.right[:, p] @ modes.incidence
     left, right = left.reshape(-1, 6)[rows], right.reshape(-1, 6)[rows]
     condition = float(np.linalg.norm(modes.left[p]) * np.linalg.norm(modes.right[:, p]))
-    return complex(modes.values[p]), condition, -np.einsum("ca,cab,cb->c", left, blocks[rows], right)
+    return complex(modes.values[p]), condition, -np.einsum("ca,cab,cb->c", left, modes.blocks[rows], right)
 
 
-def _changes(state: State, law: Law, blocks: np.ndarray, rows: np.ndarray) -> list:
+def _changes(state: State, law: Law, modes: _Modes, rows: np.ndarray) -> list:
     """(row, what, change of its block, change of its force) of every contact that can slide or open."""
-    slid, force = _slid(state, law), contact_forces(state, law)
+    slid, blocks, force = _slid(state, law), modes.blocks, modes.force
     slid_blocks, slid_force = contact_blocks(slid, law)[0], contact_forces(slid, law)
     sticks = (state.contacts.mode[rows] == STICK) & (linearised(state, law).mu[rows] > 0)
     sliding = [(c, "slides", slid_blocks[c] - blocks[c], slid_force[c] - force[c]) for c in rows[sticks]]
@@ -226,18 +239,29 @@ def _predicted(modes: _Modes, row: int, block: np.ndarray) -> float:
 
 
 def _values_after(state, law, modes: _Modes, free: Freedom, row: int, what: str, block, force) -> np.ndarray:
-    """All eigenvalues with one contact changed; grains that hold nothing any more are left out."""
-    q = modes.incidence[:, 6 * row : 6 * row + 6].toarray()
-    matrix = modes.matrix - q @ block @ q.T
-    if free.length:
-        matrix = matrix - _through_cell(state, free, row, force)
-    if what == "opens":
-        mode = state.contacts.mode.copy()
-        mode[row] = OPEN
-        left = backbone(state._replace(contacts=state.contacts._replace(mode=mode)), law)
-        kept = np.searchsorted(free.component, left.component)
-        matrix = matrix[np.ix_(kept, kept)]
-    return eigvals(matrix, overwrite_a=True)
+    """All eigenvalues with one contact changed; grains that hold nothing any more are left out with their contacts."""
+    if what == "slides":
+        return eigvals(_changed(state, modes, free, [(row, block, force)]), overwrite_a=True)
+    mode = state.contacts.mode.copy()
+    mode[row] = OPEN
+    left = backbone(state._replace(contacts=state.contacts._replace(mode=mode)), law)
+    loose = np.setdiff1d(free.body, left.body)
+    rows = touching(state)
+    gone = rows[np.isin(state.contacts.i[rows], loose) | np.isin(state.contacts.j[rows], loose) | (rows == row)]
+    matrix = _changed(state, modes, free, [(c, -modes.blocks[c], -modes.force[c]) for c in gone])
+    kept = np.searchsorted(free.component, left.component)
+    return eigvals(matrix[np.ix_(kept, kept)], overwrite_a=True)
+
+
+def _changed(state: State, modes: _Modes, free: Freedom, changes) -> np.ndarray:
+    """(n, n) A with changes of blocks and forces (row, block, force) of contacts."""
+    matrix = modes.matrix.copy()
+    for row, block, force in changes:
+        q = modes.incidence[:, 6 * row : 6 * row + 6].toarray()
+        matrix -= q @ block @ q.T
+        if free.length:
+            matrix -= _through_cell(state, free, row, force)
+    return matrix
 
 
 def _through_cell(state: State, free: Freedom, row: int, force: np.ndarray) -> np.ndarray:

@@ -84,6 +84,19 @@ def transient_growth(
     ------
     Schmid, doi:10.1146/annurev.fluid.38.050304.092139, Eqs 4–9, for the largest growth and the condition number;
     Trefethen & Embree, Spectra and Pseudospectra (Princeton 2005), § 14, for the bounds.
+
+    Examples
+    --------
+    A lattice without tangential forces has a symmetric J, and amplifies nothing:
+
+    >>> import numpy as np
+    >>> from stickslip import linear, sample
+    >>> site = np.array([[0, 0], [1, 0], [0.5, 0.75**0.5], [1.5, 0.75**0.5]])
+    >>> place = np.concatenate([site, site + [0, 3**0.5], site + [2, 0], site + [2, 3**0.5]])
+    >>> law = linear(1.0, 0.5, 0.5)
+    >>> found = transient_growth(sample(place, np.full(16, 0.5005), law, cell=[4, 2 * 3**0.5], dim=2), law, samples=9)
+    >>> round(found.amplitude, 6), round(found.bound, 6)
+    (1.0, 1.0)
     """
     if norm not in ("energy", "displacement"):
         raise ValueError(f"norm {norm!r} was given: use energy or displacement")
@@ -203,9 +216,7 @@ def _inverse(vectors: np.ndarray) -> np.ndarray:
 
 
 def _refuse(rate: float) -> None:
-    raise ValueError(
-        f"an unstable packing was given, which grows as exp({rate:.4g} t): transient growth is of stable ones"
-    )
+    raise ValueError(f"an unstable packing was given, which grows as exp({rate:.4g} t): give a stable one")
 
 
 def _scaled(exponents, modes, norms, parts) -> _Motion:
