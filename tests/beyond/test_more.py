@@ -69,6 +69,7 @@ def test_examples_of_docstrings(name):
     assert found.attempted and not found.failed
 
 
+@pytest.mark.slow
 def test_the_example_of_the_page_prints_what_the_page_says():
     text = PAGE.read_text(encoding="utf-8")
     code, shown = re.search(r"```python\n(.*?)```\n+prints\n+(.*?)\n\n(?=\S)", text, flags=re.S).groups()
