@@ -16,7 +16,7 @@ from .linear import DENSE_BELOW, one_thread
 from .stability import PAIR_ABOVE
 
 AT_MOST = 2_500  # coordinates: all modes, within minutes
-WORK = 1e9  # coordinates³ times spectra that are computed where the user does not say how many: some ten seconds
+WORK = 5e9  # coordinates³ times spectra that are computed where the user does not say how many: some ten seconds
 LEAST = 3  # spectra, however large the packing
 
 

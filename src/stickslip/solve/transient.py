@@ -16,6 +16,8 @@ from .linear import DENSE_BELOW, one_thread
 from .spectrum import REAL_BELOW
 
 AT_MOST = 1_500  # coordinates: eigenvectors, and some hundred largest singular values, within minutes
+NOTHING = 1e-9  # beyond 1, up to which a bound leaves nothing to look for
+COARSE = 1e-3  # relative residual of a singular vector; its value is then good to about the square of that
 SMALL = 150  # size up to which LAPACK finds a largest singular value sooner than Lanczos' method
 UNCERTAIN = 1e10  # condition number of the modes beyond which their round-off spoils what is made of them
 SYMMETRIC = 1e-13  # of the largest entry
@@ -55,7 +57,7 @@ class _Motion(NamedTuple):
 
 
 def transient_growth(
-    state: State, law: Law, *, norm: str = "energy", duration: float | None = None, samples: int = 150, report=None
+    state: State, law: Law, *, norm: str = "energy", duration: float | None = None, samples: int = 100, report=None
 ) -> Transient:
     """sup_t ‖exp(Bt)‖ of the linearised motion M q̈ = J q + C q̇ of a packing whose spectrum is stable.
 
@@ -113,13 +115,17 @@ def transient_growth(
                 f"complex pair, and its transient growth can't be told from modes"
             )
         pairs = _beats(motion, drag is None)
-        times, amplitudes = _searched(motion, pairs, duration, samples, report)
+        if bound <= 1 + NOTHING:
+            times, amplitudes = np.zeros(1), np.ones(1)
+        else:
+            times, amplitudes = _searched(motion, pairs, duration, samples, report)
         best = int(np.argmax(amplitudes))
-        start = _start(motion, times[best])
+        amplitude, start = _start(motion, times[best])
+        amplitudes[best] = amplitude
     lift = (basis / np.sqrt(free.mass)[:, None]).T
     n, end = len(pull), (motion.modes * np.exp(motion.exponents * times[best])) @ (motion.parts @ start)
     begin = np.concatenate([start, 0 * start]) if root is None else np.append(_back(root, start[:n]), start[n:])
-    amplitude, of_pair = float(amplitudes[best]), pairs[0][0] if pairs else 1.0
+    of_pair = pairs[0][0] if pairs else 1.0
     return Transient(
         amplitude, float(times[best]), max(bound, 1.0), of_pair, np.array(pairs[0][2:] if pairs else []), times,
         amplitudes, begin.reshape(2, n) @ lift, end.real.reshape(2, n) @ lift, norm, free,
@@ -258,13 +264,17 @@ def _searched(motion: _Motion, pairs, duration: float | None, samples: int, repo
     amplitude = _amplitudes(motion)
     early = np.geomspace(0.1 / np.abs(motion.exponents).max(), duration, samples // 3)
     times = np.unique(np.concatenate([np.linspace(0.0, duration, samples), early[early < duration], beats]))
-    found = np.array([amplitude(t) for t in times])
+    found = np.empty(len(times))
+    for k, t in enumerate(times):
+        if report and k % 10 == 0:
+            report("transient growth", 0.6 * k / len(times), f"{k} of {len(times)} times up to {duration:.4g}")
+        found[k] = amplitude(t)
     # the envelope first, then the phase of what swings below it
     reaches = duration / (samples - 1), 2 * np.pi / (max(pairs[0][2:]) if pairs else slowest)
     starts = np.unique([*times[np.argsort(-found)[:2]], *beats[:1]])
     for k, t in enumerate(starts):
         if report:
-            report("transient growth", (k + 1) / (len(starts) + 1), f"×{found.max():.4g} so far")
+            report("transient growth", 0.6 + 0.4 * k / len(starts), f"×{found.max():.4g} so far")
         for reach in reaches:
             near = np.clip(t + np.linspace(-reach, reach, FINE), 0.0, duration)
             values = np.array([amplitude(t) for t in near])
@@ -272,7 +282,7 @@ def _searched(motion: _Motion, pairs, duration: float | None, samples: int, repo
         step = 2 * reach / (FINE - 1)
         top = minimize_scalar(
             lambda t: -amplitude(t), bounds=(max(t - step, 0.0), min(t + step, duration)), method="bounded",
-            options={"xatol": 1e-6 * step},
+            options={"xatol": 1e-4 * step},
         )  # fmt: skip
         times, found = np.append(times, top.x), np.append(found, -top.fun)
     times, first = np.unique(times, return_index=True)
@@ -286,7 +296,7 @@ def _amplitudes(motion: _Motion):
     guess = [np.random.default_rng(0).normal(size=motion.norms.shape[0])]
 
     def amplitude(t: float) -> float:
-        _, value, right = svds(_operator(motion, t), k=1, v0=guess[0], tol=1e-7, solver="arpack")
+        _, value, right = svds(_operator(motion, t), k=1, v0=guess[0], tol=COARSE, solver="arpack")
         guess[0] = right[0]
         return float(value[0])
 
@@ -306,9 +316,11 @@ def _operator(motion: _Motion, t: float) -> LinearOperator:
     )  # fmt: skip
 
 
-def _start(motion: _Motion, t: float) -> np.ndarray:
-    """(m,) the unit start that is amplified most at t."""
+def _start(motion: _Motion, t: float) -> tuple[float, np.ndarray]:
+    """The largest amplitude at t, and the unit start (m,) that is amplified by it."""
     if motion.norms.shape[0] <= SMALL:
-        return np.linalg.svd(_whole(motion, t))[2][0]
-    guess = np.random.default_rng(0).normal(size=motion.norms.shape[0])
-    return svds(_operator(motion, t), k=1, v0=guess, solver="arpack")[2][0]
+        _, values, starts = np.linalg.svd(_whole(motion, t))
+    else:
+        guess = np.random.default_rng(0).normal(size=motion.norms.shape[0])
+        _, values, starts = svds(_operator(motion, t), k=1, v0=guess, solver="arpack")
+    return float(values[0]), starts[0]
