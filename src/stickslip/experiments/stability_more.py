@@ -74,7 +74,8 @@ def as_object(more: More) -> dict:
 def _moduli_object(m: Moduli) -> dict:
     names = ("bulk", "shear", "bulk_affine", "shear_affine", "poisson", "young", "anisotropy", "asymmetry")
     whole = {"voigt": m.voigt.tolist(), "voigt_affine": voigt(m.affine).tolist()}
-    return {name: float(getattr(m, name)) for name in names} | whole
+    numbers = {name: float(getattr(m, name)) for name in names}
+    return {name: value if np.isfinite(value) else None for name, value in numbers.items()} | whole
 
 
 def _transient_object(t: Transient) -> dict:

@@ -135,17 +135,22 @@ def contact_sensitivity(state: State, law: Law, *, pair: int = 0, most: int | No
             after[one], words[one] = _judged(_values_after(state, law, modes, free, *changes[one]))
     missing = len(changes) - len(chosen)
     scope = f"{missing} of {len(changes)} changes were judged by first-order shifts only" if missing else ""
-    turns = np.isfinite(after) & ((words == "stable") != (verdict == "stable"))
-    moved = np.abs(np.where(np.isfinite(after), after - growth, 0.0))
     contact = np.array([row for row, *_ in changes], int)
-    slope = np.abs(derivative)[np.searchsorted(rows, contact)] if len(derivative) else moved
-    last = np.lexsort((-slope, -moved, ~np.isfinite(after), ~turns))
+    slope = np.abs(derivative)[np.searchsorted(rows, contact)] if len(derivative) else np.zeros(len(contact))
+    last = _ranked(growth, verdict, after, words, slope)
     contact = contact[last]
     return Sensitivity(
         value, condition, rows, derivative, growth, verdict, contact, state.contacts.i[contact],
         state.contacts.j[contact], np.array([what for _, what, *_ in changes], "<U6")[last],
         _mobilised(state, law)[contact], predicted[last], after[last], words[last], scope,
     )  # fmt: skip
+
+
+def _ranked(growth: float, verdict: str, after, words, slope) -> np.ndarray:
+    """Order of changes: those that turn the verdict, those that change growth most, the unverified last."""
+    known = np.isfinite(after)
+    turns = known & ((words == "stable") != (verdict == "stable"))
+    return np.lexsort((-slope, -np.abs(np.where(known, after - growth, 0.0)), ~known, ~turns))
 
 
 def _affordable(size: int, count: int) -> int:
