@@ -1,6 +1,5 @@
 """Commands that read anybody's packing: is it stable, and in which other format is it wanted."""
 
-import json
 import sys
 from functools import wraps
 from inspect import Signature, signature
@@ -25,6 +24,7 @@ METHODS = {
 STABILITY = examples(
     ("stability examples/packing.npz --mu 10", "verdict and pairs; modes go to packing-modes.npz here"),
     ("stability examples/packing.npz --mu 10 --json", "the same as one object, for programs"),
+    ("stability examples/packing.npz --mu 10 --more", "moduli, transient growth, contacts that decide"),
     ("stability examples/packing.npz --mu 0.2 --coulomb sharp -q", "the verdict alone, under another law"),
 )
 CONVERT = examples(
@@ -91,18 +91,23 @@ def stability(
     modes: Annotated[
         Path | None, typer.Option("--modes", help="Where modes go; default: FILE's name with -modes.npz, here.")
     ] = None,
+    beyond: Annotated[
+        bool, typer.Option("--more", help="Also elastic moduli, transient growth, the contacts that decide.")
+    ] = False,
     quiet: Quiet = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one object; write modes only with --modes.")] = False,
 ) -> None:
     """Is this packing stable? Complex pairs, buckling, floppy modes and rattlers of anybody's packing."""
     from ..data.exchange.files import listened, read_sample
     from ..experiments import answers, report, stability_report
+    from ..experiments.stability_more import more_of
 
     with report.speaking(quiet=quiet, as_json=as_json):
         (state, its_law, words), said = listened(read_sample, file, **options)
         words = [*words, *said]
         with report.progress(transient=True) as tell:
             found = stability_report.judged(state, its_law, method=method, report=tell)
+            more = more_of(state, its_law, found, report=tell) if beyond else None
         paths = []
         if modes or (not as_json and found.modes.shape[1]):
             paths = [stability_report.write_modes(modes or Path(f"{file.stem}-modes.npz"), found)]
@@ -110,11 +115,11 @@ def stability(
         for line in words:
             print(f"stickslip: {line}", file=sys.stderr)
         about = answers.common("stability", files=paths) | {"notes": words, "verdict": found.verdict}
-        print(answers.text(about | json.loads(stability_report.as_json(found))))
+        print(answers.text(about | stability_report.as_object(found, more)))
     elif quiet:
         print(found.verdict)
     else:
-        stability_report.show(found, its_law, words)
+        stability_report.show(found, its_law, words, more)
         if paths:
             report.show_paths(paths)
 

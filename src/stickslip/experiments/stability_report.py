@@ -1,6 +1,5 @@
 """The stability of a packing, on the terminal, as JSON, and its modes in a file."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +10,7 @@ from ..core.state import State
 from ..data.whole import beside
 from ..solve.damped import Damped, damped_stability
 from ..solve.stability import Stability, stability
+from . import stability_more
 from .report import STYLE, console
 
 SHOWN = 12  # pairs in the table
@@ -22,8 +22,8 @@ def judged(state: State, law: Law, *, method: str = "auto", report=None) -> Stab
     return (damped_stability if dashpots(law) else stability)(state, law, method=method, report=report)
 
 
-def as_json(found: Stability | Damped) -> str:
-    """One object with the documented keys."""
+def as_object(found: Stability | Damped, more: stability_more.More | None = None) -> dict:
+    """The documented keys of one JSON object."""
     static = found.undamped if isinstance(found, Damped) else found
     if isinstance(found, Damped):
         swings = found.exponents.imag > 0
@@ -49,11 +49,15 @@ def as_json(found: Stability | Damped) -> str:
         "zero_modes": static.zero_modes,
         "spectrum": "damped" if isinstance(found, Damped) else "undamped",
     }
-    return json.dumps(out, allow_nan=False)
+    if more:
+        out["more"] = stability_more.as_object(more)
+    return out
 
 
-def show(found: Stability | Damped, law: Law, words: list[str]) -> None:
-    """The verdict in words, the pairs in a table."""
+def show(
+    found: Stability | Damped, law: Law, words: list[str], more: stability_more.More | None = None
+) -> None:  # fmt: skip
+    """The verdict in words, the pairs in a table, and what else there is."""
     static = found.undamped if isinstance(found, Damped) else found
     for line in words:
         console.print(f"[yellow]{line}[/]")
@@ -79,6 +83,8 @@ def show(found: Stability | Damped, law: Law, words: list[str]) -> None:
         _show_exponents(found)
     else:
         _show_pairs(found)
+    if more:
+        stability_more.show(more, found)
 
 
 def _law_in_words(law: Law) -> str:

@@ -10,8 +10,7 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs, splu
 from ..core.jacobian import contact_blocks
 from ..core.laws import Law
 from ..core.state import State
-from .freedom import Freedom, restricted, stiffness
-from .spectrum import ZERO_BELOW
+from .freedom import ZERO_BELOW, Freedom, restricted, stiffness
 from .stability import PAIR_ABOVE, Stability, stability
 
 DENSE_UP_TO = 1_250  # coordinates, within seconds: the first-order form has twice as many

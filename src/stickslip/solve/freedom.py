@@ -9,9 +9,11 @@ from ..core.contact import HELD
 from ..core.forces import Loads, moved_masses, unbalanced
 from ..core.frame import cell_mass, strained
 from ..core.jacobian import contact_blocks, triplets
-from ..core.laws import Law
-from ..core.measure import branches, contact_forces, volume
+from ..core.laws import MU, Law
+from ..core.measure import branches, contact_forces, rattlers, volume
 from ..core.state import State, groups
+
+ZERO_BELOW = 1e-10  # share of the largest |λ| below which an eigenvalue is zero
 
 
 class Freedom(NamedTuple):
@@ -88,6 +90,26 @@ def freedom(state: State) -> Freedom:
     mass = np.append(mass, np.full(9, cell_mass(state)))
     length = volume(state) ** (1 / state.cell.dim) if cell.any() else 0.0
     return Freedom(component, mass[component], state.cell.dim, place, length)
+
+
+def loose_grains(state: State, law: Law) -> np.ndarray:
+    """(N,) bool: rattlers, as many contacts as the law needs to hold a grain taken into account."""
+    return rattlers(state, 2 if law.table[..., MU].any() else state.cell.dim + 1)
+
+
+def backbone(state: State, law: Law) -> Freedom:
+    """Free coordinates of a state without its rattlers."""
+    loose = loose_grains(state, law)
+    return freedom(state).without(np.append(loose, np.zeros(state.n_bodies - len(loose), bool)))
+
+
+def translations(matrix, free: Freedom) -> np.ndarray:
+    """(n, k) common translations that A = `matrix` of `stiffness` does not resist, in its coordinates, of unit norm."""
+    weight, scale = np.sqrt(free.mass), np.abs(matrix.data).max(initial=0.0)
+    moves = np.stack([np.where(free.axis == axis, weight, 0.0) for axis in range(free.dim)], axis=1)
+    moves = moves[:, moves.any(axis=0)]
+    nothing = np.abs(matrix @ moves).max(axis=0) <= ZERO_BELOW * scale * moves.max(axis=0)
+    return moves[:, nothing] / np.linalg.norm(moves[:, nothing], axis=0)
 
 
 def residual_vector(state: State, loads: Loads, free: Freedom) -> np.ndarray:

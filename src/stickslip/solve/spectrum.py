@@ -12,10 +12,9 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 from ..core.jacobian import contact_blocks
 from ..core.laws import Law
 from ..core.state import State
-from .freedom import Freedom, freedom, jacobian, restricted, stiffness
+from .freedom import ZERO_BELOW, Freedom, freedom, jacobian, restricted, stiffness
 from .linear import DENSE_BELOW, factorised, one_thread
 
-ZERO_BELOW = 1e-10  # share of the largest |λ| below which an eigenvalue is zero
 SOFTEST = 40  # eigenvalues nearest to zero that are looked at where not all are
 REAL_BELOW = 1e-9  # |Im λ| below this share of the largest |λ| is round-off: J carries noise of 1e-15
 

@@ -7,13 +7,13 @@ import numpy as np
 from scipy.linalg import eig
 
 from ..core.forces import forces, unbalanced
-from ..core.laws import MU, Law
-from ..core.measure import mean_normal_force, rattlers, touching
+from ..core.laws import Law
+from ..core.measure import mean_normal_force, touching
 from ..core.state import State
 from .fastest import fastest_pair
-from .freedom import Freedom, freedom, stiffness
+from .freedom import ZERO_BELOW, Freedom, backbone, freedom, loose_grains, stiffness, translations
 from .pairs import complex_pairs
-from .spectrum import SOFTEST, ZERO_BELOW, softest
+from .spectrum import SOFTEST, softest
 
 PAIR_ABOVE = 1e-9  # of the largest |λ|
 DENSE_UP_TO, PAIRS_UP_TO = 2_500, 12_000  # coordinates
@@ -91,8 +91,8 @@ def stability(state: State, law: Law, *, method: str = "auto", report=None) -> S
     """
     if method not in ("auto", "dense", "pairs", "fastest"):
         raise ValueError(f"method {method!r} was given: use auto, dense, pairs or fastest")
-    loose = rattlers(state, 2 if law.table[..., MU].any() else state.cell.dim + 1)
-    free = _without(state, loose)
+    loose = loose_grains(state, law)
+    free = backbone(state, law)
     size = len(free)
     if not size:
         raise ValueError("nothing but rattlers was given: stability needs grains that hold each other")
@@ -113,23 +113,11 @@ def stability(state: State, law: Law, *, method: str = "auto", report=None) -> S
         scope += f"; negative and zero λ were looked for among the {SOFTEST} smallest"
     contact_force = mean_normal_force(state, law)
     worst = float(np.abs(unbalanced(state, forces(state, law)[0])).max())
-    rigid = int(state.control.free[: len(loose), : state.cell.dim].all()) * _translations(matrix, free)
+    rigid = int(state.control.free[: len(loose), : state.cell.dim].all()) * translations(matrix, free).shape[1]
     return Stability(
         len(loose), len(touching(state)), np.flatnonzero(loose), worst / contact_force if contact_force else np.inf,
         pairs, negative, zero_modes, rigid, modes, free, method, scope,
     )  # fmt: skip
-
-
-def _without(state: State, loose: np.ndarray) -> Freedom:
-    """Free coordinates of all bodies but the loose grains."""
-    return freedom(state).without(np.append(loose, np.zeros(state.n_bodies - len(loose), bool)))
-
-
-def _translations(matrix, free: Freedom) -> int:
-    """How many common translations nothing resists."""
-    weight, scale = np.sqrt(free.mass), np.abs(matrix.data).max(initial=0.0)
-    moves = [np.where(free.axis == axis, weight, 0.0) for axis in range(free.dim)]
-    return sum(np.abs(matrix @ move).max() <= ZERO_BELOW * scale * np.abs(move).max() for move in moves)
 
 
 def _dense(matrix):

@@ -1,0 +1,201 @@
+"""How many modes there are at a frequency, and how many grains take part in a mode."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy import sparse
+from scipy.linalg import eigvals
+from scipy.sparse.linalg import eigsh
+
+from ..core.laws import Law
+from ..core.state import State
+from .freedom import ZERO_BELOW, Freedom, backbone, stiffness, translations
+from .spectrum import REAL_BELOW
+
+DENSE_UP_TO = 2_500  # coordinates, within half a minute
+PROBES = 16  # random vectors of the trace
+MARGIN = 0.01  # of the width of the spectrum, beyond its bounds, which are found to a tenth of that
+SHARP = 4.0  # widths of a bin that the polynomials' resolution is finer than
+
+
+def participation_ratio(modes: np.ndarray, free: Freedom) -> np.ndarray:
+    """p = (Σ_b w_b)²/(N Σ_b w_b²), w_b = Σ m |q|² over the coordinates of body b: the share of bodies that take part.
+
+    1 if all bodies move alike, as in a plane wave; 1/N if one moves alone. Weights hold mass and |q|² of complex modes,
+    rotations included, so that for grains of one mass they are squares of polarisation vectors. A rigid group is one
+    body with the mass of all its members, and so is a free cell.
+
+    Parameters
+    ----------
+    modes : (n, K) real or complex generalised displacements, as `Spectrum`, `Stability`, `Pairs` hold them
+    free : Freedom of the modes; its N bodies are counted. `stability` and `density_of_states` leave rattlers out of it
+
+    Returns
+    -------
+    (K,) between 1/N and 1
+
+    Source
+    ------
+    Bell & Dean, doi:10.1039/df9705000055; Silbert, Liu & Nagel, doi:10.1103/PhysRevE.79.021308, of polarisation
+    vectors.
+
+    Examples
+    --------
+    >>> from stickslip import linear, sample, spectrum
+    >>> pair = spectrum(sample([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], linear()), linear())
+    >>> round(float(participation_ratio(pair.modes, pair.free)[-1]), 6)
+    1.0
+    """
+    modes = np.asarray(modes)
+    if modes.ndim != 2 or len(modes) != len(free):
+        raise ValueError(
+            f"modes of shape {modes.shape} were given: (n, K) with the n = {len(free)} of `free` is needed"
+        )
+    bodies, where = np.unique(free.body, return_inverse=True)
+    weight = np.zeros((len(bodies), modes.shape[1]))
+    np.add.at(weight, where, free.mass[:, None] * np.abs(modes) ** 2)
+    return weight.sum(axis=0) ** 2 / (len(bodies) * (weight**2).sum(axis=0))
+
+
+class Density(NamedTuple):
+    """D(ω) of an undamped packing: Σ density · Δω is the share of its n modes that oscillate within the edges."""
+
+    edges: np.ndarray  # (B + 1,) [1/time]
+    density: np.ndarray  # (B,) D, of real λ > 0 at ω = √λ and of complex pairs, both members, at ω = |Re √λ| [time]
+    error: np.ndarray  # (B,) standard error of the random probes; zero if all eigenvalues were computed [time]
+    of_pairs: (
+        np.ndarray
+    )  # (B,) the part of `density` that complex pairs make; NaN where they were not told apart [time]
+    frequency: np.ndarray  # (K,) of all that oscillates, sorted; empty if not all eigenvalues were computed [1/time]
+    n: int  # modes: coordinates without those of rattlers
+    zero: int  # that do not oscillate: λ = 0
+    negative: int  # and λ < 0; −1 where they were not counted
+    resolution: float  # width to which frequencies are told apart; 0 if they were computed [1/time]
+    method: str  # "dense" or "polynomials"
+
+    @property
+    def middle(self) -> np.ndarray:
+        """(B,) middles of the bins [1/time]."""
+        return (self.edges[1:] + self.edges[:-1]) / 2
+
+
+def density_of_states(
+    state: State, law: Law, *, bins: int | np.ndarray = 50, method: str = "auto", probes: int = PROBES, seed: int = 0,
+    report=None,
+) -> Density:  # fmt: skip
+    """D(ω) = (1/n) Σ_k δ(ω − ω_k), ω_k = |Re √λ_k| of the n eigenvalues of −M⁻¹J; rattlers are left out.
+
+    J is not symmetric: a pair λ_r ± iλ_i counts twice, at its ω_r, and is also told apart in `of_pairs`. λ = 0 and
+    λ < 0 have no frequency and are counted beside it.
+
+    Parameters
+    ----------
+    bins : number of bins between 0 and the largest frequency, or their edges [1/time]
+    method : "dense" computes all eigenvalues (at most 10,000 coordinates); "polynomials" estimates the counts by the
+        kernel polynomial method: (1/n) tr T_k(A) from random probes, Jackson's kernel, bins integrated in closed form.
+        It sees Re λ of pairs, to errors of order (λ_i/λ_max)², and counts zeros other than translations, and what is
+        negative, in the lowest bin. "auto": dense up to 2500 coordinates
+    probes, seed : random vectors of ±1, by which the error falls as 1/√(probes n)
+    report : called as report(stage, share done, words)
+
+    Source
+    ------
+    Weiße, Wellein, Alvermann & Fehske, doi:10.1103/RevModPhys.78.275, Sec. II, Eqs 35 and 71.
+
+    Examples
+    --------
+    >>> from stickslip import linear, sample
+    >>> pair = density_of_states(sample([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], linear()), linear(), bins=2)
+    Traceback (most recent call last):
+    ...
+    ValueError: nothing but rattlers was given: a density of states needs grains that hold each other
+    """
+    if method not in ("auto", "dense", "polynomials"):
+        raise ValueError(f"method {method!r} was given: use auto, dense or polynomials")
+    free = backbone(state, law)
+    if not len(free):
+        raise ValueError("nothing but rattlers was given: a density of states needs grains that hold each other")
+    if method == "auto":
+        method = "dense" if len(free) <= DENSE_UP_TO else "polynomials"
+    if method == "dense" and len(free) > 10_000:
+        raise ValueError(f"{len(free)} coordinates are too many for the method 'dense' (10000): take 'polynomials'")
+    matrix = stiffness(state, law, free)
+    if method == "dense":
+        return _counted(eigvals(matrix.toarray(), overwrite_a=True), bins)
+    return _estimated(matrix, translations(matrix, free), bins, probes, seed, report)
+
+
+def _edges(bins, largest: float) -> np.ndarray:
+    if np.ndim(bins) == 0 and not (isinstance(bins, int | np.integer) and bins > 0):
+        raise ValueError(f"bins = {bins} was given: give a number of bins, at least 1, or their edges")
+    edges = np.linspace(0.0, largest, bins + 1) if np.ndim(bins) == 0 else np.asarray(bins, float)
+    if edges.ndim != 1 or len(edges) < 2 or not (np.diff(edges) > 0).all() or edges[0] < 0:
+        raise ValueError("edges of bins must be increasing frequencies, from 0 on, at least two")
+    return edges
+
+
+def _counted(values: np.ndarray, bins) -> Density:
+    n, scale = len(values), np.abs(values).max(initial=0.0)
+    zero, complex_ones = np.abs(values) < ZERO_BELOW * scale, np.abs(values.imag) > REAL_BELOW * scale
+    negative = ~zero & ~complex_ones & (values.real < 0)
+    rings = ~zero & ~negative
+    frequency = np.abs(np.sqrt(values).real)
+    # the largest frequency must not fall out of the last bin by round-off
+    edges = _edges(bins, frequency.max(initial=0.0) * (1 + 1e-12) or 1.0)
+    per = n * np.diff(edges)
+    density, of_pairs = (np.histogram(frequency[one], edges)[0] / per for one in (rings, rings & complex_ones))
+    return Density(
+        edges, density, np.zeros(len(per)), of_pairs, np.sort(frequency[rings]), n, int(zero.sum()),
+        int(negative.sum()), 0.0, "dense",
+    )  # fmt: skip
+
+
+def _estimated(matrix, rigid: np.ndarray, bins, probes: int, seed: int, report) -> Density:
+    """By Chebyshev moments: with λ = centre + half cos θ, a resolution of π/K in θ is one of √λ_max/2 π/K in ω."""
+    if probes < 2:
+        raise ValueError(f"probes = {probes} was given: at least 2 are needed to tell the error")
+    n, rng = matrix.shape[0], np.random.default_rng(seed)
+    low, high = _bounds(matrix, rng.standard_normal(n))
+    edges = _edges(bins, float(np.sqrt(high)))
+    half, centre = (high - low) / 2, (high + low) / 2
+    order = int(np.ceil(SHARP * np.pi * np.sqrt(high) / 2 / np.diff(edges).min()))
+    moments = np.empty((order, probes))
+    vectors = rng.choice([-1.0, 1.0], (n, probes))
+    vectors -= rigid @ (rigid.T @ vectors)
+    before, now = vectors, (matrix @ vectors - centre * vectors) / half
+    moments[0] = np.einsum("ij,ij->j", vectors, vectors)
+    for k in range(1, order):
+        moments[k] = np.einsum("ij,ij->j", vectors, now)
+        before, now = now, 2 / half * (matrix @ now - centre * now) - before
+        if report and k % 50 == 0:
+            report("density of states", k / order, f"{k} of {order} polynomials")
+    moments *= (n - rigid.shape[1]) / moments[0]
+    angle = np.arccos(np.clip((edges**2 - centre) / half, -1.0, 1.0))
+    angle[0] = np.pi if edges[0] == 0 else angle[0]  # what is smeared below zero belongs to the first bin
+    k = np.arange(1, order)
+    weights = 2 * _jackson(order)[1:, None] * np.sin(k[:, None] * angle) / k[:, None]
+    above = (angle[:, None] * moments[0] + weights.T @ moments[1:]) / np.pi  # how many λ lie above each edge
+    share = -np.diff(above, axis=0) / (n * np.diff(edges)[:, None])
+    error = share.std(axis=1, ddof=1) / np.sqrt(probes)
+    return Density(
+        edges, share.mean(axis=1), error, np.full(len(error), np.nan), np.zeros(0), n, rigid.shape[1], -1,
+        float(np.sqrt(high) / 2 * np.pi / order), "polynomials",
+    )  # fmt: skip
+
+
+def _bounds(matrix, start: np.ndarray) -> tuple[float, float]:
+    """Interval of all real parts: that of the symmetric part, with a margin; zero is in it."""
+    symmetric, one = (matrix + matrix.T) / 2, sparse.eye_array(matrix.shape[0])
+
+    def top(of) -> float:
+        return float(eigsh(of, k=1, which="LA", tol=0.1 * MARGIN, v0=start, return_eigenvectors=False)[0])
+
+    high = top(symmetric)
+    low = min(high - top(high * one - symmetric), 0.0)  # the smallest itself may be zero, to which nothing is relative
+    return low - MARGIN * (high - low), high + MARGIN * (high - low)
+
+
+def _jackson(order: int) -> np.ndarray:
+    """(K,) factors on the moments that keep the density positive."""
+    k, step = np.arange(order), np.pi / (order + 1)
+    return ((order - k + 1) * np.cos(k * step) + np.sin(k * step) / np.tan(step)) / (order + 1)

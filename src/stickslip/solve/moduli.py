@@ -1,0 +1,228 @@
+"""Elastic moduli of a packing with friction: what the stress does when the cell is strained a little."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy import sparse
+from scipy.linalg import LinAlgError
+
+from ..core.laws import Law
+from ..core.measure import stress, volume
+from ..core.state import State
+from .freedom import Freedom, backbone, jacobian
+from .linear import factorised
+
+HELD_ABOVE = (
+    1e-13  # row of J, over the largest, from which on a coordinate is resisted: rotations without friction are not
+)
+SOLVED = 1e-9  # residual of the non-affine motion, over the largest row of J, beyond which it was not found
+DENSE_UP_TO = 3_000  # coordinates, up to which floppy modes are told from a load that nothing bears
+VOIGT = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))}
+
+
+class Moduli(NamedTuple):
+    """C_abcd = −∂σ_ab/∂G_cd of a displacement gradient G, with its affine part; all in [force/length^(dim−1)].
+
+    `shear`, `bulk` … are those of the isotropic tensor next to C. In two dimensions they are plane moduli.
+    """
+
+    tensor: np.ndarray  # (dim,) * 4, C_abcd
+    affine: np.ndarray  # (dim,) * 4, if grains were carried along and did not turn
+    motion: np.ndarray  # (n, dim, dim) non-affine motion by unit of G_cd, in the coordinates `free` [length]
+    free: Freedom
+
+    @property
+    def dim(self) -> int:
+        """Number of dimensions."""
+        return len(self.tensor)
+
+    @property
+    def non_affine(self) -> np.ndarray:
+        """(dim,) * 4 what the grains' own motion adds to C: it is usually negative."""
+        return self.tensor - self.affine
+
+    @property
+    def voigt(self) -> np.ndarray:
+        """(3, 3) or (6, 6) C in the order xx, yy, xy or xx, yy, zz, yz, xz, xy, for strains ε_xx … and γ = 2ε_xy."""
+        return voigt(self.tensor)
+
+    @property
+    def bulk(self) -> float:
+        """K = C_aabb/dim²."""
+        return isotropic(self.tensor)[0]
+
+    @property
+    def shear(self) -> float:
+        """G = (C_abab − C_aabb/dim)/((dim − 1)(dim + 2)), C symmetrised in a, b and c, d."""
+        return isotropic(self.tensor)[1]
+
+    @property
+    def bulk_affine(self) -> float:
+        """K of the affine part."""
+        return isotropic(self.affine)[0]
+
+    @property
+    def shear_affine(self) -> float:
+        """G of the affine part."""
+        return isotropic(self.affine)[1]
+
+    @property
+    def poisson(self) -> float:
+        """ν = (dim K − 2G)/(dim (dim − 1) K + 2G): (K − G)/(K + G) in two dimensions."""
+        d, (bulk, shear) = self.dim, isotropic(self.tensor)
+        return (d * bulk - 2 * shear) / (d * (d - 1) * bulk + 2 * shear)
+
+    @property
+    def young(self) -> float:
+        """E = 2G (1 + ν)."""
+        return 2 * self.shear * (1 + self.poisson)
+
+    @property
+    def anisotropy(self) -> float:
+        """Distance of C from its isotropic part, over C (Frobenius norms of symmetrised tensors)."""
+        c = symmetrised(self.tensor)
+        return float(np.linalg.norm(c - isotropic_tensor(self.dim, *isotropic(c))) / np.linalg.norm(c))
+
+    @property
+    def asymmetry(self) -> float:
+        """Share of C that has no major symmetry C_abcd = C_cdab: zero with a potential and without stress."""
+        c = symmetrised(self.tensor)
+        return float(np.linalg.norm(c - c.transpose(2, 3, 0, 1)) / 2 / np.linalg.norm(c))
+
+
+def elastic_moduli(state: State, law: Law) -> Moduli:
+    """C = −∂σ/∂G = −(ℓ²/V) (J_cc − J_cg J_gg⁻¹ J_gc), c the cell's coordinates ℓG, g those of the grains.
+
+    The first term is affine: grains are carried along, x → x + Gx, and do not turn. The second is what their own
+    motion adds until forces and torques balance again. Each contact is held in its mode, so that C is a tangent: it
+    holds for strains so small that no contact opens, closes, or changes between stick and slide. σ is Cauchy's stress,
+    compression positive, so that C is positive where a packing resists; under a pressure p it differs from the second
+    derivative of an energy by terms of order p. Rattlers are left out.
+
+    Parameters
+    ----------
+    state : State, accepted and in equilibrium, in a cell that is periodic in all its dimensions, without walls and
+        rigid groups
+
+    Raises
+    ------
+    ValueError
+        if the cell has walls, rigid groups, springs or open sides, or if a strain drives motions that nothing resists.
+
+    Source
+    ------
+    Maloney & Lemaître, doi:10.1103/PhysRevE.74.016118, with −J for the Hessian; Barron & Klein,
+    doi:10.1088/0370-1328/85/3/313, for stress–strain coefficients under an initial stress.
+
+    Examples
+    --------
+    Disks on a triangular lattice have K = (√3/2) k_n and G = (√3/4)(k_n + k_t):
+
+    >>> import numpy as np
+    >>> from stickslip import linear, sample
+    >>> law = linear(1.0, 0.5, 0.5)
+    >>> site = np.array([[0, 0], [1, 0], [0.5, 0.75**0.5], [1.5, 0.75**0.5]])
+    >>> place = np.concatenate([site, site + [0, 3**0.5], site + [2, 0], site + [2, 3**0.5]])
+    >>> found = elastic_moduli(sample(place, np.full(16, 0.5 + 1e-9), law, cell=[4, 2 * 3**0.5], dim=2), law)
+    >>> round(found.bulk, 6), round(found.shear, 6), round(found.poisson, 6)
+    (0.866025, 0.649519, 0.142857)
+    """
+    _check(state)
+    dim = state.cell.dim
+    free_cell = np.zeros((3, 3), bool)
+    free_cell[:dim, :dim] = True
+    # with σ itself as the wanted stress, rows of J for the cell are derivatives of σ
+    control = state.control._replace(cell_free=free_cell, stress=stress(state, law), cell_rate=np.zeros((3, 3)))
+    state = state._replace(control=control)
+    free = backbone(state, law)
+    if (free.axis == 6).all():
+        raise ValueError("nothing but rattlers was given: elastic moduli need grains that hold each other")
+    matrix = jacobian(state, law, free)
+    grain, cell = np.flatnonzero(free.axis < 6), np.flatnonzero(free.axis == 6)
+    unit = -(free.length**2) / volume(state)
+    affine = unit * matrix[cell][:, cell].toarray()
+    pull = matrix[grain][:, cell].toarray()
+    motion = _relaxed(matrix[grain][:, grain], pull, free)
+    tensor = affine + unit * (matrix[cell][:, grain] @ motion)
+    shape = (dim,) * 4
+    moved = free.length * motion.reshape(len(grain), dim, dim)
+    return Moduli(tensor.reshape(shape), affine.reshape(shape), moved, _grains_of(free))
+
+
+def _check(state: State) -> None:
+    control, periodic = state.control, state.cell.periodic[: state.cell.dim]
+    if len(state.walls.mass) or (control.group >= 0).any() or control.spring.any() or not periodic.all():
+        raise ValueError(
+            "a packing with walls, rigid groups, springs or open sides was given: elastic moduli are those of a cell "
+            "that is periodic in all its dimensions and can be strained as a whole"
+        )
+
+
+def _grains_of(free: Freedom) -> Freedom:
+    """Freedom of the grains alone."""
+    kept = free.axis < 6
+    place = np.where(free.place < kept.sum(), free.place, -1)
+    return Freedom(free.component[kept], free.mass[kept], free.dim, place, 0.0)
+
+
+def _relaxed(matrix, pull: np.ndarray, free: Freedom) -> np.ndarray:
+    """x of J x = −pull; translations and what nothing resists stay where they are."""
+    size = np.abs(matrix).sum(axis=1)
+    held = size > HELD_ABOVE * size.max(initial=0.0)
+    scale = size.max(initial=0.0)
+    solved = held.copy()
+    solved[_pinned(matrix, held, free)] = False
+    rows = np.flatnonzero(solved)
+    inner, out = matrix[rows][:, rows], np.zeros_like(pull)
+    try:
+        out[rows] = factorised(sparse.csr_array(-inner))(np.ascontiguousarray(pull[rows]))
+    except LinAlgError:
+        out[:] = np.inf
+    if not _balanced(matrix, out, pull, scale) and len(rows) <= DENSE_UP_TO:  # floppy modes that no strain drives
+        out = np.zeros_like(pull)
+        out[rows] = np.linalg.lstsq(-inner.toarray(), pull[rows], rcond=1e-11)[0]
+    if not _balanced(matrix, out, pull, scale):
+        raise ValueError("a strain drives motions that nothing resists: such a packing has no elastic moduli")
+    return out
+
+
+def _balanced(matrix, out, pull, scale) -> bool:
+    return bool(np.isfinite(out).all()) and np.abs(matrix @ out + pull).max(initial=0.0) <= SOLVED * scale
+
+
+def _pinned(matrix, held: np.ndarray, free: Freedom) -> np.ndarray:
+    """One coordinate along each axis along which nothing resists a common translation."""
+    axis, scale = free.axis[: len(held)], np.abs(matrix.data).max(initial=0.0)
+    pins = []
+    for k in range(free.dim):
+        along = held & (axis == k)
+        if along.any() and np.abs(matrix @ along.astype(float)).max() <= 1e-10 * scale:
+            pins.append(np.flatnonzero(along)[0])
+    return np.array(pins, int)
+
+
+def symmetrised(tensor: np.ndarray) -> np.ndarray:
+    """C_abcd symmetrised in a, b and in c, d: its answer to strains without rotation."""
+    first = (tensor + tensor.transpose(1, 0, 2, 3)) / 2
+    return (first + first.transpose(0, 1, 3, 2)) / 2
+
+
+def voigt(tensor: np.ndarray) -> np.ndarray:
+    """(3, 3) or (6, 6) matrix of a tensor (dim,) * 4 in Voigt's order; see `Moduli.voigt`."""
+    pairs = VOIGT[len(tensor)]
+    c = symmetrised(tensor)
+    return np.array([[c[*row, *column] for column in pairs] for row in pairs])
+
+
+def isotropic(tensor: np.ndarray) -> tuple[float, float]:
+    """Bulk and shear modulus of the isotropic tensor nearest to a tensor (dim,) * 4."""
+    d, c = len(tensor), symmetrised(tensor)
+    whole, trace = float(np.einsum("aabb", c)), float(np.einsum("abab", c))
+    return whole / d**2, (trace - whole / d) / ((d - 1) * (d + 2))
+
+
+def isotropic_tensor(dim: int, bulk: float, shear: float) -> np.ndarray:
+    """(dim,) * 4 (K − 2G/dim) δ_ab δ_cd + G (δ_ac δ_bd + δ_ad δ_bc)."""
+    one = np.eye(dim)
+    swapped = np.einsum("ac,bd->abcd", one, one) + np.einsum("ad,bc->abcd", one, one)
+    return (bulk - 2 * shear / dim) * np.einsum("ab,cd->abcd", one, one) + shear * swapped

@@ -1,0 +1,278 @@
+"""Which contact decides: what its stiffness, its sliding or its opening does to a packing's verdict."""
+
+from contextlib import nullcontext
+from typing import NamedTuple
+
+import numpy as np
+from scipy import sparse
+from scipy.linalg import eig, eigvals
+
+from ..core.jacobian import contact_blocks, linearised
+from ..core.laws import Law
+from ..core.measure import contact_forces, touching
+from ..core.state import OPEN, SLIDE, STICK, State
+from .freedom import ZERO_BELOW, Freedom, backbone, incidence, of_branches, stiffness
+from .linear import DENSE_BELOW, one_thread
+from .stability import PAIR_ABOVE
+
+AT_MOST = 2_500  # coordinates: all modes, within minutes
+WORK = 5e9  # coordinates³ times spectra that are computed where the user does not say how many: some ten seconds
+LEAST = 3  # spectra, however large the packing
+
+
+class Sensitivity(NamedTuple):
+    """Of one pair to the stiffness of each contact, and of the verdict to each contact's sliding or opening.
+
+    Rows of changes are sorted: those that turn the verdict first, then by how much the growth rate changes, then
+    by the derivative.
+    """
+
+    eigenvalue: complex | None  # λ of the pair, Im λ > 0; None if there is no pair [1/time²]
+    condition: float  # ‖w‖‖v‖/|wᴴv| of λ, w and v its left and right mode: it diverges at a pair's birth; NaN without
+    contacts: np.ndarray  # (C,) rows of the state's list that touch and hold the packing
+    derivative: np.ndarray  # (C,) complex ∂λ/∂ln s of a factor s on each contact's stiffness; empty without a pair
+    growth_rate: float  # of what grows fastest, 0 if nothing does [1/time]
+    verdict: str  # stable, oscillates, buckles, or oscillates and buckles
+    contact: np.ndarray  # (K,) row of the state's list, of each change
+    i: np.ndarray  # (K,) the bodies in contact
+    j: np.ndarray  # (K,)
+    what: np.ndarray  # (K,) "slides" or "opens"
+    mobilised: np.ndarray  # (K,) |F_t|/(μ F_n) of the contact as it is, 1 at Coulomb's limit; NaN without friction
+    predicted: np.ndarray  # (K,) growth rate afterwards, by neighbouring modes in pairs: good for small changes only
+    after: np.ndarray  # (K,) growth rate afterwards, from the whole spectrum; NaN where it was not computed
+    verdict_after: np.ndarray  # (K,) the same, or falls apart: rattlers only; empty where it was not computed
+    scope: str  # what was not looked at, in words
+
+    @property
+    def verified(self) -> np.ndarray:
+        """(K,) True where the whole spectrum was computed."""
+        return np.isfinite(self.after)
+
+    @property
+    def turns(self) -> np.ndarray:
+        """(K,) True where the change is known to make an unstable packing stable, or a stable one unstable."""
+        return self.verified & ((self.verdict_after == "stable") != (self.verdict == "stable"))
+
+    @property
+    def growth_derivative(self) -> np.ndarray:
+        """(C,) ∂ω_i/∂ln s = Im(∂λ/∂ln s/(2√λ)) of the pair [1/time]."""
+        return (self.derivative / (2 * np.sqrt(self.eigenvalue or 1))).imag
+
+
+class _Modes(NamedTuple):
+    """Λ = W A V and what contacts act through, A = −Q B Qᵀ + the rest."""
+
+    matrix: np.ndarray  # (n, n) A
+    values: np.ndarray  # (n,) sorted
+    right: np.ndarray  # (n, n) V
+    left: np.ndarray  # (n, n) W = V⁻¹
+    incidence: sparse.csc_array  # (n, 6C) Q, over √mass
+    blocks: np.ndarray  # (C, 6, 6) B
+    force: np.ndarray  # (C, 3) of contacts
+
+
+def contact_sensitivity(state: State, law: Law, *, pair: int = 0, most: int | None = None, report=None) -> Sensitivity:
+    """dλ = wᴴ dA v/(wᴴv) of a pair; and which contact, if it slid or opened, would change the verdict.
+
+    A = −M^(−1/2) J M^(−1/2) is a sum over contacts. For small changes of one of them its derivative says what happens;
+    at the birth of a pair wᴴv → 0 and the derivative diverges, as λ goes with the square root of a change there. For
+    what is not small each contact's block is replaced: by nothing where it opens; where it slides, by that of a contact
+    at Coulomb's limit in the direction of its slip (of one without slip, tangential stiffness vanishes). Everything
+    else stays where it is: this is the spectrum at the moment of the change, before forces find a new balance. Grains
+    that become rattlers thereby are left out with their contacts.
+
+    Parameters
+    ----------
+    pair : which complex pair the derivative is of, the fastest growing first
+    most : changes whose whole spectrum is computed, the most promising ones first (if the packing is unstable: those
+        that promise the least growth); default: what takes some ten seconds, which in small packings is all.
+        "Promising" rests on first-order shifts of all modes and the coupling of neighbours, and may miss some
+    report : called as report(stage, share done, words)
+
+    Raises
+    ------
+    ValueError
+        if there are more than 2500 coordinates or no such pair; if nothing but rattlers is there.
+
+    Source
+    ------
+    Kato, Perturbation Theory for Linear Operators (Springer 1995), § II.2, Eq 2.33, of simple eigenvalues; Seyranian &
+    Mailybaev, doi:10.1142/5305, Ch. 2, of coalescing ones.
+
+    Examples
+    --------
+    Three disks that touch each other; without one of their contacts they are rattlers:
+
+    >>> from stickslip import linear, sample
+    >>> law = linear(1.0, 0.5, 0.5)
+    >>> three = sample([[0, 0], [1, 0], [0.5, 0.75**0.5]], [0.5 + 1e-6] * 3, law, dim=2)
+    >>> found = contact_sensitivity(three, law)
+    >>> [str(word) for word in found.verdict_after[found.what == "opens"]]
+    ['falls apart', 'falls apart', 'falls apart']
+    """
+    free = backbone(state, law)
+    if not len(free):
+        raise ValueError("nothing but rattlers was given: sensitivities need grains that hold each other")
+    if len(free) > AT_MOST:
+        raise ValueError(f"{len(free)} coordinates were given: sensitivities take at most {AT_MOST}, all modes")
+    if most is not None and most < 0:
+        raise ValueError(f"most = {most} was given: a number of changes, at least 0, is needed")
+    with one_thread() if len(free) < DENSE_BELOW else nullcontext():
+        modes = _modes(state, law, free)
+        growth, verdict = _judged(modes.values)
+        rows = touching(state)
+        bodies = np.stack([state.contacts.i[rows], state.contacts.j[rows]])
+        rows = rows[np.isin(bodies, free.body).any(axis=0)]
+        value, condition, derivative = _of_pair(modes, rows, pair)
+        changes = _changes(state, law, modes, rows)
+        predicted = np.array([_predicted(modes, row, block) for row, _, block, _ in changes])
+        order = np.argsort(predicted if growth else -predicted, kind="stable")
+        chosen = order[: _affordable(len(free), len(changes)) if most is None else most]
+        after, words = np.full(len(changes), np.nan), np.full(len(changes), "", dtype="<U24")
+        for k, one in enumerate(chosen):
+            if report:
+                report("contacts that decide", k / len(chosen), f"{k} of {len(chosen)} spectra")
+            after[one], words[one] = _judged(_values_after(state, law, modes, free, *changes[one]))
+    missing = len(changes) - len(chosen)
+    scope = f"{missing} of {len(changes)} changes were judged by first-order shifts only" if missing else ""
+    contact = np.array([row for row, *_ in changes], int)
+    slope = np.abs(derivative)[np.searchsorted(rows, contact)] if len(derivative) else np.zeros(len(contact))
+    last = _ranked(growth, verdict, after, words, slope)
+    contact = contact[last]
+    return Sensitivity(
+        value, condition, rows, derivative, growth, verdict, contact, state.contacts.i[contact],
+        state.contacts.j[contact], np.array([what for _, what, *_ in changes], "<U6")[last],
+        _mobilised(state, law)[contact], predicted[last], after[last], words[last], scope,
+    )  # fmt: skip
+
+
+def _ranked(growth: float, verdict: str, after, words, slope) -> np.ndarray:
+    """Order of changes: those that turn the verdict, those that change growth most, the unverified last."""
+    known = np.isfinite(after)
+    turns = known & ((words == "stable") != (verdict == "stable"))
+    return np.lexsort((-slope, -np.abs(np.where(known, after - growth, 0.0)), ~known, ~turns))
+
+
+def _affordable(size: int, count: int) -> int:
+    return min(count, max(LEAST, int(WORK / size**3)))
+
+
+def _modes(state: State, law: Law, free: Freedom) -> _Modes:
+    matrix = stiffness(state, law, free).toarray()
+    values, right = eig(matrix)
+    order = np.lexsort((values.imag, values.real))
+    values, right = values[order], right[:, order]
+    try:
+        left = np.linalg.inv(right)
+    except np.linalg.LinAlgError:
+        raise ValueError("modes coincide to round-off: this packing is at the very birth of a complex pair") from None
+    columns = incidence(state, int(state.contacts.count[0]), free) / np.sqrt(free.mass)[:, None]
+    blocks, force = contact_blocks(state, law)[0], contact_forces(state, law)
+    return _Modes(matrix, values, right, left, sparse.csc_array(columns), blocks, force)
+
+
+def _judged(values: np.ndarray) -> tuple[float, str]:
+    """Fastest growth rate and verdict, by the thresholds of `stability`."""
+    if not len(values):
+        return 0.0, "falls apart"
+    scale = np.abs(values).max(initial=0.0)
+    swings = np.abs(values.imag) > PAIR_ABOVE * scale
+    falls = ~swings & (values.real < -ZERO_BELOW * scale)
+    words = [name for name, there in (("oscillates", swings.any()), ("buckles", falls.any())) if there]
+    rates = np.abs(np.sqrt(values[swings | falls].astype(complex)).imag)
+    return float(rates.max(initial=0.0)), " and ".join(words) or "stable"
+
+
+def _of_pair(modes: _Modes, rows: np.ndarray, pair: int):
+    """λ of a pair, its condition number, and ∂λ/∂ln s (C,) of each contact."""
+    scale = np.abs(modes.values).max()
+    pairs = np.flatnonzero(modes.values.imag > PAIR_ABOVE * scale)
+    pairs = pairs[np.argsort(-np.abs(np.sqrt(modes.values[pairs]).imag))]
+    if not len(pairs) and pair == 0:
+        return None, np.nan, np.zeros(0, complex)
+    if not 0 <= pair < len(pairs):
+        raise ValueError(f"pair {pair} was asked for: this packing has {len(pairs)}, counted from 0")
+    p = pairs[pair]
+    left, right = modes.left[p] @ modes.incidence, modes.right[:, p] @ modes.incidence
+    left, right = left.reshape(-1, 6)[rows], right.reshape(-1, 6)[rows]
+    condition = float(np.linalg.norm(modes.left[p]) * np.linalg.norm(modes.right[:, p]))
+    return complex(modes.values[p]), condition, -np.einsum("ca,cab,cb->c", left, modes.blocks[rows], right)
+
+
+def _changes(state: State, law: Law, modes: _Modes, rows: np.ndarray) -> list:
+    """(row, what, change of its block, change of its force) of every contact that can slide or open."""
+    slid, blocks, force = _slid(state, law), modes.blocks, modes.force
+    slid_blocks, slid_force = contact_blocks(slid, law)[0], contact_forces(slid, law)
+    sticks = (state.contacts.mode[rows] == STICK) & (linearised(state, law).mu[rows] > 0)
+    sliding = [(c, "slides", slid_blocks[c] - blocks[c], slid_force[c] - force[c]) for c in rows[sticks]]
+    return [*sliding, *((c, "opens", -blocks[c], -force[c]) for c in rows)]
+
+
+def _slid(state: State, law: Law) -> State:
+    """The state with every contact at Coulomb's limit, in the direction of its slip."""
+    c, contacts = linearised(state, law), state.contacts
+    count = len(c.mu)
+    slip, mode = contacts.slip.copy(), contacts.mode.copy()
+    size = np.linalg.norm(slip[:count], axis=1)
+    stretched = (size > 0) & (c.stiffness_t > 0)
+    reach = c.mu[stretched] * c.force_n[stretched] / c.stiffness_t[stretched]
+    slip[:count][stretched] *= (reach / size[stretched])[:, None]
+    mode[:count][mode[:count] != OPEN] = SLIDE
+    return state._replace(contacts=contacts._replace(slip=slip, mode=mode))
+
+
+def _mobilised(state: State, law: Law) -> np.ndarray:
+    """(C,) |F_t|/(μ F_n) of every pair in the list; NaN where there is no limit."""
+    c, force = linearised(state, law), contact_forces(state, law)
+    limit, pull = c.mu * c.force_n, np.linalg.norm(force - c.force_n[:, None] * c.normal, axis=1)
+    return np.divide(pull, limit, out=np.full(len(limit), np.nan), where=limit > 0)
+
+
+def _predicted(modes: _Modes, row: int, block: np.ndarray) -> float:
+    """Growth rate after a change: first-order shifts of all λ, then neighbours two by two."""
+    columns = modes.incidence[:, 6 * row : 6 * row + 6]
+    where = np.unique(columns.indices)
+    q = columns[where].toarray()
+    left, right = -(modes.left[:, where] @ q) @ block, modes.right[where].T @ q
+    shifted = modes.values + (left * right).sum(axis=1)
+    order = np.lexsort((shifted.imag, shifted.real))
+    a, b = order[:-1], order[1:]
+    coupling = (left[a] * right[b]).sum(axis=1) * (left[b] * right[a]).sum(axis=1)
+    middle, half = (shifted[a] + shifted[b]) / 2, (shifted[a] - shifted[b]) / 2
+    root = np.sqrt(half**2 + coupling)
+    return _judged(np.concatenate([middle + root, middle - root]))[0]
+
+
+def _values_after(state, law, modes: _Modes, free: Freedom, row: int, what: str, block, force) -> np.ndarray:
+    """All eigenvalues with one contact changed; grains that hold nothing any more are left out with their contacts."""
+    if what == "slides":
+        return eigvals(_changed(state, modes, free, [(row, block, force)]), overwrite_a=True)
+    mode = state.contacts.mode.copy()
+    mode[row] = OPEN
+    left = backbone(state._replace(contacts=state.contacts._replace(mode=mode)), law)
+    loose = np.setdiff1d(free.body, left.body)
+    rows = touching(state)
+    gone = rows[np.isin(state.contacts.i[rows], loose) | np.isin(state.contacts.j[rows], loose) | (rows == row)]
+    matrix = _changed(state, modes, free, [(c, -modes.blocks[c], -modes.force[c]) for c in gone])
+    kept = np.searchsorted(free.component, left.component)
+    return eigvals(matrix[np.ix_(kept, kept)], overwrite_a=True)
+
+
+def _changed(state: State, modes: _Modes, free: Freedom, changes) -> np.ndarray:
+    """(n, n) A with changes of blocks and forces (row, block, force) of contacts."""
+    matrix = modes.matrix.copy()
+    for row, block, force in changes:
+        q = modes.incidence[:, 6 * row : 6 * row + 6].toarray()
+        matrix -= q @ block @ q.T
+        if free.length:
+            matrix -= _through_cell(state, free, row, force)
+    return matrix
+
+
+def _through_cell(state: State, free: Freedom, row: int, force: np.ndarray) -> np.ndarray:
+    """(n, n) what a change of one contact's force changes in the cell's rows of J, over masses."""
+    all_forces = np.zeros((int(state.contacts.count[0]), 3))
+    nothing = of_branches(state, all_forces, free)
+    all_forces[row] = force
+    root = 1 / np.sqrt(free.mass)
+    return root[:, None] * (of_branches(state, all_forces, free) - nothing).toarray() * root
