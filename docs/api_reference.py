@@ -103,7 +103,8 @@ def marked(text: str) -> str:
 def described(app, what, name, thing, options, lines) -> None:
     """What follows the name of a parameter is a description in this house, not a type."""
     rules = [k for k, line in enumerate(lines) if line.strip() and set(line.strip()) == {"-"}]
-    for k, end in reversed([*zip(rules, [*(r - 1 for r in rules[1:]), len(lines)], strict=True)]):
+    for k in reversed(rules):
+        end = next((rule - 1 for rule in rules if rule > k), len(lines))
         if lines[k - 1].strip() == "Parameters":
             lines[k + 1 : end] = [part for line in lines[k + 1 : end] for part in _parted(line)]
 

@@ -53,16 +53,17 @@ def start() -> str:
     rows = "\n".join(f'| `experiment = "{name}"` | [{TITLES[name]}]({name}.md) |' for name in EXPERIMENTS)
     return f"""# Scenarios, key by key
 
-A scenario is a TOML file (or nested dictionaries, `ss.scenario(**tables)`) that defines a run: `stickslip run FILE --out
-FOLDER`. Keys that are not given take their defaults. An unknown key, or a value that is not allowed, is refused in one
-sentence before anything runs. These pages are written from the schema by `python docs/scenario_reference.py`.
+A scenario is a TOML file (or nested dictionaries, `ss.scenario(**tables)`) that defines a run,
+`stickslip run FILE --out FOLDER`. Keys that are not given take their defaults. An unknown key, or a value that is not
+allowed, is refused in one sentence before anything runs.
+These pages are written from the schema by `python docs/scenario_reference.py`.
 
 | | |
 |---|---|
 {rows}
 | `[sweep]` in any of them | [many runs from one scenario](sweep.md) |
 
-Where a page says `length`, `mass`, `force`, units are your own, consistent ones; `m`, `s`, `Pa` are SI. A hyphen as unit
+Where a page says `length`, `mass`, `force`, units are your own, consistent ones; `m`, `s`, `Pa` are SI. A dash as unit
 means a pure number, or words.
 """
 
