@@ -1,4 +1,4 @@
-"""Writes sheared_spheres.npz, the packing of the documentation's first page: 50 spheres, sheared until one pair is there.
+"""Writes sheared_spheres.npz, the packing of the documentation's first page: 50 spheres, sheared until a pair is there.
 
 python examples/sheared_spheres.py
 """
