@@ -13,12 +13,12 @@ from stickslip.data.sweep import DRAWN, KINDS, MODES, MOST, OPTIONS, SPACED
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 TITLES = {
-    "disk-array": "An array of disks that is pushed",
-    "sphere-shear": "A packing that is sheared until it fails",
-    "quasi-rigid": "Quasi-rigid tests: biaxial, simple shear",
-    "flow": "Flows: columns, heaps, plane shear",
-    "gouge": "Fault gouge",
-    "rate-state": "A slider with rate-and-state friction",
+    "disk-array": "Keys of disk arrays",
+    "sphere-shear": "Keys of sheared packings",
+    "quasi-rigid": "Keys of quasi-rigid tests",
+    "flow": "Keys of flows",
+    "gouge": "Keys of fault gouge",
+    "rate-state": "Keys of sliders",
 }
 HEAD = "| key | type | default | allowed | unit | |\n|---|---|---|---|---|---|"
 SWEEP = {
@@ -61,7 +61,7 @@ These pages are written from the schema by `python docs/scenario_reference.py`.
 | | |
 |---|---|
 {rows}
-| `[sweep]` in any of them | [many runs from one scenario](sweep.md) |
+| `[sweep]` in any of them | [Keys of sweeps](sweep.md): many runs from one scenario |
 
 Where a page says `length`, `mass`, `force`, units are your own, consistent ones; `m`, `s`, `Pa` are SI. A dash as unit
 means a pure number, or words.
@@ -190,10 +190,10 @@ def sweep_page() -> str:
     forms |= {"normal": "{normal = {mean = m, sd = s}, number = n}", "count": "{count = n}"}
     values = "\n".join(f"| `{forms[name]}` | {VALUES[name]} |" for name in KINDS)
     example = (EXAMPLES / "rate_state_sweep.toml").read_text(encoding="utf-8").strip()
-    return f"""# `[sweep]`: many runs from one scenario
+    return f"""# Keys of sweeps
 
-A table in any scenario; `stickslip run` then makes a dataset of all members. What the modes do, what is left behind and
-how clusters are used stands on the page [many runs](../many_runs.md).
+`[sweep]` is a table in any scenario; `stickslip run` then makes a dataset of all members. What the modes do, what is left
+behind and how clusters are used stands on the page [many runs](../many_runs.md).
 
 | key | default | allowed | |
 |---|---|---|---|
