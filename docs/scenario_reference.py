@@ -192,8 +192,8 @@ def sweep_page() -> str:
     example = (EXAMPLES / "rate_state_sweep.toml").read_text(encoding="utf-8").strip()
     return f"""# Keys of sweeps
 
-`[sweep]` is a table in any scenario; `stickslip run` then makes a dataset of all members. What the modes do, what is left
-behind and how clusters are used stands on the page [many runs](../many_runs.md).
+`[sweep]` is a table in any scenario; `stickslip run` then makes a dataset of all members. What the modes do, what is
+left behind and how clusters are used stands on the page [many runs](../many_runs.md).
 
 | key | default | allowed | |
 |---|---|---|---|
