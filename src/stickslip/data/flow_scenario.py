@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from .parts import Duration, Finite, Listed, NotNegative, Part, Positive, Several, Whole
+from .parts import Duration, Finite, Listed, NotNegative, Part, Positive, Seed, Several, Whole
 
 AXES = "xyz"
 Vector = Annotated[tuple[Finite, ...], Listed, Field(min_length=2, max_length=3)]
@@ -20,9 +20,9 @@ Names = Annotated[tuple[str, ...], Listed]
 class Shaking(Part):
     """A velocity of A sin(2π f t + φ), t from the start of its stage."""
 
-    amplitude: Finite = Field(description="of the velocity [length/time]; over 2π f that of the displacement")
-    frequency: Positive
-    phase: Finite = Field(0.0, description="[rad]")
+    amplitude: Finite = Field(description="of the velocity; over 2π f that of the displacement [length/time]")
+    frequency: Positive = Field(description="f, not angular [1/time]")
+    phase: Finite = Field(0.0, description="φ [rad]")
 
 
 def _course(value):
@@ -43,9 +43,9 @@ Course = Annotated[Finite | tuple[Knot, ...] | Shaking, BeforeValidator(_course)
 class Motion(Part):
     """Velocity along each axis that is prescribed; along the others nothing changes."""
 
-    x: Course | None = None
-    y: Course | None = None
-    z: Course | None = None
+    x: Course | None = Field(None, description="a number, [[time, velocity], …], or a shaking [length/time]")
+    y: Course | None = Field(None, description="as `x` [length/time]")
+    z: Course | None = Field(None, description="as `x`, in three dimensions [length/time]")
 
     @model_validator(mode="after")
     def _in_order(self):
@@ -66,16 +66,16 @@ class Motion(Part):
 class Pour(Part):
     """Grains, poured onto a loose lattice in a region, without overlap, from its bottom up."""
 
-    number: Annotated[int, Field(ge=1, le=1_000_000)]
-    low: Vector = Field(description="corner of the region")
-    high: Vector = Field(description="opposite corner")
-    dim: Literal[2, 3] = 2
-    radius: Several = Field(0.5, description="one, or several sizes of equally many grains each")
+    number: Annotated[int, Field(ge=1, le=1_000_000)] = Field(description="of grains")
+    low: Vector = Field(description="corner of the region [length]")
+    high: Vector = Field(description="opposite corner [length]")
+    dim: Literal[2, 3] = Field(2, description="2: disks in the plane, 3: spheres")
+    radius: Several = Field(0.5, description="one, or several sizes of equally many grains each [length]")
     polydispersity: Annotated[float, Field(ge=0, le=0.5)] = Field(
         0.0, description="radii vary by up to this share, uniformly"
     )
-    density: Positive | None = Field(None, description="mass over volume, in two dimensions over area")
-    mass: Positive | None = Field(None, description="of every grain, in place of density")
+    density: Positive | None = Field(None, description="over volume, in two dimensions area [mass/length^dim]")
+    mass: Positive | None = Field(None, description="of every grain, in place of density [mass]")
     i0: Positive | None = Field(None, description="moment of inertia I0 m R²; 2/5 for spheres, 1/2 for disks")
     gap: Annotated[float, Field(gt=0, le=2)] = Field(0.1, description="of the lattice, in largest diameters")
 
@@ -98,22 +98,26 @@ class Pour(Part):
 class FlowLaw(Part):
     """Contact law: stiffness by k_n and k_t or by elastic constants, damping by coefficients or by a restitution."""
 
-    kind: Literal["hertz_mindlin", "hertz_mindlin_reff", "linear"] = "linear"
-    coulomb: Literal["smooth", "sharp"] = "sharp"
-    kn: Positive | None = None
-    kt: NotNegative | None = Field(None, description="2/7 of kn unless given")
-    young: Positive | None = Field(None, description="with poisson in place of kn and kt; hertz_mindlin_reff only")
-    poisson: Annotated[float, Field(gt=-1, le=0.5)] | None = None
-    mu: NotNegative = 0.5
-    damping: Literal["velocity", "mass_velocity", "viscoelastic"] | None = Field(
-        None, description="viscoelastic for hertz_mindlin_reff, else mass_velocity"
+    kind: Literal["hertz_mindlin", "hertz_mindlin_reff", "linear"] = Field(
+        "linear", description="F_n = k_n δ^(3/2), k_n √R_eff δ^(3/2), or k_n δ"
     )
-    damping_n: NotNegative | None = None
-    damping_t: NotNegative | None = None
+    coulomb: Literal["smooth", "sharp"] = Field("sharp", description="how F_t comes to Coulomb's limit μ F_n")
+    kn: Positive | None = Field(
+        None, description="k_n; Hertz: over length^(1/2), with R_eff over length, too [force/length]"
+    )
+    kt: NotNegative | None = Field(None, description="k_t, as `kn`; 2/7 of it unless given [force/length]")
+    young: Positive | None = Field(None, description="E, for kn and kt; hertz_mindlin_reff only [force/length²]")
+    poisson: Annotated[float, Field(gt=-1, le=0.5)] | None = Field(None, description="ν")
+    mu: NotNegative = Field(0.5, description="friction between grains")
+    damping: Literal["velocity", "mass_velocity", "viscoelastic"] | None = Field(
+        None, description="what γ multiplies; viscoelastic for hertz_mindlin_reff, else mass_velocity"
+    )
+    damping_n: NotNegative | None = Field(None, description="γ_n, in units that `damping` makes; 0 unless given")
+    damping_t: NotNegative | None = Field(None, description="γ_t, as damping_n")
     restitution: Annotated[float, Field(gt=0, le=1)] | None = Field(
         None, description="of two grains of mean size at `speed`, in place of damping coefficients"
     )
-    speed: Positive | None = Field(None, description="at which the restitution holds; a linear law needs none")
+    speed: Positive | None = Field(None, description="of the restitution; a linear law needs none [length/time]")
     tension: bool = Field(False, description="whether a dashpot may make a contact pull")
 
     @model_validator(mode="after")
@@ -145,40 +149,40 @@ class FlowLaw(Part):
 class Box(Part):
     """The cell: its lengths from the origin, and the axes along which it repeats."""
 
-    size: Vector | None = Field(None, description="needed for periodic axes and for plates, which span it")
-    periodic: Annotated[tuple[Literal["x", "y", "z"], ...], Listed] = ()
+    size: Vector | None = Field(None, description="needed for periodic axes and for plates, which span it [length]")
+    periodic: Annotated[tuple[Literal["x", "y", "z"], ...], Listed] = Field((), description="axes")
 
 
 class FlatWall(Part):
     """An infinite flat wall: frozen, driven at a velocity, or pushed along its normal by a force."""
 
-    name: Name
-    point: Vector
+    name: Name = Field(description="by which stages and files call it")
+    point: Vector = Field(description="on its surface [length]")
     normal: Vector = Field(description="towards the grains; of any length")
     velocity: Motion = Motion()
-    force: Finite | None = Field(None, description="along the normal, positive towards the grains; its weight adds")
-    mass: Positive | None = Field(None, description="needed with a force")
+    force: Finite | None = Field(None, description="along the normal, towards the grains; its weight adds [force]")
+    mass: Positive | None = Field(None, description="needed with a force [mass]")
     mu: NotNegative | None = Field(None, description="friction with grains where it is not law.mu")
 
 
 class Plate(Part):
     """A rough plate: one row (in three dimensions a square lattice) of glued grains across the cell, rigid."""
 
-    name: Name
-    height: Finite = Field(description="y of its grains")
-    radius: Positive | None = Field(None, description="of its grains; the mean radius unless given")
-    spacing: Positive | None = Field(None, description="of its grains, about; 1.2 of their diameter unless given")
-    mass: Positive | None = Field(None, description="of the plate; that of its grains unless given")
+    name: Name = Field(description="by which stages and files call it")
+    height: Finite = Field(description="y of its grains [length]")
+    radius: Positive | None = Field(None, description="of its grains; the mean radius unless given [length]")
+    spacing: Positive | None = Field(None, description="of its grains, about; or 1.2 of their diameter [length]")
+    mass: Positive | None = Field(None, description="of the plate; that of its grains unless given [mass]")
     velocity: Motion = Motion()
-    force: Finite | None = Field(None, description="along y, positive towards the poured grains; its weight adds")
-    pressure: Finite | None = Field(None, description="in place of a force: force over length or area of the cell")
+    force: Finite | None = Field(None, description="along y, towards the poured grains; its weight adds [force]")
+    pressure: Finite | None = Field(None, description="in place of a force [force/length^(dim−1)]")
 
 
 class Stage(Part):
     """A part of the run, and what changes when it starts; what does not change stays as it was."""
 
-    name: Name
-    duration: Duration
+    name: Name = Field(description="by which progress and files call it")
+    duration: Duration = Field(description="of the stage, with `until` at most [time]")
     until: Literal["rest"] | None = Field(None, description='"rest" ends the stage early; duration is the longest')
     unbalanced: Positive = Field(
         1e-2, description="at rest: mean unbalanced force of the grains over mean contact force"
@@ -187,17 +191,17 @@ class Stage(Part):
         1e-4, description="and at rest: kinetic over elastic energy; 1e-4 lets forces still swing by 1 %"
     )
     remove: Names = Field((), description="walls")
-    velocity: dict[str, Motion] = Field({}, description="of walls and plates")
-    force: dict[str, Finite] = Field({}, description="on walls and plates, positive towards the grains")
-    gravity: Vector | None = None
-    drag: NotNegative | None = None
+    velocity: dict[str, Motion] = Field({}, description="of walls and plates, by name: see [[walls]] [length/time]")
+    force: dict[str, Finite] = Field({}, description="on walls and plates, by name, towards the grains [force]")
+    gravity: Vector | None = Field(None, description="from here on; as before unless given [length/time²]")
+    drag: NotNegative | None = Field(None, description="from here on; as before unless given [1/time]")
 
 
 class FlowScenario(Whole):
     """Everything that defines a flow."""
 
     experiment: Literal["flow"] = "flow"
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Seed = 0
     grains: Pour
     law: FlowLaw
     cell: Box = Box()
@@ -206,7 +210,7 @@ class FlowScenario(Whole):
     gravity: Vector | None = Field(None, description="none unless given [length/time²]")
     drag: NotNegative = Field(0.0, description="of translations and rotations [1/time]")
     stages: Annotated[tuple[Stage, ...], Listed, Field(min_length=1)]
-    dt: Positive | None = Field(None, description="a twentieth of a collision unless given")
+    dt: Positive | None = Field(None, description="time step; a twentieth of a collision unless given [time]")
     samples: Annotated[int, Field(ge=2, le=100_000)] = Field(400, description="rows of the time series")
     frames: Annotated[int, Field(ge=2, le=10_000)] = Field(20, description="states that are kept")
 

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from .parts import Listed, NotNegative, Part, Positive, Whole
+from .parts import Listed, NotNegative, Part, Positive, Seed, Whole
 
 Share = Annotated[float, Field(gt=0, lt=1)]
 Number = Annotated[int, Field(ge=1)]
@@ -85,9 +85,9 @@ class GougeLoad(Part):
 class RateState(Part):
     """Rate-and-state numbers by which stiffness and hold times are normalised; those of paper 003."""
 
-    a: Positive = 0.0247
-    b: Positive = 0.0178
-    dc: Positive = Field(5.3e-3, description="[m]")
+    a: Positive = Field(0.0247, description="direct effect")
+    b: Positive = Field(0.0178, description="evolution effect")
+    dc: Positive = Field(5.3e-3, description="slip over which the state evolves [m]")
 
 
 class Preparation(Part):
@@ -112,9 +112,9 @@ class Slide(Part):
     """The load point moves at a velocity, 0 for a hold, until a slip, a time, or steadiness."""
 
     kind: Literal["slide"] = "slide"
-    velocity: NotNegative
+    velocity: NotNegative = Field(description="of the load point; 0 is a hold [m/s]")
     slip: Positive | None = Field(None, description="of the load point [D]")
-    time: Positive | None = Field(None, description="[s]")
+    time: Positive | None = Field(None, description="in place of slip [s]")
     steady: bool = Field(False, description="until steady as in the preparation; `slip` is then the longest")
 
     def legs(self, size: float) -> list[float]:
@@ -137,7 +137,7 @@ class VelocitySteps(Part):
     """One velocity after the other, each for the same slip."""
 
     kind: Literal["velocity-steps"] = "velocity-steps"
-    velocities: Many
+    velocities: Many = Field(description="of the load point, one after the other [m/s]")
     slip: Positive = Field(description="of the load point at each velocity [D]")
     twin: NotNegative = Field(
         0.0,
@@ -160,9 +160,9 @@ class SlideHoldSlide(Part):
     """
 
     kind: Literal["slide-hold-slide"] = "slide-hold-slide"
-    before: Many = Field(description="[m/s]")
-    holds: Many = Field(description="[s]")
-    after: Many | None = Field(None, description="[m/s]; the velocity before unless given")
+    before: Many = Field(description="velocities before the hold [m/s]")
+    holds: Many = Field(description="their durations [s]")
+    after: Many | None = Field(None, description="velocities after it; the one before unless given [m/s]")
     approach: Positive = Field(2.0, description="slip at each velocity before its hold [D]")
     slip: Positive = Field(2.0, description="slip of the load point after each hold [D]")
     twin: NotNegative = Field(0.0, description="slip for which a copy goes on without a hold; see velocity-steps [D]")
@@ -183,7 +183,7 @@ class GougeScenario(Whole):
     """Everything that defines an experiment on fault gouge."""
 
     experiment: Literal["gouge"] = "gouge"
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Seed = 0
     realizations: Annotated[int, Field(ge=1, le=1000)] = Field(1, description="samples, from seed, seed + 1, …")
     engine: Literal["stickslip", "lammps"] = Field("stickslip", description="that runs the protocol after preparation")
     grains: GougeGrains = GougeGrains()
@@ -193,7 +193,9 @@ class GougeScenario(Whole):
     scales: RateState = RateState()
     preparation: Preparation = Preparation()
     protocol: Annotated[tuple[Protocol, ...], Listed, Field(min_length=1)]
-    dt: Positive = Field(1e-7, description="[s]; paper 003: 2e-8, a hundredth of a collision of its smallest grains")
+    dt: Positive = Field(
+        1e-7, description="time step; paper 003: 2e-8, 1/100 of a collision of its smallest grains [s]"
+    )
     sample_every: Number = Field(500, description="steps between samples")
     ledger_steps: Annotated[int, Field(ge=0, le=10_000_000)] = Field(
         0, description="steps after the protocol in which an energy ledger is kept; each takes as long as ten others"

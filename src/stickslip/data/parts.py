@@ -13,6 +13,7 @@ Duration = Annotated[float, Field(gt=0, le=1e7, allow_inf_nan=False)]
 Listed = BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)  # TOML and JSON have lists
 Several = Annotated[Positive | tuple[Positive, ...], Listed]
 Loads = Annotated[tuple[Finite, ...], Listed]
+Seed = Annotated[int, Field(ge=0, description="of all random numbers: the same seed, the same run")]
 
 
 class ScenarioError(ValueError):

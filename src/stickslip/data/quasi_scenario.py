@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from .parts import Listed, NotNegative, Part, Positive, Whole
+from .parts import Listed, NotNegative, Part, Positive, Seed, Whole
 
 Size = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
 Times = Annotated[tuple[Positive, ...], Listed]
@@ -14,7 +14,7 @@ Radii = Annotated[tuple[Positive, ...], Listed, Field(min_length=1)]
 class Disks(Part):
     """Disks that are brought to rest under a pressure, with friction."""
 
-    number: Annotated[int, Field(ge=10, le=5000)] = 100
+    number: Annotated[int, Field(ge=10, le=5000)] = Field(100, description="of disks")
     radius: Radii = Field((0.4, 0.6), description="sizes of equally many disks each [length]; masses are 4 R²")
     pressure: Positive = Field(1e-4, description="over kn the typical overlap in diameters [force/length]")
 
@@ -22,15 +22,15 @@ class Disks(Part):
 class Springs(Part):
     """The law `linear` with sharp friction."""
 
-    kn: Positive = 1.0
-    kt: Positive = 0.5
-    mu: NotNegative = 0.5
+    kn: Positive = Field(1.0, description="K_n [force/length]")
+    kt: Positive = Field(0.5, description="K_t [force/length]")
+    mu: NotNegative = Field(0.5, description="friction between disks, and with walls")
 
 
 class Loading(Part):
     """What grows, linearly: the force on one wall, or the shear stress of a periodic cell."""
 
-    test: Literal["biaxial", "shear"] = "biaxial"
+    test: Literal["biaxial", "shear"] = Field("biaxial", description="between walls, or in a periodic cell")
     wall: Literal["top", "right"] = Field("top", description="whose force grows (biaxial)")
     factor: Annotated[float, Field(gt=1, le=100)] = Field(4.0, description="to which the wall's force grows (biaxial)")
     ratio: Annotated[float, Field(gt=0, le=10)] = Field(
@@ -39,8 +39,8 @@ class Loading(Part):
     unload: bool = Field(
         False, description="whether the load goes back, from `turn` of the load at which the path ends"
     )
-    turn: Annotated[float, Field(gt=0, lt=1)] = 0.5
-    increment: Size = Field(0.005, description="largest increment of load between updates of the geometry")
+    turn: Annotated[float, Field(gt=0, lt=1)] = Field(0.5, description="where unloading begins, see `unload`")
+    increment: Size = Field(0.005, description="of the load, as a share; the geometry is updated after each")
     geometric: bool = Field(True, description="whether the geometric stiffness enters")
 
 
@@ -58,7 +58,7 @@ class QuasiScenario(Whole):
     """Everything that defines a quasi-rigid loading and the dynamics beside it."""
 
     experiment: Literal["quasi-rigid"] = "quasi-rigid"
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Seed = 0
     samples: Annotated[int, Field(ge=1, le=100)] = Field(1, description="packings, prepared from seed, seed + 1, …")
     disks: Disks = Disks()
     law: Springs = Springs()

@@ -4,17 +4,17 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from .parts import Finite, Listed, NotNegative, Part, Positive, Whole
+from .parts import Finite, Listed, NotNegative, Part, Positive, Seed, Whole
 
 
 class Surface(Part):
     """μ = μ0 + a ln(V/V0) + b ln(V0 θ/D_c)."""
 
-    law: Literal["aging", "slip"] = "slip"
+    law: Literal["aging", "slip"] = Field("slip", description="by which the state θ evolves")
     a: Positive = Field(0.0247, description="direct effect; these three are paper 003's")
-    b: NotNegative = 0.0178
+    b: NotNegative = Field(0.0178, description="evolution effect")
     dc: Positive = Field(5.3e-3, description="slip over which the state evolves [m]")
-    mu0: Finite = 0.4
+    mu0: Finite = Field(0.4, description="steady friction at v0")
     v0: Positive = Field(0.02, description="at which steady friction is mu0 [m/s]")
     alpha: NotNegative = Field(
         0.0, description="of Linker and Dieterich: how changes of normal stress act on the state"
@@ -32,8 +32,8 @@ class Stretch(Part):
     """One leg of the load point: its velocity, and how long or how far."""
 
     velocity: NotNegative = Field(description="0 is a hold [m/s]")
-    duration: Positive | None = Field(None, description="[s]")
-    distance: Positive | None = Field(None, description="[m]")
+    duration: Positive | None = Field(None, description="of the leg [s]")
+    distance: Positive | None = Field(None, description="of the load point, in place of duration [m]")
     normal: Positive = Field(1.0, description="normal stress over its reference")
 
     @model_validator(mode="after")
@@ -62,7 +62,7 @@ class RateStateScenario(Whole):
     """Everything that defines the history of a slider with rate-and-state friction."""
 
     experiment: Literal["rate-state"] = "rate-state"
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Seed = 0
     surface: Surface = Surface()
     spring: Drive = Drive()
     legs: Annotated[tuple[Stretch, ...], Listed, Field(min_length=1, max_length=1000)] = (

@@ -10,7 +10,20 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 
 from .flow_scenario import FlowScenario
 from .gouge_scenario import GougeScenario
-from .parts import Duration, Finite, Listed, Loads, NotNegative, Part, Positive, ScenarioError, Several, Whole, sentence
+from .parts import (
+    Duration,
+    Finite,
+    Listed,
+    Loads,
+    NotNegative,
+    Part,
+    Positive,
+    ScenarioError,
+    Seed,
+    Several,
+    Whole,
+    sentence,
+)
 from .quasi_scenario import QuasiScenario
 from .ratestate_scenario import RateStateScenario
 
@@ -18,11 +31,11 @@ from .ratestate_scenario import RateStateScenario
 class Array(Part):
     """Disks in a row on a substrate, periodic along the row."""
 
-    disks: Annotated[int, Field(ge=1, le=400)] = 10
-    radius: Several = Field(0.5, description="one radius, or one for each disk")
-    mass: Several = Field(1.0, description="one mass, or one for each disk")
+    disks: Annotated[int, Field(ge=1, le=400)] = Field(10, description="how many")
+    radius: Several = Field(0.5, description="one radius, or one for each disk [length]")
+    mass: Several = Field(1.0, description="one mass, or one for each disk [mass]")
     i0: Positive = Field(0.5, description="moment of inertia I0 m R²: 1/2 for a disk")
-    gap: Finite = Field(0.0, description="distance between neighbouring disks before loading; negative presses them")
+    gap: Finite = Field(0.0, description="between neighbours before loading; negative presses them together [length]")
 
     @model_validator(mode="after")
     def _one_for_each(self):
@@ -43,33 +56,33 @@ class Array(Part):
 class Parameters(Part):
     """Parameters of the disk–wall contact where they differ from those between disks."""
 
-    kn: Positive | None = None
-    kt: NotNegative | None = None
-    mu: NotNegative | None = None
-    damping_n: NotNegative | None = None
-    damping_t: NotNegative | None = None
+    kn: Positive | None = Field(None, description="as `law.kn`")
+    kt: NotNegative | None = Field(None, description="as `law.kt`")
+    mu: NotNegative | None = Field(None, description="as `law.mu`")
+    damping_n: NotNegative | None = Field(None, description="as `law.damping_n` [force time/length]")
+    damping_t: NotNegative | None = Field(None, description="as `law.damping_t` [force time/length]")
 
 
 class LawChoice(Part):
     """Contact law and its parameters."""
 
-    kind: Literal["hertz_mindlin", "linear"] = "hertz_mindlin"
-    coulomb: Literal["smooth", "sharp"] = "smooth"
-    kn: Positive = 1.0
-    kt: NotNegative = 2 / 7
-    mu: NotNegative = 10.0
-    damping_n: NotNegative = 0.0
-    damping_t: NotNegative = 0.0
+    kind: Literal["hertz_mindlin", "linear"] = Field("hertz_mindlin", description="F_n = k_n δ^(3/2), or k_n δ")
+    coulomb: Literal["smooth", "sharp"] = Field("smooth", description="how F_t comes to Coulomb's limit μ F_n")
+    kn: Positive = Field(1.0, description="k_n; of a linear law in force/length [force/length^(3/2)]")
+    kt: NotNegative = Field(2 / 7, description="k_t, as `kn` [force/length^(3/2)]")
+    mu: NotNegative = Field(10.0, description="friction between grains")
+    damping_n: NotNegative = Field(0.0, description="of the normal dashpot [force time/length]")
+    damping_t: NotNegative = Field(0.0, description="of the tangential dashpot [force time/length]")
     wall: Parameters = Parameters()
 
 
 class Load(Part):
     """Forces: `press` on every disk towards the substrate, `push` along the row on one disk, in units of `unit`."""
 
-    unit: Positive = Field(1 / 2000, description="what a force of 1 in this table is, in units of the scenario")
-    press: Finite = 0.1
-    push: Loads = Field((0.0, 0.09), description="turning points of the quasi-static path")
-    step: Positive = Field(5e-4, description="largest increment of the push between two equilibria")
+    unit: Positive = Field(1 / 2000, description="what a force of 1 in this table is, in units of the scenario [force]")
+    press: Finite = Field(0.1, description="on every disk, towards the substrate [`unit`]")
+    push: Loads = Field((0.0, 0.09), description="turning points of the quasi-static path [`unit`]")
+    step: Positive = Field(5e-4, description="largest increment of the push between two equilibria [`unit`]")
     disk: Annotated[int, Field(ge=1)] = Field(1, description="the disk that is pushed, counted from 1")
 
     @field_validator("press")
@@ -101,42 +114,44 @@ class Load(Part):
 class Relaxation(Part):
     """How equilibria are found: damped dynamics (drag on translations and rotations) or Newton's method."""
 
-    method: Literal["dynamics", "newton"] = "dynamics"
-    drag: Positive = 0.05
-    spin_drag: Positive | None = None
-    dt: Positive = 0.1
-    tolerance: Positive = 1e-14
-    steps: Annotated[int, Field(ge=1)] = 2_000_000
+    method: Literal["dynamics", "newton"] = Field("dynamics", description="the paper's way, or the fast one")
+    drag: Positive = Field(0.05, description="on translations, by mass [1/time]")
+    spin_drag: Positive | None = Field(None, description="on rotations; that on translations unless given [1/time]")
+    dt: Positive = Field(0.1, description="of damped dynamics [time]")
+    tolerance: Positive = Field(1e-14, description="largest unbalanced force, or torque over R [force]")
+    steps: Annotated[int, Field(ge=1)] = Field(2_000_000, description="after which the search is given up")
 
 
 class Dynamics(Part):
     """Newtonian runs from the equilibria where the path first passes some loads, seeded by a tiny random velocity."""
 
-    loads: Loads = (0.03, 0.04, 0.062, 0.083, 0.087, 0.09)
+    loads: Loads = Field((0.03, 0.04, 0.062, 0.083, 0.087, 0.09), description="pushes where runs start [`load.unit`]")
     watch: Finite | None = Field(
-        None, description="load whose transition is sampled finely; else the first that slides"
+        None, description="load whose transition is sampled finely; else the first that slides [`load.unit`]"
     )
-    duration: Duration = 60_000.0
-    dt: Positive = 0.1
-    seed_velocity: Positive = 1e-13
-    drag: NotNegative = 0.0
-    spin_drag: NotNegative | None = None
+    duration: Duration = Field(60_000.0, description="of each run [time]")
+    dt: Positive = Field(0.1, description="time step [time]")
+    seed_velocity: Positive = Field(1e-13, description="root mean square of the random start [length/time]")
+    drag: NotNegative = Field(0.0, description="on translations, by mass [1/time]")
+    spin_drag: NotNegative | None = Field(None, description="on rotations; that on translations unless given [1/time]")
 
 
 class Sliding(Part):
     """Many realizations of the transition at loads where the array slides: fronts and sliding velocity."""
 
-    loads: Loads = ()
-    realizations: Annotated[int, Field(ge=1, le=100_000)] = 25
-    duration: Duration = 40_000.0
-    thresholds: Annotated[tuple[Positive, ...], Listed] = Field((0.01, 0.02, 0.05, 0.1), min_length=1)
+    loads: Loads = Field((), description="pushes; none, no realizations [`load.unit`]")
+    realizations: Annotated[int, Field(ge=1, le=100_000)] = Field(25, description="of each load, by random velocities")
+    duration: Duration = Field(40_000.0, description="of each run [time]")
+    thresholds: Annotated[tuple[Positive, ...], Listed] = Field(
+        (0.01, 0.02, 0.05, 0.1), min_length=1, description="displacements at which a disk counts as sliding [length]"
+    )
 
 
 class Scenario(Whole):
     """Everything that defines a run of an array of disks on a substrate."""
 
     experiment: Literal["disk-array"] = "disk-array"
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Seed = 0
     array: Array = Array()
     law: LawChoice = LawChoice()
     load: Load = Load()
@@ -177,15 +192,15 @@ class Scenario(Whole):
 class Packing(Part):
     """Frictionless jammed packing of disks (dim = 2) or spheres (dim = 3) in a periodic box."""
 
-    grains: Annotated[int, Field(ge=10, le=1600)] = 100
-    dim: Literal[2, 3] = 3
-    radius: Several = Field((0.5, 0.7), description="one radius, sizes of equally many grains each, or one for each")
-    mass: Positive = 1.0
+    grains: Annotated[int, Field(ge=10, le=1600)] = Field(100, description="how many")
+    dim: Literal[2, 3] = Field(3, description="2: disks in the plane, 3: spheres")
+    radius: Several = Field((0.5, 0.7), description="one, sizes of equally many grains each, or one for each [length]")
+    mass: Positive = Field(1.0, description="of every grain [mass]")
     i0: Positive | None = Field(None, description="moment of inertia I0 m R²; 2/5 for spheres, 1/2 for disks")
     packing_fraction: Annotated[float, Field(gt=0, le=1.2, allow_inf_nan=False)] | None = Field(
         None, description="without it and without pressure: 0.68 for spheres, 0.86 for disks"
     )
-    pressure: Positive | None = None
+    pressure: Positive | None = Field(None, description="in place of a packing fraction [force/length^(dim−1)]")
 
     @model_validator(mode="after")
     def _one_measure(self):
@@ -202,7 +217,7 @@ class Shear(Part):
     strain: Loads = Field((0.0, 2e-3, 0.02), description="turning points of the path")
     step: Several = Field((2e-5, 1e-4), description="largest strain step, one or one for each leg of the path")
     slip: bool = Field(True, description="whether the affine displacement enters the slip of the contacts")
-    tolerance: Positive = 5e-14
+    tolerance: Positive = Field(5e-14, description="largest unbalanced force, or torque over R [force]")
 
     @model_validator(mode="after")
     def _path(self):
@@ -228,8 +243,8 @@ class Release(Part):
     e_folds: Positive = Field(45.0, description="length of a run in units of 1/(growth rate)")
     least: Duration = Field(5e4, description="shortest run, for what follows a fast growth [time]")
     duration: Duration = Field(6e5, description="longest run [time]")
-    dt: Positive = 0.1
-    seed_velocity: Positive = 1e-13
+    dt: Positive = Field(0.1, description="time step [time]")
+    seed_velocity: Positive = Field(1e-13, description="root mean square of the random start [length/time]")
     snapshots: Annotated[int, Field(ge=0, le=1000)] = Field(40, description="spectra during the run")
 
 
@@ -237,7 +252,7 @@ class ShearScenario(Whole):
     """Everything that defines the quasi-static shear of a packing and its failure."""
 
     experiment: Literal["sphere-shear"] = "sphere-shear"
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Seed = 0
     packings: Annotated[int, Field(ge=1, le=1000)] = Field(5, description="independent packings")
     packing: Packing = Packing()
     law: LawChoice = LawChoice()

@@ -62,7 +62,7 @@ def run_members(
     load: Callable[[int], Any] | None = None,
     save: Callable[[int, Any], None] | None = None,
 ) -> list[Member]:
-    """function(*task) for every task, in order; neither processes nor cluster change the results.
+    """`function(*task)` for every task, in order; neither processes nor cluster change the results.
 
     A process that dies costs its own member only: that one is tried once more (on a cluster as often as the scheduler
     allows) and is then reported as failed, in a sentence; the others go on.

@@ -2,7 +2,7 @@
 
 With k(S) = k₀ − H_S G_Sᵀ, columns h = K_t s c e_t and g = c (m e_n + s e_t), s = sgn D_t, the velocities under a load
 rate b obey k(S) v = b. A critical contact that sticks leaves Coulomb's cone at the rate Ṽ = gᵀ v; one that slides does
-so at the slip rate λ = Ṽ. Each does what it must: with w = −dF̃/dt of its sign turned, in units of K_t,
+so at the slip rate λ = Ṽ. Each does what it must: with w = (dF̃/dt)/K_t,
 
     w = A λ + q ≥ 0,   λ ≥ 0,   wᵀ λ = 0,      A = 1 − Gᵀ k₀⁻¹ H,   q = −Gᵀ k₀⁻¹ b.
 

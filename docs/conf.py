@@ -1,0 +1,63 @@
+"""Settings of the documentation: `make docs` builds it with warnings as errors."""
+
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))
+
+import api_reference  # noqa: E402
+import scenario_reference  # noqa: E402
+
+import stickslip  # noqa: E402
+
+project = "stickslip"
+author = "The stickslip developers"
+project_copyright = author
+version = release = stickslip.__version__
+
+extensions = [
+    "myst_nb",  # markdown pages, and tutorials that are run
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.mathjax",
+    "sphinx-mathjax-offline",  # equations need no network
+    "sphinx_copybutton",
+]
+exclude_patterns = ["_build", "figures"]
+nitpicky = True  # a cross-reference that leads nowhere is an error
+nitpick_ignore_regex = [("py:exc", r"\w+Error")]  # those of other packages, and of inner rooms
+
+myst_enable_extensions = ["dollarmath", "amsmath"]
+myst_heading_anchors = 3  # as on code hosts
+myst_dmath_double_inline = True
+nb_execution_mode = "cache"  # a tutorial is run again when its code changes
+nb_execution_cache_path = str(HERE / "_build" / ".jupyter_cache")
+nb_execution_timeout = 300
+nb_execution_raise_on_error = True
+nb_merge_streams = True
+
+napoleon_google_docstring = False
+napoleon_use_param = napoleon_use_rtype = False  # types are words, not references
+napoleon_custom_sections = ["Source"]
+autodoc_typehints = "none"  # docstrings say units, shapes and what is allowed
+autodoc_member_order = "bysource"
+python_use_unqualified_type_names = True
+
+html_theme = "furo"
+html_static_path = ["_static"]
+html_css_files = ["wide.css"]
+html_title = f"stickslip {version}"
+html_copy_source = False
+html_show_sphinx = False
+copybutton_exclude = ".linenos, .gp, .go"
+
+
+def setup(app):
+    """Write the pages that are made from the sources, and connect what mends docstrings."""
+    scenario_reference.write(HERE / "scenario")
+    api_reference.write(HERE / "api")
+    app.connect("autodoc-process-docstring", api_reference.described, priority=400)  # before napoleon
+    app.connect("autodoc-process-docstring", api_reference.mend)
+    app.connect("autodoc-process-signature", api_reference.short)
+    app.connect("autodoc-skip-member", api_reference.skip)
