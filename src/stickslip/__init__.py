@@ -23,7 +23,6 @@ _WHERE = {
     "core.forces": "Loads accept forces unbalanced",
     "core.integrate": "run",
     "core.ledger": "Ledger",
-    "core.record": "Record",
     "core.timestep": "stable_time_step",
     "core.jacobian": "contact_blocks",
     "core.measure": (
