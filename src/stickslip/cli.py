@@ -366,6 +366,63 @@ def doctor(
     raise typer.Exit(0 if told(as_json=as_json) else 1)
 
 
+@app.command("report")
+@_reads_packing
+def report_(
+    place: Annotated[Path, typer.Argument(help="The folder of a run, or a packing as `stability` reads it.")],
+    options: dict,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="The page; default: report.html there, or FILE's name with it, here.")
+    ] = None,
+    modes: Annotated[Path | None, typer.Option("--modes", help="Modes that `stability` wrote; else computed.")] = None,
+    colour: Annotated[str | None, typer.Option("--colour", help="What grains are coloured by at first.")] = None,
+) -> None:
+    """One page of HTML with everything in it: claims or measures, figures, the packing in three dimensions."""
+    from .experiments import report
+
+    look = _room("look")
+    path = out or look.default_path(place, report.PAGE)
+    look.ready(path, (".html", ".htm"))
+    with report.progress(transient=True) as tell:
+        found = look.seen(place, modes=modes, options=options, report=tell)
+        path, words = look.write_page(found, path, colour=colour)
+    for line in words:
+        report.console.print(f"[yellow]{line}[/]", highlight=False)
+    report.show_paths([path])
+
+
+@app.command()
+@_reads_packing
+def movie(
+    place: Annotated[Path, typer.Argument(help="The folder of a run, or a packing as `stability` reads it.")],
+    options: dict,
+    out: Annotated[
+        Path | None, typer.Option("--out", help=".gif or .mp4; default: movie.gif there, or FILE's name with it, here.")
+    ] = None,
+    modes: Annotated[Path | None, typer.Option("--modes", help="Modes that `stability` wrote; else computed.")] = None,
+    mode: Annotated[
+        int | None, typer.Option("--mode", min=0, help="A mode, the fastest is 0; default: the run, or 0 of a packing.")
+    ] = None,
+    colour: Annotated[str | None, typer.Option("--colour", help="What grains are coloured by.")] = None,
+    fps: Annotated[int, typer.Option("--fps", help="Frames in a second.")] = 15,
+    frames: Annotated[int, typer.Option("--frames", min=2, help="Frames of a mode's period.")] = 48,
+    amplitude: Annotated[float, typer.Option("--amplitude", help="Largest displacement over the radius.")] = 0.3,
+) -> None:
+    """A movie of a run, or of a mode of a packing, as GIF or MP4."""
+    from .experiments import report
+
+    look = _room("look")
+    path = out or look.default_path(place, report.FILM)
+    look.ready(path, look.movies.ENDINGS)
+    look.movies.checked(path, fps)
+    with report.progress(transient=True) as tell:
+        found = look.seen(place, modes=modes, options=options, report=tell, search=mode is not None)
+        look.write_movie(
+            found, path, colour=colour, fps=fps, count=frames, amplitude=amplitude, mode=mode, report=tell
+        )  # fmt: skip
+    report.show_paths([path])
+
+
 def _room(name: str):
     """A module of the experiments, loaded when needed."""
     return import_module(f".experiments.{name}", __package__)

