@@ -104,8 +104,12 @@ def folder_seen(folder: Path, *, frame: str | None = None, search: bool = True, 
     sections = []
     if (folder / CLAIMS).is_file():
         sections.append(("Claims of the paper", _claims(folder / CLAIMS)))
-    elif rows := _measures(archive.read(folder / NUMBERS), archive.units(folder / NUMBERS)):
-        sections.append(("Measures", _rows(["measure", "value", "unit"], rows)))
+    else:
+        tree, units = archive.read(folder / NUMBERS), archive.units(folder / NUMBERS)
+        if rows := _series(tree.get("series"), units):
+            sections.append(("Measures in time", _rows(["measure", "at the end", "least", "greatest", "unit"], rows)))
+        if rows := _measures(tree, units):
+            sections.append(("Measures", _rows(["measure", "value", "unit"], rows)))
     shown = [path for path in files_of(folder) if path.suffix in page.KINDS and path.name != FILM]
     if shown:
         sections.append(("Figures", page.pictures(shown)))
@@ -145,7 +149,7 @@ def _states(path: Path, frame: str | None) -> list:
 
 
 def _label(name: str, state) -> str:
-    return f"{name.rpartition('/')[2]}, time {state.time:.5g}" if state.time else name.rpartition("/")[2]
+    return f"{name.rpartition('/')[2]}, time {state.time:.5g}"
 
 
 def _unstable(states: list, frames: list[Frame], frame: str | None, report) -> tuple[int, list]:
@@ -195,8 +199,19 @@ def _measures(tree: dict, units: dict[str, str], above: str = "") -> list[list[s
     return rows
 
 
+def _series(series, units: dict[str, str]) -> list[list[str]]:
+    """Last, least and greatest value of each series in time."""
+    rows = []
+    for name, values in series.items() if isinstance(series, dict) else ():
+        known = values[np.isfinite(values)] if getattr(values, "ndim", 0) == 1 and values.dtype.kind == "f" else ()
+        if len(known) and name != "time":
+            numbers = [f"{v:.5g}" for v in (known[-1], known.min(), known.max())]
+            rows.append([name.replace("_", " "), *numbers, units.get(f"series/{name}", "")])
+    return rows
+
+
 def _rows(columns: list[str], rows: list[list[str]]) -> str:
-    text = page.table(columns, rows[:ROWS], classes=dict.fromkeys(columns[1:2], "number"))
+    text = page.table(columns, rows[:ROWS], classes=dict.fromkeys(columns[1:-1], "number"))
     return text + (page.paragraph(f"and {len(rows) - ROWS} more in {NUMBERS}", kind="soft") if len(rows) > ROWS else "")
 
 

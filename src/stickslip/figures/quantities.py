@@ -42,8 +42,7 @@ def quantities(
     if "force_n" in frame.contacts:
         unit = "Pa" if si and dim == 3 else f"{force}/{length}" + ("²" if dim == 3 else "")
         out["pressure"] = (_pressure(frame), unit)
-    if grains.velocity.any():
-        out["speed"] = (np.linalg.norm(grains.velocity, axis=1), f"{length}/{time}")
+    out["speed"] = (np.linalg.norm(grains.velocity, axis=1), f"{length}/{time}")
     if first is not None and first is not frame and len(first.state.grains.radius) == len(grains.radius):
         moved = grains.position - first.state.grains.position
         out["displacement"] = (np.linalg.norm(moved, axis=1), length)

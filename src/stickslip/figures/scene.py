@@ -17,13 +17,14 @@ from ..core.measure import wrapped
 from ..core.state import SLIDE
 from ..data.exchange.frame import Frame
 from ..extras import needed
-from .outlines import cell_edges, eye, unit_mode, upward, wall_edges
+from .outlines import cell_edges, eye, unit_mode, wall_edges
 from .quantities import DISPLACEMENT, Mode, quantities
 from .style import BLUE, COLORS, RED
 
 SMOOTH = 3000  # grains; with more, edges are not smoothed: without a graphics card that takes most of the time
 MOST = 24e6  # bytes of frames that a page holds, before compression
 WIDTHS = (0.5, 1.0, 2.0, 4.0)  # of contact lines, by force over its mean: up to each, and beyond the last but one
+LINE = {2: 0.15, 3: 0.07}  # width of the line of a contact that bears the mean force, over the mean radius
 KINDS = 8  # a whole-numbered quantity with at most so many values is shown in separate colours
 FOV = {2: 12.0, 3: 30.0}  # degrees; almost parallel in the plane
 CONTENT = {"material", "coordination", "sliding contacts"}  # whole numbers
@@ -99,9 +100,9 @@ def seen(
     return {
         "dim": dim, "n": len(radius), "radius": _packed(radius), "frames": out, "left_out": len(frames) - len(chosen),
         "quantities": about, "mode_frame": chosen.index(at), "modes": [_mode_data(m, frames[at]) for m in modes],
-        "up": upward(first), "toward": eye(first)[2].tolist(), "fov": FOV[dim], "map": _map().tolist(),
+        "eye": eye(first).tolist(), "box": _box([frames[k] for k in chosen]), "fov": FOV[dim], "map": _map().tolist(),
         "colours": {"stick": _number(BLUE), "slide": _number(RED), "kinds": [_number(c) for c in COLORS]},
-        "widths": [float(0.06 * w * radius.mean()) for w in WIDTHS],
+        "widths": [float(LINE[dim] * w * radius.mean()) for w in WIDTHS],
     }  # fmt: skip
 
 
@@ -177,8 +178,8 @@ def _plot(data: dict, shown: int, height: int):
             ends = np.stack([start[rows], start[rows] - branch[rows]], axis=1)
             plot += _lines(k3d, ends, f"{('stick', 'slide')[kind]} {number}", _number(color), width)
     for name, color in (("edges", 0x555555), ("walls", 0x8A6D3B)):
-        plot += _lines(k3d, _unpacked(frame[name]).reshape(-1, 2, 3), name, color, data["widths"][0])
-    plot.camera = _camera(position, sizes.max(), data)
+        plot += _lines(k3d, _unpacked(frame[name]).reshape(-1, 2, 3), name, color, 0.1 * float(sizes.mean() / 2))
+    plot.camera = _camera(data)
     return plot
 
 
@@ -191,13 +192,24 @@ def _lines(k3d, ends: np.ndarray, name: str, color: int, width: float):
     )  # fmt: skip
 
 
-def _camera(position: np.ndarray, size: float, data: dict) -> list[float]:
-    """Position, target and up vector, so that all is seen."""
-    low, high = position.min(axis=0) - size / 2, position.max(axis=0) + size / 2
+def _camera(data: dict) -> list[float]:
+    """Position, target and up vector, so that all is seen in a square."""
+    low, high = np.array(data["box"])
+    _, up, toward = np.array(data["eye"])
     center, reach = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
-    toward, up = data["toward"], data["up"]
-    away = 0.9 * reach / np.sin(np.radians(data["fov"] / 2))  # few grains are in the corners
-    return [float(v) for v in (*(center + away * np.array(toward)), *center, *up)]
+    away = 0.9 * reach / np.sin(np.radians(data["fov"] / 2))
+    return [float(v) for v in (*(center + away * toward), *center, *up)]
+
+
+def _box(frames: list[Frame]) -> list[list[float]]:
+    """Corners of what holds all grains and cells of all frames."""
+    low, high = [], []
+    for frame in frames:
+        place, radius = wrapped(frame.state), frame.state.grains.radius[:, None]
+        ends = cell_edges(frame).reshape(-1, 3)
+        low.append(np.concatenate([place - radius, ends]).min(axis=0))
+        high.append(np.concatenate([place + radius, ends]).max(axis=0))
+    return [np.min(low, axis=0).tolist(), np.max(high, axis=0).tolist()]
 
 
 def _packed(values, kind=np.float32) -> str:

@@ -11,7 +11,7 @@ const radius = floats(data.radius), top = 1.05 * radius.reduce((a, b) => Math.ma
 const modes = data.modes.map((m) => ({ words: m.words, re: floats(m.re), im: floats(m.im) }));
 const frames = data.frames.map((f) => ({ label: f.label, packed: f }));
 const now = {
-  frame: 0, shown: data.shown, mode: modes.length ? 0 : -1, moving: false, playing: false, phase: 0,
+  frame: modes.length ? data.mode_frame : frames.length - 1, shown: data.shown, mode: modes.length ? 0 : -1, moving: false, playing: false, phase: 0,
   amplitude: 0.3, size: data.dim === 2 ? 1 : 0.6, contacts: true, box: true,
 };
 
@@ -97,10 +97,17 @@ function resize() {
   return put("grains", "point_sizes", radius.map((r) => 2 * r * now.size)).then(() => view.render());
 }
 
-function fit() { // as far away as the narrower side of the canvas needs
-  const c = [...start], box = target.getBoundingClientRect(), factor = Math.max(1, box.height / Math.max(box.width, 1)); // the field of view is that of the height
-  for (let a = 0; a < 3; a++) c[a] = c[3 + a] + factor * (c[a] - c[3 + a]);
-  view.setCamera(c);
+function fit() { // as near as the box of all frames allows, in a canvas of any shape
+  const box = target.getBoundingClientRect(), t = Math.tan((data.fov * Math.PI) / 360);
+  const wide = (t * box.width) / Math.max(box.height, 1), [right, up, toward] = data.eye;
+  const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+  const middle = [0, 1, 2].map((a) => 0.5 * (data.box[0][a] + data.box[1][a]));
+  let away = 0;
+  for (let corner = 0; corner < 8; corner++) {
+    const p = [0, 1, 2].map((a) => data.box[(corner >> a) & 1][a] - middle[a]);
+    away = Math.max(away, dot(p, toward) + Math.max(Math.abs(dot(p, up)) / t, Math.abs(dot(p, right)) / wide));
+  }
+  view.setCamera([...middle.map((m, a) => m + 1.04 * away * toward[a]), ...middle, ...up]);
   view.render();
 }
 
@@ -157,6 +164,8 @@ style.textContent = `
   #controls button[aria-pressed=true] { background: #0072b2; color: #fff; border-color: #0072b2; }
   #legend { display: flex; align-items: center; gap: .4rem; flex-basis: 100%; flex-wrap: wrap; font-size: 13px; }
   #bar { width: 9rem; height: .8rem; border: 1px solid #999; }
+  @media (max-width: 40rem) { #controls { gap: .2rem .7rem; font-size: 13px; } #controls input[type=range] { width: 5rem; }
+    #controls select { max-width: 10rem; } }
   .swatch { display: inline-block; width: .9rem; height: .8rem; border: 1px solid #777; vertical-align: -1px; }
   .line { display: inline-block; width: 1.2rem; height: .25rem; vertical-align: 3px; }`;
 document.head.appendChild(style);
@@ -228,16 +237,17 @@ const key = element("div", { id: "legend" });
 function legend(about) {
   const number = (v) => Number(v.toPrecision(3)).toString();
   const hex = (v) => `#${v.toString(16).padStart(6, "0")}`;
-  const parts = [`${about.name}${about.unit ? ` [${about.unit}]` : ""}:`];
+  const words = (text) => Object.assign(document.createElement("span"), { textContent: text });
+  const parts = [words(`${about.name}${about.unit ? ` [${about.unit}]` : ""}:`)];
   if (about.kinds) {
-    about.kinds.forEach((v, k) => parts.push(swatch("swatch", hex(data.colours.kinds[k % data.colours.kinds.length])), `${v} `));
+    about.kinds.forEach((v, k) => parts.push(swatch("swatch", hex(data.colours.kinds[k % data.colours.kinds.length])), words(v)));
   } else {
     const bar = swatch("", `linear-gradient(to right, ${data.map.filter((_, k) => k % 17 === 0).map(hex).join(",")})`);
     bar.id = "bar";
-    parts.push(number(about.low), bar, (about.cut ? "≥ " : "") + number(about.high));
+    parts.push(words(number(about.low)), bar, words((about.cut ? "≥ " : "") + number(about.high)));
   }
-  const kinds = [[swatch("line", hex(data.colours.stick)), "sticks"], [swatch("line", hex(data.colours.slide)), "slides"]];
-  key.replaceChildren(...parts, " contacts, wider with force:", ...kinds.flat());
+  const kinds = ["stick", "slide"].flatMap((kind) => [swatch("line", hex(data.colours[kind])), words(`${kind}s`)]);
+  key.replaceChildren(...parts, words("— contacts, wider with force:"), ...kinds);
 }
 function swatch(name, background) {
   const e = document.createElement("span");
@@ -246,8 +256,7 @@ function swatch(name, background) {
   return e;
 }
 
-const start = [...view.parameters.camera];
 window.stickslip = { data, now, view, pictures: 0 };
 window.dispatchEvent(new Event("resize"));
-resize().then(() => frame(modes.length ? data.mode_frame : 0)).then(() => { fit(); window.stickslip.ready = true; if (modes.length) run("moving", true); });
+resize().then(() => frame(now.frame)).then(() => { fit(); window.stickslip.ready = true; if (modes.length) run("moving", true); });
 window.addEventListener("resize", () => setTimeout(fit, 50));
