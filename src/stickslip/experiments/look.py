@@ -20,9 +20,9 @@ from ..data.sweep_data import DATASET, is_sweep, open_sweep
 from ..data.units import SI
 from ..data.whole import beside, replace
 from ..extras import MissingExtraError
-from ..figures import movie as movies
-from ..figures import page, scene
-from ..figures.packing import bare_frame
+from ..figures import film, page, scene
+from ..figures.grains import bare_frame, packing
+from ..figures.style import png
 from ..solve.damped import Damped
 from ..solve.relax import residual
 from . import claims as claims_table
@@ -30,6 +30,7 @@ from .report import CLAIMS, FILM, NUMBERS, files_of
 from .stability_report import UNBALANCED, judged, law_in_words, modes_of
 
 SMALL = 500  # grains, up to which the states of a run are searched for one that is unstable
+DRAWN = 2000  # grains, up to which a packing is drawn as a figure, too
 MODES = 6  # that a page animates
 ROWS = 60  # of a table of measures or members; what is left out is said
 
@@ -110,14 +111,18 @@ def folder_seen(folder: Path, *, frame: str | None = None, search: bool = True, 
             sections.append(("Measures in time", _rows(["measure", "at the end", "least", "greatest", "unit"], rows)))
         if rows := _measures(tree, units):
             sections.append(("Measures", _rows(["measure", "value", "unit"], rows)))
-    shown = [path for path in files_of(folder) if path.suffix in page.KINDS and path.name != FILM]
+    shown = [path for path in files_of(folder) if path.suffix in (".png", ".gif") and path.name != FILM]
     if shown:
-        sections.append(("Figures", page.pictures(shown)))
+        sections.append(("Figures", page.pictures({_caption(path): path.read_bytes() for path in shown})))
     sections.append(("Scenario", page.listing(about["scenario"])))
     versions = f"stickslip {about['stickslip']}, {about['versions']}"
     without = "" if frames else "This run keeps no states of grains: there is no packing to look at."
     title = f"{experiment}: {folder.resolve().name}"
     return Seen(title, versions, frames, labels, at, modes, sections, experiment in SI, without)
+
+
+def _caption(path: Path) -> str:
+    return path.stem.partition("_")[2].replace("_", " ") if path.stem.startswith("fig") else path.stem
 
 
 def _experiment(text: str) -> str:
@@ -255,6 +260,9 @@ def packing_seen(file: Path, *, modes: Path | None = None, method: str = "auto",
     sections = [("Packing", page.table(["", "value"], facts))]
     if mine:
         sections.append(("Growing modes", _mode_table(mine)))
+    if n <= DRAWN:
+        drawn = packing(state, law, mode=mine[0] if mine else None)
+        sections.append(("Figure", page.pictures({"contacts, and the fastest mode": png(drawn)})))
     about = f"stickslip {__version__}, {archive.versions()}"
     return Seen(file.name, about, [frame], [""], 0, mine, sections)
 
@@ -324,16 +332,16 @@ def write_movie(
     if mode is None and len(shown.frames) == 1:
         mode = 0
     if mode is None:
-        frames, labels, film = shown.frames, shown.labels, None
+        frames, labels, chosen = shown.frames, shown.labels, None
     else:
         if not 0 <= mode < len(shown.modes):
             has = f"has 0 to {len(shown.modes) - 1}" if shown.modes else "is stable, or has no mode that grows"
             raise ValueError(f"mode {mode} was asked for: {shown.title} {has}")
-        film = shown.modes[mode]
-        frames = mode_frames(shown.frames[shown.at], *film, count=count, amplitude=amplitude)
-        labels = [f"mode {mode}, s = {film[2]:.3g}"] * len(frames)
+        chosen = shown.modes[mode]
+        frames = mode_frames(shown.frames[shown.at], *chosen, count=count, amplitude=amplitude)
+        labels = [f"mode {mode}, s = {chosen[2]:.3g}"] * len(frames)
     with beside(path) as part:
-        movies.movie(
-            frames, part, labels=labels, mode=film, colour=colour, fps=fps, si=shown.si, report=report
+        film.movie(
+            frames, part, labels=labels, mode=chosen, colour=colour, fps=fps, si=shown.si, report=report
         )  # fmt: skip
     return path

@@ -3,10 +3,7 @@
 import base64
 from html import escape
 from importlib.resources import files
-from pathlib import Path
 from string import Template
-
-KINDS = {".png": "image/png", ".gif": "image/gif", ".svg": "image/svg+xml"}
 
 
 def page(title: str, about: str, sections: list[tuple[str, str]]) -> str:
@@ -33,17 +30,16 @@ def table(columns: list[str], rows: list[list[str]], *, classes: dict[str, str] 
     return f'<div class="wide"><table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody></table></div>'
 
 
-def pictures(paths: list[Path]) -> str:
-    """Pictures inside the page, with their names as captions."""
-    return '<div class="figures">\n' + "\n".join(_picture(path) for path in paths) + "\n</div>"
+def pictures(shown: dict[str, bytes]) -> str:
+    """Pictures (PNG or GIF) inside the page, by their captions."""
+    return '<div class="figures">\n' + "\n".join(_picture(*item) for item in shown.items()) + "\n</div>"
 
 
-def _picture(path: Path) -> str:
-    data = base64.b64encode(path.read_bytes()).decode()
-    words = path.stem.partition("_")[2] if path.stem.startswith("fig") else path.stem
-    words = words.replace("_", " ").capitalize() or path.stem
-    source = f'src="data:{KINDS[path.suffix]};base64,{data}"'
-    return f'<figure><img alt="{escape(words)}" {source}><figcaption>{escape(words)}</figcaption></figure>'
+def _picture(caption: str, content: bytes) -> str:
+    words = escape(caption[:1].upper() + caption[1:])
+    kind = "gif" if content.startswith(b"GIF8") else "png"
+    source = f'src="data:image/{kind};base64,{base64.b64encode(content).decode()}"'
+    return f'<figure><img alt="{words}" {source}><figcaption>{words}</figcaption></figure>'
 
 
 def listing(text: str) -> str:

@@ -24,7 +24,7 @@ from .style import BLUE, COLORS, RED
 SMOOTH = 3000  # grains; with more, edges are not smoothed: without a graphics card that takes most of the time
 MOST = 24e6  # bytes of frames that a page holds, before compression
 WIDTHS = (0.5, 1.0, 2.0, 4.0)  # of contact lines, by force over its mean: up to each, and beyond the last but one
-LINE = {2: 0.15, 3: 0.07}  # width of the line of a contact that bears the mean force, over the mean radius
+LINE = {2: 0.22, 3: 0.07}  # width of the line of a contact that bears the mean force, over the mean radius
 KINDS = 8  # a whole-numbered quantity with at most so many values is shown in separate colours
 FOV = {2: 12.0, 3: 30.0}  # degrees; almost parallel in the plane
 CONTENT = {"material", "coordination", "sliding contacts"}  # whole numbers

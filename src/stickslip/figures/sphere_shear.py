@@ -124,7 +124,7 @@ def _label(axes, names, dim: int) -> None:
     if dim == 3:
         axes.set_box_aspect((1, 1, 0.8), zoom=0.85)
         for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
-            axis.set_tick_params(pad=-3, labelsize=5.5)
+            axis.set_tick_params(pad=-3, labelsize=6)
             axis.labelpad = -6
             axis.set_major_locator(plt.MaxNLocator(4))
 

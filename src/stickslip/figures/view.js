@@ -257,6 +257,5 @@ function swatch(name, background) {
 }
 
 window.stickslip = { data, now, view, pictures: 0 };
-window.dispatchEvent(new Event("resize"));
 resize().then(() => frame(now.frame)).then(() => { fit(); window.stickslip.ready = true; if (modes.length) run("moving", true); });
-window.addEventListener("resize", () => setTimeout(fit, 50));
+new ResizeObserver(() => { window.dispatchEvent(new Event("resize")); fit(); }).observe(target);

@@ -8,7 +8,7 @@ from matplotlib.animation import FFMpegWriter, PillowWriter
 
 from ..data.exchange.frame import Frame
 from ..extras import needed
-from .packing import draw, legend, look_of
+from .grains import draw, legend, look_of
 from .quantities import Mode
 from .style import plt, styled
 
@@ -55,8 +55,8 @@ def movie(
         with writer.saving(figure, str(path), 100):
             for k, frame in enumerate(frames):
                 axes.clear()
-                drawn = draw(axes, frame, look, mode=mode, first=frames[0], si=si)
-                legend(axes, frame)
+                drawn = draw(axes, frame, look, mode=mode, first=frames[0], si=si, near=False)
+                legend(axes, frame, near=False)
                 axes.set_title(labels[k], fontsize=11, pad=4)
                 if colour and bar is None:
                     place = figure.add_axes([0.25, 0.42 / height, 0.5, 0.1 / height])

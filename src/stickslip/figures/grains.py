@@ -122,7 +122,10 @@ def look_of(frames: list[Frame], *, colour: str | None = None, mode: Mode | None
     return look._replace(colour=colour, unit=units, limits=limits, whole=every.dtype.kind in "iu")
 
 
-def draw(axes, frame: Frame, look: Look, *, mode: Mode | None = None, first: Frame | None = None, si: bool = False):
+def draw(
+    axes, frame: Frame, look: Look, *, mode: Mode | None = None, first: Frame | None = None, si: bool = False,
+    near: bool = True,
+):  # fmt: skip
     """One frame on axes, from back to front; returns what the colours stand for."""
     state, dim = frame.state, look.dim
     basis, radius = eye(frame), BALL[dim] * state.grains.radius
@@ -149,7 +152,10 @@ def draw(axes, frame: Frame, look: Look, *, mode: Mode | None = None, first: Fra
             )
         )  # fmt: skip
     axes.add_collection(LineCollection(_flat(wall_edges(frame), basis), colors="0.25", linewidths=0.9, zorder=50))
-    axes.add_collection(LineCollection(_open(frame, place, basis), colors="0.35", linewidths=0.5, ls=":", zorder=49))
+    if near:
+        axes.add_collection(
+            LineCollection(_open(frame, place, basis), colors="0.35", linewidths=0.5, ls=":", zorder=49)
+        )
     margin = 0.01 * (look.high - look.low).max()
     low = look.low - [margin, 6 * margin]  # room for the bar
     axes.set(xlim=(low[0], look.high[0] + margin), ylim=(low[1], look.high[1] + margin))
@@ -175,14 +181,14 @@ def orbits(axes, frame: Frame, mode: Mode) -> None:
     )  # fmt: skip
 
 
-def legend(axes, frame: Frame, mode: Mode | None = None) -> None:
+def legend(axes, frame: Frame, mode: Mode | None = None, *, near: bool = True) -> None:
     """What lines and balls stand for, below the drawing."""
     slides = int((frame.contacts["mode"] == SLIDE).sum())
     handles = [
         Line2D([], [], color=BLUE, lw=2, label=f"sticks ({len(frame.contacts['mode']) - slides})"),
         Line2D([], [], color=RED, lw=2, label=f"slides ({slides})"),
     ]
-    if number := len(_open_rows(frame)):
+    if near and (number := len(_open_rows(frame))):
         handles.append(Line2D([], [], color="0.35", lw=0.8, ls=":", label=f"open ({number})"))
     if free := int(rattlers(frame.state, frame.state.cell.dim).sum()):
         handles.append(Line2D([], [], ls="", marker="o", mfc="white", mec="0.45", ms=5, label=f"rattlers ({free})"))
