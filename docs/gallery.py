@@ -137,9 +137,9 @@ def written(sections: dict[str, list[tuple[str, str]]]) -> None:
     """The page."""
     text = [
         "# Gallery", "",
-        "Every figure takes a result, or what was measured of it, and returns a matplotlib Figure: `ss.figures.NAME(…)`.",
-        "Colours are those of Okabe and Ito, and viridis; a column is 86 mm wide. `python docs/gallery.py` draws all of",
-        "this from `examples/`.", "",
+        "Every figure takes a result, or what was measured of it, and returns a matplotlib Figure:",
+        "`ss.figures.NAME(…)`. Colours are those of Okabe and Ito, and viridis; a column is 86 mm wide.",
+        "`python docs/gallery.py` draws all of this from `examples/`.", "",
     ]  # fmt: skip
     for heading, pictures in sections.items():
         text += [f"## {heading}", ""]

@@ -387,7 +387,7 @@ def report_(
         found = look.seen(place, modes=modes, options=options, report=tell)
         path, words = look.write_page(found, path, colour=colour)
     for line in words:
-        report.console.print(f"[yellow]{line}[/]", highlight=False)
+        report.console.print(line, style="yellow", markup=False, highlight=False)
     report.show_paths([path])
 
 

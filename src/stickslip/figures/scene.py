@@ -27,6 +27,14 @@ WIDTHS = (0.5, 1.0, 2.0, 4.0)  # of contact lines, by force over its mean: up to
 LINE = {2: 0.22, 3: 0.07}  # width of the line of a contact that bears the mean force, over the mean radius
 KINDS = 8  # a whole-numbered quantity with at most so many values is shown in separate colours
 FOV = {2: 12.0, 3: 30.0}  # degrees; almost parallel in the plane
+WITHOUT_WEBGL = """<script>
+addEventListener("DOMContentLoaded", () => {
+  if (!document.createElement("canvas").getContext("webgl2")) {
+    document.body.textContent = "This browser has no WebGL 2, which the view in three dimensions needs: switch on "
+      + "hardware acceleration in its settings, or open the page in another browser.";
+  }
+});
+</script>"""
 CONTENT = {"material", "coordination", "sliding contacts"}  # whole numbers
 
 
@@ -78,7 +86,8 @@ def page_view(
     packed = base64.b64encode(zlib.compress(json.dumps(data).encode(), 6)).decode()
     code = here.joinpath("view.js").read_text(encoding="utf-8").replace("[DATA]", packed)
     text = plot.get_snapshot(6, additional_js_code=code)
-    return re.sub(r"<title>.*?</title>", "<title>packing</title>", text, count=1)  # K3D's has the time of day
+    # K3D's title has the time of day
+    return re.sub(r"<title>.*?</title>", "<title>packing</title>" + WITHOUT_WEBGL, text, count=1)
 
 
 def seen(

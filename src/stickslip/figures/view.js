@@ -256,6 +256,6 @@ function swatch(name, background) {
   return e;
 }
 
-window.stickslip = { data, now, view, pictures: 0 };
+window.stickslip = { data, now, view, pictures: 0, place: () => place(shifts()) };
 resize().then(() => frame(now.frame)).then(() => { fit(); window.stickslip.ready = true; if (modes.length) run("moving", true); });
 new ResizeObserver(() => { window.dispatchEvent(new Event("resize")); fit(); }).observe(target);
