@@ -1,7 +1,7 @@
 """Draw every figure from the examples and write docs/gallery.md: `python docs/gallery.py` from the repository's root.
 
 What was simulated is kept in results/gallery, so that the figures can be drawn again in a minute; the first time takes
-some 15 minutes on two cores. `python docs/gallery.py flow gouge` draws those alone and leaves the others' pictures.
+some ten minutes on two cores. `python docs/gallery.py flow gouge` draws those alone and leaves the others' pictures.
 """
 
 import io
@@ -17,14 +17,14 @@ from PIL import Image
 
 import stickslip as ss
 from stickslip.data.scenario import read
-from stickslip.experiments.fit_report import fitted
+from stickslip.experiments.fit_report import fitted, write
 from stickslip.experiments.look import packing_seen
 from stickslip.experiments.rooms import REPORTS
 from stickslip.figures import grains, style
 
 ROOT = Path(__file__).parents[1]
 KEPT, PICTURES, PAGE = ROOT / "results" / "gallery", ROOT / "docs" / "figures" / "gallery", ROOT / "docs" / "gallery.md"
-PIXELS, COLORS = 800, 64  # of a picture on the page
+SHRINK, COLORS = 0.7, 256  # of a picture on the page, from 300 dots an inch
 # heading, example, and which functions drew its pictures, in the order of their names
 SHOWN = {
     "disk-array": (
@@ -68,8 +68,9 @@ def simulated(name: str, example: str):
 def shrunk(path: Path, to: Path) -> None:
     """A picture as the page shows it: fewer pixels and colours."""
     picture = Image.open(path).convert("RGB")
-    size = (PIXELS, round(picture.height * PIXELS / picture.width))
-    picture.resize(size, Image.Resampling.LANCZOS).quantize(COLORS).save(to, optimize=True)
+    small = picture.resize([round(SHRINK * k) for k in picture.size], Image.Resampling.LANCZOS)
+    # MAXCOVERAGE keeps colours that few pixels have, such as those of thin lines
+    small.quantize(COLORS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(to, optimize=True)
 
 
 def of_example(name: str) -> list[tuple[str, str]]:
@@ -116,16 +117,14 @@ def of_fit() -> list[tuple[str, str]]:
     slid, report = simulated("rate-state", SHOWN["rate-state"][1])
     with tempfile.TemporaryDirectory() as folder:
         records = [path for path in report.write_result(Path(folder), slid) if path.suffix == ".csv"]
-        found = fitted(records[0], laws=("aging", "slip"))
-        (picture,) = [path for path in _fit_written(Path(folder) / "fit", found) if path.suffix == ".png"]
+        fit = Path(folder) / "fit"
+        found = fitted(
+            records[0], laws=("aging", "slip"), stiffness=slid.scenario.spring.stiffness, free_stiffness=False,
+            v0=None, before=None, detrend=False, normal=False, out=fit, overwrite=False,
+        )  # fmt: skip
+        (picture,) = [path for path in write(fit, found) if path.suffix == ".png"]
         shrunk(picture, PICTURES / "fit.png")
     return [("fitted", "fit.png")]
-
-
-def _fit_written(folder: Path, found):
-    from stickslip.experiments.fit_report import write
-
-    return write(folder, found)
 
 
 def unstable(result):

@@ -81,7 +81,7 @@ def packing(
         orbits(axes, frame, mode)
     if colour:
         label = f"{colour} [{look.unit}]" if look.unit else colour
-        bar = figure.colorbar(drawn, ax=axes, location="bottom", label=label, shrink=0.7, aspect=30, pad=0.09)
+        bar = figure.colorbar(drawn, ax=axes, location="bottom", label=label, shrink=0.7, aspect=30, pad=0.02)
         if look.whole:
             bar.locator = plt.MaxNLocator(6, integer=True)
     legend(axes, frame, mode)

@@ -50,14 +50,14 @@ function moved(f, u) {
 
 function segments(f, rows, at, u) { // from the centre of i to that of j, as the branch vector says
   const out = new Float32Array(6 * Math.max(rows.length, 1)), lift = data.dim === 2 ? top : 0, n = radius.length;
-  rows.forEach((c, m) => {
-    const i = 3 * f.i[c], j = 3 * f.j[c];
+  for (let m = 0; m < rows.length; m++) {
+    const c = rows[m], i = 3 * f.i[c], j = 3 * f.j[c], follows = u !== null && f.j[c] < n;
     for (let a = 0; a < 3; a++) {
       const z = a === 2 ? lift : 0;
       out[6 * m + a] = at[i + a] + z;
-      out[6 * m + 3 + a] = f.position[i + a] - f.branch[3 * c + a] + (u && f.j[c] < n ? u[j + a] : 0) + z;
+      out[6 * m + 3 + a] = f.position[i + a] - f.branch[3 * c + a] + (follows ? u[j + a] : 0) + z;
     }
-  });
+  }
   return out;
 }
 
