@@ -403,7 +403,10 @@ def movie(
     mode: Annotated[
         int | None, typer.Option("--mode", min=0, help="A mode, the fastest is 0; default: the run, or 0 of a packing.")
     ] = None,
-    colour: Annotated[str | None, typer.Option("--colour", help="What grains are coloured by.")] = None,
+    colour: Annotated[
+        str | None,
+        typer.Option("--colour", help="What grains are coloured by; default: speed, or displacement in the mode."),
+    ] = None,
     fps: Annotated[int, typer.Option("--fps", help="Frames in a second.")] = 15,
     frames: Annotated[int, typer.Option("--frames", min=2, help="Frames of a mode's period.")] = 48,
     amplitude: Annotated[float, typer.Option("--amplitude", help="Largest displacement over the radius.")] = 0.3,

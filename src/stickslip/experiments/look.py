@@ -22,6 +22,7 @@ from ..data.whole import beside, replace
 from ..extras import MissingExtraError
 from ..figures import film, page, scene
 from ..figures.grains import bare_frame, packing
+from ..figures.quantities import DISPLACEMENT
 from ..figures.style import png
 from ..solve.damped import Damped
 from ..solve.relax import residual
@@ -324,6 +325,7 @@ def write_movie(
 
     Parameters
     ----------
+    colour : one of `quantities`; without it, the speed of a run, the displacement of a mode
     mode : number of a mode; None takes the frames of a run, and the first mode where there is one frame only
     count, amplitude : of a mode's period, see `mode_frames`
     """
@@ -340,8 +342,7 @@ def write_movie(
         chosen = shown.modes[mode]
         frames = mode_frames(shown.frames[shown.at], *chosen, count=count, amplitude=amplitude)
         labels = [f"mode {mode}, s = {chosen[2]:.3g}"] * len(frames)
+    colour = colour or ("speed" if mode is None else DISPLACEMENT)
     with beside(path) as part:
-        film.movie(
-            frames, part, labels=labels, mode=chosen, colour=colour, fps=fps, si=shown.si, report=report
-        )  # fmt: skip
+        film.movie(frames, part, labels=labels, mode=chosen, colour=colour, fps=fps, si=shown.si, report=report)
     return path

@@ -5,6 +5,7 @@ from pathlib import Path
 from shutil import which
 
 from matplotlib.animation import FFMpegWriter, PillowWriter
+from PIL import Image
 
 from ..data.exchange.frame import Frame
 from ..extras import needed
@@ -81,9 +82,24 @@ def checked(path: Path, fps: int) -> None:
 
 def _writer(path: Path, fps: int):
     if path.suffix.lower() == ".gif":
-        return PillowWriter(fps=fps)
+        return _Gif(fps=fps)
     plt.rcParams["animation.ffmpeg_path"] = _ffmpeg()
     return FFMpegWriter(fps=fps, codec="libx264", extra_args=["-pix_fmt", "yuv420p", "-loglevel", "error"])
+
+
+class _Gif(PillowWriter):
+    """A GIF whose palette keeps colours that few pixels have, such as those of lines that slide."""
+
+    def finish(self):
+        """Write the file."""
+        frames = [self._kept(frame) for frame in self._frames]
+        frames[0].save(
+            self.outfile, save_all=True, append_images=frames[1:], duration=round(1000 / self.fps), loop=0
+        )  # fmt: skip
+
+    @staticmethod
+    def _kept(frame: Image.Image) -> Image.Image:
+        return frame.convert("RGB").quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
 
 
 def _ffmpeg() -> str:

@@ -258,4 +258,7 @@ function swatch(name, background) {
 
 window.stickslip = { data, now, view, pictures: 0, place: () => place(shifts()) };
 resize().then(() => frame(now.frame)).then(() => { fit(); window.stickslip.ready = true; if (modes.length) run("moving", true); });
-new ResizeObserver(() => { window.dispatchEvent(new Event("resize")); fit(); }).observe(target);
+new ResizeObserver(() => { // K3D follows a moment later
+  window.dispatchEvent(new Event("resize"));
+  setTimeout(fit, 100);
+}).observe(target);
