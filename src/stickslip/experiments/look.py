@@ -224,6 +224,7 @@ def _rows(columns: list[str], rows: list[list[str]]) -> str:
 def _sweep_seen(folder: Path) -> Seen:
     data = open_sweep(folder)
     kept = data.drop_vars([name for name in ("finished", "seconds") if name in data]).to_dataframe().reset_index()
+    kept = kept[[name for name in kept.columns if name != "member"] + ["member"]]
     columns = [f"{name} [{data[name].attrs['units']}]" if data[name].attrs.get("units", "1") != "1" else str(name)
                for name in kept.columns]  # fmt: skip
     rows = [[f"{v:.5g}" if isinstance(v, float) else str(v) for v in row] for row in kept.itertuples(index=False)]

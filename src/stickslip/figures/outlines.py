@@ -60,8 +60,10 @@ def eye(frame: Frame) -> np.ndarray:
 
 
 def upward(frame: Frame) -> list[float]:
-    """Where up is: against gravity where it acts; else along y in the plane and z in space."""
-    gravity = np.asarray(frame.state.control.gravity, float)
+    """Where up is: against gravity where it acts; else y in the plane; in space the one open direction, or z."""
+    gravity, cell = np.asarray(frame.state.control.gravity, float), frame.state.cell
     if gravity.any():
         return [float(v) for v in -gravity / np.linalg.norm(gravity)]
-    return [0.0, 1.0, 0.0] if frame.state.cell.dim == 2 else [0.0, 0.0, 1.0]
+    bounded = np.flatnonzero(~cell.periodic)
+    axis = 1 if cell.dim == 2 else int(bounded[0]) if len(bounded) == 1 else 2
+    return np.eye(3)[axis].tolist()
