@@ -84,10 +84,12 @@ _WHERE = {
     "loading.shear_run": "ShearPath ShearResult simulate_shear",
 }
 _ROOM = {name: room for room, names in _WHERE.items() for name in names.split()}
-__all__ = ["__version__", *sorted(_ROOM)]
+__all__ = ["__version__", "figures", *sorted(_ROOM)]
 
 
 def __getattr__(name: str):
+    if name == "figures":  # a room of many functions, under its own name
+        return import_module(".figures", __name__)
     if name in _ROOM:
         return getattr(import_module(f".{_ROOM[name]}", __name__), name)
     raise AttributeError(f"stickslip has no name {name!r}: see dir(stickslip)")

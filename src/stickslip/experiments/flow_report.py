@@ -8,7 +8,7 @@ from rich.table import Table
 from ..figures import flow as figures
 from ..figures.style import save as save_figure
 from ..loading.flow import FlowResult, Series, simulate_flow
-from ..loading.flow_numbers import deposit, plane_shear, velocity_profile
+from ..loading.flow_numbers import deposit, plane_shear, profile_deviation, velocity_profile
 from .report import SERIES, STYLE, complete, console, files_of, plain, save
 
 
@@ -25,7 +25,7 @@ def write_result(folder: Path, result: FlowResult) -> list[Path]:
         save_figure(figures.snapshots(result), room / "fig1_snapshots.png")
         save_figure(figures.time_series(result), room / "fig2_time_series.png")
         if result.poured.plates or "x" in result.scenario.cell.periodic:
-            profile = figures.velocity_profile(result.edges, velocity_profile(result))
+            profile = figures.velocity_profile(result.edges, velocity_profile(result), profile_deviation(result))
             save_figure(profile, room / "fig3_velocity_profile.png")
     return files_of(folder)
 

@@ -7,6 +7,7 @@ from rich.table import Table
 
 from ..ensemble import Workers
 from ..figures import quasi_rigid as figures
+from ..figures.grains import packing
 from ..figures.style import save as save_figure
 from . import claims as claims_table
 from .quasi_rigid import Reproduction
@@ -37,7 +38,7 @@ def _write(folder: Path, result: QuasiResult, claims) -> list[Path]:
         save_figure(figures.curves(result.tested, result.scenario.loading.test), room / "fig1_curves.png")
         end = longest.path.points[-1]
         title = f"sample {longest.seed} where its path ends, load {end.load:.4g}"
-        save_figure(figures.packing(end.state, longest.law, title), room / "fig2_statuses.png")
+        save_figure(packing(end.state, longest.law, title=title), room / "fig2_statuses.png")
         if len(longest.pairs):
             save_figure(figures.cone(longest, result.scenario.law.mu), room / "fig3_cone.png")
         save_figure(figures.stiffness(longest), room / "fig4_stiffness.png")

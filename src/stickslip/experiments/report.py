@@ -32,10 +32,10 @@ WIDE = 110  # columns from which on a stage and its words share a line
 LINES = 30.0  # between two lines where there is no terminal [s]
 NUMBERS, CLAIMS, MOVIE, WRITING = "results.h5", "claims.json", "transition.gif", ".writing"
 REPRODUCTION, OPTIONS = "reproduce.json", "sweep-options.json"  # what a call was given, for `stickslip resume`
+PAGE, FILM = "report.html", "movie.gif"  # of stickslip report and movie
 SERIES = "series.csv"
-_OURS = re.compile(
-    r"fig\d_\w+\.png|steps_\d+_\d+\.csv|" + "|".join(map(re.escape, (SCENARIO, NUMBERS, CLAIMS, MOVIE, SERIES)))
-)
+OURS = (SCENARIO, NUMBERS, CLAIMS, MOVIE, SERIES, PAGE, FILM)
+_OURS = re.compile(r"fig\d_\w+\.png|steps_\d+_\d+\.csv|" + "|".join(map(re.escape, OURS)))
 STYLE = {"title_justify": "left", "header_style": "bold", "box": SIMPLE_HEAD, "pad_edge": False}
 COLORS = {claims_table.REPRODUCED: "green", claims_table.PARTLY: "yellow", claims_table.NOT_REPRODUCED: "red"}
 

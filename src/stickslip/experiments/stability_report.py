@@ -61,7 +61,7 @@ def show(
     static = found.undamped if isinstance(found, Damped) else found
     for line in words:
         console.print(f"[yellow]{line}[/]")
-    console.print(f"law: {_law_in_words(law)}", highlight=False)
+    console.print(f"law: {law_in_words(law)}", highlight=False)
     console.print(
         f"{static.n} grains, {static.contacts} contacts, {len(static.rattlers)} rattlers, residual "
         f"{static.residual:.2g} of the mean normal contact force",
@@ -87,7 +87,8 @@ def show(
         stability_more.show(more, found)
 
 
-def _law_in_words(law: Law) -> str:
+def law_in_words(law: Law) -> str:
+    """Kind, Coulomb's limit, parameters, damping."""
     coulomb = next(name for name, number in COULOMB.items() if number == law.coulomb)
     values = ", ".join(
         f"{name} = {value:.4g}" for name, value in zip(PARAMETERS, law.table[0, 0], strict=True) if value
@@ -136,6 +137,25 @@ def write_modes(path: Path, found: Stability | Damped) -> Path:
     have unit norm in the mass-weighted metric. Rattlers and what is not free are zero.
     """
     static = found.undamped if isinstance(found, Damped) else found
+    values, exponents, full = _shapes(found)
+    with beside(path) as part, part.open("wb") as file:
+        np.savez(
+            file, eigenvalue=values, exponent=exponents, translation=full[..., :3], rotation=full[..., 3:],
+            rattlers=static.rattlers,
+        )  # fmt: skip
+    return path
+
+
+def modes_of(found: Stability | Damped) -> list[tuple[np.ndarray, np.ndarray, complex]]:
+    """Translation, rotation (N, 3) complex and exponent s of each mode that grows, the fastest first."""
+    _, exponents, full = _shapes(found)
+    order = np.argsort(-exponents.real, kind="stable")
+    return [(full[k, :, :3], full[k, :, 3:], complex(exponents[k])) for k in order]
+
+
+def _shapes(found: Stability | Damped) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Eigenvalues λ and exponents s (K,), and modes (K, N, 6) with zeros where nothing is free."""
+    static = found.undamped if isinstance(found, Damped) else found
     count = found.modes.shape[1]
     full = np.array([found.free.spread(mode)[: static.n] for mode in found.modes.T]).reshape(count, static.n, 6)
     if isinstance(found, Damped):
@@ -144,9 +164,4 @@ def write_modes(path: Path, found: Stability | Damped) -> Path:
     else:
         values = np.concatenate([found.pairs, found.negative.astype(complex)])
         exponents = -1j * np.sqrt(values)
-    with beside(path) as part, part.open("wb") as file:
-        np.savez(
-            file, eigenvalue=values, exponent=exponents, translation=full[..., :3], rotation=full[..., 3:],
-            rattlers=static.rattlers,
-        )  # fmt: skip
-    return path
+    return values, exponents, full

@@ -11,7 +11,7 @@ from matplotlib.patches import Circle
 
 from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, PURPLE, RED, SKY, TIME, axes_of, styled
 
-LOAD = r"push $F_x$"
+LOAD = r"push $F_x$"  # in the unit that the scenario gives to its forces
 
 
 @styled
@@ -46,7 +46,7 @@ def complex_pairs(results: dict, paper: dict | None = None):
         axes.set_ylabel(r"$10^3\,\mathrm{Im}\,\lambda$ [$k_n\sqrt{2R}/m$]")
         axes.set_title(title, fontsize=7.5)
         axes.set_ylim(bottom=-0.03 * axes.get_ylim()[1])
-    panels[-1, 0].set_xlabel(LOAD)
+    panels[-1, 0].set_xlabel(f"{LOAD} [force unit of the scenario]")
     return figure
 
 
@@ -191,7 +191,7 @@ def center_of_mass(result, load: float, line=None, printed=None):
     zoom.plot(free.time[near], x[near], color=BLUE, lw=0.7)
     zoom.set_title(r"$\Delta C^x_\mathrm{mass}$", fontsize=6, pad=2)
     for small in (inset, zoom):
-        small.tick_params(labelsize=5.5, length=2)
+        small.tick_params(labelsize=6, length=2)
         small.xaxis.set_major_locator(plt.MaxNLocator(3))
         small.set_facecolor("white")
     for color, (push, ensemble) in zip(COLORS, sorted(result.sliding.items()), strict=False):
@@ -210,8 +210,8 @@ def center_of_mass(result, load: float, line=None, printed=None):
             small.plot(ends, 1e5 * (printed[1] + printed[0] * ends), "--", color=BLACK, lw=0.7, label="paper")
         small.set_ylabel(r"$10^5\,V^x_\mathrm{mass}$", fontsize=6)
         small.set_xlabel("$F_x$", fontsize=6, labelpad=0)
-        small.tick_params(labelsize=5.5, length=2)
-        small.legend(fontsize=5, loc="upper left")
+        small.tick_params(labelsize=6, length=2)
+        small.legend(fontsize=6, loc="upper left")
     return figure
 
 

@@ -40,10 +40,10 @@ def snapshots(result):
     for axes in panels.flat[len(shown) :]:
         axes.axis("off")
     for axes in panels[-1]:
-        axes.set_xlabel("$x$")
+        axes.set_xlabel("$x$ [length]")
     for axes in panels[:, 0]:
-        axes.set_ylabel("$y$")
-    figure.colorbar(drawn, ax=panels, location="bottom", label="speed", shrink=0.6, aspect=30, pad=0.02)
+        axes.set_ylabel("$y$ [length]")
+    figure.colorbar(drawn, ax=panels, location="bottom", label="speed [length/time]", shrink=0.6, aspect=30, pad=0.02)
     return figure
 
 
@@ -107,7 +107,7 @@ def time_series(result):
     top = max(series.kinetic_energy.max(), series.elastic_energy.max()) or 1.0
     least = min((e[e > 0].min() for e in (series.kinetic_energy, series.elastic_energy) if (e > 0).any()), default=1e-9)
     panels[0].set_ylim(max(least, 1e-9 * top) / 2, 4 * top)
-    panels[0].set_ylabel("energy")
+    panels[0].set_ylabel("energy [unit of energy]")
     panels[0].legend(loc="best", ncol=2)
     known = np.isfinite(series.unbalanced)
     panels[1].semilogy(time[known], series.unbalanced[known], color=BLUE)
@@ -125,7 +125,7 @@ def time_series(result):
             0.5 * (stage.start + stage.end), 1.02, stage.name, transform=panels[0].get_xaxis_transform(), ha="center",
             fontsize=6.5,
         )  # fmt: skip
-    panels[-1].set_xlabel("time $t$")
+    panels[-1].set_xlabel("time $t$ [unit of time]")
     panels[-1].set_xlim(0, time[-1])
     figure.align_ylabels(panels)
     return figure
@@ -146,7 +146,7 @@ def _extent(axes, series) -> None:
     for k, color, end in ((0, BLUE, "front, $x$"), (1, GREEN, "top, $y$")):
         axes.plot(series.time, series.center[:, k], color=color, label=f"centre of mass, ${'xy'[k]}$")
         axes.plot(series.time, series.high[:, k], color=color, ls="--", label=f"{end} (99 %)")
-    axes.set_ylabel("position")
+    axes.set_ylabel("position [length]")
     axes.set_ylim(top=1.45 * max(series.high[:, :2].max(), series.center[:, :2].max()))
     axes.legend(loc="upper left", ncol=2, columnspacing=1.0, fontsize=6)
 
@@ -173,15 +173,24 @@ def _plates(top, bottom, series, names) -> None:
     top.legend(loc="upper left", ncol=2)
     height = np.ptp(series.plate_position[:, :, 1], axis=1)
     bottom.plot(series.time, height, color=BLUE)
-    bottom.set_ylabel("distance\nof the plates")
+    bottom.set_ylabel("distance of the\nplates [length]")
 
 
 @styled
-def velocity_profile(edges, velocity):
-    """Mean velocity along x against height."""
+def velocity_profile(edges, velocity, deviation):
+    """Mean velocity along x against height, ± its standard deviation in time.
+
+    Parameters
+    ----------
+    edges : of the bins of height [length]
+    velocity, deviation : (bins, 3) [length/time]
+    """
     figure, axes = axes_of(1, 2.6)
-    axes.plot(velocity[:, 0], 0.5 * (edges[:-1] + edges[1:]), "o-", color=BLUE, lw=0.7)
-    axes.set(xlabel="mean velocity $v_x$", ylabel="height $y$")
+    height = 0.5 * (edges[:-1] + edges[1:])
+    axes.errorbar(
+        velocity[:, 0], height, xerr=deviation[:, 0], fmt="o-", color=BLUE, lw=0.7, elinewidth=0.5, capsize=1.2
+    )
+    axes.set(xlabel="mean velocity $v_x$ ± deviation in time [length/time]", ylabel="height $y$ [length]")
     axes.set_title("second half of the last stage", fontsize=7)
     axes.xaxis.set_major_locator(MaxNLocator(6))
     return figure

@@ -3,12 +3,8 @@
 from itertools import cycle
 
 import numpy as np
-from matplotlib.collections import LineCollection, PatchCollection
-from matplotlib.patches import Circle
 
-from ..core.measure import branches, contact_forces, rattlers, touching
-from ..core.state import SLIDE
-from .style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, SKY, WIDTH, axes_of, plt, styled
+from .style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, SKY, axes_of, plt, styled
 
 SHOWN = 6  # contacts in the cone
 GREY = "#bbbbbb"
@@ -50,38 +46,6 @@ def curves(tested, test: str):
 def _scale(largest: float) -> float:
     """A power of ten that makes numbers of order one."""
     return 10.0 ** -int(np.floor(np.log10(largest))) if largest > 0 else 1.0
-
-
-@styled
-def packing(state, law, title: str):
-    """Disks, and a line for every contact: as wide as its normal force, coloured by its status."""
-    figure, axes = plt.subplots(figsize=(WIDTH, WIDTH))
-    grains, loose = state.grains, rattlers(state, 2)
-    disks = [Circle(p[:2], r) for p, r in zip(grains.position, grains.radius, strict=True)]
-    face = np.where(loose, "#ffffff", "#e4e9ee")
-    axes.add_collection(PatchCollection(disks, facecolor=face, edgecolor=GREY, linewidth=0.4))
-    rows = touching(state)
-    force = np.linalg.norm(contact_forces(state, law)[rows], axis=1)
-    start = grains.position[state.contacts.i[rows], :2]
-    ends = start - branches(state)[rows][:, :2]
-    slides = state.contacts.mode[rows] == SLIDE
-    for chosen, color, label in ((~slides, BLUE, "sticks"), (slides, RED, "slides")):
-        lines = np.stack([start[chosen], ends[chosen]], axis=1)
-        width = 0.3 + 3.0 * force[chosen] / force.max()
-        axes.add_collection(LineCollection(lines, linewidths=width, colors=color, capstyle="round"))
-        axes.plot([], [], color=color, lw=2, label=f"{label} ({chosen.sum()})")
-    axes.plot([], [], "o", mfc="white", mec=GREY, ms=5, label=f"rattlers ({loose.sum()})")
-    for point, normal in zip(state.walls.point, state.walls.normal, strict=True):
-        (axes.axvline if normal[0] else axes.axhline)(point[0] if normal[0] else point[1], color=BLACK, lw=1)
-    if state.cell.periodic.any():
-        x, y = state.cell.vectors[0, :2], state.cell.vectors[1, :2]
-        axes.plot(*np.array([0 * x, x, x + y, y, 0 * x]).T, color=BLACK, lw=0.6)
-    axes.set_aspect("equal")
-    axes.autoscale_view()
-    axes.axis("off")
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, 0.02), ncol=3)
-    axes.set_title(title, fontsize=7.5)
-    return figure
 
 
 @styled

@@ -73,7 +73,10 @@ def growth(run):
         power = int(np.floor(np.log10(y.max())))
         bottom.plot(x, y / 10.0**power, "o", color=BLUE, ms=2, label=r"$M$")
         bottom.plot(fine, fit / 10.0**power, "--", color=RED, lw=0.8, label="fit")
-        bottom.set(xlabel=f"time $t$ − {run.close_time[0]:.0f}", ylabel=rf"$10^{{{-power}}}\,M$ [$(2\sigma_1)^2$]")
+        bottom.set(
+            xlabel=rf"$t$ − {run.close_time[0]:.0f} [$\sqrt{{m/(k_n\sqrt{{2R}})}}$]",
+            ylabel=rf"$10^{{{-power}}}\,M$ [$(2\sigma_1)^2$]",
+        )
         bottom.legend(loc="upper left", ncol=2)
         bottom.set_ylim(top=1.25 * y.max() / 10.0**power)
     else:
@@ -124,7 +127,7 @@ def _label(axes, names, dim: int) -> None:
     if dim == 3:
         axes.set_box_aspect((1, 1, 0.8), zoom=0.85)
         for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
-            axis.set_tick_params(pad=-3, labelsize=5.5)
+            axis.set_tick_params(pad=-3, labelsize=6)
             axis.labelpad = -6
             axis.set_major_locator(plt.MaxNLocator(4))
 
@@ -139,7 +142,7 @@ def stress_through_failure(first, later=None):
     change = first.shear_stress - first.shear_stress[0]
     power = -int(np.floor(np.log10(np.abs(change[early]).max() or 1.0)))
     middle.plot(first.time[early], change[early] * 10.0**power, color=BLUE, lw=0.2, rasterized=True)
-    middle.set(xlabel=TIME, ylabel=rf"$-10^{{{power}}}\,\Delta\sigma_{{xy}}$")
+    middle.set(xlabel=TIME, ylabel=rf"$-10^{{{power}}}\,\Delta\sigma_{{xy}}$ [stress]")
     middle.set_title("the same in its linear stage", fontsize=7)
     if later is None:
         bottom.axis("off")

@@ -4,6 +4,7 @@ The colours are Okabe and Ito's.
 """
 
 from functools import wraps
+from io import BytesIO
 from pathlib import Path
 
 import matplotlib
@@ -67,3 +68,12 @@ def save(figure, path: str | Path) -> Path:
     figure.savefig(path)
     plt.close(figure)
     return Path(path)
+
+
+@styled
+def png(figure) -> bytes:
+    """A figure as the content of a PNG file; it is closed."""
+    content = BytesIO()
+    figure.savefig(content, format="png")
+    plt.close(figure)
+    return content.getvalue()

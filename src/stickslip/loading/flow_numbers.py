@@ -102,3 +102,13 @@ def velocity_profile(result: FlowResult) -> np.ndarray:
     total = count.sum(axis=0)[:, None]
     sums = np.where(count[..., None] > 0, velocity, 0.0) * count[..., None]
     return np.where(total > 0, sums.sum(axis=0) / np.maximum(total, 1), np.nan)
+
+
+def profile_deviation(result: FlowResult) -> np.ndarray:
+    """(BINS, 3) standard deviation in time of what `velocity_profile` averages, NaN where there are no grains."""
+    late = second_half(result)
+    count, velocity = result.series.profile_count[late], result.series.profile_velocity[late]
+    total = count.sum(axis=0)[:, None]
+    off = np.where(count[..., None] > 0, velocity - velocity_profile(result), 0.0)
+    squares = (off**2 * count[..., None]).sum(axis=0)
+    return np.where(total > 0, np.sqrt(squares / np.maximum(total, 1)), np.nan)

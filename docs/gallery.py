@@ -1,0 +1,168 @@
+"""Draw every figure from the examples and write docs/gallery.md: `python docs/gallery.py` from the repository's root.
+
+What was simulated is kept in results/gallery, so that the figures can be drawn again in a minute; the first time takes
+some ten minutes on two cores. `python docs/gallery.py flow gouge` draws those alone and leaves the others' pictures.
+"""
+
+import io
+import pickle
+import shutil
+import sys
+import tempfile
+from contextlib import redirect_stdout
+from importlib import import_module
+from pathlib import Path
+
+from PIL import Image
+
+import stickslip as ss
+from stickslip.data.scenario import read
+from stickslip.experiments.fit_report import fitted, write
+from stickslip.experiments.look import packing_seen
+from stickslip.experiments.rooms import REPORTS
+from stickslip.figures import grains, style
+
+ROOT = Path(__file__).parents[1]
+KEPT, PICTURES, PAGE = ROOT / "results" / "gallery", ROOT / "docs" / "figures" / "gallery", ROOT / "docs" / "gallery.md"
+SHRINK, COLORS = 0.7, 256  # of a picture on the page, from 300 dots an inch
+# heading, example, and which functions drew its pictures, in the order of their names
+SHOWN = {
+    "disk-array": (
+        "A row of disks, pushed", "disk_array.toml",
+        "complex_pairs mean_square_displacement trajectory traveling_fronts mode_shape center_of_mass",
+    ),
+    "sphere-shear": (
+        "A sheared packing of spheres", "sphere_shear.toml",
+        "pairs_along_strain spectrum_in_time growth trajectories stress_through_failure",
+    ),
+    "quasi-rigid": ("Quasi-rigid loading", "simple_shear.toml", "curves packing cone stiffness errors"),
+    "flow": ("A collapsing column", "column_collapse.toml", "snapshots time_series"),
+    "plane-shear": ("Plane shear", "plane_shear.toml", "snapshots time_series velocity_profile"),
+    "gouge": ("Fault gouge", "gouge.toml", "steady_sliding velocity_steps holds reslides healing sample"),
+    "rate-state": ("Rate-and-state friction", "rate_state.toml", "slid"),
+}  # fmt: skip
+
+
+def kept(name: str, make):
+    """What `make` gives, or gave before."""
+    path = KEPT / f"{name}.pickle"
+    if not path.is_file():
+        found = make()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(pickle.dumps(found))
+    return pickle.loads(path.read_bytes())
+
+
+def simulated(name: str, example: str):
+    """The result of an example, and the module that reports it."""
+    chosen = read(ROOT / "examples" / example)
+    report = import_module(f"stickslip.experiments.{REPORTS[chosen.experiment]}")
+
+    def make():
+        with tempfile.TemporaryDirectory() as folder:
+            return report.simulate(chosen, folder=Path(folder), workers=None, report=lambda *words: None)
+
+    return kept(name, make), report
+
+
+def shrunk(path: Path, to: Path) -> None:
+    """A picture as the page shows it: fewer pixels and colours."""
+    picture = Image.open(path).convert("RGB")
+    small = picture.resize([round(SHRINK * k) for k in picture.size], Image.Resampling.LANCZOS)
+    # MAXCOVERAGE keeps colours that few pixels have, such as those of thin lines
+    small.quantize(COLORS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(to, optimize=True)
+
+
+def of_example(name: str) -> list[tuple[str, str]]:
+    """Draw an example's figures; (function, file) of each."""
+    _, example, functions = SHOWN[name]
+    found, report = simulated(name, example)
+    out = []
+    with tempfile.TemporaryDirectory() as folder, redirect_stdout(io.StringIO()):
+        paths = [path for path in report.write_result(Path(folder), found) if path.suffix == ".png"]
+        names = functions.split()
+        for path in paths:
+            number = len(out)
+            file = f"{name}_{path.stem}.png"
+            shrunk(path, PICTURES / file)
+            out.append((names[number] if len(paths) == len(names) else path.stem, file))
+    return out
+
+
+def of_packings() -> list[tuple[str, str]]:
+    """The packing in plane and space, with force chains, statuses and an unstable mode."""
+    out = []
+    spheres, _ = simulated("sphere-shear", SHOWN["sphere-shear"][1])
+    flow, _ = simulated("plane-shear", SHOWN["plane-shear"][1])
+    state, law = unstable(spheres)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "packing.h5"
+        ss.write_sample(file, state, law)
+        seen = packing_seen(file, options={})
+    last = flow.frames[-1]
+    figures = {
+        "packing_mode": lambda: grains.packing(state, law, mode=seen.modes[0] if seen.modes else None),
+        "packing_plane": lambda: grains.packing(last, flow.law, colour="pressure", width=2 * style.WIDTH),
+    }
+    for name, draw in figures.items():
+        path = PICTURES / f"{name}.png"
+        style.save(draw(), path)
+        shrunk(path, path)
+        out.append(("packing", path.name))
+    return out
+
+
+def of_fit() -> list[tuple[str, str]]:
+    """Both laws beside a record that one of them made."""
+    slid, report = simulated("rate-state", SHOWN["rate-state"][1])
+    with tempfile.TemporaryDirectory() as folder:
+        records = [path for path in report.write_result(Path(folder), slid) if path.suffix == ".csv"]
+        fit = Path(folder) / "fit"
+        found = fitted(
+            records[0], laws=("aging", "slip"), stiffness=slid.scenario.spring.stiffness, free_stiffness=False,
+            v0=None, before=None, detrend=False, normal=False, out=fit, overwrite=False,
+        )  # fmt: skip
+        (picture,) = [path for path in write(fit, found) if path.suffix == ".png"]
+        shrunk(picture, PICTURES / "fit.png")
+    return [("fitted", "fit.png")]
+
+
+def unstable(result):
+    """The state of the first packing that has one complex pair (or its last), and the law."""
+    return next(path.single or path.last for path in result.paths if path is not None), result.law
+
+
+def written(sections: dict[str, list[tuple[str, str]]]) -> None:
+    """The page."""
+    text = [
+        "# Gallery", "",
+        "Every figure takes a result, or what was measured of it, and returns a matplotlib Figure:",
+        "`ss.figures.NAME(…)`. Colours are those of Okabe and Ito, and viridis; a column is 86 mm wide.",
+        "`python docs/gallery.py` draws all of this from `examples/`.", "",
+    ]  # fmt: skip
+    for heading, pictures in sections.items():
+        text += [f"## {heading}", ""]
+        for function, file in pictures:
+            text += [f"`ss.figures.{function}`", "", f"![{function}](figures/gallery/{file})", ""]
+    PAGE.write_text("\n".join(text).rstrip() + "\n", encoding="utf-8")
+
+
+def main(wanted: list[str]) -> None:
+    """Draw what was asked for, or all."""
+    if not wanted and PICTURES.is_dir():
+        shutil.rmtree(PICTURES)
+    PICTURES.mkdir(parents=True, exist_ok=True)
+    sections = {}
+    for name, (heading, *_) in SHOWN.items():
+        if wanted and name not in wanted:
+            continue
+        print(f"{heading} …", flush=True)
+        sections[heading] = of_example(name)
+    if wanted:
+        return
+    sections["Fits"] = of_fit()
+    written({"Packings": of_packings()} | sections)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,92 @@
+"""Commands that show: a page with the packing in three dimensions, and movies."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .app import AsJson, Quiet, app, ended, examples
+from .packings import reads_packing
+
+REPORT = examples(
+    ("report examples/packing.npz --mu 10", "packing-report.html here: its unstable mode moves in your browser"),
+    ("run examples/rate_state.toml --out results/rate-state", "any run"),
+    ("report results/rate-state", "its measures, figures, scenario: results/rate-state/report.html"),
+)
+MOVIE = examples(
+    ("movie examples/packing.npz --mu 10 --out packing.gif", "its fastest mode; .mp4 needs the extra report"),
+    ("run examples/column_collapse.toml --out results/column", "a flow: a minute or two"),
+    ("movie results/column --colour speed", "results/column/movie.gif"),
+)
+Place = Annotated[Path, typer.Argument(help="The folder of a run, or a packing as `stability` reads it.")]
+Modes = Annotated[Path | None, typer.Option("--modes", help="Modes that `stability` wrote; else computed.")]
+
+
+@app.command(epilog=REPORT, short_help="A run or a packing as a page for browsers.")
+@reads_packing
+def report(
+    place: Place,
+    options: dict,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="The page; default: report.html there, or FILE's name with it, here.")
+    ] = None,
+    modes: Modes = None,
+    colour: Annotated[str | None, typer.Option("--colour", help="What grains are coloured by at first.")] = None,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> None:
+    """One page of HTML with everything in it: claims or measures, figures, the packing in three dimensions."""
+    from ..experiments import answers, look, report
+
+    path = out or look.default_path(place, report.PAGE)
+    look.ready(path, (".html", ".htm"))
+    with report.speaking(quiet=quiet, as_json=as_json), report.progress(transient=True) as tell:
+        found = look.seen(place, modes=modes, options=options, report=tell)
+        path, words = look.write_page(found, path, colour=colour)
+
+    def show() -> None:
+        for line in words:
+            report.console.print(line, style="yellow", markup=False, highlight=False)
+
+    ended(
+        lambda: answers.common("report", files=[path]) | {"notes": words}, [path], show, quiet=quiet, as_json=as_json
+    )  # fmt: skip
+
+
+@app.command(epilog=MOVIE, short_help="A run, or a mode of a packing, as GIF or MP4.")
+@reads_packing
+def movie(
+    place: Place,
+    options: dict,
+    out: Annotated[
+        Path | None, typer.Option("--out", help=".gif or .mp4; default: movie.gif there, or FILE's name with it, here.")
+    ] = None,
+    modes: Modes = None,
+    mode: Annotated[
+        int | None,
+        typer.Option(
+            "--mode", min=0, metavar="N", help="A mode, the fastest is 0; default: the run, or 0 of a packing."
+        ),
+    ] = None,
+    colour: Annotated[
+        str | None,
+        typer.Option("--colour", help="What grains are coloured by; default: speed, or displacement in the mode."),
+    ] = None,
+    fps: Annotated[int, typer.Option("--fps", metavar="N", help="Frames in a second.")] = 15,
+    frames: Annotated[int, typer.Option("--frames", min=2, metavar="N", help="Frames of a mode's period.")] = 48,
+    amplitude: Annotated[float, typer.Option("--amplitude", help="Largest displacement over the radius.")] = 0.3,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> None:
+    """A movie of a run, or of a mode of a packing, as GIF or MP4."""
+    from ..experiments import answers, look, report
+
+    path = out or look.default_path(place, report.FILM)
+    look.ready(path, look.film.ENDINGS)
+    look.film.checked(path, fps)
+    with report.speaking(quiet=quiet, as_json=as_json), report.progress(transient=True) as tell:
+        found = look.seen(place, modes=modes, options=options, report=tell, search=mode is not None)
+        look.write_movie(
+            found, path, colour=colour, fps=fps, count=frames, amplitude=amplitude, mode=mode, report=tell
+        )  # fmt: skip
+    ended(lambda: answers.common("movie", files=[path]), [path], lambda: None, quiet=quiet, as_json=as_json)

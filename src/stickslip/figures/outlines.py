@@ -1,0 +1,69 @@
+"""Lines around a packing and where it is seen from: the same in the browser and on paper."""
+
+import numpy as np
+
+from ..core.measure import wrapped
+from ..data.exchange.frame import Frame
+from .quantities import Mode
+
+
+def unit_mode(mode: Mode, frame: Frame) -> np.ndarray:
+    """Translations of a mode, the largest of them (over its radius) one radius."""
+    radius = frame.state.grains.radius[:, None]
+    largest = (np.sqrt((np.abs(mode[0]) ** 2).sum(axis=1, keepdims=True)) / radius).max()
+    return mode[0] / largest if largest > 0 else mode[0]
+
+
+def cell_edges(frame: Frame) -> np.ndarray:
+    """(E, 2, 3) ends of the edges of the cell along its periodic directions; none if nothing is periodic."""
+    cell = frame.state.cell
+    around = np.flatnonzero(cell.periodic)
+    corners = np.array([[(m >> k) & 1 for k in range(len(around))] for m in range(2 ** len(around))], float)
+    place = corners.reshape(len(corners), -1) @ cell.vectors[around]
+    pairs = [(m, m | 1 << k) for m in range(len(corners)) for k in range(len(around)) if not m >> k & 1]
+    return place[np.array(pairs, int).reshape(-1, 2)]
+
+
+def wall_edges(frame: Frame) -> np.ndarray:
+    """(E, 2, 3) ends of lines that show the walls: squares that span the packing, in the plane single lines."""
+    state = frame.state
+    place, radius, dim = wrapped(state), state.grains.radius[:, None], state.cell.dim
+    low, high = (place - radius).min(axis=0), (place + radius).max(axis=0)
+    center, half = 0.5 * (low + high), 0.5 * (high - low)
+    out = []
+    for point, normal in zip(state.walls.point, state.walls.normal, strict=True):
+        middle = center - ((center - point) @ normal) * normal
+        first = np.cross(normal, [0, 0, 1.0]) if dim == 2 or abs(normal[2]) < 0.9 else np.cross(normal, [0, 1.0, 0])
+        first /= np.linalg.norm(first)
+        a = first * (np.abs(first) @ half)
+        if dim == 2:
+            out.append([middle - a, middle + a])
+            continue
+        second = np.cross(normal, first)
+        b = second * (np.abs(second) @ half)
+        ring = [middle - a - b, middle + a - b, middle + a + b, middle - a + b]
+        out += [[p, q] for p, q in zip(ring, ring[1:] + ring[:1], strict=True)]
+    return np.array(out).reshape(-1, 2, 3)
+
+
+def eye(frame: Frame) -> np.ndarray:
+    """(3, 3) rows to the right, up and toward the eye; space is seen from aside and above, the plane from above."""
+    up = np.array(upward(frame))
+    if frame.state.cell.dim == 2:
+        return np.eye(3)
+    side = np.cross(up, [1.0, 0, 0]) if abs(up[0]) < 0.9 else np.cross(up, [0, 1.0, 0])
+    toward = -0.9 * side + 0.55 * np.cross(side, up) + 0.45 * up
+    toward /= np.linalg.norm(toward)
+    right = np.cross(up, toward)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(toward, right), toward])
+
+
+def upward(frame: Frame) -> list[float]:
+    """Where up is: against gravity where it acts; else y in the plane; in space the one open direction, or z."""
+    gravity, cell = np.asarray(frame.state.control.gravity, float), frame.state.cell
+    if gravity.any():
+        return [float(v) for v in -gravity / np.linalg.norm(gravity)]
+    bounded = np.flatnonzero(~cell.periodic)
+    axis = 1 if cell.dim == 2 else int(bounded[0]) if len(bounded) == 1 else 2
+    return np.eye(3)[axis].tolist()

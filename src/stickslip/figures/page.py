@@ -1,0 +1,57 @@
+"""One page of HTML that holds all it shows: no network, no other file."""
+
+import base64
+from html import escape
+from importlib.resources import files
+from string import Template
+
+
+def page(title: str, about: str, sections: list[tuple[str, str]]) -> str:
+    """A page of sections (heading, HTML); `title` and `about` are plain text."""
+    body = "\n".join(f"<section>\n<h2>{escape(name)}</h2>\n{text}\n</section>" for name, text in sections)
+    template = Template(files(__package__).joinpath("page.html").read_text(encoding="utf-8"))
+    return template.substitute(title=escape(title), about=escape(about), body=body)
+
+
+def table(columns: list[str], rows: list[list[str]], *, classes: dict[str, str] | None = None) -> str:
+    """A table of plain text; `classes` says of a column what it is: number, note or verdict."""
+    known = classes or {}
+
+    def cell(kind: str, name: str, text: str) -> str:
+        style = known.get(name, "")
+        style = text.split(" ")[0] if style == "verdict" and kind == "td" else style
+        return f'<{kind} class="{escape(style)}">{escape(text)}</{kind}>'
+
+    head = "".join(cell("th", name, name) for name in columns)
+    body = "\n".join(
+        "<tr>" + "".join(cell("td", name, text) for name, text in zip(columns, row, strict=True)) + "</tr>"
+        for row in rows
+    )
+    return f'<div class="wide"><table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody></table></div>'
+
+
+def pictures(shown: dict[str, bytes]) -> str:
+    """Pictures (PNG or GIF) inside the page, by their captions."""
+    return '<div class="figures">\n' + "\n".join(_picture(*item) for item in shown.items()) + "\n</div>"
+
+
+def _picture(caption: str, content: bytes) -> str:
+    words = escape(caption[:1].upper() + caption[1:])
+    kind = "gif" if content.startswith(b"GIF8") else "png"
+    source = f'src="data:image/{kind};base64,{base64.b64encode(content).decode()}"'
+    return f'<figure><img alt="{words}" {source}><figcaption>{words}</figcaption></figure>'
+
+
+def listing(text: str) -> str:
+    """Text as it is."""
+    return f"<pre>{escape(text)}</pre>"
+
+
+def paragraph(text: str, *, kind: str = "") -> str:
+    """A paragraph of plain text; `kind` is soft or absent (something that is missing)."""
+    return f'<p class="{escape(kind)}">{escape(text)}</p>'
+
+
+def inner(document: str, title: str) -> str:
+    """A document of its own inside the page, with scripts that run and no place to load from."""
+    return f'<iframe title="{escape(title)}" allow="fullscreen" srcdoc="{escape(document)}"></iframe>'

@@ -1,0 +1,287 @@
+"""What a report, a film and the packing figure hold, read back from what was written."""
+
+import base64
+import json
+import re
+import sys
+import zlib
+from html.parser import HTMLParser
+
+import imageio_ffmpeg
+import numpy as np
+import pytest
+from matplotlib import pyplot as plt
+from matplotlib.collections import EllipseCollection, LineCollection
+from matplotlib.colors import to_rgba
+from PIL import Image
+
+import stickslip as ss
+from stickslip.core.state import SLIDE
+from stickslip.data import archive
+from stickslip.figures.grains import BALL
+from stickslip.figures.quantities import quantities
+from stickslip.figures.style import BLUE, RED
+from tests.conftest import stickslip_here as run
+from tests.exchange.packings import SHARP, disks, spheres, walled
+
+CLAIM = {
+    "id": "front_speed", "source": "Fig 5 <b>", "paper": 0.075, "measured": 0.081, "unit": "1", "tolerance": 0.25,
+    "verdict": "reproduced", "note": "of 16 & more",
+}  # fmt: skip
+LOADS = ("src", "href", "data", "poster", "action", "srcset")
+
+
+class Page(HTMLParser):
+    """What a page shows, loads and embeds."""
+
+    def __init__(self, text: str):
+        super().__init__()
+        self.loads, self.words, self.inner = [], [], ""
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        given = dict(attrs)
+        self.loads += [given[name] for name in LOADS if name in given]
+        self.inner = given.get("srcdoc", self.inner)
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+
+def page(path) -> Page:
+    return Page(path.read_text(encoding="utf-8"))
+
+
+def view_of(shown: Page) -> dict:
+    """What `view.js` is given."""
+    packed = re.search(r'bytes\("([A-Za-z0-9+/=]+)"\)', shown.inner)[1]
+    return json.loads(zlib.decompress(base64.b64decode(packed)))
+
+
+def array(text: str, kind=np.float32) -> np.ndarray:
+    return np.frombuffer(base64.b64decode(text), kind)
+
+
+def swinging(n: int, seed=3):
+    """A mode of n grains as `stability` would write it: translation, rotation, exponent."""
+    rng = np.random.default_rng(seed)
+    parts = rng.normal(size=(2, n, 3)) + 1j * rng.normal(size=(2, n, 3))
+    return parts[0], parts[1], 0.01 - 1.3j
+
+
+def write_modes(path, mode) -> None:
+    np.savez(path, translation=mode[0][None], rotation=mode[1][None], exponent=np.array([mode[2]]))
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """The folder of a run that kept three frames of disks, with a series, a claim and a figure."""
+    place = tmp_path / "my run"
+    place.mkdir()
+    states = [disks()._replace(time=float(k)) for k in range(3)]
+    tree = {
+        "law": SHARP, "frames": {f"{k:04d}": s for k, s in enumerate(states)},
+        "series": {"time": np.arange(3.0), "friction": np.array([0.1, 0.4, 0.3])}, "plane": {"height": 5.7},
+    }  # fmt: skip
+    archive.write(
+        place / "results.h5", tree, scenario='{"experiment": "flow", "grains": "</pre><script>"}', version="9"
+    )
+    figure, axes = plt.subplots(figsize=(1, 1))
+    axes.plot([0, 1])
+    figure.savefig(place / "fig1_a_line.png")
+    plt.close(figure)
+    return place
+
+
+def test_a_report_holds_all_of_a_run_and_loads_nothing(folder):
+    (folder / "claims.json").write_text(json.dumps([CLAIM]))
+    out = run("report", folder)
+    assert out.returncode == 0, out.stderr
+    shown = page(folder / "report.html")
+    assert all(load.startswith("data:image/") for load in shown.loads), [load[:60] for load in shown.loads]
+    assert not re.search(r"(src|href)\s*=\s*[\"']?\s*(https?:)?//", shown.inner[: shown.inner.index("k3dCompressed")])
+    words = "".join(shown.words)
+    for part in ("flow: my run", "front speed", "Fig 5 <b>", "0.081", "of 16 & more", "A line", '"</pre><script>"'):
+        assert part in words
+    assert "script" not in re.findall(r"<(\w+)", (folder / "report.html").read_text())
+    (picture,) = (load for load in shown.loads)
+    assert base64.b64decode(picture.partition(",")[2]) == (folder / "fig1_a_line.png").read_bytes()
+
+
+def test_without_claims_a_report_shows_measures_with_units(folder):
+    assert run("report", folder).returncode == 0
+    words = page(folder / "report.html").words
+    at = words.index("friction")
+    assert words[at : at + 2][0] == "friction"
+    assert [w for w in words[at : at + 10] if w.strip()][:5] == ["friction", "0.3", "0.1", "0.4", "1"]
+    assert "plane › height" in words
+
+
+def test_the_view_holds_grains_contacts_and_frames(folder):
+    assert run("report", folder, "--colour", "pressure").returncode == 0
+    data, state = view_of(page(folder / "report.html")), disks()
+    assert [frame["label"] for frame in data["frames"]] == ["0000, time 0", "0001, time 1", "0002, time 2"]
+    frame, rows = data["frames"][1], ss.touching(state)
+    place = ss.wrapped(state)
+    np.testing.assert_allclose(array(frame["position"]).reshape(-1, 3), place, atol=1e-6)  # float32
+    assert array(frame["i"], np.int32).tolist() == state.contacts.i[rows].tolist()
+    np.testing.assert_allclose(array(frame["branch"]).reshape(-1, 3), ss.branches(state)[rows], atol=1e-6)
+    assert array(frame["mode"], np.uint8).tolist() == (state.contacts.mode[rows] == SLIDE).tolist()
+    assert data["quantities"][data["shown"]]["name"] == "pressure"
+    found = quantities(ss.frame_of(state, SHARP))
+    np.testing.assert_allclose(array(frame["values"]["pressure"]), found["pressure"][0], rtol=1e-6)
+
+
+def test_the_mode_in_the_view_moves_as_the_exported_one(tmp_path):
+    state = spheres()
+    mode = swinging(len(state.grains.radius))
+    ss.write_sample(tmp_path / "p.npz", state, SHARP)
+    write_modes(tmp_path / "m.npz", mode)
+    out = run("report", "p.npz", "--modes", "m.npz", cwd=tmp_path)
+    assert out.returncode == 0, out.stderr
+    shown = page(tmp_path / "p-report.html")
+    data, frame = view_of(shown), ss.frame_of(state, SHARP)
+    re_, im = (array(data["modes"][0][part]).reshape(-1, 3) for part in ("re", "im"))
+    moved = ss.mode_frames(frame, *mode, count=8, amplitude=0.3)
+    for k in (0, 2, 5):  # as view.js does: re cos + im sin
+        phase = 2 * np.pi * k / 8
+        shift = 0.3 * (re_ * np.cos(phase) + im * np.sin(phase))
+        np.testing.assert_allclose(shift, moved[k].state.grains.position - state.grains.position, atol=1e-6)
+    assert "".join(shown.words).count("e-folding time") == 1
+    assert "period 4.833" in data["modes"][0]["words"]
+
+
+def test_a_report_without_the_viewer_says_how_to_get_it(folder, monkeypatch):
+    for name in [name for name in sys.modules if name.partition(".")[0] == "k3d"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "k3d", None)
+    out = run("report", folder)
+    assert out.returncode == 0, out.stderr
+    shown = page(folder / "report.html")
+    assert not shown.inner
+    assert "A line" in "".join(shown.words)
+    for said in ("".join(shown.words), " ".join(out.stdout.split())):
+        assert "k3d" in said
+        assert "stickslip[report]" in said
+
+
+@pytest.mark.parametrize("command", ["report", "movie"])
+@pytest.mark.parametrize(
+    ("make", "words", "said"),
+    [
+        (lambda p: (p / "d").mkdir(), ["d"], "d holds no results"),
+        (lambda p: ((p / "d").mkdir(), (p / "d" / "cv.pdf").write_text("x")), ["d"], "d holds no results"),
+        (lambda p: (p / "d" / "unfinished").mkdir(parents=True), ["d"], "stickslip resume d"),
+        (lambda p: ((p / "d").mkdir(), (p / "d" / "results.h5").write_text("x")), ["d"], "is not an archive"),
+        (lambda p: None, ["d"], "d does not exist"),
+        (lambda p: None, ["p.npz"], "p.npz is no file"),
+        (lambda p: (p / "d").mkdir(), ["d", "--kn", "1"], "--kn was given with d"),
+        (lambda p: (p / "d").mkdir(), ["d", "--out", "a.pdf"], "a.pdf ends with '.pdf'"),
+        (lambda p: (p / "d").mkdir(), ["d", "--out", "e/a.html"], ""),
+    ],
+)
+def test_bad_input_is_one_sentence_and_nothing_is_written(command, make, words, said, tmp_path):
+    make(tmp_path)
+    before = sorted(tmp_path.rglob("*"))
+    out = run(command, *words, cwd=tmp_path)
+    assert out.returncode == 2
+    assert said in out.stderr
+    assert len(out.stderr.strip().splitlines()) == 1
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_an_unknown_colour_or_frame_is_one_sentence(folder):
+    out = run("report", folder, "--colour", "taste")
+    assert out.returncode == 2
+    assert "these grains have radius" in out.stderr or "these grains have " in out.stderr
+    out = run("movie", folder, "--colour", "taste")
+    assert (out.returncode, "taste" in out.stderr) == (2, True)
+    out = run("report", folder, "--frame", "9999")
+    assert (out.returncode, "frames/0000" in out.stderr) == (2, True)
+    assert sorted(path.name for path in folder.iterdir()) == ["fig1_a_line.png", "results.h5"]
+
+
+def test_pressures_of_grains_add_up_to_that_of_the_packing():
+    for state in (spheres(), disks()):
+        dim, radius = state.cell.dim, state.grains.radius
+        own = np.pi * radius**2 if dim == 2 else 4 / 3 * np.pi * radius**3
+        size = np.linalg.det(state.cell.vectors) if dim == 3 else np.linalg.det(state.cell.vectors[:2, :2])
+        found = quantities(ss.frame_of(state, SHARP))["pressure"][0]
+        trace = np.trace(ss.stress(state, SHARP)[:dim, :dim]) / dim
+        assert found @ own == pytest.approx(size * trace, rel=1e-10)
+
+
+@pytest.mark.parametrize("make", [lambda: (spheres(), SHARP), lambda: (disks(), SHARP), walled])
+def test_the_packing_figure_draws_every_grain_and_contact_once(make):
+    state, law = make()
+    figure = ss.figures.packing(state, law)
+    axes, rows, dim = figure.axes[0], ss.touching(state), state.cell.dim
+    balls = [c for c in axes.collections if isinstance(c, EllipseCollection)]
+    sizes = np.sort(np.concatenate([2 * np.ravel(c._widths) for c in balls]))  # matplotlib keeps half of them
+    np.testing.assert_allclose(sizes, np.sort(2 * BALL[dim] * state.grains.radius), rtol=1e-12)
+    colours = {BLUE: [], RED: []}
+    for lines in (c for c in axes.collections if isinstance(c, LineCollection)):
+        count = len(lines.get_segments())
+        for color, width in zip(lines.get_colors(), np.resize(lines.get_linewidths(), count), strict=False):
+            for name in colours:
+                if np.allclose(color, to_rgba(name)):
+                    colours[name].append(width)
+    slides = int((state.contacts.mode[rows] == SLIDE).sum())
+    assert (len(colours[BLUE]), len(colours[RED])) == (len(rows) - slides, slides)
+    force = np.sort(ss.frame_of(state, law).contacts["force_n"])
+    width = np.sort(colours[BLUE] + colours[RED])
+    share = np.clip(force / force.mean(), 0.12, 6.0)
+    np.testing.assert_allclose(width / width.max(), share / share.max(), rtol=1e-9)
+    plt.close(figure)
+
+
+def test_a_mode_is_drawn_as_ellipses_with_its_axes():
+    state = disks()
+    n = len(state.grains.radius)
+    u = np.zeros((n, 3), complex)
+    u[0], u[1] = [2.0, 1j, 0], [0, 0.5, 0]
+    figure = ss.figures.packing(state, SHARP, mode=(u, 0 * u, 0.1 - 1j))
+    paths = [c.get_segments() for c in figure.axes[0].collections if isinstance(c, LineCollection)]
+    drawn = [path for found in paths for path in found if len(path) == 49]
+    assert len(drawn) == 2
+    spans = np.ptp(drawn[0], axis=0)
+    radius = state.grains.radius
+    assert spans[0] / spans[1] == pytest.approx(2.0, rel=1e-9)
+    assert np.ptp(drawn[1], axis=0) == pytest.approx([0, spans[0] / 4], rel=1e-9, abs=1e-12)
+    assert spans[0] <= 2 * radius.mean()
+    plt.close(figure)
+
+
+@pytest.mark.parametrize("ending", [".gif", ".mp4"])
+def test_a_movie_has_as_many_frames_as_the_run(ending, folder):
+    path = folder / f"film{ending}"
+    out = run("movie", folder, "--out", path, "--colour", "speed", "--fps", "4")
+    assert out.returncode == 0, out.stderr
+    if ending == ".gif":
+        with Image.open(path) as film:
+            assert (film.n_frames, film.info["duration"]) == (3, 250)
+            assert len(np.unique(np.asarray(film.convert("RGB")).reshape(-1, 3), axis=0)) > 50
+    else:
+        count, seconds = imageio_ffmpeg.count_frames_and_secs(str(path))
+        assert (count, seconds) == (3, pytest.approx(0.75, abs=0.3))
+
+
+def test_a_mode_becomes_a_movie(tmp_path):
+    state = disks()
+    ss.write_sample(tmp_path / "p.npz", state, SHARP)
+    write_modes(tmp_path / "m.npz", swinging(len(state.grains.radius)))
+    out = run("movie", "p.npz", "--modes", "m.npz", "--frames", "4", cwd=tmp_path)
+    assert out.returncode == 0, out.stderr
+    with Image.open(tmp_path / "p-movie.gif") as film:
+        assert film.n_frames == 4
+    assert "mode 3 was asked for" in run("movie", "p.npz", "--modes", "m.npz", "--mode", "3", cwd=tmp_path).stderr
+
+
+def test_the_view_shows_itself_in_a_notebook():
+    state = spheres()
+    plot = ss.figures.view([ss.frame_of(state, SHARP)], [swinging(len(state.grains.radius))])
+    balls = next(item for item in plot.objects if item.name == "grains")
+    assert len(balls.positions) == 25
+    assert "_repr_mimebundle_" in dir(plot)
+    first, last = (np.asarray(balls.positions[t]) for t in ("0.0000", "1.0000"))
+    np.testing.assert_allclose(first, last, atol=1e-6)  # a whole period
