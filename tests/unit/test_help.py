@@ -11,8 +11,12 @@ import pytest
 from tests.conftest import stickslip_here
 
 ROOT = Path(__file__).parents[2]
-COMMANDS = ("doctor", "cite", "run", "resume", "fit", "stability", "convert", "reproduce")  # so that files are there
-DEAR = ("reproduce", "disk_array.toml", "rate_state_sweep.toml --out", "results/sweep", "doctor", "--coulomb sharp")
+# in this order, so that files are there
+COMMANDS = ("doctor", "cite", "run", "resume", "fit", "stability", "convert", "report", "movie", "reproduce")
+DEAR = (
+    "reproduce", "disk_array.toml", "rate_state_sweep.toml --out", "results/sweep", "doctor", "--coulomb sharp",
+    "--more", "report examples", "movie", "column",
+)  # fmt: skip
 
 
 def examples(command):
@@ -51,10 +55,8 @@ def test_every_command_has_examples_and_cheap_ones_work_as_typed(clone):
         for words in found:
             if not is_dear(words):
                 follow(words, clone)
-    assert (
-        "instability: 1 complex pair(s)"
-        in stickslip_here("stability", "examples/packing.npz", "--mu", "10", "-q", cwd=clone).stdout
-    )
+    said = stickslip_here("stability", "examples/sheared_spheres.npz", "-q", cwd=clone).stdout
+    assert "instability: 1 complex pair(s)" in said
 
 
 @pytest.mark.slow

@@ -27,7 +27,7 @@ Type first, in a clone of the repository:
   stickslip run examples/rate_state.toml --out results/rate-state
                                               a scenario of your own: seconds
   stickslip reproduce disk-array --quick      a paper, end to end: a minute
-  stickslip stability examples/packing.npz --mu 10
+  stickslip stability examples/sheared_spheres.npz
                                               is this packing stable?
 
 All commands: stickslip --help. Of each, with examples: stickslip run --help."""

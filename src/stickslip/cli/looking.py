@@ -9,12 +9,12 @@ from .app import AsJson, Quiet, app, ended, examples
 from .packings import reads_packing
 
 REPORT = examples(
-    ("report examples/packing.npz --mu 10", "packing-report.html here: its unstable mode moves in your browser"),
+    ("report examples/sheared_spheres.npz", "sheared_spheres-report.html: its unstable mode moves in a browser"),
     ("run examples/rate_state.toml --out results/rate-state", "any run"),
     ("report results/rate-state", "its measures, figures, scenario: results/rate-state/report.html"),
 )
 MOVIE = examples(
-    ("movie examples/packing.npz --mu 10 --out packing.gif", "its fastest mode; .mp4 needs the extra report"),
+    ("movie examples/sheared_spheres.npz --out packing.gif", "its fastest mode; .mp4 needs the extra report"),
     ("run examples/column_collapse.toml --out results/column", "a flow: a minute or two"),
     ("movie results/column --colour speed", "results/column/movie.gif"),
 )

@@ -22,16 +22,16 @@ METHODS = {
     "fastest": "the fastest growth alone",
 }  # fmt: skip
 STABILITY = examples(
-    ("stability examples/packing.npz --mu 10", "verdict and pairs; modes go to packing-modes.npz here"),
-    ("stability examples/packing.npz --mu 10 --json", "the same as one object, for programs"),
-    ("stability examples/packing.npz --mu 10 --more", "moduli, transient growth, contacts that decide"),
-    ("stability examples/packing.npz --mu 0.2 --coulomb sharp -q", "the verdict alone, under another law"),
+    ("stability examples/sheared_spheres.npz", "verdict and pairs; modes go to sheared_spheres-modes.npz here"),
+    ("stability examples/sheared_spheres.npz --modes modes.npz --json", "one object for programs, modes in a file"),
+    ("stability examples/sheared_spheres.npz --more", "moduli, transient growth, contacts that decide"),
+    ("stability examples/sheared_spheres.npz --mu 0.2 --coulomb sharp -q", "the verdict alone, under another law"),
 )
 CONVERT = examples(
-    ("convert examples/packing.npz --to packing.data --mu 10", "for LAMMPS, with the contacts beside it"),
-    ("convert examples/packing.npz --to packing.gsd --mu 10", "for OVITO; needs the extra exchange"),
+    ("convert examples/sheared_spheres.npz --to packing.data", "for LAMMPS, with the contacts beside it"),
+    ("convert examples/sheared_spheres.npz --to packing.gsd", "for OVITO; needs the extra exchange"),
     (
-        "convert examples/packing.npz --to m.gsd --modes packing-modes.npz",
+        "convert examples/sheared_spheres.npz --to m.gsd --modes modes.npz",
         "the animation of the mode that `stability` found",
     ),
 )
