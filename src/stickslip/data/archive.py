@@ -30,7 +30,7 @@ SCHEMA = 4
 _BLOCK, _SEAL = 512, b"stickslip archive, SHA-256 of what follows this block:\n"
 _NOUNS = (State, Grains, Walls, Cell, Contacts, Control, Instant, Law)
 _VERSIONS = ("numpy", "numba", "scipy", "h5py")
-_EVERY_PAIR = ("i", "j", "image", "key", "slip", "mode", "pair", "roll", "reached")
+_EVERY_PAIR = ("i", "j", "image", "key", "slip", "mode", "pair", "roll", "reached", "rolling")
 # what HDF5 and what is made of its contents raise where a file is damaged
 _DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError, OverflowError, MemoryError)
 

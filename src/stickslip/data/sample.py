@@ -256,6 +256,7 @@ def accepted(state: State, law: Law, *, memory: int = FREE, modes: bool = False)
     memory : as in `forces`; FROZEN leaves contacts as they are where nothing has moved
     modes : True takes the contacts' modes as given: what slides is put at the limit, what sticks is cut to it
     """
+    state = updated(state, law)
     count = int(state.contacts.count[0])
     _, trial = forces(state, law, memory=memory)
     branch = branches(state)
