@@ -37,7 +37,8 @@ Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace results of
 
 def _packing(
     law: Annotated[
-        str | None, typer.Option(help="hertz_mindlin, linear or hertz_mindlin_reff; wins over the file.")
+        str | None,
+        typer.Option(help="hertz_mindlin, linear, hertz_mindlin_reff or a Python file of yours; wins over the file."),
     ] = None,
     coulomb: Annotated[str | None, typer.Option(help="smooth or sharp.")] = None,
     kn: Annotated[float | None, typer.Option(help="Normal stiffness.")] = None,

@@ -10,9 +10,8 @@ import numpy as np
 from numba.core.errors import NumbaError
 from numba.core.types import complex128, float64
 
-from .kinds import OWN
-from .laws import MU, STEP, Law
-from .own import HELP, KNOWN, ROLES, Own, where
+from .kinds import HELP, KNOWN, OWN, ROLES, Own, answer, known
+from .laws import KT, STEP, Law
 
 NOT_NEGATIVE = ("tangential_stiffness", "contact_range", "rolling_stiffness")
 SHARES = (1e-6, 1e-4, 1e-3, 0.0031, 0.01, 0.031, 0.1)  # of the size: overlaps that are looked at
@@ -198,11 +197,29 @@ def _told(message: str, own: Own) -> str:
     return f"{shown}({said[:200]})"
 
 
-def cohesive(law: Law) -> bool:
-    """True if grains may act on each other across a gap."""
-    return law.kind in KNOWN and "contact_range" in KNOWN[law.kind].functions
+def stiffest(law: Law, values, r_eff: float, deepest: float) -> float:
+    """Largest stiffness of a user's law between the end of its range and an overlap [force/length].
+
+    That of rolling counts as if the grains were spheres: k_r m/I.
+    """
+    functions, most = known(law.kind).functions, 0.0
+    end = answer(law.kind, "contact_range", values, r_eff=r_eff) if "contact_range" in functions else 0.0
+    for x in np.append(np.linspace(-end, 0, 33)[1:-1] if end else [], np.geomspace(1e-6, 1, 33) * deepest):
+        at = {"overlap": complex(x, STEP), "r_eff": r_eff}
+        most = max(most, abs(np.imag(answer(law.kind, "normal_force", values, **at))) / STEP)
+        if "tangential_stiffness" in functions:
+            most = max(most, np.real(answer(law.kind, "tangential_stiffness", values, **at)))
+        if "rolling_stiffness" in functions:
+            most = max(most, np.real(answer(law.kind, "rolling_stiffness", values, **at)) / (0.4 * (2 * r_eff) ** 2))
+    return max(float(most), float(values[KT]) if "tangential_stiffness" not in functions else 0.0)
 
 
-def friction(law: Law) -> bool:
-    """True if some pair of materials has friction."""
-    return bool(law.table[..., MU].any())
+def where(problem: Exception, path, text: str) -> str:
+    """The line of a file in which something went wrong, in words."""
+    at, lines = None, text.splitlines()
+    trace = problem.__traceback__
+    while trace:
+        at = trace.tb_lineno if trace.tb_frame.f_code.co_filename == str(path) else at
+        trace = trace.tb_next
+    words = f"line {at}: {lines[at - 1].strip()!r} " if at and at <= len(lines) else ""
+    return f"{words}({type(problem).__name__}: {problem})"

@@ -7,7 +7,9 @@ decides the machine code of these functions, so that the disk cache hits in anot
 changed; on a hit the functions themselves are not needed.
 """
 
+from collections.abc import Callable
 from functools import wraps
+from typing import NamedTuple
 
 from numba import njit
 from numba.core import types
@@ -15,8 +17,31 @@ from numba.core.errors import TypingError
 from numba.core.imputils import lower_constant
 from numba.extending import NativeValue, models, overload, register_model, typeof_impl, unbox
 
+HELP = "see docs/contact_laws.md"
+ROLES = {  # what a function of each name may ask for besides parameters of the law
+    "normal_force": ("overlap", "r_eff"),
+    "normal_energy": ("overlap", "r_eff"),
+    "tangential_stiffness": ("overlap", "r_eff"),
+    "cap": ("normal_force", "overlap", "r_eff"),
+    "contact_range": ("r_eff",),
+    "rolling_stiffness": ("overlap", "r_eff"),
+    "rolling_cap": ("normal_force", "overlap", "r_eff"),
+}
 OWN: dict[int, dict] = {}  # by kind: compiled scalar functions by name, as kernels call them
 FAST = {"fastmath": True, "error_model": "numpy"}
+
+
+class Own(NamedTuple):
+    """What is known of a law by a user."""
+
+    name: str
+    names: tuple[str, ...]  # of all parameters, in the order of the law's table
+    source: str  # text, as far as it is known
+    functions: dict[str, Callable]  # by role, as written but for what stands for `math`, `max` …
+    asks: dict[str, tuple[str, ...]]  # what each function takes, in order
+
+
+KNOWN: dict[int, Own] = {}  # by kind: the laws of this process
 
 
 class Kind(int):
@@ -83,3 +108,41 @@ def by_kind(function):
             raise TypingError(str(problem)) from None
 
     return scalar
+
+
+def known(kind: int) -> Own:
+    """What this process knows of a user's law; ValueError with one sentence if it was not made here."""
+    functions_of(kind)
+    return KNOWN[kind]
+
+
+def described(law) -> dict:
+    """What is written down of a user's law beside its numbers, to be recognised and read, not to be run."""
+    own = known(law.kind)
+    return {"name": own.name, "digest": f"{int(law.kind):x}", "source": own.source, "parameters": " ".join(own.names)}
+
+
+def recalled(kind: int, about: dict) -> Kind:
+    """The kind of a user's law that was written down, if this process was given the law; its text is never run.
+
+    Raises
+    ------
+    ValueError
+        with one sentence, if the law, or another with the same text, was not made before.
+    """
+    if kind in KNOWN:
+        return Kind(kind)
+    same = [k for k, own in KNOWN.items() if own.source == about.get("source") and "\n" in own.source]
+    if same and " ".join(KNOWN[same[0]].names) == about.get("parameters"):  # digests of other versions of Python differ
+        return same[0]
+    raise ValueError(
+        f"it was computed with {about.get('name', 'a law')!r}, a contact law of a user (digest {int(kind):x}), whose "
+        f"code is never run from a file of results: make that law first, with law_from_file or --law"
+    )
+
+
+def answer(kind: Kind, role: str, values, **given):
+    """What a function of a law says, in plain Python; `values` are its parameters in the order of the table."""
+    own = known(kind)
+    values = dict(zip(own.names, values, strict=True)) | given
+    return own.functions[role](*(values[name] for name in own.asks[role]))

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .kinds import Kind, by_kind
+from .kinds import Kind, by_kind, known
 
 HERTZ_MINDLIN, LINEAR, HERTZ_MINDLIN_REFF = 0, 1, 2
 KINDS = ("hertz_mindlin", "linear", "hertz_mindlin_reff")
@@ -168,6 +168,20 @@ def between(law: Law, a: int, b: int, **parameters) -> Law:
     return law._replace(table=table)
 
 
+def alike(a: Law, b: Law) -> bool:
+    """True if two laws are the same in kind and parameters."""
+    return a[:2] == b[:2] and a.damping == b.damping and np.array_equal(a.table, b.table)
+
+
+def with_values(law: Law, **parameters) -> Law:
+    """The same law with other parameters between all materials."""
+    names, table = names_of(law), law.table.copy()
+    for name, value in parameters.items():
+        check_parameter(name, value, names)
+        table[..., names.index(name)] = value
+    return law._replace(table=table)
+
+
 @njit(fastmath=True, error_model="numpy")
 def parameters(p, a, b):
     """Row of a built-in law's table for a pair of materials, as scalars."""
@@ -317,6 +331,4 @@ def names_of(law: Law) -> tuple[str, ...]:
     """Names of a law's parameters, in the order of its table."""
     if not isinstance(law.kind, Kind):
         return PARAMETERS
-    from .own import KNOWN
-
-    return KNOWN[law.kind].names
+    return known(law.kind).names

@@ -16,38 +16,15 @@ import math
 import types
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from .kinds import FAST, OWN, Kind
+from .judge import judged, where
+from .kinds import FAST, HELP, KNOWN, OWN, ROLES, Kind, Own
 from .laws import COULOMB, DAMPING, MU, NO_TENSION, PARAMETERS, Law, check_parameter, energy_by_quadrature, slopes_of
 
-HELP = "see docs/contact_laws.md"
-ROLES = {  # what a function of each name may ask for besides parameters of the law
-    "normal_force": ("overlap", "r_eff"),
-    "normal_energy": ("overlap", "r_eff"),
-    "tangential_stiffness": ("overlap", "r_eff"),
-    "cap": ("normal_force", "overlap", "r_eff"),
-    "contact_range": ("r_eff",),
-    "rolling_stiffness": ("overlap", "r_eff"),
-    "rolling_cap": ("normal_force", "overlap", "r_eff"),
-}
 _DEFAULTS = {"kn": 1.0, "kt": 0.0, "mu": 0.0, "damping_n": 0.0, "damping_t": 0.0}
-
-
-class Own(NamedTuple):
-    """What is known of a law by a user."""
-
-    name: str
-    names: tuple[str, ...]  # of all parameters, in the order of the law's table
-    source: str  # text, as far as it is known
-    functions: dict[str, Callable]  # by role, as written but for what stands for `math`, `max` …
-    asks: dict[str, tuple[str, ...]]  # what each function takes, in order
-
-
-KNOWN: dict[int, Own] = {}  # by kind: the laws of this process
 
 
 # ---- what stands for functions that do not take complex numbers
@@ -275,8 +252,6 @@ def contact_law(
         )
     table = np.array(list(values.values()), float)[None, None, :].copy()
     law = Law(kind, COULOMB[coulomb], table, DAMPING[damping] + (0 if tension else NO_TENSION))
-    from .judge import judged  # which needs what stands here
-
     return judged(law, size)
 
 
@@ -309,13 +284,6 @@ def _known(given: dict, asks: dict, names: tuple[str, ...], name: str, source: s
         OWN[kind] = _as_called(compiled, asks, names)
         KNOWN[kind] = Own(name, names, source or _source(given), plain, asks)
     return kind
-
-
-def answer(kind: Kind, role: str, values, **given):
-    """What a function of a law says, in plain Python; `values` are its parameters in the order of the table."""
-    own = KNOWN[kind]
-    known = dict(zip(own.names, values, strict=True)) | given
-    return own.functions[role](*(known[name] for name in own.asks[role]))
 
 
 def _source(given: dict) -> str:
@@ -371,14 +339,3 @@ def law_from_file(path: str | Path, **parameters: float) -> Law:
         return contact_law(**given, parameters=values | parameters, name=path.stem, source=text, **options)
     except ValueError as problem:
         raise ValueError(f"{path}: {problem}") from None
-
-
-def where(problem: Exception, path, text: str) -> str:
-    """The line of a file in which something went wrong, in words."""
-    at, lines = None, text.splitlines()
-    trace = problem.__traceback__
-    while trace:
-        at = trace.tb_lineno if trace.tb_frame.f_code.co_filename == str(path) else at
-        trace = trace.tb_next
-    words = f"line {at}: {lines[at - 1].strip()!r} " if at and at <= len(lines) else ""
-    return f"{words}({type(problem).__name__}: {problem})"

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from .kinds import Kind
+from .kinds import Kind, answer, known
 from .laws import Law
-from .own import KNOWN, answer
 from .state import Contacts, State
 
 
@@ -15,7 +14,7 @@ def gap_listed(contacts: Contacts) -> float:
 
 def widest(state: State, law: Law) -> float:
     """Largest gap across which a law acts between bodies of a state [length]."""
-    if not isinstance(law.kind, Kind) or "contact_range" not in KNOWN[law.kind].functions:
+    if not isinstance(law.kind, Kind) or "contact_range" not in known(law.kind).functions:
         return 0.0
     r_eff = float(state.grains.radius.max()) * (1.0 if len(state.walls.mass) else 0.5)
     rows = law.table.reshape(-1, law.table.shape[2])
@@ -33,7 +32,7 @@ def as_wide(state: State, law: Law) -> Contacts:
 
 def with_room(contacts: Contacts, law: Law) -> Contacts:
     """The list with a row of rolling memory for each pair, if the law has such a memory."""
-    rolls = isinstance(law.kind, Kind) and "rolling_stiffness" in KNOWN[law.kind].functions
+    rolls = isinstance(law.kind, Kind) and "rolling_stiffness" in known(law.kind).functions
     if not rolls or len(contacts.rolling) == len(contacts.i):
         return contacts
     return contacts._replace(rolling=np.zeros((len(contacts.i), contacts.rolling.shape[1])))
