@@ -175,7 +175,8 @@ def _compiled(kind, own: Own, values: dict) -> None:
         tries += [(*here, float64, complex128)] if force else []
         for one in tries:
             try:
-                function.compile(one)
+                with warnings.catch_warnings(action="ignore"):
+                    function.compile(one)
             except NumbaError as problem:
                 raise ValueError(f"{role} cannot be compiled, {_told(str(problem), own)}; {HELP}") from None
     if numba.config.CACHE_DIR:
