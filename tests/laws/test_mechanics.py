@@ -112,7 +112,7 @@ def test_a_bridge_pulls_across_its_gap_and_opens_beyond():
         pair = ss.assembly(ss.disks([[0, 0], [1.0 + gap, 0]], 0.5), cell=ss.box(dim=2))
         loads, trial = ss.forces(pair, law)
         fading = (np.exp(-max(gap, 0) / decay) - np.exp(-rupture / decay)) / (1 - np.exp(-rupture / decay))
-        expected = 0.0 if open_ else tension * 0.5 * fading - max(-gap, 0.0)  # 2 r_eff = 1/2
+        expected = 0.0 if open_ else tension * 0.5 * fading - max(-gap, 0.0) ** 1.5  # 2 r_eff = 1/2
         assert loads.force[0, 0] == pytest.approx(expected, rel=1e-12, abs=1e-15)
         assert (trial.mode[: trial.count[0]] == ss.OPEN).all() == open_
 

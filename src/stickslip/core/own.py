@@ -283,6 +283,7 @@ def _known(given: dict, asks: dict, names: tuple[str, ...], name: str, source: s
         plain = {role: _copied(function, False, made) for role, function in given.items()}
         OWN[kind] = _as_called(compiled, asks, names)
         KNOWN[kind] = Own(name, names, source or _source(given), plain, asks)
+    KNOWN[kind] = KNOWN[kind]._replace(name=name, source=source or KNOWN[kind].source)
     return kind
 
 
