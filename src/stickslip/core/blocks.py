@@ -18,7 +18,19 @@ from numba import njit
 
 from .contact import FREE, carried_memory, damped, in_one_go, needs_mass, needs_radius, tangential_force, with_dashpot
 from .frame import AHEAD, RATE, SLIDE_BACK, VECTORS
-from .laws import DAMPING_N, DAMPING_T, MU, cap, damping_of, masked, normal_force, reach, row, tangential_stiffness
+from .laws import (
+    DAMPING_N,
+    DAMPING_T,
+    MU,
+    cap,
+    damping_of,
+    least_force,
+    masked,
+    normal_force,
+    reach,
+    row,
+    tangential_stiffness,
+)
 from .state import OPEN, SLIDE, STICK
 
 # of what is compiled into its callers: it makes no arrays, and references to those that it takes out of tuples are not
@@ -231,7 +243,7 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
             vz = scratch[v + 128 + l] + nx * ay - ny * ax if dim == 3 else 0.0
             vn = vx * nx + vy * ny + vz * nz
             vx, vy, vz = vx - vn * nx, vy - vn * ny, vz - vn * nz
-            fn = with_dashpot(viscous, fn, factor * q[DAMPING_N], vn)
+            fn = with_dashpot(viscous, fn, factor * q[DAMPING_N], vn, least_force(kind, fn))
         if viscous and rate:
             limit = q[MU] * abs(fn)
             tx, ty, tz, sx, sy, sz, slides = in_one_go(stiffness, damping, limit, sx, sy, sz, vx, vy, vz, hold)

@@ -48,11 +48,10 @@ def apart(kind, p, material, radius, inverse_mass, i, j, is_wall, overlap):
 
 
 @njit(fastmath=True, error_model="numpy")
-def with_dashpot(viscous, elastic, damping, vn):
-    """Normal force with its dashpot, which pulls no more than the elastic force does where the law knows no tension."""
+def with_dashpot(viscous, elastic, damping, vn, least=0.0):
+    """Normal force with its dashpot, clipped at the `least` one where the law knows no tension."""
     fn = elastic - damping * vn
     if viscous & NO_TENSION:
-        least = min(elastic, 0.0)
         return fn if fn > least else least
     return fn
 

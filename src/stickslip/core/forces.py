@@ -13,7 +13,18 @@ from numba import njit
 from .contact import FREE, FROZEN, apart, carried_memory, damped, effective, tangential_force, with_dashpot
 from .control import spring_forces
 from .geometry import carried, normal_and_overlap, pair_vector, rolled, shifts, tangential
-from .laws import DAMPING_N, DAMPING_T, Law, cap, damping_of, dashpots, normal_force, row, tangential_stiffness
+from .laws import (
+    DAMPING_N,
+    DAMPING_T,
+    Law,
+    cap,
+    damping_of,
+    dashpots,
+    least_force,
+    normal_force,
+    row,
+    tangential_stiffness,
+)
 from .neighbors import body_positions, body_radii, updated
 from .rolling import add_rolling, forget_rolling
 from .state import OPEN, SLIDE, State, groups
@@ -149,7 +160,7 @@ def sweep(kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, force
         if viscous:
             vn, vx, vy, vz = approach(dim, velocity, spin, radius, rate, i, j, rx, ry, rz, nx, ny, nz)
             factor = damping_of(kind, viscous, r_eff, m_eff, overlap)
-            fn = with_dashpot(viscous, fn, factor * q[DAMPING_N], vn)
+            fn = with_dashpot(viscous, fn, factor * q[DAMPING_N], vn, least_force(kind, fn))
         limit = cap(kind, q, r_eff, overlap, fn)
         stiffness = tangential_stiffness(kind, q, r_eff, overlap)
         after = before

@@ -252,6 +252,12 @@ def cap_slopes(kind, q, r_eff, overlap, fn):
 
 
 @by_kind
+def least_force(kind, elastic):
+    """Normal force below which a dashpot may not pull where the law knows no tension: bridges pull by themselves."""
+    return 0.0
+
+
+@by_kind
 def masked(kind, touches, value):
     """Zero where a pair is out of reach: built-in laws end there with zero anyway."""
     return value

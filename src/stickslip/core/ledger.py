@@ -25,6 +25,7 @@ from .laws import (
     cap,
     damping_of,
     dashpots,
+    least_force,
     normal_energy,
     normal_force,
     reach,
@@ -81,7 +82,7 @@ def _end(kind, coulomb, dim, viscous, p, b, i, j, shift, c, slip, known):
     if viscous:
         vn, vx, vy, vz = approach(dim, b.velocity, b.spin, b.radius, b.rate, i, j, rx, ry, rz, nx, ny, nz)
         factor = damping_of(kind, viscous, r_eff, m_eff, overlap)
-        fn = with_dashpot(viscous, elastic, factor * q[DAMPING_N], vn)
+        fn = with_dashpot(viscous, elastic, factor * q[DAMPING_N], vn, least_force(kind, elastic))
         power -= (fn - elastic) * vn
     limit = cap(kind, q, r_eff, overlap, fn)
     tx, ty, tz = tangential_force(coulomb, stiffness, limit, sx, sy, sz)

@@ -176,6 +176,7 @@ def _as_called(functions: dict, asks: dict, names: tuple[str, ...]) -> dict:
         out["normal_energy"] = _called(here, call("normal_energy"), f=functions["normal_energy"])
     else:
         out["normal_energy"] = energy_by_quadrature(out["normal_force"], out["reach"])
+    out["least_force"] = _called("kind, elastic", "min(elastic, 0.0)")
     out["masked"] = _called("kind, touches, value", "value if touches else 0.0")
     radius = any("r_eff" in asked for asked in asks.values())
     out["asks_radius"] = _called("kind", str(radius))

@@ -290,8 +290,7 @@ def assembly(
     ValueError
         with one sentence, if the parts do not fit or hold impossible values, or a grain's centre is behind a wall.
     """
-    walls = flat_walls() if walls is None else walls
-    cell = box() if cell is None else cell
+    walls, cell = flat_walls() if walls is None else walls, box() if cell is None else cell
     control = loads(len(grains.radius), len(walls.mass)) if control is None else control
     if not len(grains.radius):
         raise ValueError("an assembly of 0 grains was given: at least 1 is needed")
