@@ -17,6 +17,8 @@ _WHERE = {
         "between_controls deformed driven following frozen pressed pulled rigid spring_forces stress_controlled"
     ),
     "core.laws": "Law between hertz_mindlin hertz_mindlin_reff linear stiffnesses",
+    "core.judge": "LawWarning",
+    "core.own": "contact_law law_from_file",
     "core.neighbors": "without_walls",
     "core.outcome": "Outcome Status NotInEquilibriumError",
     "core.frame": "strained",

@@ -41,7 +41,8 @@ def _packing(
     law: Annotated[
         str | None,
         typer.Option(
-            help="hertz_mindlin, linear or hertz_mindlin_reff; wins over the file.", autocompletion=completes(LAWS)
+            help="hertz_mindlin, linear, hertz_mindlin_reff or a Python file of yours; wins over the file.",
+            autocompletion=completes(LAWS),
         ),
     ] = None,
     coulomb: Annotated[str | None, typer.Option(help="smooth or sharp.", autocompletion=completes(COULOMB))] = None,

@@ -18,7 +18,19 @@ from numba import njit
 
 from .contact import FREE, carried_memory, damped, in_one_go, needs_mass, needs_radius, tangential_force, with_dashpot
 from .frame import AHEAD, RATE, SLIDE_BACK, VECTORS
-from .laws import DAMPING_N, DAMPING_T, MU, damping_factor, normal_force, parameters, tangential_stiffness
+from .laws import (
+    DAMPING_N,
+    DAMPING_T,
+    MU,
+    cap,
+    damping_of,
+    least_force,
+    masked,
+    normal_force,
+    reach,
+    row,
+    tangential_stiffness,
+)
 from .state import OPEN, SLIDE, STICK
 
 # of what is compiled into its callers: it makes no arrays, and references to those that it takes out of tuples are not
@@ -194,8 +206,10 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
             inverse = 1.0 / distance
             nx, ny, nz = rx * inverse, ry * inverse, rz * inverse
         overlap = scratch[_SUM + l] - distance
-        touches = overlap > 0.0
-        overlap = overlap if touches else 0.0
+        r_eff = eff[l] if needs_radius(kind, viscous) else 1.0
+        edge = 0.0 - reach(kind, q, r_eff)
+        touches = overlap > edge
+        overlap = overlap if touches else edge
         before = mode[l]
         # slip: carried by the displacements since the last evaluation, then projected on the plane of contact
         wx, wy, wz = (
@@ -211,13 +225,12 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
         known = 1.0 if rate or before != OPEN else 0.0
         sx, sy, sz = known * (sx - along * nx), known * (sy - along * ny), known * (sz - along * nz)
         sx, sy, sz = (ox, oy, oz) if hold else (sx, sy, sz)
-        r_eff = eff[l] if needs_radius(kind, viscous) else 1.0
         m_eff = eff[64 + l] if needs_mass(viscous) else 1.0
-        fn = normal_force(kind, q, r_eff, overlap)
+        fn = masked(kind, touches, normal_force(kind, q, r_eff, overlap))
         stiffness = tangential_stiffness(kind, q, r_eff, overlap)
         vx = vy = vz = damping = 0.0
         if viscous:
-            factor = damping_factor(viscous, r_eff, m_eff, overlap)
+            factor = damping_of(kind, viscous, r_eff, m_eff, overlap)
             factor = factor if touches else 0.0
             damping = factor * q[DAMPING_T]
             ax, ay, az = (
@@ -230,12 +243,12 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
             vz = scratch[v + 128 + l] + nx * ay - ny * ax if dim == 3 else 0.0
             vn = vx * nx + vy * ny + vz * nz
             vx, vy, vz = vx - vn * nx, vy - vn * ny, vz - vn * nz
-            fn = with_dashpot(viscous, fn, factor * q[DAMPING_N], vn)
+            fn = with_dashpot(viscous, fn, factor * q[DAMPING_N], vn, least_force(kind, fn))
         if viscous and rate:
             limit = q[MU] * abs(fn)
             tx, ty, tz, sx, sy, sz, slides = in_one_go(stiffness, damping, limit, sx, sy, sz, vx, vy, vz, hold)
         else:
-            limit = q[MU] * max(fn, 0.0)
+            limit = masked(kind, touches, cap(kind, q, r_eff, overlap, fn))
             cx, cy, cz, after = carried_memory(stiffness, limit, sx, sy, sz, STICK, FREE)
             slides = after == SLIDE
             sx, sy, sz = (sx, sy, sz) if hold else (cx, cy, cz)
@@ -272,7 +285,7 @@ def evaluated(kind, coulomb, dim, viscous, rate, first, last, blocks, body, ahea
             for lane in range(LANES):
                 l, s = np.uint64(lane), np.uint64(place + lane)
                 load[s, 6], load[s, 7], load[s, 8] = scratch[_X + l], scratch[_X + 64 + l], scratch[_X + 128 + l]
-        q = parameters(p, blocks.material[b, 0], blocks.material[b, 1])
+        q = row(kind, p, blocks.material[b, 0], blocks.material[b, 1])
         if blocks.wall[b]:
             _responded(kind, coulomb, dim, viscous, rate, True, q, blocks, b, dt, hold, scratch)
         else:

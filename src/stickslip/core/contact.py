@@ -6,7 +6,7 @@ Sweeps over few contacts and vectorised blocks of many call these functions, so 
 import numpy as np
 from numba import njit
 
-from .laws import HERTZ_MINDLIN_REFF, MASS, NO_TENSION, SMOOTH, VISCOELASTIC, mobilised
+from .laws import MASS, NO_TENSION, SMOOTH, VISCOELASTIC, asks_radius, mobilised, reach, reaches, row
 from .state import SLIDE, STICK
 
 # what an evaluation does with the memory: carry it along, but keep to the last bit what has not moved since it was
@@ -17,7 +17,7 @@ FROZEN, HELD, FREE = 0, 1, 2
 @njit
 def needs_radius(kind, viscous):
     """True if the law asks for R_eff."""
-    return kind == HERTZ_MINDLIN_REFF or viscous & 3 == VISCOELASTIC
+    return asks_radius(kind) or viscous & 3 == VISCOELASTIC
 
 
 @njit
@@ -39,11 +39,20 @@ def effective(kind, viscous, radius, inverse_mass, i, j, is_wall):
 
 
 @njit(fastmath=True, error_model="numpy")
-def with_dashpot(viscous, elastic, damping, vn):
-    """Normal force with its dashpot, clipped where the law knows no tension."""
+def apart(kind, p, material, radius, inverse_mass, i, j, is_wall, overlap):
+    """True if a pair is out of the law's reach."""
+    if not reaches(kind):
+        return overlap <= 0.0
+    r_eff, _ = effective(kind, 0, radius, inverse_mass, i, j, is_wall)
+    return overlap <= -reach(kind, row(kind, p, np.uint64(material[i]), np.uint64(material[j])), r_eff)
+
+
+@njit(fastmath=True, error_model="numpy")
+def with_dashpot(viscous, elastic, damping, vn, least=0.0):
+    """Normal force with its dashpot, clipped at the `least` one where the law knows no tension."""
     fn = elastic - damping * vn
     if viscous & NO_TENSION:
-        return fn if fn > 0.0 else 0.0
+        return fn if fn > least else least
     return fn
 
 

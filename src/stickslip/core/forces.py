@@ -10,21 +10,23 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .contact import FREE, FROZEN, carried_memory, damped, effective, tangential_force, with_dashpot
+from .contact import FREE, FROZEN, apart, carried_memory, damped, effective, tangential_force, with_dashpot
 from .control import spring_forces
 from .geometry import carried, normal_and_overlap, pair_vector, rolled, shifts, tangential
 from .laws import (
     DAMPING_N,
     DAMPING_T,
-    MU,
     Law,
-    damping_factor,
+    cap,
+    damping_of,
     dashpots,
+    least_force,
     normal_force,
-    parameters,
+    row,
     tangential_stiffness,
 )
 from .neighbors import body_positions, body_radii, updated
+from .rolling import add_rolling, forget_rolling
 from .state import OPEN, SLIDE, State, groups
 
 CLOSED, OPENED, REACHED_LIMIT = 0, 1, 2
@@ -129,11 +131,12 @@ def sweep(kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, force
         rx, ry, rz = pair_vector(dim, position, shift, c, i, j)
         nx, ny, nz, overlap, _ = normal_and_overlap(i, j, is_wall, wall, radius, wall_normal, rx, ry, rz)
         before = mode[c]
-        if overlap <= 0.0:
+        if apart(kind, p, material, radius, inverse_mass, i, j, is_wall, overlap):
             if before != OPEN:
                 mode[c] = OPEN
                 contacts.reached[c] = False
                 slip[c, 0] = slip[c, 1] = slip[c, 2] = 0.0
+                forget_rolling(kind, contacts.rolling, c)
                 record_event(events, event_count, OPENED, time, i, j, contacts.image, c, position, i)
             continue
         ax, ay, az = rolled(dim, angle, radius, i, j)
@@ -150,15 +153,15 @@ def sweep(kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, force
                     nx, ny, nz, sx, sy, sz, rx - pair[c, 0], ry - pair[c, 1], dz, dax, day, az - roll[c, 2]
                 )
                 sx, sy, sz = tangential(nx, ny, nz, sx, sy, sz)
-        q = parameters(p, np.uint64(material[i]), np.uint64(material[j]))
+        q = row(kind, p, np.uint64(material[i]), np.uint64(material[j]))
         r_eff, m_eff = effective(kind, viscous, radius, inverse_mass, i, j, is_wall)
         fn = normal_force(kind, q, r_eff, overlap)
         vx = vy = vz = factor = 0.0
         if viscous:
             vn, vx, vy, vz = approach(dim, velocity, spin, radius, rate, i, j, rx, ry, rz, nx, ny, nz)
-            factor = damping_factor(viscous, r_eff, m_eff, overlap)
-            fn = with_dashpot(viscous, fn, factor * q[DAMPING_N], vn)
-        limit = q[MU] * max(fn, 0.0)
+            factor = damping_of(kind, viscous, r_eff, m_eff, overlap)
+            fn = with_dashpot(viscous, fn, factor * q[DAMPING_N], vn, least_force(kind, fn))
+        limit = cap(kind, q, r_eff, overlap, fn)
         stiffness = tangential_stiffness(kind, q, r_eff, overlap)
         after = before
         if not kept:
@@ -178,6 +181,9 @@ def sweep(kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, force
             tx, ty, tz = damped(tx, ty, tz, factor * q[DAMPING_T], limit, vx, vy, vz)
         fx, fy, fz = fn * nx + tx, fn * ny + ty, fn * nz + tz
         qx, qy, qz = nz * ty - ny * tz, nx * tz - nz * tx, ny * tx - nx * ty
+        add_rolling(
+            kind, dim, memory, kept, q, r_eff, overlap, fn, angle, nx, ny, nz, contacts.rolling, c, i, j, before, torque
+        )
         force[i, 0] += fx
         force[i, 1] += fy
         force[j, 0] -= fx
@@ -199,11 +205,12 @@ def elastic_pair(kind, coulomb, dim, p, bodies, contacts, shift, c):
     i, j = contacts.i[c], contacts.j[c]
     rx, ry, rz = pair_vector(dim, bodies.position, shift, c, i, j)
     nx, ny, nz, overlap, _ = normal_and_overlap(i, j, False, 0, bodies.radius, bodies.normal, rx, ry, rz)
-    q = parameters(p, bodies.material[i], bodies.material[j])
+    q = row(kind, p, bodies.material[i], bodies.material[j])
     r_eff, _ = effective(kind, 0, bodies.radius, bodies.inverse_mass, i, j, False)
     fn = normal_force(kind, q, r_eff, overlap)
     s = contacts.slip[c]
-    tx, ty, tz = tangential_force(coulomb, tangential_stiffness(kind, q, r_eff, overlap), q[MU] * fn, s[0], s[1], s[2])
+    limit = cap(kind, q, r_eff, overlap, fn)
+    tx, ty, tz = tangential_force(coulomb, tangential_stiffness(kind, q, r_eff, overlap), limit, s[0], s[1], s[2])
     return (rx, ry, rz), (fn * nx + tx, fn * ny + ty, fn * nz + tz)
 
 
@@ -261,7 +268,7 @@ def forces(state: State, law: Law, *, memory: int = FREE):
     doi:10.48550/arXiv.1908.11724, Eqs 1–5, supplement Eqs 5–7 and 25.
     """
     check_materials(state, law)
-    state = updated(state)
+    state = updated(state, law)
     contacts = state.contacts
     trial = contacts._replace(
         slip=contacts.slip.copy(),
@@ -269,6 +276,7 @@ def forces(state: State, law: Law, *, memory: int = FREE):
         pair=contacts.pair.copy(),
         roll=contacts.roll.copy(),
         reached=contacts.reached.copy(),
+        rolling=contacts.rolling.copy(),
     )
     loads = Loads(np.zeros((state.n_bodies, 3)), np.zeros((state.n_bodies, 3)), np.zeros((3, 3)))
     here, shift = bodies(state), shifts(trial, state.cell.vectors)

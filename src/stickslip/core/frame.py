@@ -16,6 +16,7 @@ import numpy as np
 from numba import njit
 
 from .control import factors_at
+from .reach import gap_listed
 from .state import State, deforms
 
 # rows of `matrix`: the cell's vectors, at the positions; L; L at the end of the step, predicted, for dashpots; A; what
@@ -118,7 +119,7 @@ def frame_of(state: State, order: np.ndarray) -> tuple[Frame, Flow]:
     frame = Frame(
         control.cell_free, control.cell_rate, control.cell_follows % (columns + 1), control.stress, cell_mass(state),
         control.knots, control.course, area, place[:n], state.grains.mass, used.copy(), np.full(1, state.time),
-        np.zeros(1), 2.0 * float(state.grains.radius.max()),
+        np.zeros(1), 2.0 * float(state.grains.radius.max()) + gap_listed(state.contacts),
     )  # fmt: skip
     return frame, flow
 

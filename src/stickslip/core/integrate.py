@@ -10,6 +10,7 @@ from .forces import Bodies, check_materials, sweep
 from .frame import imposes
 from .geometry import shifts
 from .instant import bodies_at_start, known_instant, with_mark
+from .kinds import Kind
 from .laws import SMOOTH, Law, dashpots
 from .ledger import entered, opened_books
 from .many import MANY, marched
@@ -32,7 +33,9 @@ from .plan import (
     runaway,
     state_after,
 )
+from .reach import with_room
 from .record import Writing, record_of, sample, with_lost, writing_of
+from .rolling import rolls
 from .state import Instant, State
 from .timestep import check_time_step, stable_time_step
 
@@ -204,10 +207,12 @@ def run(
     if steps < 0 or every < 0:
         raise ValueError(f"steps = {steps}, every = {every} were given: neither may be negative")
     instant = known_instant(state, law, memory)
-    state = updated(state)
+    state = updated(state, law)
     check_time_step(state, law, driven_bodies(state), dt)
     grouped = bool(state.control.spring.any() or (state.control.group >= 0).any())
     many = memory == "rate" or state.n_bodies >= MANY or imposes(state) or grouped
+    if rolls(law.kind):
+        many = _plain(state, memory, grouped)
     plan = plan_of(state, drag, drag if spin_drag is None else spin_drag, dt, bare=many and not tolerance > 0)
     if tolerance > 0 and not (plan.drag[moved_by_forces(plan.motion)] > 0).all():
         raise ValueError("a tolerance was given without drag on every free component: rest is not reached without it")
@@ -219,6 +224,8 @@ def run(
         raise ValueError(f"memory={memory!r} was given: 'difference' and 'rate' are allowed")
     if memory == "rate" and law.coulomb == SMOOTH:
         raise ValueError("memory='rate' was given with a smooth law: LAMMPS knows sharp ones only, use coulomb='sharp'")
+    if memory == "rate" and isinstance(law.kind, Kind):
+        raise ValueError("memory='rate' was given with a user's law: it compares with LAMMPS, which has only its own")
     if threads is not None and threads < 1:
         raise ValueError(f"threads = {threads} was given: at least 1 is needed")
     if many:
@@ -236,6 +243,16 @@ def run(
         known = f"stable up to dt = {longest:.4g}" if np.isfinite(longest) else "without contacts"
         how = f"step {done}, time {state.time + done * dt:g}; at the start the grains were {known}"
     return end, record_of(writing, done, books), Outcome(ends.get(code, finished), residual, done, worst, how)
+
+
+def _plain(state: State, memory: str, grouped: bool) -> bool:
+    """False: laws that resist rolling take the plain sweep; ValueError in one sentence if what is asked cannot."""
+    if imposes(state) or grouped:
+        raise ValueError(
+            "a law with rolling resistance was given with a deforming cell, courses, rigid groups or springs, which "
+            "only the stepper for many grains knows: leave these or rolling_stiffness out"
+        )
+    return False
 
 
 def _advanced(state: State, law: Law, plan: Plan, steps: int, tolerance: float, writing: Writing, books, instant):
@@ -263,6 +280,7 @@ def _advanced(state: State, law: Law, plan: Plan, steps: int, tolerance: float, 
             writing = writing._replace(events=np.concatenate([writing.events, np.zeros_like(writing.events)]))
         elif code == MOVED:
             before, contacts = contacts, rebuilt(work.position, work.radius, work.normal, grid, contacts)
+            contacts = with_room(contacts, law)
             if contacts.count[0] < 0:
                 raise ValueError(TOO_FAR)
             writing = with_lost(writing, before, contacts, work.position, state.time + done * plan.dt)

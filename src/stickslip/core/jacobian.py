@@ -16,24 +16,27 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .contact import HELD, carried_memory, effective
+from .contact import HELD, apart, carried_memory, effective
 from .forces import bodies, check_materials
 from .geometry import carried, normal_and_overlap, pair_vector, rolled, shifts, tangential
 from .laws import (
     DAMPING_N,
     DAMPING_T,
-    MU,
     Law,
-    damping_factor,
+    cap,
+    cap_slopes,
+    damping_of,
     dashpots,
     mobilised,
     mobilised_tangent,
     normal_force,
-    parameters,
+    row,
     tangential_stiffness,
     tangents,
 )
 from .neighbors import body_positions, moved_too_far
+from .reach import gap_listed, widest, with_room
+from .rolling import rolls, with_moments
 from .state import OPEN, SLIDE, State
 
 
@@ -61,15 +64,18 @@ class Linear(NamedTuple):
 
 
 @njit(error_model="numpy")
-def _friction_tangent(coulomb, stiffness, slope_k, mu, force_n, slope_n, stretch, slides):
-    """φ/|u|, ∂φ/∂|u|, ∂φ/∂δ and ∂φ/∂F_n of the tangential force φ = k_t |u| (mobilised), at most μ F_n."""
-    limit = mu * force_n
+def _friction_tangent(coulomb, stiffness, slope_k, limit, mu, by_overlap, slope_n, stretch, slides):
+    """φ/|u|, ∂φ/∂|u|, ∂φ/∂δ and ∂φ/∂F_n of the tangential force φ = k_t |u| (mobilised), at most `limit`.
+
+    `mu` and `by_overlap` are the limit's derivatives with respect to F_n and δ.
+    """
     if slides or limit <= 0.0:
-        return limit / stretch if stretch > 0.0 else 0.0, 0.0, mu * slope_n, mu
+        return limit / stretch if stretch > 0.0 else 0.0, 0.0, mu * slope_n + by_overlap, mu
     x = stiffness * stretch / limit
     h, g = mobilised(coulomb, x), mobilised_tangent(coulomb, x)
     by_force = -mu * x * x * g
-    return stiffness * h, stiffness * (h + x * g), slope_k * stretch * (h + x * g) + by_force * slope_n, by_force
+    changed = by_force * slope_n - by_overlap * x * x * g
+    return stiffness * h, stiffness * (h + x * g), slope_k * stretch * (h + x * g) + changed, by_force
 
 
 @njit(cache=True, error_model="numpy")
@@ -82,7 +88,7 @@ def _linearise(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, 
         nx, ny, nz, overlap, inverse = normal_and_overlap(
             i, j, j >= n_grains, j - n_grains, radius, wall_normal, rx, ry, rz
         )
-        if overlap <= 0.0:
+        if apart(kind, p, material, radius, inverse_mass, i, j, j >= n_grains, overlap):
             continue
         before = contacts.mode[c]
         sx = sy = sz = 0.0
@@ -94,27 +100,29 @@ def _linearise(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, 
             out.turn[c, 0], out.turn[c, 1], out.turn[c, 2] = ax, ay, az
             sx, sy, sz = carried(nx, ny, nz, sx, sy, sz, rx - old[0], ry - old[1], rz - old[2], ax, ay, az)
         ux, uy, uz = tangential(nx, ny, nz, sx, sy, sz)
-        q = parameters(p, material[i], material[j])
+        q = row(kind, p, material[i], material[j])
         r_eff, m_eff = effective(kind, viscous, radius, inverse_mass, i, j, j >= n_grains)
         force_n, stiffness = normal_force(kind, q, r_eff, overlap), tangential_stiffness(kind, q, r_eff, overlap)
         slope_n, slope_k = tangents(kind, q, r_eff, overlap)
-        _, _, _, mode = carried_memory(stiffness, q[MU] * force_n, ux, uy, uz, before, memory)
+        limit = cap(kind, q, r_eff, overlap, force_n)
+        mu, by_overlap = cap_slopes(kind, q, r_eff, overlap, force_n)
+        _, _, _, mode = carried_memory(stiffness, limit, ux, uy, uz, before, memory)
         out.secant[c], out.along[c], out.by_overlap[c], out.by_force[c] = _friction_tangent(
-            coulomb, stiffness, slope_k, q[MU], force_n, slope_n, np.sqrt(ux**2 + uy**2 + uz**2), mode == SLIDE
+            coulomb, stiffness, slope_k, limit, mu, by_overlap, slope_n, np.sqrt(ux**2 + uy**2 + uz**2), mode == SLIDE
         )
         out.normal[c, 0], out.normal[c, 1], out.normal[c, 2], out.inverse[c] = nx, ny, nz, inverse
         out.carried[c, 0], out.carried[c, 1], out.carried[c, 2] = sx, sy, sz
         out.closed[c], out.remembers[c], out.slides[c] = 1.0, before != OPEN, mode == SLIDE
         out.force_n[c], out.slope_n[c] = force_n, slope_n
-        out.stiffness_t[c], out.slope_t[c], out.mu[c] = stiffness, slope_k, q[MU]
-        factor = damping_factor(viscous, r_eff, m_eff, overlap)
+        out.stiffness_t[c], out.slope_t[c], out.mu[c] = stiffness, slope_k, mu
+        factor = damping_of(kind, viscous, r_eff, m_eff, overlap)
         out.damping_n[c], out.damping_t[c] = factor * q[DAMPING_N], factor * q[DAMPING_T]
 
 
 def linearised(state: State, law: Law, *, memory: int = HELD) -> Linear:
     """Scalars and vectors of every contact's linearisation, at rest; see `contact_blocks` for the arguments."""
     check_materials(state, law)
-    if moved_too_far(body_positions(state), state.contacts):
+    if moved_too_far(body_positions(state), state.contacts) or widest(state, law) > gap_listed(state.contacts):
         raise ValueError(
             "the list of contacts is not that of these positions: equilibrate, or accept(state, trial) first"
         )
@@ -157,6 +165,7 @@ def contact_blocks(state: State, law: Law, *, memory: int = HELD):
     Returns
     -------
     (C, 6, 6) [force/length], (C, 6, 6) [force time/length]
+        of laws that resist rolling (C, 9, 9): of (F, T/R, M) with respect to (r, ρ, angle_i − angle_j), see `rolling`
 
     Raises
     ------
@@ -198,16 +207,22 @@ def contact_blocks(state: State, law: Law, *, memory: int = HELD):
     damp[:, :3, :3] = -dashpot @ project + col(c.damping_n) * (col(c.by_force) * hat_col * n_row - nn)
     damp[:, :3, 3:] = -dashpot @ cross_n
     damp[:, 3:] = -cross_n @ damp[:, :3]
-    return col(c.closed) * stiff, col(c.closed) * damp
+    stiff, damp = col(c.closed) * stiff, col(c.closed) * damp
+    if not rolls(law.kind):
+        return stiff, damp
+    state = state._replace(contacts=with_room(state.contacts, law))
+    return with_moments(state, law, bodies(state), c, memory, stiff, damp)
 
 
 def triplets(state: State, blocks: np.ndarray):
     """Rows, columns and values of the (6B, 6B) matrix of all bodies that contact blocks add up to.
 
     Body i feels +F, body j −F; both feel the same torque/R. r = x_i − x_j, ρ = ρ_i + ρ_j. Entries of one pair may
-    occur more than once: they add.
+    occur more than once: they add. A moment M is felt as +M/R_i and −M/R_j, and angle_i − angle_j = ρ_i/R_i − ρ_j/R_j.
     """
     count = len(blocks)
+    if blocks.shape[1] > 6:
+        return _triplets_with_moments(state, blocks)
     ends = (
         (state.contacts.i[:count], np.array([1.0, 1, 1, 1, 1, 1])),
         (state.contacts.j[:count], np.array([-1.0, -1, -1, 1, 1, 1])),
@@ -219,4 +234,28 @@ def triplets(state: State, blocks: np.ndarray):
             rows.append(np.broadcast_to((6 * body[:, None] + k)[:, :, None], shape).ravel())
             cols.append(np.broadcast_to((6 * other[:, None] + k)[:, None, :], shape).ravel())
             values.append((blocks * sign[:, None] * other_sign).ravel())
+    return np.concatenate(rows), np.concatenate(cols), np.concatenate(values)
+
+
+def inverse_radii(state: State) -> np.ndarray:
+    """(B,) 1/R of grains, zero for walls, which do not rotate [1/length]."""
+    return np.append(1.0 / state.grains.radius, np.zeros(len(state.walls.mass)))
+
+
+def _triplets_with_moments(state: State, blocks: np.ndarray):
+    """`triplets` of (C, 9, 9) blocks: each end's coordinates are (r, ρ, θ) = G x, and its loads Gᵀ (F, T/R, M)."""
+    count, k = len(blocks), np.arange(6)
+    ends, inverse = (state.contacts.i[:count], state.contacts.j[:count]), inverse_radii(state)
+    maps = []
+    for body, sign in zip(ends, (1.0, -1.0), strict=True):
+        g = np.zeros((count, 9, 6))
+        g[:, :6, :6] = np.diag([sign, sign, sign, 1.0, 1.0, 1.0])
+        g[:, 6:, 3:] = sign * inverse[body][:, None, None] * np.eye(3)
+        maps.append(g)
+    rows, cols, values = [], [], []
+    for body, g in zip(ends, maps, strict=True):
+        for other, h in zip(ends, maps, strict=True):
+            rows.append(np.broadcast_to((6 * body[:, None] + k)[:, :, None], (count, 6, 6)).ravel())
+            cols.append(np.broadcast_to((6 * other[:, None] + k)[:, None, :], (count, 6, 6)).ravel())
+            values.append((g.transpose(0, 2, 1) @ blocks @ h).ravel())
     return np.concatenate(rows), np.concatenate(cols), np.concatenate(values)

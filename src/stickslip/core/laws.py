@@ -10,6 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from .kinds import Kind, by_kind, known
+
 HERTZ_MINDLIN, LINEAR, HERTZ_MINDLIN_REFF = 0, 1, 2
 KINDS = ("hertz_mindlin", "linear", "hertz_mindlin_reff")
 SHARP, SMOOTH = 0, 1
@@ -20,7 +22,7 @@ NO_TENSION = 4  # added to the model of damping where dashpots must not make a c
 PARAMETERS = ("kn", "kt", "mu", "damping_n", "damping_t")
 KN, KT, MU, DAMPING_N, DAMPING_T = range(5)
 
-_H = 1e-60  # step of the complex derivative: its square vanishes in double precision
+STEP = 1e-60  # step of the complex derivative: its square vanishes in double precision
 
 
 class Law(NamedTuple):
@@ -124,7 +126,7 @@ def _law(kind, coulomb, damping, tension, *values) -> Law:
     if damping not in DAMPING:
         raise ValueError(f"damping={damping!r} was given: {', '.join(map(repr, DAMPING))} are allowed")
     for name, value in zip(PARAMETERS, values, strict=True):
-        _check_parameter(name, value)
+        check_parameter(name, value)
     table = np.array(values, float)[None, None, :].copy()
     return Law(kind, COULOMB[coulomb], table, DAMPING[damping] + (0 if tension else NO_TENSION))
 
@@ -134,10 +136,11 @@ def dashpots(law: Law) -> int:
     return law.damping if law.table[..., [DAMPING_N, DAMPING_T]].any() else 0
 
 
-def _check_parameter(name, value):
-    if name not in PARAMETERS:
-        raise ValueError(f"a law has no parameter {name!r}: it has {', '.join(PARAMETERS)}")
-    low_ok = value > 0 if name == "kn" else value >= 0
+def check_parameter(name, value, names=PARAMETERS):
+    """Raise ValueError with one sentence if a law has no such parameter, or it no such value."""
+    if name not in names:
+        raise ValueError(f"a law has no parameter {name!r}: it has {', '.join(names)}")
+    low_ok = value > 0 if name == "kn" else value >= 0 or name not in PARAMETERS
     if not (np.isfinite(value) and low_ok):
         raise ValueError(
             f"{name} = {value} was given: it must be finite and {'positive' if name == 'kn' else 'not negative'}"
@@ -153,24 +156,63 @@ def between(law: Law, a: int, b: int, **parameters) -> Law:
     >>> [float(law.table[0, m, MU]) for m in (0, 1)]
     [0.5, 0.2]
     """
+    names = names_of(law)
     size = max(len(law.table), a + 1, b + 1)
-    table = np.empty((size, size, len(PARAMETERS)))
+    table = np.empty((size, size, len(names)))
     table[:] = law.table[0, 0]
     old = len(law.table)
     table[:old, :old] = law.table
     for name, value in parameters.items():
-        _check_parameter(name, value)
-        table[a, b, PARAMETERS.index(name)] = table[b, a, PARAMETERS.index(name)] = value
+        check_parameter(name, value, names)
+        table[a, b, names.index(name)] = table[b, a, names.index(name)] = value
+    return law._replace(table=table)
+
+
+def alike(a: Law, b: Law) -> bool:
+    """True if two laws are the same in kind and parameters."""
+    return a[:2] == b[:2] and a.damping == b.damping and np.array_equal(a.table, b.table)
+
+
+def with_values(law: Law, **parameters) -> Law:
+    """The same law with other parameters between all materials."""
+    names, table = names_of(law), law.table.copy()
+    for name, value in parameters.items():
+        check_parameter(name, value, names)
+        table[..., names.index(name)] = value
     return law._replace(table=table)
 
 
 @njit(fastmath=True, error_model="numpy")
 def parameters(p, a, b):
-    """Row of the law's table for a pair of materials, as scalars."""
+    """Row of a built-in law's table for a pair of materials, as scalars."""
     return p[a, b, KN], p[a, b, KT], p[a, b, MU], p[a, b, DAMPING_N], p[a, b, DAMPING_T]
 
 
-@njit(fastmath=True, error_model="numpy")
+@by_kind
+def row(kind, p, a, b):
+    """Row of the law's table for a pair of materials, as scalars."""
+    return parameters(p, a, b)
+
+
+@by_kind
+def asks_radius(kind):
+    """True if the law's functions ask for R_eff."""
+    return kind == HERTZ_MINDLIN_REFF
+
+
+@by_kind
+def reaches(kind):
+    """True if grains may act on each other across a gap."""
+    return False
+
+
+@by_kind
+def reach(kind, q, r_eff):
+    """Largest gap across which grains act on each other [length]."""
+    return 0.0
+
+
+@by_kind
 def normal_force(kind, q, r_eff, overlap):
     """Elastic normal force [force], positive for repulsion; q from `parameters`, overlap > 0."""
     if kind == HERTZ_MINDLIN:
@@ -180,14 +222,14 @@ def normal_force(kind, q, r_eff, overlap):
     return q[KN] * overlap
 
 
-@njit(fastmath=True, error_model="numpy")
+@by_kind
 def normal_energy(kind, q, r_eff, overlap):
     """Work done against the elastic normal force [energy]; overlap > 0."""
     power = 2.0 if kind == LINEAR else 2.5
     return normal_force(kind, q, r_eff, overlap) * overlap / power
 
 
-@njit(fastmath=True, error_model="numpy")
+@by_kind
 def tangential_stiffness(kind, q, r_eff, overlap):
     """Stiffness of the unmobilised tangential spring [force/length]; overlap > 0."""
     if kind == HERTZ_MINDLIN:
@@ -195,6 +237,38 @@ def tangential_stiffness(kind, q, r_eff, overlap):
     if kind == HERTZ_MINDLIN_REFF:
         return q[KT] * np.sqrt(overlap * r_eff)
     return q[KT] + 0.0 * overlap
+
+
+@by_kind
+def cap(kind, q, r_eff, overlap, fn):
+    """Largest tangential force of a contact with normal force fn [force], not negative."""
+    return q[MU] * max(fn, 0.0)
+
+
+@by_kind
+def cap_slopes(kind, q, r_eff, overlap, fn):
+    """d(cap)/d(fn) and d(cap)/d(overlap), taken where fn > 0."""
+    return q[MU], 0.0
+
+
+@by_kind
+def least_force(kind, elastic):
+    """Normal force below which a dashpot may not pull where the law knows no tension: bridges pull by themselves."""
+    return 0.0
+
+
+@by_kind
+def masked(kind, touches, value):
+    """Zero where a pair is out of reach: built-in laws end there with zero anyway."""
+    return value
+
+
+@njit(fastmath=True, error_model="numpy")
+def damping_of(kind, viscous, r_eff, m_eff, overlap):
+    """What the coefficients of the dashpots are multiplied with; they act only where grains touch."""
+    if reaches(kind) and overlap <= 0.0:
+        return 0.0
+    return damping_factor(viscous, r_eff, m_eff, overlap)
 
 
 @njit(fastmath=True, error_model="numpy")
@@ -219,11 +293,48 @@ def mobilised(coulomb, x):
 @njit(fastmath=True, error_model="numpy")
 def tangents(kind, q, r_eff, overlap):
     """d(normal force)/d(overlap) and d(tangential stiffness)/d(overlap), by a complex step."""
-    z = complex(overlap, _H)
-    return normal_force(kind, q, r_eff, z).imag / _H, tangential_stiffness(kind, q, r_eff, z).imag / _H
+    z = complex(overlap, STEP)
+    return normal_force(kind, q, r_eff, z).imag / STEP, tangential_stiffness(kind, q, r_eff, z).imag / STEP
 
 
 @njit(fastmath=True, error_model="numpy")
 def mobilised_tangent(coulomb, x):
     """d(mobilised)/dx, by a complex step."""
-    return mobilised(coulomb, complex(x, _H)).imag / _H
+    return mobilised(coulomb, complex(x, STEP)).imag / STEP
+
+
+def slopes_of(function):
+    """Derivatives of f(kind, q, r_eff, overlap, fn) with respect to fn and overlap, by a complex step."""
+
+    @njit(fastmath=True, error_model="numpy")
+    def slopes(kind, q, r_eff, overlap, fn):
+        by_force = function(kind, q, r_eff, overlap, complex(fn, STEP))
+        return by_force.imag / STEP, function(kind, q, r_eff, complex(overlap, STEP), fn).imag / STEP
+
+    return slopes
+
+
+_GAUSS = tuple(zip(*np.polynomial.legendre.leggauss(8), strict=True))
+
+
+def energy_by_quadrature(force, reach):
+    """∫F dδ from −reach to the overlap, by Gauss's rule: over √δ where grains touch, over δ in the gap."""
+
+    @njit(fastmath=True, error_model="numpy")
+    def energy(kind, q, r_eff, overlap):
+        end, total = -reach(kind, q, r_eff), 0.0
+        root, gap = np.sqrt(max(overlap, 0.0)), min(overlap, 0.0) - end
+        for place, weight in _GAUSS:
+            t, x = 0.5 * root * (1.0 + place), end + 0.5 * gap * (1.0 + place)
+            total += 0.5 * weight * root * 2.0 * t * force(kind, q, r_eff, t * t)
+            total += 0.5 * weight * gap * force(kind, q, r_eff, x)
+        return total
+
+    return energy
+
+
+def names_of(law: Law) -> tuple[str, ...]:
+    """Names of a law's parameters, in the order of its table."""
+    if not isinstance(law.kind, Kind):
+        return PARAMETERS
+    return known(law.kind).names

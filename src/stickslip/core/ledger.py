@@ -21,16 +21,19 @@ from .geometry import carried, normal_and_overlap, pair_vector, rolled, shifts, 
 from .laws import (
     DAMPING_N,
     DAMPING_T,
-    MU,
     SMOOTH,
-    damping_factor,
+    cap,
+    damping_of,
     dashpots,
+    least_force,
     normal_energy,
     normal_force,
-    parameters,
+    reach,
+    row,
     tangential_stiffness,
 )
 from .plan import Plan
+from .rolling import add_rolling_books
 from .state import OPEN
 
 COLUMNS = ("kinetic", "normal", "tangential", "external", "coulomb", "viscous", "drag", "nonpotential")
@@ -59,25 +62,29 @@ class Ledger(NamedTuple):
 
 @njit(fastmath=False, error_model="numpy")
 def _end(kind, coulomb, dim, viscous, p, b, i, j, shift, c, slip, known):
-    """One end of a contact's step: overlap, normal, energies, (k_t, μF_n, ∂U/∂k_t, ∂U/∂μF_n), |F_t|, power, loads."""
+    """One end of a contact's step: overlap plus reach, normal, energies, (k_t, μF_n, …), |F_t|, power, loads.
+
+    … are ∂U/∂k_t and ∂U/∂μF_n.
+    """
     n_grains = len(b.radius) - len(b.normal)
     rx, ry, rz = pair_vector(dim, b.position, shift, c, i, j)
     nx, ny, nz, overlap, _ = normal_and_overlap(i, j, j >= n_grains, j - n_grains, b.radius, b.normal, rx, ry, rz)
-    q = parameters(p, b.material[i], b.material[j])
+    q = row(kind, p, b.material[i], b.material[j])
     r_eff, m_eff = effective(kind, viscous, b.radius, b.inverse_mass, i, j, j >= n_grains)
-    if overlap <= 0.0:
-        stiffness, none = tangential_stiffness(kind, q, r_eff, 0.0), (0.0, 0.0, 0.0)
-        return overlap, (nx, ny, nz), 0.0, 0.0, (stiffness, 0.0, 0.0, 0.0), 0.0, 0.0, none, none
+    edge = reach(kind, q, r_eff)
+    if overlap <= -edge:
+        stiffness, none = tangential_stiffness(kind, q, r_eff, 0.0 - edge), (0.0, 0.0, 0.0)
+        return overlap + edge, (nx, ny, nz), 0.0, 0.0, (stiffness, 0.0, 0.0, 0.0), 0.0, 0.0, none, none
     elastic, stiffness = normal_force(kind, q, r_eff, overlap), tangential_stiffness(kind, q, r_eff, overlap)
     sx, sy, sz = (slip[0], slip[1], slip[2]) if known else (0.0, 0.0, 0.0)
     square = sx * sx + sy * sy + sz * sz
     fn, power, vx, vy, vz, factor = elastic, 0.0, 0.0, 0.0, 0.0, 0.0
     if viscous:
         vn, vx, vy, vz = approach(dim, b.velocity, b.spin, b.radius, b.rate, i, j, rx, ry, rz, nx, ny, nz)
-        factor = damping_factor(viscous, r_eff, m_eff, overlap)
-        fn = with_dashpot(viscous, elastic, factor * q[DAMPING_N], vn)
+        factor = damping_of(kind, viscous, r_eff, m_eff, overlap)
+        fn = with_dashpot(viscous, elastic, factor * q[DAMPING_N], vn, least_force(kind, elastic))
         power -= (fn - elastic) * vn
-    limit = q[MU] * max(fn, 0.0)
+    limit = cap(kind, q, r_eff, overlap, fn)
     tx, ty, tz = tangential_force(coulomb, stiffness, limit, sx, sy, sz)
     spring = np.sqrt(tx * tx + ty * ty + tz * tz)
     energy, by_stiffness, by_limit = 0.5 * stiffness * square, 0.5 * square, 0.0
@@ -94,7 +101,7 @@ def _end(kind, coulomb, dim, viscous, p, b, i, j, shift, c, slip, known):
     force = (fn * nx + tx, fn * ny + ty, fn * nz + tz)
     turn = (nz * ty - ny * tz, nx * tz - nz * tx, ny * tx - nx * ty)
     stored = normal_energy(kind, q, r_eff, overlap)
-    return overlap, (nx, ny, nz), stored, energy, spends, spring, power, force, turn
+    return overlap + edge, (nx, ny, nz), stored, energy, spends, spring, power, force, turn
 
 
 @njit(cache=True, fastmath=False, error_model="numpy")
@@ -116,6 +123,10 @@ def _contacts(
         )
         row[_NORMAL] += stored
         row[_TANGENTIAL] += energy
+        add_rolling_books(
+            kind, dim, p, old, new, shift0, shift, before, m, after, c, i, j, known, closed, free, first,
+            (_TANGENTIAL, _COULOMB, _NONPOTENTIAL, _EXTERNAL), row,
+        )  # fmt: skip
         if first:
             continue
         _, _, _, _, spends0, spring0, power0, force0, turn0 = _end(

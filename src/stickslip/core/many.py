@@ -9,7 +9,8 @@ from .forces import Bodies, forces, moved_masses
 from .frame import PULL, RATE, SINCE, VECTORS, frame_of, imposes, room_left, unbalanced_cell
 from .geometry import shifts
 from .instant import bodies_at_start
-from .laws import Law, dashpots
+from .kinds import Kind
+from .laws import HERTZ_MINDLIN, HERTZ_MINDLIN_REFF, Law, asks_radius, dashpots
 from .ledger import entered
 from .neighbors import TOO_FAR, farthest, grid_of, rebuilt
 from .plan import (
@@ -27,6 +28,7 @@ from .plan import (
     runaway,
     state_after,
 )
+from .reach import gap_listed
 from .record import Writing, sample, sample_groups, with_lost
 from .selection import chosen_blocks, morton
 from .state import Instant, State, deforms
@@ -128,7 +130,9 @@ def marched(
     pull = _pull(state, moving)
     drags = [0.5 * plan.dt * nu for nu in plan.drags]
     pace = Pace(plan.dt, 1 - drags[0], 1 / (1 + drags[0]), 1 - drags[1], 1 / (1 + drags[1]))
-    every, deforming = writing.every, deforms(state)
+    every, deforming, gap = writing.every, deforms(state), gap_listed(contacts)
+    # which pairs are near is the same for all laws that ask for the same properties of pairs
+    like = (HERTZ_MINDLIN_REFF if asks_radius(law.kind) else HERTZ_MINDLIN) if isinstance(law.kind, Kind) else law.kind
     ended = instant is not None
     step, stop, fresh, code, residual, worst = 0, 0, not ended, MOVED, np.inf, -1
     if ended:
@@ -152,7 +156,7 @@ def marched(
                 moving.origin[:], limit = moving.body[:, :3], (0.5 * reach) ** 2
                 blocks = chosen_blocks(
                     blocks, contacts, moving, here.inverse_mass, here.material, here.normal, state.cell.vectors,
-                    np.eye(3) if imposed else state.cell.vectors, reach, len(law.table), law.kind, viscous,
+                    np.eye(3) if imposed else state.cell.vectors, reach + gap, len(law.table), like, viscous,
                 )  # fmt: skip
             code, step, ended = march(
                 moving, blocks, contacts, law.table, pace, frame, flow, pull, state.time, step, stop, ended, fresh,
@@ -238,7 +242,9 @@ def _wanted(state, plan, here, contacts, frame, steps):
 
 def _with_skin(skin, here, contacts, grid):
     """The list made anew with the given skin."""
-    contacts = rebuilt(here.position, here.radius, here.normal, grid, contacts._replace(skin=np.array([skin])))
+    contacts = rebuilt(
+        here.position, here.radius, here.normal, grid, contacts._replace(skin=np.append(skin, contacts.skin[1:]))
+    )
     if contacts.count[0] < 0:
         raise ValueError(TOO_FAR)
     return contacts

@@ -3,11 +3,11 @@
 import numpy as np
 from numba import njit
 
-from .contact import HELD, effective
+from .contact import HELD, apart, effective
 from .forces import bodies
 from .geometry import normal_and_overlap, pair_vector, shifts
 from .jacobian import linearised
-from .laws import Law, normal_energy, parameters
+from .laws import Law, normal_energy, row
 from .state import OPEN, State
 
 
@@ -171,8 +171,8 @@ def _elastic_energy(kind, dim, bodies, contacts, shift, p):
         i, j = contacts.i[c], contacts.j[c]
         rx, ry, rz = pair_vector(dim, bodies.position, shift, c, i, j)
         _, _, _, overlap, _ = normal_and_overlap(i, j, j >= n, j - n, radius, bodies.normal, rx, ry, rz)
-        if overlap > 0.0:
-            q = parameters(p, bodies.material[i], bodies.material[j])
+        if not apart(kind, p, bodies.material, radius, bodies.inverse_mass, i, j, j >= n, overlap):
+            q = row(kind, p, bodies.material[i], bodies.material[j])
             r_eff, _ = effective(kind, 0, radius, bodies.inverse_mass, i, j, j >= n)
             total += normal_energy(kind, q, r_eff, overlap)
     return total

@@ -9,7 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .state import OPEN, Cell, State, empty_contacts
+from .laws import Law
+from .reach import as_wide, with_rolling_of, with_room
+from .state import OPEN, Cell, Contacts, State, empty_contacts
 
 _BODY_BITS, _IMAGE_BITS = 21, 7
 _IMAGE_OFFSET = 1 << (_IMAGE_BITS - 1)
@@ -279,9 +281,11 @@ def moved_too_far(x, contacts) -> bool:
 
 
 @njit(cache=True)
-def rebuilt(x, radius, wall_normal, grid, old):
-    """A new list of contacts at positions x, and memory of the old one, bare if that is; its count is −1 on failure."""
+def _listed_anew(x, radius, wall_normal, grid, old):
+    """A new list of contacts at positions x, and slip of the old one, bare if that is; its count is −1 on failure."""
     n, skin = len(radius) - len(wall_normal), old.skin[0]
+    if len(old.skin) > 1:
+        skin += old.skin[1]
     bins = _placed(x, n, radius, grid, 2 * radius[:n].max() + skin)
     columns, room = bins.number[0] * bins.number[2], 2 * max(old.count[0], 4 * len(x))
     first, many = np.empty(n, np.int64), np.empty(n, np.int32)
@@ -301,6 +305,12 @@ def rebuilt(x, radius, wall_normal, grid, old):
     return new
 
 
+def rebuilt(x, radius, wall_normal, grid, old: Contacts) -> Contacts:
+    """A new list of contacts at positions x with the memory of the old one; its count is −1 on failure."""
+    new = _listed_anew(x, radius, wall_normal, grid, old)
+    return with_rolling_of(old, new._replace(skin=old.skin.copy()))
+
+
 def body_positions(state: State) -> np.ndarray:
     """(N + W, 3) positions of grains and of a point of each wall [length]."""
     return np.concatenate([state.grains.position, state.walls.point])
@@ -311,8 +321,10 @@ def body_radii(state: State) -> np.ndarray:
     return np.concatenate([state.grains.radius, np.zeros(len(state.walls.mass))])
 
 
-def updated(state: State) -> State:
-    """The state with a list of contacts that is valid at its positions; memory is carried by key."""
+def updated(state: State, law: Law | None = None) -> State:
+    """The state with a list of contacts that is valid at its positions, and for a law; memory is carried by key."""
+    if law is not None:
+        state = state._replace(contacts=with_room(as_wide(state, law), law))
     x = body_positions(state)
     if not moved_too_far(x, state.contacts):
         return state
@@ -321,7 +333,7 @@ def updated(state: State) -> State:
     contacts = rebuilt(x, body_radii(state), state.walls.normal, grid_of(state.cell), state.contacts)
     if contacts.count[0] < 0:
         raise ValueError(TOO_FAR)
-    return state._replace(contacts=contacts)
+    return state._replace(contacts=contacts if law is None else with_room(contacts, law))
 
 
 def without_walls(state: State, walls) -> State:
@@ -340,6 +352,7 @@ def without_walls(state: State, walls) -> State:
     rows = np.flatnonzero(kept[contacts.j[:count]])
     number = np.cumsum(kept) - 1
     per_row = ("i", "j", "image", "key", "slip", "mode", "pair", "roll", "reached")
+    per_row += ("rolling",) if len(contacts.rolling) else ()
     fields = {name: getattr(contacts, name)[rows] for name in per_row}
     fields["j"] = number[fields["j"]].astype(fields["j"].dtype)
     shift = (contacts.j[rows].astype(np.int64) - fields["j"]) << (3 * _IMAGE_BITS)  # see `pack_key`

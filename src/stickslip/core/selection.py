@@ -188,7 +188,7 @@ def chosen_blocks(
             was = LOOSE
         mode[s] = was
         loads[c] = place[b] + l
-    far = 4.0 * radius.max() + 1.0
+    far = 4.0 * radius.max() + 1.0 + reach
     for k in range(len(held)):
         _pad(filled[k], first[k + 1] * LANES, bodies, far, asked, i, j, row, wall, shifted, vector, eff, slip, mode)
     code, load = _room(old.code, 2 * active), old.load

@@ -65,8 +65,9 @@ class Contacts(NamedTuple):
     roll: np.ndarray  # (C, 3) [length]
     reached: np.ndarray  # (C,) bool: was at Coulomb's limit since it closed
     origin: np.ndarray  # (N + W, 3) [length]
-    skin: np.ndarray  # (1,) [length]
+    skin: np.ndarray  # (1,) [length], or (2,): and the largest gap across which the law acts
     count: np.ndarray  # (1,)
+    rolling: np.ndarray = np.zeros((0, 7))  # (C, 7) memory of laws that resist rolling, see there; else (0, 7)
 
 
 class Control(NamedTuple):
@@ -213,6 +214,7 @@ def empty_contacts(n_bodies, capacity, skin, bare=False):
         np.full((n_bodies, 3), np.inf),
         np.full(1, skin),
         np.zeros(1, np.int64),
+        np.zeros((0, 7)),
     )
 
 
@@ -286,10 +288,9 @@ def assembly(
     Raises
     ------
     ValueError
-        with one sentence, if the parts do not fit or hold impossible values, or a grain's centre lies behind a wall.
+        with one sentence, if the parts do not fit or hold impossible values, or a grain's centre is behind a wall.
     """
-    walls = flat_walls() if walls is None else walls
-    cell = box() if cell is None else cell
+    walls, cell = flat_walls() if walls is None else walls, box() if cell is None else cell
     control = loads(len(grains.radius), len(walls.mass)) if control is None else control
     if not len(grains.radius):
         raise ValueError("an assembly of 0 grains was given: at least 1 is needed")

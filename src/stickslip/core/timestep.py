@@ -3,14 +3,15 @@
 import numpy as np
 from numba import njit
 
-from .contact import effective
+from .contact import apart, effective
 from .forces import Bodies, bodies, check_materials
 from .frame import cell_mass
 from .geometry import normal_and_overlap, pair_vector, shifts
-from .laws import Law, parameters, tangential_stiffness, tangents
+from .laws import Law, row, tangential_stiffness, tangents
 from .measure import volume
 from .neighbors import updated
 from .plan import inverse_inertia_of
+from .rolling import of_rolling
 from .state import State, groups
 
 
@@ -24,10 +25,11 @@ def _springs(kind, dim, bodies, contacts, shift, p, normal, springs):
         rx, ry, rz = pair_vector(dim, bodies.position, shift, c, i, j)
         nx, ny, nz, overlap, _ = normal_and_overlap(i, j, j >= n, j - n, radius, wall_normal, rx, ry, rz)
         springs[c, 0] = springs[c, 1] = springs[c, 2] = 0.0
-        if overlap > 0.0:
-            q = parameters(p, material[i], material[j])
+        if not apart(kind, p, material, radius, inverse_mass, i, j, j >= n, overlap):
+            q = row(kind, p, material[i], material[j])
             r_eff, _ = effective(kind, 0, radius, inverse_mass, i, j, j >= n)
-            springs[c, 0], _ = tangents(kind, q, r_eff, overlap)
+            # cohesion softens with the gap: as stiff as if it were not negative, to be on the safe side
+            springs[c, 0] = abs(tangents(kind, q, r_eff, overlap)[0])
             springs[c, 1] = tangential_stiffness(kind, q, r_eff, overlap)
             springs[c, 2] = np.sqrt(rx * rx + ry * ry + rz * rz)
         normal[c, 0], normal[c, 1], normal[c, 2] = nx, ny, nz
@@ -115,7 +117,7 @@ def _of_springs(state: State, here: Bodies) -> float:
 def stable_time_step(state: State, law: Law) -> float:
     """2/ω_max of the springs of all contacts that touch, sliding or not [time]; infinite without contacts.
 
-    Springs to load points make it shorter, by no less than what is needed.
+    Springs to load points and springs of rolling make it shorter, by no less than what is needed.
 
     Beyond it velocity Verlet blows up. A tenth of it gives four digits of a contact's force.
 
@@ -127,14 +129,14 @@ def stable_time_step(state: State, law: Law) -> float:
     1.414214
     """
     check_materials(state, law)
-    state = updated(state)
+    state = updated(state, law)
     here = bodies(state)
     normal, springs = _network(state, law, here)
     largest = _largest(
         state.contacts, normal, springs, here.radius, here.inverse_mass, inverse_inertia_of(state),
         _inverse_cell(state), 300,
     )  # fmt: skip
-    largest += _of_springs(state, here)
+    largest += _of_springs(state, here) + of_rolling(state, law, here, inverse_inertia_of(state))
     return float(2 / np.sqrt(largest)) if largest > 0 else np.inf
 
 
@@ -143,8 +145,12 @@ def check_time_step(state: State, law: Law, here: Bodies, dt: float) -> None:
     if not (state.contacts.count[0] or state.control.spring.any()):
         return
     _, springs = _network(state, law, here)
-    bound = _of_springs(state, here) + _bound(
-        state.contacts, springs, here.radius, here.inverse_mass, inverse_inertia_of(state), _inverse_cell(state)
+    bound = (
+        _of_springs(state, here)
+        + of_rolling(state, law, here, inverse_inertia_of(state))
+        + _bound(
+            state.contacts, springs, here.radius, here.inverse_mass, inverse_inertia_of(state), _inverse_cell(state)
+        )
     )
     if dt * dt * bound <= 4.0:
         return

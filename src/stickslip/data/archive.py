@@ -21,6 +21,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from ..core.kinds import Kind, described, recalled
 from ..core.laws import Law
 from ..core.state import Cell, Contacts, Control, Grains, Instant, State, Walls
 from .units import unit_of
@@ -30,7 +31,7 @@ SCHEMA = 4
 _BLOCK, _SEAL = 512, b"stickslip archive, SHA-256 of what follows this block:\n"
 _NOUNS = (State, Grains, Walls, Cell, Contacts, Control, Instant, Law)
 _VERSIONS = ("numpy", "numba", "scipy", "h5py")
-_EVERY_PAIR = ("i", "j", "image", "key", "slip", "mode", "pair", "roll", "reached")
+_EVERY_PAIR = ("i", "j", "image", "key", "slip", "mode", "pair", "roll", "reached", "rolling")
 # what HDF5 and what is made of its contents raise where a file is damaged
 _DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError, OverflowError, MemoryError)
 
@@ -154,6 +155,8 @@ def _put(group, name: str, value, si: bool) -> None:
         child.attrs["noun"] = type(value).__name__
         for key, item in value._asdict().items():
             _put(child, key, item, si)
+        if isinstance(value, Law) and isinstance(value.kind, Kind):
+            _put(child, "own", described(value), si)
     elif isinstance(value, dict):
         child = group.create_group(name)
         numbers = [key for key in value if not isinstance(key, str)]
@@ -211,7 +214,16 @@ def _take(item, known: dict):
         number = {"float": float, "int": int}[item.attrs["keys"]]
         return {number(name): value for name, value in tree.items()}
     noun = known.get(item.attrs.get("noun"))
+    if noun is Law and "own" in tree:
+        tree["kind"] = _recalled(tree["kind"], tree.pop("own"))
     return noun(**tree) if noun else tree
+
+
+def _recalled(kind: int, about: dict) -> Kind:
+    try:
+        return recalled(kind, about)
+    except ValueError as problem:
+        raise ArchiveError(f"this archive cannot be read yet: {problem}") from None
 
 
 def _taken_array(item: h5py.Dataset):

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from .law_file import LawFile
 from .parts import Duration, Finite, Listed, NotNegative, Part, Positive, Seed, Several, Whole
 
 AXES = "xyz"
@@ -95,7 +96,7 @@ class Pour(Part):
         return self
 
 
-class FlowLaw(Part):
+class FlowLaw(LawFile):
     """Contact law: stiffness by k_n and k_t or by elastic constants, damping by coefficients or by a restitution."""
 
     kind: Literal["hertz_mindlin", "hertz_mindlin_reff", "linear"] = Field(
@@ -122,6 +123,8 @@ class FlowLaw(Part):
 
     @model_validator(mode="after")
     def _one_way(self):
+        if self.file is not None:
+            return self
         elastic = [name for name in ("young", "poisson") if getattr(self, name) is not None]
         plain = [name for name in ("kn", "kt") if getattr(self, name) is not None]
         if elastic and plain:

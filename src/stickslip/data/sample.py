@@ -6,6 +6,7 @@ import numpy as np
 
 from ..core.contact import FREE, HELD
 from ..core.forces import accept, forces
+from ..core.kinds import Kind
 from ..core.laws import COULOMB, DAMPING, Law, hertz_mindlin, hertz_mindlin_reff, linear, stiffnesses
 from ..core.measure import branches
 from ..core.neighbors import grid_of, pack_key, updated
@@ -66,7 +67,7 @@ def sample(
     if dim == 2 and slip is not None and np.any(np.asarray(slip)[..., 2:]):
         raise SampleError("position or slip leaves the plane although dim is 2: z must be zero")
     if pair_i is not None or pair_j is not None:
-        state = _with_contacts(state, pair_i, pair_j, image, slip, mode)
+        state = _with_contacts(updated(state, law), law, pair_i, pair_j, image, slip, mode)
     elif image is not None or slip is not None or mode is not None:
         raise SampleError("image, slip or mode was given without pair_i and pair_j: give these too")
     return accepted(state, law, modes=mode is not None)
@@ -193,7 +194,7 @@ def _check_overlap(state: State) -> None:
         )
 
 
-def _with_contacts(state: State, pair_i, pair_j, image, slip, mode) -> State:
+def _with_contacts(state: State, law: Law, pair_i, pair_j, image, slip, mode) -> State:
     """The state with a given list of contacts and their slip, not yet projected."""
     if pair_i is None or pair_j is None:
         raise SampleError("only one of pair_i and pair_j was given: give both")
@@ -231,6 +232,8 @@ def _with_contacts(state: State, pair_i, pair_j, image, slip, mode) -> State:
     branch = branches(state)
     reach = state.grains.radius[contacts.i[:count]] + state.grains.radius[contacts.j[:count]]
     touches = np.linalg.norm(branch, axis=1) < reach
+    if isinstance(law.kind, Kind):  # which may reach across gaps
+        touches = forces(state, law)[1].mode[:count] != OPEN
     there[there] = touches[row[there]]
     lost = ~there & slip.any(axis=1)
     if lost.any():
@@ -256,6 +259,7 @@ def accepted(state: State, law: Law, *, memory: int = FREE, modes: bool = False)
     memory : as in `forces`; FROZEN leaves contacts as they are where nothing has moved
     modes : True takes the contacts' modes as given: what slides is put at the limit, what sticks is cut to it
     """
+    state = updated(state, law)
     count = int(state.contacts.count[0])
     _, trial = forces(state, law, memory=memory)
     branch = branches(state)

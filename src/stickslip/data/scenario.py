@@ -10,6 +10,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 
 from .flow_scenario import FlowScenario
 from .gouge_scenario import GougeScenario
+from .law_file import LawFile
 from .parts import (
     Duration,
     Finite,
@@ -63,7 +64,7 @@ class Parameters(Part):
     damping_t: NotNegative | None = Field(None, description="as `law.damping_t` [force time/length]")
 
 
-class LawChoice(Part):
+class LawChoice(LawFile):
     """Contact law and its parameters."""
 
     kind: Literal["hertz_mindlin", "linear"] = Field("hertz_mindlin", description="F_n = k_n δ^(3/2), or k_n δ")
@@ -172,6 +173,8 @@ class Scenario(Whole):
                 f"dynamics.dt = {self.dynamics.dt:g} makes more than 1e9 steps of one run: use shorter runs"
             )
         radius = self.array.radius if isinstance(self.array.radius, tuple) else (self.array.radius,)
+        if self.law.file is not None:
+            return self
         power = 2 / 3 if self.law.kind == "hertz_mindlin" else 1.0
         overlap = (self.load.press * self.load.unit / (self.law.wall.kn or self.law.kn)) ** power
         if overlap > 0.2 * min(radius):
@@ -311,7 +314,7 @@ def tables_of(path: str | Path) -> dict:
     path = Path(path)
     try:
         text = path.read_text(encoding="utf-8")
-        return json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
+        return json.loads(text) if path.suffix == ".json" else _placed(tomllib.loads(text), path.parent)
     except OSError as problem:
         raise ScenarioError(
             f"the scenario {path} cannot be read ({problem.strerror}): give the path of a TOML file"
@@ -322,3 +325,11 @@ def tables_of(path: str | Path) -> dict:
         raise ScenarioError(f"the scenario {path} is not valid TOML: {problem}") from None
     except json.JSONDecodeError as problem:
         raise ScenarioError(f"the scenario {path} is not valid JSON: {problem}") from None
+
+
+def _placed(tables: dict, folder: Path) -> dict:
+    """Tables in which the name of a law's file starts from the folder of the scenario."""
+    law = tables.get("law")
+    if isinstance(law, dict) and isinstance(law.get("file"), str):
+        tables["law"] = law | {"file": str(folder.absolute() / law["file"])}
+    return tables

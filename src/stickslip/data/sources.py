@@ -68,12 +68,17 @@ def rests_on(scenario: Whole) -> dict[str, tuple[str, ...]]:
     return {title: keys for title, keys in groups.items() if keys}
 
 
+def _contact(law) -> tuple[str, ...]:
+    """Sources of a built-in law; those of a law in a file are its author's to name."""
+    return CONTACT[law.kind] if law.file is None else ()
+
+
 def _array(scenario: Scenario) -> dict:
-    return {"the experiment (paper 000)": ("Charan2020",), "contact law": CONTACT[scenario.law.kind]}
+    return {"the experiment (paper 000)": ("Charan2020",), "contact law": _contact(scenario.law)}
 
 
 def _sheared(scenario: ShearScenario) -> dict:
-    return {"the experiment (paper 001)": ("Bonfanti2020",), "contact law": CONTACT[scenario.law.kind]}
+    return {"the experiment (paper 001)": ("Bonfanti2020",), "contact law": _contact(scenario.law)}
 
 
 def _quasi_rigid(scenario: QuasiScenario) -> dict:
@@ -93,7 +98,7 @@ def _flow(scenario: FlowScenario) -> dict:
     dashpots = law.damping or ("viscoelastic" if law.kind == "hertz_mindlin_reff" else "mass_velocity")
     damped = law.restitution is not None or law.damping_n or law.damping_t
     more = ("Silbert2001",) if damped and dashpots != "velocity" else ()
-    contact = CONTACT[law.kind]
+    contact = _contact(law)
     return {
         "contact law": contact + tuple(key for key in more if key not in contact),
         "inertial number of plane shear": ("GDRMiDi2004",) if scenario.plates else (),

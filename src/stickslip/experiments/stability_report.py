@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
-from ..core.laws import COULOMB, DAMPING, KINDS, NO_TENSION, PARAMETERS, Law, dashpots
+from ..core.kinds import Kind, known
+from ..core.laws import COULOMB, DAMPING, KINDS, NO_TENSION, Law, dashpots, names_of
 from ..core.state import State
 from ..data.whole import beside
 from ..solve.damped import Damped, damped_stability
@@ -91,10 +92,11 @@ def law_in_words(law: Law) -> str:
     """Kind, Coulomb's limit, parameters, damping."""
     coulomb = next(name for name, number in COULOMB.items() if number == law.coulomb)
     values = ", ".join(
-        f"{name} = {value:.4g}" for name, value in zip(PARAMETERS, law.table[0, 0], strict=True) if value
+        f"{name} = {value:.4g}" for name, value in zip(names_of(law), law.table[0, 0], strict=True) if value
     )
     damping = next(name for name, number in DAMPING.items() if number == law.damping & ~NO_TENSION)
-    return f"{KINDS[law.kind]}, {coulomb} Coulomb, {values}" + (f" ({damping})" if dashpots(law) else "")
+    name = known(law.kind).name if isinstance(law.kind, Kind) else KINDS[law.kind]
+    return f"{name}, {coulomb} Coulomb, {values}" + (f" ({damping})" if dashpots(law) else "")
 
 
 def _table(name: str, count: int, columns: tuple[str, ...]) -> Table:

@@ -12,6 +12,7 @@ from ..core.measure import coordination, elastic_energy, packing_fraction, press
 from ..core.neighbors import updated
 from ..core.outcome import NotInEquilibriumError
 from ..core.state import State, assembly, box, disks, flat_walls, loads, spheres
+from ..data.law_file import law_in
 from ..data.scenario import LawChoice, Scenario
 from ..solve.equilibrate import equilibrate
 
@@ -65,10 +66,13 @@ def disk_array(
 
 def law_of(choice: LawChoice) -> Law:
     """The contact law that a scenario chose, with the disk–wall parameters where they differ."""
-    make = {"hertz_mindlin": hertz_mindlin, "linear": linear}[choice.kind]
-    law = make(
-        choice.kn, choice.kt, choice.mu, coulomb=choice.coulomb, damping_n=choice.damping_n, damping_t=choice.damping_t
-    )
+    if choice.file is not None:
+        law = law_in(choice)
+    else:
+        law = {"hertz_mindlin": hertz_mindlin, "linear": linear}[choice.kind](
+            choice.kn, choice.kt, choice.mu, coulomb=choice.coulomb, damping_n=choice.damping_n,
+            damping_t=choice.damping_t,
+        )  # fmt: skip
     return between(law, 0, SUBSTRATE, **{k: v for k, v in choice.wall.model_dump().items() if v is not None})
 
 

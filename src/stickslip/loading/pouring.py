@@ -5,20 +5,23 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.control import rigid
+from ..core.judge import stiffest
+from ..core.kinds import Kind
 from ..core.laws import (
     Law,
     between,
     hertz_mindlin,
     hertz_mindlin_reff,
     linear,
+    normal_energy,
     normal_force,
-    parameters,
     stiffnesses,
     tangential_stiffness,
     tangents,
 )
 from ..core.state import State, assembly, box, disks, flat_walls, heights, loads, spheres
 from ..data.flow_scenario import AXES, FlowScenario, Plate, Shaking
+from ..data.law_file import law_in
 from ..data.parts import ScenarioError
 from ..solve.collision import with_restitution
 
@@ -84,6 +87,8 @@ def poured(scenario: FlowScenario) -> Poured:
 def flow_law(scenario: FlowScenario, radius, mass) -> Law:
     """The law of a scenario: grains are material 0, wall k has material k + 1 if its friction is its own."""
     chosen, r, m = scenario.law, float(np.mean(radius)), float(np.mean(mass))
+    if chosen.file is not None:
+        return _with_walls(law_in(chosen), scenario)
     if chosen.young is not None:
         kn, kt = stiffnesses(chosen.young, chosen.poisson)
     else:
@@ -98,6 +103,11 @@ def flow_law(scenario: FlowScenario, radius, mass) -> Law:
         # a linear law's restitution does not depend on the speed: any that is of the problem's size will do
         speed = chosen.speed or 0.01 * r * float(np.sqrt(kn / m))
         law = with_restitution(law, chosen.restitution, radius=r, mass=m, speed=speed)
+    return _with_walls(law, scenario)
+
+
+def _with_walls(law: Law, scenario: FlowScenario) -> Law:
+    """The law with the friction of walls that have their own."""
     for k, wall in enumerate(scenario.walls):
         if wall.mu is not None:
             law = between(law, 0, k + 1, mu=wall.mu)
@@ -234,10 +244,13 @@ def _time_step(scenario: FlowScenario, law: Law, radius, mass) -> float:
     There are no contacts at the start, and Hertz's stiffness grows with the overlap. The collision's speed is that of
     a fall through the region, plus the largest prescribed velocity; a force on a plate or wall may ask for more.
     """
-    q, lightest, r_eff = parameters(law.table, 0, 0), float(mass.min()), float(radius.min()) / 2
+    q, lightest, r_eff = tuple(law.table[0, 0].tolist()), float(mass.min()), float(radius.min()) / 2
     depth = _deepest(scenario, law, q, r_eff, float(mass[: len(radius)].max()))
-    normal, _ = tangents(law.kind, q, r_eff, depth)
-    stiffness = max(float(normal), float(tangential_stiffness(law.kind, q, r_eff, depth)))
+    if isinstance(law.kind, Kind):
+        stiffness = stiffest(law, q, r_eff, depth)
+    else:
+        normal, _ = tangents(law.kind, q, r_eff, depth)
+        stiffness = max(float(normal), float(tangential_stiffness(law.kind, q, r_eff, depth)))
     unit = float(np.sqrt(lightest / stiffness))
     if scenario.dt is not None and scenario.dt > LIMIT * unit:
         raise ScenarioError(
@@ -269,7 +282,10 @@ def _deepest(scenario: FlowScenario, law: Law, q, r_eff: float, heaviest: float)
     for _ in range(60):  # at most a radius: beyond it no law means anything
         middle = 0.5 * (low + high)
         force = float(normal_force(law.kind, q, r_eff, middle))
-        stored = force * middle / (2.0 if law.kind == 1 else 2.5)
+        if isinstance(law.kind, Kind):
+            stored = float(normal_energy(law.kind, q, r_eff, middle))
+        else:
+            stored = force * middle / (2.0 if law.kind == 1 else 2.5)
         low, high = (middle, high) if stored < energy or force < static else (low, middle)
     return max(high, 1e-12 * r_eff)
 

@@ -53,7 +53,7 @@ def reduced_cell(state: State) -> State:
         **{
             name: np.ascontiguousarray(getattr(rows, name)[order])
             for name in rows._fields
-            if name not in ("origin", "skin", "count")
+            if name not in ("origin", "skin", "count") and len(getattr(rows, name))
         }
     )
     return state._replace(cell=state.cell._replace(vectors=vectors), contacts=rows)

@@ -7,6 +7,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from ..core.contact import with_dashpot
+from ..core.kinds import Kind
 from ..core.laws import DAMPING_N, DAMPING_T, LINEAR, Law, damping_factor, normal_force, parameters
 
 
@@ -37,6 +38,8 @@ def collision(law: Law, *, radius: float, mass: float, speed: float, pair: tuple
     for name, value in (("radius", radius), ("mass", mass), ("speed", speed)):
         if not (np.isfinite(value) and value > 0):
             raise ValueError(f"{name} = {value} was given: it must be positive")
+    if isinstance(law.kind, Kind):
+        raise ValueError("a collision was asked of a user's law: only built-in laws have one, run the pair instead")
     q, r_eff, m_eff = parameters(law.table, *pair), radius / 2, mass / 2
 
     def force(x, v):

@@ -77,7 +77,7 @@ def equilibrate(
 
 def _by_dynamics(state: State, law: Law, tolerance: float, steps: int, first: Outcome):
     """Damped dynamics from the start of the step, with Newton's method after each stage."""
-    here, spent, outcome = updated(state), 0, first
+    here, spent, outcome = updated(state, law), 0, first
     _, trial = forces(here, law)
     held = accept(here, trial)
     force = mean_normal_force(held, law) or residual(state, law)[0]

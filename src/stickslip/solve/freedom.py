@@ -8,7 +8,7 @@ from scipy import sparse
 from ..core.contact import HELD
 from ..core.forces import Loads, moved_masses, unbalanced
 from ..core.frame import cell_mass, strained
-from ..core.jacobian import contact_blocks, triplets
+from ..core.jacobian import contact_blocks, inverse_radii, triplets
 from ..core.laws import MU, Law
 from ..core.measure import branches, contact_forces, rattlers, volume
 from ..core.state import State, groups
@@ -164,7 +164,7 @@ def of_branches(state: State, force: np.ndarray, free: Freedom):
 def restricted(state: State, blocks: np.ndarray, free: Freedom):
     """(n, n) sparse PᵀKP of the matrix K that contact blocks add up to."""
     if free.length:
-        q = incidence(state, len(blocks), free)
+        q = incidence(state, len(blocks), free, blocks.shape[1])
         flat = sparse.bsr_array((blocks, np.arange(len(blocks)), np.arange(len(blocks) + 1)))
         return sparse.csr_array(q @ flat @ q.T)
     rows, cols, values = triplets(state, blocks)
@@ -185,24 +185,33 @@ def stiffness(state: State, law: Law, free: Freedom):
     return matrix
 
 
-def incidence(state: State, count: int, free: Freedom):
-    """(n, 6 count) sparse Q such that blocks B of the first `count` contacts add up to Q B Qᵀ: see `triplets`."""
+def incidence(state: State, count: int, free: Freedom, width: int = 6):
+    """(n, width count) sparse Q such that blocks B of the first `count` contacts add up to Q B Qᵀ: see `triplets`.
+
+    With a width of 9 blocks hold moments of rolling, too.
+    """
     k = np.arange(6)
-    column = np.arange(6 * count)
+    column = (width * np.arange(count)[:, None] + k).ravel()
     rows, columns, values = [], [], []
     for body, sign in ((state.contacts.i, np.ones(6)), (state.contacts.j, np.array([-1.0, -1, -1, 1, 1, 1]))):
         row = free.place[(6 * body[:count, None] + k).ravel()]
         rows.append(row[row >= 0])
         columns.append(column[row >= 0])
         values.append(np.tile(sign, count)[row >= 0])
+        if width > 6:
+            row = free.place[6 * body[:count, None] + k[3:]].ravel()
+            turn = np.repeat(sign[0] * inverse_radii(state)[body[:count]], 3)
+            rows.append(row[row >= 0])
+            columns.append((width * np.arange(count)[:, None] + np.arange(6, 9)).ravel()[row >= 0])
+            values.append(turn[row >= 0])
     if free.length:  # dr = ε r: ℓ ε_ab moves component a by r_b/ℓ
         branch = branches(state)[:count] / free.length
         for k in np.flatnonzero(free.place[-9:] >= 0):
             rows.append(np.full(count, free.place[6 * free.bodies + k]))
-            columns.append(6 * np.arange(count) + k // 3)
+            columns.append(width * np.arange(count) + k // 3)
             values.append(branch[:, k % 3])
     where = (np.concatenate(rows), np.concatenate(columns))
-    return sparse.csr_array((np.concatenate(values), where), shape=(len(free), 6 * count))
+    return sparse.csr_array((np.concatenate(values), where), shape=(len(free), width * count))
 
 
 def displaced(state: State, free: Freedom, step: np.ndarray) -> State:

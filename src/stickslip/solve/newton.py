@@ -76,7 +76,7 @@ def newton(state: State, law: Law, *, tolerance: float = 1e-14, iterations: int 
     free, keep = freedom(state), keep or Kept()
     loose = _unloaded(state)
     least = 2 if law.table[..., MU].any() else state.cell.dim + 1
-    here = _evaluate(updated(state), law, free)
+    here = _evaluate(updated(state, law), law, free)
     before = keep.factorisations
     for used in range(iterations + 1):
         if np.isfinite(here.worst) and here.worst > tolerance:
@@ -101,7 +101,7 @@ def newton(state: State, law: Law, *, tolerance: float = 1e-14, iterations: int 
 
 
 def _evaluate(state: State, law: Law, free: Freedom) -> _Point:
-    state = updated(state)
+    state = updated(state, law)
     loads, trial = forces(state, law)
     return _Point(state, trial, residual_vector(state, loads, free))
 

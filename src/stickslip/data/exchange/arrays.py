@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...core.kinds import Kind
 from ...core.laws import DAMPING_N, DAMPING_T, KN, KT, MU, NO_TENSION, Law
 from ...core.state import State
 from .. import archive
@@ -35,10 +36,13 @@ def write_npz(path: str | Path, frame: Frame) -> list[str]:
     if control.force[:n].any():
         arrays["external_force"] = control.force[:n]
     rest = frame._replace(state=state._replace(control=control._replace(force=np.zeros_like(control.force))))
-    lost = unheld(rest, law=len(law.table) > 1)
+    own = isinstance(law.kind, Kind)
+    lost = unheld(rest, law=len(law.table) > 1 or own)
+    if len(state.contacts.rolling):
+        lost.append("the memory of rolling")
     if law.damping & NO_TENSION:
         lost.append("that dashpots do not make contacts pull")
-    if len(law.table) == 1:
+    if len(law.table) == 1 and not own:
         values = law.table[0, 0]
         arrays |= {k: v for k, v in law_words(law).items() if k in ("law", "coulomb", "damping")}
         numbers = {"kn": KN, "kt": KT, "mu": MU, "damping_n": DAMPING_N, "damping_t": DAMPING_T}

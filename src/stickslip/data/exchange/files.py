@@ -5,9 +5,10 @@ import warnings
 from pathlib import Path
 
 from ...core.contact import FROZEN
-from ...core.laws import Law
+from ...core.laws import Law, alike
 from ...core.neighbors import updated
 from ...core.state import State
+from ..law_file import law_of_options
 from ..sample import SampleError, SampleWarning, accepted, law_from, sample
 from .arrays import law_given, read_archive, read_npz, write_archive, write_npz
 from .frame import Frame, frame_of
@@ -64,38 +65,53 @@ def read_samples(path: str | Path, *, frame: str | None = "all", **options) -> l
         raise SampleError(f"{path} is no file: give a packing, {', '.join(READ)}")
     suffix = path.suffix.lower()
     given = {name: value for name, value in options.items() if value is not None}
+    given, own = _own_law(given)
     i0, of_lammps = given.pop("i0", None), {name: given.pop(name) for name in OF_LAMMPS if name in given}
     if suffix in LAMMPS_DATA + DUMP:
-        return [_with_i0(found, i0) for found in _from_lammps(path, frame, given, of_lammps)]
+        return [_with_i0(found, i0) for found in _from_lammps(path, frame, given, of_lammps, own)]
     if of_lammps:
         raise SampleError(f"{', '.join(of_lammps)} was given with {path.name}: only files of LAMMPS take it")
     if suffix in ARCHIVE:
-        return [_whole(*found, given, i0) for found in read_archive(path, frame)]
+        return [_whole(*found, given, i0, own) for found in read_archive(path, frame)]
     if suffix == ".gsd":
-        return [_whole(*found, given, i0) for found in read_gsd(path, frame)]
+        return [_whole(*found, given, i0, own) for found in read_gsd(path, frame)]
     if suffix != ".npz":
         raise SampleError(_unknown(path, READ, "read"))
     if frame not in (None, "all"):
         raise SampleError(f"frame {frame!r} was asked for, but {path} has one state: leave it out")
     arrays, in_file = read_npz(path)
-    given = in_file | given
+    given = {} if own else in_file | given
     if i0 is not None:
         arrays["i0"] = i0
-    words = [] if given else ["no contact law was given: the defaults are assumed"]
-    law = law_given(given)
+    words = [] if given or own else ["no contact law was given: the defaults are assumed"]
+    law = own or law_given(given)
     return [(path.stem, sample(arrays.pop("position"), arrays.pop("radius"), law, **arrays), law, words)]
 
 
-def _from_lammps(path: Path, frame: str | None, given: dict, of_lammps: dict):
+def _own_law(given: dict) -> tuple[dict, Law | None]:
+    """Options without those of a law, and the law, if the user named a Python file of their own: no other is run."""
+    if not str(given.get("law", "")).endswith(".py"):
+        return given, None
+    try:
+        law, rest = law_of_options(given["law"], given)
+    except ValueError as problem:
+        raise SampleError(str(problem)) from None
+    lost = [name for name in ("coulomb", "young", "poisson", "damping") if name in rest]
+    if lost:
+        raise SampleError(f"{lost[0]} was given with a law from a file: set it in {given['law']}")
+    return {name: value for name, value in rest.items() if name != "law"}, law
+
+
+def _from_lammps(path: Path, frame: str | None, given: dict, of_lammps: dict, own: Law | None):
     contacts = of_lammps.pop("contacts", None)
     if contacts is not None:
         contacts = Path(contacts)
         if not contacts.is_file():
             raise SampleError(f"{contacts} is no file: give the contacts that LAMMPS's `dump local` wrote")
-        law, words = law_from(**contact_law(given)), []
+        law, words = own or law_from(**contact_law(given)), []
     else:
-        law = law_given(given)
-        words = [] if given else ["no contact law was given: the defaults are assumed"]
+        law = own or law_given(given)
+        words = [] if given or own else ["no contact law was given: the defaults are assumed"]
     found = read_lammps(path, law, contacts=contacts, wanted=frame, **of_lammps)
     return [(name, state, law, said + words) for name, state, law, said in found]
 
@@ -114,14 +130,14 @@ def _inertia(state: State, i0: float | None) -> State:
     return state._replace(grains=grains._replace(inertia=i0 * grains.mass * grains.radius**2))
 
 
-def _whole(name: str, found: State | dict, its_law: Law | None, words: list[str], given: dict, i0: float | None):
+def _whole(name: str, found: State | dict, its_law: Law | None, words: list[str], given: dict, i0: float | None, own):
     """A state as it was, if its law is left to it; else with the slip that another law allows."""
-    if not given and its_law is None:
+    if not given and its_law is None and not own:
         words = [*words, "the file has no contact law: the defaults are assumed"]
-    law = law_given(given) if given or its_law is None else its_law
+    law = own or (law_given(given) if given or its_law is None else its_law)
     if isinstance(found, dict):
         return name, _inertia(sample(law=law, **found), i0), law, words
-    same = its_law is not None and not given
+    same = its_law is not None and not given and (own is None or alike(own, its_law))
     state = updated(_inertia(found, i0))
     return name, accepted(state, law, **({"memory": FROZEN} if same else {})), law, words
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core.forces import forces
+from ...core.kinds import Kind, described, recalled
 from ...core.laws import COULOMB, DAMPING, KINDS, NO_TENSION, Law
 from ...core.measure import branches, contact_forces, contact_numbers, touching
 from ...core.state import State
@@ -60,8 +61,9 @@ def without_walls(frame: Frame) -> tuple[dict[str, np.ndarray], list[str]]:
 
 def law_words(law: Law) -> dict:
     """A law as names and numbers that JSON holds to the last bit."""
-    return {
-        "law": KINDS[law.kind],
+    own = {"own": described(law)} if isinstance(law.kind, Kind) else {}
+    return own | {
+        "law": f"own {int(law.kind):x}" if own else KINDS[law.kind],
         "coulomb": next(name for name, number in COULOMB.items() if number == law.coulomb),
         "damping": next(name for name, number in DAMPING.items() if number == law.damping & ~NO_TENSION),
         "tension": not law.damping & NO_TENSION,
@@ -72,10 +74,11 @@ def law_words(law: Law) -> dict:
 def law_of(words: dict) -> Law:
     """The law that `law_words` described; ValueError, KeyError or TypeError if there is none such."""
     table = np.array(words["table"], float)
-    if table.ndim != 3 or table.shape[0] != table.shape[1] or table.shape[2] != 5 or not np.isfinite(table).all():
+    if table.ndim != 3 or table.shape[0] != table.shape[1] or table.shape[2] < 5 or not np.isfinite(table).all():
         raise ValueError(f"a law's table of shape {table.shape}")
     damping = DAMPING[words["damping"]] + (0 if words["tension"] else NO_TENSION)
-    return Law(KINDS.index(words["law"]), COULOMB[words["coulomb"]], table, damping)
+    kind = recalled(int(words["own"]["digest"], 16), words["own"]) if "own" in words else KINDS.index(words["law"])
+    return Law(kind, COULOMB[words["coulomb"]], table, damping)
 
 
 def lower_triangular(state: State, name: str) -> np.ndarray:

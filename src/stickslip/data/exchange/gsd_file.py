@@ -158,7 +158,8 @@ def _taken(path, file, number: int):
         raise SampleError(f"{path} is an animation of a mode, not a state: give the packing that it was made from")
     parts = {}
     for noun, kind in NOUNS.items():
-        fields = {name: _array(file.file, number, meta["shapes"], f"{noun}/{name}") for name in kind._fields}
+        there = [n for n in kind._fields if f"{noun}/{n}" in meta["shapes"] or n not in kind._field_defaults]
+        fields = {name: _array(file.file, number, meta["shapes"], f"{noun}/{name}") for name in there}
         parts[noun] = kind(**fields)
     parts["cell"] = parts["cell"]._replace(dim=int(parts["cell"].dim))
     parts["control"] = parts["control"]._replace(cell_mass=float(parts["control"].cell_mass))

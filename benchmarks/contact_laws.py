@@ -1,0 +1,66 @@
+"""A user's copy of a built-in law against the built-in, and with rolling resistance: time of a step, alternating.
+
+python benchmarks/contact_laws.py
+"""
+
+import math
+import time
+
+import numpy as np
+
+import stickslip as ss
+
+ROUNDS, STEPS, DT = 7, 300, 0.05
+HERTZ = {"kn": 1.0, "kt": 2 / 7, "mu": 0.5}
+
+
+def normal_force(overlap, kn):
+    return kn * overlap * math.sqrt(overlap)
+
+
+def tangential_stiffness(overlap, kt):
+    return kt * math.sqrt(overlap)
+
+
+def rolling_stiffness(overlap, kr):
+    return kr * overlap
+
+
+def rolling_cap(normal_force, mu_r):
+    return mu_r * normal_force
+
+
+def gas(side: int) -> ss.State:
+    """Touching spheres in a periodic box, in motion."""
+    rng = np.random.default_rng(0)
+    place = np.stack(np.meshgrid(*3 * [np.arange(side)], indexing="ij"), -1).reshape(-1, 3) * 0.98
+    grains = ss.spheres(place + rng.normal(0, 0.01, place.shape), 0.5, velocity=rng.normal(0, 0.01, place.shape))
+    return ss.assembly(grains, cell=ss.box([side * 0.98] * 3, [True] * 3, 3))
+
+
+def ratio(state: ss.State, one: ss.Law, other: ss.Law) -> float:
+    """Least time of the other law over that of the first, one thread."""
+    best = [np.inf, np.inf]
+    for _ in range(ROUNDS):
+        for k, law in enumerate((one, other)):
+            start = time.process_time()
+            ss.run(state, law, STEPS, DT, threads=1)
+            best[k] = min(best[k], time.process_time() - start)
+    return best[1] / best[0]
+
+
+def main() -> None:
+    """Print both ratios."""
+    own = {"normal_force": normal_force, "tangential_stiffness": tangential_stiffness}
+    rolls = {"rolling_stiffness": rolling_stiffness, "rolling_cap": rolling_cap}
+    built_in, copy = ss.hertz_mindlin(**HERTZ), ss.contact_law(**own, parameters=HERTZ)
+    rolling = ss.contact_law(**own, **rolls, parameters=HERTZ | {"kr": 0.01, "mu_r": 0.1})
+    for side, law, name in ((14, copy, "a copy of hertz_mindlin"), (10, rolling, "with rolling resistance")):
+        state = gas(side)
+        for one in (built_in, law):
+            ss.run(state, one, 10, DT, threads=1)  # compiles, or is found on disk
+        print(f"{name}, {side**3} spheres: {ratio(state, built_in, law):.2f} of the time of hertz_mindlin")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,31 @@
+"""Wet grains: Hertz–Mindlin contacts, and the pull of a liquid bridge, which fades across a gap and is gone at rupture.
+
+The bridge is that of Richefeu, El Youssoufi & Radjai, doi:10.1103/PhysRevE.73.051304, with 2 r_eff for the radius of
+alike grains, and less the pull at rupture, so that the force ends without a jump. It bears no friction.
+"""
+
+from math import exp, sqrt
+
+parameters = {"kn": 1.0, "kt": 2 / 7, "mu": 0.5, "tension": 1e-4, "decay": 0.02, "rupture": 0.05}
+
+
+def contact_range(rupture):
+    return rupture
+
+
+def elastic(overlap, kn):
+    pressed = max(overlap, 0.0)
+    return kn * pressed * sqrt(pressed)
+
+
+def normal_force(overlap, r_eff, kn, tension, decay, rupture):
+    gap, rest = max(-overlap, 0.0), exp(-rupture / decay)
+    return elastic(overlap, kn) - 2 * r_eff * tension * (exp(-gap / decay) - rest) / (1 - rest)
+
+
+def tangential_stiffness(overlap, kt):
+    return kt * sqrt(max(overlap, 0.0))
+
+
+def cap(overlap, kn, mu):
+    return mu * elastic(overlap, kn)

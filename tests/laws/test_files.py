@@ -1,0 +1,176 @@
+"""Laws in files: from scenarios and the command line only, never from results; what is on disk knows them again."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.core import kinds
+from stickslip.data import archive
+from stickslip.data.sample import SampleError
+from stickslip.data.scenario import scenario, tables_of
+from tests.conftest import make_packing, stickslip_here, stirred
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+FLOW = """
+experiment = "flow"
+gravity = [0.0, -1.0]
+[grains]
+number = 12
+dim = 2
+density = 1.0
+low = [0.0, 0.0]
+high = [4.0, 10.0]
+[law]
+file = "mine.py"
+parameters = { kn = 2e4, damping_n = 20.0 }
+[[walls]]
+name = "floor"
+point = [0.0, 0.0]
+normal = [0.0, 1.0]
+mu = 0.1
+[[walls]]
+name = "left"
+point = [0.0, 0.0]
+normal = [1.0, 0.0]
+[[walls]]
+name = "right"
+point = [4.0, 0.0]
+normal = [-1.0, 0.0]
+[[stages]]
+name = "pour"
+duration = 0.2
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A scenario and its law side by side."""
+    shutil.copy(EXAMPLES / "rolling_law.py", tmp_path / "mine.py")
+    (tmp_path / "flow.toml").write_text(FLOW)
+    return tmp_path
+
+
+def forget(law, monkeypatch):
+    """As in another process: the law is not known."""
+    monkeypatch.delitem(kinds.OWN, law.kind)
+    monkeypatch.delitem(kinds.KNOWN, law.kind)
+
+
+def test_a_scenario_names_a_file_beside_it_and_knows_its_text(folder):
+    chosen = scenario(**tables_of(folder / "flow.toml"))
+    assert Path(chosen.law.file) == folder / "mine.py" and len(chosen.law.checksum) == 16
+    again = scenario(**json.loads(chosen.text))
+    assert again == chosen and again.digest == chosen.digest
+    law = ss.poured(chosen).law
+    assert law.table[0, 0, 0] == 2e4 and law.table[0, 1, 2] == 0.1 and law.table[0, 0, 5] == 0.1
+    (folder / "mine.py").write_text((folder / "mine.py").read_text() + "\n# changed\n")
+    assert scenario(**json.loads(chosen.text)) == chosen  # reading what was written runs nothing …
+    with pytest.raises(ss.ScenarioError, match=r"mine\.py has changed since the run began"):
+        ss.poured(chosen)  # … and nothing else than what was named is run
+    (folder / "mine.py").unlink()
+    with pytest.raises(ss.ScenarioError, match="is not there any more"):
+        ss.poured(chosen)
+
+
+def test_scenarios_without_a_file_are_what_they_were():
+    assert not {"file", "parameters", "checksum"} & set(json.loads(scenario().text)["law"])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('file = "mine.py"', 'file = "mine.py"\nkn = 1.0', "law.file and law.kn were both given"),
+        ('file = "mine.py"', "kn = 1.0", "law.parameters was given without law.file"),
+        ('file = "mine.py"', 'file = "other.py"', "other.py is no file"),
+        ("kn = 2e4", "kn = -1.0", "kn = -1.0 was given"),
+        ("kn = 2e4", "stiff = 1.0", "no parameter 'stiff': it has kn, kt, mu, mu_r"),
+    ],
+)
+def test_a_wrong_table_ends_with_a_sentence_before_anything_starts(old, new, words, folder):
+    (folder / "flow.toml").write_text(FLOW.replace(old, new))
+    said = stickslip_here("run", folder / "flow.toml", "--out", folder / "out")
+    assert said.returncode == 2 and words in said.stderr and not (folder / "out").exists()
+
+
+def test_a_law_that_does_not_compile_ends_with_its_line(folder):
+    (folder / "mine.py").write_text("def normal_force(overlap:\n    return overlap\n")
+    said = stickslip_here("run", folder / "flow.toml", "--out", folder / "out")
+    assert said.returncode == 2 and "mine.py does not compile, line 1: 'def normal_force(overlap:'" in said.stderr
+    np.savez(folder / "pair.npz", position=[[0, 0], [0.99, 0]], radius=[0.5, 0.5], dim=2)
+    said = stickslip_here("stability", folder / "pair.npz", "--law", folder / "mine.py")
+    assert said.returncode == 2 and "line 1" in said.stderr and "Traceback" not in said.stderr
+
+
+def test_results_never_run_code(tmp_path, monkeypatch):
+    trap = tmp_path / "trap.py"
+    trap.write_text(f"open({str(tmp_path / 'sprung')!r}, 'w')\n")
+    np.savez(tmp_path / "pair.npz", position=[[0, 0, 0], [0.99, 0, 0]], radius=[0.5, 0.5], law=str(trap))
+    with pytest.raises(SampleError, match="is not known: use hertz_mindlin"):
+        ss.read_sample(tmp_path / "pair.npz")
+    law = ss.law_from_file(EXAMPLES / "rolling_law.py")
+    archive.write(tmp_path / "state.h5", {"state": make_packing(3), "law": law})
+    assert archive.read(tmp_path / "state.h5")["law"].kind == law.kind
+    forget(law, monkeypatch)
+    with pytest.raises(archive.ArchiveError, match=r"'rolling_law', a contact law of a user .* make that law first"):
+        archive.read(tmp_path / "state.h5")
+    ss.law_from_file(EXAMPLES / "rolling_law.py")
+    assert archive.read(tmp_path / "state.h5")["law"].kind == law.kind
+    assert not (tmp_path / "sprung").exists()
+
+
+@pytest.mark.parametrize("ending", [".h5", ".gsd"])
+def test_files_keep_the_memory_of_rolling_and_know_the_law_again(ending, tmp_path):
+    if ending == ".gsd":
+        pytest.importorskip("gsd")
+    law = ss.law_from_file(EXAMPLES / "rolling_law.py", mu_r=1.5)
+    law = ss.between(law, 0, 1, mu_r=1.0)
+    state = stirred(make_packing(3, wall=False), law, np.random.default_rng(0), size=0.05)
+    assert state.contacts.rolling[:, 6].any()
+    ss.write_sample(tmp_path / f"state{ending}", state, law)
+    back, its_law, _ = ss.read_sample(tmp_path / f"state{ending}")
+    count = int(state.contacts.count[0])
+    np.testing.assert_array_equal(back.contacts.rolling[:count], state.contacts.rolling[:count])
+    assert its_law.kind == law.kind and isinstance(its_law.kind, kinds.Kind)
+    np.testing.assert_array_equal(its_law.table, law.table)
+    assert "the memory of rolling" in ss.write_sample(tmp_path / "state.npz", state, law)[-1]
+
+
+def test_archives_without_rolling_memory_still_read(tmp_path):
+    state = make_packing(2)
+    archive.write(tmp_path / "new.h5", {"state": state})
+    import h5py
+
+    with h5py.File(tmp_path / "new.h5", "r") as file:
+        fields = {name: item[()] for name, item in file["state/contacts"].items() if name != "rolling"}
+    assert ss.Contacts(**fields).rolling.shape == (0, 7)
+
+
+@pytest.mark.slow
+def test_the_command_line_asks_a_packing_with_a_law_of_ones_own(tmp_path):
+    dry = ss.hertz_mindlin(coulomb="sharp")
+    state, _ = ss.equilibrate(ss.jammed(12, packing_fraction=0.9, dim=2, seed=1)[0], dry, tolerance=1e-12)
+    ss.write_sample(tmp_path / "packing.npz", state, dry)
+    law = EXAMPLES / "cohesive_law.py"
+    said = stickslip_here("stability", "packing.npz", "--law", law, "--mu", "0.3", cwd=tmp_path)
+    assert said.returncode == 0, said.stderr
+    words = " ".join(said.stdout.split())
+    assert "law: cohesive_law, sharp Coulomb, kn = 1, kt = 0.2857, mu = 0.3, tension = 0.0001" in words
+    assert "the forces do not balance" in words  # which the bridges have disturbed
+    found = stickslip_here("stability", "packing.npz", "--json", "--law", law, cwd=tmp_path)
+    theirs = stickslip_here("stability", "packing.npz", "--json", cwd=tmp_path)
+    pairs = [json.loads(one.stdout) for one in (found, theirs)]
+    assert pairs[0]["contacts"] >= pairs[1]["contacts"] and pairs[1]["stable"]
+    assert pairs[0]["residual"] > 1e-4 > 1e-9 > pairs[1]["residual"]
+
+
+@pytest.mark.slow
+def test_a_flow_runs_with_a_law_of_ones_own(folder):
+    said = stickslip_here("run", folder / "flow.toml", "--out", folder / "out")
+    assert said.returncode == 0, said.stderr
+    assert (folder / "out" / "results.h5").exists()
+    cited = stickslip_here("cite", folder / "out")
+    assert cited.returncode == 0 and "stickslip" in cited.stdout

@@ -1,0 +1,282 @@
+"""The two example laws, cohesive and rolling: forces, memory, exact Jacobian, runs, energy, on disk."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.core import integrate
+from stickslip.core.contact import FREE, HELD
+from stickslip.core.neighbors import updated
+from tests.conftest import make_packing, stirred
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+SLOW = pytest.mark.slow
+
+
+def example(name, **parameters):
+    """An example's law with other values at the wall, bridges that matter, and caps that are reached.
+
+    Normal dashpots only: that along a sliding contact has two one-sided derivatives.
+    """
+    more = {"cohesive": {"tension": 5e-3}, "rolling": {"mu_r": 1.5}}[name]
+    given = more | {"damping_n": 0.1} | parameters
+    return ss.between(ss.law_from_file(EXAMPLES / f"{name}_law.py", **given), 0, 1, mu=0.3, kn=1.3)
+
+
+def packed(name, dim):
+    """A packing with committed memory: some contacts slide, some roll at their cap, some act across gaps.
+
+    None is so near a kink, or slides or rolls with so little memory, that differences would see a curvature.
+    """
+    law = example(name)
+    for seed in range(300):
+        state = stirred(make_packing(dim, seed=seed), law, np.random.default_rng(seed), size=0.05)
+        count = int(state.contacts.count[0])
+        mode, gap = state.contacts.mode[:count], -overlaps(state)
+        slips = np.linalg.norm(state.contacts.slip[:count], axis=1)[(mode == ss.SLIDE) & (gap < 0)]
+        good = len(slips) and slips.min() > 0.02 and (mode == ss.STICK).any() and np.abs(gap).min() > 2e-3
+        if name == "cohesive":
+            good = good and ((gap > 0) & (mode > 0)).any() and np.abs(gap - 0.05).min() > 2e-3
+        else:
+            rolling = state.contacts.rolling[:count][mode > 0]
+            turned, at_cap = np.linalg.norm(rolling[:, :3], axis=1), rolling[:, 6] > 0
+            good = good and at_cap.any() and not at_cap.all() and turned[at_cap].min() > 0.02
+        if good:
+            return state, law
+    raise AssertionError("no suitable packing")
+
+
+def overlaps(state):
+    count, radius = int(state.contacts.count[0]), np.append(state.grains.radius, np.zeros(len(state.walls.mass)))
+    reach = radius[state.contacts.i[:count]] + radius[state.contacts.j[:count]]
+    return reach - np.linalg.norm(ss.branches(state), axis=1)
+
+
+def differences(state, law, free, memory, step):
+    """∂(generalised force)/∂q by central differences."""
+
+    columns = []
+    for k in range(len(free)):
+        sides = []
+        for sign in (1, -1):
+            moved = ss.displaced(state, free, sign * step * np.eye(len(free))[k])
+            sides.append(ss.residual_vector(moved, ss.forces(moved, law, memory=memory)[0], free))
+        columns.append((sides[0] - sides[1]) / (2 * step))
+    return np.stack(columns, axis=1)
+
+
+def rate_differences(state, law, free, step):
+    """∂(generalised force)/∂q̇ by central differences."""
+    columns, n = [], len(state.grains.radius)
+    for k in range(len(free)):
+        sides = []
+        for sign in (1, -1):
+            v = free.spread(sign * step * np.eye(len(free))[k])
+            spin = v[:n, 3:] / state.grains.radius[:, None]
+            moving = state._replace(
+                grains=state.grains._replace(velocity=v[:n, :3], spin=spin),
+                walls=state.walls._replace(velocity=v[n:, :3]),
+            )
+            sides.append(ss.residual_vector(moving, ss.forces(moving, law, memory=HELD)[0], free))
+        columns.append((sides[0] - sides[1]) / (2 * step))
+    return np.stack(columns, axis=1)
+
+
+@pytest.mark.parametrize(
+    ("name", "dim"),
+    [("cohesive", 2), pytest.param("cohesive", 3, marks=SLOW), ("rolling", 3), pytest.param("rolling", 2, marks=SLOW)],
+)
+def test_jacobian_and_damping_matrix_are_exact(name, dim):
+    state, law = packed(name, dim)
+    free = ss.freedom(state)
+    for memory, step in ((HELD, 1e-6), (FREE, 1e-7)):
+        if memory == FREE:  # as in a solver: what is not committed moves on
+            state = updated(ss.displaced(state, free, np.random.default_rng(3).normal(0, 3e-4, len(free))))
+        exact = ss.restricted(state, ss.contact_blocks(state, law, memory=memory)[0], free).toarray()
+        found = differences(state, law, free, memory, step)
+        # h² f''' with lengths of 0.02 and round-off over h are both of order 1e-9
+        np.testing.assert_allclose(exact, found, atol=3e-8 * np.abs(exact).max())
+    state, _ = packed(name, dim)
+    rub = ss.restricted(state, ss.contact_blocks(state, law)[1], free).toarray()
+    np.testing.assert_allclose(rub, rate_differences(state, law, free, 1e-7), atol=1e-8 * np.abs(rub).max())
+
+
+def test_a_bridge_pulls_across_its_gap_and_opens_beyond():
+    law = example("cohesive")
+    tension, decay, rupture = law.table[0, 0, 5:]
+    for gap, open_ in ((-0.01, False), (0.0, False), (0.02, False), (0.0499, False), (0.0501, True)):
+        pair = ss.assembly(ss.disks([[0, 0], [1.0 + gap, 0]], 0.5), cell=ss.box(dim=2))
+        loads, trial = ss.forces(pair, law)
+        fading = (np.exp(-max(gap, 0) / decay) - np.exp(-rupture / decay)) / (1 - np.exp(-rupture / decay))
+        expected = 0.0 if open_ else tension * 0.5 * fading - max(-gap, 0.0) ** 1.5  # 2 r_eff = 1/2
+        assert loads.force[0, 0] == pytest.approx(expected, rel=1e-12, abs=1e-15)
+        assert (trial.mode[: trial.count[0]] == ss.OPEN).all() == open_
+
+
+def test_rolling_is_resisted_up_to_the_cap_and_common_rotation_is_free():
+    law = example("rolling", mu_r=0.2, damping_n=0.0)
+    kn, mu_r, overlap, r = 1.0, 0.2, 0.02, 0.25
+    pair = ss.assembly(ss.spheres([[0, 0, 0], [1.0 - overlap, 0, 0]], 0.5))
+    pair = ss.accept(updated(pair, law), ss.forces(pair, law)[1])
+    stiffness, most = 2.25 * kn * (mu_r * r) ** 2, mu_r * r * kn * overlap
+
+    def torques(first, second):
+        grains = pair.grains._replace(angle=np.array([first, second], float))
+        return ss.forces(pair._replace(grains=grains), law)[0].torque
+
+    np.testing.assert_allclose(
+        torques([0, 0, 0.05], [0, 0, -0.05]), np.outer([-1, 1], [0, 0, 0.1 * stiffness]), atol=1e-17
+    )
+    np.testing.assert_allclose(torques([0, 2, 0], [0, -2, 0]), np.outer([-1, 1], [0, most, 0]), atol=1e-17)
+    np.testing.assert_allclose(torques([0.3, 0, 0], [-0.4, 0, 0]), 0.0, atol=1e-17)  # twisting
+    turned = ss.forces(pair._replace(grains=pair.grains._replace(angle=np.full((2, 3), [0, 0, 0.1]))), law)[0].torque
+    np.testing.assert_allclose(turned[0], turned[1], atol=1e-17)  # friction alone, which turns both alike
+
+
+def test_lists_know_pairs_across_gaps_and_say_when_they_do_not():
+    law = example("cohesive")
+    narrow = updated(make_packing(2))
+    with pytest.raises(ValueError, match="the list of contacts is not that of these positions"):
+        ss.contact_blocks(narrow, law, memory=FREE)
+    wide = updated(narrow, law)
+    assert wide.contacts.skin.tolist() == [narrow.contacts.skin[0], 0.05]
+    slack = wide.contacts.skin.sum()
+    n, count, radius = len(wide.grains.radius), int(wide.contacts.count[0]), wide.grains.radius
+    grains = wide.contacts.j[:count] < n
+    found = set(zip(wide.contacts.i[:count][grains], wide.contacts.j[:count][grains],
+                    map(tuple, wide.contacts.image[:count][grains].tolist()), strict=True))  # fmt: skip
+    for i in range(n):
+        for j in range(i, n):
+            for k in range(-3, 4):
+                gap = np.linalg.norm(wide.grains.position[i] - wide.grains.position[j] + k * wide.cell.vectors[0])
+                near = gap < radius[i] + radius[j] + slack and not (i == j and k <= 0)
+                assert near == ((i, j, (k, 0, 0)) in found)
+
+
+def test_rolling_memory_is_trial_until_accepted_and_kept_by_new_lists():
+    state, law = packed("rolling", 3)
+    before = state.contacts.rolling.copy()
+    grains = state.grains
+    turned = state._replace(grains=grains._replace(angle=grains.angle + 0.05))
+    ss.forces(turned, law)
+    np.testing.assert_array_equal(state.contacts.rolling, before)
+    renewed = updated(state._replace(contacts=state.contacts._replace(origin=state.contacts.origin + np.inf)))
+    assert renewed.contacts is not state.contacts
+    count = int(state.contacts.count[0])
+    np.testing.assert_array_equal(renewed.contacts.rolling[:count], state.contacts.rolling[:count])
+
+
+@SLOW
+def test_a_run_goes_on_to_the_last_bit_through_an_archive(tmp_path):
+    from stickslip.data import archive
+
+    state, law = packed("rolling", 3)
+    whole, _, _ = ss.run(state, law, 400, 0.02)
+    half, _, _ = ss.run(state, law, 200, 0.02, threads=2)
+    archive.write(tmp_path / "half.h5", {"state": half, "law": law})
+    back = archive.read(tmp_path / "half.h5")
+    assert back["law"].kind == law.kind and isinstance(back["law"].kind, type(law.kind))
+    rest, _, _ = ss.run(back["state"], back["law"], 200, 0.02)
+    np.testing.assert_array_equal(rest.grains.position, whole.grains.position)
+    np.testing.assert_array_equal(rest.contacts.rolling, whole.contacts.rolling[: len(rest.contacts.rolling)])
+
+
+@SLOW
+@pytest.mark.parametrize(("name", "dim", "more"), [("cohesive", 2, {}), ("rolling", 3, {"mu_r": 0.5})])
+def test_a_run_swings_as_the_spectrum_says(name, dim, more):
+    law = ss.law_from_file(EXAMPLES / f"{name}_law.py", mu=10.0, **more)  # no contact slides
+    state, _ = ss.jammed(8, dim=dim, packing_fraction={2: 0.95, 3: 0.75}[dim], seed=3, law=law)
+    state, _ = ss.equilibrate(state, law, tolerance=1e-13, check="nothing")
+    modes = ss.spectrum(state, law)
+    real = (modes.eigenvalues.imag == 0) & (modes.eigenvalues.real > 1e-3 * modes.eigenvalues.real.max())
+    k = np.flatnonzero(real)[np.argmin(modes.eigenvalues.real[real])]
+    shape, omega = modes.modes[:, k].real, np.sqrt(modes.eigenvalues[k].real)
+    size = 1e-7 / np.abs(shape).max()
+    start, quarter = ss.displaced(state, modes.free, size * shape), 0.5 * np.pi / omega
+    start = start._replace(grains=start.grains._replace(velocity=0 * start.grains.velocity))
+    end, _, _ = ss.run(start, law, 2000, 2 * quarter / 2000)
+    turn = state.grains.radius[:, None] * (end.grains.angle - state.grains.angle)
+    moved = np.hstack([end.grains.position - state.grains.position, turn]).ravel()[modes.free.component]
+    # after half a period the mode is where it was, mirrored; amplitudes of 1e-7 leave 1e-5 for what is not linear
+    np.testing.assert_allclose(moved, -size * shape, atol=1e-4 * size * np.abs(shape).max())
+
+
+@SLOW
+@pytest.mark.parametrize(("name", "dim"), [("cohesive", 2), ("rolling", 3)])
+def test_energy_is_conserved_as_the_time_step_goes_to_zero(name, dim):
+    state, law = packed(name, dim)[0], example(name, damping_n=0.0)
+    rng, n = np.random.default_rng(0), len(state.grains.radius)
+    move, turn = rng.normal(0, 0.03, (2, n, 3))
+    if dim == 2:
+        move[:, 2] = turn[:, :2] = 0
+    state = state._replace(grains=state.grains._replace(velocity=move, spin=6 * turn))
+    defect = []
+    for dt in (0.02, 0.005):
+        _, record, _ = ss.run(state, law, round(4 / dt), dt, every=round(0.2 / dt), ledger=True)
+        defect.append(np.abs(record.ledger.defect).max() / record.ledger.kinetic[0])
+    assert record.ledger.tangential.max() > 1e-3 * record.ledger.kinetic[0] and record.ledger.coulomb[-1] > 0
+    # second order but for the instants at which contacts close, open and slide, each of them of first order
+    assert defect[1] < 0.5 * defect[0] and defect[1] < 2e-3
+
+
+@SLOW
+def test_many_grains_in_blocks_move_as_in_the_plain_sweep_on_any_number_of_threads(monkeypatch):
+    law, rng, side = example("cohesive"), np.random.default_rng(0), 10
+    place = np.stack(np.meshgrid(*2 * [np.arange(side)]), axis=-1).reshape(-1, 2) * 1.03
+    grains = ss.disks(place + rng.normal(0, 0.01, place.shape), rng.uniform(0.48, 0.52, side**2))
+    grains = grains._replace(velocity=np.pad(rng.normal(0, 0.05, place.shape), ((0, 0), (0, 1))))
+    state = ss.assembly(grains, cell=ss.box([side * 1.03, side * 1.03, 1], [True, True, False], 2))
+    one, _, _ = ss.run(state, law, 300, 0.02, threads=1)
+    two, _, _ = ss.run(state, law, 300, 0.02, threads=2)
+    np.testing.assert_array_equal(one.grains.position, two.grains.position)
+    monkeypatch.setattr(integrate, "MANY", 10**9)
+    plain, _, _ = ss.run(state, law, 300, 0.02)
+    assert (overlaps(plain)[plain.contacts.mode[: plain.contacts.count[0]] > 0] < 0).any()
+    # one way of summing against another, over 300 steps without a change of contacts that would amplify it much
+    np.testing.assert_allclose(one.grains.position, plain.grains.position, atol=1e-11)
+
+
+def test_what_rolling_laws_cannot_do_is_said():
+    state, law = packed("rolling", 3)
+    with pytest.raises(ValueError, match="memory='rate' was given with a user's law"):
+        ss.run(state, law, 1, 1e-3, memory="rate")
+    sheared = make_packing(3, wall=False)
+    control = sheared.control._replace(cell_rate=np.array([[0, 0.1, 0], [0, 0, 0], [0, 0, 0]], float))
+    with pytest.raises(ValueError, match="a law with rolling resistance was given with a deforming cell"):
+        ss.run(sheared._replace(control=control), law, 1, 1e-3)
+    with pytest.raises(ValueError, match="only built-in laws have one"):
+        ss.collision(law, radius=0.5, mass=1.0, speed=0.1)
+
+
+@SLOW
+def test_a_copy_of_a_built_in_law_is_that_law_to_the_bit():
+    import math
+
+    law = ss.contact_law(
+        normal_force=lambda overlap, kn: kn * overlap * math.sqrt(overlap),
+        tangential_stiffness=lambda overlap, kt: kt * math.sqrt(overlap),
+        parameters={"kn": 1.0, "kt": 2 / 7, "mu": 0.4},
+    )
+    ends = [
+        ss.run(stirred(make_packing(3, wall=False), one, np.random.default_rng(1)), one, 200, 0.02)[0]
+        for one in (law, ss.hertz_mindlin(1.0, 2 / 7, 0.4))
+    ]
+    np.testing.assert_array_equal(ends[0].grains.position, ends[1].grains.position)
+
+
+@SLOW
+def test_kernels_of_a_law_are_found_on_disk_by_another_process():
+    code = (
+        "import numpy as np, stickslip as ss\n"
+        "from stickslip.core.forces import evaluation\n"
+        f"law = ss.law_from_file({str(EXAMPLES / 'cohesive_law.py')!r})\n"
+        "ss.forces(ss.assembly(ss.disks([[0, 0], [1.01, 0]], 0.5), cell=ss.box(dim=2)), law)\n"
+        "found = evaluation(law.kind, law.coulomb, 2, 0).stats\n"
+        "print(sum(found.cache_hits.values()), sum(found.cache_misses.values()))\n"
+    )
+    runs = [subprocess.run([sys.executable, "-c", code], capture_output=True, text=True) for _ in range(2)]
+    assert runs[1].stdout.split() == ["1", "0"], runs[1].stderr
