@@ -34,8 +34,9 @@ from .laws import (
 from .state import OPEN, SLIDE, STICK
 
 # of what is compiled into its callers: it makes no arrays, and references to those that it takes out of tuples are not
-# counted, which would take half of a step with dashpots
-BARE = {"error_model": "numpy", "forceinline": True, "_nrt": False}
+# counted, which would take half of a step with dashpots; it is cached by itself, so that kernels of another law compile
+# in half the time
+BARE = {"error_model": "numpy", "forceinline": True, "_nrt": False, "cache": True}
 LANES = 64
 TILE = 2048
 # modes of a block's contact besides OPEN, STICK and SLIDE: it sticks but was at Coulomb's limit since it closed; it

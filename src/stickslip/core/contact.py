@@ -14,19 +14,19 @@ from .state import SLIDE, STICK
 FROZEN, HELD, FREE = 0, 1, 2
 
 
-@njit
+@njit(cache=True)
 def needs_radius(kind, viscous):
     """True if the law asks for R_eff."""
     return asks_radius(kind) or viscous & 3 == VISCOELASTIC
 
 
-@njit
+@njit(cache=True)
 def needs_mass(viscous):
     """True if the law asks for m_eff."""
     return viscous & 3 in (MASS, VISCOELASTIC)
 
 
-@njit(fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy")
 def effective(kind, viscous, radius, inverse_mass, i, j, is_wall):
     """R_eff and m_eff of a pair, 1 where the law does not ask; what does not move is infinitely heavy."""
     r_eff = m_eff = 1.0
@@ -38,7 +38,7 @@ def effective(kind, viscous, radius, inverse_mass, i, j, is_wall):
     return r_eff, m_eff
 
 
-@njit(fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy")
 def apart(kind, p, material, radius, inverse_mass, i, j, is_wall, overlap):
     """True if a pair is out of the law's reach."""
     if not reaches(kind):
@@ -47,7 +47,7 @@ def apart(kind, p, material, radius, inverse_mass, i, j, is_wall, overlap):
     return overlap <= -reach(kind, row(kind, p, np.uint64(material[i]), np.uint64(material[j])), r_eff)
 
 
-@njit(fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy")
 def with_dashpot(viscous, elastic, damping, vn, least=0.0):
     """Normal force with its dashpot, clipped at the `least` one where the law knows no tension."""
     fn = elastic - damping * vn
@@ -56,7 +56,7 @@ def with_dashpot(viscous, elastic, damping, vn, least=0.0):
     return fn
 
 
-@njit(fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy")
 def carried_memory(stiffness, limit, sx, sy, sz, mode, memory):
     """Slip truncated at Coulomb's limit, and the mode that follows; with memory HELD the mode decides."""
     pull = stiffness * stiffness * (sx * sx + sy * sy + sz * sz)
@@ -67,7 +67,7 @@ def carried_memory(stiffness, limit, sx, sy, sz, mode, memory):
     return sx, sy, sz, STICK
 
 
-@njit(fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy")
 def tangential_force(coulomb, stiffness, limit, sx, sy, sz):
     """−k_t (mobilisation) s: the force on i that the slip stands for."""
     factor = -stiffness
@@ -79,7 +79,7 @@ def tangential_force(coulomb, stiffness, limit, sx, sy, sz):
     return factor * sx, factor * sy, factor * sz
 
 
-@njit(fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy")
 def damped(tx, ty, tz, damping, limit, vx, vy, vz):
     """Tangential force with its dashpot, truncated at Coulomb's limit."""
     tx, ty, tz = tx - damping * vx, ty - damping * vy, tz - damping * vz
@@ -88,7 +88,7 @@ def damped(tx, ty, tz, damping, limit, vx, vy, vz):
     return tx * factor, ty * factor, tz * factor
 
 
-@njit(fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy")
 def in_one_go(stiffness, damping, limit, sx, sy, sz, vx, vy, vz, hold):
     """Tangential force and slip when spring and dashpot together are held to Coulomb's limit, as LAMMPS does.
 

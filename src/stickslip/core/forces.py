@@ -80,7 +80,7 @@ def bodies(state: State) -> Bodies:
     )
 
 
-@njit(fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy")
 def approach(dim, velocity, spin, radius, rate, i, j, rx, ry, rz, nx, ny, nz):
     """Normal part, and tangential vector, of the velocity of i relative to j at the contact [length/time].
 
@@ -98,14 +98,14 @@ def approach(dim, velocity, spin, radius, rate, i, j, rx, ry, rz, nx, ny, nz):
     return vn, vx - vn * nx, vy - vn * ny, vz - vn * nz
 
 
-@njit(fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy")
 def rests(dim, pair, roll, c, rx, ry, rz, ax, ay, az):
     """True if pair vector and rolled angle are those at which the contact's memory was committed."""
     plane = rx == pair[c, 0] and ry == pair[c, 1] and az == roll[c, 2]
     return plane and (dim == 2 or (rz == pair[c, 2] and ax == roll[c, 0] and ay == roll[c, 1]))
 
 
-@njit(fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy")
 def record_event(events, event_count, kind, time, i, j, image, c, place, at):
     """Append one row of EVENT_COLUMNS; rows beyond the capacity are counted but not stored."""
     k = event_count[0]
@@ -118,7 +118,7 @@ def record_event(events, event_count, kind, time, i, j, image, c, place, at):
         events[k, 7 + m] = place[at, m]
 
 
-@njit(fastmath=True, error_model="numpy", forceinline=True)
+@njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
 def sweep(kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, force, torque, time, events, event_count):
     """Add the loads of all contacts and update their memory in place; compiled into its callers."""
     position, angle, velocity, spin, radius, material, inverse_mass, wall_normal, rate = bodies
@@ -199,7 +199,7 @@ def sweep(kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, force
             torque[j, 1] += radius[j] * qy
 
 
-@njit(fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy")
 def elastic_pair(kind, coulomb, dim, p, bodies, contacts, shift, c):
     """Pair vector and elastic force on i of a touching pair of grains whose memory is committed."""
     i, j = contacts.i[c], contacts.j[c]

@@ -124,7 +124,7 @@ def frame_of(state: State, order: np.ndarray) -> tuple[Frame, Flow]:
     return frame, flow
 
 
-@njit(fastmath=False, error_model="numpy")
+@njit(cache=True, fastmath=False, error_model="numpy")
 def course_at(knots, course, c, time):
     """Last knot that has passed, −1 if none has, and the value of a course at a time."""
     last = len(knots) - 1
@@ -137,7 +137,7 @@ def course_at(knots, course, c, time):
     return k, course[k, c] + part * (course[k + 1, c] - course[k, c])
 
 
-@njit(fastmath=False, error_model="numpy")
+@njit(cache=True, fastmath=False, error_model="numpy")
 def _course(frame, c, time):
     """A course at a time, and its integral from the first knot on."""
     knots, course = frame.knots, frame.course
@@ -150,7 +150,7 @@ def _course(frame, c, time):
 # scalars and loops, here and below: every array expression costs seconds of compile time
 
 
-@njit(fastmath=False, error_model="numpy")
+@njit(cache=True, fastmath=False, error_model="numpy")
 def _inverse(m, out):
     """Of a 3 × 3 matrix, into another."""
     for a in range(3):
@@ -164,7 +164,7 @@ def _inverse(m, out):
             out[k, a] /= determinant
 
 
-@njit(fastmath=False, error_model="numpy")
+@njit(cache=True, fastmath=False, error_model="numpy")
 def _product(a, b, out):
     """Of two 3 × 3 matrices, always in the same order of operations, into a third."""
     for i in range(3):
@@ -172,7 +172,7 @@ def _product(a, b, out):
             out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
 
 
-@njit(fastmath=False, error_model="numpy")
+@njit(cache=True, fastmath=False, error_model="numpy")
 def _one_plus(factor, m, out):
     """1 + factor m."""
     for a in range(3):

@@ -18,14 +18,14 @@ def shifts(contacts, cell):
     return out
 
 
-@njit(fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy")
 def pair_vector(dim, x, shift, c, i, j):
     """r_i − r_j + cellᵀ·image [length], x the positions of all bodies."""
     rz = x[i, 2] - x[j, 2] + shift[c, 2] if dim == 3 else 0.0
     return x[i, 0] - x[j, 0] + shift[c, 0], x[i, 1] - x[j, 1] + shift[c, 1], rz
 
 
-@njit(fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy")
 def normal_and_overlap(i, j, is_wall, wall, radius, wall_normal, rx, ry, rz):
     """Normal from j to i, overlap δ, and 1/|r_ij|, which is zero for a wall: its normal does not turn."""
     if not is_wall:
@@ -36,7 +36,7 @@ def normal_and_overlap(i, j, is_wall, wall, radius, wall_normal, rx, ry, rz):
     return nx, ny, nz, radius[i] - (rx * nx + ry * ny + rz * nz), 0.0
 
 
-@njit(fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy")
 def rolled(dim, angle, radius, i, j):
     """R_i angle_i + R_j angle_j [length]; the radius of a wall is zero."""
     z = radius[i] * angle[i, 2] + radius[j] * angle[j, 2]
@@ -45,7 +45,7 @@ def rolled(dim, angle, radius, i, j):
     return radius[i] * angle[i, 0] + radius[j] * angle[j, 0], radius[i] * angle[i, 1] + radius[j] * angle[j, 1], z
 
 
-@njit(fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy")
 def carried(nx, ny, nz, sx, sy, sz, dx, dy, dz, ax, ay, az):
     """Slip carried along: s + dr + n × d(roll), before it is projected on the plane of contact.
 
@@ -54,7 +54,7 @@ def carried(nx, ny, nz, sx, sy, sz, dx, dy, dz, ax, ay, az):
     return (sx + dx + ny * az - nz * ay, sy + dy + nz * ax - nx * az, sz + dz + nx * ay - ny * ax)
 
 
-@njit(fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy")
 def tangential(nx, ny, nz, wx, wy, wz):
     """Part of w perpendicular to the unit vector n."""
     along = wx * nx + wy * ny + wz * nz

@@ -40,7 +40,7 @@ from .state import Instant, State
 from .timestep import check_time_step, stable_time_step
 
 
-@njit(fastmath=True, error_model="numpy", forceinline=True)
+@njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
 def first_half(x, v, force, kick, keep, dt):
     """Half a kick with explicit drag, then the drift, on flat arrays so that it is done in vectors."""
     for q in range(len(x)):
@@ -48,14 +48,14 @@ def first_half(x, v, force, kick, keep, dt):
         x[q] += dt * v[q]
 
 
-@njit(fastmath=True, error_model="numpy", forceinline=True)
+@njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
 def second_half(v, force, kick, slow):
     """The other half of the kick, with implicit drag."""
     for q in range(len(v)):
         v[q] = (v[q] + kick[q] * force[q]) * slow[q]
 
 
-@njit(fastmath=True, error_model="numpy", forceinline=True)
+@njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
 def moved(x, origin, limit):
     """True if some coordinate is further than `limit` from its origin, or if fastmath cannot say so because of NaN."""
     far = 0.0

@@ -60,10 +60,11 @@ class Linear(NamedTuple):
     damping_t: np.ndarray  # (C,)
     stiffness_t: np.ndarray  # (C,) k_t, of a contact that sticks
     slope_t: np.ndarray  # (C,) dk_t/dδ
-    mu: np.ndarray  # (C,)
+    limit: np.ndarray  # (C,) of the tangential force
+    mu: np.ndarray  # (C,) its derivative with respect to F_n
 
 
-@njit(error_model="numpy")
+@njit(cache=True, error_model="numpy")
 def _friction_tangent(coulomb, stiffness, slope_k, limit, mu, by_overlap, slope_n, stretch, slides):
     """φ/|u|, ∂φ/∂|u|, ∂φ/∂δ and ∂φ/∂F_n of the tangential force φ = k_t |u| (mobilised), at most `limit`.
 
@@ -114,7 +115,7 @@ def _linearise(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, 
         out.carried[c, 0], out.carried[c, 1], out.carried[c, 2] = sx, sy, sz
         out.closed[c], out.remembers[c], out.slides[c] = 1.0, before != OPEN, mode == SLIDE
         out.force_n[c], out.slope_n[c] = force_n, slope_n
-        out.stiffness_t[c], out.slope_t[c], out.mu[c] = stiffness, slope_k, mu
+        out.stiffness_t[c], out.slope_t[c], out.mu[c], out.limit[c] = stiffness, slope_k, mu, limit
         factor = damping_of(kind, viscous, r_eff, m_eff, overlap)
         out.damping_n[c], out.damping_t[c] = factor * q[DAMPING_N], factor * q[DAMPING_T]
 

@@ -182,7 +182,7 @@ def with_values(law: Law, **parameters) -> Law:
     return law._replace(table=table)
 
 
-@njit(fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy")
 def parameters(p, a, b):
     """Row of a built-in law's table for a pair of materials, as scalars."""
     return p[a, b, KN], p[a, b, KT], p[a, b, MU], p[a, b, DAMPING_N], p[a, b, DAMPING_T]
@@ -263,7 +263,7 @@ def masked(kind, touches, value):
     return value
 
 
-@njit(fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy")
 def damping_of(kind, viscous, r_eff, m_eff, overlap):
     """What the coefficients of the dashpots are multiplied with; they act only where grains touch."""
     if reaches(kind) and overlap <= 0.0:
@@ -271,7 +271,7 @@ def damping_of(kind, viscous, r_eff, m_eff, overlap):
     return damping_factor(viscous, r_eff, m_eff, overlap)
 
 
-@njit(fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy")
 def damping_factor(viscous, r_eff, m_eff, overlap):
     """What the coefficients of the dashpots are multiplied with; see `hertz_mindlin`."""
     model = viscous & 3
@@ -282,7 +282,7 @@ def damping_factor(viscous, r_eff, m_eff, overlap):
     return 1.0 + 0.0 * overlap
 
 
-@njit(fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy")
 def mobilised(coulomb, x):
     """Factor on the tangential stiffness of a spring whose force k_t |s| is the share x of Coulomb's limit."""
     if coulomb == SMOOTH:
@@ -290,14 +290,14 @@ def mobilised(coulomb, x):
     return 1.0 + 0.0 * x
 
 
-@njit(fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy")
 def tangents(kind, q, r_eff, overlap):
     """d(normal force)/d(overlap) and d(tangential stiffness)/d(overlap), by a complex step."""
     z = complex(overlap, STEP)
     return normal_force(kind, q, r_eff, z).imag / STEP, tangential_stiffness(kind, q, r_eff, z).imag / STEP
 
 
-@njit(fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy")
 def mobilised_tangent(coulomb, x):
     """d(mobilised)/dx, by a complex step."""
     return mobilised(coulomb, complex(x, STEP)).imag / STEP

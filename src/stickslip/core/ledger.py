@@ -60,7 +60,7 @@ class Ledger(NamedTuple):
         return total - total[0]
 
 
-@njit(fastmath=False, error_model="numpy")
+@njit(cache=True, fastmath=False, error_model="numpy")
 def _end(kind, coulomb, dim, viscous, p, b, i, j, shift, c, slip, known):
     """One end of a contact's step: overlap plus reach, normal, energies, (k_t, μF_n, …), |F_t|, power, loads.
 

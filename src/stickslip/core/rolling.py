@@ -68,7 +68,7 @@ def _if_rolling(function):
     return step
 
 
-@njit(**FAST)
+@njit(cache=True, **FAST)
 def _turned(dim, angle, i, j):
     """angle_i − angle_j."""
     z = angle[i, 2] - angle[j, 2]
@@ -77,7 +77,7 @@ def _turned(dim, angle, i, j):
     return angle[i, 0] - angle[j, 0], angle[i, 1] - angle[j, 1], z
 
 
-@njit(**FAST)
+@njit(cache=True, **FAST)
 def _rolled_on(rolling, c, tx, ty, tz):
     """ψ + Δ(angle_i − angle_j), before it is projected."""
     own = rolling[c]
@@ -141,7 +141,7 @@ def add_rolling_books(
                 books[external_at] -= 0.5 * sign * moment * (new.angle[a, k] - old.angle[a, k])
 
 
-@njit(**FAST)
+@njit(cache=True, **FAST)
 def _at(kind, dim, p, bodies, shift, c, i, j):
     """Normal, 1/|r|, overlap, parameters, R_eff of a pair, and whether it is out of reach."""
     n_grains = len(bodies.radius) - len(bodies.normal)
@@ -154,7 +154,7 @@ def _at(kind, dim, p, bodies, shift, c, i, j):
     return (nx, ny, nz), inverse, overlap, q, r_eff, away
 
 
-@njit(**FAST)
+@njit(cache=True, **FAST)
 def _stiffness_at(kind, dim, p, bodies, shift, c, i, j):
     """k_r and the normal; no stiffness where the pair is out of reach."""
     (nx, ny, nz), _, overlap, q, r_eff, away = _at(kind, dim, p, bodies, shift, c, i, j)

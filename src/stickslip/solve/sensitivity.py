@@ -66,9 +66,14 @@ class _Modes(NamedTuple):
     values: np.ndarray  # (n,) sorted
     right: np.ndarray  # (n, n) V
     left: np.ndarray  # (n, n) W = V⁻¹
-    incidence: sparse.csc_array  # (n, 6C) Q, over √mass
+    incidence: sparse.csc_array  # (n, 6C) Q, over √mass; 9C where contacts resist rolling
     blocks: np.ndarray  # (C, 6, 6) B
     force: np.ndarray  # (C, 3) of contacts
+
+    def acting(self, row: int) -> sparse.csc_array:
+        """(n, 6) columns of Q of one contact."""
+        width = self.blocks.shape[1]
+        return self.incidence[:, width * row : width * (row + 1)]
 
 
 def contact_sensitivity(state: State, law: Law, *, pair: int = 0, most: int | None = None, report=None) -> Sensitivity:
@@ -166,8 +171,8 @@ def _modes(state: State, law: Law, free: Freedom) -> _Modes:
         left = np.linalg.inv(right)
     except np.linalg.LinAlgError:
         raise ValueError("modes coincide to round-off: this packing is at the very birth of a complex pair") from None
-    columns = incidence(state, int(state.contacts.count[0]), free) / np.sqrt(free.mass)[:, None]
     blocks, force = contact_blocks(state, law)[0], contact_forces(state, law)
+    columns = incidence(state, len(blocks), free, blocks.shape[1]) / np.sqrt(free.mass)[:, None]
     return _Modes(matrix, values, right, left, sparse.csc_array(columns), blocks, force)
 
 
@@ -194,7 +199,7 @@ def _of_pair(modes: _Modes, rows: np.ndarray, pair: int):
         raise ValueError(f"pair {pair} was asked for: this packing has {len(pairs)}, counted from 0")
     p = pairs[pair]
     left, right = modes.left[p] @ modes.incidence, modes.right[:, p] @ modes.incidence
-    left, right = left.reshape(-1, 6)[rows], right.reshape(-1, 6)[rows]
+    left, right = (x.reshape(len(modes.blocks), -1)[rows] for x in (left, right))
     condition = float(np.linalg.norm(modes.left[p]) * np.linalg.norm(modes.right[:, p]))
     return complex(modes.values[p]), condition, -np.einsum("ca,cab,cb->c", left, modes.blocks[rows], right)
 
@@ -203,7 +208,7 @@ def _changes(state: State, law: Law, modes: _Modes, rows: np.ndarray) -> list:
     """(row, what, change of its block, change of its force) of every contact that can slide or open."""
     slid, blocks, force = _slid(state, law), modes.blocks, modes.force
     slid_blocks, slid_force = contact_blocks(slid, law)[0], contact_forces(slid, law)
-    sticks = (state.contacts.mode[rows] == STICK) & (linearised(state, law).mu[rows] > 0)
+    sticks = (state.contacts.mode[rows] == STICK) & (linearised(state, law).limit[rows] > 0)
     sliding = [(c, "slides", slid_blocks[c] - blocks[c], slid_force[c] - force[c]) for c in rows[sticks]]
     return [*sliding, *((c, "opens", -blocks[c], -force[c]) for c in rows)]
 
@@ -211,26 +216,26 @@ def _changes(state: State, law: Law, modes: _Modes, rows: np.ndarray) -> list:
 def _slid(state: State, law: Law) -> State:
     """The state with every contact at Coulomb's limit, in the direction of its slip."""
     c, contacts = linearised(state, law), state.contacts
-    count = len(c.mu)
+    count = len(c.limit)
     slip, mode = contacts.slip.copy(), contacts.mode.copy()
     size = np.linalg.norm(slip[:count], axis=1)
     stretched = (size > 0) & (c.stiffness_t > 0)
-    reach = c.mu[stretched] * c.force_n[stretched] / c.stiffness_t[stretched]
+    reach = c.limit[stretched] / c.stiffness_t[stretched]
     slip[:count][stretched] *= (reach / size[stretched])[:, None]
     mode[:count][mode[:count] != OPEN] = SLIDE
     return state._replace(contacts=contacts._replace(slip=slip, mode=mode))
 
 
 def _mobilised(state: State, law: Law) -> np.ndarray:
-    """(C,) |F_t|/(μ F_n) of every pair in the list; NaN where there is no limit."""
+    """(C,) |F_t| over its limit of every pair in the list; NaN where there is no limit."""
     c, force = linearised(state, law), contact_forces(state, law)
-    limit, pull = c.mu * c.force_n, np.linalg.norm(force - c.force_n[:, None] * c.normal, axis=1)
+    limit, pull = c.limit, np.linalg.norm(force - c.force_n[:, None] * c.normal, axis=1)
     return np.divide(pull, limit, out=np.full(len(limit), np.nan), where=limit > 0)
 
 
 def _predicted(modes: _Modes, row: int, block: np.ndarray) -> float:
     """Growth rate after a change: first-order shifts of all λ, then neighbours two by two."""
-    columns = modes.incidence[:, 6 * row : 6 * row + 6]
+    columns = modes.acting(row)
     where = np.unique(columns.indices)
     q = columns[where].toarray()
     left, right = -(modes.left[:, where] @ q) @ block, modes.right[where].T @ q
@@ -262,7 +267,7 @@ def _changed(state: State, modes: _Modes, free: Freedom, changes) -> np.ndarray:
     """(n, n) A with changes of blocks and forces (row, block, force) of contacts."""
     matrix = modes.matrix.copy()
     for row, block, force in changes:
-        q = modes.incidence[:, 6 * row : 6 * row + 6].toarray()
+        q = modes.acting(row).toarray()
         matrix -= q @ block @ q.T
         if free.length:
             matrix -= _through_cell(state, free, row, force)
