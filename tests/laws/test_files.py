@@ -168,6 +168,14 @@ def test_the_command_line_asks_a_packing_with_a_law_of_ones_own(tmp_path):
 
 
 @pytest.mark.slow
+def test_the_command_line_lets_a_packing_settle_under_another_law():
+    law = ("--law", EXAMPLES / "cohesive_law.py")
+    said = stickslip_here("stability", EXAMPLES / "sheared_spheres.npz", *law, "--settle", "--json")
+    found = json.loads(said.stdout)
+    assert found["residual"] < 1e-9
+    assert any(words.startswith("settled (") for words in found["notes"])
+
+
 def test_a_flow_runs_with_a_law_of_ones_own(folder):
     said = stickslip_here("run", folder / "flow.toml", "--out", folder / "out")
     assert said.returncode == 0, said.stderr

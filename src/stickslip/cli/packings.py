@@ -89,6 +89,7 @@ def stability(
     method: Annotated[
         str, typer.Option("--method", help="auto, dense, pairs or fastest.", autocompletion=completes(METHODS))
     ] = "auto",
+    settle: Annotated[bool, typer.Option("--settle", help="Let it come to equilibrium under this law first.")] = False,
     modes: Annotated[
         Path | None, typer.Option("--modes", help="Where modes go; default: FILE's name with -modes.npz, here.")
     ] = None,
@@ -107,6 +108,9 @@ def stability(
         (state, its_law, words), said = listened(read_sample, file, **options)
         words = [*words, *said]
         with report.progress(transient=True) as tell:
+            if settle:
+                state, how = stability_report.settled(state, its_law)
+                words.append(how)
             found = stability_report.judged(state, its_law, method=method, report=tell)
             more = more_of(state, its_law, found, report=tell) if beyond else None
         paths = []

@@ -63,9 +63,9 @@ def pressure(state: State, law: Law) -> float:
 
 
 def mean_normal_force(state: State, law: Law) -> float:
-    """Mean over touching contacts [force]; zero without contacts."""
+    """Mean of |F_n| over touching contacts [force], as grains may pull; zero without contacts."""
     force = linearised(state, law).force_n[touching(state)]
-    return float(force.mean()) if len(force) else 0.0
+    return float(np.abs(force).mean()) if len(force) else 0.0
 
 
 def wrapped(state: State) -> np.ndarray:

@@ -7,20 +7,39 @@ from rich.table import Table
 
 from ..core.kinds import Kind, known
 from ..core.laws import COULOMB, DAMPING, KINDS, NO_TENSION, Law, dashpots, names_of
+from ..core.measure import mean_normal_force
 from ..core.state import State
 from ..data.whole import beside
 from ..solve.damped import Damped, damped_stability
+from ..solve.equilibrate import equilibrate
 from ..solve.stability import Stability, stability
 from . import stability_more
 from .report import STYLE, console
 
 SHOWN = 12  # pairs in the table
+SETTLED = 1e-10  # residual over the mean normal contact force at which a packing rests
 UNBALANCED = 1e-6  # residual above which the user is told that this is no equilibrium
 
 
 def judged(state: State, law: Law, *, method: str = "auto", report=None) -> Stability | Damped:
     """The verdict by the spectrum that belongs to the law: with dashpots, the damped one."""
     return (damped_stability if dashpots(law) else stability)(state, law, method=method, report=report)
+
+
+def settled(state: State, law: Law) -> tuple[State, str]:
+    """The packing in equilibrium under a law, and in words how it got there.
+
+    Raises
+    ------
+    RuntimeError
+        with one sentence, if no equilibrium was found.
+    """
+    force = mean_normal_force(state, law)
+    end, outcome = equilibrate(state, law, tolerance=SETTLED * force or SETTLED, check="nothing")
+    if not outcome.ok:
+        raise RuntimeError(f"no equilibrium was found under this law: {outcome}")
+    moved = np.linalg.norm(end.grains.position - state.grains.position, axis=1) / state.grains.radius
+    return end, f"settled ({outcome.how}): grains moved by up to {moved.max():.2g} of their radius"
 
 
 def as_object(found: Stability | Damped, more: stability_more.More | None = None) -> dict:
