@@ -100,7 +100,7 @@ def density_of_states(
 
     Source
     ------
-    Weiße, Wellein, Alvermann & Fehske, doi:10.1103/RevModPhys.78.275, Sec. II, Eqs 35 and 71.
+    Weiße, Wellein, Alvermann & Fehske, doi:10.1103/RevModPhys.78.275, Sec. II.
 
     Examples
     --------

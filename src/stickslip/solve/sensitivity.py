@@ -101,7 +101,7 @@ def contact_sensitivity(state: State, law: Law, *, pair: int = 0, most: int | No
 
     Source
     ------
-    Kato, Perturbation Theory for Linear Operators (Springer 1995), § II.2, Eq 2.33, of simple eigenvalues; Seyranian &
+    Kato, Perturbation Theory for Linear Operators (Springer 1995), § II.2, of simple eigenvalues; Seyranian &
     Mailybaev, doi:10.1142/5305, Ch. 2, of coalescing ones.
 
     Examples

@@ -84,7 +84,7 @@ def transient_growth(
 
     Source
     ------
-    Schmid, doi:10.1146/annurev.fluid.38.050304.092139, Eqs 4–9, for the largest growth and the condition number;
+    Schmid, doi:10.1146/annurev.fluid.38.050304.092139, for the largest growth and the condition number;
     Trefethen & Embree, Spectra and Pseudospectra (Princeton 2005), § 14, for the bounds.
 
     Examples
