@@ -1,7 +1,10 @@
 """Laws in files: from scenarios and the command line only, never from results; what is on disk knows them again."""
 
 import json
+import pickle
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +12,7 @@ import pytest
 
 import stickslip as ss
 from stickslip.core import kinds
+from stickslip.core.laws import names_of
 from stickslip.data import archive
 from stickslip.data.sample import SampleError
 from stickslip.data.scenario import scenario, tables_of
@@ -174,6 +178,15 @@ def test_the_command_line_lets_a_packing_settle_under_another_law():
     found = json.loads(said.stdout)
     assert found["residual"] < 1e-9
     assert any(words.startswith("settled (") for words in found["notes"])
+
+
+def test_a_law_from_a_file_travels_to_other_processes(tmp_path):
+    law = ss.law_from_file(EXAMPLES / "cohesive_law.py", tension=2e-4)
+    (tmp_path / "law").write_bytes(pickle.dumps(law))
+    asked = "law = pickle.load(open('law', 'rb')); print(law.kind, names_of(law), law.table[0, 0, -3])"
+    words = f"import pickle; from stickslip.core.laws import names_of; {asked}"
+    said = subprocess.run([sys.executable, "-c", words], cwd=tmp_path, capture_output=True, text=True)
+    assert said.stdout.strip() == f"{law.kind} {names_of(law)} 0.0002", said.stderr
 
 
 def test_a_flow_runs_with_a_law_of_ones_own(folder):

@@ -37,6 +37,7 @@ class Own(NamedTuple):
     name: str
     names: tuple[str, ...]  # of all parameters, in the order of the law's table
     source: str  # text, as far as it is known
+    file: str  # where it is the text of a whole file, else nothing
     functions: dict[str, Callable]  # by role, as written but for what stands for `math`, `max` …
     asks: dict[str, tuple[str, ...]]  # what each function takes, in order
 

@@ -9,6 +9,7 @@ versions that take complex numbers and decide by the real part.
 """
 
 import builtins
+import copyreg
 import dis
 import hashlib
 import inspect
@@ -194,7 +195,7 @@ def contact_law(
     *, normal_force: Callable, tangential_stiffness: Callable | None = None, cap: Callable | None = None,
     contact_range: Callable | None = None, rolling_stiffness: Callable | None = None,
     rolling_cap: Callable | None = None, normal_energy: Callable | None = None, parameters: dict | None = None,
-    coulomb="sharp", damping="velocity", tension=True, size=1.0, name="a user's law", source="",
+    coulomb="sharp", damping="velocity", tension=True, size=1.0, name="a user's law",
 ) -> Law:  # fmt: skip
     """A contact law of functions by the user: F_n(δ), k_t(δ), |F_t| ≤ cap, −M = k_r(δ) ψ with |M| ≤ rolling cap.
 
@@ -245,7 +246,7 @@ def contact_law(
         raise ValueError("only one of rolling_stiffness and rolling_cap was given: rolling resistance needs both")
     values = _values(parameters or {}, given)
     asks = {role: _arguments(role, function, tuple(values)) for role, function in given.items()}
-    kind = _known(given, asks, tuple(values), name, source)
+    kind = _known(given, asks, tuple(values), name)
     if coulomb not in COULOMB or damping not in DAMPING:
         raise ValueError(
             f"coulomb={coulomb!r}, damping={damping!r} were given: {', '.join(COULOMB)}, and {', '.join(DAMPING)} are "
@@ -270,7 +271,7 @@ def _values(parameters: dict, given: dict) -> dict:
     return {name: float(value) for name, value in values.items()}
 
 
-def _known(given: dict, asks: dict, names: tuple[str, ...], name: str, source: str) -> Kind:
+def _known(given: dict, asks: dict, names: tuple[str, ...], name: str) -> Kind:
     """The kind of a law, whose functions are from now on known to this process."""
     told: list = [names, sorted(asks.items())]
     for role in sorted(given):
@@ -283,8 +284,8 @@ def _known(given: dict, asks: dict, names: tuple[str, ...], name: str, source: s
         made = {}
         plain = {role: _copied(function, False, made) for role, function in given.items()}
         OWN[kind] = _as_called(compiled, asks, names)
-        KNOWN[kind] = Own(name, names, source or _source(given), plain, asks)
-    KNOWN[kind] = KNOWN[kind]._replace(name=name, source=source or KNOWN[kind].source)
+        KNOWN[kind] = Own(name, names, _source(given), "", plain, asks)
+    KNOWN[kind] = KNOWN[kind]._replace(name=name)
     return kind
 
 
@@ -317,7 +318,11 @@ def law_from_file(path: str | Path, **parameters: float) -> Law:
     path = Path(path)
     if not path.is_file():
         raise ValueError(f"{path} is no file: give a Python file with a function normal_force")
-    text, scope = path.read_text(encoding="utf-8"), {"__name__": path.stem, "__file__": str(path)}
+    return _of_text(path.read_text(encoding="utf-8"), path, parameters)
+
+
+def _of_text(text: str, path: Path, parameters: dict) -> Law:
+    scope = {"__name__": path.stem, "__file__": str(path)}
     try:
         exec(compile(text, str(path), "exec"), scope)
     except SyntaxError as problem:
@@ -338,6 +343,24 @@ def law_from_file(path: str | Path, **parameters: float) -> Law:
             )
     options = {key: scope[key] for key in ("coulomb", "damping", "tension", "size") if key in scope}
     try:
-        return contact_law(**given, parameters=values | parameters, name=path.stem, source=text, **options)
+        law = contact_law(**given, parameters=values | parameters, name=path.stem, **options)
     except ValueError as problem:
         raise ValueError(f"{path}: {problem}") from None
+    KNOWN[law.kind] = KNOWN[law.kind]._replace(source=text, file=str(path))
+    return law
+
+
+def _sent(kind: Kind):
+    """How a kind travels to another process of the same run: with the text of its file, if it has one."""
+    own = KNOWN.get(kind)
+    return _arrived, (int(kind), own.source, own.file) if own and own.file else (int(kind), "", "")
+
+
+def _arrived(number: int, text: str, file: str) -> Kind:
+    """The kind, whose law is made here, too, if it was not."""
+    if text and number not in KNOWN:
+        _of_text(text, Path(file), {})
+    return Kind(number)
+
+
+copyreg.pickle(Kind, _sent)
