@@ -177,7 +177,7 @@ def test_bash_completes_names_engines_laws_and_leaves_files_to_itself(tmp_path):
     assert script.returncode == 0
     assert "complete -o default -F _stickslip_completion stickslip" in script.stdout  # default: names of files
     expected = {
-        "stickslip re": ["reproduce", "resume"],
+        "stickslip re": ["reproduce", "resume", "report"],
         "stickslip reproduce s": ["sphere-shear"],
         "stickslip run s.toml --engine l": ["lammps"],
         "stickslip fit s.csv --law s": ["slip"],
