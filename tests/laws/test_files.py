@@ -189,6 +189,7 @@ def test_a_law_from_a_file_travels_to_other_processes(tmp_path):
     assert said.stdout.strip() == f"{law.kind} {names_of(law)} 0.0002", said.stderr
 
 
+@pytest.mark.slow
 def test_a_flow_runs_with_a_law_of_ones_own(folder):
     said = stickslip_here("run", folder / "flow.toml", "--out", folder / "out")
     assert said.returncode == 0, said.stderr

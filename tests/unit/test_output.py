@@ -173,7 +173,8 @@ def test_bash_completes_names_engines_laws_and_leaves_files_to_itself(tmp_path):
     main = f"#!{sys.executable}\nfrom stickslip.cli import main\nmain()\n"
     (tmp_path / "stickslip").write_text(main)
     (tmp_path / "stickslip").chmod(0o755)
-    script = stickslip_here("--show-completion", "bash")
+    asked = os.environ | {"_STICKSLIP_COMPLETE": "source_bash"}  # --show-completion asks which shell has called it
+    script = subprocess.run([tmp_path / "stickslip"], env=asked, capture_output=True, text=True)
     assert script.returncode == 0
     assert "complete -o default -F _stickslip_completion stickslip" in script.stdout  # default: names of files
     expected = {

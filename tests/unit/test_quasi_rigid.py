@@ -95,6 +95,7 @@ def test_run_leaves_curves_figures_numbers(small, tmp_path):
     assert isinstance(numbers["frames"]["end"], ss.State)
 
 
+@pytest.mark.slow
 def test_shear_from_the_command_line(tmp_path):
     scenario = tmp_path / "shear.toml"
     scenario.write_text(
