@@ -9,7 +9,7 @@ import stickslip as ss
 from stickslip.core.measure import touching
 from stickslip.data import archive
 from stickslip.data.exchange.files import read_sample
-from stickslip.data.sample import SampleError, SampleWarning, sample
+from stickslip.data.sample import SampleError, SampleWarning, accepted, sample
 from stickslip.loading.packing import jammed
 from stickslip.loading.protocols import ramp
 from stickslip.loading.shear import aqs
@@ -89,6 +89,14 @@ def test_slip_that_is_not_tangential_is_projected_and_said(unstable):
     c, rows = state.contacts, touching(state)
     normal = c.pair[rows] / np.linalg.norm(c.pair[rows], axis=1)[:, None]
     assert np.abs(np.einsum("ck,ck->c", c.slip[rows], normal)).max() < 1e-17
+
+
+def test_slip_that_is_too_long_for_a_number_is_refused(unstable):
+    """As in a damaged file: its square would overflow."""
+    slip = unstable.contacts.slip.copy()
+    slip[touching(unstable)[0]] = 1e200
+    with pytest.raises(SampleError, match=r"a slip of 1e\+200 was given: at most 1e\+30 is allowed"):
+        accepted(unstable._replace(contacts=unstable.contacts._replace(slip=slip)), LAW, memory=ss.FROZEN)
 
 
 def test_slip_beyond_the_limit_and_missing_pairs_are_said(unstable):

@@ -258,9 +258,17 @@ def accepted(state: State, law: Law, *, memory: int = FREE, modes: bool = False)
     ----------
     memory : as in `forces`; FROZEN leaves contacts as they are where nothing has moved
     modes : True takes the contacts' modes as given: what slides is put at the limit, what sticks is cut to it
+
+    Raises
+    ------
+    SampleError
+        with one sentence, if a slip is too long to be one.
     """
     state = updated(state, law)
     count = int(state.contacts.count[0])
+    longest = np.abs(state.contacts.slip[:count]).max(initial=0.0)
+    if longest > HUGE:
+        raise SampleError(f"a slip of {longest:.3g} was given: at most {HUGE:g} is allowed, is the file damaged?")
     _, trial = forces(state, law, memory=memory)
     branch = branches(state)
     normal = branch / np.linalg.norm(branch, axis=1)[:, None]
