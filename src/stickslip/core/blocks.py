@@ -32,6 +32,7 @@ from .laws import (
     tangential_stiffness,
 )
 from .state import OPEN, SLIDE, STICK
+from .sums import WIDTH
 
 # of what is compiled into its callers: it makes no arrays, and references to those that it takes out of tuples are not
 # counted, which would take half of a step with dashpots; it is cached by itself, so that kernels of another law compile
@@ -82,9 +83,10 @@ class Blocks(NamedTuple):
     place: np.ndarray  # (K,) first row of a block's loads
     cross: np.ndarray  # (T + 1,) bounds of the blocks that reach out of each tile
     inner: np.ndarray  # (T + 1,) bounds of the blocks within each tile
-    load: np.ndarray  # (L, 6) force on i and −n × F_t; with a frame (L, 9), and the pair vector
-    start: np.ndarray  # (2B + 1,) uint32: body a is j in pairs start[2a]…, i in pairs start[2a+1]…
-    code: np.ndarray  # (2A,) uint32 rows of `load` in the order of summation
+    load: np.ndarray  # (L, 8) force on i and −n × F_t, see `sums`
+    pair: np.ndarray  # (L, 3) with a frame, the pair vectors; else (0, 3)
+    start: np.ndarray  # (B + 1,) uint32: bounds of each body's part of `code`
+    code: np.ndarray  # (…,) uint32 rows of `load` in the order of summation, see `sums`
 
 
 def no_blocks() -> Blocks:
@@ -93,7 +95,7 @@ def no_blocks() -> Blocks:
     pairs, numbers, bounds = np.zeros(0, np.uint32), np.zeros(0), np.zeros(1, np.int64)
     return Blocks(
         pairs, pairs, np.zeros(0, np.int32), whole, flag, flag, numbers, numbers, numbers, np.zeros(0, np.int8),
-        bounds[:0], bounds, bounds, np.zeros((0, 6)), pairs, pairs,
+        bounds[:0], bounds, bounds, np.zeros((0, WIDTH)), np.zeros((0, 3)), pairs, pairs,
     )  # fmt: skip
 
 
@@ -285,7 +287,9 @@ def evaluated(kind, coulomb, dim, viscous, rate, first, last, blocks, body, ahea
             _flowed(dim, predict, blocks, flow, b, scratch)
             for lane in range(LANES):
                 l, s = np.uint64(lane), np.uint64(place + lane)
-                load[s, 6], load[s, 7], load[s, 8] = scratch[_X + l], scratch[_X + 64 + l], scratch[_X + 128 + l]
+                blocks.pair[s, 0], blocks.pair[s, 1], blocks.pair[s, 2] = (
+                    scratch[_X + l], scratch[_X + 64 + l], scratch[_X + 128 + l],
+                )  # fmt: skip
         q = row(kind, p, blocks.material[b, 0], blocks.material[b, 1])
         if blocks.wall[b]:
             _responded(kind, coulomb, dim, viscous, rate, True, q, blocks, b, dt, hold, scratch)

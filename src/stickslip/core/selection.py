@@ -6,6 +6,7 @@ from numba import njit
 from .blocks import LANES, LOOSE, STUCK_AGAIN, Blocks
 from .contact import effective, needs_mass, needs_radius
 from .state import OPEN, SLIDE, STICK
+from .sums import IS_FIRST, IS_I, ROW, WIDTH
 
 
 @njit(cache=True)
@@ -71,8 +72,8 @@ def _chosen(contacts, moving, internal, tile_of, normal, vectors, reach, materia
                 kind = (group * materials + material[a]) * materials + material[z]
                 row[number], bucket[number] = c, 2 * kind + (z >= n)
                 held[bucket[number]] += 1
-                start[2 * h + 2] += 1
-                start[2 * g + 3] += 1
+                start[h + 2] += 1
+                start[g + 2] += 1
                 number += 1
     return number, held
 
@@ -111,15 +112,25 @@ def _pad(from_slot, to_slot, bodies, far, asked, i, j, row, wall, shifted, vecto
 
 
 @njit(cache=True)
-def _order_of_summation(contacts, loads, internal, start, code):
-    """From counts in `start` to the rows of loads that each body adds up: as j, then as i, in the order of partners."""
-    for k in range(len(start) - 1):
-        start[k + 1] += start[k]
+def _order_of_summation(contacts, loads, internal, start, code, nothing):
+    """From counts in `start` to the loads that each body adds up, in the order of partners, as the list is sorted.
+
+    A body without any gets the row `nothing`, so that it has a first one, too.
+    """
+    for a in range(len(internal)):
+        held = start[a + 2]
+        start[a + 2] = start[a + 1] + max(held, 1)
+        if held == 0:
+            code[start[a + 1]] = nothing * ROW
+            start[a + 1] += 1
     for c in range(contacts.count[0]):
         if loads[c] >= 0:
-            for at in (2 * internal[contacts.j[c]] + 1, 2 * internal[contacts.i[c]] + 2):
-                code[start[at]] = loads[c]
-                start[at] += 1
+            a, z = internal[contacts.i[c]] + 1, internal[contacts.j[c]] + 1
+            code[start[z]], code[start[a]] = loads[c] * ROW, loads[c] * ROW + IS_I
+            start[z] += 1
+            start[a] += 1
+    for a in range(len(internal)):
+        code[start[a]] += IS_FIRST
 
 
 @njit(cache=True, error_model="numpy")
@@ -138,7 +149,7 @@ def chosen_blocks(
     for t in range(len(tile)):
         tile_of[tile[t] : tile[t + 1] if t + 1 < len(tile) else bodies] = t
     n, radius, light, top = bodies - len(normal), moving.body[:, 9].copy(), inverse_mass[order], tile_of[-1] + 1
-    picked, bucket, start = np.empty(count, np.int32), np.empty(count, np.int32), np.zeros(2 * bodies + 2, np.uint32)
+    picked, bucket, start = np.empty(count, np.int32), np.empty(count, np.int32), np.zeros(bodies + 2, np.uint32)
     active, held = _chosen(
         contacts, moving, internal, tile_of, normal, vectors, reach, materials, material, picked, bucket, start
     )
@@ -191,11 +202,14 @@ def chosen_blocks(
     far = 4.0 * radius.max() + 1.0 + reach
     for k in range(len(held)):
         _pad(filled[k], first[k + 1] * LANES, bodies, far, asked, i, j, row, wall, shifted, vector, eff, slip, mode)
-    code, load = _room(old.code, 2 * active), old.load
-    if len(load) < most:
-        load = np.empty((most + most // 8, 9 if len(moving.virial) > 0 else 6))
-    _order_of_summation(contacts, loads, internal, start, code)
+    code, load, pairs = _room(old.code, 2 * active + bodies), old.load, old.pair
+    if len(load) <= most:
+        room = most + most // 8 + 1
+        load, pairs = np.zeros((room, WIDTH)), np.empty((room if len(moving.virial) > 0 else 0, 3))
+    for k in range(WIDTH):
+        load[most, k] = 0.0
+    _order_of_summation(contacts, loads, internal, start, code, most)
     return Blocks(
         i, j, row, pair, wall, shifted, vector, eff, slip, mode, place, bound[: top + 1].copy(), bound[top:].copy(),
-        load, start[: 2 * bodies + 1].copy(), code,
+        load, pairs, start[: bodies + 1].copy(), code,
     )  # fmt: skip

@@ -17,7 +17,9 @@ from .forces import CLOSED, OPENED, REACHED_LIMIT, record_event
 from .frame import STRETCH, TURN, begun, course_at, finished
 from .plan import DONE, FULL, MOVED, pooled
 from .state import OPEN, SLIDE
+from .sums import IS_FIRST, IS_I, ROW, WIDTH, summed_rows
 
+CHUNK = 64  # bodies whose forces are summed in one go
 _LOST = 1e300  # squared displacement that stands for one that is not a number
 
 # loaded first wins: GNU's or Intel's OpenMP costs a microsecond a parallel region, TBB fifteen, Numba's own eighty
@@ -176,70 +178,75 @@ def _moved(dim, predict, moving, pace, flow, g, half, go_on, fx, fy, fz, tx, ty,
 
 
 @njit(fastmath=False, **BARE)
-def _pressed(virial, load, code, first, last, g):
-    """Σ f ⊗ r of the contacts in which a body is i."""
-    for k in range(9):
-        virial[g, k] = 0.0
-    for e in range(first, last):
-        c = np.uint64(code[e])
-        for k in range(3):
-            for m in range(3):
-                virial[g, 3 * k + m] += load[c, k] * load[c, 6 + m]
+def _pressed(virial, blocks, first, last):
+    """Σ f ⊗ r of the contacts in which a body is i, for some bodies."""
+    g, load, pair = np.uint64(first) - np.uint64(1), blocks.load, blocks.pair
+    for e in range(np.uint64(blocks.start[first]), np.uint64(blocks.start[last])):
+        c = np.uint64(blocks.code[e])
+        if c & np.uint64(IS_FIRST):
+            g += np.uint64(1)
+            for k in range(9):
+                virial[g, k] = 0.0
+        if c & np.uint64(IS_I):
+            at = c // np.uint64(ROW)
+            for k in range(3):
+                for m in range(3):
+                    virial[g, 3 * k + m] += load[at, k] * pair[at, m]
 
 
 @njit(fastmath=False, **BARE)
-def _pulled(dim, flow, moving, blocks, g):
-    """External loads plus those of all contacts of a body, in the order of its partners."""
-    external, tx, ty, tz = moving.external, 0.0, 0.0, 0.0
-    own = g if len(external) > 1 else np.uint64(0)
-    fx, fy, fz = external[own, 0], external[own, 1], external[own, 2]
-    load, code, start = blocks.load, blocks.code, blocks.start
-    for e in range(np.uint64(start[2 * g]), np.uint64(start[2 * g + 1])):
-        c = np.uint64(code[e])
-        fx -= load[c, 0]
-        fy -= load[c, 1]
-        fz -= load[c, 2]
-        tx += load[c, 3]
-        ty += load[c, 4]
-        tz += load[c, 5]
-    for e in range(np.uint64(start[2 * g + 1]), np.uint64(start[2 * g + 2])):
-        c = np.uint64(code[e])
-        fx += load[c, 0]
-        fy += load[c, 1]
-        fz += load[c, 2]
-        tx += load[c, 3]
-        ty += load[c, 4]
-        tz += load[c, 5]
+def _summed(flow, moving, blocks, first, last, total):
+    """External loads plus those of all contacts of at most CHUNK bodies, in the order of their partners."""
+    external = moving.external
+    summed_rows(blocks.code, np.int64(blocks.start[first]), np.int64(blocks.start[last]), blocks.load, total)
     if flow is not None:
-        _pressed(moving.virial, load, code, np.uint64(start[2 * g + 1]), np.uint64(start[2 * g + 2]), g)
-    radius = moving.body[g, 9]
-    tx, ty, tz = external[own, 3] + radius * tx, external[own, 4] + radius * ty, external[own, 5] + radius * tz
-    return fx, fy, fz, tx, ty, tz
+        _pressed(moving.virial, blocks, first, last)
+    for at in range(first, last):
+        g, t = np.uint64(at), np.uint64(at - first)
+        own, radius = g if len(external) > 1 else np.uint64(0), moving.body[g, 9]
+        total[t, 0], total[t, 1], total[t, 2] = (
+            external[own, 0] + total[t, 0], external[own, 1] + total[t, 1], external[own, 2] + total[t, 2],
+        )  # fmt: skip
+        total[t, 3], total[t, 4], total[t, 5] = (
+            external[own, 3] + radius * total[t, 3],
+            external[own, 4] + radius * total[t, 4],
+            external[own, 5] + radius * total[t, 5],
+        )
 
 
 @njit(fastmath=False, **BARE)
-def _ended(dim, predict, first, last, moving, blocks, pace, flow, fresh, go_on):
-    """End the step of a tile's grains and go on with the next, or keep the forces."""
-    far, force = 0.0, moving.force
+def _kept(force, total, first, last):
+    """Keep the forces on some bodies."""
     for at in range(first, last):
-        g = np.uint64(at)
-        fx, fy, fz, tx, ty, tz = _pulled(dim, flow, moving, blocks, g)
-        far = max(far, _moved(dim, predict, moving, pace, flow, g, not fresh, go_on, fx, fy, fz, tx, ty, tz))
+        g, t = np.uint64(at), np.uint64(at - first)
+        force[g, 0], force[g, 1], force[g, 2] = total[t, 0], total[t, 1], total[t, 2]
+        force[g, 3], force[g, 4], force[g, 5] = total[t, 3], total[t, 4], total[t, 5]
+
+
+@njit(fastmath=False, **BARE)
+def _ended(dim, predict, first, last, moving, blocks, pace, flow, fresh, go_on, total):
+    """End the step of a tile's grains and go on with the next, or keep the forces."""
+    far = 0.0
+    for start in range(first, last, CHUNK):
+        end = min(start + CHUNK, last)
+        _summed(flow, moving, blocks, start, end, total)
+        for at in range(start, end):
+            g, t = np.uint64(at), np.uint64(at - start)
+            fx, fy, fz, tx, ty, tz = total[t, 0], total[t, 1], total[t, 2], total[t, 3], total[t, 4], total[t, 5]
+            far = max(far, _moved(dim, predict, moving, pace, flow, g, not fresh, go_on, fx, fy, fz, tx, ty, tz))
         if not go_on:
-            force[g, 0], force[g, 1], force[g, 2] = fx, fy, fz
-            force[g, 3], force[g, 4], force[g, 5] = tx, ty, tz
+            _kept(moving.force, total, start, end)
     return far
 
 
 @njit(fastmath=False, **BARE)
-def _last_ended(dim, predict, moving, blocks, pace, flow, pull, fresh, go_on):
+def _last_ended(dim, predict, moving, blocks, pace, flow, pull, fresh, go_on, total):
     """The same for the last tile: walls, what springs pull, and rigid groups, whose members get the force on all."""
     first, last, force = moving.tile[-1], len(moving.body), moving.force
-    for at in range(first, last):
-        g = np.uint64(at)
-        fx, fy, fz, tx, ty, tz = _pulled(dim, flow, moving, blocks, g)
-        force[g, 0], force[g, 1], force[g, 2] = fx, fy, fz
-        force[g, 3], force[g, 4], force[g, 5] = tx, ty, tz
+    for start in range(first, last, CHUNK):
+        end = min(start + CHUNK, last)
+        _summed(flow, moving, blocks, start, end, total)
+        _kept(force, total, start, end)
     if pull is not None:
         _sprung(pull, first, moving.body, force)
     pooled(moving.member, moving.members, force)
@@ -294,7 +301,7 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
         tile, share, body, ahead = moving.tile, moving.share, moving.body, moving.ahead
         cross, inner = blocks.cross, blocks.inner
         tiles, workers, dt, watch = len(tile) - 1, len(moving.share) - 1, pace.dt, len(events) > 0
-        far, before = np.zeros(tiles + 1), np.zeros(inner[tiles] * LANES if watch else 0, np.int8)
+        far, sums, before = np.zeros(tiles + 1), np.empty((CHUNK, WIDTH)), np.zeros(inner[tiles] * LANES if watch else 0, np.int8)
         while True:
             if not ended:
                 if watch:
@@ -312,7 +319,7 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
                             flow, scratch,
                         )  # fmt: skip
                 for k in prange(workers):
-                    scratch = np.empty(SCRATCH)
+                    scratch, total = np.empty(SCRATCH), np.empty((CHUNK, WIDTH))
                     for t in range(share[k], share[k + 1]):
                         for within in range(1 if parallel else 0, 2):
                             first, last = (inner[t], inner[t + 1]) if within else (cross[t], cross[t + 1])
@@ -320,14 +327,16 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
                                 kind, coulomb, dim, viscous, rate, first, last, blocks, body, ahead, p, dt,
                                 fresh, flow, scratch,
                             )  # fmt: skip
-                        far[t] = _ended(dim, predict, tile[t], tile[t + 1], moving, blocks, pace, flow, fresh, go_on)
+                        far[t] = _ended(
+                            dim, predict, tile[t], tile[t + 1], moving, blocks, pace, flow, fresh, go_on, total
+                        )
                 if not parallel:  # what is between bodies of the last tile
                     scratch, first, last = np.empty(SCRATCH), cross[tiles], cross[-1]
                     evaluated(
                         kind, coulomb, dim, viscous, rate, first, last, blocks, body, ahead, p, dt, fresh,
                         flow, scratch,
                     )  # fmt: skip
-                far[tiles] = _last_ended(dim, predict, moving, blocks, pace, flow, pull, fresh, go_on)
+                far[tiles] = _last_ended(dim, predict, moving, blocks, pace, flow, pull, fresh, go_on, sums)
                 if flow is not None:
                     finished(dim, frame, flow, pace, moving, fresh)
                 if watch:
