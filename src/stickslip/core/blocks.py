@@ -44,7 +44,7 @@ TILE = 2048
 # slides because nothing presses it, and has not been at a limit
 STUCK_AGAIN, LOOSE = 3, 4
 # where the planes of a block's scratch begin; flat, with offsets known when compiled, so that nothing seems to overlap
-_X, _V, _W, _SUM, _AHEAD, _TURN, SCRATCH = (LANES * k for k in (0, 3, 6, 9, 10, 13, 16))
+_X, _V, _W, _SUM, _PRODUCT, _AHEAD, _TURN, SCRATCH = (LANES * k for k in (0, 3, 6, 9, 10, 11, 14, 17))
 
 
 class Moving(NamedTuple):
@@ -77,7 +77,7 @@ class Blocks(NamedTuple):
     wall: np.ndarray  # (K,) bool: all pairs of the block are with walls
     shifted: np.ndarray  # (K,) bool: some pair of the block is across a periodic boundary
     vector: np.ndarray  # (K · 3 · LANES,) periodic shift (with a frame: the image), or the wall's normal
-    effective: np.ndarray  # (K · 2 · LANES,) R_eff, m_eff, or (0,) if the law asks for neither
+    mass: np.ndarray  # (K LANES,) m_eff, or (0,) if the law does not ask for it
     slip: np.ndarray  # (K · 3 · LANES,)
     mode: np.ndarray  # (K LANES,) int8: OPEN, STICK, SLIDE, STUCK_AGAIN or LOOSE
     place: np.ndarray  # (K,) first row of a block's loads
@@ -99,7 +99,7 @@ def no_blocks() -> Blocks:
     )  # fmt: skip
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def committed(blocks, contacts):
     """Write slip and mode of all blocks back to their rows in the list of contacts."""
     for s in range(blocks.inner[-1] * LANES):
@@ -113,7 +113,7 @@ def committed(blocks, contacts):
             contacts.reached[c] = mode in (SLIDE, STUCK_AGAIN)
 
 
-@njit(cache=True, fastmath=False)
+@njit(cache=True, fastmath=False, _nrt=False)
 def anchored(contacts, position, angle, radius, shift, pair_out, roll_out):
     """Write the present pair vectors and angles of what touches; True if they are those of the committed memory.
 
@@ -133,7 +133,7 @@ def anchored(contacts, position, angle, radius, shift, pair_out, roll_out):
 
 
 @njit(fastmath=True, **BARE)
-def _gathered(dim, predict, flow, blocks, body, ahead, b, scratch):
+def _gathered(dim, predict, by_size, flow, blocks, body, ahead, b, scratch):
     """What the contacts of block b see of their two bodies, plane by plane."""
     first = b * LANES
     for lane in range(LANES):
@@ -144,6 +144,8 @@ def _gathered(dim, predict, flow, blocks, body, ahead, b, scratch):
         scratch[_V + l], scratch[_V + 64 + l] = body[i, 3] - body[j, 3], body[i, 4] - body[j, 4]
         scratch[_W + 128 + l] = ri * body[i, 8] + rj * body[j, 8]
         scratch[_SUM + l] = ri + rj
+        if by_size:
+            scratch[_PRODUCT + l] = ri * rj
         if dim == 3:
             scratch[_X + 128 + l], scratch[_V + 128 + l] = body[i, 2] - body[j, 2], body[i, 5] - body[j, 5]
             scratch[_W + l], scratch[_W + 64 + l] = ri * body[i, 6] + rj * body[j, 6], ri * body[i, 7] + rj * body[j, 7]
@@ -197,7 +199,7 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
     """Forces and memory of one block, all lanes alike: what does not touch gets zeros. With `hold`, memory stays."""
     predict = viscous > 0 and not rate
     v, w = (_AHEAD, _TURN) if predict else (_V, _W)
-    mode, eff = blocks.mode[LANES * b : LANES * b + LANES], blocks.effective[2 * LANES * b : 2 * LANES * (b + 1)]
+    mode, mass = blocks.mode[LANES * b : LANES * b + LANES], blocks.mass[LANES * b : LANES * b + LANES]
     slip, vector = blocks.slip[3 * LANES * b : 3 * LANES * (b + 1)], blocks.vector[3 * LANES * b : 3 * LANES * (b + 1)]
     for l in range(LANES):
         rx, ry, rz = scratch[_X + l], scratch[_X + 64 + l], scratch[_X + 128 + l] if dim == 3 else 0.0
@@ -209,7 +211,9 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
             inverse = 1.0 / distance
             nx, ny, nz = rx * inverse, ry * inverse, rz * inverse
         overlap = scratch[_SUM + l] - distance
-        r_eff = eff[l] if needs_radius(kind, viscous) else 1.0
+        r_eff = 1.0
+        if needs_radius(kind, viscous):
+            r_eff = scratch[_SUM + l] if wall else scratch[_PRODUCT + l] / scratch[_SUM + l]
         edge = 0.0 - reach(kind, q, r_eff)
         touches = overlap > edge
         overlap = overlap if touches else edge
@@ -228,7 +232,7 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
         known = 1.0 if rate or before != OPEN else 0.0
         sx, sy, sz = known * (sx - along * nx), known * (sy - along * ny), known * (sz - along * nz)
         sx, sy, sz = (ox, oy, oz) if hold else (sx, sy, sz)
-        m_eff = eff[64 + l] if needs_mass(viscous) else 1.0
+        m_eff = mass[l] if needs_mass(viscous) else 1.0
         fn = masked(kind, touches, normal_force(kind, q, r_eff, overlap))
         stiffness = tangential_stiffness(kind, q, r_eff, overlap)
         vx = vy = vz = damping = 0.0
@@ -281,7 +285,7 @@ def evaluated(kind, coulomb, dim, viscous, rate, first, last, blocks, body, ahea
     """Loads and memory of a stretch of blocks; compiled into its callers."""
     load, predict = blocks.load, viscous > 0 and not rate
     for b in range(first, last):
-        _gathered(dim, predict, flow, blocks, body, ahead, b, scratch)
+        _gathered(dim, predict, needs_radius(kind, viscous), flow, blocks, body, ahead, b, scratch)
         place = blocks.place[b]
         if flow is not None:
             _flowed(dim, predict, blocks, flow, b, scratch)

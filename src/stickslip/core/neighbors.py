@@ -246,7 +246,7 @@ def _listed(key, first, many, new):
     return rows
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def carry_memory(old, new, rows):
     """Copy the memory of every closed contact that is in both lists; the rest of `new` starts open."""
     anchors = len(old.pair) > 0 and len(new.pair) > 0
@@ -261,7 +261,7 @@ def carry_memory(old, new, rows):
                             new.pair[m, k], new.roll[m, k] = old.pair[c, k], old.roll[c, k]
 
 
-@njit(cache=True, fastmath=False)
+@njit(cache=True, fastmath=False, _nrt=False)
 def farthest(x, contacts):
     """Distance of the body that moved most since the list was made; infinite if none was made."""
     most = 0.0

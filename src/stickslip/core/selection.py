@@ -4,7 +4,7 @@ import numpy as np
 from numba import njit
 
 from .blocks import LANES, LOOSE, STUCK_AGAIN, Blocks
-from .contact import effective, needs_mass, needs_radius
+from .contact import effective, needs_mass
 from .state import OPEN, SLIDE, STICK
 from .sums import IS_FIRST, IS_I, ROW, WIDTH
 
@@ -41,16 +41,17 @@ def _first_rows(contacts, bodies):
     return first
 
 
-@njit(cache=True, error_model="numpy")
-def _chosen(contacts, moving, internal, tile_of, normal, vectors, reach, materials, material, row, bucket, start):
+@njit(cache=True, error_model="numpy", _nrt=False)
+def _chosen(
+    contacts, moving, first, internal, tile_of, normal, vectors, reach, materials, material, row, bucket, start, held
+):  # fmt: skip
     """Rows of all pairs that touch or may soon touch, in the order of their first bodies in memory, and their buckets.
 
-    Fills `row`, `bucket`, and `start` with the number of pairs of each body. Returns how many there are of them, and
-    of each bucket: those between tiles, then those within each, each class of materials for itself.
+    Fills `row` and `bucket`, counts pairs of each body in `start` and of each bucket in `held`: those between tiles,
+    then those within each, each class of materials for itself. Returns how many there are.
     """
     order, body, image, mode, last = moving.order, moving.body, contacts.image, contacts.mode, len(moving.tile) - 1
-    first, tiles, number, n = _first_rows(contacts, len(order)), tile_of[-1] + 1, 0, len(order) - len(normal)
-    held = np.zeros(2 * tiles * materials * materials * 2, np.int64)
+    tiles, number, n = tile_of[-1] + 1, 0, len(order) - len(normal)
     for g in range(len(order)):
         a = order[g]
         for c in range(first[a], first[a + 1]):
@@ -75,10 +76,10 @@ def _chosen(contacts, moving, internal, tile_of, normal, vectors, reach, materia
                 start[h + 2] += 1
                 start[g + 2] += 1
                 number += 1
-    return number, held
+    return number
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def _rows_of_loads(place, bound, top, crossing, share):
     """Set the first row of every block's loads; the tiles of a thread share rows. Returns the number of rows."""
     for b in range(crossing):
@@ -93,13 +94,14 @@ def _rows_of_loads(place, bound, top, crossing, share):
     return (crossing + (len(share) - 1) * largest) * LANES
 
 
-@njit(cache=True)
-def _pad(from_slot, to_slot, bodies, far, asked, i, j, row, wall, shifted, vector, eff, slip, mode):
+@njit(cache=True, _nrt=False)
+def _pad(from_slot, to_slot, bodies, far, i, j, row, wall, shifted, vector, mass, slip, mode):
     """Fill lanes of a block without a contact with a pair of a body with itself, `far` from touching."""
     b = from_slot // LANES
     if to_slot > from_slot and not wall[b] and not shifted[b]:
         shifted[b] = True
-        vector[3 * LANES * b : 3 * LANES * (b + 1)] = 0.0
+        for k in range(3 * LANES):
+            vector[3 * LANES * b + k] = 0.0
     for s in range(from_slot, to_slot):
         l = s % LANES
         i[s] = j[s] = bodies - 1 if wall[b] else 0
@@ -107,11 +109,11 @@ def _pad(from_slot, to_slot, bodies, far, asked, i, j, row, wall, shifted, vecto
         for m in range(3):
             slip[(3 * b + m) * LANES + l] = 0.0
             vector[(3 * b + m) * LANES + l] = 0.0 if wall[b] or m else far
-        for m in range(2 if asked else 0):
-            eff[(2 * b + m) * LANES + l] = 1.0
+        if len(mass):
+            mass[s] = 1.0
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def _order_of_summation(contacts, loads, internal, start, code, nothing):
     """From counts in `start` to the loads that each body adds up, in the order of partners, as the list is sorted.
 
@@ -133,6 +135,43 @@ def _order_of_summation(contacts, loads, internal, start, code, nothing):
         code[start[a]] += IS_FIRST
 
 
+@njit(cache=True, error_model="numpy", _nrt=False)
+def _filled(contacts, picked, bucket, filled, internal, material, normal, across, kind, viscous, radius, light, parts, loads):
+    """Write the pairs that were picked into the lanes of their buckets' blocks."""
+    i, j, row, vector, mass, slip, mode, place, pair, wall, shifted = parts
+    n, image = len(internal) - len(normal), contacts.image
+    for p in range(len(picked)):
+        c, s = picked[p], filled[bucket[p]]
+        filled[bucket[p]] = s + 1
+        b, l = s // LANES, s % LANES
+        a, z = contacts.i[c], contacts.j[c]
+        is_wall = z >= n
+        i[s], j[s], row[s] = internal[a], internal[z], c
+        pair[b, 0], pair[b, 1], wall[b] = material[a], material[z], is_wall
+        at = 3 * LANES * b + l
+        if needs_mass(viscous):
+            _, mass[s] = effective(kind, viscous, radius, light, i[s], j[s], is_wall)
+        for m in range(3):
+            slip[at + m * LANES] = contacts.slip[c, m]
+            if is_wall:
+                vector[at + m * LANES] = normal[z - n, m]
+        if image[c, 0] != 0 or image[c, 1] != 0 or image[c, 2] != 0:
+            if not shifted[b]:
+                shifted[b] = True
+                for k in range(3 * LANES):
+                    vector[3 * LANES * b + k] = 0.0
+            for k in range(3):
+                for m in range(3):
+                    vector[at + m * LANES] += image[c, k] * across[k, m]
+        was = contacts.mode[c]
+        if was == STICK and contacts.reached[c]:
+            was = STUCK_AGAIN
+        elif was == SLIDE and not contacts.reached[c]:
+            was = LOOSE
+        mode[s] = was
+        loads[c] = place[b] + l
+
+
 @njit(cache=True, error_model="numpy")
 def chosen_blocks(
     old, contacts, moving, inverse_mass, material, normal, vectors, across, reach, materials, kind, viscous
@@ -150,58 +189,31 @@ def chosen_blocks(
         tile_of[tile[t] : tile[t + 1] if t + 1 < len(tile) else bodies] = t
     n, radius, light, top = bodies - len(normal), moving.body[:, 9].copy(), inverse_mass[order], tile_of[-1] + 1
     picked, bucket, start = np.empty(count, np.int32), np.empty(count, np.int32), np.zeros(bodies + 2, np.uint32)
-    active, held = _chosen(
-        contacts, moving, internal, tile_of, normal, vectors, reach, materials, material, picked, bucket, start
-    )
+    held = np.zeros(2 * top * materials * materials * 2, np.int64)
+    active = _chosen(
+        contacts, moving, _first_rows(contacts, bodies), internal, tile_of, normal, vectors, reach, materials, material,
+        picked, bucket, start, held,
+    )  # fmt: skip
     classes, first = len(held) // (2 * top), np.zeros(len(held) + 1, np.int64)
     for k in range(len(held)):
         first[k + 1] = first[k] + (held[k] + LANES - 1) // LANES
     bound, blocks = first[::classes].copy(), first[-1]
     slots = blocks * LANES
-    crossing, asked = bound[top], needs_radius(kind, viscous) or needs_mass(viscous)
+    crossing = bound[top]
     i, j, row = _room(old.i, slots), _room(old.j, slots), _room(old.row, slots)
-    vector, eff, slip = (
-        _room(old.vector, 3 * slots),
-        _room(old.effective, 2 * slots if asked else 0),
-        _room(old.slip, 3 * slots),
-    )
+    vector, slip = _room(old.vector, 3 * slots), _room(old.slip, 3 * slots)
+    mass = _room(old.mass, slots if needs_mass(viscous) else 0)
     mode, place = _room(old.mode, slots), _room(old.place, blocks)
     pair, wall, shifted = np.zeros((blocks, 2), np.int64), np.zeros(blocks, np.bool_), np.zeros(blocks, np.bool_)
     most = _rows_of_loads(place, bound, top, crossing, moving.share)
     filled, loads = first[:-1] * LANES, np.full(count, -1, np.int32)
-    for p in range(active):
-        c, s = picked[p], filled[bucket[p]]
-        filled[bucket[p]] = s + 1
-        b, l = s // LANES, s % LANES
-        a, z = contacts.i[c], contacts.j[c]
-        is_wall = z >= n
-        i[s], j[s], row[s] = internal[a], internal[z], c
-        pair[b, 0], pair[b, 1], wall[b] = material[a], material[z], is_wall
-        at = 3 * LANES * b + l
-        if asked:
-            r_eff, m_eff = effective(kind, viscous, radius, light, i[s], j[s], is_wall)
-            eff[at - LANES * b], eff[at - LANES * b + LANES] = r_eff, m_eff
-        for m in range(3):
-            slip[at + m * LANES] = contacts.slip[c, m]
-            if is_wall:
-                vector[at + m * LANES] = normal[z - n, m]
-        if contacts.image[c, 0] != 0 or contacts.image[c, 1] != 0 or contacts.image[c, 2] != 0:
-            if not shifted[b]:
-                shifted[b] = True
-                vector[3 * LANES * b : 3 * LANES * (b + 1)] = 0.0
-            for k in range(3):
-                for m in range(3):
-                    vector[at + m * LANES] += contacts.image[c, k] * across[k, m]
-        was = contacts.mode[c]
-        if was == STICK and contacts.reached[c]:
-            was = STUCK_AGAIN
-        elif was == SLIDE and not contacts.reached[c]:
-            was = LOOSE
-        mode[s] = was
-        loads[c] = place[b] + l
+    _filled(
+        contacts, picked[:active], bucket, filled, internal, material, normal, across, kind, viscous, radius, light,
+        (i, j, row, vector, mass, slip, mode, place, pair, wall, shifted), loads,
+    )  # fmt: skip
     far = 4.0 * radius.max() + 1.0 + reach
     for k in range(len(held)):
-        _pad(filled[k], first[k + 1] * LANES, bodies, far, asked, i, j, row, wall, shifted, vector, eff, slip, mode)
+        _pad(filled[k], first[k + 1] * LANES, bodies, far, i, j, row, wall, shifted, vector, mass, slip, mode)
     code, load, pairs = _room(old.code, 2 * active + bodies), old.load, old.pair
     if len(load) <= most:
         room = most + most // 8 + 1
@@ -210,6 +222,6 @@ def chosen_blocks(
         load[most, k] = 0.0
     _order_of_summation(contacts, loads, internal, start, code, most)
     return Blocks(
-        i, j, row, pair, wall, shifted, vector, eff, slip, mode, place, bound[: top + 1].copy(), bound[top:].copy(),
+        i, j, row, pair, wall, shifted, vector, mass, slip, mode, place, bound[: top + 1].copy(), bound[top:].copy(),
         load, pairs, start[: bodies + 1].copy(), code,
     )  # fmt: skip

@@ -362,7 +362,7 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
     return march
 
 
-@njit(cache=True, fastmath=False)
+@njit(cache=True, fastmath=False, _nrt=False)
 def exported(moving, out):
     """Positions, angles, velocities, spins in the state's order; the body of every moving thing is left alone."""
     for g in range(len(moving.order)):

@@ -15,7 +15,7 @@ from .rolling import of_rolling
 from .state import State, groups
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", _nrt=False)
 def _springs(kind, dim, bodies, contacts, shift, p, normal, springs):
     """Normals, and stiffnesses (k_n, k_t) and branch length of all contacts that touch; zero for the rest."""
     _, _, _, _, radius, material, inverse_mass, wall_normal, _ = bodies
@@ -51,7 +51,7 @@ def _bound(contacts, springs, radius, inverse_mass, inverse_inertia, cell):
     return max(moves.max(), turns.max(), strains)
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def _pulled(contacts, normal, springs, x, e, y, pull):
     """Add K x to y and, of the cell, to `pull`: in scalars, as array expressions compile slowly."""
     for c in range(contacts.count[0]):
