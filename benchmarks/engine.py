@@ -11,6 +11,7 @@ from rich.console import Console
 
 HERE, STORE = Path(__file__).parent, Path("results") / "benchmark-packings"
 ROUNDS = 5
+SIZE_ROUNDS, SIZE_STEPS = 3, 400
 console = Console()
 PEERS = ("gran/hertz/history", "granular")
 
@@ -92,16 +93,28 @@ def row(case: str, n: int, threads: int, ours: float, peer: float | None, name: 
 
 
 def sizes(counts) -> list[dict]:
-    """Grain-steps a second from few to many grains over those of a thousand, and memory."""
-    rates, rows = {}, []
-    for n in counts:
-        path = scene(3, 0.66, n, 0.001)
-        found = [timed("ours", path, max(200, 3_000_000 // n)) for _ in range(3 if n < 1_000_000 else 2)]
-        rates[n] = n / min(f[0] for f in found)
-        rows.append(row("dense spheres over those of 1000", n, 1, rates[n], rates[counts[0]], "ours, n = 1000"))
-        if n == counts[-1]:
-            rows.append(row("memory a grain", n, 1, min(f[1] for f in found) / n, 1500.0, "budget", "bytes"))
-    return rows
+    """Grain-steps a second from few to many grains over those of a thousand, all for as many steps, and memory.
+
+    The sizes take turns, and before and after each large one a thousand grains run: processors of several tenants
+    change their pace within minutes. The ratio is the median over the rounds.
+    """
+    few, many = counts[0], counts[1:]
+    rates, ratios, memory = {n: [] for n in counts}, {n: [] for n in many}, []
+    for _ in range(SIZE_ROUNDS):
+        for n in many:
+            found = {}
+            for size in (few, n, few):
+                seconds, taken = timed("ours", scene(3, 0.66, size, 0.001), SIZE_STEPS)
+                found.setdefault(size, []).append(size / seconds)
+                memory += [taken] if size == counts[-1] else []
+            ratios[n].append(max(found[n]) / np.mean(found[few]))
+            for size, rate in found.items():
+                rates[size] += rate
+    out = []
+    for n in many:
+        line = row("dense spheres over those of 1000", n, 1, max(rates[n]), max(rates[few]), "ours, n = 1000")
+        out.append(line | {"ratio": float(np.median(ratios[n]))})
+    return [*out, row("memory a grain", counts[-1], 1, max(memory) / counts[-1], 1500.0, "budget", "bytes")]
 
 
 def rows(full: bool) -> list[dict]:

@@ -114,17 +114,18 @@ def committed(blocks, contacts):
 
 
 @njit(cache=True, fastmath=False, _nrt=False)
-def anchored(contacts, position, angle, radius, shift, pair_out, roll_out):
+def anchored(contacts, position, angle, radius, vectors, pair_out, roll_out):
     """Write the present pair vectors and angles of what touches; True if they are those of the committed memory.
 
     With empty arrays nothing is written.
     """
-    rested = True
+    rested, image = True, contacts.image
     for c in range(contacts.count[0]):
         if contacts.mode[c] != OPEN:
             i, j = contacts.i[c], contacts.j[c]
             for m in range(3):
-                pair = position[i, m] - position[j, m] + shift[c, m]
+                shift = image[c, 0] * vectors[0, m] + image[c, 1] * vectors[1, m] + image[c, 2] * vectors[2, m]
+                pair = position[i, m] - position[j, m] + shift
                 roll = radius[i] * angle[i, m] + radius[j] * angle[j, m]
                 rested &= pair == contacts.pair[c, m] and roll == contacts.roll[c, m]
                 if len(pair_out):

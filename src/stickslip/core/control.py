@@ -141,7 +141,7 @@ def following(control: Control, bodies, times, factors, *, axes=slice(None)) -> 
     >>> control = driven(loads(10, 1), [10], [0.1, 0, 0, 0, 0, 0])
     >>> times = np.linspace(0, 200, 401)
     >>> following(control, [10], times, np.cos(2 * np.pi * times / 50)).follows[10, :3]
-    array([0, 0, 0])
+    array([0, 0, 0], dtype=int16)
     """
     control = control._replace(course=_with_column(control.course))
     column = control.course.shape[1] - 1

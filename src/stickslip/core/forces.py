@@ -25,7 +25,7 @@ from .laws import (
     row,
     tangential_stiffness,
 )
-from .neighbors import body_positions, body_radii, updated
+from .neighbors import body_positions, body_radii, joined, updated
 from .rolling import add_rolling, forget_rolling
 from .state import OPEN, SLIDE, State, groups
 
@@ -64,7 +64,7 @@ def moved_masses(state: State) -> np.ndarray:
 
 
 def bodies(state: State) -> Bodies:
-    """Fresh arrays of grains followed by walls."""
+    """Fresh arrays of all that moves, grains followed by walls; radii and materials are to be read only."""
     grains, walls = state.grains, state.walls
     still = np.zeros((len(walls.mass), 3))
     return Bodies(
@@ -73,7 +73,7 @@ def bodies(state: State) -> Bodies:
         np.concatenate([grains.velocity, walls.velocity]),
         np.concatenate([grains.spin, still]),
         body_radii(state),
-        np.concatenate([grains.material, walls.material]),
+        joined(grains.material, walls.material),
         state.control.free[:, : state.cell.dim].any(axis=1) / moved_masses(state),
         walls.normal,
         state.cell.rate.copy(),

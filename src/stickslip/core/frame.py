@@ -114,7 +114,7 @@ def frame_of(state: State, order: np.ndarray) -> tuple[Frame, Flow]:
     one = np.eye(3)
     flow = Flow(
         np.stack([used, rate, rate, one, one, one, one, 0 * one]), np.stack([factor, factor]), control.rate[order],
-        control.follows[order] % (columns + 1),
+        control.follows[order].astype(int) % (columns + 1),
     )  # fmt: skip
     frame = Frame(
         control.cell_free, control.cell_rate, control.cell_follows % (columns + 1), control.stress, cell_mass(state),

@@ -9,10 +9,9 @@ from .forces import Bodies, forces, moved_masses
 from .frame import PULL, RATE, SINCE, VECTORS, frame_of, imposes, room_left, unbalanced_cell
 from .geometry import shifts
 from .instant import bodies_at_start
-from .kinds import Kind
-from .laws import HERTZ_MINDLIN, HERTZ_MINDLIN_REFF, Law, asks_radius, dashpots
+from .laws import Law, dashpots
 from .ledger import entered
-from .neighbors import TOO_FAR, farthest, grid_of, rebuilt
+from .neighbors import TOO_FAR, farthest, grid_of, of_rows, rebuilt
 from .plan import (
     AWAY,
     BAD,
@@ -31,7 +30,7 @@ from .plan import (
 from .reach import gap_listed
 from .record import Writing, sample, sample_groups, with_lost
 from .selection import chosen_blocks, morton
-from .state import Instant, State, deforms
+from .state import OPEN, Instant, State, deforms
 from .tiles import Pace, Pull, exported, marcher
 
 MANY = 48  # bodies from which blocks are faster than a plain sweep
@@ -69,7 +68,7 @@ def _pull(state: State, moving: Moving) -> Pull | None:
     control, last = state.control, moving.order[moving.tile[-1] :]
     if not control.spring.any():
         return None
-    parts = (np.ascontiguousarray(part[last]) for part in (control.spring, control.anchor, control.leads))
+    parts = (np.ascontiguousarray(part[last]) for part in (control.spring, control.anchor, control.leads.astype(int)))
     return Pull(*parts, control.knots, control.course, np.full(1, state.time))
 
 
@@ -83,7 +82,7 @@ def _moving(state: State, plan: Plan, here: Bodies, predict: bool, imposed: bool
     if dim == 2:
         free[:, 2:5] = False
     used = [0, 1, 5] if dim == 2 else range(6)
-    external = np.concatenate([plan.external[0], plan.external[1]], axis=1)
+    external = np.concatenate(plan.external, axis=1)[order] if plan.external.any() else np.zeros((1, 6))
     single = int((~_in_last_tile(state)).sum())
     size = TILE if threads == 1 else min(TILE, -(-n // (4 * threads)))
     tile = np.append(np.arange(0, single, size), single)
@@ -98,7 +97,7 @@ def _moving(state: State, plan: Plan, here: Bodies, predict: bool, imposed: bool
         (0.5 * plan.dt / np.stack([mass, inertia], axis=1))[order],
         free[order],
         free[:, used].all(axis=1)[order],
-        external[order] if external.any() else np.zeros((1, 6)),
+        external,
         np.zeros((b if imposed else 0, 9)),
         here.position[order],
         tile,
@@ -114,7 +113,7 @@ def marched(
     """As many steps as asked, in blocks; see `run`. Returns what the plain stepper does."""
     contacts, here, nothing = state.contacts, bodies_at_start(state, instant), np.zeros((0, 3))
     at = (here.position, here.angle, here.radius)
-    if anchored(contacts, *at, shifts(contacts, state.cell.vectors), nothing, nothing):
+    if anchored(contacts, *at, state.cell.vectors, nothing, nothing):
         # what a run writes; pair vectors and angles are written when it ends
         own = {name: getattr(contacts, name).copy() for name in ("slip", "mode", "reached")}
         contacts = contacts._replace(**own)
@@ -131,8 +130,6 @@ def marched(
     drags = [0.5 * plan.dt * nu for nu in plan.drags]
     pace = Pace(plan.dt, 1 - drags[0], 1 / (1 + drags[0]), 1 - drags[1], 1 / (1 + drags[1]))
     every, deforming, gap = writing.every, deforms(state), gap_listed(contacts)
-    # which pairs are near is the same for all laws that ask for the same properties of pairs
-    like = (HERTZ_MINDLIN_REFF if asks_radius(law.kind) else HERTZ_MINDLIN) if isinstance(law.kind, Kind) else law.kind
     ended = instant is not None
     step, stop, fresh, code, residual, worst = 0, 0, not ended, MOVED, np.inf, -1
     if ended:
@@ -146,8 +143,8 @@ def marched(
             if code == MOVED:
                 reach, skin = _wanted(state, plan, here, contacts, frame, steps - step)
                 if skin > 0:
-                    former, blocks = contacts, no_blocks()  # before there is a new list: memory
-                    contacts = _with_skin(skin, here, contacts, grid_of(state.cell))
+                    blocks, contacts = no_blocks(), _closed(contacts)  # before there is a new list: memory
+                    former, contacts = contacts, _with_skin(skin, here, contacts, grid_of(state.cell))
                     writing = with_lost(writing, former, contacts, here.position, state.time + step * plan.dt)
                     del former
                 if imposed:
@@ -156,7 +153,7 @@ def marched(
                 moving.origin[:], limit = moving.body[:, :3], (0.5 * reach) ** 2
                 blocks = chosen_blocks(
                     blocks, contacts, moving, here.inverse_mass, here.material, here.normal, state.cell.vectors,
-                    np.eye(3) if imposed else state.cell.vectors, reach + gap, len(law.table), like, viscous,
+                    np.eye(3) if imposed else state.cell.vectors, reach + gap, len(law.table), viscous,
                 )  # fmt: skip
             code, step, ended = march(
                 moving, blocks, contacts, law.table, pace, frame, flow, pull, state.time, step, stop, ended, fresh,
@@ -200,13 +197,15 @@ def marched(
         numba.set_num_threads(before)
     clock = frame.clock if imposed else pull.clock if pull else [state.time + step * plan.dt]
     time = float(clock[0])
+    del blocks  # memory for what is given back
     instant = Instant(_forces(moving), flow.matrix[PULL].copy() if imposed else np.zeros((3, 3)), 0)
-    del moving, blocks, frame, flow  # memory for what is given back
+    del moving, frame, flow
     if deforming or contacts.skin[0] != state.contacts.skin[0]:
         # a list tells whether it is still good by how far grains have moved, not by how the cell has
+        contacts = _closed(contacts)
         contacts = _with_skin(float(state.contacts.skin[0]), here, contacts, grid_of(state.cell))
     contacts = contacts._replace(pair=np.zeros_like(contacts.slip), roll=np.zeros_like(contacts.slip))
-    anchored(contacts, *at, shifts(contacts, state.cell.vectors), contacts.pair, contacts.roll)
+    anchored(contacts, *at, state.cell.vectors, contacts.pair, contacts.roll)
     end = state_after(state, here, contacts, time)._replace(instant=instant)
     return end, code, step, residual, worst, writing, books
 
@@ -238,6 +237,11 @@ def _wanted(state, plan, here, contacts, frame, steps):
     if 2 * stride * steps > 4 * skin:  # else making the list that the caller gets back is not worth it
         skin = max(skin, min(4 * wanted, size))
     return min(max(wanted, 0.05 * skin), 0.5 * skin), skin
+
+
+def _closed(contacts):
+    """The list without open pairs, which takes half the memory."""
+    return of_rows(contacts, np.flatnonzero(contacts.mode[: contacts.count[0]] != OPEN))
 
 
 def _with_skin(skin, here, contacts, grid):

@@ -287,7 +287,7 @@ def _listed_anew(x, radius, wall_normal, grid, old):
     if len(old.skin) > 1:
         skin += old.skin[1]
     bins = _placed(x, n, radius, grid, 2 * radius[:n].max() + skin)
-    columns, room = bins.number[0] * bins.number[2], 2 * max(old.count[0], 4 * len(x))
+    columns, room = bins.number[0] * bins.number[2], 2 * max(old.count[0], 8 * len(x))
     first, many = np.empty(n, np.int64), np.empty(n, np.int32)
     while True:
         key = np.empty(room, np.int64)
@@ -317,8 +317,13 @@ def body_positions(state: State) -> np.ndarray:
 
 
 def body_radii(state: State) -> np.ndarray:
-    """(N + W,) radii [length]; zero for walls."""
-    return np.concatenate([state.grains.radius, np.zeros(len(state.walls.mass))])
+    """(N + W,) radii [length]; zero for walls. To be read only: without walls they are the grains' own."""
+    return joined(state.grains.radius, np.zeros(len(state.walls.mass)))
+
+
+def joined(grains: np.ndarray, walls: np.ndarray) -> np.ndarray:
+    """What grains and walls have, in one array; without walls the grains' own, as memory counts."""
+    return np.concatenate([grains, walls]) if len(walls) else grains
 
 
 def updated(state: State, law: Law | None = None) -> State:
@@ -336,6 +341,13 @@ def updated(state: State, law: Law | None = None) -> State:
     return state._replace(contacts=contacts if law is None else with_room(contacts, law))
 
 
+def of_rows(contacts: Contacts, rows) -> Contacts:
+    """The list with some of its rows, the number of rows set."""
+    per_row = ("i", "j", "image", "key", "slip", "mode", "pair", "roll", "reached", "rolling")
+    parts = {name: getattr(contacts, name)[rows] for name in per_row if len(getattr(contacts, name))}
+    return contacts._replace(**parts, count=np.array([len(rows)]))
+
+
 def without_walls(state: State, walls) -> State:
     """The state without some walls, numbers 0 … W−1; all other contacts keep their memory, later walls move up.
 
@@ -351,16 +363,13 @@ def without_walls(state: State, walls) -> State:
     kept[n + np.asarray(walls, np.int64)] = False
     rows = np.flatnonzero(kept[contacts.j[:count]])
     number = np.cumsum(kept) - 1
-    per_row = ("i", "j", "image", "key", "slip", "mode", "pair", "roll", "reached")
-    per_row += ("rolling",) if len(contacts.rolling) else ()
-    fields = {name: getattr(contacts, name)[rows] for name in per_row}
-    fields["j"] = number[fields["j"]].astype(fields["j"].dtype)
-    shift = (contacts.j[rows].astype(np.int64) - fields["j"]) << (3 * _IMAGE_BITS)  # see `pack_key`
-    fields["key"] = fields["key"] - shift
+    contacts = of_rows(contacts, rows)
+    j = number[contacts.j].astype(contacts.j.dtype)
+    key = contacts.key - ((contacts.j.astype(np.int64) - j) << (3 * _IMAGE_BITS))  # see `pack_key`
     per_body = ("force", "torque", "free", "rate", "group", "follows", "spring", "anchor", "leads")
     control = state.control._replace(**{name: getattr(state.control, name)[kept] for name in per_body})
     return state._replace(
         walls=type(state.walls)(*(part[kept[n:]] for part in state.walls)),
-        contacts=contacts._replace(**fields, origin=contacts.origin[kept], count=np.array([len(rows)])),
+        contacts=contacts._replace(j=j, key=key, origin=contacts.origin[kept]),
         control=control,
     )

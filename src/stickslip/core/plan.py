@@ -7,6 +7,7 @@ from numba import njit
 
 from .control import factors_at
 from .forces import Bodies, bodies, moved_masses
+from .neighbors import joined
 from .state import Control, State, groups
 
 CHECK_EVERY = 200  # steps between checks for NaN and, with a tolerance, for rest
@@ -159,7 +160,11 @@ def plan_of(state: State, drag: float, spin_drag: float, dt: float, *, bare: boo
     grains, walls, control = state.grains, state.walls, state.control
     mass = np.concatenate([grains.mass, walls.mass])
     motion, rate = (np.zeros((6, 0)), np.zeros((0, 6))) if bare else _factors(state, drag, spin_drag, dt)
-    external = np.stack([control.force + mass[:, None] * control.gravity, control.torque])
-    lever = np.append(grains.radius, np.ones(len(walls.mass)))
+    external = np.zeros((2, state.n_bodies, 3))
+    if control.force.any() or control.gravity.any():
+        external[0] = control.force + mass[:, None] * control.gravity
+    if control.torque.any():
+        external[1] = control.torque
+    lever = joined(grains.radius, np.ones(len(walls.mass)))
     drags = (float(drag), float(spin_drag))
     return Plan(motion, rate, external, drags, grains.mass, grains.inertia, lever, float(dt))

@@ -4,7 +4,7 @@ import numpy as np
 from numba import njit
 
 from .blocks import LANES, LOOSE, STUCK_AGAIN, Blocks
-from .contact import effective, needs_mass
+from .contact import effective_mass, needs_mass
 from .state import OPEN, SLIDE, STICK
 from .sums import IS_FIRST, IS_I, ROW, WIDTH
 
@@ -136,7 +136,9 @@ def _order_of_summation(contacts, loads, internal, start, code, nothing):
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)
-def _filled(contacts, picked, bucket, filled, internal, material, normal, across, kind, viscous, radius, light, parts, loads):
+def _filled(
+    contacts, picked, bucket, filled, internal, material, normal, across, viscous, inverse_mass, parts, loads
+):  # fmt: skip
     """Write the pairs that were picked into the lanes of their buckets' blocks."""
     i, j, row, vector, mass, slip, mode, place, pair, wall, shifted = parts
     n, image = len(internal) - len(normal), contacts.image
@@ -150,7 +152,7 @@ def _filled(contacts, picked, bucket, filled, internal, material, normal, across
         pair[b, 0], pair[b, 1], wall[b] = material[a], material[z], is_wall
         at = 3 * LANES * b + l
         if needs_mass(viscous):
-            _, mass[s] = effective(kind, viscous, radius, light, i[s], j[s], is_wall)
+            mass[s] = effective_mass(inverse_mass, a, z)
         for m in range(3):
             slip[at + m * LANES] = contacts.slip[c, m]
             if is_wall:
@@ -174,7 +176,7 @@ def _filled(contacts, picked, bucket, filled, internal, material, normal, across
 
 @njit(cache=True, error_model="numpy")
 def chosen_blocks(
-    old, contacts, moving, inverse_mass, material, normal, vectors, across, reach, materials, kind, viscous
+    old, contacts, moving, inverse_mass, material, normal, vectors, across, reach, materials, viscous
 ):
     """Blocks of all pairs nearer than `reach`, in the memory of `old` ones; bodies' properties in the state's order.
 
@@ -187,7 +189,7 @@ def chosen_blocks(
         internal[order[g]] = g
     for t in range(len(tile)):
         tile_of[tile[t] : tile[t + 1] if t + 1 < len(tile) else bodies] = t
-    n, radius, light, top = bodies - len(normal), moving.body[:, 9].copy(), inverse_mass[order], tile_of[-1] + 1
+    top = tile_of[-1] + 1
     picked, bucket, start = np.empty(count, np.int32), np.empty(count, np.int32), np.zeros(bodies + 2, np.uint32)
     held = np.zeros(2 * top * materials * materials * 2, np.int64)
     active = _chosen(
@@ -208,10 +210,12 @@ def chosen_blocks(
     most = _rows_of_loads(place, bound, top, crossing, moving.share)
     filled, loads = first[:-1] * LANES, np.full(count, -1, np.int32)
     _filled(
-        contacts, picked[:active], bucket, filled, internal, material, normal, across, kind, viscous, radius, light,
+        contacts, picked[:active], bucket, filled, internal, material, normal, across, viscous, inverse_mass,
         (i, j, row, vector, mass, slip, mode, place, pair, wall, shifted), loads,
     )  # fmt: skip
-    far = 4.0 * radius.max() + 1.0 + reach
+    far = 1.0 + reach
+    for g in range(bodies):
+        far = max(far, 4.0 * moving.body[g, 9] + 1.0 + reach)
     for k in range(len(held)):
         _pad(filled[k], first[k + 1] * LANES, bodies, far, i, j, row, wall, shifted, vector, mass, slip, mode)
     code, load, pairs = _room(old.code, 2 * active + bodies), old.load, old.pair

@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 
 OPEN, STICK, SLIDE = 0, 1, 2
+COURSE = np.int16  # of the columns that components follow: there are nine of them to a body
 
 
 class Grains(NamedTuple):
@@ -245,14 +246,15 @@ def loads(n_grains: int, n_walls: int = 0, *, force=0.0, torque=0.0, gravity=(0.
         0.0,
         np.zeros(0),
         np.zeros((0, 0)),
-        np.full((n, 6), -1),
+        np.full((n, 6), -1, COURSE),
         np.full((3, 3), -1),
         np.zeros((n, 3)),
         np.zeros((n, 3)),
-        np.full((n, 3), -1),
+        np.full((n, 3), -1, COURSE),
     )
-    control.force[:n_grains] = rows(force, n_grains, 3)
-    control.torque[:n_grains] = rows(torque, n_grains, 3)
+    for part, load in ((control.force, force), (control.torque, torque)):
+        if np.any(load):  # zeros that nobody has written to take no memory
+            part[:n_grains] = rows(load, n_grains, 3)
     control.free[n_grains:] = False
     return control
 
