@@ -1,8 +1,9 @@
 """One side of a benchmark of the engine in a process of its own: `python engine_sides.py SIDE SCENE STEPS THREADS`.
 
-Prints seconds a step, and peak memory above that of the libraries and of our compiled code, in bytes. All sides take the same grains,
-velocities, law (Hertz–Mindlin with memory, k_n = 2, k_t = 4/7 with √R_eff, μ = 1/2, no dashpots), box and time step;
-neighbours are checked and lists rebuilt as each code does it. The skins are those at which each code was fastest.
+Prints seconds a step, and peak memory above that of the libraries and of our compiled code, in bytes. All sides take
+the same grains, velocities, law (Hertz–Mindlin with memory, k_n = 2, k_t = 4/7 with √R_eff, μ = 1/2, no dashpots), box
+and time step; neighbours are checked and lists rebuilt as each code does it. The skins are those at which each code was
+fastest.
 """
 
 import resource

@@ -9,6 +9,7 @@ import threading
 import pytest
 
 from stickslip.ensemble import reach, run_members
+from stickslip.ensemble.cluster import connected
 from tests.many import tasks
 from tests.many.test_ensemble import ended, until
 
@@ -104,3 +105,12 @@ def test_a_kernel_that_keeps_the_interpreter_does_not_cost_the_worker(cluster):
     found = run_members(tasks.hold, [(15,), (15,)], workers=cluster.address)
     assert [m.result for m in found] == [15, 15]
     assert reach(cluster.address).slots == 2
+
+
+def test_a_scheduler_file_that_is_still_being_written_is_waited_for(tmp_path):
+    path = tmp_path / "scheduler.json"
+    path.write_text('{"address": ', encoding="utf-8")
+    timer = threading.Timer(0.25, path.write_text, ['{"address": "tcp://127.0.0.1:1"}'])
+    timer.start()
+    with pytest.raises(ValueError, match=r"no Dask scheduler answers.*refused"), connected(str(path)):
+        pass

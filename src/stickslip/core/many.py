@@ -143,8 +143,9 @@ def marched(
             if code == MOVED:
                 reach, skin = _wanted(state, plan, here, contacts, frame, steps - step)
                 if skin > 0:
-                    blocks, contacts = no_blocks(), _closed(contacts)  # before there is a new list: memory
-                    former, contacts = contacts, _with_skin(skin, here, contacts, grid_of(state.cell))
+                    blocks = no_blocks()  # before there is a new list: memory
+                    contacts = former = _closed(contacts)
+                    contacts = _with_skin(skin, here, contacts, grid_of(state.cell))
                     writing = with_lost(writing, former, contacts, here.position, state.time + step * plan.dt)
                     del former
                 if imposed:

@@ -344,7 +344,9 @@ def updated(state: State, law: Law | None = None) -> State:
 def of_rows(contacts: Contacts, rows) -> Contacts:
     """The list with some of its rows, the number of rows set."""
     per_row = ("i", "j", "image", "key", "slip", "mode", "pair", "roll", "reached", "rolling")
-    parts = {name: getattr(contacts, name)[rows] for name in per_row if len(getattr(contacts, name))}
+    parts = {
+        name: getattr(contacts, name)[rows] for name in per_row if len(getattr(contacts, name))
+    }  # bare: no anchors
     return contacts._replace(**parts, count=np.array([len(rows)]))
 
 

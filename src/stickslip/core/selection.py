@@ -175,9 +175,7 @@ def _filled(
 
 
 @njit(cache=True, error_model="numpy")
-def chosen_blocks(
-    old, contacts, moving, inverse_mass, material, normal, vectors, across, reach, materials, viscous
-):
+def chosen_blocks(old, contacts, moving, inverse_mass, material, normal, vectors, across, reach, materials, viscous):
     """Blocks of all pairs nearer than `reach`, in the memory of `old` ones; bodies' properties in the state's order.
 
     The tiles of a thread share rows of loads, which stay in its cache. `across` turns an image into what is added to

@@ -301,7 +301,8 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
         tile, share, body, ahead = moving.tile, moving.share, moving.body, moving.ahead
         cross, inner = blocks.cross, blocks.inner
         tiles, workers, dt, watch = len(tile) - 1, len(moving.share) - 1, pace.dt, len(events) > 0
-        far, sums, before = np.zeros(tiles + 1), np.empty((CHUNK, WIDTH)), np.zeros(inner[tiles] * LANES if watch else 0, np.int8)
+        far, before = np.zeros(tiles + 1), np.zeros(inner[tiles] * LANES if watch else 0, np.int8)
+        sums = np.empty((CHUNK, WIDTH))
         while True:
             if not ended:
                 if watch:

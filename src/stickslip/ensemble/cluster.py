@@ -57,13 +57,24 @@ def connected(address):
         log.setLevel(before)
 
 
+def _written(path: str, tries: int = 10):
+    """What a JSON file holds; a scheduler that has just started may not have written it to its end."""
+    with open(path, encoding="utf-8") as file:
+        try:
+            return json.load(file)
+        except json.JSONDecodeError:
+            if not tries:
+                raise
+    time.sleep(0.1)
+    return _written(path, tries - 1)
+
+
 def _answering(address: str) -> str:
     """The address, or the one in a JSON file, after a look whether anybody listens: a client would try for long."""
     if address.endswith(".json"):
         if not os.path.exists(address):
             raise OSError("there is no such file")
-        with open(address, encoding="utf-8") as file:
-            address = str(json.load(file)["address"])
+        address = str(_written(address)["address"])
     kind, found, host = address.rpartition("://")
     if found and kind not in ("tcp", "tls"):
         return address
