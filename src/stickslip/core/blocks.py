@@ -44,7 +44,7 @@ TILE = 2048
 # slides because nothing presses it, and has not been at a limit
 STUCK_AGAIN, LOOSE = 3, 4
 # where the planes of a block's scratch begin; flat, with offsets known when compiled, so that nothing seems to overlap
-_X, _V, _W, _SUM, _PRODUCT, _AHEAD, _TURN, SCRATCH = (LANES * k for k in (0, 3, 6, 9, 10, 11, 14, 17))
+_X, _V, _W, _SUM, _AHEAD, _TURN, SCRATCH = (LANES * k for k in (0, 3, 6, 9, 10, 13, 16))
 
 
 class Moving(NamedTuple):
@@ -58,7 +58,8 @@ class Moving(NamedTuple):
     kick: np.ndarray  # (B, 2) half a time step over mass and over inertia
     free: np.ndarray  # (B, 6) bool
     whole: np.ndarray  # (B,) bool: all components that this dimension has are free
-    external: np.ndarray  # (B, 6) external forces and torques, or (0, 6) without any
+    external: np.ndarray  # (B, 8) external forces, and zeros, see `sums`; or (1, 8) without any
+    torque: np.ndarray  # (B, 3) external torques, or (1, 3) without any
     virial: np.ndarray  # (B, 9) Σ f ⊗ r over contacts in which a body is i, written with a frame; else (0, 9)
     origin: np.ndarray  # (B, 3) where the blocks were chosen
     tile: np.ndarray  # (T + 1,) bounds of the tiles of grains; rigid groups and walls follow
@@ -77,6 +78,7 @@ class Blocks(NamedTuple):
     wall: np.ndarray  # (K,) bool: all pairs of the block are with walls
     shifted: np.ndarray  # (K,) bool: some pair of the block is across a periodic boundary
     vector: np.ndarray  # (K · 3 · LANES,) periodic shift (with a frame: the image), or the wall's normal
+    size: np.ndarray  # (K LANES,) R_eff, or (0,) if the law does not ask for it
     mass: np.ndarray  # (K LANES,) m_eff, or (0,) if the law does not ask for it
     slip: np.ndarray  # (K · 3 · LANES,)
     mode: np.ndarray  # (K LANES,) int8: OPEN, STICK, SLIDE, STUCK_AGAIN or LOOSE
@@ -94,8 +96,8 @@ def no_blocks() -> Blocks:
     whole, flag = np.zeros((0, 2), np.int64), np.zeros(0, np.bool_)
     pairs, numbers, bounds = np.zeros(0, np.uint32), np.zeros(0), np.zeros(1, np.int64)
     return Blocks(
-        pairs, pairs, np.zeros(0, np.int32), whole, flag, flag, numbers, numbers, numbers, np.zeros(0, np.int8),
-        bounds[:0], bounds, bounds, np.zeros((0, WIDTH)), np.zeros((0, 3)), pairs, pairs,
+        pairs, pairs, np.zeros(0, np.int32), whole, flag, flag, numbers, numbers, numbers, numbers,
+        np.zeros(0, np.int8), bounds[:0], bounds, bounds, np.zeros((0, WIDTH)), np.zeros((0, 3)), pairs, pairs,
     )  # fmt: skip
 
 
@@ -134,7 +136,7 @@ def anchored(contacts, position, angle, radius, vectors, pair_out, roll_out):
 
 
 @njit(fastmath=True, **BARE)
-def _gathered(dim, predict, by_size, flow, blocks, body, ahead, b, scratch):
+def _gathered(dim, predict, flow, blocks, body, ahead, b, scratch):
     """What the contacts of block b see of their two bodies, plane by plane."""
     first = b * LANES
     for lane in range(LANES):
@@ -145,8 +147,6 @@ def _gathered(dim, predict, by_size, flow, blocks, body, ahead, b, scratch):
         scratch[_V + l], scratch[_V + 64 + l] = body[i, 3] - body[j, 3], body[i, 4] - body[j, 4]
         scratch[_W + 128 + l] = ri * body[i, 8] + rj * body[j, 8]
         scratch[_SUM + l] = ri + rj
-        if by_size:
-            scratch[_PRODUCT + l] = ri * rj
         if dim == 3:
             scratch[_X + 128 + l], scratch[_V + 128 + l] = body[i, 2] - body[j, 2], body[i, 5] - body[j, 5]
             scratch[_W + l], scratch[_W + 64 + l] = ri * body[i, 6] + rj * body[j, 6], ri * body[i, 7] + rj * body[j, 7]
@@ -200,7 +200,8 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
     """Forces and memory of one block, all lanes alike: what does not touch gets zeros. With `hold`, memory stays."""
     predict = viscous > 0 and not rate
     v, w = (_AHEAD, _TURN) if predict else (_V, _W)
-    mode, mass = blocks.mode[LANES * b : LANES * b + LANES], blocks.mass[LANES * b : LANES * b + LANES]
+    mode, size = blocks.mode[LANES * b : LANES * b + LANES], blocks.size[LANES * b : LANES * b + LANES]
+    mass = blocks.mass[LANES * b : LANES * b + LANES]
     slip, vector = blocks.slip[3 * LANES * b : 3 * LANES * (b + 1)], blocks.vector[3 * LANES * b : 3 * LANES * (b + 1)]
     for l in range(LANES):
         rx, ry, rz = scratch[_X + l], scratch[_X + 64 + l], scratch[_X + 128 + l] if dim == 3 else 0.0
@@ -212,9 +213,7 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
             inverse = 1.0 / distance
             nx, ny, nz = rx * inverse, ry * inverse, rz * inverse
         overlap = scratch[_SUM + l] - distance
-        r_eff = 1.0
-        if needs_radius(kind, viscous):
-            r_eff = scratch[_SUM + l] if wall else scratch[_PRODUCT + l] / scratch[_SUM + l]
+        r_eff = size[l] if needs_radius(kind, viscous) else 1.0
         edge = 0.0 - reach(kind, q, r_eff)
         touches = overlap > edge
         overlap = overlap if touches else edge
@@ -286,7 +285,7 @@ def evaluated(kind, coulomb, dim, viscous, rate, first, last, blocks, body, ahea
     """Loads and memory of a stretch of blocks; compiled into its callers."""
     load, predict = blocks.load, viscous > 0 and not rate
     for b in range(first, last):
-        _gathered(dim, predict, needs_radius(kind, viscous), flow, blocks, body, ahead, b, scratch)
+        _gathered(dim, predict, flow, blocks, body, ahead, b, scratch)
         place = blocks.place[b]
         if flow is not None:
             _flowed(dim, predict, blocks, flow, b, scratch)

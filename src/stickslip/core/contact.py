@@ -27,6 +27,12 @@ def needs_mass(viscous):
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
+def effective_radius(radius, i, j, is_wall):
+    """R_eff of a pair."""
+    return radius[i] if is_wall else radius[i] * radius[j] / (radius[i] + radius[j])
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
 def effective_mass(inverse_mass, i, j):
     """m_eff of a pair; what does not move is infinitely heavy."""
     inverse = inverse_mass[i] + inverse_mass[j]
@@ -38,7 +44,7 @@ def effective(kind, viscous, radius, inverse_mass, i, j, is_wall):
     """R_eff and m_eff of a pair, 1 where the law does not ask."""
     r_eff = m_eff = 1.0
     if needs_radius(kind, viscous):
-        r_eff = radius[i] if is_wall else radius[i] * radius[j] / (radius[i] + radius[j])
+        r_eff = effective_radius(radius, i, j, is_wall)
     if needs_mass(viscous):
         m_eff = effective_mass(inverse_mass, i, j)
     return r_eff, m_eff

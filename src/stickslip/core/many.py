@@ -4,7 +4,7 @@ import numba
 import numpy as np
 
 from .blocks import TILE, Moving, anchored, committed, no_blocks
-from .contact import FROZEN
+from .contact import FROZEN, needs_radius
 from .forces import Bodies, forces, moved_masses
 from .frame import PULL, RATE, SINCE, VECTORS, frame_of, imposes, room_left, unbalanced_cell
 from .geometry import shifts
@@ -31,6 +31,7 @@ from .reach import gap_listed
 from .record import Writing, sample, sample_groups, with_lost
 from .selection import chosen_blocks, morton
 from .state import OPEN, Instant, State, deforms
+from .sums import WIDTH
 from .tiles import Pace, Pull, exported, marcher
 
 MANY = 48  # bodies from which blocks are faster than a plain sweep
@@ -82,7 +83,11 @@ def _moving(state: State, plan: Plan, here: Bodies, predict: bool, imposed: bool
     if dim == 2:
         free[:, 2:5] = False
     used = [0, 1, 5] if dim == 2 else range(6)
-    external = np.concatenate(plan.external, axis=1)[order] if plan.external.any() else np.zeros((1, 6))
+    external, torque = np.zeros((b if plan.external[0].any() else 1, WIDTH)), np.zeros((1, 3))
+    if plan.external[0].any():
+        external[:, :3] = plan.external[0][order]
+    if plan.external[1].any():
+        torque = plan.external[1][order]
     single = int((~_in_last_tile(state)).sum())
     size = TILE if threads == 1 else min(TILE, -(-n // (4 * threads)))
     tile = np.append(np.arange(0, single, size), single)
@@ -98,6 +103,7 @@ def _moving(state: State, plan: Plan, here: Bodies, predict: bool, imposed: bool
         free[order],
         free[:, used].all(axis=1)[order],
         external,
+        torque,
         np.zeros((b if imposed else 0, 9)),
         here.position[order],
         tile,
@@ -130,7 +136,7 @@ def marched(
     drags = [0.5 * plan.dt * nu for nu in plan.drags]
     pace = Pace(plan.dt, 1 - drags[0], 1 / (1 + drags[0]), 1 - drags[1], 1 / (1 + drags[1]))
     every, deforming, gap = writing.every, deforms(state), gap_listed(contacts)
-    ended = instant is not None
+    ended, by_size = instant is not None, needs_radius(law.kind, viscous)
     step, stop, fresh, code, residual, worst = 0, 0, not ended, MOVED, np.inf, -1
     if ended:
         moving.force[:] = instant.force[moving.order]
@@ -153,8 +159,8 @@ def marched(
                     frame.made[:] = state.cell.vectors if skin > 0 else frame.made
                 moving.origin[:], limit = moving.body[:, :3], (0.5 * reach) ** 2
                 blocks = chosen_blocks(
-                    blocks, contacts, moving, here.inverse_mass, here.material, here.normal, state.cell.vectors,
-                    np.eye(3) if imposed else state.cell.vectors, reach + gap, len(law.table), viscous,
+                    blocks, contacts, moving, here.radius, here.inverse_mass, here.material, here.normal,
+                    state.cell.vectors, np.eye(3) if imposed else state.cell.vectors, reach + gap, len(law.table), by_size, viscous,
                 )  # fmt: skip
             code, step, ended = march(
                 moving, blocks, contacts, law.table, pace, frame, flow, pull, state.time, step, stop, ended, fresh,

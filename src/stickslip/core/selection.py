@@ -4,7 +4,7 @@ import numpy as np
 from numba import njit
 
 from .blocks import LANES, LOOSE, STUCK_AGAIN, Blocks
-from .contact import effective_mass, needs_mass
+from .contact import effective_mass, effective_radius, needs_mass
 from .state import OPEN, SLIDE, STICK
 from .sums import IS_FIRST, IS_I, ROW, WIDTH
 
@@ -95,7 +95,7 @@ def _rows_of_loads(place, bound, top, crossing, share):
 
 
 @njit(cache=True, _nrt=False)
-def _pad(from_slot, to_slot, bodies, far, i, j, row, wall, shifted, vector, mass, slip, mode):
+def _pad(from_slot, to_slot, bodies, far, i, j, row, wall, shifted, vector, size, mass, slip, mode):
     """Fill lanes of a block without a contact with a pair of a body with itself, `far` from touching."""
     b = from_slot // LANES
     if to_slot > from_slot and not wall[b] and not shifted[b]:
@@ -109,6 +109,8 @@ def _pad(from_slot, to_slot, bodies, far, i, j, row, wall, shifted, vector, mass
         for m in range(3):
             slip[(3 * b + m) * LANES + l] = 0.0
             vector[(3 * b + m) * LANES + l] = 0.0 if wall[b] or m else far
+        if len(size):
+            size[s] = 1.0
         if len(mass):
             mass[s] = 1.0
 
@@ -137,10 +139,10 @@ def _order_of_summation(contacts, loads, internal, start, code, nothing):
 
 @njit(cache=True, error_model="numpy", _nrt=False)
 def _filled(
-    contacts, picked, bucket, filled, internal, material, normal, across, viscous, inverse_mass, parts, loads
+    contacts, picked, bucket, filled, internal, material, normal, across, radius, inverse_mass, parts, loads
 ):  # fmt: skip
     """Write the pairs that were picked into the lanes of their buckets' blocks."""
-    i, j, row, vector, mass, slip, mode, place, pair, wall, shifted = parts
+    i, j, row, vector, size, mass, slip, mode, place, pair, wall, shifted = parts
     n, image = len(internal) - len(normal), contacts.image
     for p in range(len(picked)):
         c, s = picked[p], filled[bucket[p]]
@@ -151,7 +153,9 @@ def _filled(
         i[s], j[s], row[s] = internal[a], internal[z], c
         pair[b, 0], pair[b, 1], wall[b] = material[a], material[z], is_wall
         at = 3 * LANES * b + l
-        if needs_mass(viscous):
+        if len(size):
+            size[s] = effective_radius(radius, a, z, is_wall)
+        if len(mass):
             mass[s] = effective_mass(inverse_mass, a, z)
         for m in range(3):
             slip[at + m * LANES] = contacts.slip[c, m]
@@ -175,7 +179,9 @@ def _filled(
 
 
 @njit(cache=True, error_model="numpy")
-def chosen_blocks(old, contacts, moving, inverse_mass, material, normal, vectors, across, reach, materials, viscous):
+def chosen_blocks(
+    old, contacts, moving, radius, inverse_mass, material, normal, vectors, across, reach, materials, by_size, viscous
+):  # fmt: skip
     """Blocks of all pairs nearer than `reach`, in the memory of `old` ones; bodies' properties in the state's order.
 
     The tiles of a thread share rows of loads, which stay in its cache. `across` turns an image into what is added to
@@ -202,20 +208,20 @@ def chosen_blocks(old, contacts, moving, inverse_mass, material, normal, vectors
     crossing = bound[top]
     i, j, row = _room(old.i, slots), _room(old.j, slots), _room(old.row, slots)
     vector, slip = _room(old.vector, 3 * slots), _room(old.slip, 3 * slots)
-    mass = _room(old.mass, slots if needs_mass(viscous) else 0)
+    size, mass = _room(old.size, slots if by_size else 0), _room(old.mass, slots if needs_mass(viscous) else 0)
     mode, place = _room(old.mode, slots), _room(old.place, blocks)
     pair, wall, shifted = np.zeros((blocks, 2), np.int64), np.zeros(blocks, np.bool_), np.zeros(blocks, np.bool_)
     most = _rows_of_loads(place, bound, top, crossing, moving.share)
     filled, loads = first[:-1] * LANES, np.full(count, -1, np.int32)
     _filled(
-        contacts, picked[:active], bucket, filled, internal, material, normal, across, viscous, inverse_mass,
-        (i, j, row, vector, mass, slip, mode, place, pair, wall, shifted), loads,
+        contacts, picked[:active], bucket, filled, internal, material, normal, across, radius, inverse_mass,
+        (i, j, row, vector, size, mass, slip, mode, place, pair, wall, shifted), loads,
     )  # fmt: skip
     far = 1.0 + reach
     for g in range(bodies):
         far = max(far, 4.0 * moving.body[g, 9] + 1.0 + reach)
     for k in range(len(held)):
-        _pad(filled[k], first[k + 1] * LANES, bodies, far, i, j, row, wall, shifted, vector, mass, slip, mode)
+        _pad(filled[k], first[k + 1] * LANES, bodies, far, i, j, row, wall, shifted, vector, size, mass, slip, mode)
     code, load, pairs = _room(old.code, 2 * active + bodies), old.load, old.pair
     if len(load) <= most:
         room = most + most // 8 + 1
@@ -224,6 +230,6 @@ def chosen_blocks(old, contacts, moving, inverse_mass, material, normal, vectors
         load[most, k] = 0.0
     _order_of_summation(contacts, loads, internal, start, code, most)
     return Blocks(
-        i, j, row, pair, wall, shifted, vector, mass, slip, mode, place, bound[: top + 1].copy(), bound[top:].copy(),
-        load, pairs, start[: bodies + 1].copy(), code,
+        i, j, row, pair, wall, shifted, vector, size, mass, slip, mode, place, bound[: top + 1].copy(),
+        bound[top:].copy(), load, pairs, start[: bodies + 1].copy(), code,
     )  # fmt: skip

@@ -27,19 +27,24 @@ def _row(builder, data, number):
 
 
 @intrinsic
-def summed_rows(typingctx, code, first, last, load, total):
-    """Add up rows of loads for each body: `total` gets a row for each entry of `code[first:last]` that is a first one.
+def summed_rows(typingctx, code, first, last, load, external, own, total):
+    """Add up rows for each body: `total` gets a row for each entry of `code[first:last]` that is a first one.
+
+    A sum begins with the row of `external` for the body, counted from `own`; with one row only, with that one.
 
     There is no branch in the loop: how many contacts the next grain has cannot be foreseen, and a loop for each grain
     takes twice as long in large packings. Sums are sequential, so that their order is that of `code`.
 
     Parameters
     ----------
-    code : (…,) uint32; first, last : int64; load : (L, 8); total : (…, 8), contiguous
+    code : (…,) uint32; first, last, own : int64; load : (L, 8); external : (B, 8) or (1, 8); total : (…, 8), contiguous
     """
 
     def generated(context, builder, signature, args):
-        code, load, total = (context.make_array(signature.args[k])(context, builder, args[k]).data for k in (0, 3, 4))
+        arrays = [context.make_array(signature.args[k])(context, builder, args[k]) for k in (0, 3, 4, 6)]
+        code, load, external, total = (array.data for array in arrays)
+        rows = cgutils.unpack_tuple(builder, arrays[2].shape)[0]
+        stride = builder.zext(builder.icmp_signed(">", rows, _WHOLE(1)), _WHOLE)
         one, turned = _WHOLE(1), ir.Constant(_BITS, [-(2**63)] * 3 + [0] * (WIDTH - 3))
         sums = cgutils.alloca_once_value(builder, ir.Constant(_NUMBERS, [0.0] * WIDTH))
         body = cgutils.alloca_once_value(builder, _WHOLE(-1))
@@ -52,10 +57,13 @@ def summed_rows(typingctx, code, first, last, load, total):
             row = builder.bitcast(builder.load(_row(builder, load, builder.lshr(word, _WHOLE(2))), align=8), _BITS)
             row = builder.xor(row, builder.and_(_in_all_lanes(builder, builder.sub(is_i, one)), turned))
             before = builder.bitcast(builder.load(sums), _BITS)
-            before = builder.and_(before, _in_all_lanes(builder, builder.sub(is_first, one)))
+            at = builder.mul(stride, builder.add(args[5], number))
+            begin = builder.bitcast(builder.load(_row(builder, external, at), align=8), _BITS)
+            go_on = _in_all_lanes(builder, builder.sub(is_first, one))
+            before = builder.or_(builder.and_(before, go_on), builder.and_(begin, builder.not_(go_on)))
             now = builder.fadd(builder.bitcast(before, _NUMBERS), builder.bitcast(row, _NUMBERS))
             builder.store(now, sums)
             builder.store(now, _row(builder, total, number), align=8)
         return context.get_dummy_value()
 
-    return types.none(code, types.int64, types.int64, load, total), generated
+    return types.none(code, types.int64, types.int64, load, external, types.int64, total), generated

@@ -197,21 +197,15 @@ def _pressed(virial, blocks, first, last):
 @njit(fastmath=False, **BARE)
 def _summed(flow, moving, blocks, first, last, total):
     """External loads plus those of all contacts of at most CHUNK bodies, in the order of their partners."""
-    external = moving.external
-    summed_rows(blocks.code, np.int64(blocks.start[first]), np.int64(blocks.start[last]), blocks.load, total)
+    external, code, start = moving.external, blocks.code, blocks.start
+    summed_rows(code, np.int64(start[first]), np.int64(start[last]), blocks.load, external, np.int64(first), total)
     if flow is not None:
         _pressed(moving.virial, blocks, first, last)
     for at in range(first, last):
         g, t = np.uint64(at), np.uint64(at - first)
-        own, radius = g if len(external) > 1 else np.uint64(0), moving.body[g, 9]
-        total[t, 0], total[t, 1], total[t, 2] = (
-            external[own, 0] + total[t, 0], external[own, 1] + total[t, 1], external[own, 2] + total[t, 2],
-        )  # fmt: skip
-        total[t, 3], total[t, 4], total[t, 5] = (
-            external[own, 3] + radius * total[t, 3],
-            external[own, 4] + radius * total[t, 4],
-            external[own, 5] + radius * total[t, 5],
-        )
+        own, radius = g if len(moving.torque) > 1 else np.uint64(0), moving.body[g, 9]
+        for k in range(np.uint64(3)):
+            total[t, 3 + k] = moving.torque[own, k] + radius * total[t, 3 + k]
 
 
 @njit(fastmath=False, **BARE)
