@@ -160,7 +160,8 @@ def marched(
                 moving.origin[:], limit = moving.body[:, :3], (0.5 * reach) ** 2
                 blocks = chosen_blocks(
                     blocks, contacts, moving, here.radius, here.inverse_mass, here.material, here.normal,
-                    state.cell.vectors, np.eye(3) if imposed else state.cell.vectors, reach + gap, len(law.table), by_size, viscous,
+                    state.cell.vectors, np.eye(3) if imposed else state.cell.vectors, reach + gap, len(law.table),
+                    by_size, viscous,
                 )  # fmt: skip
             code, step, ended = march(
                 moving, blocks, contacts, law.table, pace, frame, flow, pull, state.time, step, stop, ended, fresh,
