@@ -342,12 +342,10 @@ def updated(state: State, law: Law | None = None) -> State:
 
 
 def of_rows(contacts: Contacts, rows) -> Contacts:
-    """The list with some of its rows, the number of rows set."""
+    """The list with some of its rows only; what it has no rows of, such as anchors of a bare list, stays so."""
     per_row = ("i", "j", "image", "key", "slip", "mode", "pair", "roll", "reached", "rolling")
-    parts = {
-        name: getattr(contacts, name)[rows] for name in per_row if len(getattr(contacts, name))
-    }  # bare: no anchors
-    return contacts._replace(**parts, count=np.array([len(rows)]))
+    parts = {name: getattr(contacts, name) for name in per_row}
+    return contacts._replace(**{k: p[rows] for k, p in parts.items() if len(p)}, count=np.array([len(rows)]))
 
 
 def without_walls(state: State, walls) -> State:
