@@ -76,8 +76,8 @@ class Blocks(NamedTuple):
     row: np.ndarray  # (K LANES,) row in the list of contacts, −1 for padding
     material: np.ndarray  # (K, 2)
     wall: np.ndarray  # (K,) bool: all pairs of the block are with walls
-    shifted: np.ndarray  # (K,) bool: some pair of the block is across a periodic boundary
-    vector: np.ndarray  # (K · 3 · LANES,) periodic shift (with a frame: the image), or the wall's normal
+    at: np.ndarray  # (K,) int32 where a block's vectors begin, −1: no pair is with a wall or across a boundary
+    vector: np.ndarray  # (V · 3 · LANES,) periodic shift (with a frame: the image), or the wall's normal
     size: np.ndarray  # (K LANES,) R_eff, or (0,) if the law does not ask for it
     mass: np.ndarray  # (K LANES,) m_eff, or (0,) if the law does not ask for it
     slip: np.ndarray  # (K · 3 · LANES,)
@@ -96,7 +96,7 @@ def no_blocks() -> Blocks:
     whole, flag = np.zeros((0, 2), np.int64), np.zeros(0, np.bool_)
     pairs, numbers, bounds = np.zeros(0, np.uint32), np.zeros(0), np.zeros(1, np.int64)
     return Blocks(
-        pairs, pairs, np.zeros(0, np.int32), whole, flag, flag, numbers, numbers, numbers, numbers,
+        pairs, pairs, np.zeros(0, np.int32), whole, flag, np.zeros(0, np.int32), numbers, numbers, numbers, numbers,
         np.zeros(0, np.int8), bounds[:0], bounds, bounds, np.zeros((0, WIDTH)), np.zeros((0, 3)), pairs, pairs,
     )  # fmt: skip
 
@@ -159,8 +159,8 @@ def _gathered(dim, predict, flow, blocks, body, ahead, b, scratch):
                     ri * ahead[i, 3] + rj * ahead[j, 3],
                     ri * ahead[i, 4] + rj * ahead[j, 4],
                 )
-    if blocks.shifted[b] and flow is None:
-        at = np.uint64(3 * LANES * b)
+    if blocks.at[b] >= 0 and not blocks.wall[b] and flow is None:
+        at = np.uint64(blocks.at[b])
         for k in range(dim):
             for lane in range(LANES):
                 l = np.uint64(lane)
@@ -174,13 +174,13 @@ def _flowed(dim, predict, blocks, flow, b, scratch):
     (1 + ½ dt L)⁻¹ (Δv + L r), r at the end of the step, is the change of r in the step over dt.
     """
     h, rate, back, ahead = flow.matrix[VECTORS], flow.matrix[RATE], flow.matrix[SLIDE_BACK], flow.matrix[AHEAD]
-    at = 3 * LANES * b
+    shifted, at = blocks.at[b] >= 0, np.uint64(max(blocks.at[b], 0))
     for lane in range(LANES):
         l = np.uint64(lane)
         if dim == 2:
             scratch[_X + 128 + l] = scratch[_V + 128 + l] = 0.0
         x, y, z = scratch[_X + l], scratch[_X + 64 + l], scratch[_X + 128 + l]
-        if blocks.shifted[b]:
+        if shifted:
             p, q, r = blocks.vector[at + l], blocks.vector[at + 64 + l], blocks.vector[at + 128 + l]
             x += p * h[0, 0] + q * h[1, 0] + r * h[2, 0]
             y += p * h[0, 1] + q * h[1, 1] + r * h[2, 1]
@@ -202,7 +202,7 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
     v, w = (_AHEAD, _TURN) if predict else (_V, _W)
     mode, size = blocks.mode[LANES * b : LANES * b + LANES], blocks.size[LANES * b : LANES * b + LANES]
     mass = blocks.mass[LANES * b : LANES * b + LANES]
-    slip, vector = blocks.slip[3 * LANES * b : 3 * LANES * (b + 1)], blocks.vector[3 * LANES * b : 3 * LANES * (b + 1)]
+    slip, vector = blocks.slip[3 * LANES * b : 3 * LANES * (b + 1)], blocks.vector[blocks.at[b] :]  # of walls only
     for l in range(LANES):
         rx, ry, rz = scratch[_X + l], scratch[_X + 64 + l], scratch[_X + 128 + l] if dim == 3 else 0.0
         if wall:

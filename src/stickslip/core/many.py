@@ -11,7 +11,7 @@ from .geometry import shifts
 from .instant import bodies_at_start
 from .laws import Law, dashpots
 from .ledger import entered
-from .neighbors import TOO_FAR, farthest, grid_of, of_rows, rebuilt
+from .neighbors import TOO_FAR, grid_of, of_rows, rebuilt
 from .plan import (
     AWAY,
     BAD,
@@ -32,10 +32,11 @@ from .record import Writing, sample, sample_groups, with_lost
 from .selection import chosen_blocks, morton
 from .state import OPEN, Instant, State, deforms
 from .sums import WIDTH
-from .tiles import Pace, Pull, exported, marcher
+from .tiles import Pace, Pull, exported, fastest, marcher, strayed
 
 MANY = 48  # bodies from which blocks are faster than a plain sweep
 WORTH = 2000  # grains a thread should have
+_MOVES, _NOTHING = ("position", "angle", "velocity", "spin"), np.zeros((0, 3))
 
 
 def _threads(n: int, asked: int | None, watched: bool) -> int:
@@ -112,90 +113,179 @@ def _moving(state: State, plan: Plan, here: Bodies, predict: bool, imposed: bool
     )
 
 
+class _March:
+    """A run on its way. It alone holds list and blocks, so that they can be let go of before their successors come."""
+
+    def __init__(self, state: State, law: Law, plan: Plan, steps: int, writing: Writing, instant, rate: int, threads):
+        self.state, self.law, self.plan, self.steps, self.writing = state, law, plan, steps, writing
+        self.viscous, self.imposed, self.deforming = dashpots(law), imposes(state), deforms(state)
+        self.threads = _threads(len(state.grains.radius), threads, len(writing.events) > 0)
+        self.march = marcher(law.kind, law.coulomb, state.cell.dim, self.viscous, rate, self.threads > 1)
+        here = bodies_at_start(state, instant)
+        self.contacts, self.blocks = _to_write(state, law, here), no_blocks()
+        self.moving = _moving(state, plan, here, self.viscous > 0 and not rate, self.imposed, self.threads)
+        self.known = here._replace(**dict.fromkeys(_MOVES, _NOTHING))
+        self.frame, self.flow = frame_of(state, self.moving.order) if self.imposed else (None, None)
+        self.pull, drags = _pull(state, self.moving), [0.5 * plan.dt * nu for nu in plan.drags]
+        self.pace = Pace(plan.dt, 1 - drags[0], 1 / (1 + drags[0]), 1 - drags[1], 1 / (1 + drags[1]))
+        self.step, self.limit, self.ended, self.fresh = 0, 0.0, instant is not None, instant is None
+        if self.ended:
+            self.moving.force[:] = instant.force[self.moving.order]
+            if self.imposed:
+                self.flow.matrix[PULL] = instant.pull
+
+    def choose(self) -> None:
+        """Blocks of what may touch until some body has gone too far, and a new list if this one is too short for it."""
+        state, moving, known = self.state, self.moving, self.known
+        reach, skin = self._wanted()
+        if skin > 0:
+            self._list_anew(skin)
+        if self.imposed:
+            self.frame.reach[0], self.flow.matrix[SINCE] = reach, np.eye(3)
+            self.frame.made[:] = state.cell.vectors if skin > 0 else self.frame.made
+        moving.origin[:], self.limit = moving.body[:, :3], (0.5 * reach) ** 2
+        across = np.eye(3) if self.imposed else state.cell.vectors
+        self.blocks = chosen_blocks(
+            self.blocks, self.contacts, moving, known.radius, known.inverse_mass, known.material, known.normal,
+            state.cell.vectors, across, reach + gap_listed(self.contacts), len(self.law.table),
+            needs_radius(self.law.kind, self.viscous), self.viscous,
+        )  # fmt: skip
+
+    def _list_anew(self, skin: float) -> None:
+        """A list of all pairs nearer than `skin`."""
+        self.blocks = no_blocks()  # before there is a new list: memory
+        self.contacts = former = _closed(self.contacts)
+        position = _positions(self.moving)
+        self.contacts = _with_skin(skin, position, self.known, former, self.state.cell)
+        self.writing = with_lost(self.writing, former, self.contacts, position, self._time())
+
+    def advance(self, stop: int) -> int:
+        """Go on to a step, or until blocks must be chosen again; returns why it came back."""
+        while True:
+            writing = self.writing
+            code, self.step, self.ended = self.march(
+                self.moving, self.blocks, self.contacts, self.law.table, self.pace, self.frame, self.flow, self.pull,
+                self.state.time, self.step, stop, self.ended, self.fresh, self.limit, writing.events,
+                writing.event_count,
+            )  # fmt: skip
+            if code != FULL:
+                break
+            self.writing = writing._replace(events=np.concatenate([writing.events, np.zeros_like(writing.events)]))
+        self.fresh = False
+        if self.deforming:
+            vectors, self.known.rate[:] = self.flow.matrix[VECTORS].copy(), self.flow.matrix[RATE]
+            self.state = self.state._replace(
+                cell=self.state.cell._replace(vectors=vectors, rate=self.known.rate.copy())
+            )
+        committed(self.blocks, self.contacts)
+        return code
+
+    def broken(self) -> tuple[int, int]:
+        """BAD or AWAY and a body that is not a number or flies off; DONE and −1 if there is none."""
+        body, found = self.moving.body, -1
+        for code, found in (
+            (BAD, first_bad(body[:, :3], self.moving.angle)),
+            (AWAY, runaway(body[:, 3:6], body[:, 9], self.plan.dt)),
+        ):
+            if found >= 0:
+                return code, int(self.moving.order[found])
+        return DONE, found
+
+    def seen(self) -> Bodies:
+        """All bodies in the state's order, in fresh arrays: kept only while they are looked at, as memory counts."""
+        here = self.known._replace(**{name: np.empty_like(self.moving.angle) for name in _MOVES})
+        exported(self.moving, here)
+        return here
+
+    def record(self, here: Bodies, row: int) -> None:
+        """Write a row of all series."""
+        law, cell, time = self.law, self.state.cell, self._time()
+        sample(
+            law.kind, law.coulomb, cell.dim, law.table, row, here, self.contacts, shifts(self.contacts, cell.vectors),
+            self.plan, self.writing, cell.vectors, time,
+        )  # fmt: skip
+        if self.writing.groups.shape[1]:
+            external = self.plan.external
+            sample_groups(self.writing.groups[row], self.state, external, here, _forces(self.moving), time)
+
+    def unbalanced(self, here: Bodies) -> tuple[float, int]:
+        """The largest unbalanced force and its body."""
+        force = _forces(self.moving)
+        residual, worst = largest_unbalanced(here.velocity, here.spin, force[:, :3], force[:, 3:], self.plan)
+        if self.deforming:
+            residual = max(residual, unbalanced_cell(self.frame, self.flow, self.state.cell.dim, self.plan.drags[0]))
+        return residual, worst
+
+    def end(self, skin: float) -> State:
+        """The state at the last step, with a list of the given skin."""
+        self.blocks = no_blocks()  # memory for what is given back
+        clock = self.frame.clock if self.imposed else self.pull.clock if self.pull else [self._time()]
+        pull, time = self.flow.matrix[PULL].copy() if self.imposed else np.zeros((3, 3)), float(clock[0])
+        instant, here, vectors = Instant(_forces(self.moving), pull, 0), self.seen(), self.state.cell.vectors
+        del self.moving
+        if self.deforming or self.contacts.skin[0] != skin:
+            # a list tells whether it is still good by how far grains have moved, not by how the cell has
+            self.contacts = _closed(self.contacts)
+            self.contacts = _with_skin(skin, here.position, here, self.contacts, self.state.cell)
+        slip = self.contacts.slip
+        contacts = self.contacts._replace(pair=np.zeros_like(slip), roll=np.zeros_like(slip))
+        anchored(contacts, here.position, here.angle, here.radius, vectors, contacts.pair, contacts.roll)
+        return state_after(self.state, here, contacts, time)._replace(instant=instant)
+
+    def _time(self) -> float:
+        return self.state.time + self.step * self.plan.dt
+
+    def _wanted(self) -> tuple[float, float]:
+        """Reach within which to choose blocks, and the skin of the list to make first, or 0 if this one will do.
+
+        The longer the reach, the rarer the choice and the more pairs in vain: what both cost together is least where
+        the reach goes with the root of the speed, and likewise for the skin, with factors that were measured.
+        """
+        state, moving, contacts = self.state, self.moving, self.contacts
+        skin, size = float(contacts.skin[0]), 2 * float(state.grains.radius.mean())
+        stride = fastest(moving) * self.plan.dt
+        wanted = 2 * np.sqrt(stride * size * (1 + 300 / len(state.grains.radius)))
+        reach = min(max(wanted, 0.05 * skin), 0.5 * skin)
+        left, origin = skin, contacts.origin
+        if self.deforming:
+            left, deformation = room_left(state.cell.vectors, self.frame.made, skin, self.frame.widest)
+            origin = origin @ deformation.T
+        if 2 * strayed(moving, origin) + reach <= left:
+            return reach, 0.0
+        skin = float(state.contacts.skin[0])
+        if 2 * stride * (self.steps - self.step) > 4 * skin:  # else making the list given back is not worth it
+            skin = max(skin, min(4 * wanted, size))
+        return min(max(wanted, 0.05 * skin), 0.5 * skin), skin
+
+
 def marched(
     state: State, law: Law, plan: Plan, steps: int, tolerance: float, writing: Writing, books, instant, *, rate: int,
     threads,
 ):  # fmt: skip
     """As many steps as asked, in blocks; see `run`. Returns what the plain stepper does."""
-    contacts, here, nothing = state.contacts, bodies_at_start(state, instant), np.zeros((0, 3))
-    at = (here.position, here.angle, here.radius)
-    if anchored(contacts, *at, state.cell.vectors, nothing, nothing):
-        # what a run writes; pair vectors and angles are written when it ends
-        own = {name: getattr(contacts, name).copy() for name in ("slip", "mode", "reached")}
-        contacts = contacts._replace(**own)
-    else:
-        _, contacts = forces(state, law, memory=FROZEN)
-    contacts = contacts._replace(pair=nothing, roll=nothing)
-    viscous, dim = dashpots(law), state.cell.dim
-    threads = _threads(len(state.grains.radius), threads, len(writing.events) > 0)
-    imposed = imposes(state)
-    march = marcher(law.kind, law.coulomb, dim, viscous, rate, threads > 1)
-    moving = _moving(state, plan, here, viscous > 0 and not rate, imposed, threads)
-    frame, flow = frame_of(state, moving.order) if imposed else (None, None)
-    pull = _pull(state, moving)
-    drags = [0.5 * plan.dt * nu for nu in plan.drags]
-    pace = Pace(plan.dt, 1 - drags[0], 1 / (1 + drags[0]), 1 - drags[1], 1 / (1 + drags[1]))
-    every, deforming, gap = writing.every, deforms(state), gap_listed(contacts)
-    ended, by_size = instant is not None, needs_radius(law.kind, viscous)
-    step, stop, fresh, code, residual, worst = 0, 0, not ended, MOVED, np.inf, -1
-    if ended:
-        moving.force[:] = instant.force[moving.order]
-        if imposed:
-            flow.matrix[PULL] = instant.pull
-    blocks, before = no_blocks(), numba.get_num_threads()
-    numba.set_num_threads(threads)
+    march, every = _March(state, law, plan, steps, writing, instant, rate, threads), writing.every
+    stop, code, residual, worst, before = 0, MOVED, np.inf, -1, numba.get_num_threads()
+    numba.set_num_threads(march.threads)
     try:
         while True:
             if code == MOVED:
-                reach, skin = _wanted(state, plan, here, contacts, frame, steps - step)
-                if skin > 0:
-                    blocks = no_blocks()  # before there is a new list: memory
-                    contacts = former = _closed(contacts)
-                    contacts = _with_skin(skin, here, contacts, grid_of(state.cell))
-                    writing = with_lost(writing, former, contacts, here.position, state.time + step * plan.dt)
-                    del former
-                if imposed:
-                    frame.reach[0], flow.matrix[SINCE] = reach, np.eye(3)
-                    frame.made[:] = state.cell.vectors if skin > 0 else frame.made
-                moving.origin[:], limit = moving.body[:, :3], (0.5 * reach) ** 2
-                blocks = chosen_blocks(
-                    blocks, contacts, moving, here.radius, here.inverse_mass, here.material, here.normal,
-                    state.cell.vectors, np.eye(3) if imposed else state.cell.vectors, reach + gap, len(law.table),
-                    by_size, viscous,
-                )  # fmt: skip
-            code, step, ended = march(
-                moving, blocks, contacts, law.table, pace, frame, flow, pull, state.time, step, stop, ended, fresh,
-                limit, writing.events, writing.event_count,
-            )  # fmt: skip
-            if code == FULL:
-                writing = writing._replace(events=np.concatenate([writing.events, np.zeros_like(writing.events)]))
-                continue
-            fresh = False
-            exported(moving, here)
-            if deforming:
-                vectors, here.rate[:] = flow.matrix[VECTORS].copy(), flow.matrix[RATE]
-                state = state._replace(cell=state.cell._replace(vectors=vectors, rate=here.rate.copy()))
-            committed(blocks, contacts)
-            bad, away = first_bad(here.position, here.angle), runaway(here.velocity, here.radius, plan.dt)
-            if bad >= 0 or away >= 0:
-                code, worst = (BAD, bad) if bad >= 0 else (AWAY, away)
+                march.choose()
+            code = march.advance(stop)
+            broken, body = march.broken()
+            if broken != DONE:
+                code, worst = broken, body
                 break
             if code == MOVED:
                 continue
+            step = march.step
+            sampled, checked = every and step % every == 0, tolerance > 0 and step % CHECK_EVERY == 0
+            here = march.seen() if books or sampled or checked else None
             if books:
-                books = entered(books, law, state, plan, here, contacts, step, every)
-            if every and step % every == 0:
-                vectors, time = state.cell.vectors, state.time + step * plan.dt
-                sample(
-                    law.kind, law.coulomb, dim, law.table, step // every, here, contacts, shifts(contacts, vectors),
-                    plan, writing, vectors, time,
-                )  # fmt: skip
-                if writing.groups.shape[1]:
-                    sample_groups(writing.groups[step // every], state, plan.external, here, _forces(moving), time)
-            if step % CHECK_EVERY == 0 and tolerance > 0:
-                force = _forces(moving)
-                residual, worst = largest_unbalanced(here.velocity, here.spin, force[:, :3], force[:, 3:], plan)
-                residual = max(residual, unbalanced_cell(frame, flow, dim, plan.drags[0]) if deforming else 0.0)
+                books = entered(books, law, march.state, plan, here, march.contacts, step, every)
+            if sampled:
+                march.record(here, step // every)
+            if checked:
+                residual, worst = march.unbalanced(here)
                 code = BAD if not np.isfinite(residual) else CONVERGED if residual <= tolerance else DONE
             if step == steps or code != DONE:
                 break
@@ -203,19 +293,19 @@ def marched(
             stop = step + 1 if books else stop
     finally:
         numba.set_num_threads(before)
-    clock = frame.clock if imposed else pull.clock if pull else [state.time + step * plan.dt]
-    time = float(clock[0])
-    del blocks  # memory for what is given back
-    instant = Instant(_forces(moving), flow.matrix[PULL].copy() if imposed else np.zeros((3, 3)), 0)
-    del moving, frame, flow
-    if deforming or contacts.skin[0] != state.contacts.skin[0]:
-        # a list tells whether it is still good by how far grains have moved, not by how the cell has
-        contacts = _closed(contacts)
-        contacts = _with_skin(float(state.contacts.skin[0]), here, contacts, grid_of(state.cell))
-    contacts = contacts._replace(pair=np.zeros_like(contacts.slip), roll=np.zeros_like(contacts.slip))
-    anchored(contacts, *at, state.cell.vectors, contacts.pair, contacts.roll)
-    end = state_after(state, here, contacts, time)._replace(instant=instant)
-    return end, code, step, residual, worst, writing, books
+    end = march.end(float(state.contacts.skin[0]))
+    return end, code, march.step, residual, worst, march.writing, books
+
+
+def _to_write(state: State, law: Law, here: Bodies):
+    """The list that a run writes to; pair vectors and angles are written when it ends."""
+    contacts = state.contacts
+    if anchored(contacts, here.position, here.angle, here.radius, state.cell.vectors, _NOTHING, _NOTHING):
+        own = {name: getattr(contacts, name).copy() for name in ("slip", "mode", "reached")}
+        contacts = contacts._replace(**own)
+    else:
+        _, contacts = forces(state, law, memory=FROZEN)
+    return contacts._replace(pair=_NOTHING, roll=_NOTHING)
 
 
 def _forces(moving: Moving) -> np.ndarray:
@@ -225,26 +315,11 @@ def _forces(moving: Moving) -> np.ndarray:
     return force
 
 
-def _wanted(state, plan, here, contacts, frame, steps):
-    """Reach within which to choose blocks, and the skin of the list that must be made first, or 0 if this one will do.
-
-    The longer the reach, the rarer the choice and the more pairs in vain: what both cost together is least where the
-    reach goes with the root of the speed, and likewise for the skin, with factors that were measured.
-    """
-    skin, size = float(contacts.skin[0]), 2 * float(state.grains.radius.mean())
-    stride = np.sqrt((here.velocity**2).sum(axis=1).max()) * plan.dt
-    wanted = 2 * np.sqrt(stride * size * (1 + 300 / len(state.grains.radius)))
-    reach = min(max(wanted, 0.05 * skin), 0.5 * skin)
-    left, carried = skin, contacts
-    if deforms(state):
-        left, deformation = room_left(state.cell.vectors, frame.made, skin, frame.widest)
-        carried = contacts._replace(origin=contacts.origin @ deformation.T)
-    if 2 * farthest(here.position, carried) + reach <= left:
-        return reach, 0.0
-    skin = float(state.contacts.skin[0])
-    if 2 * stride * steps > 4 * skin:  # else making the list that the caller gets back is not worth it
-        skin = max(skin, min(4 * wanted, size))
-    return min(max(wanted, 0.05 * skin), 0.5 * skin), skin
+def _positions(moving: Moving) -> np.ndarray:
+    """(B, 3) positions in the state's order."""
+    position = np.empty((len(moving.order), 3))
+    position[moving.order] = moving.body[:, :3]
+    return position
 
 
 def _closed(contacts):
@@ -252,11 +327,10 @@ def _closed(contacts):
     return of_rows(contacts, np.flatnonzero(contacts.mode[: contacts.count[0]] != OPEN))
 
 
-def _with_skin(skin, here, contacts, grid):
+def _with_skin(skin, position, known: Bodies, contacts, cell):
     """The list made anew with the given skin."""
-    contacts = rebuilt(
-        here.position, here.radius, here.normal, grid, contacts._replace(skin=np.append(skin, contacts.skin[1:]))
-    )
+    contacts = contacts._replace(skin=np.append(skin, contacts.skin[1:]))
+    contacts = rebuilt(position, known.radius, known.normal, grid_of(cell), contacts)
     if contacts.count[0] < 0:
         raise ValueError(TOO_FAR)
     return contacts

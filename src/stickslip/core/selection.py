@@ -95,24 +95,53 @@ def _rows_of_loads(place, bound, top, crossing, share):
 
 
 @njit(cache=True, _nrt=False)
-def _pad(from_slot, to_slot, bodies, far, i, j, row, wall, shifted, vector, size, mass, slip, mode):
-    """Fill lanes of a block without a contact with a pair of a body with itself, `far` from touching."""
+def _pad(from_slot, to_slot, bodies, i, j, row, wall, at, size, mass, slip, mode):
+    """Fill lanes of a block without a contact with a pair of a body with itself; what keeps it apart is its vector."""
     b = from_slot // LANES
-    if to_slot > from_slot and not wall[b] and not shifted[b]:
-        shifted[b] = True
-        for k in range(3 * LANES):
-            vector[3 * LANES * b + k] = 0.0
+    if to_slot > from_slot:
+        at[b] = 0
     for s in range(from_slot, to_slot):
         l = s % LANES
         i[s] = j[s] = bodies - 1 if wall[b] else 0
         row[s], mode[s] = -1, OPEN
         for m in range(3):
             slip[(3 * b + m) * LANES + l] = 0.0
-            vector[(3 * b + m) * LANES + l] = 0.0 if wall[b] or m else far
         if len(size):
             size[s] = 1.0
         if len(mass):
             mass[s] = 1.0
+
+
+@njit(cache=True, _nrt=False)
+def _numbered(at):
+    """Turn marks into where the vectors of the blocks marked begin; returns where they end."""
+    end = 0
+    for b in range(len(at)):
+        if at[b] >= 0:
+            at[b] = end
+            end += 3 * LANES
+    return end
+
+
+@njit(cache=True, _nrt=False)
+def _pointed(contacts, row, wall, at, normal, across, bodies, far, vector):
+    """Write the vectors of all blocks that have them; `far` keeps a body from touching itself."""
+    n, image = bodies - len(normal), contacts.image
+    for b in range(len(at)):
+        if at[b] < 0:
+            continue
+        for l in range(LANES):
+            c = row[LANES * b + l]
+            for m in range(3):
+                value = 0.0
+                if c < 0:
+                    value = 0.0 if wall[b] or m else far
+                elif wall[b]:
+                    value = normal[contacts.j[c] - n, m]
+                else:
+                    for k in range(3):
+                        value += image[c, k] * across[k, m]
+                vector[at[b] + m * LANES + l] = value
 
 
 @njit(cache=True, _nrt=False)
@@ -139,11 +168,11 @@ def _order_of_summation(contacts, loads, internal, start, code, nothing):
 
 @njit(cache=True, error_model="numpy", _nrt=False)
 def _filled(
-    contacts, picked, bucket, filled, internal, material, normal, across, radius, inverse_mass, parts, loads
+    contacts, picked, bucket, filled, internal, material, walls, radius, inverse_mass, parts, loads
 ):  # fmt: skip
-    """Write the pairs that were picked into the lanes of their buckets' blocks."""
-    i, j, row, vector, size, mass, slip, mode, place, pair, wall, shifted = parts
-    n, image = len(internal) - len(normal), contacts.image
+    """Write the pairs that were picked into the lanes of their buckets' blocks; mark the blocks that need vectors."""
+    i, j, row, size, mass, slip, mode, place, pair, wall, at = parts
+    n, image = len(internal) - walls, contacts.image
     for p in range(len(picked)):
         c, s = picked[p], filled[bucket[p]]
         filled[bucket[p]] = s + 1
@@ -152,23 +181,14 @@ def _filled(
         is_wall = z >= n
         i[s], j[s], row[s] = internal[a], internal[z], c
         pair[b, 0], pair[b, 1], wall[b] = material[a], material[z], is_wall
-        at = 3 * LANES * b + l
         if len(size):
             size[s] = effective_radius(radius, a, z, is_wall)
         if len(mass):
             mass[s] = effective_mass(inverse_mass, a, z)
         for m in range(3):
-            slip[at + m * LANES] = contacts.slip[c, m]
-            if is_wall:
-                vector[at + m * LANES] = normal[z - n, m]
-        if image[c, 0] != 0 or image[c, 1] != 0 or image[c, 2] != 0:
-            if not shifted[b]:
-                shifted[b] = True
-                for k in range(3 * LANES):
-                    vector[3 * LANES * b + k] = 0.0
-            for k in range(3):
-                for m in range(3):
-                    vector[at + m * LANES] += image[c, k] * across[k, m]
+            slip[(3 * b + m) * LANES + l] = contacts.slip[c, m]
+        if is_wall or image[c, 0] != 0 or image[c, 1] != 0 or image[c, 2] != 0:
+            at[b] = 0
         was = contacts.mode[c]
         if was == STICK and contacts.reached[c]:
             was = STUCK_AGAIN
@@ -207,21 +227,23 @@ def chosen_blocks(
     slots = blocks * LANES
     crossing = bound[top]
     i, j, row = _room(old.i, slots), _room(old.j, slots), _room(old.row, slots)
-    vector, slip = _room(old.vector, 3 * slots), _room(old.slip, 3 * slots)
+    slip = _room(old.slip, 3 * slots)
     size, mass = _room(old.size, slots if by_size else 0), _room(old.mass, slots if needs_mass(viscous) else 0)
     mode, place = _room(old.mode, slots), _room(old.place, blocks)
-    pair, wall, shifted = np.zeros((blocks, 2), np.int64), np.zeros(blocks, np.bool_), np.zeros(blocks, np.bool_)
+    pair, wall, at = np.zeros((blocks, 2), np.int64), np.zeros(blocks, np.bool_), np.full(blocks, -1, np.int32)
     most = _rows_of_loads(place, bound, top, crossing, moving.share)
     filled, loads = first[:-1] * LANES, np.full(count, -1, np.int32)
     _filled(
-        contacts, picked[:active], bucket, filled, internal, material, normal, across, radius, inverse_mass,
-        (i, j, row, vector, size, mass, slip, mode, place, pair, wall, shifted), loads,
+        contacts, picked[:active], bucket, filled, internal, material, len(normal), radius, inverse_mass,
+        (i, j, row, size, mass, slip, mode, place, pair, wall, at), loads,
     )  # fmt: skip
     far = 1.0 + reach
     for g in range(bodies):
         far = max(far, 4.0 * moving.body[g, 9] + 1.0 + reach)
     for k in range(len(held)):
-        _pad(filled[k], first[k + 1] * LANES, bodies, far, i, j, row, wall, shifted, vector, size, mass, slip, mode)
+        _pad(filled[k], first[k + 1] * LANES, bodies, i, j, row, wall, at, size, mass, slip, mode)
+    vector = _room(old.vector, _numbered(at))
+    _pointed(contacts, row, wall, at, normal, across, bodies, far, vector)
     code, load, pairs = _room(old.code, 2 * active + bodies), old.load, old.pair
     if len(load) <= most:
         room = most + most // 8 + 1
@@ -230,6 +252,6 @@ def chosen_blocks(
         load[most, k] = 0.0
     _order_of_summation(contacts, loads, internal, start, code, most)
     return Blocks(
-        i, j, row, pair, wall, shifted, vector, size, mass, slip, mode, place, bound[: top + 1].copy(),
+        i, j, row, pair, wall, at, vector, size, mass, slip, mode, place, bound[: top + 1].copy(),
         bound[top:].copy(), load, pairs, start[: bodies + 1].copy(), code,
     )  # fmt: skip

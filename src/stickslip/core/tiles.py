@@ -358,6 +358,29 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
 
 
 @njit(cache=True, fastmath=False, _nrt=False)
+def fastest(moving):
+    """Largest speed of a body [length/time]."""
+    most = 0.0
+    for g in range(len(moving.order)):
+        most = max(most, moving.body[g, 3] ** 2 + moving.body[g, 4] ** 2 + moving.body[g, 5] ** 2)
+    return np.sqrt(most)
+
+
+@njit(cache=True, fastmath=False, _nrt=False)
+def strayed(moving, origin):
+    """Distance of the body that moved most from where it was, in the state's order; infinite if that is not known."""
+    most = 0.0
+    for g in range(len(moving.order)):
+        square = 0.0
+        for m in range(3):
+            d = moving.body[g, m] - origin[moving.order[g], m]
+            square += d * d
+        if not square <= most:
+            most = square if square < np.inf else np.inf
+    return np.sqrt(most)
+
+
+@njit(cache=True, fastmath=False, _nrt=False)
 def exported(moving, out):
     """Positions, angles, velocities, spins in the state's order; the body of every moving thing is left alone."""
     for g in range(len(moving.order)):
