@@ -11,7 +11,7 @@ from .geometry import shifts
 from .instant import bodies_at_start
 from .laws import Law, dashpots
 from .ledger import entered
-from .neighbors import TOO_FAR, grid_of, of_rows, rebuilt
+from .neighbors import TOO_FAR, grid_of, keys_of, of_rows, rebuilt
 from .plan import (
     AWAY,
     BAD,
@@ -116,13 +116,16 @@ def _moving(state: State, plan: Plan, here: Bodies, predict: bool, imposed: bool
 class _March:
     """A run on its way. It alone holds list and blocks, so that they can be let go of before their successors come."""
 
-    def __init__(self, state: State, law: Law, plan: Plan, steps: int, writing: Writing, instant, rate: int, threads):
+    def __init__(
+        self, state: State, law: Law, plan: Plan, steps: int, writing: Writing, books, instant, rate: int, threads
+    ):
         self.state, self.law, self.plan, self.steps, self.writing = state, law, plan, steps, writing
         self.viscous, self.imposed, self.deforming = dashpots(law), imposes(state), deforms(state)
         self.threads = _threads(len(state.grains.radius), threads, len(writing.events) > 0)
         self.march = marcher(law.kind, law.coulomb, state.cell.dim, self.viscous, rate, self.threads > 1)
         here = bodies_at_start(state, instant)
-        self.contacts, self.blocks = _to_write(state, law, here), no_blocks()
+        keyed = bool(books or len(writing.events) or len(state.contacts.rolling))
+        self.contacts, self.blocks = _to_write(state, law, here, keyed), no_blocks()
         self.moving = _moving(state, plan, here, self.viscous > 0 and not rate, self.imposed, self.threads)
         self.known = here._replace(**dict.fromkeys(_MOVES, _NOTHING))
         self.frame, self.flow = frame_of(state, self.moving.order) if self.imposed else (None, None)
@@ -227,8 +230,9 @@ class _March:
             # a list tells whether it is still good by how far grains have moved, not by how the cell has
             self.contacts = _closed(self.contacts)
             self.contacts = _with_skin(skin, here.position, here, self.contacts, self.state.cell)
-        slip = self.contacts.slip
-        contacts = self.contacts._replace(pair=np.zeros_like(slip), roll=np.zeros_like(slip))
+        contacts, before = self.contacts, self.state.contacts
+        key = before.key if contacts.i is before.i else keys_of(contacts)
+        contacts = contacts._replace(key=key, pair=np.zeros_like(contacts.slip), roll=np.zeros_like(contacts.slip))
         anchored(contacts, here.position, here.angle, here.radius, vectors, contacts.pair, contacts.roll)
         return state_after(self.state, here, contacts, time)._replace(instant=instant)
 
@@ -263,7 +267,7 @@ def marched(
     threads,
 ):  # fmt: skip
     """As many steps as asked, in blocks; see `run`. Returns what the plain stepper does."""
-    march, every = _March(state, law, plan, steps, writing, instant, rate, threads), writing.every
+    march, every = _March(state, law, plan, steps, writing, books, instant, rate, threads), writing.every
     stop, code, residual, worst, before = 0, MOVED, np.inf, -1, numba.get_num_threads()
     numba.set_num_threads(march.threads)
     try:
@@ -297,15 +301,15 @@ def marched(
     return end, code, march.step, residual, worst, march.writing, books
 
 
-def _to_write(state: State, law: Law, here: Bodies):
-    """The list that a run writes to; pair vectors and angles are written when it ends."""
+def _to_write(state: State, law: Law, here: Bodies, keyed: bool):
+    """The list that a run writes to; pair vectors, angles and keys that nobody asks for come back when it ends."""
     contacts = state.contacts
     if anchored(contacts, here.position, here.angle, here.radius, state.cell.vectors, _NOTHING, _NOTHING):
         own = {name: getattr(contacts, name).copy() for name in ("slip", "mode", "reached")}
         contacts = contacts._replace(**own)
     else:
         _, contacts = forces(state, law, memory=FROZEN)
-    return contacts._replace(pair=_NOTHING, roll=_NOTHING)
+    return contacts._replace(pair=_NOTHING, roll=_NOTHING, key=contacts.key[: None if keyed else 0])
 
 
 def _forces(moving: Moving) -> np.ndarray:

@@ -232,12 +232,14 @@ def _found(from_column, to_column, bins, x, radius, wall_normal, vectors, skin, 
 @njit(cache=True)
 def _listed(key, first, many, new):
     """Fill a list from the keys of each grain; returns the first row of each grain."""
-    c, low, rows = 0, (1 << _IMAGE_BITS) - 1, np.empty(len(many) + 1, np.int64)
+    c, low, rows, keyed = 0, (1 << _IMAGE_BITS) - 1, np.empty(len(many) + 1, np.int64), len(new.key) > 0
     for a in range(len(many)):
         rows[a] = c
         for at in range(first[a], first[a] + many[a]):
             k = key[at]
-            new.key[c], new.i[c], new.j[c] = k, a, (k >> 3 * _IMAGE_BITS) & (MAX_BODIES - 1)
+            if keyed:
+                new.key[c] = k
+            new.i[c], new.j[c] = a, (k >> 3 * _IMAGE_BITS) & (MAX_BODIES - 1)
             new.image[c, 0] = ((k >> 2 * _IMAGE_BITS) & low) - _IMAGE_OFFSET
             new.image[c, 1] = ((k >> _IMAGE_BITS) & low) - _IMAGE_OFFSET
             new.image[c, 2] = (k & low) - _IMAGE_OFFSET
@@ -249,11 +251,12 @@ def _listed(key, first, many, new):
 @njit(cache=True, _nrt=False)
 def carry_memory(old, new, rows):
     """Copy the memory of every closed contact that is in both lists; the rest of `new` starts open."""
-    anchors = len(old.pair) > 0 and len(new.pair) > 0
+    anchors, was, now = len(old.pair) > 0 and len(new.pair) > 0, old.image, new.image
     for c in range(old.count[0]):
         if old.mode[c] != OPEN:
             for m in range(rows[old.i[c]], rows[old.i[c] + 1]):
-                if new.key[m] == old.key[c]:
+                same = now[m, 0] == was[c, 0] and now[m, 1] == was[c, 1] and now[m, 2] == was[c, 2]
+                if new.j[m] == old.j[c] and same:
                     new.mode[m], new.reached[m] = old.mode[c], old.reached[c]
                     for k in range(3):
                         new.slip[m, k] = old.slip[c, k]
@@ -282,7 +285,7 @@ def moved_too_far(x, contacts) -> bool:
 
 @njit(cache=True)
 def _listed_anew(x, radius, wall_normal, grid, old):
-    """A new list of contacts at positions x, and slip of the old one, bare if that is; its count is −1 on failure."""
+    """A new list at positions x with the memory of the old one, as bare as that; its count is −1 on failure."""
     n, skin = len(radius) - len(wall_normal), old.skin[0]
     if len(old.skin) > 1:
         skin += old.skin[1]
@@ -295,7 +298,7 @@ def _listed_anew(x, radius, wall_normal, grid, old):
         if end != -1:
             break
         room *= 2
-    new = empty_contacts(len(x), max(end, 0), skin, len(old.pair) < len(old.i))
+    new = empty_contacts(len(x), max(end, 0), skin, len(old.pair) < len(old.i), len(old.key) == len(old.i))
     new.count[0] = max(end, -1)
     for a in range(len(x)):  # an assignment of whole arrays takes seconds to compile, for the text of its error
         for m in range(3):
@@ -303,6 +306,16 @@ def _listed_anew(x, radius, wall_normal, grid, old):
     if end > 0:
         carry_memory(old, new, _listed(key, first, many, new))
     return new
+
+
+@njit(cache=True)
+def keys_of(contacts):
+    """Keys of a list that was bare of them."""
+    key = np.empty(len(contacts.i), np.int64)
+    for c in range(len(key)):
+        image = contacts.image
+        key[c] = pack_key(contacts.i[c], contacts.j[c], image[c, 0], image[c, 1], image[c, 2])
+    return key
 
 
 def rebuilt(x, radius, wall_normal, grid, old: Contacts) -> Contacts:

@@ -196,17 +196,17 @@ def box(size=(1.0, 1.0, 1.0), periodic=(False, False, False), dim=3) -> Cell:
 
 
 @njit(cache=True)
-def empty_contacts(n_bodies, capacity, skin, bare=False):
+def empty_contacts(n_bodies, capacity, skin, bare=False, keyed=True):
     """A list without pairs, with room for `capacity`; the first evaluation of forces fills it.
 
-    `bare`: without `pair` and `roll`, which a run of many grains writes only when it ends.
+    `bare`: without `pair` and `roll`, which a run of many grains writes only when it ends; nor, unless `keyed`, `key`.
     """
-    c, anchors = capacity, 0 if bare else capacity
+    c, anchors, keys = capacity, 0 if bare else capacity, capacity if keyed else 0
     return Contacts(
         np.zeros(c, np.int32),
         np.zeros(c, np.int32),
         np.zeros((c, 3), np.int16),
-        np.zeros(c, np.int64),
+        np.zeros(keys, np.int64),
         np.zeros((c, 3)),
         np.zeros(c, np.int8),
         np.zeros((anchors, 3)),
