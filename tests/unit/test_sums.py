@@ -8,8 +8,8 @@ from stickslip.core.sums import IS_FIRST, IS_I, ROW, WIDTH, summed_rows
 
 
 @njit
-def summed(code, first, last, load, external, own, total):
-    summed_rows(code, first, last, load, external, own, total)
+def summed(code, start, first, last, load, external, total):
+    summed_rows(code, start, first, last, load, external, total)
 
 
 def slow(entries, load, external):
@@ -24,7 +24,7 @@ def slow(entries, load, external):
 def coded(entries):
     start = np.cumsum([0, *map(len, entries)])
     code = [ROW * row + IS_I * is_i + IS_FIRST * (k == 0) for rows in entries for k, (row, is_i) in enumerate(rows)]
-    return start, np.array(code, np.uint32)
+    return start.astype(np.uint32), np.array(code, np.uint32)
 
 
 @pytest.mark.parametrize("loaded", [False, True], ids=["no external loads", "external loads"])
@@ -38,7 +38,7 @@ def test_sums_are_those_of_a_plain_loop_to_the_last_bit(loaded):
     start, code = coded(entries)
     for a, b in ((0, 40), (7, 19)):
         total = np.full((b - a, WIDTH), np.nan)
-        summed(code, start[a], start[b], load, external, a, total)
+        summed(code, start, a, b, load, external, total)
         np.testing.assert_array_equal(total, slow(entries, load, external)[a:b])
 
 
@@ -47,5 +47,5 @@ def test_what_is_not_a_number_stays_with_its_body():
     load[1] = np.nan
     start, code = coded([[(0, 1)], [(1, 1), (0, 1)], [(2, 0)]])
     total = np.zeros((3, WIDTH))
-    summed(code, start[0], start[3], load, np.zeros((1, WIDTH)), 0, total)
+    summed(code, start, 0, 3, load, np.zeros((1, WIDTH)), total)
     assert np.isnan(total).any(axis=1).tolist() == [False, True, False]

@@ -18,6 +18,7 @@ from numba import njit
 
 from .contact import FREE, carried_memory, damped, in_one_go, needs_mass, needs_radius, tangential_force, with_dashpot
 from .frame import AHEAD, RATE, SLIDE_BACK, VECTORS
+from .lanes import LANES, MOTION, MOTION_AHEAD, PAIR, RADII, ROLL, ROLL_AHEAD, gathered, in_widest_vectors, scattered
 from .laws import (
     DAMPING_N,
     DAMPING_T,
@@ -38,24 +39,20 @@ from .sums import WIDTH
 # counted, which would take half of a step with dashpots; it is cached by itself, so that kernels of another law compile
 # in half the time
 BARE = {"error_model": "numpy", "forceinline": True, "_nrt": False, "cache": True}
-LANES = 64
 TILE = 2048
 # modes of a block's contact besides OPEN, STICK and SLIDE: it sticks but was at Coulomb's limit since it closed; it
 # slides because nothing presses it, and has not been at a limit
 STUCK_AGAIN, LOOSE = 3, 4
-# where the planes of a block's scratch begin; flat, with offsets known when compiled, so that nothing seems to overlap
-_X, _V, _W, _SUM, _AHEAD, _TURN, SCRATCH = (LANES * k for k in (0, 3, 6, 9, 10, 13, 16))
 
 
 class Moving(NamedTuple):
     """Bodies in the order of memory: tiles of neighbouring grains, then rigid groups, then walls."""
 
     order: np.ndarray  # (B,) number of each body in the state
-    body: np.ndarray  # (B, 10) position, velocity, spin, radius
+    body: np.ndarray  # (B, BODY) position, velocity, spin, radius and kicks, see `lanes`
     angle: np.ndarray  # (B, 3)
-    ahead: np.ndarray  # (B, 6) velocity and spin predicted at the full step, for dashpots; else (0, 6)
+    ahead: np.ndarray  # (B, BODY_AHEAD) velocity and spin predicted at the full step, for dashpots; else (0, …)
     force: np.ndarray  # (B, 6) force and torque, written where a step ends without going on
-    kick: np.ndarray  # (B, 2) half a time step over mass and over inertia
     free: np.ndarray  # (B, 6) bool
     whole: np.ndarray  # (B,) bool: all components that this dimension has are free
     external: np.ndarray  # (B, 8) external forces, and zeros, see `sums`; or (1, 8) without any
@@ -136,35 +133,15 @@ def anchored(contacts, position, angle, radius, vectors, pair_out, roll_out):
 
 
 @njit(fastmath=True, **BARE)
-def _gathered(dim, predict, flow, blocks, body, ahead, b, scratch):
+def _seen(dim, predict, flow, blocks, body, ahead, b, scratch):
     """What the contacts of block b see of their two bodies, plane by plane."""
-    first = b * LANES
-    for lane in range(LANES):
-        # unsigned, so that no index is checked for counting from the end
-        i, j, l = np.uint64(blocks.i[first + lane]), np.uint64(blocks.j[first + lane]), np.uint64(lane)
-        ri, rj = body[i, 9], body[j, 9]
-        scratch[_X + l], scratch[_X + 64 + l] = body[i, 0] - body[j, 0], body[i, 1] - body[j, 1]
-        scratch[_V + l], scratch[_V + 64 + l] = body[i, 3] - body[j, 3], body[i, 4] - body[j, 4]
-        scratch[_W + 128 + l] = ri * body[i, 8] + rj * body[j, 8]
-        scratch[_SUM + l] = ri + rj
-        if dim == 3:
-            scratch[_X + 128 + l], scratch[_V + 128 + l] = body[i, 2] - body[j, 2], body[i, 5] - body[j, 5]
-            scratch[_W + l], scratch[_W + 64 + l] = ri * body[i, 6] + rj * body[j, 6], ri * body[i, 7] + rj * body[j, 7]
-        if predict:
-            scratch[_AHEAD + l], scratch[_AHEAD + 64 + l] = ahead[i, 0] - ahead[j, 0], ahead[i, 1] - ahead[j, 1]
-            scratch[_TURN + 128 + l] = ri * ahead[i, 5] + rj * ahead[j, 5]
-            if dim == 3:
-                scratch[_AHEAD + 128 + l] = ahead[i, 2] - ahead[j, 2]
-                scratch[_TURN + l], scratch[_TURN + 64 + l] = (
-                    ri * ahead[i, 3] + rj * ahead[j, 3],
-                    ri * ahead[i, 4] + rj * ahead[j, 4],
-                )
+    gathered(np.int64(dim), np.int64(predict), np.int64(b * LANES), blocks.i, blocks.j, body, ahead, scratch)
     if blocks.at[b] >= 0 and not blocks.wall[b] and flow is None:
         at = np.uint64(blocks.at[b])
         for k in range(dim):
             for lane in range(LANES):
                 l = np.uint64(lane)
-                scratch[_X + k * LANES + l] += blocks.vector[at + k * LANES + l]
+                scratch[PAIR + k * LANES + l] += blocks.vector[at + k * LANES + l]
 
 
 @njit(fastmath=True, **BARE)
@@ -178,33 +155,34 @@ def _flowed(dim, predict, blocks, flow, b, scratch):
     for lane in range(LANES):
         l = np.uint64(lane)
         if dim == 2:
-            scratch[_X + 128 + l] = scratch[_V + 128 + l] = 0.0
-        x, y, z = scratch[_X + l], scratch[_X + 64 + l], scratch[_X + 128 + l]
+            scratch[PAIR + 128 + l] = scratch[MOTION + 128 + l] = 0.0
+        x, y, z = scratch[PAIR + l], scratch[PAIR + 64 + l], scratch[PAIR + 128 + l]
         if shifted:
             p, q, r = blocks.vector[at + l], blocks.vector[at + 64 + l], blocks.vector[at + 128 + l]
             x += p * h[0, 0] + q * h[1, 0] + r * h[2, 0]
             y += p * h[0, 1] + q * h[1, 1] + r * h[2, 1]
             z += p * h[0, 2] + q * h[1, 2] + r * h[2, 2]
-            scratch[_X + l], scratch[_X + 64 + l], scratch[_X + 128 + l] = x, y, z
-        u = scratch[_V + l] + rate[0, 0] * x + rate[0, 1] * y + rate[0, 2] * z
-        v = scratch[_V + 64 + l] + rate[1, 0] * x + rate[1, 1] * y + rate[1, 2] * z
-        w = scratch[_V + 128 + l] + rate[2, 0] * x + rate[2, 1] * y + rate[2, 2] * z
+            scratch[PAIR + l], scratch[PAIR + 64 + l], scratch[PAIR + 128 + l] = x, y, z
+        u = scratch[MOTION + l] + rate[0, 0] * x + rate[0, 1] * y + rate[0, 2] * z
+        v = scratch[MOTION + 64 + l] + rate[1, 0] * x + rate[1, 1] * y + rate[1, 2] * z
+        w = scratch[MOTION + 128 + l] + rate[2, 0] * x + rate[2, 1] * y + rate[2, 2] * z
         for k in range(3):
-            scratch[_V + k * LANES + l] = back[k, 0] * u + back[k, 1] * v + back[k, 2] * w
+            scratch[MOTION + k * LANES + l] = back[k, 0] * u + back[k, 1] * v + back[k, 2] * w
             if predict:
-                scratch[_AHEAD + k * LANES + l] += ahead[k, 0] * x + ahead[k, 1] * y + ahead[k, 2] * z
+                scratch[MOTION_AHEAD + k * LANES + l] += ahead[k, 0] * x + ahead[k, 1] * y + ahead[k, 2] * z
 
 
 @njit(fastmath=True, **BARE)
 def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, scratch):
     """Forces and memory of one block, all lanes alike: what does not touch gets zeros. With `hold`, memory stays."""
+    in_widest_vectors()
     predict = viscous > 0 and not rate
-    v, w = (_AHEAD, _TURN) if predict else (_V, _W)
+    v, w = (MOTION_AHEAD, ROLL_AHEAD) if predict else (MOTION, ROLL)
     mode, size = blocks.mode[LANES * b : LANES * b + LANES], blocks.size[LANES * b : LANES * b + LANES]
     mass = blocks.mass[LANES * b : LANES * b + LANES]
     slip, vector = blocks.slip[3 * LANES * b : 3 * LANES * (b + 1)], blocks.vector[blocks.at[b] :]  # of walls only
     for l in range(LANES):
-        rx, ry, rz = scratch[_X + l], scratch[_X + 64 + l], scratch[_X + 128 + l] if dim == 3 else 0.0
+        rx, ry, rz = scratch[PAIR + l], scratch[PAIR + 64 + l], scratch[PAIR + 128 + l] if dim == 3 else 0.0
         if wall:
             nx, ny, nz = vector[l], vector[64 + l], vector[128 + l] if dim == 3 else 0.0
             distance = rx * nx + ry * ny + rz * nz
@@ -212,7 +190,7 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
             distance = np.sqrt(rx * rx + ry * ry + rz * rz)
             inverse = 1.0 / distance
             nx, ny, nz = rx * inverse, ry * inverse, rz * inverse
-        overlap = scratch[_SUM + l] - distance
+        overlap = scratch[RADII + l] - distance
         r_eff = size[l] if needs_radius(kind, viscous) else 1.0
         edge = 0.0 - reach(kind, q, r_eff)
         touches = overlap > edge
@@ -220,14 +198,14 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
         before = mode[l]
         # slip: carried by the displacements since the last evaluation, then projected on the plane of contact
         wx, wy, wz = (
-            scratch[_W + l] if dim == 3 else 0.0,
-            scratch[_W + 64 + l] if dim == 3 else 0.0,
-            scratch[_W + 128 + l],
+            scratch[ROLL + l] if dim == 3 else 0.0,
+            scratch[ROLL + 64 + l] if dim == 3 else 0.0,
+            scratch[ROLL + 128 + l],
         )
         ox, oy, oz = slip[l], slip[64 + l], slip[128 + l] if dim == 3 else 0.0
-        sx = ox + dt * (scratch[_V + l] + ny * wz - nz * wy)
-        sy = oy + dt * (scratch[_V + 64 + l] + nz * wx - nx * wz)
-        sz = oz + dt * (scratch[_V + 128 + l] + nx * wy - ny * wx) if dim == 3 else 0.0
+        sx = ox + dt * (scratch[MOTION + l] + ny * wz - nz * wy)
+        sy = oy + dt * (scratch[MOTION + 64 + l] + nz * wx - nx * wz)
+        sz = oz + dt * (scratch[MOTION + 128 + l] + nx * wy - ny * wx) if dim == 3 else 0.0
         along = sx * nx + sy * ny + sz * nz
         known = 1.0 if rate or before != OPEN else 0.0
         sx, sy, sz = known * (sx - along * nx), known * (sy - along * ny), known * (sz - along * nz)
@@ -285,21 +263,18 @@ def evaluated(kind, coulomb, dim, viscous, rate, first, last, blocks, body, ahea
     """Loads and memory of a stretch of blocks; compiled into its callers."""
     load, predict = blocks.load, viscous > 0 and not rate
     for b in range(first, last):
-        _gathered(dim, predict, flow, blocks, body, ahead, b, scratch)
+        _seen(dim, predict, flow, blocks, body, ahead, b, scratch)
         place = blocks.place[b]
         if flow is not None:
             _flowed(dim, predict, blocks, flow, b, scratch)
             for lane in range(LANES):
                 l, s = np.uint64(lane), np.uint64(place + lane)
                 blocks.pair[s, 0], blocks.pair[s, 1], blocks.pair[s, 2] = (
-                    scratch[_X + l], scratch[_X + 64 + l], scratch[_X + 128 + l],
+                    scratch[PAIR + l], scratch[PAIR + 64 + l], scratch[PAIR + 128 + l],
                 )  # fmt: skip
         q = row(kind, p, blocks.material[b, 0], blocks.material[b, 1])
         if blocks.wall[b]:
             _responded(kind, coulomb, dim, viscous, rate, True, q, blocks, b, dt, hold, scratch)
         else:
             _responded(kind, coulomb, dim, viscous, rate, False, q, blocks, b, dt, hold, scratch)
-        for lane in range(LANES):
-            l, s = np.uint64(lane), np.uint64(place + lane)
-            load[s, 0], load[s, 1], load[s, 2] = scratch[l], scratch[64 + l], scratch[128 + l]
-            load[s, 3], load[s, 4], load[s, 5] = scratch[192 + l], scratch[256 + l], scratch[320 + l]
+        scattered(np.int64(place), scratch, load)

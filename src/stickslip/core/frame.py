@@ -16,6 +16,7 @@ import numpy as np
 from numba import njit
 
 from .control import factors_at
+from .lanes import VELOCITY
 from .reach import gap_listed
 from .state import State, deforms
 
@@ -235,7 +236,7 @@ def finished(dim, frame, flow, pace, moving, fresh):
         g = frame.place[a]
         for k in range(3):
             for m in range(3):
-                flux = frame.grain_mass[a] * moving.body[g, 3 + k] * moving.body[g, 3 + m]
+                flux = frame.grain_mass[a] * moving.body[g, VELOCITY + k] * moving.body[g, VELOCITY + m]
                 total[k, m] += moving.virial[g, 3 * k + m] + flux
     h, rate, pull = flow.matrix[VECTORS], flow.matrix[RATE], flow.matrix[PULL]
     space = h[0, 0] * h[1, 1] - h[0, 1] * h[1, 0]

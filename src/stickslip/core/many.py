@@ -9,6 +9,7 @@ from .forces import Bodies, forces, moved_masses
 from .frame import PULL, RATE, SINCE, VECTORS, frame_of, imposes, room_left, unbalanced_cell
 from .geometry import shifts
 from .instant import bodies_at_start
+from .lanes import BODY, BODY_AHEAD, KICK, KICK_T, RADIUS, SPIN, SPIN_AHEAD, VELOCITY, VELOCITY_AHEAD, aligned
 from .laws import Law, dashpots
 from .ledger import entered
 from .neighbors import TOO_FAR, grid_of, keys_of, of_rows, rebuilt
@@ -74,6 +75,13 @@ def _pull(state: State, moving: Moving) -> Pull | None:
     return Pull(*parts, control.knots, control.course, np.full(1, state.time))
 
 
+def _columns(rows: np.ndarray, order, parts: dict) -> np.ndarray:
+    """Rows with parts of them written, in the order of memory, from the columns on that are named."""
+    for first, part in parts.items():
+        rows[:, first : first + part[0].size] = part[order].reshape(len(order), -1)
+    return rows
+
+
 def _moving(state: State, plan: Plan, here: Bodies, predict: bool, imposed: bool, threads: int) -> Moving:
     """Working copy of all bodies in the order of memory."""
     n, dim, b = len(state.grains.radius), state.cell.dim, state.n_bodies
@@ -94,13 +102,20 @@ def _moving(state: State, plan: Plan, here: Bodies, predict: bool, imposed: bool
     tile = np.append(np.arange(0, single, size), single)
     place = np.empty(b, np.int64)
     place[order] = np.arange(b)
+    half, ahead = 0.5 * plan.dt, aligned(b if predict else 0, BODY_AHEAD)
+    body = _columns(aligned(b, BODY), order, {
+        0: here.position, RADIUS: here.radius, VELOCITY: here.velocity, KICK: half / mass, SPIN: here.spin,
+        KICK_T: half / inertia,
+    })  # fmt: skip
+    if predict:
+        ahead[:] = 0.0
+        _columns(ahead, order, {VELOCITY_AHEAD: here.velocity, SPIN_AHEAD: here.spin})
     return Moving(
         order,
-        np.concatenate([here.position, here.velocity, here.spin, here.radius[:, None]], axis=1)[order],
+        body,
         here.angle[order],
-        np.concatenate([here.velocity, here.spin], axis=1)[order] if predict else np.zeros((0, 6)),
+        ahead,
         np.zeros((b, 6)),
-        (0.5 * plan.dt / np.stack([mass, inertia], axis=1))[order],
         free[order],
         free[:, used].all(axis=1)[order],
         external,
@@ -188,7 +203,7 @@ class _March:
         body, found = self.moving.body, -1
         for code, found in (
             (BAD, first_bad(body[:, :3], self.moving.angle)),
-            (AWAY, runaway(body[:, 3:6], body[:, 9], self.plan.dt)),
+            (AWAY, runaway(body[:, VELOCITY:KICK], body[:, RADIUS], self.plan.dt)),
         ):
             if found >= 0:
                 return code, int(self.moving.order[found])

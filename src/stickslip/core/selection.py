@@ -3,8 +3,9 @@
 import numpy as np
 from numba import njit
 
-from .blocks import LANES, LOOSE, STUCK_AGAIN, Blocks
+from .blocks import LOOSE, STUCK_AGAIN, Blocks
 from .contact import effective_mass, effective_radius, needs_mass
+from .lanes import LANES, RADIUS, aligned
 from .state import OPEN, SLIDE, STICK
 from .sums import IS_FIRST, IS_I, ROW, WIDTH
 
@@ -58,7 +59,7 @@ def _chosen(
             z = contacts.j[c]
             h = np.uint64(internal[z])
             dx, dy, dz = body[g, 0] - body[h, 0], body[g, 1] - body[h, 1], body[g, 2] - body[h, 2]
-            near = reach + body[g, 9] + body[h, 9]
+            near = reach + body[g, RADIUS] + body[h, RADIUS]
             if z >= n:
                 close = dx * normal[z - n, 0] + dy * normal[z - n, 1] + dz * normal[z - n, 2] < near
             else:
@@ -239,7 +240,7 @@ def chosen_blocks(
     )  # fmt: skip
     far = 1.0 + reach
     for g in range(bodies):
-        far = max(far, 4.0 * moving.body[g, 9] + 1.0 + reach)
+        far = max(far, 4.0 * moving.body[g, RADIUS] + 1.0 + reach)
     for k in range(len(held)):
         _pad(filled[k], first[k + 1] * LANES, bodies, i, j, row, wall, at, size, mass, slip, mode)
     vector = _room(old.vector, _numbered(at))
@@ -247,7 +248,7 @@ def chosen_blocks(
     code, load, pairs = _room(old.code, 2 * active + bodies), old.load, old.pair
     if len(load) <= most:
         room = most + most // 8 + 1
-        load, pairs = np.zeros((room, WIDTH)), np.empty((room if len(moving.virial) > 0 else 0, 3))
+        load, pairs = aligned(room, WIDTH), np.empty((room if len(moving.virial) > 0 else 0, 3))
     for k in range(WIDTH):
         load[most, k] = 0.0
     _order_of_summation(contacts, loads, internal, start, code, most)

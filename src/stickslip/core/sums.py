@@ -8,62 +8,108 @@ from numba.extending import intrinsic
 WIDTH = 8  # numbers in a row of loads: three of a force, three of a torque, two that stay zero
 # a row of loads that a body adds up is written as ROW times its number, plus: the body is i of that pair, so that the
 # force is not turned round; it is the body's first row
-IS_FIRST, IS_I, ROW = 1, 2, 4
+IS_FIRST, IS_I, ROW = 1, 2, 64  # 64 bytes: the code is where the row lies
 
-_WHOLE, _LANE = ir.IntType(64), ir.IntType(32)
+_WHOLE, _HALF, _BYTE = ir.IntType(64), ir.IntType(32), ir.IntType(8)
 _NUMBERS, _BITS = ir.VectorType(ir.DoubleType(), WIDTH), ir.VectorType(_WHOLE, WIDTH)
+_SIGNS = [[-1.0] * 3 + [1.0] * 5, [1.0] * 8]  # of a row where the body is j, and where it is i
 
 
-def _in_all_lanes(builder, value):
-    """A vector of bits, each lane `value`."""
-    none = ir.Constant(_BITS, ir.Undefined)
-    first = builder.insert_element(none, value, _LANE(0))
-    return builder.shuffle_vector(first, none, ir.Constant(ir.VectorType(_LANE, WIDTH), [0] * WIDTH))
+def _table(module, name, rows, kind):
+    """A constant with four vectors, one for each pair of marks in a code."""
+    whole = ir.ArrayType(kind, len(rows))
+    made = ir.GlobalVariable(module, whole, module.get_unique_name(name))
+    made.initializer, made.global_constant, made.linkage, made.align = ir.Constant(whole, rows), True, "internal", 64
+    return made
 
 
-def _row(builder, data, number):
-    """Pointer to a row of eight numbers."""
-    return builder.bitcast(builder.gep(data, [builder.mul(number, _WHOLE(WIDTH))]), _NUMBERS.as_pointer())
+def _vector(builder, data, at, kind=_NUMBERS):
+    """Pointer to a vector so many bytes from a pointer."""
+    first = builder.bitcast(data, _BYTE.as_pointer())
+    return builder.bitcast(builder.gep(first, [at]), kind.as_pointer())
+
+
+class _Stream:
+    """Sums of a stretch of bodies, one entry of `code` after another."""
+
+    def __init__(self, builder, tables, arrays, first, total):
+        self.signs, self.kept = tables
+        self.code, self.load, self.external, self.total = arrays
+        # the body before the first one, in bytes of a row
+        self.body = cgutils.alloca_once_value(builder, builder.sub(builder.mul(first, _WHOLE(ROW)), _WHOLE(ROW)))
+        self.sums = cgutils.alloca_once_value(builder, ir.Constant(_NUMBERS, [0.0] * WIDTH))
+        self.shift = total
+
+    def add(self, builder, entry, loaded: bool):
+        """Take one entry; there is no branch, as what is a body's first row cannot be foreseen."""
+        word = builder.zext(builder.load(builder.gep(self.code, [entry])), _WHOLE)
+        marks = builder.shl(builder.and_(word, _WHOLE(3)), _WHOLE(6))
+        body = builder.add(builder.load(self.body), builder.shl(builder.and_(word, _WHOLE(1)), _WHOLE(6)))
+        builder.store(body, self.body)
+        kept = builder.load(_vector(builder, self.kept, marks, _BITS), align=64)
+        before = builder.and_(builder.bitcast(builder.load(self.sums), _BITS), kept)
+        if loaded:
+            begin = builder.bitcast(builder.load(_vector(builder, self.external, body), align=8), _BITS)
+            before = builder.or_(before, builder.and_(begin, builder.not_(kept)))
+        row = builder.load(_vector(builder, self.load, builder.and_(word, _WHOLE(-ROW))), align=8)
+        signs = builder.load(_vector(builder, self.signs, marks), align=64)
+        # times one or minus one: exact, fused with the sum or not
+        fused = cgutils.get_or_insert_function(
+            builder.module, ir.FunctionType(_NUMBERS, [_NUMBERS] * 3), f"llvm.fmuladd.v{WIDTH}f64"
+        )
+        now = builder.call(fused, [row, signs, builder.bitcast(before, _NUMBERS)])
+        builder.store(now, self.sums)
+        builder.store(now, _vector(builder, self.total, builder.sub(body, self.shift)), align=8)
 
 
 @intrinsic
-def summed_rows(typingctx, code, first, last, load, external, own, total):
-    """Add up rows for each body: `total` gets a row for each entry of `code[first:last]` that is a first one.
+def summed_rows(typingctx, code, start, first, last, load, external, total):
+    """Add up rows for each body from `first` to before `last`: `total` gets one row a body.
 
-    A sum begins with the row of `external` for the body, counted from `own`; with one row only, with that one.
-
-    There is no branch in the loop: how many contacts the next grain has cannot be foreseen, and a loop for each grain
-    takes twice as long in large packings. Sums are sequential, so that their order is that of `code`.
+    A sum begins with the body's row of `external`; with one row only, with zero. Sums are sequential, in the order of
+    `code`. Two halves of the bodies are gone through side by side, as one sum waits for the one before.
 
     Parameters
     ----------
-    code : (…,) uint32; first, last, own : int64; load : (L, 8); external : (B, 8) or (1, 8); total : (…, 8), contiguous
+    code : (…,) uint32; start : (B + 1,) uint32, bounds of each body's part of `code`; first, last : int64
+    load : (L, 8); external : (B, 8) or (1, 8) zeros; total : (…, 8), contiguous
     """
 
     def generated(context, builder, signature, args):
-        arrays = [context.make_array(signature.args[k])(context, builder, args[k]) for k in (0, 3, 4, 6)]
-        code, load, external, total = (array.data for array in arrays)
-        rows = cgutils.unpack_tuple(builder, arrays[2].shape)[0]
-        stride = builder.zext(builder.icmp_signed(">", rows, _WHOLE(1)), _WHOLE)
-        one, turned = _WHOLE(1), ir.Constant(_BITS, [-(2**63)] * 3 + [0] * (WIDTH - 3))
-        sums = cgutils.alloca_once_value(builder, ir.Constant(_NUMBERS, [0.0] * WIDTH))
-        body = cgutils.alloca_once_value(builder, _WHOLE(-1))
-        with cgutils.for_range_slice(builder, args[1], args[2], one, intp=_WHOLE) as (entry, _):
-            word = builder.zext(builder.load(builder.gep(code, [entry])), _WHOLE)
-            is_first, is_i = builder.and_(word, one), builder.and_(builder.lshr(word, one), one)
-            number = builder.add(builder.load(body), is_first)
-            builder.store(number, body)
-            # bits, not conditions: those would become branches
-            row = builder.bitcast(builder.load(_row(builder, load, builder.lshr(word, _WHOLE(2))), align=8), _BITS)
-            row = builder.xor(row, builder.and_(_in_all_lanes(builder, builder.sub(is_i, one)), turned))
-            before = builder.bitcast(builder.load(sums), _BITS)
-            at = builder.mul(stride, builder.add(args[5], number))
-            begin = builder.bitcast(builder.load(_row(builder, external, at), align=8), _BITS)
-            go_on = _in_all_lanes(builder, builder.sub(is_first, one))
-            before = builder.or_(builder.and_(before, go_on), builder.and_(begin, builder.not_(go_on)))
-            now = builder.fadd(builder.bitcast(before, _NUMBERS), builder.bitcast(row, _NUMBERS))
-            builder.store(now, sums)
-            builder.store(now, _row(builder, total, number), align=8)
+        arrays = {k: context.make_array(signature.args[k])(context, builder, args[k]) for k in (0, 1, 4, 5, 6)}
+        code, start, load, external, total = (array.data for array in arrays.values())
+        rows = cgutils.unpack_tuple(builder, arrays[5].shape)[0]
+        first, last = args[2], args[3]
+        middle = builder.ashr(builder.add(first, last), _WHOLE(1))
+        kept = [[-1] * WIDTH, [0] * WIDTH] * 2
+        tables = (
+            _table(builder.module, "signs", [ir.Constant(_NUMBERS, _SIGNS[k // IS_I]) for k in range(4)], _NUMBERS),
+            _table(builder.module, "kept", [ir.Constant(_BITS, kept[k]) for k in range(4)], _BITS),
+        )
+        shift = builder.mul(first, _WHOLE(ROW))
+
+        def bound(body):
+            return builder.zext(builder.load(builder.gep(start, [body])), _WHOLE)
+
+        def summed(loaded):
+            pointers = (code, load, external, total)
+            one, two = (_Stream(builder, tables, pointers, body, shift) for body in (first, middle))
+            begin, half, end = bound(first), bound(middle), bound(last)
+            sizes = builder.sub(half, begin), builder.sub(end, half)
+            both = builder.select(builder.icmp_signed("<", *sizes), *sizes)
+            with cgutils.for_range_slice(builder, _WHOLE(0), both, _WHOLE(1), intp=_WHOLE) as (k, _):
+                one.add(builder, builder.add(begin, k), loaded)
+                two.add(builder, builder.add(half, k), loaded)
+            for stream, origin, stop in ((one, begin, half), (two, half, end)):
+                rest = builder.add(origin, both)
+                with cgutils.for_range_slice(builder, rest, stop, _WHOLE(1), intp=_WHOLE) as (entry, _):
+                    stream.add(builder, entry, loaded)
+
+        with builder.if_else(builder.icmp_signed(">", rows, _WHOLE(1))) as (with_loads, without):
+            with with_loads:
+                summed(True)
+            with without:
+                summed(False)
         return context.get_dummy_value()
 
-    return types.none(code, types.int64, types.int64, load, external, types.int64, total), generated
+    return types.none(code, start, types.int64, types.int64, load, external, total), generated

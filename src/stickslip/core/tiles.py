@@ -12,9 +12,10 @@ import numba
 import numpy as np
 from numba import njit, prange
 
-from .blocks import BARE, LANES, SCRATCH, STUCK_AGAIN, evaluated
+from .blocks import BARE, STUCK_AGAIN, evaluated
 from .forces import CLOSED, OPENED, REACHED_LIMIT, record_event
 from .frame import STRETCH, TURN, begun, course_at, finished
+from .lanes import KICK, KICK_T, LANES, RADIUS, SCRATCH, SPIN, SPIN_AHEAD, VELOCITY, VELOCITY_AHEAD, aligned
 from .plan import DONE, FULL, MOVED, pooled
 from .state import OPEN, SLIDE
 from .sums import IS_FIRST, IS_I, ROW, WIDTH, summed_rows
@@ -110,10 +111,11 @@ def _moved(dim, predict, moving, pace, flow, g, half, go_on, fx, fy, fz, tx, ty,
     Returns the squared distance from where the blocks were chosen.
     """
     body, angle, free, origin = moving.body, moving.angle, moving.free, moving.origin
-    a, b, dt = moving.kick[g, 0], moving.kick[g, 1], pace.dt
+    a, b, dt = body[g, KICK], body[g, KICK_T], pace.dt
     keep, slow, keep_t, slow_t = pace.keep, pace.slow, pace.keep_t, pace.slow_t
-    x, y, z, vx, vy, vz = body[g, 0], body[g, 1], body[g, 2], body[g, 3], body[g, 4], body[g, 5]
-    wx, wy, wz = body[g, 6], body[g, 7], body[g, 8]
+    x, y, z = body[g, 0], body[g, 1], body[g, 2]
+    vx, vy, vz = body[g, VELOCITY], body[g, VELOCITY + 1], body[g, VELOCITY + 2]
+    wx, wy, wz = body[g, SPIN], body[g, SPIN + 1], body[g, SPIN + 2]
     # a test for None stands by itself: it is decided before types are, and what it guards is not compiled
     if flow is not None:  # noqa: SIM102
         if half:
@@ -140,9 +142,9 @@ def _moved(dim, predict, moving, pace, flow, g, half, go_on, fx, fy, fz, tx, ty,
             vx, vy = _given(flow, when, free, g, 0, vx), _given(flow, when, free, g, 1, vy)
             vz, wz = _given(flow, when, free, g, 2, vz), _given(flow, when, free, g, 5, wz)
             wx, wy = _given(flow, when, free, g, 3, wx), _given(flow, when, free, g, 4, wy)
-    body[g, 3], body[g, 4], body[g, 8] = vx, vy, wz
+    body[g, VELOCITY], body[g, VELOCITY + 1], body[g, SPIN + 2] = vx, vy, wz
     if dim == 3:
-        body[g, 5], body[g, 6], body[g, 7] = vz, wx, wy
+        body[g, VELOCITY + 2], body[g, SPIN], body[g, SPIN + 1] = vz, wx, wy
     if not go_on:
         return 0.0
     x, y, z = _drifted(flow, dt, x, y, z, vx, vy, vz)
@@ -162,17 +164,18 @@ def _moved(dim, predict, moving, pace, flow, g, half, go_on, fx, fy, fz, tx, ty,
         ahead, whole = moving.ahead, moving.whole[g]
         if flow is not None:
             vx, vy, vz = _turned(flow, free, g, vx, vy, vz)
-        ahead[g, 0] = vx + a * fx if whole or free[g, 0] else vx
-        ahead[g, 1] = vy + a * fy if whole or free[g, 1] else vy
-        ahead[g, 5] = wz + b * tz if whole or free[g, 5] else wz
+        ahead[g, VELOCITY_AHEAD] = vx + a * fx if whole or free[g, 0] else vx
+        ahead[g, VELOCITY_AHEAD + 1] = vy + a * fy if whole or free[g, 1] else vy
+        ahead[g, SPIN_AHEAD + 2] = wz + b * tz if whole or free[g, 5] else wz
         if dim == 3:
-            ahead[g, 2] = vz + a * fz if whole or free[g, 2] else vz
-            ahead[g, 3] = wx + b * tx if whole or free[g, 3] else wx
-            ahead[g, 4] = wy + b * ty if whole or free[g, 4] else wy
+            ahead[g, VELOCITY_AHEAD + 2] = vz + a * fz if whole or free[g, 2] else vz
+            ahead[g, SPIN_AHEAD] = wx + b * tx if whole or free[g, 3] else wx
+            ahead[g, SPIN_AHEAD + 1] = wy + b * ty if whole or free[g, 4] else wy
         if flow is not None:  # noqa: SIM102
             if not whole:
                 for k in range(6):
-                    ahead[g, k] = _given(flow, 1, free, g, k, ahead[g, k])
+                    c = VELOCITY_AHEAD + k if k < 3 else SPIN_AHEAD + k - 3
+                    ahead[g, c] = _given(flow, 1, free, g, k, ahead[g, c])
     square = dx * dx + dy * dy + dz * dz
     return square if square < _LOST else _LOST
 
@@ -197,13 +200,12 @@ def _pressed(virial, blocks, first, last):
 @njit(fastmath=False, **BARE)
 def _summed(flow, moving, blocks, first, last, total):
     """External loads plus those of all contacts of at most CHUNK bodies, in the order of their partners."""
-    external, code, start = moving.external, blocks.code, blocks.start
-    summed_rows(code, np.int64(start[first]), np.int64(start[last]), blocks.load, external, np.int64(first), total)
+    summed_rows(blocks.code, blocks.start, np.int64(first), np.int64(last), blocks.load, moving.external, total)
     if flow is not None:
         _pressed(moving.virial, blocks, first, last)
     for at in range(first, last):
         g, t = np.uint64(at), np.uint64(at - first)
-        own, radius = g if len(moving.torque) > 1 else np.uint64(0), moving.body[g, 9]
+        own, radius = g if len(moving.torque) > 1 else np.uint64(0), moving.body[g, RADIUS]
         for k in range(np.uint64(3)):
             total[t, 3 + k] = moving.torque[own, k] + radius * total[t, 3 + k]
 
@@ -296,7 +298,7 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
         cross, inner = blocks.cross, blocks.inner
         tiles, workers, dt, watch = len(tile) - 1, len(moving.share) - 1, pace.dt, len(events) > 0
         far, before = np.zeros(tiles + 1), np.zeros(inner[tiles] * LANES if watch else 0, np.int8)
-        sums = np.empty((CHUNK, WIDTH))
+        sums = aligned(CHUNK, WIDTH)
         while True:
             if not ended:
                 if watch:
@@ -314,7 +316,7 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
                             flow, scratch,
                         )  # fmt: skip
                 for k in prange(workers):
-                    scratch, total = np.empty(SCRATCH), np.empty((CHUNK, WIDTH))
+                    scratch, total = np.empty(SCRATCH), aligned(CHUNK, WIDTH)
                     for t in range(share[k], share[k + 1]):
                         for within in range(1 if parallel else 0, 2):
                             first, last = (inner[t], inner[t + 1]) if within else (cross[t], cross[t + 1])
@@ -362,7 +364,10 @@ def fastest(moving):
     """Largest speed of a body [length/time]."""
     most = 0.0
     for g in range(len(moving.order)):
-        most = max(most, moving.body[g, 3] ** 2 + moving.body[g, 4] ** 2 + moving.body[g, 5] ** 2)
+        square = 0.0
+        for k in range(3):
+            square += moving.body[g, VELOCITY + k] ** 2
+        most = max(most, square)
     return np.sqrt(most)
 
 
@@ -386,5 +391,5 @@ def exported(moving, out):
     for g in range(len(moving.order)):
         a = moving.order[g]
         for k in range(3):
-            out.position[a, k], out.velocity[a, k] = moving.body[g, k], moving.body[g, 3 + k]
-            out.spin[a, k], out.angle[a, k] = moving.body[g, 6 + k], moving.angle[g, k]
+            out.position[a, k], out.velocity[a, k] = moving.body[g, k], moving.body[g, VELOCITY + k]
+            out.spin[a, k], out.angle[a, k] = moving.body[g, SPIN + k], moving.angle[g, k]
