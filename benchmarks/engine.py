@@ -11,7 +11,7 @@ from rich.console import Console
 
 HERE, STORE = Path(__file__).parent, Path("results") / "benchmark-packings"
 ROUNDS = 5
-SIZE_ROUNDS, SIZE_STEPS = 3, 400
+SIZE_ROUNDS, SIZE_STEPS = 3, 300
 console = Console()
 PEERS = ("gran/hertz/history", "granular")
 
@@ -95,25 +95,27 @@ def row(case: str, n: int, threads: int, ours: float, peer: float | None, name: 
 def sizes(counts) -> list[dict]:
     """Grain-steps a second from few to many grains over those of a thousand, all for as many steps, and memory.
 
-    The sizes take turns, and before and after each large one a thousand grains run: processors of several tenants
-    change their pace within minutes. The ratio is the median over the rounds.
+    On one core, and on all cores, which is what a run takes by default where there are grains enough; a thousand grains
+    take one either way. The sizes take turns, and before and after each large one a thousand grains run: processors of
+    several tenants change their pace within minutes. The ratio is the median over the rounds.
     """
-    few, many = counts[0], counts[1:]
-    rates, ratios, memory = {n: [] for n in counts}, {n: [] for n in many}, []
+    few, cores = counts[0], os.cpu_count() or 1
+    sides = [(n, threads) for n in counts[1:] for threads in sorted({1, cores})]
+    rates, ratios, memory = {side: [] for side in [(few, 1), *sides]}, {side: [] for side in sides}, []
     for _ in range(SIZE_ROUNDS):
-        for n in many:
+        for side in sides:
             found = {}
-            for size in (few, n, few):
-                seconds, taken = timed("ours", scene(3, 0.66, size, 0.001), SIZE_STEPS)
-                found.setdefault(size, []).append(size / seconds)
-                memory += [taken] if size == counts[-1] else []
-            ratios[n].append(max(found[n]) / np.mean(found[few]))
-            for size, rate in found.items():
-                rates[size] += rate
+            for n, threads in ((few, 1), side, (few, 1)):
+                seconds, taken = timed("ours", scene(3, 0.66, n, 0.001), SIZE_STEPS, threads)
+                found.setdefault((n, threads), []).append(n / seconds)
+                memory += [taken] if (n, threads) == (counts[-1], 1) else []
+            ratios[side].append(max(found[side]) / np.mean(found[few, 1]))
+            for one, rate in found.items():
+                rates[one] += rate
     out = []
-    for n in many:
-        line = row("dense spheres over those of 1000", n, 1, max(rates[n]), max(rates[few]), "ours, n = 1000")
-        out.append(line | {"ratio": float(np.median(ratios[n]))})
+    for side in sides:
+        line = row("dense spheres over those of 1000", *side, max(rates[side]), max(rates[few, 1]), "ours, n = 1000")
+        out.append(line | {"ratio": float(np.median(ratios[side]))})
     return [*out, row("memory a grain", counts[-1], 1, max(memory) / counts[-1], 1500.0, "budget", "bytes")]
 
 

@@ -10,7 +10,7 @@ WIDTH = 8  # numbers in a row of loads: three of a force, three of a torque, two
 # force is not turned round; it is the body's first row
 IS_FIRST, IS_I, ROW = 1, 2, 64  # 64 bytes: the code is where the row lies
 
-_WHOLE, _HALF, _BYTE = ir.IntType(64), ir.IntType(32), ir.IntType(8)
+_WHOLE, _BYTE = ir.IntType(64), ir.IntType(8)
 _NUMBERS, _BITS = ir.VectorType(ir.DoubleType(), WIDTH), ir.VectorType(_WHOLE, WIDTH)
 _SIGNS = [[-1.0] * 3 + [1.0] * 5, [1.0] * 8]  # of a row where the body is j, and where it is i
 
@@ -32,13 +32,13 @@ def _vector(builder, data, at, kind=_NUMBERS):
 class _Stream:
     """Sums of a stretch of bodies, one entry of `code` after another."""
 
-    def __init__(self, builder, tables, arrays, first, total):
+    def __init__(self, builder, tables, pointers, first, origin):
         self.signs, self.kept = tables
-        self.code, self.load, self.external, self.total = arrays
-        # the body before the first one, in bytes of a row
-        self.body = cgutils.alloca_once_value(builder, builder.sub(builder.mul(first, _WHOLE(ROW)), _WHOLE(ROW)))
+        self.code, self.load, self.external, self.total = pointers
+        self.origin = origin  # where the row of the first of all bodies lies, in bytes, as of all that follows
+        before = builder.sub(builder.mul(first, _WHOLE(ROW)), _WHOLE(ROW))
+        self.body = cgutils.alloca_once_value(builder, before)
         self.sums = cgutils.alloca_once_value(builder, ir.Constant(_NUMBERS, [0.0] * WIDTH))
-        self.shift = total
 
     def add(self, builder, entry, loaded: bool):
         """Take one entry; there is no branch, as what is a body's first row cannot be foreseen."""
@@ -59,7 +59,7 @@ class _Stream:
         )
         now = builder.call(fused, [row, signs, builder.bitcast(before, _NUMBERS)])
         builder.store(now, self.sums)
-        builder.store(now, _vector(builder, self.total, builder.sub(body, self.shift)), align=8)
+        builder.store(now, _vector(builder, self.total, builder.sub(body, self.origin)), align=8)
 
 
 @intrinsic
@@ -86,22 +86,22 @@ def summed_rows(typingctx, code, start, first, last, load, external, total):
             _table(builder.module, "signs", [ir.Constant(_NUMBERS, _SIGNS[k // IS_I]) for k in range(4)], _NUMBERS),
             _table(builder.module, "kept", [ir.Constant(_BITS, kept[k]) for k in range(4)], _BITS),
         )
-        shift = builder.mul(first, _WHOLE(ROW))
+        origin = builder.mul(first, _WHOLE(ROW))
 
         def bound(body):
             return builder.zext(builder.load(builder.gep(start, [body])), _WHOLE)
 
         def summed(loaded):
             pointers = (code, load, external, total)
-            one, two = (_Stream(builder, tables, pointers, body, shift) for body in (first, middle))
+            one, two = (_Stream(builder, tables, pointers, body, origin) for body in (first, middle))
             begin, half, end = bound(first), bound(middle), bound(last)
             sizes = builder.sub(half, begin), builder.sub(end, half)
             both = builder.select(builder.icmp_signed("<", *sizes), *sizes)
             with cgutils.for_range_slice(builder, _WHOLE(0), both, _WHOLE(1), intp=_WHOLE) as (k, _):
                 one.add(builder, builder.add(begin, k), loaded)
                 two.add(builder, builder.add(half, k), loaded)
-            for stream, origin, stop in ((one, begin, half), (two, half, end)):
-                rest = builder.add(origin, both)
+            for stream, own, stop in ((one, begin, half), (two, half, end)):
+                rest = builder.add(own, both)
                 with cgutils.for_range_slice(builder, rest, stop, _WHOLE(1), intp=_WHOLE) as (entry, _):
                     stream.add(builder, entry, loaded)
 

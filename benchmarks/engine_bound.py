@@ -1,0 +1,106 @@
+"""What bounds time steps of large packings: `python -m benchmarks.engine_bound [GRAINS]`.
+
+Counts what a step moves between memory and cache, streams and lines that lie anywhere, measures what both cost on this
+core, and prints their sum beside the time that a grain-step takes beyond that of a packing which fits into the cache.
+"""
+
+import sys
+import time
+
+import numpy as np
+from numba import njit
+
+import stickslip as ss
+from stickslip.core import many
+from stickslip.core.blocks import LANES
+
+from .engine import scene
+
+LAW, DT, STEPS = ss.hertz_mindlin_reff(2.0, 4 / 7, 0.5), 0.1, 300
+
+
+@njit
+def _streamed(values):
+    for k in range(len(values)):
+        values[k] += 1.0
+
+
+@njit
+def _visited(values, line):
+    total = 0.0
+    for k in range(len(line)):
+        total += values[8 * line[k]]
+    return total
+
+
+def best(work, rounds: int = 5) -> float:
+    """Least seconds of several."""
+    found = []
+    for _ in range(rounds + 1):  # the first one compiles
+        start = time.perf_counter()
+        work()
+        found.append(time.perf_counter() - start)
+    return min(found[1:])
+
+
+def costs() -> tuple[float, float]:
+    """Nanoseconds a byte of a stream that is read and written, and a line of 64 bytes that lies anywhere."""
+    values = np.ones(1 << 26)  # 512 MB, more than any cache
+    line = np.random.default_rng(0).permutation(len(values) // 8)
+    stream, lines = best(lambda: _streamed(values)), best(lambda: _visited(values, line), 2)
+    return 1e9 * stream / (16 * len(values)), 1e9 * lines / len(line)
+
+
+def moved(n: int) -> tuple[float, float]:
+    """Bytes of streams, and lines that lie anywhere, a grain-step."""
+    seen, chosen = [], many.chosen_blocks
+
+    def watched(*args):
+        seen.append((chosen(*args), args[2]))
+        return seen[-1][0]
+
+    many.chosen_blocks = watched
+    try:
+        ss.run(packing(n), LAW, 10, DT, threads=1)
+    finally:
+        many.chosen_blocks = chosen
+    blocks, moving = seen[-1]
+    slots, cross = LANES * blocks.inner[-1] / n, LANES * blocks.cross[-1] / n
+    a_slot = 2 * blocks.i.itemsize + 8 * (len(blocks.size) > 0) + 2 * (3 * 8 + 1)  # slip and mode are written, too
+    a_grain = 2 * (moving.body[0].nbytes + moving.angle[0].nbytes) + moving.origin[0].nbytes + 1
+    a_grain += blocks.code.itemsize * 2 * slots + blocks.start.itemsize
+    # of a pair across tiles: two lines of the other body, and a row of loads that is written now and read later
+    return slots * a_slot + a_grain, cross * (2 + 2)
+
+
+def packing(n: int):
+    """The benchmark's dense spheres."""
+    held = dict(np.load(scene(3, 0.66, n, 0.001)))
+    grains = ss.spheres(held["position"], held["radius"], mass=held["mass"], velocity=held["velocity"])
+    return ss.assembly(grains, cell=ss.box([float(held["size"])] * 3, [True] * 3, 3), skin=0.2)
+
+
+def taken(counts) -> list[float]:
+    """Nanoseconds a grain-step of each size, in turns, the least of three."""
+    states = [ss.run(packing(n), LAW, 100, DT, threads=1)[0] for n in counts]
+    found = [[] for _ in counts]
+    for _ in range(3):
+        for n, state, times in zip(counts, states, found, strict=True):
+            start = time.perf_counter()
+            ss.run(state, LAW, STEPS, DT, threads=1)
+            times.append(1e9 * (time.perf_counter() - start) / STEPS / n)
+    return [min(times) for times in found]
+
+
+def main() -> None:
+    """Print the account."""
+    n = int(float(sys.argv[1])) if len(sys.argv) > 1 else 100_000
+    (stream, line), (size, lines), (few, many_grains) = costs(), moved(n), taken((1000, n))
+    beyond = many_grains - few
+    print(f"{n} grains: {many_grains:.0f} ns a grain-step; 1000 grains: {few:.0f} ns; beyond them {beyond:.0f} ns")
+    print(f"  streams: {size:.0f} bytes at {1 / stream:.1f} GB/s: {size * stream:.0f} ns")
+    print(f"  lines that lie anywhere: {lines:.1f} at {line:.0f} ns: {lines * line:.0f} ns")
+
+
+if __name__ == "__main__":
+    main()
