@@ -104,6 +104,11 @@ def show(rows: list[dict]) -> None:
     console.print(table)
 
 
+def _which(row: dict) -> tuple:
+    """What tells one row from another."""
+    return row["case"], row["n"], row["threads"], row["peer_name"]
+
+
 def versions() -> dict:
     """Versions of what took part."""
     found = {"python": platform.python_version()}
@@ -138,9 +143,9 @@ def main() -> None:
         rows += rate_state.rows()
     show(rows)
     path, today = Path("bench.json"), datetime.now(UTC).date().isoformat()
-    measured, rows = {row["case"] for row in rows}, [row | {"date": today} for row in rows]
-    if path.exists():  # a part that was not run keeps its rows, each with the date of its measurement
-        rows += [row for row in json.loads(path.read_text(encoding="utf-8"))["results"] if row["case"] not in measured]
+    measured, rows = {_which(row) for row in rows}, [row | {"date": today} for row in rows]
+    if path.exists():  # a row that was not measured stays, each with the date of its measurement
+        rows += [row for row in json.loads(path.read_text(encoding="utf-8"))["results"] if _which(row) not in measured]
     machine = f"{platform.machine()}, {os.cpu_count()} cores, {platform.system()}"
     report = {"machine": machine, "versions": versions(), "date": today, "results": rows}
     path.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
