@@ -16,6 +16,7 @@ import uuid
 from collections.abc import Iterable
 from contextlib import contextmanager
 from enum import Enum
+from functools import cache
 from pathlib import Path
 
 import h5py
@@ -72,8 +73,9 @@ def _sealed(image: bytes) -> bytes:
     return _SEAL + hashlib.sha256(image).hexdigest().encode().ljust(_BLOCK - len(_SEAL), b"\n") + image
 
 
+@cache
 def versions() -> str:
-    """Versions of what numbers may depend on."""
+    """Versions of what numbers may depend on; found once, as finding them takes as long as writing a state."""
     from importlib.metadata import version
 
     return ", ".join([f"python {platform.python_version()}", *(f"{name} {version(name)}" for name in _VERSIONS)])
@@ -143,7 +145,7 @@ def _check_schema(path, schema) -> None:
         raise ArchiveError(f"{path} has archive schema {schema}, and this version reads schema {SCHEMA}: {remedy}")
 
 
-def _put(group, name: str, value, si: bool) -> None:
+def _put(group, name: str, value, si: bool, noun: str | None = None) -> None:
     if isinstance(value, Contacts):
         value = trimmed(value)
     if isinstance(value, Enum):
@@ -152,9 +154,9 @@ def _put(group, name: str, value, si: bool) -> None:
         return
     if hasattr(value, "_asdict"):
         child = group.create_group(name)
-        child.attrs["noun"] = type(value).__name__
+        child.attrs["noun"] = noun = type(value).__name__
         for key, item in value._asdict().items():
-            _put(child, key, item, si)
+            _put(child, key, item, si, noun)
         if isinstance(value, Law) and isinstance(value.kind, Kind):
             _put(child, "own", described(value), si)
     elif isinstance(value, dict):
@@ -170,10 +172,10 @@ def _put(group, name: str, value, si: bool) -> None:
         for k, item in enumerate(value):
             _put(child, f"{k:06d}", item, si)
     else:
-        _put_array(group, name, value, si)
+        _put_array(group, name, value, si, noun)
 
 
-def _put_array(group, name: str, value, si: bool) -> None:
+def _put_array(group, name: str, value, si: bool, noun: str | None) -> None:
     if value is None:
         group.create_dataset(name, data=h5py.Empty("f8"))
         return
@@ -187,7 +189,7 @@ def _put_array(group, name: str, value, si: bool) -> None:
     made = group.create_dataset(name, data=array, **options)
     if isinstance(value, tuple | list):
         made.attrs["sequence"] = type(value).__name__
-    if array.dtype.kind in "fc" and (unit := unit_of(name, noun=group.attrs.get("noun"), si=si)):
+    if array.dtype.kind in "fc" and (unit := unit_of(name, noun=noun, si=si)):
         made.attrs["units"] = unit
 
 
