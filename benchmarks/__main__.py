@@ -14,6 +14,7 @@ from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
@@ -94,13 +95,16 @@ def budgets(full: bool) -> list[dict]:
 
 def show(rows: list[dict]) -> None:
     """The table on the terminal."""
-    table = Table(title="Benchmarks of this run")
-    for name in ("case", "ours", "peer or budget", "ratio"):
-        table.add_column(name, justify="left" if name == "case" else "right", overflow="fold")
+    table = Table(
+        title="Benchmarks of this run (grain-steps/s where no unit stands)", box=SIMPLE_HEAD, padding=(0, 1, 0, 0)
+    )
+    for name in ("case", "grains", "threads", "ours", "peer", "", "ratio"):
+        table.add_column(name, justify="left" if name in ("case", "") else "right", overflow="fold")
     for row in rows:
-        peer = "–" if row["peer"] is None else f"{row['peer']:.4g} {row['unit']} ({row['peer_name']})"
+        case = row["case"] if row["unit"] in ("", "grain-steps/s") else f"{row['case']} [dim]({row['unit']})[/]"
+        peer = ("–", "") if row["peer"] is None else (f"{row['peer']:.4g}", row["peer_name"])
         ratio = "–" if row["ratio"] is None else f"{row['ratio']:.2f}"
-        table.add_row(row["case"], f"{row['ours']:.4g} {row['unit']}", peer, ratio)
+        table.add_row(case, f"{row['n']:,}", str(row["threads"]), f"{row['ours']:.4g}", *peer, ratio)
     console.print(table)
 
 

@@ -14,9 +14,9 @@ import stickslip as ss
 from stickslip.core import many
 from stickslip.core.blocks import LANES
 
-from .engine import scene
+from .engine import FEWEST_STEPS, GRAIN_STEPS, scene
 
-LAW, DT, STEPS = ss.hertz_mindlin_reff(2.0, 4 / 7, 0.5), 0.1, 300
+LAW, DT = ss.hertz_mindlin_reff(2.0, 4 / 7, 0.5), 0.1
 
 
 @njit
@@ -86,9 +86,9 @@ def taken(counts) -> list[float]:
     found = [[] for _ in counts]
     for _ in range(3):
         for n, state, times in zip(counts, states, found, strict=True):
-            start = time.perf_counter()
-            ss.run(state, LAW, STEPS, DT, threads=1)
-            times.append(1e9 * (time.perf_counter() - start) / STEPS / n)
+            steps, start = max(FEWEST_STEPS, GRAIN_STEPS // n), time.perf_counter()
+            ss.run(state, LAW, steps, DT, threads=1)
+            times.append(1e9 * (time.perf_counter() - start) / steps / n)
     return [min(times) for times in found]
 
 

@@ -101,12 +101,14 @@ def no_blocks() -> Blocks:
 @njit(cache=True, _nrt=False)
 def committed(blocks, contacts):
     """Write slip and mode of all blocks back to their rows in the list of contacts."""
-    for s in range(blocks.inner[-1] * LANES):
-        c = blocks.row[s]
-        if c >= 0:
-            b, l = s // LANES, s % LANES
-            for m in range(3):
-                contacts.slip[c, m] = blocks.slip[(3 * b + m) * LANES + l]
+    lanes = np.uint64(LANES)
+    for s in range(
+        np.uint64(blocks.inner[-1]) * lanes
+    ):  # unsigned, so that no index is checked for counting from the end
+        if blocks.row[s] >= 0:
+            c, b, l = np.uint64(blocks.row[s]), s // lanes, s % lanes
+            for m in range(np.uint64(3)):
+                contacts.slip[c, m] = blocks.slip[(np.uint64(3) * b + m) * lanes + l]
             mode = blocks.mode[s]
             contacts.mode[c] = STICK if mode == STUCK_AGAIN else SLIDE if mode == LOOSE else mode
             contacts.reached[c] = mode in (SLIDE, STUCK_AGAIN)

@@ -164,7 +164,7 @@ class _March:
         moving.origin[:], self.limit = moving.body[:, :3], (0.5 * reach) ** 2
         across = np.eye(3) if self.imposed else state.cell.vectors
         self.blocks = chosen_blocks(
-            self.blocks, self.contacts, moving, known.radius, known.inverse_mass, known.material, known.normal,
+            self.blocks, self.contacts, moving, known.inverse_mass, known.material, known.normal,
             state.cell.vectors, across, reach + gap_listed(self.contacts), len(self.law.table),
             needs_radius(self.law.kind, self.viscous), self.viscous,
         )  # fmt: skip

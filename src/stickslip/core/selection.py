@@ -35,8 +35,8 @@ def _room(old, need):
 def _first_rows(contacts, bodies):
     """(B + 1,) first row of each body in the list, which is sorted by the first body of each pair."""
     first = np.zeros(bodies + 1, np.int32)
-    for c in range(contacts.count[0]):
-        first[contacts.i[c] + 1] += 1
+    for c in range(np.uint64(contacts.count[0])):
+        first[np.uint64(contacts.i[c]) + np.uint64(1)] += 1
     for a in range(bodies):
         first[a + 1] += first[a]
     return first
@@ -52,11 +52,11 @@ def _chosen(
     then those within each, each class of materials for itself. Returns how many there are.
     """
     order, body, image, mode, last = moving.order, moving.body, contacts.image, contacts.mode, len(moving.tile) - 1
-    tiles, number, n = tile_of[-1] + 1, 0, len(order) - len(normal)
-    for g in range(len(order)):
-        a = order[g]
-        for c in range(first[a], first[a + 1]):
-            z = contacts.j[c]
+    tiles, number, n = tile_of[-1] + 1, np.uint64(0), np.uint64(len(order) - len(normal))
+    for g in range(np.uint64(len(order))):  # unsigned, so that no index is checked for counting from the end
+        a = np.uint64(order[g])
+        for c in range(np.uint64(first[a]), np.uint64(first[a + np.uint64(1)])):
+            z = np.uint64(contacts.j[c])
             h = np.uint64(internal[z])
             dx, dy, dz = body[g, 0] - body[h, 0], body[g, 1] - body[h, 1], body[g, 2] - body[h, 2]
             near = reach + body[g, RADIUS] + body[h, RADIUS]
@@ -71,12 +71,12 @@ def _chosen(
             if close or mode[c] != OPEN:
                 own, other = tile_of[g], tile_of[h]
                 group = min(own, other) + (tiles if own == other and own < last else 0)
-                kind = (group * materials + material[a]) * materials + material[z]
+                kind = group if materials == 1 else (group * materials + material[a]) * materials + material[z]
                 row[number], bucket[number] = c, 2 * kind + (z >= n)
-                held[bucket[number]] += 1
-                start[h + 2] += 1
-                start[g + 2] += 1
-                number += 1
+                held[np.uint64(bucket[number])] += 1
+                start[h + np.uint64(2)] += 1
+                start[g + np.uint64(2)] += 1
+                number += np.uint64(1)
     return number
 
 
@@ -151,16 +151,18 @@ def _order_of_summation(contacts, loads, internal, start, code, nothing):
 
     A body without any gets the row `nothing`, so that it has a first one, too.
     """
+    one = np.uint64(1)
     for a in range(len(internal)):
         held = start[a + 2]
         start[a + 2] = start[a + 1] + max(held, 1)
         if held == 0:
             code[start[a + 1]] = nothing * ROW
             start[a + 1] += 1
-    for c in range(contacts.count[0]):
+    for c in range(np.uint64(contacts.count[0])):
         if loads[c] >= 0:
-            a, z = internal[contacts.i[c]] + 1, internal[contacts.j[c]] + 1
-            code[start[z]], code[start[a]] = loads[c] * ROW, loads[c] * ROW + IS_I
+            a = np.uint64(internal[np.uint64(contacts.i[c])]) + one
+            z = np.uint64(internal[np.uint64(contacts.j[c])]) + one
+            code[np.uint64(start[z])], code[np.uint64(start[a])] = loads[c] * ROW, loads[c] * ROW + IS_I
             start[z] += 1
             start[a] += 1
     for a in range(len(internal)):
@@ -169,25 +171,27 @@ def _order_of_summation(contacts, loads, internal, start, code, nothing):
 
 @njit(cache=True, error_model="numpy", _nrt=False)
 def _filled(
-    contacts, picked, bucket, filled, internal, material, walls, radius, inverse_mass, parts, loads
+    contacts, picked, bucket, filled, internal, materials, material, walls, radius, inverse_mass, parts, loads
 ):  # fmt: skip
     """Write the pairs that were picked into the lanes of their buckets' blocks; mark the blocks that need vectors."""
     i, j, row, size, mass, slip, mode, place, pair, wall, at = parts
-    n, image = len(internal) - walls, contacts.image
-    for p in range(len(picked)):
-        c, s = picked[p], filled[bucket[p]]
-        filled[bucket[p]] = s + 1
-        b, l = s // LANES, s % LANES
-        a, z = contacts.i[c], contacts.j[c]
+    n, image, lanes = np.uint64(len(internal) - walls), contacts.image, np.uint64(LANES)
+    for p in range(np.uint64(len(picked))):  # unsigned, see `_chosen`
+        c, within = np.uint64(picked[p]), np.uint64(bucket[p])
+        s = np.uint64(filled[within])
+        filled[within] += 1
+        b, l = s // lanes, s % lanes
+        a, z = np.uint64(contacts.i[c]), np.uint64(contacts.j[c])
         is_wall = z >= n
-        i[s], j[s], row[s] = internal[a], internal[z], c
-        pair[b, 0], pair[b, 1], wall[b] = material[a], material[z], is_wall
+        i[s], j[s], row[s], wall[b] = internal[a], internal[z], c, is_wall
+        if materials > 1:
+            pair[b, 0], pair[b, 1] = material[a], material[z]
         if len(size):
-            size[s] = effective_radius(radius, a, z, is_wall)
+            size[s] = effective_radius(radius, np.uint64(i[s]), np.uint64(j[s]), is_wall)
         if len(mass):
             mass[s] = effective_mass(inverse_mass, a, z)
-        for m in range(3):
-            slip[(3 * b + m) * LANES + l] = contacts.slip[c, m]
+        for m in range(np.uint64(3)):
+            slip[(np.uint64(3) * b + m) * lanes + l] = contacts.slip[c, m]
         if is_wall or image[c, 0] != 0 or image[c, 1] != 0 or image[c, 2] != 0:
             at[b] = 0
         was = contacts.mode[c]
@@ -201,7 +205,7 @@ def _filled(
 
 @njit(cache=True, error_model="numpy")
 def chosen_blocks(
-    old, contacts, moving, radius, inverse_mass, material, normal, vectors, across, reach, materials, by_size, viscous
+    old, contacts, moving, inverse_mass, material, normal, vectors, across, reach, materials, by_size, viscous
 ):  # fmt: skip
     """Blocks of all pairs nearer than `reach`, in the memory of `old` ones; bodies' properties in the state's order.
 
@@ -235,8 +239,8 @@ def chosen_blocks(
     most = _rows_of_loads(place, bound, top, crossing, moving.share)
     filled, loads = first[:-1] * LANES, np.full(count, -1, np.int32)
     _filled(
-        contacts, picked[:active], bucket, filled, internal, material, len(normal), radius, inverse_mass,
-        (i, j, row, size, mass, slip, mode, place, pair, wall, at), loads,
+        contacts, picked[:active], bucket, filled, internal, materials, material, len(normal), moving.body[:, RADIUS],
+        inverse_mass, (i, j, row, size, mass, slip, mode, place, pair, wall, at), loads,
     )  # fmt: skip
     far = 1.0 + reach
     for g in range(bodies):
