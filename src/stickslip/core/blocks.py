@@ -101,10 +101,8 @@ def no_blocks() -> Blocks:
 @njit(cache=True, _nrt=False)
 def committed(blocks, contacts):
     """Write slip and mode of all blocks back to their rows in the list of contacts."""
-    lanes = np.uint64(LANES)
-    for s in range(
-        np.uint64(blocks.inner[-1]) * lanes
-    ):  # unsigned, so that no index is checked for counting from the end
+    lanes = np.uint64(LANES)  # unsigned, so that no index is checked for counting from the end
+    for s in range(np.uint64(blocks.inner[-1]) * lanes):
         if blocks.row[s] >= 0:
             c, b, l = np.uint64(blocks.row[s]), s // lanes, s % lanes
             for m in range(np.uint64(3)):

@@ -202,32 +202,23 @@ def run(
     doi:10.48550/arXiv.1908.11724, Eqs 6–7 and the computational protocol of its supplement.
     """
     check_materials(state, law)
-    if not (np.isfinite(dt) and dt > 0):
-        raise ValueError(f"dt = {dt} was given: the time step must be positive")
-    if steps < 0 or every < 0:
-        raise ValueError(f"steps = {steps}, every = {every} were given: neither may be negative")
+    _check_arguments(law, steps, dt, every, ledger, memory, threads)
     instant = known_instant(state, law, memory)
     state = updated(state, law)
     check_time_step(state, law, driven_bodies(state), dt)
     grouped = bool(state.control.spring.any() or (state.control.group >= 0).any())
-    many = memory == "rate" or state.n_bodies >= MANY or imposes(state) or grouped
-    if rolls(law.kind):
-        many = _plain(state, memory, grouped)
+    only_many = memory == "rate" or imposes(state) or grouped  # what the plain stepper does not know
+    if rolls(law.kind) and only_many:
+        raise ValueError(
+            "a law with rolling resistance was given with a deforming cell, courses, rigid groups or springs, which "
+            "only the stepper for many grains knows: leave these or rolling_stiffness out"
+        )
+    many = only_many or (state.n_bodies >= MANY and not rolls(law.kind))
     plan = plan_of(state, drag, drag if spin_drag is None else spin_drag, dt, bare=many and not tolerance > 0)
     if tolerance > 0 and not (plan.drag[moved_by_forces(plan.motion)] > 0).all():
         raise ValueError("a tolerance was given without drag on every free component: rest is not reached without it")
     writing = writing_of(state, steps, every, probes, events, reference)
-    if ledger and not every:
-        raise ValueError("a ledger was asked for without samples: give every = 1 or more steps between entries")
     books = opened_books(len(writing.series), driven_bodies(state), state) if ledger else None
-    if memory not in ("difference", "rate"):
-        raise ValueError(f"memory={memory!r} was given: 'difference' and 'rate' are allowed")
-    if memory == "rate" and law.coulomb == SMOOTH:
-        raise ValueError("memory='rate' was given with a smooth law: LAMMPS knows sharp ones only, use coulomb='sharp'")
-    if memory == "rate" and isinstance(law.kind, Kind):
-        raise ValueError("memory='rate' was given with a user's law: it compares with LAMMPS, which has only its own")
-    if threads is not None and threads < 1:
-        raise ValueError(f"threads = {threads} was given: at least 1 is needed")
     if many:
         rate = int(memory == "rate")
         result = marched(state, law, plan, steps, tolerance, writing, books, instant, rate=rate, threads=threads)
@@ -245,14 +236,24 @@ def run(
     return end, record_of(writing, done, books), Outcome(ends.get(code, finished), residual, done, worst, how)
 
 
-def _plain(state: State, memory: str, grouped: bool) -> bool:
-    """False: laws that resist rolling take the plain sweep; ValueError in one sentence if what is asked cannot."""
-    if imposes(state) or grouped:
-        raise ValueError(
-            "a law with rolling resistance was given with a deforming cell, courses, rigid groups or springs, which "
-            "only the stepper for many grains knows: leave these or rolling_stiffness out"
-        )
-    return False
+def _check_arguments(
+    law: Law, steps: int, dt: float, every: int, ledger: bool, memory: str, threads: int | None
+) -> None:
+    """Raise ValueError with one sentence if an argument of `run` is not allowed."""
+    if not (np.isfinite(dt) and dt > 0):
+        raise ValueError(f"dt = {dt} was given: the time step must be positive")
+    if steps < 0 or every < 0:
+        raise ValueError(f"steps = {steps}, every = {every} were given: neither may be negative")
+    if ledger and not every:
+        raise ValueError("a ledger was asked for without samples: give every = 1 or more steps between entries")
+    if memory not in ("difference", "rate"):
+        raise ValueError(f"memory={memory!r} was given: 'difference' and 'rate' are allowed")
+    if memory == "rate" and law.coulomb == SMOOTH:
+        raise ValueError("memory='rate' was given with a smooth law: LAMMPS knows sharp ones only, use coulomb='sharp'")
+    if memory == "rate" and isinstance(law.kind, Kind):
+        raise ValueError("memory='rate' was given with a user's law: it compares with LAMMPS, which has only its own")
+    if threads is not None and threads < 1:
+        raise ValueError(f"threads = {threads} was given: at least 1 is needed")
 
 
 def _advanced(state: State, law: Law, plan: Plan, steps: int, tolerance: float, writing: Writing, books, instant):
