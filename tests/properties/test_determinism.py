@@ -99,8 +99,8 @@ def test_order_of_memory_and_tiles_do_not_matter(size, monkeypatch):
     law, state = make_law("hertz_mindlin_reff", "sharp", damping_n=0.3, damping_t=0.15), flowing(n=300, walls=True)
     plain, _, _ = ss.run(state, law, 120, 0.05)
     order = np.append(np.random.default_rng(size).permutation(300), [300, 301])
-    monkeypatch.setattr(many, "TILE", size)
-    monkeypatch.setattr(many, "_ordered", lambda state, radius: order)
+    tiles = np.append(np.arange(0, 300, size), 300)
+    monkeypatch.setattr(many, "_ordered", lambda state, threads: (order, tiles))
     shuffled, _, _ = ss.run(state, law, 120, 0.05)
     assert same_bits(plain, shuffled)
 

@@ -1,11 +1,11 @@
 """Contacts of many grains in vectorised blocks of 64: the fast way through the list that time stepping takes.
 
-Grains are kept in space-filling order and cut into tiles of neighbours. A block holds contacts of one pair of
-materials, either within one tile, or between a tile and later ones (`cross`), or with walls. Contacts are evaluated
-block by block; each grain then gathers the loads of its contacts in the order of its partners' numbers. A pair's
-orientation and the order of summation follow from the numbers of the grains in the state alone, and every contact
-goes through the same vector instructions, so that the bits of a trajectory depend neither on the number of threads
-nor on how memory happens to be ordered.
+Grains are cut into tiles of neighbours, all of a size, and lie along a curve in each. A block holds contacts of one
+pair of materials, either within one tile, or between a tile and later ones (`cross`), or with walls. Contacts are
+evaluated block by block; each grain then gathers the loads of its contacts in the order of its partners' numbers. A
+pair's orientation and the order of summation follow from the numbers of the grains in the state alone, and every
+contact goes through the same vector instructions, so that the bits of a trajectory depend neither on the number of
+threads nor on how memory happens to be ordered.
 
 Only touching and nearly touching pairs are in blocks. They are chosen anew from the list of contacts when a grain has
 moved by half the `reach` within which they were chosen.
@@ -39,7 +39,7 @@ from .sums import WIDTH
 # counted, which would take half of a step with dashpots; it is cached by itself, so that kernels of another law compile
 # in half the time
 BARE = {"error_model": "numpy", "forceinline": True, "_nrt": False, "cache": True}
-TILE = 2048
+TILE = 1024  # grains, at most
 # modes of a block's contact besides OPEN, STICK and SLIDE: it sticks but was at Coulomb's limit since it closed; it
 # slides because nothing presses it, and has not been at a limit
 STUCK_AGAIN, LOOSE = 3, 4
@@ -80,8 +80,8 @@ class Blocks(NamedTuple):
     slip: np.ndarray  # (K · 3 · LANES,)
     mode: np.ndarray  # (K LANES,) int8: OPEN, STICK, SLIDE, STUCK_AGAIN or LOOSE
     place: np.ndarray  # (K,) first row of a block's loads
-    cross: np.ndarray  # (T + 1,) bounds of the blocks that reach out of each tile
-    inner: np.ndarray  # (T + 1,) bounds of the blocks within each tile
+    cross: np.ndarray  # (T + 2,) bounds of the blocks that reach from a tile to later ones; then those between threads
+    inner: np.ndarray  # (T + 2,) bounds of the blocks within each tile
     load: np.ndarray  # (L, 8) force on i and −n × F_t, see `sums`
     pair: np.ndarray  # (L, 3) with a frame, the pair vectors; else (0, 3)
     start: np.ndarray  # (B + 1,) uint32: bounds of each body's part of `code`

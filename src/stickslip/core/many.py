@@ -30,7 +30,7 @@ from .plan import (
 )
 from .reach import gap_listed
 from .record import Writing, sample, sample_groups, with_lost
-from .selection import chosen_blocks, morton
+from .selection import chosen_blocks, halved, morton
 from .state import OPEN, Instant, State, deforms
 from .sums import WIDTH
 from .tiles import Pace, Pull, exported, fastest, marcher, strayed
@@ -46,18 +46,21 @@ def _threads(n: int, asked: int | None, watched: bool) -> int:
     return 1 if watched else min(available, max(1, n // WORTH) if asked is None else asked)
 
 
-def _ordered(state: State, radius: float) -> np.ndarray:
-    """(B,) bodies in the order in which they lie in memory: grains along a curve, the last tile's grains, walls."""
+def _ordered(state: State, threads: int) -> tuple[np.ndarray, np.ndarray]:
+    """(B,) bodies in the order in which they lie in memory: tile after tile, the last one's grains, walls.
+
+    And (T + 1,) bounds of the tiles, equally many for each thread; within each, grains lie along a curve.
+    """
     n, last = len(state.grains.radius), _in_last_tile(state)
-    single = np.flatnonzero(~last)
-    last = np.append(np.flatnonzero(last), np.arange(n, state.n_bodies))
-    if len(single) > TILE:
-        grid = grid_of(state.cell)
-        fraction = state.grains.position[single] @ grid.inverse
-        fraction -= np.where(grid.periodic, np.floor(fraction), 0.0)
-        low = np.where(grid.periodic, 0.0, fraction.min(axis=0))
-        single = single[np.argsort(morton(fraction, np.eye(3), low, 4.0 * radius / grid.height), kind="stable")]
-    return np.append(single, last)
+    single, grid = np.flatnonzero(~last), grid_of(state.cell)
+    fraction = state.grains.position[single] @ grid.inverse
+    x = (fraction - np.where(grid.periodic, np.floor(fraction), 0.0)) * grid.height
+    x -= x.min(axis=0, initial=np.inf)
+    tiles = threads * max(1, -(-len(single) // (threads * TILE)))
+    size = 2 * state.grains.radius.mean()
+    parts = [part[np.argsort(morton(x[part], size))] for part in halved(x, np.arange(len(single)), tiles)]
+    order = np.concatenate([*(single[part] for part in parts), np.flatnonzero(last), np.arange(n, state.n_bodies)])
+    return order, np.cumsum([0] + [len(part) for part in parts])
 
 
 def _in_last_tile(state: State) -> np.ndarray:
@@ -85,7 +88,7 @@ def _columns(rows: np.ndarray, order, parts: dict) -> np.ndarray:
 def _moving(state: State, plan: Plan, here: Bodies, predict: bool, imposed: bool, threads: int) -> Moving:
     """Working copy of all bodies in the order of memory."""
     n, dim, b = len(state.grains.radius), state.cell.dim, state.n_bodies
-    order = _ordered(state, float(state.grains.radius.mean()))
+    order, tile = _ordered(state, threads)
     mass, inertia = moved_masses(state), np.append(state.grains.inertia, np.ones(b - n))
     free = state.control.free.copy()
     free[n:, 3:] = False
@@ -97,9 +100,6 @@ def _moving(state: State, plan: Plan, here: Bodies, predict: bool, imposed: bool
         external[:, :3] = plan.external[0][order]
     if plan.external[1].any():
         torque = plan.external[1][order]
-    single = int((~_in_last_tile(state)).sum())
-    size = TILE if threads == 1 else min(TILE, -(-n // (4 * threads)))
-    tile = np.append(np.arange(0, single, size), single)
     place = np.empty(b, np.int64)
     place[order] = np.arange(b)
     half, ahead = 0.5 * plan.dt, aligned(b if predict else 0, BODY_AHEAD)
@@ -155,6 +155,7 @@ class _March:
     def choose(self) -> None:
         """Blocks of what may touch until some body has gone too far, and a new list if this one is too short for it."""
         state, moving, known = self.state, self.moving, self.known
+        committed(self.blocks, self.contacts)
         reach, skin = self._wanted()
         if skin > 0:
             self._list_anew(skin)
@@ -195,7 +196,6 @@ class _March:
             self.state = self.state._replace(
                 cell=self.state.cell._replace(vectors=vectors, rate=self.known.rate.copy())
             )
-        committed(self.blocks, self.contacts)
         return code
 
     def broken(self) -> tuple[int, int]:
@@ -210,7 +210,11 @@ class _March:
         return DONE, found
 
     def seen(self) -> Bodies:
-        """All bodies in the state's order, in fresh arrays: kept only while they are looked at, as memory counts."""
+        """All bodies in the state's order, in fresh arrays kept only while they are looked at, as memory counts.
+
+        What contacts remember is in the list, then, too.
+        """
+        committed(self.blocks, self.contacts)
         here = self.known._replace(**{name: np.empty_like(self.moving.angle) for name in _MOVES})
         exported(self.moving, here)
         return here
@@ -236,6 +240,7 @@ class _March:
 
     def end(self, skin: float) -> State:
         """The state at the last step, with a list of the given skin."""
+        committed(self.blocks, self.contacts)
         self.blocks = no_blocks()  # memory for what is given back
         clock = self.frame.clock if self.imposed else self.pull.clock if self.pull else [self._time()]
         pull, time = self.flow.matrix[PULL].copy() if self.imposed else np.zeros((3, 3)), float(clock[0])

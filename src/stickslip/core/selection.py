@@ -10,16 +10,24 @@ from .state import OPEN, SLIDE, STICK
 from .sums import IS_FIRST, IS_I, ROW, WIDTH
 
 
+def halved(x, rows, parts):
+    """Rows of points cut into parts of neighbours, halves of halves across the longest side, all of a size."""
+    if parts == 1:
+        return [rows]
+    side = int(np.argmax(np.ptp(x[rows], axis=0))) if len(rows) else 0
+    first = parts // 2
+    cut = len(rows) * first // parts
+    rows = rows[np.argpartition(x[rows, side], cut)] if 0 < cut < len(rows) else rows
+    return halved(x, rows[:cut], first) + halved(x, rows[cut:], parts - first)
+
+
 @njit(cache=True)
-def morton(x, inverse, low, size):
-    """(n,) places along a space-filling curve through cells of `size`."""
+def morton(x, size):
+    """(n,) places of points along a space-filling curve through cells of `size`; no coordinate may be negative."""
     key = np.zeros(len(x), np.int64)
     for a in range(len(x)):
         for k in range(3):
-            f = 0.0
-            for m in range(3):
-                f += (x[a, m] - low[m]) * inverse[m, k]
-            cell = np.int64(max(f, 0.0) / size[k])
+            cell = np.int64(x[a, k] / size)
             for bit in range(20):
                 key[a] |= ((cell >> bit) & 1) << (3 * bit + k)
     return key
@@ -44,15 +52,17 @@ def _first_rows(contacts, bodies):
 
 @njit(cache=True, error_model="numpy", _nrt=False)
 def _chosen(
-    contacts, moving, first, internal, tile_of, normal, vectors, reach, materials, material, row, bucket, start, held
+    contacts, moving, first, internal, tile_of, worker, normal, vectors, reach, materials, material, row, bucket, start,
+    held,
 ):  # fmt: skip
     """Rows of all pairs that touch or may soon touch, in the order of their first bodies in memory, and their buckets.
 
-    Fills `row` and `bucket`, counts pairs of each body in `start` and of each bucket in `held`: those between tiles,
-    then those within each, each class of materials for itself. Returns how many there are.
+    Fills `row` and `bucket`, counts pairs of each body in `start` and of each bucket in `held`: those that reach from a
+    tile to later ones of the same thread, those between threads and within the last tile, then those within each other
+    tile, each class of materials for itself. Returns how many there are.
     """
     order, body, image, mode, last = moving.order, moving.body, contacts.image, contacts.mode, len(moving.tile) - 1
-    tiles, number, n = tile_of[-1] + 1, np.uint64(0), np.uint64(len(order) - len(normal))
+    number, n = np.uint64(0), np.uint64(len(order) - len(normal))
     for g in range(np.uint64(len(order))):  # unsigned, so that no index is checked for counting from the end
         a = np.uint64(order[g])
         for c in range(np.uint64(first[a]), np.uint64(first[a + np.uint64(1)])):
@@ -69,8 +79,11 @@ def _chosen(
                     dz += image[c, 0] * vectors[0, 2] + image[c, 1] * vectors[1, 2] + image[c, 2] * vectors[2, 2]
                 close = dx * dx + dy * dy + dz * dz < near * near
             if close or mode[c] != OPEN:
-                own, other = tile_of[g], tile_of[h]
-                group = min(own, other) + (tiles if own == other and own < last else 0)
+                group, later = min(tile_of[g], tile_of[h]), max(tile_of[g], tile_of[h])
+                if group == later and later < last:
+                    group += last + 1
+                elif later < last and worker[group] != worker[later]:
+                    group = last
                 kind = group if materials == 1 else (group * materials + material[a]) * materials + material[z]
                 row[number], bucket[number] = c, 2 * kind + (z >= n)
                 held[np.uint64(bucket[number])] += 1
@@ -212,18 +225,20 @@ def chosen_blocks(
     The tiles of a thread share rows of loads, which stay in its cache. `across` turns an image into what is added to
     the pair vector: the cell's vectors, or the unit matrix with a frame, which knows the vectors of the moment.
     """
-    order, tile, bodies, count = moving.order, moving.tile, len(moving.order), contacts.count[0]
+    order, tile, share, bodies, count = moving.order, moving.tile, moving.share, len(moving.order), contacts.count[0]
     internal, tile_of = np.empty(bodies, np.int32), np.empty(bodies, np.int32)
     for g in range(bodies):
         internal[order[g]] = g
     for t in range(len(tile)):
         tile_of[tile[t] : tile[t + 1] if t + 1 < len(tile) else bodies] = t
-    top = tile_of[-1] + 1
+    top, worker = len(tile), np.zeros(len(tile), np.int32)
+    for k in range(len(share) - 1):
+        worker[share[k] : share[k + 1]] = k
     picked, bucket, start = np.empty(count, np.int32), np.empty(count, np.int32), np.zeros(bodies + 2, np.uint32)
     held = np.zeros(2 * top * materials * materials * 2, np.int64)
     active = _chosen(
-        contacts, moving, _first_rows(contacts, bodies), internal, tile_of, normal, vectors, reach, materials, material,
-        picked, bucket, start, held,
+        contacts, moving, _first_rows(contacts, bodies), internal, tile_of, worker, normal, vectors, reach, materials,
+        material, picked, bucket, start, held,
     )  # fmt: skip
     classes, first = len(held) // (2 * top), np.zeros(len(held) + 1, np.int64)
     for k in range(len(held)):
@@ -236,7 +251,7 @@ def chosen_blocks(
     size, mass = _room(old.size, slots if by_size else 0), _room(old.mass, slots if needs_mass(viscous) else 0)
     mode, place = _room(old.mode, slots), _room(old.place, blocks)
     pair, wall, at = np.zeros((blocks, 2), np.int64), np.zeros(blocks, np.bool_), np.full(blocks, -1, np.int32)
-    most = _rows_of_loads(place, bound, top, crossing, moving.share)
+    most = _rows_of_loads(place, bound, top, crossing, share)
     filled, loads = first[:-1] * LANES, np.full(count, -1, np.int32)
     _filled(
         contacts, picked[:active], bucket, filled, internal, materials, material, len(normal), moving.body[:, RADIUS],

@@ -1,8 +1,9 @@
 """Time steps of many grains, tile by tile, on one thread or several: see `blocks` for how contacts are gone through.
 
-A step evaluates the contacts between tiles, then for each tile those within it, and moves its grains on while they
-are in the processor's cache. The kinematics are compiled without fast mathematics: whether a step is taken in one go
-or stopped at to be looked at changes no bit.
+A step evaluates the contacts between bodies of different threads; then each thread takes its tiles in turn, evaluates
+the contacts of each with its later ones and within it, and moves its grains on while they are in the processor's
+cache. The kinematics are compiled without fast mathematics: whether a step is taken in one go or stopped at to be
+looked at changes no bit.
 """
 
 from functools import cache
@@ -296,9 +297,12 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
         """
         tile, share, body, ahead = moving.tile, moving.share, moving.body, moving.ahead
         cross, inner = blocks.cross, blocks.inner
-        tiles, workers, dt, watch = len(tile) - 1, len(moving.share) - 1, pace.dt, len(events) > 0
+        # whether this is parallel must stand in its body: what is kept compiled is known by that alone
+        workers = len(share) - 1 if parallel else 1
+        tiles, dt, watch = len(tile) - 1, pace.dt, len(events) > 0
         far, before = np.zeros(tiles + 1), np.zeros(inner[tiles] * LANES if watch else 0, np.int8)
-        sums = aligned(CHUNK, WIDTH)
+        sums, scratches = aligned((workers + 1) * CHUNK, WIDTH), aligned(workers, SCRATCH)
+        between = cross[tiles + 1] - cross[tiles]  # blocks between threads, and within the last tile
         while True:
             if not ended:
                 if watch:
@@ -307,18 +311,17 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
                     for s in range(len(before)):
                         before[s] = blocks.mode[s]
                 go_on = step < stop and not watch and flow is None
-                if parallel:
+                if between > 0:  # a condition keeps the compiler from making one loop of this and the next
                     for k in prange(workers):
-                        scratch = np.empty(SCRATCH)
-                        first, last = cross[-1] * k // workers, cross[-1] * (k + 1) // workers
+                        first, last = cross[tiles] + between * k // workers, cross[tiles] + between * (k + 1) // workers
                         evaluated(
-                            kind, coulomb, dim, viscous, rate, first, last, blocks, body, ahead, p, dt, fresh,
-                            flow, scratch,
+                            kind, coulomb, dim, viscous, rate, first, last, blocks, body, ahead, p, dt, fresh, flow,
+                            scratches[k],
                         )  # fmt: skip
                 for k in prange(workers):
-                    scratch, total = np.empty(SCRATCH), aligned(CHUNK, WIDTH)
+                    scratch, total = scratches[k], sums[k * CHUNK : (k + 1) * CHUNK]
                     for t in range(share[k], share[k + 1]):
-                        for within in range(1 if parallel else 0, 2):
+                        for within in range(2):
                             first, last = (inner[t], inner[t + 1]) if within else (cross[t], cross[t + 1])
                             evaluated(
                                 kind, coulomb, dim, viscous, rate, first, last, blocks, body, ahead, p, dt,
@@ -327,13 +330,8 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
                         far[t] = _ended(
                             dim, predict, tile[t], tile[t + 1], moving, blocks, pace, flow, fresh, go_on, total
                         )
-                if not parallel:  # what is between bodies of the last tile
-                    scratch, first, last = np.empty(SCRATCH), cross[tiles], cross[-1]
-                    evaluated(
-                        kind, coulomb, dim, viscous, rate, first, last, blocks, body, ahead, p, dt, fresh,
-                        flow, scratch,
-                    )  # fmt: skip
-                far[tiles] = _last_ended(dim, predict, moving, blocks, pace, flow, pull, fresh, go_on, sums)
+                total = sums[workers * CHUNK :]
+                far[tiles] = _last_ended(dim, predict, moving, blocks, pace, flow, pull, fresh, go_on, total)
                 if flow is not None:
                     finished(dim, frame, flow, pace, moving, fresh)
                 if watch:
