@@ -46,7 +46,7 @@ def scene(dim: int, fraction: float, n: int, speed: float) -> Path:
 
 
 def timed(side: str, path: Path, steps: int, threads: int = 1) -> tuple[float, float]:
-    """Seconds a step and bytes of memory; raises RuntimeError with the reason if the side cannot run."""
+    """Two numbers that a side prints, seconds a step first; raises RuntimeError with the reason if it cannot run."""
     env = os.environ | {"LD_LIBRARY_PATH": f"{sys.prefix}/lib:{os.environ.get('LD_LIBRARY_PATH', '')}"}
     if side == "YADE":
         if not shutil.which("yade"):
@@ -143,8 +143,5 @@ def threads(path: Path, n: int) -> list[dict]:
     if (os.cpu_count() or 1) < 2:
         console.print("[yellow]two threads skipped[/]: this machine has one core")
         return []
-    found = {1: [], 2: []}
-    for _ in range(ROUNDS):
-        for count, times in found.items():
-            times.append(timed("ours", path, 1000, count)[0])
-    return [row("dense spheres", n, 2, n / min(found[2]), n / min(found[1]), "ours, 1 thread")]
+    one, two = timed("threads", path, 1000, 2)
+    return [row("dense spheres", n, 2, n / two, n / one, "ours, 1 thread")]

@@ -53,12 +53,12 @@ def _ordered(state: State, threads: int) -> tuple[np.ndarray, np.ndarray]:
     """
     n, last = len(state.grains.radius), _in_last_tile(state)
     single, grid = np.flatnonzero(~last), grid_of(state.cell)
-    fraction = state.grains.position[single] @ grid.inverse
-    x = (fraction - np.where(grid.periodic, np.floor(fraction), 0.0)) * grid.height
-    x -= x.min(axis=0, initial=np.inf)
-    tiles = threads * max(1, -(-len(single) // (threads * TILE)))
-    size = 2 * state.grains.radius.mean()
-    parts = [part[np.argsort(morton(x[part], size))] for part in halved(x, np.arange(len(single)), tiles)]
+    fraction = grid.inverse.T @ state.grains.position[single].T
+    x = (fraction - np.where(grid.periodic[:, None], np.floor(fraction), 0.0)) * grid.height[:, None]
+    x -= x.min(axis=1, initial=np.inf)[:, None]
+    tiles, size = threads * max(1, -(-len(single) // (threads * TILE))), 2 * state.grains.radius.mean()
+    parts = halved(x, x.max(axis=1, initial=0.0), np.arange(len(single)), tiles)
+    parts = [part[np.argsort(morton(x[:, part], size))] for part in parts]
     order = np.concatenate([*(single[part] for part in parts), np.flatnonzero(last), np.arange(n, state.n_bodies)])
     return order, np.cumsum([0] + [len(part) for part in parts])
 

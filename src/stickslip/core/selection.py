@@ -10,24 +10,29 @@ from .state import OPEN, SLIDE, STICK
 from .sums import IS_FIRST, IS_I, ROW, WIDTH
 
 
-def halved(x, rows, parts):
-    """Rows of points cut into parts of neighbours, halves of halves across the longest side, all of a size."""
+def halved(x, sides, rows, parts):
+    """Some columns of points (3, n) cut into parts of neighbours, all of a size: halves of halves across the long side.
+
+    `sides` (3,) are those of the box around them, which is cut as if it were filled evenly.
+    """
     if parts == 1:
         return [rows]
-    side = int(np.argmax(np.ptp(x[rows], axis=0))) if len(rows) else 0
-    first = parts // 2
+    longest, first = int(np.argmax(sides)), parts // 2
     cut = len(rows) * first // parts
-    rows = rows[np.argpartition(x[rows, side], cut)] if 0 < cut < len(rows) else rows
-    return halved(x, rows[:cut], first) + halved(x, rows[cut:], parts - first)
+    if 0 < cut < len(rows):
+        rows = rows[np.argpartition(x[longest][rows], cut)]
+    share = np.where(np.arange(3) == longest, first / parts, 1.0)
+    rest = np.where(np.arange(3) == longest, 1.0 - first / parts, 1.0)
+    return halved(x, share * sides, rows[:cut], first) + halved(x, rest * sides, rows[cut:], parts - first)
 
 
 @njit(cache=True)
 def morton(x, size):
-    """(n,) places of points along a space-filling curve through cells of `size`; no coordinate may be negative."""
-    key = np.zeros(len(x), np.int64)
-    for a in range(len(x)):
-        for k in range(3):
-            cell = np.int64(x[a, k] / size)
+    """(n,) places of points (3, n) along a space-filling curve through cells of `size`; no coordinate is negative."""
+    key = np.zeros(x.shape[1], np.int64)
+    for k in range(3):
+        for a in range(len(key)):
+            cell = np.int64(x[k, a] / size)
             for bit in range(20):
                 key[a] |= ((cell >> bit) & 1) << (3 * bit + k)
     return key
