@@ -18,7 +18,20 @@ from numba import njit
 
 from .contact import FREE, carried_memory, damped, in_one_go, needs_mass, needs_radius, tangential_force, with_dashpot
 from .frame import AHEAD, RATE, SLIDE_BACK, VECTORS
-from .lanes import LANES, MOTION, MOTION_AHEAD, PAIR, RADII, ROLL, ROLL_AHEAD, gathered, in_widest_vectors, scattered
+from .lanes import (
+    BODY,
+    LANES,
+    MOTION,
+    MOTION_AHEAD,
+    PAIR,
+    RADII,
+    ROLL,
+    ROLL_AHEAD,
+    gathered,
+    in_widest_vectors,
+    scattered,
+    soon,
+)
 from .laws import (
     DAMPING_N,
     DAMPING_T,
@@ -130,6 +143,22 @@ def anchored(contacts, position, angle, radius, vectors, pair_out, roll_out):
                 if len(pair_out):
                     pair_out[c, m], roll_out[c, m] = pair, roll
     return rested
+
+
+@njit(**BARE)
+def _pairs_soon(blocks, body, b):
+    """Ask for both bodies of each pair of a block, two lines a body."""
+    for s in range(LANES * b, LANES * (b + 1)):
+        for g in (np.int64(blocks.i[np.uint64(s)]), np.int64(blocks.j[np.uint64(s)])):
+            soon(body, g * BODY)
+            soon(body, g * BODY + 8)
+
+
+@njit(**BARE)
+def _bodies_soon(body, first, last):
+    """Ask for a stretch of bodies."""
+    for at in range(first * BODY, last * BODY, 8):
+        soon(body, at)
 
 
 @njit(fastmath=True, **BARE)
@@ -259,10 +288,22 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
 
 
 @njit(fastmath=True, **BARE)
-def evaluated(kind, coulomb, dim, viscous, rate, first, last, blocks, body, ahead, p, dt, hold, flow, scratch):
-    """Loads and memory of a stretch of blocks; compiled into its callers."""
+def evaluated(
+    kind, coulomb, dim, viscous, rate, first, last, crossing, begin, end, blocks, body, ahead, p, dt, hold, flow, scratch
+):  # fmt: skip
+    """Loads and memory of a stretch of blocks; compiled into its callers.
+
+    Meanwhile memory is asked for: if the blocks are `crossing`, their bodies lie anywhere and are asked for a block
+    before; else it is that of bodies from `begin` to before `end`, which come next.
+    """
     load, predict = blocks.load, viscous > 0 and not rate
+    each = (end - begin) // max(last - first, 1) + 1
     for b in range(first, last):
+        if crossing:
+            _pairs_soon(blocks, body, min(b + 1, last - 1))
+        else:
+            _bodies_soon(body, min(begin, end), min(begin + each, end))
+            begin += each
         _seen(dim, predict, flow, blocks, body, ahead, b, scratch)
         place = blocks.place[b]
         if flow is not None:

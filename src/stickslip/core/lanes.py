@@ -9,7 +9,7 @@ from numba import njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from .sums import WIDTH
+from .sums import WIDTH, asked
 
 LANES = 64
 # where the planes of a block's scratch begin; flat, with offsets known when compiled, so that nothing seems to overlap:
@@ -60,6 +60,17 @@ def aligned(rows, width):
     flat = np.empty(rows * width + line)
     first = (line - flat.ctypes.data // 8 % line) % line
     return flat[first : first + rows * width].reshape(rows, width)
+
+
+@intrinsic
+def soon(typingctx, array, at):
+    """Ask for the line of memory with element `at` of a contiguous array, which is wanted soon; no bit depends on it."""
+
+    def generated(context, builder, signature, args):
+        asked(builder, builder.gep(_data(context, builder, signature, args, 0), [args[1]]))
+        return context.get_dummy_value()
+
+    return types.none(array, types.int64), generated
 
 
 @intrinsic

@@ -7,7 +7,7 @@ from .blocks import LOOSE, STUCK_AGAIN, Blocks
 from .contact import effective_mass, effective_radius, needs_mass
 from .lanes import LANES, RADIUS, aligned
 from .state import OPEN, SLIDE, STICK
-from .sums import IS_FIRST, IS_I, ROW, WIDTH
+from .sums import AHEAD, IS_FIRST, IS_I, ROW, WIDTH
 
 
 def halved(x, sides, rows, parts):
@@ -269,7 +269,7 @@ def chosen_blocks(
         _pad(filled[k], first[k + 1] * LANES, bodies, i, j, row, wall, at, size, mass, slip, mode)
     vector = _room(old.vector, _numbered(at))
     _pointed(contacts, row, wall, at, normal, across, bodies, far, vector)
-    code, load, pairs = _room(old.code, 2 * active + bodies), old.load, old.pair
+    code, load, pairs = _room(old.code, 2 * active + bodies + AHEAD), old.load, old.pair
     if len(load) <= most:
         room = most + most // 8 + 1
         load, pairs = aligned(room, WIDTH), np.empty((room if len(moving.virial) > 0 else 0, 3))

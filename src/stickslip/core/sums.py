@@ -10,7 +10,9 @@ WIDTH = 8  # numbers in a row of loads: three of a force, three of a torque, two
 # force is not turned round; it is the body's first row
 IS_FIRST, IS_I, ROW = 1, 2, 64  # 64 bytes: the code is where the row lies
 
-_WHOLE, _BYTE = ir.IntType(64), ir.IntType(8)
+AHEAD = 16  # rows that are asked for before they are added
+
+_WHOLE, _BYTE, _MARK = ir.IntType(64), ir.IntType(8), ir.IntType(32)
 _NUMBERS, _BITS = ir.VectorType(ir.DoubleType(), WIDTH), ir.VectorType(_WHOLE, WIDTH)
 _SIGNS = [[-1.0] * 3 + [1.0] * 5, [1.0] * 8]  # of a row where the body is j, and where it is i
 
@@ -29,6 +31,15 @@ def _vector(builder, data, at, kind=_NUMBERS):
     return builder.bitcast(builder.gep(first, [at]), kind.as_pointer())
 
 
+def asked(builder, pointer):
+    """Have a line of memory brought near before it is read; what lies far off is waited for less, then."""
+    near = _BYTE.as_pointer()
+    fetch = cgutils.get_or_insert_function(
+        builder.module, ir.FunctionType(ir.VoidType(), [near] + [_MARK] * 3), "llvm.prefetch.p0i8"
+    )
+    builder.call(fetch, [builder.bitcast(pointer, near), _MARK(0), _MARK(3), _MARK(1)])  # to read, to keep, data
+
+
 class _Stream:
     """Sums of a stretch of bodies, one entry of `code` after another."""
 
@@ -40,9 +51,18 @@ class _Stream:
         self.body = cgutils.alloca_once_value(builder, before)
         self.sums = cgutils.alloca_once_value(builder, ir.Constant(_NUMBERS, [0.0] * WIDTH))
 
-    def add(self, builder, entry, loaded: bool):
+    def _row(self, builder, word):
+        """Pointer to the row of loads of an entry."""
+        return _vector(builder, self.load, builder.and_(word, _WHOLE(-ROW)))
+
+    def _entry(self, builder, entry):
+        return builder.zext(builder.load(builder.gep(self.code, [entry])), _WHOLE)
+
+    def add(self, builder, entry, loaded: bool, far: bool):
         """Take one entry; there is no branch, as what is a body's first row cannot be foreseen."""
-        word = builder.zext(builder.load(builder.gep(self.code, [entry])), _WHOLE)
+        word = self._entry(builder, entry)
+        if far:
+            asked(builder, self._row(builder, self._entry(builder, builder.add(entry, _WHOLE(AHEAD)))))
         marks = builder.shl(builder.and_(word, _WHOLE(3)), _WHOLE(6))
         body = builder.add(builder.load(self.body), builder.shl(builder.and_(word, _WHOLE(1)), _WHOLE(6)))
         builder.store(body, self.body)
@@ -51,7 +71,7 @@ class _Stream:
         if loaded:
             begin = builder.bitcast(builder.load(_vector(builder, self.external, body), align=8), _BITS)
             before = builder.or_(before, builder.and_(begin, builder.not_(kept)))
-        row = builder.load(_vector(builder, self.load, builder.and_(word, _WHOLE(-ROW))), align=8)
+        row = builder.load(self._row(builder, word), align=8)
         signs = builder.load(_vector(builder, self.signs, marks), align=64)
         # times one or minus one: exact, fused with the sum or not
         fused = cgutils.get_or_insert_function(
@@ -63,7 +83,7 @@ class _Stream:
 
 
 @intrinsic
-def summed_rows(typingctx, code, start, first, last, load, external, total):
+def summed_rows(typingctx, code, start, first, last, far, load, external, total):
     """Add up rows for each body from `first` to before `last`: `total` gets one row a body.
 
     A sum begins with the body's row of `external`; with one row only, with zero. Sums are sequential, in the order of
@@ -71,14 +91,15 @@ def summed_rows(typingctx, code, start, first, last, load, external, total):
 
     Parameters
     ----------
-    code : (…,) uint32; start : (B + 1,) uint32, bounds of each body's part of `code`; first, last : int64
+    code : (…,) uint32, AHEAD more than there are; start : (B + 1,) uint32, bounds of each body's part of `code`
+    first, last : int64; far : int64, 1 if rows may lie where no cache has them, so that they are asked for before
     load : (L, 8); external : (B, 8) or (1, 8) zeros; total : (…, 8), contiguous
     """
 
     def generated(context, builder, signature, args):
-        arrays = {k: context.make_array(signature.args[k])(context, builder, args[k]) for k in (0, 1, 4, 5, 6)}
+        arrays = {k: context.make_array(signature.args[k])(context, builder, args[k]) for k in (0, 1, 5, 6, 7)}
         code, start, load, external, total = (array.data for array in arrays.values())
-        rows = cgutils.unpack_tuple(builder, arrays[5].shape)[0]
+        rows = cgutils.unpack_tuple(builder, arrays[6].shape)[0]
         first, last = args[2], args[3]
         middle = builder.ashr(builder.add(first, last), _WHOLE(1))
         kept = [[-1] * WIDTH, [0] * WIDTH] * 2
@@ -91,25 +112,27 @@ def summed_rows(typingctx, code, start, first, last, load, external, total):
         def bound(body):
             return builder.zext(builder.load(builder.gep(start, [body])), _WHOLE)
 
-        def summed(loaded):
+        def summed(loaded, far):
             pointers = (code, load, external, total)
             one, two = (_Stream(builder, tables, pointers, body, origin) for body in (first, middle))
             begin, half, end = bound(first), bound(middle), bound(last)
             sizes = builder.sub(half, begin), builder.sub(end, half)
             both = builder.select(builder.icmp_signed("<", *sizes), *sizes)
             with cgutils.for_range_slice(builder, _WHOLE(0), both, _WHOLE(1), intp=_WHOLE) as (k, _):
-                one.add(builder, builder.add(begin, k), loaded)
-                two.add(builder, builder.add(half, k), loaded)
+                one.add(builder, builder.add(begin, k), loaded, far)
+                two.add(builder, builder.add(half, k), loaded, far)
             for stream, own, stop in ((one, begin, half), (two, half, end)):
                 rest = builder.add(own, both)
                 with cgutils.for_range_slice(builder, rest, stop, _WHOLE(1), intp=_WHOLE) as (entry, _):
-                    stream.add(builder, entry, loaded)
+                    stream.add(builder, entry, loaded, far)
 
-        with builder.if_else(builder.icmp_signed(">", rows, _WHOLE(1))) as (with_loads, without):
-            with with_loads:
-                summed(True)
-            with without:
-                summed(False)
+        cases = builder.icmp_signed(">", rows, _WHOLE(1)), builder.icmp_signed("!=", args[4], _WHOLE(0))
+        with builder.if_else(cases[0]) as loads:
+            for loaded, branch in zip((True, False), loads, strict=True):
+                with branch, builder.if_else(cases[1]) as distances:
+                    for far, inner in zip((True, False), distances, strict=True):
+                        with inner:
+                            summed(loaded, far)
         return context.get_dummy_value()
 
-    return types.none(code, start, types.int64, types.int64, load, external, total), generated
+    return types.none(code, start, types.int64, types.int64, types.int64, load, external, total), generated

@@ -201,7 +201,8 @@ def _pressed(virial, blocks, first, last):
 @njit(fastmath=False, **BARE)
 def _summed(flow, moving, blocks, first, last, total):
     """External loads plus those of all contacts of at most CHUNK bodies, in the order of their partners."""
-    summed_rows(blocks.code, blocks.start, np.int64(first), np.int64(last), blocks.load, moving.external, total)
+    far = np.int64(len(moving.tile) > 2)  # of one tile, everything is near
+    summed_rows(blocks.code, blocks.start, np.int64(first), np.int64(last), far, blocks.load, moving.external, total)
     if flow is not None:
         _pressed(moving.virial, blocks, first, last)
     for at in range(first, last):
@@ -315,17 +316,18 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
                     for k in prange(workers):
                         first, last = cross[tiles] + between * k // workers, cross[tiles] + between * (k + 1) // workers
                         evaluated(
-                            kind, coulomb, dim, viscous, rate, first, last, blocks, body, ahead, p, dt, fresh, flow,
-                            scratches[k],
+                            kind, coulomb, dim, viscous, rate, first, last, True, 0, 0, blocks, body, ahead, p, dt,
+                            fresh, flow, scratches[k],
                         )  # fmt: skip
                 for k in prange(workers):
                     scratch, total = scratches[k], sums[k * CHUNK : (k + 1) * CHUNK]
                     for t in range(share[k], share[k + 1]):
+                        begin, end = tile[t + 1], tile[min(t + 2, share[k + 1])]  # the thread's next tile
                         for within in range(2):
                             first, last = (inner[t], inner[t + 1]) if within else (cross[t], cross[t + 1])
                             evaluated(
-                                kind, coulomb, dim, viscous, rate, first, last, blocks, body, ahead, p, dt,
-                                fresh, flow, scratch,
+                                kind, coulomb, dim, viscous, rate, first, last, not within, begin, end, blocks, body,
+                                ahead, p, dt, fresh, flow, scratch,
                             )  # fmt: skip
                         far[t] = _ended(
                             dim, predict, tile[t], tile[t + 1], moving, blocks, pace, flow, fresh, go_on, total
