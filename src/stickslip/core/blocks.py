@@ -289,7 +289,8 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
 
 @njit(fastmath=True, **BARE)
 def evaluated(
-    kind, coulomb, dim, viscous, rate, first, last, crossing, begin, end, blocks, body, ahead, p, dt, hold, flow, scratch
+    kind, coulomb, dim, viscous, rate, first, last, crossing, begin, end, blocks, body, ahead, p, dt, hold, flow,
+    scratch,
 ):  # fmt: skip
     """Loads and memory of a stretch of blocks; compiled into its callers.
 

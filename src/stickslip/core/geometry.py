@@ -11,10 +11,11 @@ from numba import njit
 def shifts(contacts, cell):
     """(C, 3) cellᵀ·image of every pair [length]."""
     out = np.zeros((contacts.count[0], 3))
-    for c in range(contacts.count[0]):
-        for k in range(3):
+    image = contacts.image
+    for c in range(np.uint64(contacts.count[0])):
+        if image[c, 0] != 0 or image[c, 1] != 0 or image[c, 2] != 0:
             for m in range(3):
-                out[c, m] += contacts.image[c, k] * cell[k, m]
+                out[c, m] = image[c, 0] * cell[0, m] + image[c, 1] * cell[1, m] + image[c, 2] * cell[2, m]
     return out
 
 

@@ -64,7 +64,7 @@ def aligned(rows, width):
 
 @intrinsic
 def soon(typingctx, array, at):
-    """Ask for the line of memory with element `at` of a contiguous array, which is wanted soon; no bit depends on it."""
+    """Ask for the line of memory with element `at` of a contiguous array, wanted soon; no bit depends on it."""
 
     def generated(context, builder, signature, args):
         asked(builder, builder.gep(_data(context, builder, signature, args, 0), [args[1]]))

@@ -9,7 +9,7 @@ from .forces import Bodies, forces, moved_masses
 from .frame import PULL, RATE, SINCE, VECTORS, frame_of, imposes, room_left, unbalanced_cell
 from .geometry import shifts
 from .instant import bodies_at_start
-from .lanes import BODY, BODY_AHEAD, KICK, KICK_T, RADIUS, SPIN, SPIN_AHEAD, VELOCITY, VELOCITY_AHEAD, aligned
+from .lanes import BODY, BODY_AHEAD, KICK, RADIUS, VELOCITY, aligned
 from .laws import Law, dashpots
 from .ledger import entered
 from .neighbors import TOO_FAR, grid_of, keys_of, of_rows, rebuilt
@@ -33,7 +33,7 @@ from .record import Writing, sample, sample_groups, with_lost
 from .selection import chosen_blocks, halved, morton
 from .state import OPEN, Instant, State, deforms
 from .sums import WIDTH
-from .tiles import Pace, Pull, exported, fastest, marcher, strayed
+from .tiles import Pace, Pull, brought, exported, fastest, marcher, strayed
 
 MANY = 48  # bodies from which blocks are faster than a plain sweep
 WORTH = 2000  # grains a thread should have
@@ -78,13 +78,6 @@ def _pull(state: State, moving: Moving) -> Pull | None:
     return Pull(*parts, control.knots, control.course, np.full(1, state.time))
 
 
-def _columns(rows: np.ndarray, order, parts: dict) -> np.ndarray:
-    """Rows with parts of them written, in the order of memory, from the columns on that are named."""
-    for first, part in parts.items():
-        rows[:, first : first + part[0].size] = part[order].reshape(len(order), -1)
-    return rows
-
-
 def _moving(state: State, plan: Plan, here: Bodies, predict: bool, imposed: bool, threads: int) -> Moving:
     """Working copy of all bodies in the order of memory."""
     n, dim, b = len(state.grains.radius), state.cell.dim, state.n_bodies
@@ -102,14 +95,8 @@ def _moving(state: State, plan: Plan, here: Bodies, predict: bool, imposed: bool
         torque = plan.external[1][order]
     place = np.empty(b, np.int64)
     place[order] = np.arange(b)
-    half, ahead = 0.5 * plan.dt, aligned(b if predict else 0, BODY_AHEAD)
-    body = _columns(aligned(b, BODY), order, {
-        0: here.position, RADIUS: here.radius, VELOCITY: here.velocity, KICK: half / mass, SPIN: here.spin,
-        KICK_T: half / inertia,
-    })  # fmt: skip
-    if predict:
-        ahead[:] = 0.0
-        _columns(ahead, order, {VELOCITY_AHEAD: here.velocity, SPIN_AHEAD: here.spin})
+    body, ahead = aligned(b, BODY), aligned(b if predict else 0, BODY_AHEAD)
+    brought(order, here, 0.5 * plan.dt / mass, 0.5 * plan.dt / inertia, body, ahead)
     return Moving(
         order,
         body,

@@ -93,9 +93,10 @@ def driven_bodies(state: State) -> Bodies:
     """Fresh arrays of all bodies, with the velocities that `Control` prescribes."""
     work, control = bodies(state), state.control
     factor = factors_at(control, state.time)
-    rate = control.rate * factor[control.follows]
-    work.velocity[:] = np.where(control.free[:, :3], work.velocity, rate[:, :3])
-    work.spin[:] = np.where(control.free[:, 3:], work.spin, rate[:, 3:])
+    if not control.free.all():
+        rate = control.rate * factor[control.follows]
+        work.velocity[:] = np.where(control.free[:, :3], work.velocity, rate[:, :3])
+        work.spin[:] = np.where(control.free[:, 3:], work.spin, rate[:, 3:])
     work.rate[:] = np.where(control.cell_free, work.rate, control.cell_rate * factor[control.cell_follows])
     if state.cell.dim == 2:
         work.velocity[:, 2], work.spin[:, :2] = 0.0, 0.0

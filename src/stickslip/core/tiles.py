@@ -386,6 +386,21 @@ def strayed(moving, origin):
 
 
 @njit(cache=True, fastmath=False, _nrt=False)
+def brought(order, here, kick, kick_t, body, ahead):
+    """Write all bodies, given in the state's order, to rows of `body`, and to those of `ahead` if there are any."""
+    for g in range(len(order)):
+        a = np.uint64(order[g])
+        for k in range(3):
+            body[g, k], body[g, VELOCITY + k] = here.position[a, k], here.velocity[a, k]
+            body[g, SPIN + k] = here.spin[a, k]
+        body[g, RADIUS], body[g, KICK], body[g, KICK_T] = here.radius[a], kick[a], kick_t[a]
+        if len(ahead):
+            ahead[g, VELOCITY_AHEAD + 3] = ahead[g, SPIN_AHEAD + 3] = 0.0
+            for k in range(3):
+                ahead[g, VELOCITY_AHEAD + k], ahead[g, SPIN_AHEAD + k] = here.velocity[a, k], here.spin[a, k]
+
+
+@njit(cache=True, fastmath=False, _nrt=False)
 def exported(moving, out):
     """Positions, angles, velocities, spins in the state's order; the body of every moving thing is left alone."""
     for g in range(len(moving.order)):

@@ -16,38 +16,47 @@ from .state import State, groups
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)
+def _spring(kind, dim, bodies, contacts, shift, p, c):
+    """Normal, stiffnesses k_n and k_t and branch length of a contact; the last three are zero if it does not touch."""
+    _, _, _, _, radius, material, inverse_mass, wall_normal, _ = bodies
+    n = np.uint64(len(radius) - len(wall_normal))
+    i, j = np.uint64(contacts.i[c]), np.uint64(contacts.j[c])
+    rx, ry, rz = pair_vector(dim, bodies.position, shift, c, i, j)
+    nx, ny, nz, overlap, _ = normal_and_overlap(i, j, j >= n, j - n, radius, wall_normal, rx, ry, rz)
+    if apart(kind, p, material, radius, inverse_mass, i, j, j >= n, overlap):
+        return nx, ny, nz, 0.0, 0.0, 0.0
+    q = row(kind, p, np.uint64(material[i]), np.uint64(material[j]))
+    r_eff, _ = effective(kind, 0, radius, inverse_mass, i, j, j >= n)
+    # cohesion softens with the gap: as stiff as if it were not negative, to be on the safe side
+    along = abs(tangents(kind, q, r_eff, overlap)[0])
+    return nx, ny, nz, along, tangential_stiffness(kind, q, r_eff, overlap), np.sqrt(rx * rx + ry * ry + rz * rz)
+
+
+@njit(cache=True, error_model="numpy", _nrt=False)
 def _springs(kind, dim, bodies, contacts, shift, p, normal, springs):
     """Normals, and stiffnesses (k_n, k_t) and branch length of all contacts that touch; zero for the rest."""
-    _, _, _, _, radius, material, inverse_mass, wall_normal, _ = bodies
-    n = len(radius) - len(wall_normal)
-    for c in range(contacts.count[0]):
-        i, j = contacts.i[c], contacts.j[c]
-        rx, ry, rz = pair_vector(dim, bodies.position, shift, c, i, j)
-        nx, ny, nz, overlap, _ = normal_and_overlap(i, j, j >= n, j - n, radius, wall_normal, rx, ry, rz)
-        springs[c, 0] = springs[c, 1] = springs[c, 2] = 0.0
-        if not apart(kind, p, material, radius, inverse_mass, i, j, j >= n, overlap):
-            q = row(kind, p, material[i], material[j])
-            r_eff, _ = effective(kind, 0, radius, inverse_mass, i, j, j >= n)
-            # cohesion softens with the gap: as stiff as if it were not negative, to be on the safe side
-            springs[c, 0] = abs(tangents(kind, q, r_eff, overlap)[0])
-            springs[c, 1] = tangential_stiffness(kind, q, r_eff, overlap)
-            springs[c, 2] = np.sqrt(rx * rx + ry * ry + rz * rz)
-        normal[c, 0], normal[c, 1], normal[c, 2] = nx, ny, nz
+    for c in range(np.uint64(contacts.count[0])):
+        normal[c, 0], normal[c, 1], normal[c, 2], springs[c, 0], springs[c, 1], springs[c, 2] = _spring(
+            kind, dim, bodies, contacts, shift, p, c
+        )
 
 
-@njit(cache=True)
-def _bound(contacts, springs, radius, inverse_mass, inverse_inertia, cell):
+@njit(cache=True, error_model="numpy")
+def _bound(kind, dim, bodies, contacts, shift, p, inverse_inertia, cell):
     """Upper bound of ω²: (a − b)² ≤ 2a² + 2b² in every contact, (a − b + c + d)² ≤ 4 (a² + b² + c² + d²) along it.
 
     With a free cell there is one term more, and `cell` (3, 3) holds 1/(M ℓ²) of its free components.
     """
-    moves, turns, strains = np.zeros(len(radius)), np.zeros(len(radius)), 0.0
-    more = 1.0 if cell.max() > 0.0 else 0.0
-    for c in range(contacts.count[0]):
-        for a in (contacts.i[c], contacts.j[c]):
-            moves[a] += max((2 + more) * springs[c, 0], (4 + more) * springs[c, 1]) * inverse_mass[a]
-            turns[a] += (4 + more) * springs[c, 1] * radius[a] ** 2 * inverse_inertia[a]
-        strains += 5 * max(springs[c, 0], springs[c, 1]) * springs[c, 2] ** 2 * cell.max()
+    radius, inverse_mass, weight = bodies.radius, bodies.inverse_mass, cell.max()
+    moves, turns, strains, more = np.zeros(len(radius)), np.zeros(len(radius)), 0.0, 1.0 if weight > 0.0 else 0.0
+    for c in range(np.uint64(contacts.count[0])):
+        _, _, _, kn, kt, branch = _spring(kind, dim, bodies, contacts, shift, p, c)
+        if branch > 0.0:
+            for end in (contacts.i[c], contacts.j[c]):
+                a = np.uint64(end)
+                moves[a] += max((2 + more) * kn, (4 + more) * kt) * inverse_mass[a]
+                turns[a] += (4 + more) * kt * radius[a] ** 2 * inverse_inertia[a]
+            strains += 5 * max(kn, kt) * branch**2 * weight
     return max(moves.max(), turns.max(), strains)
 
 
@@ -108,6 +117,8 @@ def _inverse_cell(state: State) -> np.ndarray:
 
 def _of_springs(state: State, here: Bodies) -> float:
     """Largest ω² of a body, or of a rigid group, on its springs to load points alone [1/time²]."""
+    if not state.control.spring.any():
+        return 0.0
     total = state.control.spring.copy()
     for members in groups(state.control):
         total[members] = total[members].sum(axis=0)
@@ -144,12 +155,12 @@ def check_time_step(state: State, law: Law, here: Bodies, dt: float) -> None:
     """Raise ValueError with the largest stable time step if `dt` is above it; the list must be up to date."""
     if not (state.contacts.count[0] or state.control.spring.any()):
         return
-    _, springs = _network(state, law, here)
+    inverse_inertia, shift = inverse_inertia_of(state), shifts(state.contacts, state.cell.vectors)
     bound = (
         _of_springs(state, here)
-        + of_rolling(state, law, here, inverse_inertia_of(state))
+        + of_rolling(state, law, here, inverse_inertia)
         + _bound(
-            state.contacts, springs, here.radius, here.inverse_mass, inverse_inertia_of(state), _inverse_cell(state)
+            law.kind, state.cell.dim, here, state.contacts, shift, law.table, inverse_inertia, _inverse_cell(state)
         )
     )
     if dt * dt * bound <= 4.0:
