@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from numba import njit
 
-from stickslip.core.sums import IS_FIRST, IS_I, ROW, WIDTH, summed_rows
+from stickslip.core.sums import AHEAD, IS_FIRST, IS_I, ROW, WIDTH, summed_rows
 
 
 @njit
-def summed(code, start, first, last, load, external, total):
-    summed_rows(code, start, first, last, load, external, total)
+def summed(code, start, first, last, far, load, external, total):
+    summed_rows(code, start, first, last, far, load, external, total)
 
 
 def slow(entries, load, external):
@@ -24,11 +24,12 @@ def slow(entries, load, external):
 def coded(entries):
     start = np.cumsum([0, *map(len, entries)])
     code = [ROW * row + IS_I * is_i + IS_FIRST * (k == 0) for rows in entries for k, (row, is_i) in enumerate(rows)]
-    return start.astype(np.uint32), np.array(code, np.uint32)
+    return start.astype(np.uint32), np.array(code + [0] * AHEAD, np.uint32)
 
 
+@pytest.mark.parametrize("far", [0, 1], ids=["near", "far"])
 @pytest.mark.parametrize("loaded", [False, True], ids=["no external loads", "external loads"])
-def test_sums_are_those_of_a_plain_loop_to_the_last_bit(loaded):
+def test_sums_are_those_of_a_plain_loop_to_the_last_bit(loaded, far):
     rng = np.random.default_rng(0)
     load = np.append(rng.normal(size=(50, WIDTH)), np.zeros((1, WIDTH)), axis=0)
     entries = [
@@ -38,7 +39,7 @@ def test_sums_are_those_of_a_plain_loop_to_the_last_bit(loaded):
     start, code = coded(entries)
     for a, b in ((0, 40), (7, 19)):
         total = np.full((b - a, WIDTH), np.nan)
-        summed(code, start, a, b, load, external, total)
+        summed(code, start, a, b, far, load, external, total)
         np.testing.assert_array_equal(total, slow(entries, load, external)[a:b])
 
 
@@ -47,5 +48,5 @@ def test_what_is_not_a_number_stays_with_its_body():
     load[1] = np.nan
     start, code = coded([[(0, 1)], [(1, 1), (0, 1)], [(2, 0)]])
     total = np.zeros((3, WIDTH))
-    summed(code, start, 0, 3, load, np.zeros((1, WIDTH)), total)
+    summed(code, start, 0, 3, 0, load, np.zeros((1, WIDTH)), total)
     assert np.isnan(total).any(axis=1).tolist() == [False, True, False]
