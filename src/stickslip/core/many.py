@@ -30,7 +30,7 @@ from .plan import (
 )
 from .reach import gap_listed
 from .record import Writing, sample, sample_groups, with_lost
-from .selection import chosen_blocks, halved, morton
+from .selection import chosen_blocks, layered, morton
 from .state import OPEN, Instant, State, deforms
 from .sums import WIDTH
 from .tiles import Pace, Pull, brought, exported, fastest, marcher, strayed
@@ -56,8 +56,9 @@ def _ordered(state: State, threads: int) -> tuple[np.ndarray, np.ndarray]:
     fraction = grid.inverse.T @ state.grains.position[single].T
     x = (fraction - np.where(grid.periodic[:, None], np.floor(fraction), 0.0)) * grid.height[:, None]
     x -= x.min(axis=1, initial=np.inf)[:, None]
-    tiles, size = threads * max(1, -(-len(single) // (threads * TILE))), 2 * state.grains.radius.mean()
-    parts = halved(x, x.max(axis=1, initial=0.0), np.arange(len(single)), tiles)
+    each, size = max(1, -(-len(single) // (threads * TILE))), 2 * state.grains.radius.mean()
+    shares = layered(x, np.arange(len(single)), threads)
+    parts = [part for share in shares for part in layered(x, share, each)]
     parts = [part[np.argsort(morton(x[:, part], size))] for part in parts]
     order = np.concatenate([*(single[part] for part in parts), np.flatnonzero(last), np.arange(n, state.n_bodies)])
     return order, np.cumsum([0] + [len(part) for part in parts])

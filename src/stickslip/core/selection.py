@@ -10,20 +10,23 @@ from .state import OPEN, SLIDE, STICK
 from .sums import AHEAD, IS_FIRST, IS_I, ROW, WIDTH
 
 
-def halved(x, sides, rows, parts):
-    """Some columns of points (3, n) cut into parts of neighbours, all of a size: halves of halves across the long side.
+def layered(x, rows, parts):
+    """Some columns of points (3, n) cut into parts of neighbours, all of a size: layers, columns of these, and so on.
 
-    `sides` (3,) are those of the box around them, which is cut as if it were filled evenly.
+    Parts come layer after layer along the longest side, so that few pairs at a time reach from parts that have been to
+    parts that are still to come.
     """
-    if parts == 1:
-        return [rows]
-    longest, first = int(np.argmax(sides)), parts // 2
-    cut = len(rows) * first // parts
-    if 0 < cut < len(rows):
-        rows = rows[np.argpartition(x[longest][rows], cut)]
-    share = np.where(np.arange(3) == longest, first / parts, 1.0)
-    rest = np.where(np.arange(3) == longest, 1.0 - first / parts, 1.0)
-    return halved(x, share * sides, rows[:cut], first) + halved(x, rest * sides, rows[cut:], parts - first)
+    if parts == 1 or not len(rows):
+        return [rows] * parts
+    sides = np.ptp(x[:, rows], axis=1)
+    wide, along = sides[sides > 0], x[np.argmax(sides)]
+    edge = (wide.prod() / parts) ** (1 / len(wide)) if len(wide) else 0.0
+    layers = min(parts, max(2, round(sides.max() / edge))) if edge else parts
+    bound = parts * np.arange(layers + 1) // layers
+    cut = len(rows) * bound // parts
+    rows = rows[np.argpartition(along[rows], cut[1:-1])]
+    layer = [layered(x, rows[cut[k] : cut[k + 1]], bound[k + 1] - bound[k]) for k in range(layers)]
+    return [part for parts in layer for part in parts]
 
 
 @njit(cache=True)
@@ -57,8 +60,8 @@ def _first_rows(contacts, bodies):
 
 @njit(cache=True, error_model="numpy", _nrt=False)
 def _chosen(
-    contacts, moving, first, internal, tile_of, worker, normal, vectors, reach, materials, material, row, bucket, start,
-    held,
+    contacts, moving, first, internal, tile_of, worker, normal, vectors, reach, materials, material, row, bucket, until,
+    start, held,
 ):  # fmt: skip
     """Rows of all pairs that touch or may soon touch, in the order of their first bodies in memory, and their buckets.
 
@@ -91,6 +94,7 @@ def _chosen(
                     group = last
                 kind = group if materials == 1 else (group * materials + material[a]) * materials + material[z]
                 row[number], bucket[number] = c, 2 * kind + (z >= n)
+                until[number] = later if group < last else last
                 held[np.uint64(bucket[number])] += 1
                 start[h + np.uint64(2)] += 1
                 start[g + np.uint64(2)] += 1
@@ -98,19 +102,44 @@ def _chosen(
     return number
 
 
-@njit(cache=True, _nrt=False)
-def _rows_of_loads(place, bound, top, crossing, share):
-    """Set the first row of every block's loads; the tiles of a thread share rows. Returns the number of rows."""
-    for b in range(crossing):
-        place[b] = b * LANES
-    largest = 0
-    for t in range(top, 2 * top):
-        largest = max(largest, bound[t + 1] - bound[t])
+@njit(cache=True)
+def _rows_of_loads(place, bound, top, share, tile_of, i, j, row):
+    """Set the first row of every block's loads. Returns the number of rows.
+
+    Blocks between threads have rows of their own. Tiles of a thread share those of pairs within a tile; those of pairs
+    between tiles are given to another block as soon as the last of its tiles has added them up.
+    """
+    rows, following, due = 0, np.empty(bound[top], np.int32), np.full(top, -1, np.int32)
+    for b in range(bound[top - 1], bound[top]):
+        place[b] = rows
+        rows += LANES
     for k in range(len(share) - 1):
-        for t in range(top + share[k], top + share[k + 1]):
+        given, inner, largest = np.empty(bound[share[k + 1]] - bound[share[k]], np.int64), top + share[k], 0
+        count = 0
+        for t in range(share[k], share[k + 1]):
             for b in range(bound[t], bound[t + 1]):
-                place[b] = (crossing + k * largest + b - bound[t]) * LANES
-    return (crossing + (len(share) - 1) * largest) * LANES
+                if count:
+                    count -= 1
+                    place[b] = given[count]
+                else:
+                    place[b] = rows
+                    rows += LANES
+                last = t
+                for s in range(LANES * b, LANES * (b + 1)):
+                    if row[s] >= 0:
+                        last = max(last, tile_of[i[s]], tile_of[j[s]])
+                following[b], due[last] = due[last], b
+            b = due[t]
+            while b >= 0:
+                given[count] = place[b]
+                count += 1
+                b = following[b]
+            largest = max(largest, bound[top + t + 1] - bound[top + t])
+        for t in range(inner, top + share[k + 1]):
+            for b in range(bound[t], bound[t + 1]):
+                place[b] = rows + (b - bound[t]) * LANES
+        rows += largest * LANES
+    return rows
 
 
 @njit(cache=True, _nrt=False)
@@ -164,12 +193,12 @@ def _pointed(contacts, row, wall, at, normal, across, bodies, far, vector):
 
 
 @njit(cache=True, _nrt=False)
-def _order_of_summation(contacts, loads, internal, start, code, nothing):
+def _order_of_summation(contacts, slot, place, internal, start, code, nothing):
     """From counts in `start` to the loads that each body adds up, in the order of partners, as the list is sorted.
 
     A body without any gets the row `nothing`, so that it has a first one, too.
     """
-    one = np.uint64(1)
+    one, lanes = np.uint64(1), np.uint64(LANES)
     for a in range(len(internal)):
         held = start[a + 2]
         start[a + 2] = start[a + 1] + max(held, 1)
@@ -177,24 +206,42 @@ def _order_of_summation(contacts, loads, internal, start, code, nothing):
             code[start[a + 1]] = nothing * ROW
             start[a + 1] += 1
     for c in range(np.uint64(contacts.count[0])):
-        if loads[c] >= 0:
+        if slot[c] >= 0:
+            s = np.uint64(slot[c])
+            load = (np.uint64(place[s // lanes]) + s % lanes) * np.uint64(ROW)
             a = np.uint64(internal[np.uint64(contacts.i[c])]) + one
             z = np.uint64(internal[np.uint64(contacts.j[c])]) + one
-            code[np.uint64(start[z])], code[np.uint64(start[a])] = loads[c] * ROW, loads[c] * ROW + IS_I
+            code[np.uint64(start[z])], code[np.uint64(start[a])] = load, load + np.uint64(IS_I)
             start[z] += 1
             start[a] += 1
     for a in range(len(internal)):
         code[start[a]] += IS_FIRST
 
 
+@njit(cache=True)
+def _in_turn(until, tiles):
+    """Pairs in the order of the last tile that they reach, and as they came."""
+    first, turn = np.zeros(tiles + 1, np.int64), np.empty(len(until), np.int32)
+    for p in range(np.uint64(len(until))):
+        first[np.uint64(until[p]) + np.uint64(1)] += 1
+    for t in range(tiles):
+        first[t + 1] += first[t]
+    for p in range(np.uint64(len(until))):
+        t = np.uint64(until[p])
+        turn[np.uint64(first[t])] = p
+        first[t] += 1
+    return turn
+
+
 @njit(cache=True, error_model="numpy", _nrt=False)
 def _filled(
-    contacts, picked, bucket, filled, internal, materials, material, walls, radius, inverse_mass, parts, loads
+    contacts, picked, bucket, turn, filled, internal, materials, material, walls, radius, inverse_mass, parts, slot
 ):  # fmt: skip
     """Write the pairs that were picked into the lanes of their buckets' blocks; mark the blocks that need vectors."""
-    i, j, row, size, mass, slip, mode, place, pair, wall, at = parts
+    i, j, row, size, mass, slip, mode, pair, wall, at = parts
     n, image, lanes = np.uint64(len(internal) - walls), contacts.image, np.uint64(LANES)
-    for p in range(np.uint64(len(picked))):  # unsigned, see `_chosen`
+    for k in range(np.uint64(len(turn))):  # unsigned, see `_chosen`
+        p = np.uint64(turn[k])
         c, within = np.uint64(picked[p]), np.uint64(bucket[p])
         s = np.uint64(filled[within])
         filled[within] += 1
@@ -218,7 +265,7 @@ def _filled(
         elif was == SLIDE and not contacts.reached[c]:
             was = LOOSE
         mode[s] = was
-        loads[c] = place[b] + l
+        slot[c] = s
 
 
 @njit(cache=True, error_model="numpy")
@@ -239,34 +286,34 @@ def chosen_blocks(
     top, worker = len(tile), np.zeros(len(tile), np.int32)
     for k in range(len(share) - 1):
         worker[share[k] : share[k + 1]] = k
-    picked, bucket, start = np.empty(count, np.int32), np.empty(count, np.int32), np.zeros(bodies + 2, np.uint32)
+    picked, bucket, until = np.empty(count, np.int32), np.empty(count, np.int32), np.empty(count, np.int32)
+    start = np.zeros(bodies + 2, np.uint32)
     held = np.zeros(2 * top * materials * materials * 2, np.int64)
     active = _chosen(
         contacts, moving, _first_rows(contacts, bodies), internal, tile_of, worker, normal, vectors, reach, materials,
-        material, picked, bucket, start, held,
+        material, picked, bucket, until, start, held,
     )  # fmt: skip
     classes, first = len(held) // (2 * top), np.zeros(len(held) + 1, np.int64)
     for k in range(len(held)):
         first[k + 1] = first[k] + (held[k] + LANES - 1) // LANES
     bound, blocks = first[::classes].copy(), first[-1]
     slots = blocks * LANES
-    crossing = bound[top]
     i, j, row = _room(old.i, slots), _room(old.j, slots), _room(old.row, slots)
     slip = _room(old.slip, 3 * slots)
     size, mass = _room(old.size, slots if by_size else 0), _room(old.mass, slots if needs_mass(viscous) else 0)
     mode, place = _room(old.mode, slots), _room(old.place, blocks)
     pair, wall, at = np.zeros((blocks, 2), np.int64), np.zeros(blocks, np.bool_), np.full(blocks, -1, np.int32)
-    most = _rows_of_loads(place, bound, top, crossing, share)
-    filled, loads = first[:-1] * LANES, np.full(count, -1, np.int32)
+    filled, slot = first[:-1] * LANES, np.full(count, -1, np.int32)
     _filled(
-        contacts, picked[:active], bucket, filled, internal, materials, material, len(normal), moving.body[:, RADIUS],
-        inverse_mass, (i, j, row, size, mass, slip, mode, place, pair, wall, at), loads,
+        contacts, picked, bucket, _in_turn(until[:active], top), filled, internal, materials, material, len(normal), moving.body[:, RADIUS],
+        inverse_mass, (i, j, row, size, mass, slip, mode, pair, wall, at), slot,
     )  # fmt: skip
     far = 1.0 + reach
     for g in range(bodies):
         far = max(far, 4.0 * moving.body[g, RADIUS] + 1.0 + reach)
     for k in range(len(held)):
         _pad(filled[k], first[k + 1] * LANES, bodies, i, j, row, wall, at, size, mass, slip, mode)
+    most = _rows_of_loads(place, bound, top, share, tile_of, i, j, row)
     vector = _room(old.vector, _numbered(at))
     _pointed(contacts, row, wall, at, normal, across, bodies, far, vector)
     code, load, pairs = _room(old.code, 2 * active + bodies + AHEAD), old.load, old.pair
@@ -275,7 +322,7 @@ def chosen_blocks(
         load, pairs = aligned(room, WIDTH), np.empty((room if len(moving.virial) > 0 else 0, 3))
     for k in range(WIDTH):
         load[most, k] = 0.0
-    _order_of_summation(contacts, loads, internal, start, code, most)
+    _order_of_summation(contacts, slot, place, internal, start, code, most)
     return Blocks(
         i, j, row, pair, wall, at, vector, size, mass, slip, mode, place, bound[: top + 1].copy(),
         bound[top:].copy(), load, pairs, start[: bodies + 1].copy(), code,
