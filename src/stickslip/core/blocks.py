@@ -7,8 +7,8 @@ pair's orientation and the order of summation follow from the numbers of the gra
 contact goes through the same vector instructions, so that the bits of a trajectory depend neither on the number of
 threads nor on how memory happens to be ordered.
 
-Only touching and nearly touching pairs are in blocks. They are chosen anew from the list of contacts when a grain has
-moved by half the `reach` within which they were chosen.
+Only touching and nearly touching pairs are in blocks: those nearer than both bodies may go, which for fast ones is
+further than for slow ones. They are chosen anew from the list of contacts when a body has gone that far.
 """
 
 from typing import NamedTuple
@@ -71,7 +71,7 @@ class Moving(NamedTuple):
     external: np.ndarray  # (B, 8) external forces, and zeros, see `sums`; or (1, 8) without any
     torque: np.ndarray  # (B, 3) external torques, or (1, 3) without any
     virial: np.ndarray  # (B, 9) Σ f ⊗ r over contacts in which a body is i, written with a frame; else (0, 9)
-    origin: np.ndarray  # (B, 3) where the blocks were chosen
+    origin: np.ndarray  # (B, 4) where the blocks were chosen, and 1/d², d how far the body may go until they are again
     tile: np.ndarray  # (T + 1,) bounds of the tiles of grains; rigid groups and walls follow
     member: np.ndarray  # (M,) bodies in rigid groups, group after group
     members: np.ndarray  # (G + 1,) bounds of the groups

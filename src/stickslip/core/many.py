@@ -33,10 +33,13 @@ from .record import Writing, sample, sample_groups, with_lost
 from .selection import chosen_blocks, layered, morton
 from .state import OPEN, Instant, State, deforms
 from .sums import WIDTH
-from .tiles import Pace, Pull, brought, exported, fastest, marcher, strayed
+from .tiles import Pace, Pull, brought, exported, furthest, marcher, roam, speeds
 
 MANY = 48  # bodies from which blocks are faster than a plain sweep
 WORTH = 2000  # grains a thread should have
+# how far bodies may go until blocks are chosen again: BASE √(u D) + SPAN √(D/u) times the way of a step, where u is
+# that of a body of the usual speed, and D a diameter
+BASE, SPAN = 1.4, 0.8
 _MOVES, _NOTHING = ("position", "angle", "velocity", "spin"), np.zeros((0, 3))
 
 
@@ -109,7 +112,7 @@ def _moving(state: State, plan: Plan, here: Bodies, predict: bool, imposed: bool
         external,
         torque,
         np.zeros((b if imposed else 0, 9)),
-        here.position[order],
+        np.zeros((b, 4)),
         tile,
         *pool_of(state.control, place),
         np.arange(threads + 1) * (len(tile) - 1) // threads,
@@ -134,7 +137,8 @@ class _March:
         self.frame, self.flow = frame_of(state, self.moving.order) if self.imposed else (None, None)
         self.pull, drags = _pull(state, self.moving), [0.5 * plan.dt * nu for nu in plan.drags]
         self.pace = Pace(plan.dt, 1 - drags[0], 1 / (1 + drags[0]), 1 - drags[1], 1 / (1 + drags[1]))
-        self.step, self.limit, self.ended, self.fresh = 0, 0.0, instant is not None, instant is None
+        self.few = 1 + 300 / len(state.grains.radius)  # choosing few pairs takes longer than their number says
+        self.step, self.ended, self.fresh = 0, instant is not None, instant is None
         if self.ended:
             self.moving.force[:] = instant.force[self.moving.order]
             if self.imposed:
@@ -144,17 +148,17 @@ class _March:
         """Blocks of what may touch until some body has gone too far, and a new list if this one is too short for it."""
         state, moving, known = self.state, self.moving, self.known
         committed(self.blocks, self.contacts)
-        reach, skin = self._wanted()
+        room, skin = self._wanted()
         if skin > 0:
             self._list_anew(skin)
         if self.imposed:
-            self.frame.reach[0], self.flow.matrix[SINCE] = reach, np.eye(3)
+            self.frame.reach[0], self.flow.matrix[SINCE] = 2 * room[0], np.eye(3)
             self.frame.made[:] = state.cell.vectors if skin > 0 else self.frame.made
-        moving.origin[:], self.limit = moving.body[:, :3], (0.5 * reach) ** 2
+        moving.origin[:, :3], moving.origin[:, 3] = moving.body[:, :3], 1.0 if self.imposed else room**-2
         across = np.eye(3) if self.imposed else state.cell.vectors
         self.blocks = chosen_blocks(
             self.blocks, self.contacts, moving, known.inverse_mass, known.material, known.normal,
-            state.cell.vectors, across, reach + gap_listed(self.contacts), len(self.law.table),
+            state.cell.vectors, across, room, gap_listed(self.contacts), len(self.law.table),
             needs_radius(self.law.kind, self.viscous), self.viscous,
         )  # fmt: skip
 
@@ -172,7 +176,7 @@ class _March:
             writing = self.writing
             code, self.step, self.ended = self.march(
                 self.moving, self.blocks, self.contacts, self.law.table, self.pace, self.frame, self.flow, self.pull,
-                self.state.time, self.step, stop, self.ended, self.fresh, self.limit, writing.events,
+                self.state.time, self.step, stop, self.ended, self.fresh, writing.events,
                 writing.event_count,
             )  # fmt: skip
             if code != FULL:
@@ -247,27 +251,36 @@ class _March:
     def _time(self) -> float:
         return self.state.time + self.step * self.plan.dt
 
-    def _wanted(self) -> tuple[float, float]:
-        """Reach within which to choose blocks, and the skin of the list to make first, or 0 if this one will do.
-
-        The longer the reach, the rarer the choice and the more pairs in vain: what both cost together is least where
-        the reach goes with the root of the speed, and likewise for the skin, with factors that were measured.
-        """
-        state, moving, contacts = self.state, self.moving, self.contacts
+    def _wanted(self) -> tuple[np.ndarray, float]:
+        """(B,) how far each body may go, and the skin of the list to make first, or 0 if this one will do."""
+        state, contacts = self.state, self.contacts
         skin, size = float(contacts.skin[0]), 2 * float(state.grains.radius.mean())
-        stride = fastest(moving) * self.plan.dt
-        wanted = 2 * np.sqrt(stride * size * (1 + 300 / len(state.grains.radius)))
-        reach = min(max(wanted, 0.05 * skin), 0.5 * skin)
         left, origin = skin, contacts.origin
         if self.deforming:
             left, deformation = room_left(state.cell.vectors, self.frame.made, skin, self.frame.widest)
             origin = origin @ deformation.T
-        if 2 * strayed(moving, origin) + reach <= left:
-            return reach, 0.0
+        room, stride = self._room(skin)
+        if 2 * furthest(self.moving, origin, room) <= left:
+            return room, 0.0
         skin = float(state.contacts.skin[0])
         if 2 * stride * (self.steps - self.step) > 4 * skin:  # else making the list given back is not worth it
-            skin = max(skin, min(4 * wanted, size))
-        return min(max(wanted, 0.05 * skin), 0.5 * skin), skin
+            skin = max(skin, min(8 * np.sqrt(stride * size * self.few), size))
+        return self._room(skin)[0], skin
+
+    def _room(self, skin: float) -> tuple[np.ndarray, float]:
+        """(B,) how far each body may go until blocks are chosen again, and how far the fastest one goes in a step.
+
+        The further, the rarer the choice and the more pairs in vain: what both cost together is least where the
+        distance goes with the root of the speed, with factors that were measured. Fast bodies may go further.
+        """
+        dt, size = self.plan.dt, 2 * float(self.state.grains.radius.mean()) * self.few
+        fastest, usual = (speed * dt for speed in speeds(self.moving))
+        base, span = np.sqrt(fastest * size), 0.0
+        if not self.imposed and usual > 0:
+            base, span = BASE * np.sqrt(usual * size), SPAN * np.sqrt(size / usual) * dt
+        room = np.empty(len(self.moving.order))
+        roam(self.moving, base, span, 0.025 * skin, 0.25 * skin, room)
+        return room, fastest
 
 
 def marched(

@@ -60,8 +60,8 @@ def _first_rows(contacts, bodies):
 
 @njit(cache=True, error_model="numpy", _nrt=False)
 def _chosen(
-    contacts, moving, first, internal, tile_of, worker, normal, vectors, reach, materials, material, row, bucket, until,
-    start, held,
+    contacts, moving, first, internal, tile_of, worker, normal, vectors, room, gap, materials, material, row, bucket,
+    until, start, held,
 ):  # fmt: skip
     """Rows of all pairs that touch or may soon touch, in the order of their first bodies in memory, and their buckets.
 
@@ -77,7 +77,7 @@ def _chosen(
             z = np.uint64(contacts.j[c])
             h = np.uint64(internal[z])
             dx, dy, dz = body[g, 0] - body[h, 0], body[g, 1] - body[h, 1], body[g, 2] - body[h, 2]
-            near = reach + body[g, RADIUS] + body[h, RADIUS]
+            near = gap + room[g] + room[h] + body[g, RADIUS] + body[h, RADIUS]
             if z >= n:
                 close = dx * normal[z - n, 0] + dy * normal[z - n, 1] + dz * normal[z - n, 2] < near
             else:
@@ -270,9 +270,9 @@ def _filled(
 
 @njit(cache=True, error_model="numpy")
 def chosen_blocks(
-    old, contacts, moving, inverse_mass, material, normal, vectors, across, reach, materials, by_size, viscous
+    old, contacts, moving, inverse_mass, material, normal, vectors, across, room, gap, materials, by_size, viscous
 ):  # fmt: skip
-    """Blocks of all pairs nearer than `reach`, in the memory of `old` ones; bodies' properties in the state's order.
+    """Blocks of all pairs that may touch before their bodies have gone as far as they may, in the memory of `old` ones.
 
     The tiles of a thread share rows of loads, which stay in its cache. `across` turns an image into what is added to
     the pair vector: the cell's vectors, or the unit matrix with a frame, which knows the vectors of the moment.
@@ -290,8 +290,8 @@ def chosen_blocks(
     start = np.zeros(bodies + 2, np.uint32)
     held = np.zeros(2 * top * materials * materials * 2, np.int64)
     active = _chosen(
-        contacts, moving, _first_rows(contacts, bodies), internal, tile_of, worker, normal, vectors, reach, materials,
-        material, picked, bucket, until, start, held,
+        contacts, moving, _first_rows(contacts, bodies), internal, tile_of, worker, normal, vectors, room, gap,
+        materials, material, picked, bucket, until, start, held,
     )  # fmt: skip
     classes, first = len(held) // (2 * top), np.zeros(len(held) + 1, np.int64)
     for k in range(len(held)):
@@ -308,9 +308,9 @@ def chosen_blocks(
         contacts, picked, bucket, _in_turn(until[:active], top), filled, internal, materials, material, len(normal), moving.body[:, RADIUS],
         inverse_mass, (i, j, row, size, mass, slip, mode, pair, wall, at), slot,
     )  # fmt: skip
-    far = 1.0 + reach
+    far = 1.0 + gap
     for g in range(bodies):
-        far = max(far, 4.0 * moving.body[g, RADIUS] + 1.0 + reach)
+        far = max(far, 4.0 * moving.body[g, RADIUS] + 1.0 + gap + 2.0 * room[g])
     for k in range(len(held)):
         _pad(filled[k], first[k + 1] * LANES, bodies, i, j, row, wall, at, size, mass, slip, mode)
     most = _rows_of_loads(place, bound, top, share, tile_of, i, j, row)

@@ -109,7 +109,7 @@ def _drifted(flow, dt, x, y, z, vx, vy, vz):
 def _moved(dim, predict, moving, pace, flow, g, half, go_on, fx, fy, fz, tx, ty, tz):
     """Half a kick with implicit drag ends a step; half a kick with explicit drag and the drift begin the next one.
 
-    Returns the squared distance from where the blocks were chosen.
+    Returns the squared distance from where the blocks were chosen over that which the body may go.
     """
     body, angle, free, origin = moving.body, moving.angle, moving.free, moving.origin
     a, b, dt = body[g, KICK], body[g, KICK_T], pace.dt
@@ -177,7 +177,7 @@ def _moved(dim, predict, moving, pace, flow, g, half, go_on, fx, fy, fz, tx, ty,
                 for k in range(6):
                     c = VELOCITY_AHEAD + k if k < 3 else SPIN_AHEAD + k - 3
                     ahead[g, c] = _given(flow, 1, free, g, k, ahead[g, c])
-    square = dx * dx + dy * dy + dz * dz
+    square = (dx * dx + dy * dy + dz * dz) * origin[g, 3]
     return square if square < _LOST else _LOST
 
 
@@ -289,7 +289,7 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
 
     @njit(cache=True, fastmath=False, error_model="numpy", parallel=parallel)
     def march(
-        moving, blocks, contacts, p, pace, frame, flow, pull, time, step, stop, ended, fresh, limit, events, event_count
+        moving, blocks, contacts, p, pace, frame, flow, pull, time, step, stop, ended, fresh, events, event_count
     ):  # fmt: skip
         """From step `step` to the end of step `stop`, or until some body is too far from where the blocks were chosen.
 
@@ -300,7 +300,7 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
         cross, inner = blocks.cross, blocks.inner
         # whether this is parallel must stand in its body: what is kept compiled is known by that alone
         workers = len(share) - 1 if parallel else 1
-        tiles, dt, watch = len(tile) - 1, pace.dt, len(events) > 0
+        tiles, dt, watch, limit = len(tile) - 1, pace.dt, len(events) > 0, 1.0
         far, before = np.zeros(tiles + 1), np.zeros(inner[tiles] * LANES if watch else 0, np.int8)
         sums, scratches = aligned((workers + 1) * CHUNK, WIDTH), aligned(workers, SCRATCH)
         between = cross[tiles + 1] - cross[tiles]  # blocks between threads, and within the last tile
@@ -360,29 +360,40 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
 
 
 @njit(cache=True, fastmath=False, _nrt=False)
-def fastest(moving):
-    """Largest speed of a body [length/time]."""
-    most = 0.0
+def speeds(moving):
+    """Largest speed of a body, and the root of the mean square of all [length/time]."""
+    most, total = 0.0, 0.0
     for g in range(len(moving.order)):
         square = 0.0
         for k in range(3):
             square += moving.body[g, VELOCITY + k] ** 2
-        most = max(most, square)
-    return np.sqrt(most)
+        most, total = max(most, square), total + square
+    return np.sqrt(most), np.sqrt(total / max(len(moving.order), 1))
 
 
 @njit(cache=True, fastmath=False, _nrt=False)
-def strayed(moving, origin):
-    """Distance of the body that moved most from where it was, in the state's order; infinite if that is not known."""
+def roam(moving, base, span, least, most, out):
+    """How far each body may go before blocks are chosen again: `base` plus its way in the time `span`, within bounds."""
+    for g in range(len(moving.order)):
+        square = 0.0
+        for k in range(3):
+            square += moving.body[g, VELOCITY + k] ** 2
+        out[g] = min(max(base + span * np.sqrt(square), least), most)
+
+
+@njit(cache=True, fastmath=False, _nrt=False)
+def furthest(moving, origin, room):
+    """Largest distance of a body from where it was, in the state's order, plus `room`; infinite if that is not known."""
     most = 0.0
     for g in range(len(moving.order)):
         square = 0.0
         for m in range(3):
             d = moving.body[g, m] - origin[moving.order[g], m]
             square += d * d
-        if not square <= most:
-            most = square if square < np.inf else np.inf
-    return np.sqrt(most)
+        away = np.sqrt(square) + room[g]
+        if not away <= most:
+            most = away if away < np.inf else np.inf
+    return most
 
 
 @njit(cache=True, fastmath=False, _nrt=False)
