@@ -33,7 +33,7 @@ from .record import Writing, sample, sample_groups, with_lost
 from .selection import chosen_blocks, layered, morton
 from .state import OPEN, Instant, State, deforms
 from .sums import WIDTH
-from .tiles import Pace, Pull, brought, exported, furthest, marcher, roam, speeds
+from .tiles import Pace, Pull, brought, exported, kept_within, marcher, roam, speeds
 
 MANY = 48  # bodies from which blocks are faster than a plain sweep
 WORTH = 2000  # grains a thread should have
@@ -152,7 +152,7 @@ class _March:
         if skin > 0:
             self._list_anew(skin)
         if self.imposed:
-            self.frame.reach[0], self.flow.matrix[SINCE] = 2 * room[0], np.eye(3)
+            self.frame.reach[0], self.flow.matrix[SINCE] = 2 * room.min(), np.eye(3)
             self.frame.made[:] = state.cell.vectors if skin > 0 else self.frame.made
         moving.origin[:, :3], moving.origin[:, 3] = moving.body[:, :3], 1.0 if self.imposed else room**-2
         across = np.eye(3) if self.imposed else state.cell.vectors
@@ -260,7 +260,7 @@ class _March:
             left, deformation = room_left(state.cell.vectors, self.frame.made, skin, self.frame.widest)
             origin = origin @ deformation.T
         room, stride = self._room(skin)
-        if 2 * furthest(self.moving, origin, room) <= left:
+        if kept_within(self.moving, origin, 0.5 * left, room):
             return room, 0.0
         skin = float(state.contacts.skin[0])
         if 2 * stride * (self.steps - self.step) > 4 * skin:  # else making the list given back is not worth it

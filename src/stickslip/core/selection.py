@@ -9,6 +9,10 @@ from .lanes import LANES, RADIUS, aligned
 from .state import OPEN, SLIDE, STICK
 from .sums import AHEAD, IS_FIRST, IS_I, ROW, WIDTH
 
+# what is known of a pair picked: its row in the list, bucket, last tile, bodies in memory, mode in a block, and whether
+# its block needs vectors
+_ROW, _BUCKET, _UNTIL, _I, _J, _MODE, _FAR, _COLUMNS = range(8)
+
 
 def layered(x, rows, parts):
     """Some columns of points (3, n) cut into parts of neighbours, all of a size: layers, columns of these, and so on.
@@ -60,14 +64,15 @@ def _first_rows(contacts, bodies):
 
 @njit(cache=True, error_model="numpy", _nrt=False)
 def _chosen(
-    contacts, moving, first, internal, tile_of, worker, normal, vectors, room, gap, materials, material, row, bucket,
-    until, start, held,
+    contacts, moving, first, internal, tile_of, worker, normal, vectors, room, gap, materials, material, picked, start,
+    held,
 ):  # fmt: skip
-    """Rows of all pairs that touch or may soon touch, in the order of their first bodies in memory, and their buckets.
+    """All pairs that touch or may soon touch, in the order of their first bodies in memory. Returns how many there are.
 
-    Fills `row` and `bucket`, counts pairs of each body in `start` and of each bucket in `held`: those that reach from a
-    tile to later ones of the same thread, those between threads and within the last tile, then those within each other
-    tile, each class of materials for itself. Returns how many there are.
+    A row of `picked` says all that blocks must know of a pair besides its slip, so that the list is gone through once
+    only. Counts pairs of each body in `start` and of each bucket in `held`: those that reach from a tile to later ones
+    of the same thread, those between threads and within the last tile, then those within each other tile, each class of
+    materials for itself.
     """
     order, body, image, mode, last = moving.order, moving.body, contacts.image, contacts.mode, len(moving.tile) - 1
     number, n = np.uint64(0), np.uint64(len(order) - len(normal))
@@ -93,9 +98,15 @@ def _chosen(
                 elif later < last and worker[group] != worker[later]:
                     group = last
                 kind = group if materials == 1 else (group * materials + material[a]) * materials + material[z]
-                row[number], bucket[number] = c, 2 * kind + (z >= n)
-                until[number] = later if group < last else last
-                held[np.uint64(bucket[number])] += 1
+                bucket = 2 * kind + (z >= n)
+                moved = z < n and (image[c, 0] != 0 or image[c, 1] != 0 or image[c, 2] != 0)
+                now = STUCK_AGAIN if mode[c] == STICK and contacts.reached[c] else mode[c]
+                now = LOOSE if mode[c] == SLIDE and not contacts.reached[c] else now
+                picked[number, _ROW], picked[number, _BUCKET] = c, bucket
+                picked[number, _UNTIL] = later if group < last else last
+                picked[number, _I], picked[number, _J] = g, h
+                picked[number, _MODE], picked[number, _FAR] = now, moved or z >= n
+                held[np.uint64(bucket)] += 1
                 start[h + np.uint64(2)] += 1
                 start[g + np.uint64(2)] += 1
                 number += np.uint64(1)
@@ -219,53 +230,43 @@ def _order_of_summation(contacts, slot, place, internal, start, code, nothing):
 
 
 @njit(cache=True)
-def _in_turn(until, tiles):
+def _in_turn(picked, tiles):
     """Pairs in the order of the last tile that they reach, and as they came."""
-    first, turn = np.zeros(tiles + 1, np.int64), np.empty(len(until), np.int32)
-    for p in range(np.uint64(len(until))):
-        first[np.uint64(until[p]) + np.uint64(1)] += 1
+    first, turn = np.zeros(tiles + 1, np.int64), np.empty(len(picked), np.int32)
+    for p in range(np.uint64(len(picked))):
+        first[np.uint64(picked[p, _UNTIL]) + np.uint64(1)] += 1
     for t in range(tiles):
         first[t + 1] += first[t]
-    for p in range(np.uint64(len(until))):
-        t = np.uint64(until[p])
+    for p in range(np.uint64(len(picked))):
+        t = np.uint64(picked[p, _UNTIL])
         turn[np.uint64(first[t])] = p
         first[t] += 1
     return turn
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)
-def _filled(
-    contacts, picked, bucket, turn, filled, internal, materials, material, walls, radius, inverse_mass, parts, slot
-):  # fmt: skip
+def _filled(picked, turn, filled, contacts, order, materials, material, radius, inverse_mass, parts, slot):
     """Write the pairs that were picked into the lanes of their buckets' blocks; mark the blocks that need vectors."""
     i, j, row, size, mass, slip, mode, pair, wall, at = parts
-    n, image, lanes = np.uint64(len(internal) - walls), contacts.image, np.uint64(LANES)
+    lanes = np.uint64(LANES)
     for k in range(np.uint64(len(turn))):  # unsigned, see `_chosen`
         p = np.uint64(turn[k])
-        c, within = np.uint64(picked[p]), np.uint64(bucket[p])
+        c, within = np.uint64(picked[p, _ROW]), np.uint64(picked[p, _BUCKET])
+        g, h, is_wall = np.uint64(picked[p, _I]), np.uint64(picked[p, _J]), picked[p, _BUCKET] & 1 == 1
         s = np.uint64(filled[within])
         filled[within] += 1
         b, l = s // lanes, s % lanes
-        a, z = np.uint64(contacts.i[c]), np.uint64(contacts.j[c])
-        is_wall = z >= n
-        i[s], j[s], row[s], wall[b] = internal[a], internal[z], c, is_wall
+        i[s], j[s], row[s], wall[b], mode[s], slot[c] = g, h, c, is_wall, picked[p, _MODE], s
         if materials > 1:
-            pair[b, 0], pair[b, 1] = material[a], material[z]
+            pair[b, 0], pair[b, 1] = material[order[g]], material[order[h]]
         if len(size):
-            size[s] = effective_radius(radius, np.uint64(i[s]), np.uint64(j[s]), is_wall)
+            size[s] = effective_radius(radius, g, h, is_wall)
         if len(mass):
-            mass[s] = effective_mass(inverse_mass, a, z)
+            mass[s] = effective_mass(inverse_mass, np.uint64(order[g]), np.uint64(order[h]))
         for m in range(np.uint64(3)):
             slip[(np.uint64(3) * b + m) * lanes + l] = contacts.slip[c, m]
-        if is_wall or image[c, 0] != 0 or image[c, 1] != 0 or image[c, 2] != 0:
+        if picked[p, _FAR]:
             at[b] = 0
-        was = contacts.mode[c]
-        if was == STICK and contacts.reached[c]:
-            was = STUCK_AGAIN
-        elif was == SLIDE and not contacts.reached[c]:
-            was = LOOSE
-        mode[s] = was
-        slot[c] = s
 
 
 @njit(cache=True, error_model="numpy")
@@ -286,12 +287,11 @@ def chosen_blocks(
     top, worker = len(tile), np.zeros(len(tile), np.int32)
     for k in range(len(share) - 1):
         worker[share[k] : share[k + 1]] = k
-    picked, bucket, until = np.empty(count, np.int32), np.empty(count, np.int32), np.empty(count, np.int32)
-    start = np.zeros(bodies + 2, np.uint32)
+    picked, start = np.empty((count, _COLUMNS), np.int32), np.zeros(bodies + 2, np.uint32)
     held = np.zeros(2 * top * materials * materials * 2, np.int64)
     active = _chosen(
         contacts, moving, _first_rows(contacts, bodies), internal, tile_of, worker, normal, vectors, room, gap,
-        materials, material, picked, bucket, until, start, held,
+        materials, material, picked, start, held,
     )  # fmt: skip
     classes, first = len(held) // (2 * top), np.zeros(len(held) + 1, np.int64)
     for k in range(len(held)):
@@ -304,8 +304,9 @@ def chosen_blocks(
     mode, place = _room(old.mode, slots), _room(old.place, blocks)
     pair, wall, at = np.zeros((blocks, 2), np.int64), np.zeros(blocks, np.bool_), np.full(blocks, -1, np.int32)
     filled, slot = first[:-1] * LANES, np.full(count, -1, np.int32)
+    picked = picked[:active]
     _filled(
-        contacts, picked, bucket, _in_turn(until[:active], top), filled, internal, materials, material, len(normal), moving.body[:, RADIUS],
+        picked, _in_turn(picked, top), filled, contacts, order, materials, material, moving.body[:, RADIUS],
         inverse_mass, (i, j, row, size, mass, slip, mode, pair, wall, at), slot,
     )  # fmt: skip
     far = 1.0 + gap

@@ -382,18 +382,21 @@ def roam(moving, base, span, least, most, out):
 
 
 @njit(cache=True, fastmath=False, _nrt=False)
-def furthest(moving, origin, room):
-    """Largest distance of a body from where it was, in the state's order, plus `room`; infinite if that is not known."""
-    most = 0.0
+def kept_within(moving, origin, most, room):
+    """Shorten `room` so that no body ends up further than `most` from where it was, in the state's order.
+
+    False if that takes more than half of what some body wants, or if it is not known where it was.
+    """
     for g in range(len(moving.order)):
         square = 0.0
         for m in range(3):
             d = moving.body[g, m] - origin[moving.order[g], m]
             square += d * d
-        away = np.sqrt(square) + room[g]
-        if not away <= most:
-            most = away if away < np.inf else np.inf
-    return most
+        left = most - np.sqrt(square)
+        if not left >= 0.5 * room[g]:
+            return False
+        room[g] = min(room[g], left)
+    return True
 
 
 @njit(cache=True, fastmath=False, _nrt=False)
