@@ -11,7 +11,7 @@ from rich.console import Console
 
 HERE, STORE = Path(__file__).parent, Path("results") / "benchmark-packings"
 ROUNDS = 5
-SIZE_ROUNDS, FEWEST_STEPS, GRAIN_STEPS = 3, 500, 10_000_000
+SIZE_ROUNDS, SIZE_STEPS, GRAIN_STEPS = 3, 500, 10_000_000
 console = Console()
 PEERS = ("gran/hertz/history", "granular")
 
@@ -45,7 +45,7 @@ def scene(dim: int, fraction: float, n: int, speed: float) -> Path:
     return path
 
 
-def timed(side: str, path: Path, steps: int, threads: int = 1) -> tuple[float, float]:
+def timed(side: str, path: Path, steps: int, threads: int = 1, runs: int = 0) -> tuple[float, float]:
     """Two numbers that a side prints, seconds a step first; raises RuntimeError with the reason if it cannot run."""
     env = os.environ | {"LD_LIBRARY_PATH": f"{sys.prefix}/lib:{os.environ.get('LD_LIBRARY_PATH', '')}"}
     if side == "YADE":
@@ -54,7 +54,7 @@ def timed(side: str, path: Path, steps: int, threads: int = 1) -> tuple[float, f
         words = ["yade", "-j1", "-n", "-x", str(HERE / "engine_yade.py"), str(path), str(steps)]
         env.pop("PYTHONPATH", None)
     else:
-        words = [sys.executable, str(HERE / "engine_sides.py"), side, str(path), str(steps), str(threads)]
+        words = [sys.executable, str(HERE / "engine_sides.py"), side, str(path), str(steps), str(threads), str(runs)]
     run = subprocess.run(words, capture_output=True, text=True, env=env)
     lines = [line for line in run.stdout.splitlines() if line.split()[:1] == ["seconds"] or side != "YADE"]
     if run.returncode or not lines:
@@ -95,11 +95,12 @@ def row(case: str, n: int, threads: int, ours: float, peer: float | None, name: 
 def sizes(counts) -> list[dict]:
     """Grain-steps a second from few to many grains over those of a thousand, and memory.
 
-    A run's beginning and end take as long as 30 to 40 steps: a thousand grains make so many steps that they do not
-    count, and many grains, which make fewer, pay for them. On one core, and on all cores, which is what a run takes by
-    default where there are grains enough; a thousand grains take one either way. The sizes take turns, and before and
-    after each large one a thousand grains run: processors of several tenants change their pace within minutes. The
-    ratio is the median over the rounds.
+    Each size makes the same steps from the same state, and what a run of one step takes is taken off, so that neither
+    colder grains nor a run's beginning and end are in the ratio; fewer grains make the run again and again, until the
+    clock has something to measure. On one core, and on all cores, which is what a run takes by default where there are
+    grains enough; a thousand grains take one either way. The sizes take turns, and before and after each large one a
+    thousand grains run: processors of several tenants change their pace within minutes. The ratio is the median over
+    the rounds.
     """
     few, cores = counts[0], os.cpu_count() or 1
     sides = [(n, threads) for n in counts[1:] for threads in sorted({1, cores})]
@@ -108,8 +109,8 @@ def sizes(counts) -> list[dict]:
         for side in sides:
             found = {}
             for n, threads in ((few, 1), side, (few, 1)):
-                steps = max(FEWEST_STEPS, GRAIN_STEPS // n)
-                seconds, taken = timed("ours", scene(3, 0.66, n, 0.001), steps, threads)
+                runs = max(1, GRAIN_STEPS // (n * SIZE_STEPS))
+                seconds, taken = timed("ours", scene(3, 0.66, n, 0.001), SIZE_STEPS, threads, runs)
                 found.setdefault((n, threads), []).append(n / seconds)
                 memory += [taken] if (n, threads) == (counts[-1], 1) else []
             ratios[side].append(max(found[side]) / np.mean(found[few, 1]))

@@ -14,7 +14,7 @@ import stickslip as ss
 from stickslip.core import many
 from stickslip.core.blocks import LANES
 
-from .engine import FEWEST_STEPS, GRAIN_STEPS, scene
+from .engine import GRAIN_STEPS, SIZE_STEPS, scene
 
 LAW, DT = ss.hertz_mindlin_reff(2.0, 4 / 7, 0.5), 0.1
 
@@ -69,8 +69,9 @@ def moved(n: int) -> tuple[float, float]:
     a_slot = 2 * blocks.i.itemsize + 8 * (len(blocks.size) > 0) + 2 * (3 * 8 + 1)  # slip and mode are written, too
     a_grain = 2 * (moving.body[0].nbytes + moving.angle[0].nbytes) + moving.origin[0].nbytes + 1
     a_grain += blocks.code.itemsize * 2 * slots + blocks.start.itemsize
-    # of a pair across tiles: two lines of the other body, and a row of loads that is written now and read later
-    return slots * a_slot + a_grain, cross * (2 + 2)
+    rows = (blocks.place[: blocks.inner[-1]].max() + LANES) / n  # in use at a time
+    # of a pair across tiles: two lines of the other body
+    return slots * a_slot + a_grain + 2 * blocks.load[0].nbytes * rows, 2 * cross
 
 
 def packing(n: int):
@@ -86,9 +87,10 @@ def taken(counts) -> list[float]:
     found = [[] for _ in counts]
     for _ in range(3):
         for n, state, times in zip(counts, states, found, strict=True):
-            steps, start = max(FEWEST_STEPS, GRAIN_STEPS // n), time.perf_counter()
-            ss.run(state, LAW, steps, DT, threads=1)
-            times.append(1e9 * (time.perf_counter() - start) / steps / n)
+            runs, start = max(1, GRAIN_STEPS // (n * SIZE_STEPS)), time.perf_counter()
+            for _ in range(runs):
+                ss.run(state, LAW, SIZE_STEPS, DT, threads=1)
+            times.append(1e9 * (time.perf_counter() - start) / (runs * SIZE_STEPS * n))
     return [min(times) for times in found]
 
 

@@ -1,9 +1,10 @@
-"""One side of a benchmark of the engine in a process of its own: `python engine_sides.py SIDE SCENE STEPS THREADS`.
+"""One side of a benchmark of the engine in a process of its own: `engine_sides.py SIDE SCENE STEPS THREADS [RUNS]`.
 
-Prints seconds a step, and peak memory above that of the libraries and of our compiled code, in bytes; with the side
-`threads`, seconds a step on one thread and on so many, the best of `TURNS` runs each, in turn. All sides take the same
-grains, velocities, law (Hertz–Mindlin with memory, k_n = 2, k_t = 4/7 with √R_eff, μ = 1/2, no dashpots), box and time
-step; neighbours are checked and lists rebuilt as each code does it. The skins are those at which each code was fastest.
+Prints seconds a step, and peak memory above that of the libraries and of our compiled code, in bytes; with RUNS seconds
+a step are the mean of so many runs from one state, less what a run of one step takes. With the side `threads`, seconds
+a step on one thread and on so many, the best of `TURNS` runs each, in turn. All sides take the same grains, velocities,
+law (Hertz–Mindlin with memory, k_n = 2, k_t = 4/7 with √R_eff, μ = 1/2, no dashpots), box and time step; neighbours are
+checked and lists rebuilt as each code does it. The skins are those at which each code was fastest.
 """
 
 import resource
@@ -44,11 +45,14 @@ def taken(state, law, dt, steps: int, threads: int) -> float:
     return (time.perf_counter() - start) / steps
 
 
-def ours(scene, steps: int, threads: int) -> float:
-    """Our own stepper."""
+def ours(scene, steps: int, threads: int, runs: int = 0) -> float:
+    """Our own stepper, from beginning to end; with `runs` without either, the mean of so many."""
     state, law, dt = scene_of_ours(scene)
     state = warmed_up(state, law, dt, threads)
-    return taken(state, law, dt, steps, threads)
+    if not runs:
+        return taken(state, law, dt, steps, threads)
+    found = [steps * taken(state, law, dt, steps, threads) - taken(state, law, dt, 1, threads) for _ in range(runs)]
+    return sum(found) / (runs * (steps - 1))
 
 
 def in_turn(scene, steps: int, counts) -> list[float]:
@@ -108,7 +112,7 @@ def lammps(style: str, scene, steps: int) -> float:
 
 def main() -> None:
     """Run the side that the command line names."""
-    side, path, steps, threads = sys.argv[1], sys.argv[2], int(sys.argv[3]), int(sys.argv[4])
+    (side, path), (steps, threads, *runs) = sys.argv[1:3], map(int, sys.argv[3:])
     scene = dict(np.load(path))
     if side == "threads":
         print(*in_turn(scene, steps, (1, threads)))
@@ -117,7 +121,7 @@ def main() -> None:
         few = min(200, len(scene["radius"]))
         ours({name: part[:few] if part.ndim else part for name, part in scene.items()}, 5 * WARM, threads)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    seconds = ours(scene, steps, threads) if side == "ours" else lammps(side, scene, steps)
+    seconds = ours(scene, steps, threads, *runs) if side == "ours" else lammps(side, scene, steps)
     print(seconds, (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024)
 
 

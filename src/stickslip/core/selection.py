@@ -9,9 +9,10 @@ from .lanes import LANES, RADIUS, aligned
 from .state import OPEN, SLIDE, STICK
 from .sums import AHEAD, IS_FIRST, IS_I, ROW, WIDTH
 
-# what is known of a pair picked: its row in the list, bucket, last tile, bodies in memory, mode in a block, and whether
-# its block needs vectors
-_ROW, _BUCKET, _UNTIL, _I, _J, _MODE, _FAR, _COLUMNS = range(8)
+# what is known of a pair picked: its row in the list, its bodies in memory, and its bucket times _BUCKET, plus _FAR if
+# its block needs vectors, plus its mode in a block
+_ROW, _I, _J, _WHAT, _COLUMNS = range(5)
+_FAR, _BUCKET = 8, 16
 
 
 def layered(x, rows, parts):
@@ -102,10 +103,8 @@ def _chosen(
                 moved = z < n and (image[c, 0] != 0 or image[c, 1] != 0 or image[c, 2] != 0)
                 now = STUCK_AGAIN if mode[c] == STICK and contacts.reached[c] else mode[c]
                 now = LOOSE if mode[c] == SLIDE and not contacts.reached[c] else now
-                picked[number, _ROW], picked[number, _BUCKET] = c, bucket
-                picked[number, _UNTIL] = later if group < last else last
-                picked[number, _I], picked[number, _J] = g, h
-                picked[number, _MODE], picked[number, _FAR] = now, moved or z >= n
+                picked[number, _ROW], picked[number, _I], picked[number, _J] = c, g, h
+                picked[number, _WHAT] = bucket * _BUCKET + (_FAR if moved or z >= n else 0) + now
                 held[np.uint64(bucket)] += 1
                 start[h + np.uint64(2)] += 1
                 start[g + np.uint64(2)] += 1
@@ -229,16 +228,26 @@ def _order_of_summation(contacts, slot, place, internal, start, code, nothing):
         code[start[a]] += IS_FIRST
 
 
+@njit(cache=True, _nrt=False)
+def _last_tile(picked, p, tile_of, crossing):
+    """The last tile that a pair reaches, if it is one between tiles of a thread."""
+    g, h = np.uint64(picked[p, _I]), np.uint64(picked[p, _J])
+    return np.uint64(max(tile_of[g], tile_of[h]) if picked[p, _WHAT] < crossing * _BUCKET else 0)
+
+
 @njit(cache=True)
-def _in_turn(picked, tiles):
-    """Pairs in the order of the last tile that they reach, and as they came."""
+def _in_turn(picked, tile_of, tiles, crossing):
+    """Pairs between tiles of a thread in the order of the last that they reach, after all others, which keep theirs.
+
+    `crossing`: the number of buckets of such pairs.
+    """
     first, turn = np.zeros(tiles + 1, np.int64), np.empty(len(picked), np.int32)
     for p in range(np.uint64(len(picked))):
-        first[np.uint64(picked[p, _UNTIL]) + np.uint64(1)] += 1
+        first[_last_tile(picked, p, tile_of, crossing) + np.uint64(1)] += 1
     for t in range(tiles):
         first[t + 1] += first[t]
     for p in range(np.uint64(len(picked))):
-        t = np.uint64(picked[p, _UNTIL])
+        t = _last_tile(picked, p, tile_of, crossing)
         turn[np.uint64(first[t])] = p
         first[t] += 1
     return turn
@@ -251,12 +260,13 @@ def _filled(picked, turn, filled, contacts, order, materials, material, radius, 
     lanes = np.uint64(LANES)
     for k in range(np.uint64(len(turn))):  # unsigned, see `_chosen`
         p = np.uint64(turn[k])
-        c, within = np.uint64(picked[p, _ROW]), np.uint64(picked[p, _BUCKET])
-        g, h, is_wall = np.uint64(picked[p, _I]), np.uint64(picked[p, _J]), picked[p, _BUCKET] & 1 == 1
+        c, what = np.uint64(picked[p, _ROW]), picked[p, _WHAT]
+        g, h, within = np.uint64(picked[p, _I]), np.uint64(picked[p, _J]), np.uint64(what // _BUCKET)
+        is_wall = within & np.uint64(1) == np.uint64(1)
         s = np.uint64(filled[within])
         filled[within] += 1
         b, l = s // lanes, s % lanes
-        i[s], j[s], row[s], wall[b], mode[s], slot[c] = g, h, c, is_wall, picked[p, _MODE], s
+        i[s], j[s], row[s], wall[b], mode[s], slot[c] = g, h, c, is_wall, what % _FAR, s
         if materials > 1:
             pair[b, 0], pair[b, 1] = material[order[g]], material[order[h]]
         if len(size):
@@ -265,7 +275,7 @@ def _filled(picked, turn, filled, contacts, order, materials, material, radius, 
             mass[s] = effective_mass(inverse_mass, np.uint64(order[g]), np.uint64(order[h]))
         for m in range(np.uint64(3)):
             slip[(np.uint64(3) * b + m) * lanes + l] = contacts.slip[c, m]
-        if picked[p, _FAR]:
+        if what & _FAR:
             at[b] = 0
 
 
@@ -305,9 +315,10 @@ def chosen_blocks(
     pair, wall, at = np.zeros((blocks, 2), np.int64), np.zeros(blocks, np.bool_), np.full(blocks, -1, np.int32)
     filled, slot = first[:-1] * LANES, np.full(count, -1, np.int32)
     picked = picked[:active]
+    turn = _in_turn(picked, tile_of, top, (top - 1) * classes)
     _filled(
-        picked, _in_turn(picked, top), filled, contacts, order, materials, material, moving.body[:, RADIUS],
-        inverse_mass, (i, j, row, size, mass, slip, mode, pair, wall, at), slot,
+        picked, turn, filled, contacts, order, materials, material, moving.body[:, RADIUS], inverse_mass,
+        (i, j, row, size, mass, slip, mode, pair, wall, at), slot,
     )  # fmt: skip
     far = 1.0 + gap
     for g in range(bodies):

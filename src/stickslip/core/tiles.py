@@ -373,7 +373,7 @@ def speeds(moving):
 
 @njit(cache=True, fastmath=False, _nrt=False)
 def roam(moving, base, span, least, most, out):
-    """How far each body may go before blocks are chosen again: `base` plus its way in the time `span`, within bounds."""
+    """How far each body may go until blocks are chosen again: `base` and its way in the time `span`, within bounds."""
     for g in range(len(moving.order)):
         square = 0.0
         for k in range(3):
