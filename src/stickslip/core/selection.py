@@ -330,8 +330,8 @@ def chosen_blocks(
     _pointed(contacts, row, wall, at, normal, across, bodies, far, vector)
     code, load, pairs = _room(old.code, 2 * active + bodies + AHEAD), old.load, old.pair
     if len(load) <= most:
-        room = most + most // 8 + 1
-        load, pairs = aligned(room, WIDTH), np.empty((room if len(moving.virial) > 0 else 0, 3))
+        rows = most + most // 8 + 1
+        load, pairs = aligned(rows, WIDTH), np.empty((rows if len(moving.virial) > 0 else 0, 3))
     for k in range(WIDTH):
         load[most, k] = 0.0
     _order_of_summation(contacts, slot, place, internal, start, code, most)
