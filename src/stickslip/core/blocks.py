@@ -71,7 +71,7 @@ class Moving(NamedTuple):
     external: np.ndarray  # (B, 8) external forces, and zeros, see `sums`; or (1, 8) without any
     torque: np.ndarray  # (B, 3) external torques, or (1, 3) without any
     virial: np.ndarray  # (B, 9) Σ f ⊗ r over contacts in which a body is i, written with a frame; else (0, 9)
-    origin: np.ndarray  # (B, 4) where the blocks were chosen, and 1/d², d how far the body may go until they are again
+    origin: np.ndarray  # (B, 4) where the blocks were chosen, and 1/d² (with a frame 1), d how far the body may go then
     tile: np.ndarray  # (T + 1,) bounds of the tiles of grains; rigid groups and walls follow
     member: np.ndarray  # (M,) bodies in rigid groups, group after group
     members: np.ndarray  # (G + 1,) bounds of the groups
@@ -112,10 +112,11 @@ def no_blocks() -> Blocks:
 
 
 @njit(cache=True, _nrt=False)
-def committed(blocks, contacts):
-    """Write slip and mode of all blocks back to their rows in the list of contacts."""
+def committed(blocks, contacts, part, parts):
+    """Write slip and mode of a part of the blocks back to their rows in the list of contacts."""
     lanes = np.uint64(LANES)  # unsigned, so that no index is checked for counting from the end
-    for s in range(np.uint64(blocks.inner[-1]) * lanes):
+    first, last = blocks.inner[-1] * part // parts, blocks.inner[-1] * (part + 1) // parts
+    for s in range(np.uint64(first) * lanes, np.uint64(last) * lanes):
         if blocks.row[s] >= 0:
             c, b, l = np.uint64(blocks.row[s]), s // lanes, s % lanes
             for m in range(np.uint64(3)):

@@ -30,7 +30,7 @@ from .plan import (
 )
 from .reach import gap_listed
 from .record import Writing, sample, sample_groups, with_lost
-from .selection import chosen_blocks, layered, morton
+from .selection import chooser, layered, morton
 from .state import OPEN, Instant, State, deforms
 from .sums import WIDTH
 from .tiles import Pace, Pull, brought, exported, kept_within, marcher, roam, speeds
@@ -129,6 +129,7 @@ class _March:
         self.viscous, self.imposed, self.deforming = dashpots(law), imposes(state), deforms(state)
         self.threads = _threads(len(state.grains.radius), threads, len(writing.events) > 0)
         self.march = marcher(law.kind, law.coulomb, state.cell.dim, self.viscous, rate, self.threads > 1)
+        self.chosen_blocks = chooser(self.threads > 1)
         here = bodies_at_start(state, instant)
         keyed = bool(books or len(writing.events) or len(state.contacts.rolling))
         self.contacts, self.blocks = _to_write(state, law, here, keyed), no_blocks()
@@ -147,7 +148,6 @@ class _March:
     def choose(self) -> None:
         """Blocks of what may touch until some body has gone too far, and a new list if this one is too short for it."""
         state, moving, known = self.state, self.moving, self.known
-        committed(self.blocks, self.contacts)
         room, skin = self._wanted()
         if skin > 0:
             self._list_anew(skin)
@@ -156,7 +156,7 @@ class _March:
             self.frame.made[:] = state.cell.vectors if skin > 0 else self.frame.made
         moving.origin[:, :3], moving.origin[:, 3] = moving.body[:, :3], 1.0 if self.imposed else room**-2
         across = np.eye(3) if self.imposed else state.cell.vectors
-        self.blocks = chosen_blocks(
+        self.blocks = self.chosen_blocks(
             self.blocks, self.contacts, moving, known.inverse_mass, known.material, known.normal,
             state.cell.vectors, across, room, gap_listed(self.contacts), len(self.law.table),
             needs_radius(self.law.kind, self.viscous), self.viscous,
@@ -164,6 +164,7 @@ class _March:
 
     def _list_anew(self, skin: float) -> None:
         """A list of all pairs nearer than `skin`."""
+        committed(self.blocks, self.contacts, 0, 1)
         self.blocks = no_blocks()  # before there is a new list: memory
         self.contacts = former = _closed(self.contacts)
         position = _positions(self.moving)
@@ -206,7 +207,7 @@ class _March:
 
         What contacts remember is in the list, then, too.
         """
-        committed(self.blocks, self.contacts)
+        committed(self.blocks, self.contacts, 0, 1)
         here = self.known._replace(**{name: np.empty_like(self.moving.angle) for name in _MOVES})
         exported(self.moving, here)
         return here
@@ -232,7 +233,7 @@ class _March:
 
     def end(self, skin: float) -> State:
         """The state at the last step, with a list of the given skin."""
-        committed(self.blocks, self.contacts)
+        committed(self.blocks, self.contacts, 0, 1)
         self.blocks = no_blocks()  # memory for what is given back
         clock = self.frame.clock if self.imposed else self.pull.clock if self.pull else [self._time()]
         pull, time = self.flow.matrix[PULL].copy() if self.imposed else np.zeros((3, 3)), float(clock[0])

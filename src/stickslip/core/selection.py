@@ -1,9 +1,11 @@
 """Which pairs go into which blocks, and where grains lie in memory: see `blocks`."""
 
-import numpy as np
-from numba import njit
+from functools import cache
 
-from .blocks import LOOSE, STUCK_AGAIN, Blocks
+import numpy as np
+from numba import njit, prange
+
+from .blocks import LOOSE, STUCK_AGAIN, Blocks, committed
 from .contact import effective_mass, effective_radius, needs_mass
 from .lanes import LANES, RADIUS, aligned
 from .state import OPEN, SLIDE, STICK
@@ -23,7 +25,7 @@ def layered(x, rows, parts):
     """
     if parts == 1 or not len(rows):
         return [rows] * parts
-    sides = np.ptp(x[:, rows], axis=1)
+    sides = np.array([np.ptp(one[rows]) for one in x])
     wide, along = sides[sides > 0], x[np.argmax(sides)]
     edge = (wide.prod() / parts) ** (1 / len(wide)) if len(wide) else 0.0
     layers = min(parts, max(2, round(sides.max() / edge))) if edge else parts
@@ -65,19 +67,19 @@ def _first_rows(contacts, bodies):
 
 @njit(cache=True, error_model="numpy", _nrt=False)
 def _chosen(
-    contacts, moving, first, internal, tile_of, worker, normal, vectors, room, gap, materials, material, picked, start,
-    held,
+    begin, end, contacts, moving, first, internal, tile_of, worker, normal, vectors, room, gap, materials, material,
+    picked, start, held,
 ):  # fmt: skip
-    """All pairs that touch or may soon touch, in the order of their first bodies in memory. Returns how many there are.
+    """All pairs that touch or may soon touch, in the order of their first bodies in memory, `begin` to before `end`.
 
-    A row of `picked` says all that blocks must know of a pair besides its slip, so that the list is gone through once
-    only. Counts pairs of each body in `start` and of each bucket in `held`: those that reach from a tile to later ones
-    of the same thread, those between threads and within the last tile, then those within each other tile, each class of
-    materials for itself.
+    Returns how many there are. A row of `picked` says all that blocks must know of a pair besides its slip, so that the
+    list is gone through once only. Counts pairs of each body in `start` and of each bucket in `held`: those that reach
+    from a tile to later ones of the same thread, those between threads and within the last tile, then those within each
+    other tile, each class of materials for itself.
     """
     order, body, image, mode, last = moving.order, moving.body, contacts.image, contacts.mode, len(moving.tile) - 1
     number, n = np.uint64(0), np.uint64(len(order) - len(normal))
-    for g in range(np.uint64(len(order))):  # unsigned, so that no index is checked for counting from the end
+    for g in range(np.uint64(begin), np.uint64(end)):  # unsigned, so that no index is checked for being negative
         a = np.uint64(order[g])
         for c in range(np.uint64(first[a]), np.uint64(first[a + np.uint64(1)])):
             z = np.uint64(contacts.j[c])
@@ -279,63 +281,127 @@ def _filled(picked, turn, filled, contacts, order, materials, material, radius, 
             at[b] = 0
 
 
-@njit(cache=True, error_model="numpy")
-def chosen_blocks(
-    old, contacts, moving, inverse_mass, material, normal, vectors, across, room, gap, materials, by_size, viscous
-):  # fmt: skip
-    """Blocks of all pairs that may touch before their bodies have gone as far as they may, in the memory of `old` ones.
-
-    The tiles of a thread share rows of loads, which stay in its cache. `across` turns an image into what is added to
-    the pair vector: the cell's vectors, or the unit matrix with a frame, which knows the vectors of the moment.
-    """
-    order, tile, share, bodies, count = moving.order, moving.tile, moving.share, len(moving.order), contacts.count[0]
+@njit(cache=True)
+def _prepared(contacts, moving, workers, materials):
+    """Where bodies are in memory, in which tile and whose; room for what each thread picks, from a row of its own."""
+    order, tile, share, bodies = moving.order, moving.tile, moving.share, len(moving.order)
     internal, tile_of = np.empty(bodies, np.int32), np.empty(bodies, np.int32)
     for g in range(bodies):
         internal[order[g]] = g
     for t in range(len(tile)):
         tile_of[tile[t] : tile[t + 1] if t + 1 < len(tile) else bodies] = t
-    top, worker = len(tile), np.zeros(len(tile), np.int32)
-    for k in range(len(share) - 1):
+    worker, own = np.zeros(len(tile), np.int32), np.zeros((workers, 2), np.int64)
+    for k in range(workers):
         worker[share[k] : share[k + 1]] = k
-    picked, start = np.empty((count, _COLUMNS), np.int32), np.zeros(bodies + 2, np.uint32)
-    held = np.zeros(2 * top * materials * materials * 2, np.int64)
-    active = _chosen(
-        contacts, moving, _first_rows(contacts, bodies), internal, tile_of, worker, normal, vectors, room, gap,
-        materials, material, picked, start, held,
-    )  # fmt: skip
-    classes, first = len(held) // (2 * top), np.zeros(len(held) + 1, np.int64)
-    for k in range(len(held)):
-        first[k + 1] = first[k] + (held[k] + LANES - 1) // LANES
-    bound, blocks = first[::classes].copy(), first[-1]
+        own[k, 0], own[k, 1] = tile[share[k]], tile[share[k + 1]] if k + 1 < workers else bodies
+    first, begin = _first_rows(contacts, bodies), np.zeros(workers, np.int64)
+    for k in range(workers - 1):
+        begin[k + 1] = begin[k]
+        for g in range(own[k, 0], own[k, 1]):
+            begin[k + 1] += first[order[g] + 1] - first[order[g]]
+    picked, start = np.empty((contacts.count[0], _COLUMNS), np.int32), np.zeros((workers, bodies + 2), np.uint32)
+    held = np.zeros((workers, 2 * len(tile) * materials * materials * 2), np.int64)
+    return internal, tile_of, worker, own, first, begin, picked, start, held
+
+
+@njit(cache=True)
+def _laid_out(old, contacts, moving, start, held, materials, by_size, viscous):
+    """Room for all blocks, in the memory of `old` ones if it is enough; where each thread begins to fill each bucket.
+
+    What each body has is summed up in the first row of `start`.
+    """
+    workers, buckets, top = len(held), held.shape[1], len(moving.tile)
+    classes, first, filled = buckets // (2 * top), np.zeros(buckets + 1, np.int64), np.empty_like(held)
+    for k in range(buckets):
+        pairs = 0
+        for w in range(workers):
+            filled[w, k] = first[k] * LANES + pairs
+            pairs += held[w, k]
+        first[k + 1] = first[k] + (pairs + LANES - 1) // LANES
+    for w in range(1, workers):
+        for a in range(start.shape[1]):
+            start[0, a] += start[w, a]
+    blocks, bound = first[-1], first[::classes].copy()
     slots = blocks * LANES
     i, j, row = _room(old.i, slots), _room(old.j, slots), _room(old.row, slots)
-    slip = _room(old.slip, 3 * slots)
     size, mass = _room(old.size, slots if by_size else 0), _room(old.mass, slots if needs_mass(viscous) else 0)
-    mode, place = _room(old.mode, slots), _room(old.place, blocks)
+    slip, mode, place = _room(old.slip, 3 * slots), _room(old.mode, slots), _room(old.place, blocks)
     pair, wall, at = np.zeros((blocks, 2), np.int64), np.zeros(blocks, np.bool_), np.full(blocks, -1, np.int32)
-    filled, slot = first[:-1] * LANES, np.full(count, -1, np.int32)
-    picked = picked[:active]
-    turn = _in_turn(picked, tile_of, top, (top - 1) * classes)
-    _filled(
-        picked, turn, filled, contacts, order, materials, material, moving.body[:, RADIUS], inverse_mass,
-        (i, j, row, size, mass, slip, mode, pair, wall, at), slot,
-    )  # fmt: skip
-    far = 1.0 + gap
+    slot = np.full(contacts.count[0], -1, np.int32)
+    return first, bound, filled, place, slot, (i, j, row, size, mass, slip, mode, pair, wall, at)
+
+
+@njit(cache=True)
+def _joined(
+    old, contacts, moving, normal, across, room, gap, first, bound, filled, place, slot, parts, internal, tile_of, start
+):  # fmt: skip
+    """The blocks, once pairs are in them: lanes without any, vectors, rows of loads and the order of summation."""
+    i, j, row, size, mass, slip, mode, pair, wall, at = parts
+    bodies, top, far = len(internal), len(moving.tile), 1.0 + gap
     for g in range(bodies):
         far = max(far, 4.0 * moving.body[g, RADIUS] + 1.0 + gap + 2.0 * room[g])
-    for k in range(len(held)):
-        _pad(filled[k], first[k + 1] * LANES, bodies, i, j, row, wall, at, size, mass, slip, mode)
-    most = _rows_of_loads(place, bound, top, share, tile_of, i, j, row)
+    for k in range(len(first) - 1):
+        _pad(filled[-1, k], first[k + 1] * LANES, bodies, i, j, row, wall, at, size, mass, slip, mode)
+    most = _rows_of_loads(place, bound, top, moving.share, tile_of, i, j, row)
     vector = _room(old.vector, _numbered(at))
     _pointed(contacts, row, wall, at, normal, across, bodies, far, vector)
-    code, load, pairs = _room(old.code, 2 * active + bodies + AHEAD), old.load, old.pair
+    load, pairs = old.load, old.pair
     if len(load) <= most:
         rows = most + most // 8 + 1
         load, pairs = aligned(rows, WIDTH), np.empty((rows if len(moving.virial) > 0 else 0, 3))
     for k in range(WIDTH):
         load[most, k] = 0.0
+    active, start = 0, start[0]
+    for a in range(bodies):
+        active += max(start[a + 2], 1)
+    code = _room(old.code, active + AHEAD)
     _order_of_summation(contacts, slot, place, internal, start, code, most)
     return Blocks(
         i, j, row, pair, wall, at, vector, size, mass, slip, mode, place, bound[: top + 1].copy(),
         bound[top:].copy(), load, pairs, start[: bodies + 1].copy(), code,
     )  # fmt: skip
+
+
+@cache
+def chooser(parallel: bool):
+    """Compiled choice of blocks, on one thread or several; no bit depends on how many."""
+
+    @njit(cache=True, error_model="numpy", parallel=parallel)
+    def chosen_blocks(
+        old, contacts, moving, inverse_mass, material, normal, vectors, across, room, gap, materials, by_size, viscous
+    ):  # fmt: skip
+        """Blocks of all pairs that may touch before their bodies have gone as far as they may, in the memory of `old`
+        ones, which are written back to the list first.
+
+        The tiles of a thread share rows of loads, which stay in its cache. `across` turns an image into what is added
+        to the pair vector: the cell's vectors, or the unit matrix with a frame, which knows the vectors of the moment.
+        """
+        # whether this is parallel must stand in its body: what is kept compiled is known by that alone
+        workers, crossing = len(moving.share) - 1 if parallel else 1, len(moving.tile) - 1
+        for k in prange(workers):
+            committed(old, contacts, k, workers)
+        internal, tile_of, worker, own, first, begin, picked, start, held = _prepared(
+            contacts, moving, workers, materials
+        )
+        number = np.empty(workers, np.int64)
+        for k in prange(workers):
+            number[k] = _chosen(
+                own[k, 0], own[k, 1], contacts, moving, first, internal, tile_of, worker, normal, vectors, room, gap,
+                materials, material, picked[begin[k] :], start[k], held[k],
+            )  # fmt: skip
+        first_block, bound, filled, place, slot, parts = _laid_out(
+            old, contacts, moving, start, held, materials, by_size, viscous
+        )
+        buckets = crossing * (held.shape[1] // (2 * (crossing + 1)))
+        for k in prange(workers):
+            own_picked = picked[begin[k] : begin[k] + number[k]]
+            _filled(
+                own_picked, _in_turn(own_picked, tile_of, crossing + 1, buckets), filled[k], contacts, moving.order,
+                materials, material, moving.body[:, RADIUS], inverse_mass, parts, slot,
+            )  # fmt: skip
+        return _joined(
+            old, contacts, moving, normal, across, room, gap, first_block, bound, filled, place, slot, parts, internal,
+            tile_of, start,
+        )  # fmt: skip
+
+    return chosen_blocks
