@@ -31,6 +31,7 @@ from .lanes import (
     in_widest_vectors,
     scattered,
     soon,
+    written_soon,
 )
 from .laws import (
     DAMPING_N,
@@ -157,9 +158,9 @@ def _pairs_soon(blocks, body, b):
 
 @njit(**BARE)
 def _bodies_soon(body, first, last):
-    """Ask for a stretch of bodies."""
+    """Ask for a stretch of bodies, which will be moved on."""
     for at in range(first * BODY, last * BODY, 8):
-        soon(body, at)
+        written_soon(body, at)
 
 
 @njit(fastmath=True, **BARE)

@@ -62,15 +62,26 @@ def aligned(rows, width):
     return flat[first : first + rows * width].reshape(rows, width)
 
 
-@intrinsic
-def soon(typingctx, array, at):
-    """Ask for the line of memory with element `at` of a contiguous array, wanted soon; no bit depends on it."""
+def _line_asked(array, write):
+    """Signature and code of a wish for the line of memory with an element of a contiguous array."""
 
     def generated(context, builder, signature, args):
-        asked(builder, builder.gep(_data(context, builder, signature, args, 0), [args[1]]))
+        asked(builder, builder.gep(_data(context, builder, signature, args, 0), [args[1]]), write)
         return context.get_dummy_value()
 
     return types.none(array, types.int64), generated
+
+
+@intrinsic
+def soon(typingctx, array, at):
+    """Ask for the line of memory with element `at` of a contiguous array, read soon; no bit depends on it."""
+    return _line_asked(array, False)
+
+
+@intrinsic
+def written_soon(typingctx, array, at):
+    """The same of what is written soon: other processors that have the line let go of it meanwhile."""
+    return _line_asked(array, True)
 
 
 @intrinsic

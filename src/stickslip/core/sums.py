@@ -31,13 +31,13 @@ def _vector(builder, data, at, kind=_NUMBERS):
     return builder.bitcast(builder.gep(first, [at]), kind.as_pointer())
 
 
-def asked(builder, pointer):
-    """Have a line of memory brought near before it is read; what lies far off is waited for less, then."""
+def asked(builder, pointer, write=False):
+    """Have a line of memory brought near before it is read or written; what lies far off is waited for less, then."""
     near = _BYTE.as_pointer()
     fetch = cgutils.get_or_insert_function(
         builder.module, ir.FunctionType(ir.VoidType(), [near] + [_MARK] * 3), "llvm.prefetch.p0i8"
     )
-    builder.call(fetch, [builder.bitcast(pointer, near), _MARK(0), _MARK(3), _MARK(1)])  # to read, to keep, data
+    builder.call(fetch, [builder.bitcast(pointer, near), _MARK(int(write)), _MARK(3), _MARK(1)])  # to keep, data
 
 
 class _Stream:
