@@ -94,6 +94,22 @@ def test_two_threads_give_the_bits_of_one(law_name, coulomb, dim, more, walls):
     assert same_bits(one, two)
 
 
+def test_no_collision_is_missed_between_two_choices_of_blocks():
+    """Pairs at all distances meet head-on, as fast as each other: every one turns round, as if it were alone."""
+    law, gap, speed = make_law("hertz_mindlin", "sharp"), np.linspace(0.01, 0.6, 40), 0.02
+    x = np.zeros((80, 3))
+    x[:40, 0], x[40:, 0] = 5.0, 6.0 + gap
+    x[:, 1] = np.tile(np.arange(40) * 2.0 + 1.0, 2)
+    velocity = np.outer(np.repeat([1.0, -1.0], 40), [speed, 0, 0])
+    state = ss.assembly(ss.spheres(x, 0.5, velocity=velocity), cell=ss.box([80.0] * 3), skin=0.3)
+    end, _, _ = ss.run(state, law, 800, 0.05)
+    alone = ss.assembly(ss.spheres(x[[0, 40]], 0.5, velocity=velocity[[0, 40]]), cell=ss.box([80.0] * 3), skin=0.3)
+    back = ss.run(alone, law, 800, 0.05)[0].grains.velocity[0, 0]
+    assert back < 0
+    np.testing.assert_allclose(end.grains.velocity[:40, 0], back, rtol=0.01)
+    np.testing.assert_allclose(end.grains.velocity[40:, 0], -back, rtol=0.01)
+
+
 @pytest.mark.parametrize("size", [7, 64, 400])
 def test_order_of_memory_and_tiles_do_not_matter(size, monkeypatch):
     law, state = make_law("hertz_mindlin_reff", "sharp", damping_n=0.3, damping_t=0.15), flowing(n=300, walls=True)
@@ -103,6 +119,24 @@ def test_order_of_memory_and_tiles_do_not_matter(size, monkeypatch):
     monkeypatch.setattr(many, "_ordered", lambda state, threads: (order, tiles))
     shuffled, _, _ = ss.run(state, law, 120, 0.05)
     assert same_bits(plain, shuffled)
+
+
+def test_how_tiles_are_shared_out_does_not_matter(monkeypatch):
+    if numba.config.NUMBA_NUM_THREADS < 2:
+        pytest.skip("this machine has one core: its tiles are not shared out")
+    law, state = make_law("hertz_mindlin_reff", "sharp", damping_n=0.3, damping_t=0.15), flowing(n=300, walls=True)
+    plain, _, _ = ss.run(state, law, 240, 0.05)
+    order, tiles, taken = np.arange(302), np.append(np.arange(0, 300, 40), 300), []
+
+    def shared(share, spent):
+        taken.append(1 + len(taken) % 7)
+        return np.array([0, taken[-1], share[-1]])
+
+    monkeypatch.setattr(many, "_ordered", lambda state, threads: (order, tiles))
+    monkeypatch.setattr(many, "shared_out", shared)
+    uneven, _, _ = ss.run(state, law, 240, 0.05, threads=2)
+    assert len(taken) > 1
+    assert same_bits(plain, uneven)
 
 
 @pytest.mark.parametrize("n", [30, 150])

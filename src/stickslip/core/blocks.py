@@ -77,6 +77,7 @@ class Moving(NamedTuple):
     member: np.ndarray  # (M,) bodies in rigid groups, group after group
     members: np.ndarray  # (G + 1,) bounds of the groups
     share: np.ndarray  # (threads + 1,) bounds of the tiles of each thread
+    spent: np.ndarray  # (threads, 8) in the first column, ticks that each thread spent on its tiles: see `clock`
 
 
 class Blocks(NamedTuple):

@@ -30,7 +30,7 @@ from .plan import (
 )
 from .reach import gap_listed
 from .record import Writing, sample, sample_groups, with_lost
-from .selection import chooser, layered, morton
+from .selection import chooser, layered, morton, shared_out
 from .state import OPEN, Instant, State, deforms
 from .sums import WIDTH
 from .tiles import Pace, Pull, brought, exported, kept_within, marcher, roam, speeds
@@ -116,6 +116,7 @@ def _moving(state: State, plan: Plan, here: Bodies, predict: bool, imposed: bool
         tile,
         *pool_of(state.control, place),
         np.arange(threads + 1) * (len(tile) - 1) // threads,
+        np.zeros((threads, 8), np.int64),
     )
 
 
@@ -155,6 +156,7 @@ class _March:
             self.frame.reach[0], self.flow.matrix[SINCE] = 2 * room.min(), np.eye(3)
             self.frame.made[:] = state.cell.vectors if skin > 0 else self.frame.made
         moving.origin[:, :3], moving.origin[:, 3] = moving.body[:, :3], 1.0 if self.imposed else room**-2
+        moving.share[:], moving.spent[:] = shared_out(moving.share, moving.spent[:, 0]), 0
         across = np.eye(3) if self.imposed else state.cell.vectors
         self.blocks = self.chosen_blocks(
             self.blocks, self.contacts, moving, known.inverse_mass, known.material, known.normal,

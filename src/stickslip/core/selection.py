@@ -36,6 +36,19 @@ def layered(x, rows, parts):
     return [part for parts in layer for part in parts]
 
 
+def shared_out(share, spent):
+    """Bounds of the tiles of each thread, so that all take as long, from what each `spent` on those that it had.
+
+    Cores are not alike: some are made slower, and others are at work for somebody else, too.
+    """
+    if not (spent > 0).all():
+        return share
+    speed, threads = np.diff(share) / spent, len(spent)
+    bound = np.rint(share[-1] * np.cumsum(speed) / speed.sum()).astype(share.dtype)
+    left = np.arange(threads)[::-1]  # each thread keeps a tile
+    return np.append(0, np.clip(bound, 1 + left[::-1], share[-1] - left))
+
+
 @njit(cache=True)
 def morton(x, size):
     """(n,) places of points (3, n) along a space-filling curve through cells of `size`; no coordinate is negative."""

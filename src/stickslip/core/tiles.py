@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit, prange
 
 from .blocks import BARE, STUCK_AGAIN, evaluated
+from .clock import ticks
 from .forces import CLOSED, OPENED, REACHED_LIMIT, record_event
 from .frame import STRETCH, TURN, begun, course_at, finished
 from .lanes import KICK, KICK_T, LANES, RADIUS, SCRATCH, SPIN, SPIN_AHEAD, VELOCITY, VELOCITY_AHEAD, aligned
@@ -282,6 +283,12 @@ def _recorded(blocks, before, contacts, moving, time, events, event_count):
             record_event(events, event_count, REACHED_LIMIT, time, i, j, contacts.image, c, moving.body, g)
 
 
+@njit(**BARE)
+def _counted(spent, k, since):
+    """Add the ticks since some moment to those of a thread."""
+    spent[k, 0] += ticks() - since
+
+
 @cache
 def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel: bool):
     """Compiled loop over time steps for one law and dimension, on one thread or several; with None for a frame, too."""
@@ -320,7 +327,7 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
                             fresh, flow, scratches[k],
                         )  # fmt: skip
                 for k in prange(workers):
-                    scratch, total = scratches[k], sums[k * CHUNK : (k + 1) * CHUNK]
+                    scratch, total, since = scratches[k], sums[k * CHUNK : (k + 1) * CHUNK], ticks()
                     for t in range(share[k], share[k + 1]):
                         begin, end = tile[t + 1], tile[min(t + 2, share[k + 1])]  # the thread's next tile
                         for within in range(2):
@@ -332,6 +339,7 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
                         far[t] = _ended(
                             dim, predict, tile[t], tile[t + 1], moving, blocks, pace, flow, fresh, go_on, total
                         )
+                    _counted(moving.spent, k, since)
                 total = sums[workers * CHUNK :]
                 far[tiles] = _last_ended(dim, predict, moving, blocks, pace, flow, pull, fresh, go_on, total)
                 if flow is not None:

@@ -1,0 +1,39 @@
+"""Where grains lie in memory and how they are shared out among threads."""
+
+import numpy as np
+import pytest
+
+from stickslip.core.selection import layered, shared_out
+
+
+@pytest.mark.parametrize(
+    ("spent", "bounds"),
+    [
+        ((70, 70), (0, 5, 10)),
+        ((50, 75), (0, 6, 10)),  # the second core is a third slower
+        ((1, 1000), (0, 9, 10)),
+        ((1000, 1), (0, 1, 10)),
+    ],
+)
+def test_a_slower_core_gets_fewer_tiles_but_never_none(spent, bounds):
+    assert tuple(shared_out(np.array([0, 5, 10]), np.array(spent))) == bounds
+
+
+def test_tiles_stay_where_they_are_without_a_clock_or_before_the_first_step():
+    share = np.array([0, 3, 7, 9])
+    assert shared_out(share, np.zeros(3, np.int64)) is share
+
+
+def test_sharing_out_again_settles_where_all_take_as_long():
+    speed, share = np.array([3.0, 1.0, 2.0, 2.0]), np.array([0, 40, 80, 120, 160])
+    for _ in range(3):
+        share = shared_out(share, np.diff(share) / speed)
+    assert np.array_equal(np.diff(share), [60, 20, 40, 40])
+
+
+@pytest.mark.parametrize("parts", [1, 3, 10])
+def test_parts_hold_every_point_once_and_are_of_a_size(parts):
+    x = np.random.default_rng(parts).random((3, 500)) * np.array([[4.0], [1.0], [1.0]])
+    found = layered(x, np.arange(500), parts)
+    assert np.array_equal(np.sort(np.concatenate(found)), np.arange(500))
+    assert max(map(len, found)) - min(map(len, found)) <= 4
