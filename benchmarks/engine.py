@@ -144,5 +144,5 @@ def threads(path: Path, n: int) -> list[dict]:
     if (os.cpu_count() or 1) < 2:
         console.print("[yellow]two threads skipped[/]: this machine has one core")
         return []
-    one, two = timed("threads", path, 1000, 2)
+    one, two = timed("threads", path, SIZE_STEPS, 2)
     return [row("dense spheres", n, 2, n / two, n / one, "ours, 1 thread")]

@@ -49,7 +49,9 @@ def test_all_experiments_are_here():
     assert set(TINY) == set(EXPERIMENTS) == set(REPORTS)
 
 
-@pytest.mark.parametrize("experiment", TINY)
+@pytest.mark.parametrize(
+    "experiment", [pytest.param(name, marks=[pytest.mark.slow] * (name == "quasi-rigid")) for name in TINY]
+)
 def test_a_member_leaves_numbers_with_units(experiment, tmp_path):
     tables, table, name, unit = TINY[experiment]
     swept = run_sweep(ss.sweep(experiment=experiment, **tables, sweep=table), tmp_path, workers=1)

@@ -94,7 +94,10 @@ def test_unwritable_folders(tmp_path):
     "change",
     [
         {},
-        {"array": "radius = [0.5, 0.49, 0.51, 0.5]", "law": 'kind = "linear"\nmu = 2.0\ncoulomb = "sharp"'},
+        pytest.param(
+            {"array": "radius = [0.5, 0.49, 0.51, 0.5]", "law": 'kind = "linear"\nmu = 2.0\ncoulomb = "sharp"'},
+            marks=pytest.mark.slow,
+        ),
         {"disks": 2, "relaxation": 'method = "newton"', "array": "gap = -0.001"},
     ],
     ids=["paper", "unlike-radii-linear", "two-newton"],
