@@ -31,6 +31,15 @@ def test_sharing_out_again_settles_where_all_take_as_long():
     assert np.array_equal(np.diff(share), [60, 20, 40, 40])
 
 
+@pytest.mark.parametrize("tiles", [4, 5, 12, 100])
+def test_no_thread_is_ever_left_without_a_tile(tiles):
+    rng, share = np.random.default_rng(tiles), np.array([0, 1, 2, 3, tiles])
+    for _ in range(200):
+        share = shared_out(share, rng.choice([1, 10, 1000, 10**6], 4))
+        assert (np.diff(share) >= 1).all()
+        assert (share[0], share[-1]) == (0, tiles)
+
+
 @pytest.mark.parametrize("parts", [1, 3, 10])
 def test_parts_hold_every_point_once_and_are_of_a_size(parts):
     x = np.random.default_rng(parts).random((3, 500)) * np.array([[4.0], [1.0], [1.0]])

@@ -43,10 +43,10 @@ def shared_out(share, spent):
     """
     if not (spent > 0).all():
         return share
-    speed, threads = np.diff(share) / spent, len(spent)
-    bound = np.rint(share[-1] * np.cumsum(speed) / speed.sum()).astype(share.dtype)
-    left = np.arange(threads)[::-1]  # each thread keeps a tile
-    return np.append(0, np.clip(bound, 1 + left[::-1], share[-1] - left))
+    speed, rank = np.diff(share) / spent, np.arange(1, len(share))
+    bound = np.rint(share[-1] * np.cumsum(speed) / speed.sum())
+    bound = np.maximum.accumulate(np.maximum(bound - rank, 0)) + rank  # each thread keeps a tile
+    return np.append(0, np.minimum(bound, share[-1] - rank[::-1] + 1)).astype(share.dtype)
 
 
 @njit(cache=True)
