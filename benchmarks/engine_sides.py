@@ -2,12 +2,12 @@
 
 Prints seconds a step, and peak memory above that of the libraries and of our compiled code, in bytes; with RUNS seconds
 a step are the mean of so many runs from one state, less what a run of one step takes. With the side `threads`, seconds
-a step on one thread and on so many, the best of `TURNS` runs each, in turn, less what a run of one step takes. All
-sides take the same grains, velocities, law (Hertz–Mindlin with memory, k_n = 2, k_t = 4/7 with √R_eff, μ = 1/2, no
-dashpots), box and time step; neighbours are checked and lists rebuilt as each code does it. The skins are those at
-which each code was fastest.
+a step on one thread, on so many, and half of those of two runs at once, see `in_turn`. All sides take the same grains,
+velocities, law (Hertz–Mindlin with memory, k_n = 2, k_t = 4/7 with √R_eff, μ = 1/2, no dashpots), box and time step;
+neighbours are checked and lists rebuilt as each code does it. The skins are those at which each code was fastest.
 """
 
+import multiprocessing
 import resource
 import sys
 import time
@@ -56,18 +56,36 @@ def ours(scene, steps: int, threads: int, runs: int = 0) -> float:
     return sum(found) / (runs * (steps - 1))
 
 
-def in_turn(scene, steps: int, counts) -> list[float]:
-    """Our own stepper on each number of threads from the same state, in turn, the best of several without either end.
+def beside(path: str, pipe) -> None:
+    """What a second process does: a run on one thread of as many steps as it is told, each time that it is told."""
+    state, law, dt = scene_of_ours(dict(np.load(path)))
+    state = warmed_up(state, law, dt, 1)
+    pipe.send(0.0)
+    while steps := pipe.recv():
+        pipe.send(steps * taken(state, law, dt, steps, 1))
 
-    Turns are short and many: threads are as fast as the slowest core, and cores that others use, too, are seldom left
-    alone all at once.
+
+def in_turn(path: str, steps: int, threads: int) -> list[float]:
+    """Seconds a step of one run on one thread, on `threads`, and of two runs on a thread each at once, half the longer.
+
+    From the same state, in turn, the best of several without either end. Turns are short and many: threads are as fast
+    as the slowest core, and cores that others use, too, are seldom left alone all at once. Two runs that know nothing
+    of each other say what the machine has to give.
     """
-    state, law, dt = scene_of_ours(scene)
-    states = [(warmed_up(state, law, dt, count), count) for count in counts]
-    best = np.full((2, len(counts)), np.inf)
+    state, law, dt = scene_of_ours(dict(np.load(path)))
+    states = [(warmed_up(state, law, dt, count), count) for count in (1, threads)]
+    best, (here, there) = np.full((2, 3), np.inf), multiprocessing.Pipe()
+    other = multiprocessing.get_context("spawn").Process(target=beside, args=(path, there), daemon=True)
+    other.start()
+    here.recv()
     for _ in range(TURNS):
         for row, number in zip(best, (steps, 1), strict=True):
-            row[:] = np.minimum(row, [number * taken(one, law, dt, number, count) for one, count in states])
+            found = [number * taken(one, law, dt, number, count) for one, count in states]
+            here.send(number)
+            mine = number * taken(states[0][0], law, dt, number, 1)
+            row[:] = np.minimum(row, [*found, max(mine, here.recv()) / 2])
+    here.send(0)
+    other.join()
     return list((best[0] - best[1]) / (steps - 1))
 
 
@@ -120,10 +138,10 @@ def lammps(style: str, scene, steps: int) -> float:
 def main() -> None:
     """Run the side that the command line names."""
     (side, path), (steps, threads, *runs) = sys.argv[1:3], map(int, sys.argv[3:])
-    scene = dict(np.load(path))
     if side == "threads":
-        print(*in_turn(scene, steps, (1, threads)))
+        print(*in_turn(path, steps, threads))
         return
+    scene = dict(np.load(path))
     if side == "ours":
         few = min(200, len(scene["radius"]))
         ours({name: part[:few] if part.ndim else part for name, part in scene.items()}, 5 * WARM, threads)

@@ -4,9 +4,10 @@ import itertools
 
 import numpy as np
 import pytest
+from numba import njit
 
 import stickslip as ss
-from stickslip.core import laws
+from stickslip.core import kinds, laws
 from stickslip.core.neighbors import updated
 from tests.conftest import make_law, make_packing, stirred
 
@@ -201,3 +202,24 @@ def test_an_equilibrium_forgets_which_contacts_were_at_the_limit_on_the_way():
 def test_bad_input_is_one_clear_sentence(make, words):
     with pytest.raises((ValueError, AttributeError), match=words):
         make()
+
+
+@pytest.mark.parametrize(("prepared", "times"), [(kinds.plain, 1), (lambda number: (number,), 3)])
+def test_what_a_kernel_calls_is_compiled_once_for_all_laws(prepared, times):
+    """A kind reaches it as a plain integer, which is folded in the kernel; a literal would be compiled for apart."""
+
+    @njit
+    def called(kind):
+        return kind + 1
+
+    def kernel(number):
+        (kind,) = prepared(number)
+
+        @njit
+        def outer():
+            return called(kind)
+
+        return outer
+
+    assert [kernel(number)() for number in range(3)] == [1, 2, 3]
+    assert len(called.signatures) == times

@@ -13,6 +13,7 @@ from numba import njit
 from .contact import FREE, FROZEN, apart, carried_memory, damped, effective, tangential_force, with_dashpot
 from .control import spring_forces
 from .geometry import carried, normal_and_overlap, pair_vector, rolled, shifts, tangential
+from .kinds import plain
 from .laws import (
     DAMPING_N,
     DAMPING_T,
@@ -232,6 +233,7 @@ def evaluation(kind: int, coulomb: int, dim: int, viscous: int):
 
     Numba's disk cache hits for closures over integers, and the compiler drops the branches that they decide.
     """
+    kind, coulomb, dim, viscous = plain(kind, coulomb, dim, viscous)
 
     @njit(cache=True, fastmath=True, error_model="numpy")
     def evaluate(bodies, contacts, shift, p, memory, force, torque, events, event_count):

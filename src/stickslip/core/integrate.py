@@ -10,7 +10,7 @@ from .forces import Bodies, check_materials, sweep
 from .frame import imposes
 from .geometry import shifts
 from .instant import bodies_at_start, known_instant, with_mark
-from .kinds import Kind
+from .kinds import Kind, plain
 from .laws import SMOOTH, Law, dashpots
 from .ledger import entered, opened_books
 from .many import MANY, marched
@@ -67,6 +67,7 @@ def moved(x, origin, limit):
 @cache
 def stepper(kind: int, coulomb: int, dim: int, viscous: int):
     """Compiled loop over time steps for one law and dimension, with or without dashpots."""
+    kind, coulomb, dim, viscous = plain(kind, coulomb, dim, viscous)
 
     @njit(cache=True, fastmath=True, error_model="numpy")
     def advance(

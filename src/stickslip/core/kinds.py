@@ -11,6 +11,7 @@ from collections.abc import Callable
 from functools import wraps
 from typing import NamedTuple
 
+import numpy as np
 from numba import njit
 from numba.core import types
 from numba.core.errors import TypingError
@@ -73,6 +74,15 @@ def _(_, __, c):
 @lower_constant(KindType)
 def _(context, _, __, ___):
     return context.get_dummy_value()
+
+
+def plain(kind: int, *numbers: int) -> tuple:
+    """A law's kind and other numbers for a kernel's closure, as NumPy's integers instead of literals.
+
+    What takes a literal is compiled for that value alone, from Python on, mostly in vain: constants of both sorts are
+    folded once callees are part of the kernel. Only where a loop is made of vectors before that are literals faster.
+    """
+    return (kind if isinstance(kind, Kind) else np.int64(kind), *map(np.int64, numbers))
 
 
 def functions_of(kind: int) -> dict:

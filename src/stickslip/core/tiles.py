@@ -17,6 +17,7 @@ from .blocks import BARE, STUCK_AGAIN, evaluated
 from .clock import ticks
 from .forces import CLOSED, OPENED, REACHED_LIMIT, record_event
 from .frame import STRETCH, TURN, begun, course_at, finished
+from .kinds import plain
 from .lanes import KICK, KICK_T, LANES, RADIUS, SCRATCH, SPIN, SPIN_AHEAD, VELOCITY, VELOCITY_AHEAD, aligned
 from .plan import DONE, FULL, MOVED, pooled
 from .state import OPEN, SLIDE
@@ -292,7 +293,7 @@ def _counted(spent, k, since):
 @cache
 def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel: bool):
     """Compiled loop over time steps for one law and dimension, on one thread or several; with None for a frame, too."""
-    predict = int(viscous > 0 and not rate)
+    kind, coulomb, axes, predict = plain(kind, coulomb, dim, viscous > 0 and not rate)
 
     @njit(cache=True, fastmath=False, error_model="numpy", parallel=parallel)
     def march(
@@ -337,13 +338,13 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
                                 ahead, p, dt, fresh, flow, scratch,
                             )  # fmt: skip
                         far[t] = _ended(
-                            dim, predict, tile[t], tile[t + 1], moving, blocks, pace, flow, fresh, go_on, total
+                            axes, predict, tile[t], tile[t + 1], moving, blocks, pace, flow, fresh, go_on, total
                         )
                     _counted(moving.spent, k, since)
                 total = sums[workers * CHUNK :]
-                far[tiles] = _last_ended(dim, predict, moving, blocks, pace, flow, pull, fresh, go_on, total)
+                far[tiles] = _last_ended(axes, predict, moving, blocks, pace, flow, pull, fresh, go_on, total)
                 if flow is not None:
-                    finished(dim, frame, flow, pace, moving, fresh)
+                    finished(axes, frame, flow, pace, moving, fresh)
                 if watch:
                     _recorded(blocks, before, contacts, moving, time + step * dt, events, event_count)
                 ended, fresh = not go_on, False
@@ -354,8 +355,8 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
                     limit = begun(frame, flow, pace)
                 for k in prange(workers):
                     for t in range(share[k], share[k + 1]):
-                        far[t] = _begun(dim, predict, tile[t], tile[t + 1], moving, pace, flow)
-                far[tiles] = _begun(dim, predict, tile[tiles], len(body), moving, pace, flow)
+                        far[t] = _begun(axes, predict, tile[t], tile[t + 1], moving, pace, flow)
+                far[tiles] = _begun(axes, predict, tile[tiles], len(body), moving, pace, flow)
             ended = False
             step += 1
             if pull is not None:
