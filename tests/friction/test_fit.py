@@ -74,7 +74,11 @@ def coverage(law, legs, rho, free, count, seed=0):
 
 @pytest.mark.parametrize(
     ("law", "legs", "rho", "free", "count"),
-    [("slip", STEPS, 0.0, (), 80), ("aging", STEPS, 0.7, ("stiffness",), 60), ("slip", HOLDS, 0.7, (), 60)],
+    [
+        pytest.param("slip", STEPS, 0.0, (), 80, marks=pytest.mark.slow),
+        ("aging", STEPS, 0.7, ("stiffness",), 60),
+        pytest.param("slip", HOLDS, 0.7, (), 60, marks=pytest.mark.slow),
+    ],
     ids=["white", "correlated", "holds"],
 )
 def test_intervals_hold_the_truth_as_often_as_they_say(law, legs, rho, free, count):

@@ -80,6 +80,7 @@ def test_examples_are_scenarios_of_their_own_scale():
     assert "days" in whole.words
 
 
+@pytest.mark.slow
 def test_the_papers_claims_are_all_judged(tmp_path, ran):
     """On samples far too small: nothing may be told to be reproduced that two of them cannot tell."""
     main, damped = ran

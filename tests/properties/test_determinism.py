@@ -1,5 +1,7 @@
 """The same bits on any number of threads, in any order of memory, stopped at or not; the fast way equals the plain."""
 
+from functools import cache
+
 import numba
 import numpy as np
 import pytest
@@ -12,9 +14,15 @@ from tests.conftest import make_law
 GRAINS = ("position", "angle", "velocity", "spin")
 
 
+@cache
+def packed(n, dim, seed):
+    """Made once for all tests, none of which writes to it."""
+    return jammed(n, packing_fraction=0.66 if dim == 3 else 0.86, dim=dim, seed=seed)[0]
+
+
 def flowing(n=150, dim=3, seed=0, walls=False):
     """A packing with random velocities and spins, so fast that contacts open, close and slide within 100 steps."""
-    state, _ = jammed(n, packing_fraction=0.66 if dim == 3 else 0.86, dim=dim, seed=seed)
+    state = packed(n, dim, seed)
     rng = np.random.default_rng(seed)
     velocity, spin = rng.normal(0, 0.01, (2, n, 3))
     if dim == 2:
@@ -162,7 +170,7 @@ def test_the_skin_changes_no_bit(skin):
     assert two.contacts.skin[0] == skin  # whatever skin the run itself preferred
 
 
-@pytest.mark.parametrize("memory", ["difference", "rate"])
+@pytest.mark.parametrize("memory", ["difference", pytest.param("rate", marks=pytest.mark.slow)])
 def test_a_run_continued_is_the_run(memory):
     law, state = make_law("hertz_mindlin", "sharp"), flowing()
     whole, _, _ = ss.run(state, law, 160, 0.05, memory=memory)

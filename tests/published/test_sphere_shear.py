@@ -33,7 +33,7 @@ IDS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("dim", "fraction"), [(3, 0.7), pytest.param(2, 0.88, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("dim", "fraction"), [pytest.param(3, 0.7, marks=pytest.mark.slow), (2, 0.88)])
 def test_a_small_scenario_runs_in_both_dimensions(tmp_path, dim, fraction):
     (tmp_path / "s.toml").write_text(SMALL.format(dim=dim, fraction=fraction))
     done = stickslip("run", tmp_path / "s.toml", "--out", tmp_path / "out")

@@ -233,7 +233,7 @@ def evaluation(kind: int, coulomb: int, dim: int, viscous: int):
 
     Numba's disk cache hits for closures over integers, and the compiler drops the branches that they decide.
     """
-    kind, coulomb, dim, viscous = plain(kind, coulomb, dim, viscous)
+    kind, coulomb = plain(kind, coulomb)
 
     @njit(cache=True, fastmath=True, error_model="numpy")
     def evaluate(bodies, contacts, shift, p, memory, force, torque, events, event_count):

@@ -67,7 +67,7 @@ def moved(x, origin, limit):
 @cache
 def stepper(kind: int, coulomb: int, dim: int, viscous: int):
     """Compiled loop over time steps for one law and dimension, with or without dashpots."""
-    kind, coulomb, dim, viscous = plain(kind, coulomb, dim, viscous)
+    kind, coulomb = plain(kind, coulomb)
 
     @njit(cache=True, fastmath=True, error_model="numpy")
     def advance(
