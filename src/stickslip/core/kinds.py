@@ -80,7 +80,8 @@ def plain(kind: int, *numbers: int) -> tuple:
     """A law's kind and other numbers for a kernel's closure, as NumPy's integers instead of literals.
 
     What takes a literal is compiled for that value alone, from Python on, mostly in vain: constants of both sorts are
-    folded once callees are part of the kernel. Only where a loop is made of vectors before that are literals faster.
+    folded once callees are part of the kernel. Dimension and dashpots stay literals where vectors are made of loops, or
+    where rounding would change.
     """
     return (kind if isinstance(kind, Kind) else np.int64(kind), *map(np.int64, numbers))
 
