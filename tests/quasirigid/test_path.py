@@ -146,6 +146,7 @@ def test_contacts_open_and_close_and_rattlers_return(seed):
         assert point.residual < 2e-3
 
 
+@pytest.mark.slow
 def test_slow_dynamics_follow_a_path_on_which_a_rattler_returns():
     state, law = biaxial_box(60, seed=12)
     end = raised(state.control, 60 + TOP, 3.5)

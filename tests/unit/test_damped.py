@@ -21,7 +21,9 @@ def packing():
     return spheres(law=ss.linear(1.0, 0.4, 5.0, coulomb="sharp"), motion=False)
 
 
-@pytest.mark.parametrize("damping", [1e-3, 1e-2, 0.1])
+@pytest.mark.parametrize(
+    "damping", [pytest.param(1e-3, marks=pytest.mark.slow), 1e-2, pytest.param(0.1, marks=pytest.mark.slow)]
+)
 def test_exponents_are_those_of_the_whole_spectrum(packing, damping):
     law = ss.linear(1.0, 0.4, 5.0, coulomb="sharp", damping_n=damping, damping_t=damping / 2)
     found = ss.damped_stability(packing, law)
