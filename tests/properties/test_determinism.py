@@ -114,8 +114,9 @@ def test_no_collision_is_missed_between_two_choices_of_blocks():
     alone = ss.assembly(ss.spheres(x[[0, 40]], 0.5, velocity=velocity[[0, 40]]), cell=ss.box([80.0] * 3), skin=0.3)
     back = ss.run(alone, law, 800, 0.05)[0].grains.velocity[0, 0]
     assert back < 0
-    np.testing.assert_allclose(end.grains.velocity[:40, 0], back, rtol=0.01)
-    np.testing.assert_allclose(end.grains.velocity[40:, 0], -back, rtol=0.01)
+    # when within a time step they meet is not the same: 2e-5 of the speed at this dt, with dt a quarter of it 5e-7
+    np.testing.assert_allclose(end.grains.velocity[:40, 0], back, rtol=1e-4)
+    np.testing.assert_allclose(end.grains.velocity[40:, 0], -back, rtol=1e-4)
 
 
 @pytest.mark.parametrize("size", [7, 64, 400])

@@ -50,8 +50,8 @@ from .state import OPEN, SLIDE, STICK
 from .sums import WIDTH
 
 # of what is compiled into its callers: it makes no arrays, and references to those that it takes out of tuples are not
-# counted, which would take half of a step with dashpots; it is cached by itself, so that kernels of another law compile
-# in half the time
+# counted, which would take half of a step with dashpots; it is cached by itself, so that kernels of another law find it
+# compiled
 BARE = {"error_model": "numpy", "forceinline": True, "_nrt": False, "cache": True}
 TILE = 1024  # grains, at most
 # modes of a block's contact besides OPEN, STICK and SLIDE: it sticks but was at Coulomb's limit since it closed; it
