@@ -38,7 +38,8 @@ def test_jacobian_with_a_free_cell_against_differences(dim, coulomb, memory):
     free = ss.freedom(state)
     assert free.length == pytest.approx(np.linalg.det(state.cell.vectors[:dim, :dim]) ** (1 / dim))
     exact = jacobian(state, law, free, memory=memory).toarray()
-    numeric = differences(state, law, free, memory, h=1e-5)
+    # a step that takes a contact across the edge between stick and slide gives no derivative
+    numeric = differences(state, law, free, memory, h=1e-5 if memory == ss.HELD else 1e-6)
     scale = np.abs(exact).max()
     np.testing.assert_allclose(exact, numeric, atol=1e-7 * scale, rtol=0)
     assert np.abs(exact[free.axis == 6][:, free.axis == 6]).max() > 1e-3 * scale

@@ -16,8 +16,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .contact import FREE, carried_memory, damped, in_one_go, needs_mass, needs_radius, tangential_force, with_dashpot
+from .contact import FREE, damped, in_one_go, needs_mass, needs_radius, return_mapping, tangential_force, with_dashpot
 from .frame import AHEAD, RATE, SLIDE_BACK, VECTORS
+from .geometry import at_contact, mid_normal, onto_plane, slip_increment, touching_fraction
 from .lanes import (
     BODY,
     LANES,
@@ -217,7 +218,7 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
         rx, ry, rz = scratch[PAIR + l], scratch[PAIR + 64 + l], scratch[PAIR + 128 + l] if dim == 3 else 0.0
         if wall:
             nx, ny, nz = vector[l], vector[64 + l], vector[128 + l] if dim == 3 else 0.0
-            distance = rx * nx + ry * ny + rz * nz
+            distance, inverse = rx * nx + ry * ny + rz * nz, 0.0
         else:
             distance = np.sqrt(rx * rx + ry * ry + rz * rz)
             inverse = 1.0 / distance
@@ -228,20 +229,23 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
         touches = overlap > edge
         overlap = overlap if touches else edge
         before = mode[l]
-        # slip: carried by the displacements since the last evaluation, then projected on the plane of contact
-        wx, wy, wz = (
-            scratch[ROLL + l] if dim == 3 else 0.0,
-            scratch[ROLL + 64 + l] if dim == 3 else 0.0,
-            scratch[ROLL + 128 + l],
-        )
+        # what the step since the last evaluation does to the slip; see `forces.sweep`
+        dx, dy, dz = dt * scratch[MOTION + l], dt * scratch[MOTION + 64 + l], dt * scratch[MOTION + 128 + l]
+        wx, wy, wz = dt * scratch[ROLL + l], dt * scratch[ROLL + 64 + l], dt * scratch[ROLL + 128 + l]
+        if dim == 2:
+            dz = wx = wy = 0.0
         ox, oy, oz = slip[l], slip[64 + l], slip[128 + l] if dim == 3 else 0.0
-        sx = ox + dt * (scratch[MOTION + l] + ny * wz - nz * wy)
-        sy = oy + dt * (scratch[MOTION + 64 + l] + nz * wx - nx * wz)
-        sz = oz + dt * (scratch[MOTION + 128 + l] + nx * wy - ny * wx) if dim == 3 else 0.0
-        along = sx * nx + sy * ny + sz * nz
-        known = 1.0 if rate or before != OPEN else 0.0
-        sx, sy, sz = known * (sx - along * nx), known * (sy - along * ny), known * (sz - along * nz)
-        sx, sy, sz = (ox, oy, oz) if hold else (sx, sy, sz)
+        part, mx, my, mz = 1.0, nx, ny, nz
+        if not rate:
+            mx, my, mz = mid_normal(nx, ny, nz, inverse, dx, dy, dz)
+            fraction = touching_fraction(nx, ny, nz, inverse, overlap - edge, dx, dy, dz)
+            part = fraction if before == OPEN else 1.0
+        sx, sy, sz = onto_plane(nx, ny, nz, mx, my, mz, ox, oy, oz)
+        dx, dy, dz = slip_increment(
+            nx, ny, nz, mx, my, mz, part * dx, part * dy, part * dz, part * wx, part * wy, part * wz
+        )
+        if hold:
+            sx, sy, sz, dx, dy, dz = ox, oy, oz, 0.0, 0.0, 0.0
         m_eff = mass[l] if needs_mass(viscous) else 1.0
         fn = masked(kind, touches, normal_force(kind, q, r_eff, overlap))
         stiffness = tangential_stiffness(kind, q, r_eff, overlap)
@@ -255,18 +259,19 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
                 scratch[w + 64 + l] if dim == 3 else 0.0,
                 scratch[w + 128 + l],
             )
-            vx = scratch[v + l] + ny * az - nz * ay
-            vy = scratch[v + 64 + l] + nz * ax - nx * az
-            vz = scratch[v + 128 + l] + nx * ay - ny * ax if dim == 3 else 0.0
+            vx, vy, vz = scratch[v + l], scratch[v + 64 + l], scratch[v + 128 + l] if dim == 3 else 0.0
+            vx, vy, vz = at_contact(nx, ny, nz, vx, vy, vz, ax, ay, az)
             vn = vx * nx + vy * ny + vz * nz
             vx, vy, vz = vx - vn * nx, vy - vn * ny, vz - vn * nz
             fn = with_dashpot(viscous, fn, factor * q[DAMPING_N], vn, least_force(kind, fn))
         if viscous and rate:
             limit = q[MU] * abs(fn)
+            sx, sy, sz = sx + dx, sy + dy, sz + dz
             tx, ty, tz, sx, sy, sz, slides = in_one_go(stiffness, damping, limit, sx, sy, sz, vx, vy, vz, hold)
         else:
             limit = masked(kind, touches, cap(kind, q, r_eff, overlap, fn))
-            cx, cy, cz, after = carried_memory(stiffness, limit, sx, sy, sz, STICK, FREE)
+            slid = SLIDE if not rate and before in (SLIDE, LOOSE) else STICK
+            cx, cy, cz, after = return_mapping(dim, stiffness, limit, sx, sy, sz, dx, dy, dz, slid, FREE)
             slides = after == SLIDE
             sx, sy, sz = (sx, sy, sz) if hold else (cx, cy, cz)
             tx, ty, tz = tangential_force(coulomb, stiffness, limit, sx, sy, sz)

@@ -10,9 +10,19 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .contact import FREE, FROZEN, apart, carried_memory, damped, effective, tangential_force, with_dashpot
+from .contact import FREE, FROZEN, apart, damped, effective, return_mapping, tangential_force, with_dashpot
 from .control import spring_forces
-from .geometry import carried, normal_and_overlap, pair_vector, rolled, shifts, tangential
+from .geometry import (
+    at_contact,
+    mid_normal,
+    normal_and_overlap,
+    onto_plane,
+    pair_vector,
+    rolled,
+    shifts,
+    slip_increment,
+    touching_fraction,
+)
 from .kinds import plain
 from .laws import (
     DAMPING_N,
@@ -23,6 +33,7 @@ from .laws import (
     dashpots,
     least_force,
     normal_force,
+    reach,
     row,
     tangential_stiffness,
 )
@@ -94,7 +105,7 @@ def approach(dim, velocity, spin, radius, rate, i, j, rx, ry, rz, nx, ny, nz):
     vy += rate[1, 0] * rx + rate[1, 1] * ry + rate[1, 2] * rz
     if dim == 3:
         vz += rate[2, 0] * rx + rate[2, 1] * ry + rate[2, 2] * rz
-    vx, vy, vz = carried(nx, ny, nz, 0.0, 0.0, 0.0, vx, vy, vz, wx, wy, wz)
+    vx, vy, vz = at_contact(nx, ny, nz, vx, vy, vz, wx, wy, wz)
     vn = vx * nx + vy * ny + vz * nz
     return vn, vx - vn * nx, vy - vn * ny, vz - vn * nz
 
@@ -120,8 +131,14 @@ def record_event(events, event_count, kind, time, i, j, image, c, place, at):
 
 
 @njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
-def sweep(kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, force, torque, time, events, event_count):
-    """Add the loads of all contacts and update their memory in place; compiled into its callers."""
+def sweep(
+    kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, step, force, torque, time, events, event_count
+):  # fmt: skip
+    """Add the loads of all contacts and update their memory in place; compiled into its callers.
+
+    `step`: velocities and spins of the step that ends here, and its length, which decide for what fraction of it a
+    contact that closes has touched; with a length of zero it starts without slip.
+    """
     position, angle, velocity, spin, radius, material, inverse_mass, wall_normal, rate = bodies
     n_grains = len(radius) - len(wall_normal)
     slip, mode, pair, roll = contacts.slip, contacts.mode, contacts.pair, contacts.roll
@@ -130,7 +147,7 @@ def sweep(kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, force
         # unsigned, so that no index is checked for counting from the end
         i, j, wall = np.uint64(contacts.i[c]), np.uint64(contacts.j[c]), np.uint64(contacts.j[c] - n_grains)
         rx, ry, rz = pair_vector(dim, position, shift, c, i, j)
-        nx, ny, nz, overlap, _ = normal_and_overlap(i, j, is_wall, wall, radius, wall_normal, rx, ry, rz)
+        nx, ny, nz, overlap, inverse = normal_and_overlap(i, j, is_wall, wall, radius, wall_normal, rx, ry, rz)
         before = mode[c]
         if apart(kind, p, material, radius, inverse_mass, i, j, is_wall, overlap):
             if before != OPEN:
@@ -140,22 +157,33 @@ def sweep(kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, force
                 forget_rolling(kind, contacts.rolling, c)
                 record_event(events, event_count, OPENED, time, i, j, contacts.image, c, position, i)
             continue
-        ax, ay, az = rolled(dim, angle, radius, i, j)
-        sx = sy = sz = 0.0
-        kept = memory == FROZEN and before != OPEN and rests(dim, pair, roll, c, rx, ry, rz, ax, ay, az)
-        if before != OPEN:
-            sx, sy = slip[c, 0], slip[c, 1]
-            if dim == 3:
-                sz = slip[c, 2]
-            if not kept:
-                dz = rz - pair[c, 2] if dim == 3 else 0.0
-                dax, day = (ax - roll[c, 0], ay - roll[c, 1]) if dim == 3 else (0.0, 0.0)
-                sx, sy, sz = carried(
-                    nx, ny, nz, sx, sy, sz, rx - pair[c, 0], ry - pair[c, 1], dz, dax, day, az - roll[c, 2]
-                )
-                sx, sy, sz = tangential(nx, ny, nz, sx, sy, sz)
         q = row(kind, p, np.uint64(material[i]), np.uint64(material[j]))
         r_eff, m_eff = effective(kind, viscous, radius, inverse_mass, i, j, is_wall)
+        ax, ay, az = rolled(dim, angle, radius, i, j)
+        kept = memory == FROZEN and before != OPEN and rests(dim, pair, roll, c, rx, ry, rz, ax, ay, az)
+        # slip before, turned with the contact, what is added to it, and the normal halfway
+        sx = sy = sz = dx = dy = dz = 0.0
+        mx, my, mz, fraction = nx, ny, nz, 1.0
+        if kept:
+            sx, sy, sz = slip[c, 0], slip[c, 1], slip[c, 2] if dim == 3 else 0.0
+        elif before != OPEN:
+            dx, dy, dz = rx - pair[c, 0], ry - pair[c, 1], rz - pair[c, 2] if dim == 3 else 0.0
+            wx, wy = (ax - roll[c, 0], ay - roll[c, 1]) if dim == 3 else (0.0, 0.0)
+            mx, my, mz = mid_normal(nx, ny, nz, inverse, dx, dy, dz)
+            sx, sy, sz = slip[c, 0], slip[c, 1], slip[c, 2] if dim == 3 else 0.0
+            sx, sy, sz = onto_plane(nx, ny, nz, mx, my, mz, sx, sy, sz)
+            dx, dy, dz = slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, wx, wy, az - roll[c, 2])
+        elif step[2] > 0.0:
+            dt, v, w = step[2], step[0], step[1]
+            dx, dy = dt * (v[i, 0] - v[j, 0]), dt * (v[i, 1] - v[j, 1])
+            dz = dt * (v[i, 2] - v[j, 2]) if dim == 3 else 0.0
+            wx, wy, wz = rolled(dim, w, radius, i, j)
+            mx, my, mz = mid_normal(nx, ny, nz, inverse, dx, dy, dz)
+            fraction = touching_fraction(nx, ny, nz, inverse, overlap + reach(kind, q, r_eff), dx, dy, dz)
+            part = fraction * dt
+            dx, dy, dz = slip_increment(
+                nx, ny, nz, mx, my, mz, fraction * dx, fraction * dy, fraction * dz, part * wx, part * wy, part * wz
+            )
         fn = normal_force(kind, q, r_eff, overlap)
         vx = vy = vz = factor = 0.0
         if viscous:
@@ -166,7 +194,7 @@ def sweep(kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, force
         stiffness = tangential_stiffness(kind, q, r_eff, overlap)
         after = before
         if not kept:
-            sx, sy, sz, after = carried_memory(stiffness, limit, sx, sy, sz, before, memory)
+            sx, sy, sz, after = return_mapping(dim, stiffness, limit, sx, sy, sz, dx, dy, dz, before, memory)
             slip[c, 0], slip[c, 1], pair[c, 0], pair[c, 1], roll[c, 2] = sx, sy, rx, ry, az
             if dim == 3:
                 slip[c, 2], pair[c, 2], roll[c, 0], roll[c, 1] = sz, rz, ax, ay
@@ -183,8 +211,9 @@ def sweep(kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, force
         fx, fy, fz = fn * nx + tx, fn * ny + ty, fn * nz + tz
         qx, qy, qz = nz * ty - ny * tz, nx * tz - nz * tx, ny * tx - nx * ty
         add_rolling(
-            kind, dim, memory, kept, q, r_eff, overlap, fn, angle, nx, ny, nz, contacts.rolling, c, i, j, before, torque
-        )
+            kind, dim, memory, kept, q, r_eff, overlap, fn, angle, step, fraction, (nx, ny, nz, mx, my, mz),
+            contacts.rolling, c, i, j, before, torque,
+        )  # fmt: skip
         force[i, 0] += fx
         force[i, 1] += fy
         force[j, 0] -= fx
@@ -237,7 +266,11 @@ def evaluation(kind: int, coulomb: int, dim: int, viscous: int):
 
     @njit(cache=True, fastmath=True, error_model="numpy")
     def evaluate(bodies, contacts, shift, p, memory, force, torque, events, event_count):
-        sweep(kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, force, torque, 0.0, events, event_count)
+        still = (bodies.velocity, bodies.spin, 0.0)
+        sweep(
+            kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, still, force, torque, 0.0, events,
+            event_count,
+        )  # fmt: skip
 
     return evaluate
 

@@ -47,16 +47,49 @@ def rolled(dim, angle, radius, i, j):
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def carried(nx, ny, nz, sx, sy, sz, dx, dy, dz, ax, ay, az):
-    """Slip carried along: s + dr + n × d(roll), before it is projected on the plane of contact.
+def at_contact(nx, ny, nz, dx, dy, dz, ax, ay, az):
+    """Displacement of the surface of i relative to that of j: dr + n × d(roll); the same of velocities.
 
-    Source: doi:10.48550/arXiv.1908.11724, Eq 2 and supplement Eq 7, as differences of stored vectors.
+    Source: doi:10.48550/arXiv.1908.11724, Eq 2 and supplement Eq 7.
     """
-    return (sx + dx + ny * az - nz * ay, sy + dy + nz * ax - nx * az, sz + dz + nx * ay - ny * ax)
+    return dx + ny * az - nz * ay, dy + nz * ax - nx * az, dz + nx * ay - ny * ax
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def tangential(nx, ny, nz, wx, wy, wz):
-    """Part of w perpendicular to the unit vector n."""
+def mid_normal(nx, ny, nz, inverse, dx, dy, dz):
+    """Normal halfway through a displacement dr that ends at n, scaled to n·m = 1: m = n − P dr/(2|r|).
+
+    With `inverse` zero, as at walls, it is n.
+    """
+    half = 0.5 * inverse
+    along = nx * dx + ny * dy + nz * dz
+    return nx - half * (dx - along * nx), ny - half * (dy - along * ny), nz - half * (dz - along * nz)
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def onto_plane(nx, ny, nz, mx, my, mz, wx, wy, wz):
+    """w − (n·w) m: the projection along the mid-step normal m onto the plane of contact.
+
+    It turns a slip in the plane of contact before the step into that after it, to third order in the angle, and
+    removes what approaches or separates the grains. With m = n it is the orthogonal projection.
+    """
     along = wx * nx + wy * ny + wz * nz
-    return wx - along * nx, wy - along * ny, wz - along * nz
+    return wx - along * mx, wy - along * my, wz - along * mz
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, ax, ay, az):
+    """What a displacement dr and a rolling d(roll) add to the slip, in the plane of contact after them."""
+    wx, wy, wz = at_contact(mx, my, mz, dx, dy, dz, ax, ay, az)
+    return onto_plane(nx, ny, nz, mx, my, mz, wx, wy, wz)
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def touching_fraction(nx, ny, nz, inverse, depth, dx, dy, dz):
+    """Fraction of a step for which a contact that closes in it has touched; `depth` is its overlap at the end.
+
+    The overlap grew by |P dr|²/(2|r|) − n·dr, to third order in dr.
+    """
+    along = nx * dx + ny * dy + nz * dz
+    gained = 0.5 * inverse * (dx * dx + dy * dy + dz * dz - along * along) - along
+    return depth / gained if gained > depth else 1.0

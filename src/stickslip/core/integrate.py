@@ -123,8 +123,8 @@ def stepper(kind: int, coulomb: int, dim: int, viscous: int):
                 for q in range(len(flat_f)):
                     flat_f[q], flat_t[q] = load[q], load_t[q]
                 sweep(
-                    kind, coulomb, dim, seen, contacts, shift, p, viscous, FROZEN if fresh else FREE, force, torque,
-                    time + step * dt, events, event_count,
+                    kind, coulomb, dim, seen, contacts, shift, p, viscous, FROZEN if fresh else FREE,
+                    (v, spin, 0.0 if fresh else dt), force, torque, time + step * dt, events, event_count,
                 )  # fmt: skip
             if not (fresh or known):
                 second_half(flat_v, flat_f, kick, slow)
@@ -219,7 +219,7 @@ def run(
     if tolerance > 0 and not (plan.drag[moved_by_forces(plan.motion)] > 0).all():
         raise ValueError("a tolerance was given without drag on every free component: rest is not reached without it")
     writing = writing_of(state, steps, every, probes, events, reference)
-    books = opened_books(len(writing.series), driven_bodies(state), state) if ledger else None
+    books = opened_books(len(writing.series), driven_bodies(state), state, memory == "rate") if ledger else None
     if many:
         rate = int(memory == "rate")
         result = marched(state, law, plan, steps, tolerance, writing, books, instant, rate=rate, threads=threads)

@@ -2,13 +2,12 @@
 
 Coordinates of a body are (x, y, z, R·angle), torques are divided by R. A contact depends on r = r_i − r_j and
 ρ = R_i angle_i + R_j angle_j only; its loads on i are (F, T/R) = (F, −n × F). Geometry is derived here by hand, the
-law's tangents come from the law's own source. With w = s + Δr + n × Δρ, u = P w the slip, P = I − n nᵀ and φ(δ, |u|)
-the tangential force:
+law's tangents come from the law's own source. With u the slip, see `tangent`, and φ(δ, |u|) the tangential force:
 
-    dF = −F_n' n (n·dr) + F_n dn − [φ/|u| (I − û ûᵀ) + ∂φ/∂|u| û ûᵀ] du + ∂φ/∂δ û (n·dr)
-    du = P (dr + dn × Δρ) − dn (n·w) − n (u·dn) + n × dρ,      dn = P dr / |r|
+    dF = −F_n' n (n·dr) + F_n dn − [φ/|u| (I − û ûᵀ) + ∂φ/∂|u| û ûᵀ] du + ∂φ/∂δ û (n·dr),      dn = P dr/|r|
 
-The term −n (u·dn), the turning of the memory with the contact, is left out in the papers' supplements.
+At an accepted state du = P dr − n (u·dn) + n × dρ, P = I − n nᵀ. The term −n (u·dn), the turning of the memory with
+the contact, is left out in the papers' supplements.
 """
 
 from typing import NamedTuple
@@ -16,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .contact import HELD, apart, carried_memory, effective
+from .contact import HELD, apart, effective, increment_weight, return_mapping
 from .forces import bodies, check_materials
-from .geometry import carried, normal_and_overlap, pair_vector, rolled, shifts, tangential
+from .geometry import mid_normal, normal_and_overlap, onto_plane, pair_vector, rolled, shifts, slip_increment
 from .laws import (
     DAMPING_N,
     DAMPING_T,
@@ -38,6 +37,8 @@ from .neighbors import body_positions, moved_too_far
 from .reach import gap_listed, widest, with_room
 from .rolling import rolls, with_moments
 from .state import OPEN, SLIDE, State
+from .tangent import column, outer, spring_of, turn_of
+from .tangent import memory as memory_tangent
 
 
 class Linear(NamedTuple):
@@ -45,11 +46,14 @@ class Linear(NamedTuple):
 
     normal: np.ndarray  # (C, 3)
     inverse: np.ndarray  # (C,) 1/|r|, zero at walls
-    carried: np.ndarray  # (C, 3) w, the slip before projection
-    turn: np.ndarray  # (C, 3) Δρ since the memory was committed
+    before: np.ndarray  # (C, 3) slip when the memory was committed
+    way: np.ndarray  # (C, 3) Δr since then
+    turn: np.ndarray  # (C, 3) Δρ since then
+    slip: np.ndarray  # (C, 3) now, before it is cut at Coulomb's limit
     closed: np.ndarray  # (C,) 1 if it touches, else 0
     remembers: np.ndarray  # (C,) 1 if it touched already when the memory was committed
     slides: np.ndarray  # (C,)
+    weighted: np.ndarray  # (C,) 1 if the slip goes on sliding in three dimensions and turns on the way
     force_n: np.ndarray  # (C,) F_n
     slope_n: np.ndarray  # (C,) dF_n/dδ
     secant: np.ndarray  # (C,) φ/|u|
@@ -91,28 +95,36 @@ def _linearise(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, 
         )
         if apart(kind, p, material, radius, inverse_mass, i, j, j >= n_grains, overlap):
             continue
-        before = contacts.mode[c]
-        sx = sy = sz = 0.0
-        if before != OPEN:
-            sx, sy, sz = contacts.slip[c, 0], contacts.slip[c, 1], contacts.slip[c, 2]
-            ax, ay, az = rolled(dim, angle, radius, i, j)
-            old, turned = contacts.pair[c], contacts.roll[c]
-            ax, ay, az = ax - turned[0], ay - turned[1], az - turned[2]
-            out.turn[c, 0], out.turn[c, 1], out.turn[c, 2] = ax, ay, az
-            sx, sy, sz = carried(nx, ny, nz, sx, sy, sz, rx - old[0], ry - old[1], rz - old[2], ax, ay, az)
-        ux, uy, uz = tangential(nx, ny, nz, sx, sy, sz)
         q = row(kind, p, material[i], material[j])
         r_eff, m_eff = effective(kind, viscous, radius, inverse_mass, i, j, j >= n_grains)
         force_n, stiffness = normal_force(kind, q, r_eff, overlap), tangential_stiffness(kind, q, r_eff, overlap)
         slope_n, slope_k = tangents(kind, q, r_eff, overlap)
         limit = cap(kind, q, r_eff, overlap, force_n)
         mu, by_overlap = cap_slopes(kind, q, r_eff, overlap, force_n)
-        _, _, _, mode = carried_memory(stiffness, limit, ux, uy, uz, before, memory)
+        before = contacts.mode[c]
+        sx = sy = sz = dx = dy = dz = 0.0
+        if before != OPEN:
+            sx, sy, sz = contacts.slip[c, 0], contacts.slip[c, 1], contacts.slip[c, 2]
+            ax, ay, az = rolled(dim, angle, radius, i, j)
+            old, turned = contacts.pair[c], contacts.roll[c]
+            dx, dy, dz = rx - old[0], ry - old[1], rz - old[2]
+            ax, ay, az = ax - turned[0], ay - turned[1], az - turned[2]
+            out.before[c, 0], out.before[c, 1], out.before[c, 2] = sx, sy, sz
+            out.way[c, 0], out.way[c, 1], out.way[c, 2] = dx, dy, dz
+            out.turn[c, 0], out.turn[c, 1], out.turn[c, 2] = ax, ay, az
+            mx, my, mz = mid_normal(nx, ny, nz, inverse, dx, dy, dz)
+            sx, sy, sz = onto_plane(nx, ny, nz, mx, my, mz, sx, sy, sz)
+            dx, dy, dz = slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, ax, ay, az)
+        _, _, _, mode = return_mapping(dim, stiffness, limit, sx, sy, sz, dx, dy, dz, before, memory)
+        weighted, weight = dim == 3 and mode == SLIDE and before == SLIDE, 1.0
+        if weighted:
+            weight = increment_weight(stiffness, limit, sx, sy, sz, dx, dy, dz)
+        ux, uy, uz = sx + weight * dx, sy + weight * dy, sz + weight * dz
         out.secant[c], out.along[c], out.by_overlap[c], out.by_force[c] = _friction_tangent(
             coulomb, stiffness, slope_k, limit, mu, by_overlap, slope_n, np.sqrt(ux**2 + uy**2 + uz**2), mode == SLIDE
         )
         out.normal[c, 0], out.normal[c, 1], out.normal[c, 2], out.inverse[c] = nx, ny, nz, inverse
-        out.carried[c, 0], out.carried[c, 1], out.carried[c, 2] = sx, sy, sz
+        out.slip[c, 0], out.slip[c, 1], out.slip[c, 2], out.weighted[c] = ux, uy, uz, weighted
         out.closed[c], out.remembers[c], out.slides[c] = 1.0, before != OPEN, mode == SLIDE
         out.force_n[c], out.slope_n[c] = force_n, slope_n
         out.stiffness_t[c], out.slope_t[c], out.mu[c], out.limit[c] = stiffness, slope_k, mu, limit
@@ -128,7 +140,7 @@ def linearised(state: State, law: Law, *, memory: int = HELD) -> Linear:
             "the list of contacts is not that of these positions: equilibrate, or accept(state, trial) first"
         )
     count = int(state.contacts.count[0])
-    vectors = ("normal", "carried", "turn")
+    vectors = ("normal", "before", "way", "turn", "slip")
     out = Linear(*(np.zeros((count, 3) if name in vectors else count) for name in Linear._fields))
     _linearise(
         law.kind,
@@ -179,40 +191,35 @@ def contact_blocks(state: State, law: Law, *, memory: int = HELD):
     """
     c = linearised(state, law, memory=memory)
 
-    def col(a):
-        return a[:, None, None]
-
-    eye, nn = np.eye(3), c.normal[:, :, None] * c.normal[:, None, :]
-    along = np.einsum("ca,ca->c", c.normal, c.carried)
-    slip = c.carried - along[:, None] * c.normal
-    size = np.linalg.norm(slip, axis=1)
-    hat = np.divide(slip, size[:, None], out=np.zeros_like(slip), where=size[:, None] > 0)
-    hh = hat[:, :, None] * hat[:, None, :]
-    project, cross_n = eye - nn, cross_matrix(c.normal)
-    dn = col(c.inverse) * project
-    du_dr = (
-        project @ (eye - cross_matrix(c.turn) @ dn)
-        - col(along) * dn
-        - c.normal[:, :, None] * (np.einsum("ca,cab->cb", slip, dn)[:, None, :])
-    )
-    spring = -col(c.remembers) * (col(c.secant) * (eye - hh) + col(c.along) * hh)
+    count, cross_n = len(c.normal), cross_matrix(c.normal)
+    turn = turn_of(c.normal, c.inverse, c.way)
+    by_way = np.zeros((count, 3, 6))
+    by_way[:, :, :3] = np.eye(3) - cross_matrix(c.turn) @ turn.by_mid
+    by_way[:, :, 3:] = cross_matrix(turn.mid)
+    soft = np.where(c.stiffness_t > 0, c.stiffness_t, 1.0)
+    reach = np.where(c.stiffness_t > 0, c.limit / soft, 0.0)
+    slip, by_slip = memory_tangent(
+        turn, c.before, c.way + np.cross(turn.mid, c.turn), by_way, reach, (c.by_overlap - reach * c.slope_t) / soft,
+        c.weighted > 0,
+    )  # fmt: skip
+    spring, hat = spring_of(slip, c.remembers, c.secant, c.along)
     force = c.force_n[:, None] * c.normal - c.secant[:, None] * slip
-    n_row, hat_col = c.normal[:, None, :], hat[:, :, None]
+    nn, hat_n = outer(c.normal, c.normal), outer(hat, c.normal)
 
-    stiff, damp = np.zeros((2, len(size), 6, 6))
-    stiff[:, :3, :3] = -col(c.slope_n) * nn + col(c.force_n) * dn + spring @ du_dr + col(c.by_overlap) * hat_col * n_row
-    stiff[:, :3, 3:] = spring @ cross_n
+    stiff, damp = np.zeros((2, count, 6, 6))
+    stiff[:, :3, :3] = -column(c.slope_n) * nn + column(c.force_n) * turn.by_normal + column(c.by_overlap) * hat_n
+    stiff[:, :3] += spring @ by_slip
     stiff[:, 3:] = -cross_n @ stiff[:, :3]
-    stiff[:, 3:, :3] += cross_matrix(force) @ dn
-    dashpot = col(c.damping_t) * (eye - col(c.slides) * hh)
-    damp[:, :3, :3] = -dashpot @ project + col(c.damping_n) * (col(c.by_force) * hat_col * n_row - nn)
+    stiff[:, 3:, :3] += cross_matrix(force) @ turn.by_normal
+    dashpot = column(c.damping_t) * (np.eye(3) - column(c.slides) * outer(hat, hat))
+    damp[:, :3, :3] = -dashpot @ (np.eye(3) - nn) + column(c.damping_n) * (column(c.by_force) * hat_n - nn)
     damp[:, :3, 3:] = -dashpot @ cross_n
     damp[:, 3:] = -cross_n @ damp[:, :3]
-    stiff, damp = col(c.closed) * stiff, col(c.closed) * damp
+    stiff, damp = column(c.closed) * stiff, column(c.closed) * damp
     if not rolls(law.kind):
         return stiff, damp
     state = state._replace(contacts=with_room(state.contacts, law))
-    return with_moments(state, law, bodies(state), c, memory, stiff, damp)
+    return with_moments(state, law, bodies(state), c, turn, memory, stiff, damp)
 
 
 def triplets(state: State, blocks: np.ndarray):

@@ -17,10 +17,11 @@ from numba import njit
 from .contact import damped, effective, tangential_force, with_dashpot
 from .control import spring_forces
 from .forces import Bodies, approach
-from .geometry import carried, normal_and_overlap, pair_vector, rolled, shifts, tangential
+from .geometry import mid_normal, normal_and_overlap, onto_plane, pair_vector, rolled, shifts, slip_increment
 from .laws import (
     DAMPING_N,
     DAMPING_T,
+    MU,
     SMOOTH,
     cap,
     damping_of,
@@ -61,20 +62,20 @@ class Ledger(NamedTuple):
 
 
 @njit(cache=True, fastmath=False, error_model="numpy")
-def _end(kind, coulomb, dim, viscous, p, b, i, j, shift, c, slip, known):
-    """One end of a contact's step: overlap plus reach, normal, energies, (k_t, μF_n, …), |F_t|, power, loads.
+def _end(kind, coulomb, dim, viscous, rate, p, b, i, j, shift, c, slip, known):
+    """One end of a contact's step: overlap plus reach, (n, 1/|r|), energies, (k_t, μF_n, …), |F_t|, power, loads.
 
     … are ∂U/∂k_t and ∂U/∂μF_n.
     """
     n_grains = len(b.radius) - len(b.normal)
     rx, ry, rz = pair_vector(dim, b.position, shift, c, i, j)
-    nx, ny, nz, overlap, _ = normal_and_overlap(i, j, j >= n_grains, j - n_grains, b.radius, b.normal, rx, ry, rz)
+    nx, ny, nz, overlap, inverse = normal_and_overlap(i, j, j >= n_grains, j - n_grains, b.radius, b.normal, rx, ry, rz)
     q = row(kind, p, b.material[i], b.material[j])
     r_eff, m_eff = effective(kind, viscous, b.radius, b.inverse_mass, i, j, j >= n_grains)
     edge = reach(kind, q, r_eff)
     if overlap <= -edge:
         stiffness, none = tangential_stiffness(kind, q, r_eff, 0.0 - edge), (0.0, 0.0, 0.0)
-        return overlap + edge, (nx, ny, nz), 0.0, 0.0, (stiffness, 0.0, 0.0, 0.0), 0.0, 0.0, none, none
+        return overlap + edge, (nx, ny, nz, inverse), 0.0, 0.0, (stiffness, 0.0, 0.0, 0.0), 0.0, 0.0, none, none
     elastic, stiffness = normal_force(kind, q, r_eff, overlap), tangential_stiffness(kind, q, r_eff, overlap)
     sx, sy, sz = (slip[0], slip[1], slip[2]) if known else (0.0, 0.0, 0.0)
     square = sx * sx + sy * sy + sz * sz
@@ -84,7 +85,7 @@ def _end(kind, coulomb, dim, viscous, p, b, i, j, shift, c, slip, known):
         factor = damping_of(kind, viscous, r_eff, m_eff, overlap)
         fn = with_dashpot(viscous, elastic, factor * q[DAMPING_N], vn, least_force(kind, elastic))
         power -= (fn - elastic) * vn
-    limit = cap(kind, q, r_eff, overlap, fn)
+    limit = q[MU] * abs(fn) if rate else cap(kind, q, r_eff, overlap, fn)
     tx, ty, tz = tangential_force(coulomb, stiffness, limit, sx, sy, sz)
     spring = np.sqrt(tx * tx + ty * ty + tz * tz)
     energy, by_stiffness, by_limit = 0.5 * stiffness * square, 0.5 * square, 0.0
@@ -101,54 +102,57 @@ def _end(kind, coulomb, dim, viscous, p, b, i, j, shift, c, slip, known):
     force = (fn * nx + tx, fn * ny + ty, fn * nz + tz)
     turn = (nz * ty - ny * tz, nx * tz - nz * tx, ny * tx - nx * ty)
     stored = normal_energy(kind, q, r_eff, overlap)
-    return overlap + edge, (nx, ny, nz), stored, energy, spends, spring, power, force, turn
+    return overlap + edge, (nx, ny, nz, inverse), stored, energy, spends, spring, power, force, turn
 
 
 @njit(cache=True, fastmath=False, error_model="numpy")
 def _contacts(
-    kind, coulomb, dim, viscous, p, old, new, before, after, shift0, shift, way, strain, free, dt, first, row
+    kind, coulomb, dim, viscous, p, old, new, before, after, shift0, shift, way, strain, free, dt, first, rate, row
 ):
-    """Add one step of all contacts to the row; with `first`, only what they store."""
-    m, moved = 0, np.zeros(3)
+    """Add one step of all contacts to the row; with `first`, only what they store; `rate`: see `integrate.run`."""
+    m, nothing = 0, np.zeros(3)
     for c in range(after.count[0]):
         while m < before.count[0] and before.key[m] < after.key[c]:
             m += 1
         same = m < before.count[0] and before.key[m] == after.key[c]
         known = same and before.mode[m] != OPEN
         i, j = after.i[c], after.j[c]
-        mine = before.slip[m] if same else moved
+        mine = before.slip[m] if same else nothing
         closed = after.mode[c] != OPEN
-        delta, n, stored, energy, spends, spring, power, force, turn = _end(
-            kind, coulomb, dim, viscous, p, new, i, j, shift, c, after.slip[c], closed
+        depth, (nx, ny, nz, inverse), stored, energy, spends, spring, power, force, turn = _end(
+            kind, coulomb, dim, viscous, rate, p, new, i, j, shift, c, after.slip[c], closed
         )
         row[_NORMAL] += stored
         row[_TANGENTIAL] += energy
+        depth0, _, _, _, spends0, spring0, power0, force0, turn0 = _end(
+            kind, coulomb, dim, viscous, rate, p, old, i, j, shift0, c, mine, known
+        )
+        # of the step in which a contact closes or opens, the fraction for which it has touched; LAMMPS counts it whole
+        whole = rate or known == closed or depth == depth0
+        fraction = 1.0 if whole else max(depth, depth0) / abs(depth - depth0)
+        a0, a1 = pair_vector(dim, old.position, shift0, c, i, j), pair_vector(dim, new.position, shift, c, i, j)
+        dx, dy, dz = a1[0] - a0[0], a1[1] - a0[1], a1[2] - a0[2]
+        mx, my, mz = mid_normal(nx, ny, nz, 0.0 if rate else inverse, dx, dy, dz)
+        normals = (nx, ny, nz, mx, my, mz)
         add_rolling_books(
-            kind, dim, p, old, new, shift0, shift, before, m, after, c, i, j, known, closed, free, first,
-            (_TANGENTIAL, _COULOMB, _NONPOTENTIAL, _EXTERNAL), row,
+            kind, dim, p, old, new, shift0, shift, normals, fraction, before, m, after, c, i, j, known, closed, free,
+            first, (_TANGENTIAL, _COULOMB, _NONPOTENTIAL, _EXTERNAL), row,
         )  # fmt: skip
         if first:
             continue
-        _, _, _, _, spends0, spring0, power0, force0, turn0 = _end(
-            kind, coulomb, dim, viscous, p, old, i, j, shift0, c, mine, known
-        )
         for k in range(2):
             row[_NONPOTENTIAL] += 0.5 * (spends[2 + k] + spends0[2 + k]) * (spends[k] - spends0[k])
         row[_VISCOUS] += 0.5 * dt * (power + power0)
-        a0, a1 = pair_vector(dim, old.position, shift0, c, i, j), pair_vector(dim, new.position, shift, c, i, j)
         for k in range(3):
             for q in range(3):
                 row[_EXTERNAL] -= 0.5 * (force[k] * a1[q] + force0[k] * a0[q]) * strain[k, q]
-        if known and delta > 0.0:
+        if known or closed:
             w0, w1 = rolled(dim, old.angle, old.radius, i, j), rolled(dim, new.angle, new.radius, i, j)
-            sx, sy, sz = carried(
-                n[0], n[1], n[2], mine[0], mine[1], mine[2],
-                a1[0] - a0[0], a1[1] - a0[1], a1[2] - a0[2], w1[0] - w0[0], w1[1] - w0[1], w1[2] - w0[2],
-            )  # fmt: skip
-            sx, sy, sz = tangential(n[0], n[1], n[2], sx, sy, sz)
+            sx, sy, sz = onto_plane(*normals, mine[0], mine[1], mine[2])
+            dx, dy, dz = slip_increment(*normals, dx, dy, dz, w1[0] - w0[0], w1[1] - w0[1], w1[2] - w0[2])
             s = after.slip[c]
-            slid = np.sqrt((sx - s[0]) ** 2 + (sy - s[1]) ** 2 + (sz - s[2]) ** 2)
-            row[_COULOMB] += 0.5 * (spring + spring0) * slid
+            sx, sy, sz = sx + fraction * dx - s[0], sy + fraction * dy - s[1], sz + fraction * dz - s[2]
+            row[_COULOMB] += 0.5 * (spring + spring0) * np.sqrt(sx * sx + sy * sy + sz * sz)
         for end in range(2):
             a, sign = (i, 1.0) if end == 0 else (j, -1.0)
             for k in range(3):
@@ -189,13 +193,14 @@ class Books(NamedTuple):
     pull: np.ndarray  # (B, 3) forces of springs
     row: np.ndarray  # (len(COLUMNS),)
     rows: np.ndarray  # (T, len(COLUMNS))
+    rate: bool  # whether the memory is that of `memory="rate"`
 
 
-def opened_books(samples: int, bodies: Bodies, state) -> Books:
+def opened_books(samples: int, bodies: Bodies, state, rate: bool) -> Books:
     """Books before the first entry."""
     row, rows = np.zeros(len(COLUMNS)), np.zeros((samples, len(COLUMNS)))
     pull = spring_forces(state.control, bodies.position, state.time)
-    return Books(_copy(bodies), _copy(state.contacts), state.cell.vectors, pull, row, rows)
+    return Books(_copy(bodies), _copy(state.contacts), state.cell.vectors, pull, row, rows, rate)
 
 
 def entered(books: Books, law, state, plan: Plan, here: Bodies, contacts, step: int, every: int) -> Books:
@@ -214,7 +219,8 @@ def entered(books: Books, law, state, plan: Plan, here: Bodies, contacts, step: 
     _bodies(old, here, mass, inertia, loads, way, strain, free, *plan.drags, plan.dt, first, row)
     _contacts(
         law.kind, law.coulomb, state.cell.dim, viscous, law.table, old, here, books.contacts, contacts,
-        shifts(contacts, books.vectors), shifts(contacts, vectors), way, strain, free, plan.dt, first, row,
+        shifts(contacts, books.vectors), shifts(contacts, vectors), way, strain, free, plan.dt, first,
+        books.rate, row,
     )  # fmt: skip
     if step % every == 0:
         books.rows[step // every] = row

@@ -34,8 +34,7 @@ def contact_forces(state: State, law: Law, *, memory: int = HELD) -> np.ndarray:
     `memory`: HELD for an accepted state; FREE for the forces that its trial memory has, as in `contact_blocks`.
     """
     c = linearised(state, law, memory=memory)
-    slip = c.carried - np.einsum("ck,ck->c", c.normal, c.carried)[:, None] * c.normal
-    return c.force_n[:, None] * c.normal - c.secant[:, None] * slip
+    return c.force_n[:, None] * c.normal - c.secant[:, None] * c.slip
 
 
 def stress(state: State, law: Law) -> np.ndarray:

@@ -100,7 +100,7 @@ def matrices(state: State, law: Law, *, rattlers: bool | np.ndarray = False, wal
     normal[parted] = apart / np.linalg.norm(apart, axis=1)[:, None]
     along = np.stack([normal[:, 1], -normal[:, 0], np.zeros(len(rows))], axis=1)
     c = sparse.csr_array(incidence(state, count, free) @ _directions(rows, normal, along, count))
-    slip = np.einsum("ck,ck->c", line.carried[rows], along)
+    slip = np.einsum("ck,ck->c", line.slip[rows], along)
     # a contact at the limit exerts exactly μ F_n, whatever its slip is to the last bit
     sliding = state.contacts.mode[rows] == SLIDE
     pull = np.where(sliding, line.mu[rows] * line.force_n[rows], line.stiffness_t[rows] * np.abs(slip))

@@ -1,0 +1,104 @@
+"""Derivatives of the update of a contact's memory, the same for slip and for rolling; arrays with one row a contact.
+
+With n the normal now, Δr the displacement of the pair vector since the memory was committed and g = P Δr its
+tangential part, the mid-step normal is m = n − g/(2|r|), see `geometry`. A vector w gives T w = w − (n·w) m, so that
+
+    dn = P dr/|r|,   dg = P dr − dn (n·Δr) − n (dn·Δr),   dm = dn − dg/(2|r|) + g (n·dr)/(2|r|²),
+    d(T w) = dw − m (dn·w + n·dw) − (n·w) dm.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .contact import LEAST_WEIGHT
+
+
+class Turn(NamedTuple):
+    """Normals of C contacts and their derivatives with respect to the pair vector r."""
+
+    normal: np.ndarray  # (C, 3) n
+    by_normal: np.ndarray  # (C, 3, 3) dn/dr
+    mid: np.ndarray  # (C, 3) m
+    by_mid: np.ndarray  # (C, 3, 3) dm/dr
+
+
+def column(a: np.ndarray) -> np.ndarray:
+    """(C, 1, 1) factors of matrices, one a contact."""
+    return a[:, None, None]
+
+
+def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(C,) scalar products of rows."""
+    return np.einsum("ck,ck->c", a, b)
+
+
+def outer(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(C, 3, 3) products a bᵀ of rows."""
+    return a[:, :, None] * b[:, None, :]
+
+
+def rowwise(a: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """(C, K) products aᵀ M of rows with (C, 3, K) matrices."""
+    return np.einsum("ck,ckl->cl", a, matrix)
+
+
+def turn_of(normal: np.ndarray, inverse: np.ndarray, way: np.ndarray) -> Turn:
+    """Normal and mid-step normal, with derivatives; `inverse` (C,) 1/|r|, zero at walls, `way` (C, 3) Δr."""
+    project = np.eye(3) - outer(normal, normal)
+    along = dot(normal, way)
+    g = way - along[:, None] * normal
+    by_normal = column(inverse) * project
+    by_g = project - column(along) * by_normal - outer(normal, rowwise(way, by_normal))
+    half = 0.5 * inverse
+    by_mid = by_normal - column(half) * by_g + column(half * inverse) * outer(g, normal)
+    return Turn(normal, by_normal, normal - half[:, None] * g, by_mid)
+
+
+def projected(turn: Turn, w: np.ndarray, by_w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """T w (C, 3) and its derivative (C, 3, K); the first three of the K coordinates are r, `by_w` is dw."""
+    along = dot(turn.normal, w)
+    by_along = rowwise(turn.normal, by_w)
+    by_along[:, :3] += rowwise(w, turn.by_normal)
+    out = by_w - turn.mid[:, :, None] * by_along[:, None, :]
+    out[:, :, :3] -= column(along) * turn.by_mid
+    return w - along[:, None] * turn.mid, out
+
+
+def memory(turn: Turn, before, way, by_way, reach, by_overlap, weighted) -> tuple[np.ndarray, np.ndarray]:
+    """Memory a + κ d (C, 3) and its derivative (C, 3, K), a = T (memory before), d = T (way).
+
+    Parameters
+    ----------
+    before : (C, 3)
+    way, by_way : (C, 3) and (C, 3, K) what has been added to it, and its derivative
+    reach, by_overlap : (C,) length at Coulomb's limit, and its derivative with respect to the overlap
+    weighted : (C,) bool, where κ is not 1: see `contact.increment_weight`
+    """
+    a, by_a = projected(turn, before, np.zeros_like(by_way))
+    d, by_d = projected(turn, way, by_way)
+    kappa, by_kappa = np.ones(len(a)), np.zeros((len(a), by_way.shape[2]))
+    weighted = weighted & (reach > 0) & (dot(a, a) > 0)
+    if weighted.any():
+        size, ahead, square = dot(a, a), dot(a, d), np.where(weighted, reach, 1.0) ** 2
+        by_size = 2.0 * rowwise(a, by_a)
+        by_ahead = rowwise(a, by_d) + rowwise(d, by_a)
+        by_square = np.zeros_like(by_size)
+        by_square[:, :3] = -(2.0 * reach * by_overlap)[:, None] * turn.normal
+        top, below = 4.0 * size * (square + 0.5 * ahead), (3.0 * size + square) * square
+        by_top = 4.0 * ((square + 0.5 * ahead)[:, None] * by_size + size[:, None] * (by_square + 0.5 * by_ahead))
+        by_below = 3.0 * square[:, None] * by_size + (3.0 * size + 2.0 * square)[:, None] * by_square
+        weight = top / below
+        change = (by_top - weight[:, None] * by_below) / below[:, None]
+        change[weight <= LEAST_WEIGHT] = 0.0
+        kappa = np.where(weighted, np.maximum(weight, LEAST_WEIGHT), 1.0)
+        by_kappa = np.where(weighted[:, None], change, 0.0)
+    return a + kappa[:, None] * d, by_a + column(kappa) * by_d + d[:, :, None] * by_kappa[:, None, :]
+
+
+def spring_of(vector: np.ndarray, remembers, secant, along) -> tuple[np.ndarray, np.ndarray]:
+    """−[φ/|u| (I − û ûᵀ) + ∂φ/∂|u| û ûᵀ] (C, 3, 3), zero without memory, and û (C, 3) of memory vectors u."""
+    size = np.linalg.norm(vector, axis=1)[:, None]
+    hat = np.divide(vector, size, out=np.zeros_like(vector), where=size > 0)
+    hh = outer(hat, hat)
+    return -column(remembers) * (column(secant) * (np.eye(3) - hh) + column(along) * hh), hat
