@@ -51,8 +51,8 @@ def test_the_ledger_closes_to_second_order(law_name, coulomb, dim, more, drag):
     assert (book.drag[-1] > 0) == bool(drag)
     assert (book.nonpotential[-1] != 0) == (law_name != "linear" or coulomb == "smooth")
     order = np.log(coarse / fine) / np.log(4)
-    # contacts that close or begin to slide within a step are events of first order, rare and small
-    assert 1.7 < order < 2.3
+    # contacts that close, open, or begin to slide within a step have errors of second order that vary with the moment
+    assert 1.85 < order < 2.15
     assert fine < 2e-3 * moved
 
 

@@ -37,7 +37,7 @@ class Law(NamedTuple):
 def hertz_mindlin(
     kn=1.0, kt=2 / 7, mu=0.5, *, coulomb="sharp", damping="velocity", damping_n=0.0, damping_t=0.0, tension=True
 ) -> Law:
-    """F_n = k_n δ^{3/2} − c_n v_n; F_t = −k_t √δ s − c_t v_t, truncated at |F_t| = μ F_n.
+    """F_n = k_n δ^{3/2} − c_n v_n; F_t = −k_t √δ s − c_t v_t, truncated at |F_t| = μ max(F_n, 0).
 
     The model force of the papers, without R_eff. With `coulomb="smooth"`, F_t = −k_t √δ (1 + x − x²) s with
     x = |s|/s*, s* = μ (k_n/k_t) δ, whose derivative vanishes at the limit.
@@ -69,7 +69,9 @@ def hertz_mindlin(
 def linear(
     kn=1.0, kt=2 / 7, mu=0.5, *, coulomb="sharp", damping="velocity", damping_n=0.0, damping_t=0.0, tension=True
 ) -> Law:
-    """F_n = k_n δ − c_n v_n; F_t = −k_t s − c_t v_t, truncated at |F_t| = μ F_n (smooth: as in `hertz_mindlin`).
+    """F_n = k_n δ − c_n v_n; F_t = −k_t s − c_t v_t, truncated at |F_t| = μ max(F_n, 0).
+
+    Smooth friction is that of `hertz_mindlin`.
 
     Parameters are those of `hertz_mindlin`, with k_n, k_t in [force/length]. With `damping="mass_velocity"` it is the
     law of LAMMPS `gran/hooke/history`.
@@ -84,10 +86,12 @@ def linear(
 def hertz_mindlin_reff(
     kn=1.0, kt=2 / 7, mu=0.5, *, coulomb="sharp", damping="viscoelastic", damping_n=0.0, damping_t=0.0, tension=True
 ) -> Law:
-    """F_n = p (k_n δ − m_eff γ_n v_n); F_t = −p (k_t s + m_eff γ_t v_t), |F_t| ≤ μ |F_n|; p = √(δ R_eff).
+    """F_n = p (k_n δ − m_eff γ_n v_n); F_t = −p (k_t s + m_eff γ_t v_t), p = √(δ R_eff).
+
+    |F_t| ≤ μ max(F_n, 0); run with `memory="rate"` μ |F_n|, as LAMMPS `gran/hertz/history` has it.
 
     Parameters are those of `hertz_mindlin`, with k_n, k_t in [force/length²] and γ in [1/(time length)]; `stiffnesses`
-    gives k_n and k_t of elastic grains. Run with `memory="rate"` it is evaluated as LAMMPS `gran/hertz/history` does.
+    gives k_n and k_t of elastic grains.
 
     Source
     ------

@@ -1,9 +1,10 @@
 """Where the energy goes: a ledger kept step by step, apart from the trajectory, which it only looks at.
 
 Over a step from 0 to 1 velocity Verlet changes the kinetic energy by ½(F₀ + F₁)·Δx up to a difference of states, so
-that sums of trapezia close to second order in the time step. With U(|s|, k_t, μF_n) the energy of a tangential spring,
+that sums of trapezia close to second order in the time step. With U(|s|, k_t, L) the energy of a tangential spring
+and L Coulomb's limit,
 
-    −F_t·v_t dt = dU − ∂U/∂k_t dk_t − ∂U/∂(μF_n) d(μF_n) + |F_t| d(slid distance):
+    −F_t·v_t dt = dU − ∂U/∂k_t dk_t − ∂U/∂L dL + |F_t| d(slid distance):
 
 F_t has no potential, and the terms with ∂U are what a contact creates or destroys when it is sheared at one overlap
 and released at another. They have a column of their own.
@@ -63,9 +64,9 @@ class Ledger(NamedTuple):
 
 @njit(cache=True, fastmath=False, error_model="numpy")
 def _end(kind, coulomb, dim, viscous, rate, p, b, i, j, shift, c, slip, known):
-    """One end of a contact's step: overlap plus reach, (n, 1/|r|), energies, (k_t, μF_n, …), |F_t|, power, loads.
+    """One end of a contact's step: overlap plus reach, (n, 1/|r|), energies, (k_t, L, …), |F_t|, power, loads.
 
-    … are ∂U/∂k_t and ∂U/∂μF_n.
+    … are ∂U/∂k_t and ∂U/∂L.
     """
     n_grains = len(b.radius) - len(b.normal)
     rx, ry, rz = pair_vector(dim, b.position, shift, c, i, j)
