@@ -218,4 +218,4 @@ def with_error(made: Claim) -> str:
     words, value = shown(made.measured), made.measured
     if isinstance(value, bool | list) or value is None or not made.error or made.error < SEEN * abs(value):
         return words
-    return f"{words} ± {made.error:.1g}"
+    return f"{words} ± {made.error:.2g}"

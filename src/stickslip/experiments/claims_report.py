@@ -35,14 +35,14 @@ MEANING = {
     UNDECIDED: "the error exceeds the tolerance or is not known; not measured; possible, but not seen",
     NO_REFERENCE: "the paper prints nothing to compare with",
 }
-WIDE = 100  # columns from which on a line says what the figure shows, too
+WIDE = 120  # columns from which on a line says what the figure shows, too
 
 
 def write_claims(room: Path, claims: list[Claim], shows: Shows, title: str) -> None:
     """Write claims.json, claims.md and claims.png."""
     write(room / CLAIMS, claims)
     (room / NOTES).write_text(markdown(claims, shows, title), encoding="utf-8")
-    save_figure(claims_chart(rows(claims), title), room / CHART)
+    save_figure(claims_chart(rows(claims, shows), title), room / CHART)
 
 
 def place(made: Claim) -> str:
@@ -55,10 +55,13 @@ def variant(made: Claim) -> str:
     return made.id.partition("@")[2]
 
 
-def rows(claims: list[Claim]) -> list[Row]:
-    """Claims as the picture takes them: deviations from the paper's value or the reference, in tolerances."""
-    out = []
-    for c in claims:
+def rows(claims: list[Claim], shows: Shows) -> list[Row]:
+    """Claims as the picture takes them, by figure: deviations from the paper's value or the reference, in tolerances.
+
+    The paper's own model stands first, then the variants.
+    """
+    order, out = list(shows), []
+    for c in sorted(claims, key=lambda c: (variant(c), order.index(place(c)))):
         beside = c.paper is None and c.reference is not None
         target = c.reference if beside else c.paper
         ends, error = deviation(target, c.measured, c.tolerance, c.error)
@@ -199,8 +202,7 @@ def markdown(claims: list[Claim], shows: Shows, title: str) -> str:
         lines += [_markdown_row(c) for c in claims if place(c) == name]
     lines += ["", "## Notes", ""]
     for c in claims:
-        origin = f" Reference: {c.reference_source}." if c.reference_source else ""
-        lines += [f"- **{c.id}** ({c.verdict}): {_safe(c.note) or '–'}.{origin}"]
+        lines += [f"- **{c.id}** ({c.verdict}): {_safe(c.note) or '–'}."]
     return "\n".join(lines) + "\n"
 
 

@@ -239,9 +239,9 @@ def _ratios(main: Result) -> list[Claim]:
         out += [
             claim(f"v1-over-im-lambda{end}", f"Fig 5: {said}", 4.3, ratio[0], "length·time",
                   TOLERANCE["ratio"], f"{how}, mean over the paper's three loads; {words}", error=ratio[1]),
-            claim(f"v1-power-of-im-lambda{end}", f"Fig 5: {said}: V_1 ∝ Im λ", 1.0, power[0], "1", TOLERANCE["exponent"],
-                  f"p of V_1 ∝ (Im λ)^p, {how}, over {len(wide.load)} loads from {min(strongest):g} to "
-                  f"{max(strongest):g}", error=power[1], reference=printed,
+            claim(f"v1-power-of-im-lambda{end}", f"Fig 5: {said}: V_1 ∝ Im λ", 1.0, power[0], "1",
+                  TOLERANCE["exponent"], f"p of V_1 ∝ (Im λ)^p, {how}, over {len(wide.load)} loads from "
+                  f"{min(strongest):g} to {max(strongest):g}", error=power[1], reference=printed,
                   reference_source="fitted to the three pairs of V_1 and Im λ that the paper prints"),
         ]  # fmt: skip
     return out

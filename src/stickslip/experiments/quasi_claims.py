@@ -190,7 +190,8 @@ def _premise(main: QuasiResult) -> Claim:
         "stability-premise", f"Sec. V A: {YIELD}", True, shown is None, "", 0.0,
         f"{note}; Q > 0 for all v first fails at {min(premise):.3g} to {max(premise):.3g} of the load at which the "
         f"path ends, median {np.median(premise):.3g}; the status stays unique up to {min(unique):.3g} to "
-        f"{max(unique):.3g} (not known at {unknown} of {points} points): the premise is sufficient and much too strong, what counts is that A is a P-matrix", quantifier=ALWAYS,
+        f"{max(unique):.3g} (not known at {unknown} of {points} points): the premise is sufficient and much too "
+        f"strong, what counts is that A is a P-matrix", quantifier=ALWAYS,
     )  # fmt: skip
 
 

@@ -88,8 +88,9 @@ def _draw(axes, k: int, row: Row) -> None:
             ends = np.clip([x - row.error, x + row.error], -1.15 * REACH, 1.15 * REACH)
             axes.plot(ends, [k, k], color=color, lw=1.0, zorder=2, solid_capstyle="butt")
         axes.plot(x, k, **style, zorder=3)
-    if not row.deviation and row.measured != "none":
-        words = "not measured" if row.measured == "–" else row.measured
+    missing = "left open" if row.paper in ("yes", "no") else "not measured"
+    words = {"yes": "yes", "no": "no", "–": missing}.get(row.measured)
+    if not row.deviation and words:
         box = {"facecolor": "white", "edgecolor": color, "lw": 0.5, "pad": 1.2}
         axes.text(0, k, words, fontsize=6, ha="center", va="center", color=color, bbox=box, zorder=4)
     grey = {"color": "0.45", "style": "italic"} if row.beside_reference else {}
