@@ -60,6 +60,8 @@ def claim(
     """
     paper, measured, reference = plain(paper), plain(measured), plain(reference)
     error = None if error is None or not math.isfinite(error) else float(error)
+    if not source.partition(":")[2].strip():
+        raise ValueError(f"{id}: source {source!r} names no place of the paper, a colon, and what stands there")
     if (reference is None) == bool(reference_source):
         raise ValueError(f"{id}: a reference needs its origin, and an origin a reference")
     word = verdict(paper, measured, tolerance, error, quantifier)
