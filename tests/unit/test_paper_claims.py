@@ -140,11 +140,11 @@ def test_the_premise_is_refuted_by_a_state_that_outlives_it():
     assert "counterexample: sample 7 at load 0.3" in row.note
 
 
-def test_a_mean_below_zero_is_told_from_noise():
-    assert quasi_claims.below_zero(np.array([-1.0, -1.1, -0.9])) is True
-    assert quasi_claims.below_zero(np.array([1.0, 1.1, 0.9])) is False
-    assert quasi_claims.below_zero(np.array([-1.0, 1.1, -0.9])) is None
-    assert quasi_claims.below_zero(np.array([-1.0])) is None
+@pytest.mark.parametrize(
+    ("yes", "total", "told"), [(5, 5, True), (0, 5, False), (4, 5, None), (2, 2, None), (0, 2, None), (9, 10, True)]
+)
+def test_few_samples_do_not_tell_more_often_from_less_often(yes, total, told):
+    assert quasi_claims.mostly(yes, total) is told
 
 
 def pushed(msd):
