@@ -114,7 +114,7 @@ def _slow(main: QuasiResult) -> Claim:
 
 
 def mostly(yes: int, total: int) -> bool | None:
-    """Is something so more often than not, by a sign test at 5 %? None if too few cases tell: fewer than five of them."""
+    """Is something so more often than not, by a sign test at 5 %? None if too few cases tell, such as four."""
     if binomtest(yes, total, alternative="greater").pvalue <= 0.05:
         return True
     return False if binomtest(yes, total, alternative="less").pvalue <= 0.05 else None
