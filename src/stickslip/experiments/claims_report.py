@@ -124,7 +124,8 @@ def _most_missed(missed: list[Claim], shows: Shows) -> str:
     """Figure of the paper with most rows that disagree, and one of these: the one to quote, if it is among them."""
     (most, number), *_ = Counter(map(place, missed)).most_common(1)
     share = f"{number} of {len(missed)}"
-    how = "the disagreement is in" if number == len(missed) else f"of the rows that disagree {share} are in"
+    verb = "is" if number == 1 else "are"
+    how = "the disagreement is in" if number == len(missed) else f"of the rows that disagree {share} {verb} in"
     here = [c for c in missed if place(c) == most]
     what, key = shows.get(most, ("", ""))
     quoted = next((c for c in here if c.id == key), here[0])
