@@ -5,7 +5,7 @@ DOCS := .venv/.docs-installed
 
 .PHONY: demo test slow lint bench docs lock clean
 
-demo: $(STAMP)  ## install, run paper 000 (quick), show figures' paths and the claims table
+demo: $(STAMP)  ## install, run paper 000 (quick), show how much is reproduced and the figures' paths
 	$(BIN)/stickslip reproduce disk-array --quick --overwrite --out results/disk-array-quick
 
 test: $(STAMP)  ## the tests, under ten minutes on two cores

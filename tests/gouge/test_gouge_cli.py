@@ -9,7 +9,7 @@ import pytest
 from stickslip.data import archive
 from stickslip.data.scenario import read, scenario
 from stickslip.experiments import gouge as paper
-from stickslip.experiments import gouge_report, report
+from stickslip.experiments import gouge_claims, gouge_report, report
 from stickslip.loading.gouge_ensemble import simulate_gouge
 from tests.gouge.test_gouge import small
 from tests.published.test_disk_array import stickslip
@@ -84,14 +84,21 @@ def test_examples_are_scenarios_of_their_own_scale():
 def test_the_papers_claims_are_all_judged(tmp_path, ran):
     """On samples far too small: nothing may be told to be reproduced that two of them cannot tell."""
     main, damped = ran
-    claims = {c.id: c for c in paper.judged(main, damped)}
+    claims = {c.id: c for c in gouge_claims.evaluated(main, damped)}
     assert set(claims) >= {
         "steady-friction", "direct-effect-sign", "velocity-step-symmetry", "hold-relaxation-law", "compaction-in-holds",
         "healing-rate", "peak-vs-velocity-ratio", "restitution-insensitivity", "inertial-number",
     }  # fmt: skip
+    printed = {name for name, c in claims.items() if c.paper is not None}
+    assert printed == {"direct-effect", "direct-effect-sign", "a-minus-b", "peak-vs-velocity-ratio",
+                       "restitution-insensitivity"}  # fmt: skip
+    assert {name for name, c in claims.items() if c.verdict != "no reference"} == printed
+    assert all(c.source.partition(":")[0] in gouge_claims.SHOWS for c in claims.values())
     assert all("2 × 70 grains" in c.note for c in claims.values() if c.id not in ("inertial-number", "energy-balance"))
     folder = tmp_path / "out"
     report.claim_folder(folder, main.scenario)
     gouge_report.write_reproduction(folder, paper.Reproduction(main, damped, list(claims.values())))
     told = json.loads((folder / "claims.json").read_text())
     assert [c["id"] for c in told] == list(claims)
+    assert "fault gouge" in (folder / "claims.md").read_text()
+    assert (folder / "claims.png").stat().st_size > 10_000

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -14,18 +15,20 @@ from PIL import Image
 from stickslip.core.state import State
 from stickslip.data import archive
 from stickslip.experiments import claims as table
-from stickslip.experiments import disk_array
+from stickslip.experiments import disk_array, disk_claims, disk_measures
 
 FORWARD = [f"forward-front-speed-{f}" for f in ("0.083", "0.087", "0.090")]
+V1 = ["v1-over-im-lambda", "v1-power-of-im-lambda"]
 IM = [f"im-lambda-{f}" for f in ("0.083", "0.087", "0.090")]
 PAIRS = [f"pairs-at-{f}" for f in ("0.030", "0.040", "0.062")]
 IDS = {
     "wall-mode-frequency", *PAIRS, "stable-window", "late-pair-birth", *IM,
     *(f"growth-rate-ratio-{f}" for f in ("0.030", "0.040", "0.083", "0.087", "0.090")),
-    "msd-saturation-0.030", "msd-saturation-0.040", "sliding-0.083", *FORWARD, "backward-front-speed",
+    "stable-msd-0.062", "msd-saturation-0.030", "msd-saturation-0.040", "sliding-0.083",
+    *(f"{i}{end}" for i in (*FORWARD, "backward-front-speed", *V1) for end in ("", "-free")),
     "sliding-velocity-slope", "sliding-velocity-intercept", "y-mode-share", "y-mode-frequency",
-    *(f"{i}@quarter" for i in (*PAIRS, "stable-window", "late-pair-birth", *IM, "sliding-velocity-slope",
-                               "backward-front-speed")),
+    *(f"{i}@quarter" for i in (*PAIRS, "stable-window", "late-pair-birth", *IM, "stable-msd-0.062",
+                               "sliding-velocity-slope", "backward-front-speed", "backward-front-speed-free")),
 }  # fmt: skip
 
 
@@ -40,8 +43,12 @@ def folder(tmp_path_factory):
     run = stickslip("reproduce", "disk-array", "--quick", "--out", out)
     assert run.returncode == 0, run.stderr
     assert "--quick cuts" in run.stdout
-    assert "late-pair-birth@quarter" in run.stdout
-    assert "claims.json" in run.stdout
+    told = run.stdout.partition("figures …")[2].split()
+    summary, _, written = " ".join(told).partition("Written:")
+    assert re.match(r"\d+ of the paper's \d+ claims are reproduced", summary)
+    assert all(f" Fig {k} " in summary for k in range(2, 8))
+    assert "late-pair-birth@quarter" not in summary, "the full table stands in claims.md"
+    assert {Path(path).name for path in written.split()} >= {"claims.json", "claims.md", "claims.png"}
     return out
 
 
@@ -53,18 +60,21 @@ def claims(folder):
 def test_every_claim_is_there_with_exactly_the_agreed_keys(claims):
     assert set(claims) == IDS
     for row in claims.values():
-        assert list(row) == ["id", "source", "paper", "measured", "unit", "tolerance", "verdict", "note"]
-        assert row["verdict"] in (table.REPRODUCED, table.PARTLY, table.NOT_REPRODUCED)
-        if "too few realizations" not in row["note"]:
-            again = table.claim(row["id"], "", row["paper"], row["measured"], "", row["tolerance"])
-            assert row["verdict"] == again.verdict, row["id"]
-        assert row["note"] or row["verdict"] == table.REPRODUCED, row["id"]
+        assert tuple(row) == table.Claim._fields
+        given = (row[name] for name in ("paper", "measured", "tolerance", "error", "quantifier"))
+        assert row["verdict"] == table.verdict(*given), row["id"]
+        assert (row["verdict"] == table.NO_REFERENCE) == (row["paper"] is None), row["id"]
+        assert row["source"].partition(":")[0] in disk_claims.SHOWS
+        assert row["note"], row["id"]
 
 
 def test_what_the_paper_states_is_quoted_as_published(claims):
     with (Path(__file__).with_name("disk_array.csv")).open() as file:
         rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
-    assert len(rows) == 20
+    assert len(rows) == 25
+    derived = {"v1-power-of-im-lambda", "v1-power-of-im-lambda-free"}  # a constant ratio is a power of one
+    printed = {name for name, row in claims.items() if row["paper"] is not None and "@" not in name}
+    assert printed == {row["id"] for row in rows} | derived
     for row in rows:
         words = row["paper"].split()
         value = row["paper"] == "true" if words[0] == "true" else [float(w) for w in words]
@@ -89,11 +99,13 @@ def test_physics_that_does_not_depend_on_the_length_of_the_runs(claims):
     assert [measured(f"{name}@quarter") for name in PAIRS] == [1, 1, 0]
     assert np.allclose(measured("stable-window@quarter"), [0.062, 0.0826], rtol=0.01)
     assert measured("sliding-0.083") is True
+    assert measured("stable-msd-0.062") is False  # the printed model has pairs there
+    assert measured("stable-msd-0.062@quarter") is True
 
 
 def test_figures_animation_and_numbers_are_there(folder):
     names = {p.name for p in folder.iterdir()}
-    assert {"claims.json", "results.h5", "scenario.json", "transition.gif"} <= names
+    assert {"claims.json", "claims.md", "claims.png", "results.h5", "scenario.json", "transition.gif"} <= names
     for k in range(2, 8):
         (picture,) = folder.glob(f"fig{k}_*.png")
         with Image.open(picture) as image:
@@ -126,14 +138,14 @@ def test_statistics_of_the_full_experiment():
     """
     found = disk_array.reproduce()
     main = found.main
-    fronts = [disk_array.forward_front(main, main.sliding[load]) for load in disk_array.FRONT_LOADS]
+    fronts = [disk_measures.forward_front(main, main.sliding[load]) for load in disk_claims.FRONT_LOADS]
     assert fronts[0].speed < fronts[1].speed < fronts[2].speed
     assert all(f.complete > 190 and f.speed_error < 0.1 * f.speed for f in fronts)
     for threshold in main.scenario.sliding.thresholds:
-        back = disk_array.backward_front(main, threshold, disk_array.FRONT_LOADS)
+        back = disk_measures.backward_front(main, threshold, disk_claims.FRONT_LOADS)
         assert abs(back.speed - 0.075) < 0.25 * 0.075 + 3 * back.speed_error
         assert back.speed > 20 * fronts[2].speed
-    line = disk_array.velocity_line(main, disk_array.LINE_TOP)
+    line = disk_measures.velocity_line(main, disk_claims.LINE_TOP)
     assert abs(line.slope - 4.5e-4) < 3 * line.slope_error
     assert line.intercept < 0
     assert {c.id for c in found.claims} == IDS

@@ -1,33 +1,279 @@
-"""Verdicts: symmetric, honest about their own error."""
+"""Verdicts: one of six words whatever is given, none of the good ones for noise; the files and the terminal's lines."""
 
+import json
+import math
+
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
 
-from stickslip.experiments.claims import NOT_REPRODUCED, PARTLY, REPRODUCED, claim, shown
+from stickslip.experiments import claims_report, report
+from stickslip.experiments.claims import (
+    ALWAYS,
+    CAN,
+    IS,
+    NO_REFERENCE,
+    NOT_REPRODUCED,
+    PARTLY,
+    REFUTED,
+    REPRODUCED,
+    UNDECIDED,
+    VERDICTS,
+    Claim,
+    band,
+    claim,
+    for_quick_run,
+    median_error,
+    shown,
+    standard_error,
+    verdict,
+    with_error,
+    write,
+)
+
+SOURCE = "Fig 1: a sentence"
+FINITE = st.floats(-1e6, 1e6, allow_nan=False)
+NUMBERS = st.one_of(st.none(), st.floats(), st.integers(-100, 100))
+ERRORS = st.one_of(st.none(), st.floats(0, 1e6), st.just(math.nan), st.just(math.inf))
+TOLERANCES = st.floats(0, 2)
 
 
 @pytest.mark.parametrize(
-    ("paper", "measured", "tolerance", "error", "verdict"),
+    ("paper", "measured", "tolerance", "error", "word"),
     [
         (1e-5, 2e-5, 1.0, 0, REPRODUCED),
         (1e-5, 0.5e-5, 1.0, 0, REPRODUCED),
         (1e-5, 2.9e-5, 1.0, 0, PARTLY),
         (1e-5, 1e-12, 1.0, 0, NOT_REPRODUCED),
         (1e-5, 0.0, 1.0, 0, NOT_REPRODUCED),
-        (1.0, 1.05, 0.1, 0.01, REPRODUCED),
-        (1.0, 1.05, 0.1, 0.2, PARTLY),
-        (1.0, 1.45, 0.1, 0.2, NOT_REPRODUCED),
+        (1.0, 1.1, 0.1, 0.01, REPRODUCED),  # at the edge: 1.1 − 1.0 is more than 0.1 in floating point
+        (1.0, 1.15, 0.1, 0.01, PARTLY),
+        (1.0, 1.05, 0.1, 0.2, UNDECIDED),
+        (1.0, 1.45, 0.1, 0.2, UNDECIDED),
+        (1.0, 1.05, 0.1, None, UNDECIDED),
+        (1.0, 1.05, 0.1, math.nan, UNDECIDED),
+        (1.0, math.nan, 0.1, 0.0, UNDECIDED),
+        (1.0, None, 0.1, 0.0, UNDECIDED),
+        (-1.0, -1.05, 0.1, 0.01, REPRODUCED),
+        (-1.0, 1.05, 0.1, 0.01, NOT_REPRODUCED),
+        (-1e-3, -2e-3, 1.0, 0.0, REPRODUCED),
         (0, 0, 0.0, 0, REPRODUCED),
+        (0, 2, 0.0, 0, NOT_REPRODUCED),
+        (0, 0.05, 0.1, 0, REPRODUCED),  # beside a printed zero a tolerance is absolute
+        (0, 0.05, 0.1, 0.2, UNDECIDED),
         (1, 2, 0.0, 0, NOT_REPRODUCED),
-        (True, True, 0.0, 0, REPRODUCED),
-        (True, False, 0.0, 0, NOT_REPRODUCED),
+        (True, True, 0.0, None, REPRODUCED),
+        (True, False, 0.0, None, NOT_REPRODUCED),
+        (True, None, 0.0, None, UNDECIDED),
         ([0.062, 0.082], [0.0618, 0.0823], 0.02, 0, REPRODUCED),
         ([0.062, 0.082], [0.05, 0.0823], 0.02, 0, PARTLY),
-        (0.1, None, 0.1, 0, NOT_REPRODUCED),
+        ([0.062, 0.082], [0.05, 0.09], 0.02, 0, NOT_REPRODUCED),
+        ([0.062, 0.082], [], 0.02, None, NOT_REPRODUCED),
+        ([0.062, 0.082], [0.05, 0.0823], 0.02, None, UNDECIDED),
+        ([0.062, 0.082], [0.05, math.nan], 0.02, 0, UNDECIDED),
+        (None, 3.0, 0.1, 0.0, NO_REFERENCE),
+        (None, None, 0.1, None, NO_REFERENCE),
     ],
 )
-def test_verdicts(paper, measured, tolerance, error, verdict):
-    assert claim("id", "Fig 1", paper, measured, "1", tolerance, error=error).verdict == verdict
+def test_verdicts(paper, measured, tolerance, error, word):
+    assert claim("id", SOURCE, paper, measured, "1", tolerance, error=error).verdict == word
+
+
+@pytest.mark.parametrize(
+    ("quantifier", "measured", "word"),
+    [
+        (IS, False, NOT_REPRODUCED), (CAN, True, REPRODUCED), (CAN, False, UNDECIDED), (CAN, None, UNDECIDED),
+        (ALWAYS, True, REPRODUCED), (ALWAYS, False, REFUTED), (ALWAYS, None, UNDECIDED),
+    ],
+)  # fmt: skip
+def test_one_instance_shows_what_can_be_and_refutes_what_always_is(quantifier, measured, word):
+    assert claim("id", SOURCE, True, measured, "", 0.0, "sample 3", quantifier=quantifier).verdict == word
+
+
+@given(NUMBERS, NUMBERS, TOLERANCES, ERRORS, st.sampled_from((IS, CAN, ALWAYS)))
+def test_the_verdict_is_total_and_no_reference_means_no_number_in_the_paper(paper, measured, tolerance, error, kind):
+    paper = None if paper is not None and not math.isfinite(paper) else paper
+    row = claim("id", SOURCE, paper, measured, "1", tolerance, "a note", error=error, quantifier=kind)
+    assert row.verdict in VERDICTS
+    assert (row.verdict == NO_REFERENCE) == (row.paper is None)
+    assert row.verdict != REFUTED, "a number is no counterexample"
+    json.dumps(row._asdict(), allow_nan=False)
+
+
+@given(FINITE, FINITE, TOLERANCES, ERRORS)
+def test_noise_decides_nothing(paper, measured, tolerance, error):
+    """A number whose error is larger than the band's half width, or is not known, earns no other word, near or far."""
+    low, high = band(paper, tolerance)
+    word = verdict(paper, measured, tolerance, error)
+    if error is None or not math.isfinite(error) or error > 0.5 * (high - low) * (1 + 1e-9) + 1e-9 * abs(paper):
+        assert word == UNDECIDED
+    elif error < 0.5 * (high - low):
+        assert word in (REPRODUCED, PARTLY, NOT_REPRODUCED)
+
+
+@given(st.floats(1e-3, 1e3), st.floats(1e-3, 1e3), TOLERANCES)
+def test_verdicts_do_not_depend_on_units_or_signs(paper, measured, tolerance):
+    word = verdict(paper, measured, tolerance, 0.0)
+    assert verdict(-paper, -measured, tolerance, 0.0) == word
+    assert verdict(paper * 2.0**20, measured * 2.0**20, tolerance, 0.0) == word
+
+
+def test_a_reference_is_beside_the_paper_and_never_in_its_place():
+    row = claim("id", SOURCE, None, 1.0, "1", 0.1, error=0.0, reference=1.0, reference_source="closed form")
+    assert (row.verdict, row.paper, row.reference) == (NO_REFERENCE, None, 1.0)
+    assert "agrees with the reference 1 (closed form)" in row.note
+    both = claim("id", SOURCE, 5.0, 1.0, "1", 0.1, error=0.0, reference=1.0, reference_source="closed form")
+    assert both.verdict == NOT_REPRODUCED
+    far = claim("id", SOURCE, None, 9.0, "1", 0.1, error=0.0, reference=1.0, reference_source="closed form")
+    assert "differs from" in far.note
+    vague = claim("id", SOURCE, None, 1.0, "1", 0.1, error=None, reference=1.0, reference_source="closed form")
+    assert "cannot be compared" in vague.note
+
+
+@pytest.mark.parametrize(
+    ("words", "options"),
+    [
+        ("names no place", {"source": "Fig 1"}),
+        ("needs its origin", {"reference": 1.0}),
+        ("needs its origin", {"reference_source": "theory"}),
+        ("a statement beside a number", {"paper": True, "measured": 1.0}),
+        ("counterexample", {"paper": True, "measured": False, "quantifier": ALWAYS}),
+    ],
+)
+def test_rows_that_say_too_little_are_refused(words, options):
+    row = {"source": SOURCE, "paper": 1.0, "measured": 1.0} | options
+    with pytest.raises(ValueError, match=words):
+        claim("id", row.pop("source"), row.pop("paper"), row.pop("measured"), "1", 0.1, **row)
+
+
+def test_what_a_quick_run_leaves_out_is_undecided_and_says_so():
+    number = claim("a", SOURCE, 1.0, None, "1", 0.1, "no front")
+    statement = claim("b", SOURCE, True, None, "", 0.0)
+    there = claim("c", SOURCE, 1.0, 1.0, "1", 0.1, error=0.0)
+    told = for_quick_run([number, statement, there])
+    assert [c.verdict for c in told] == [UNDECIDED, UNDECIDED, REPRODUCED]
+    assert told[0].note.startswith("not measured by a quick run; no front")
+    assert told[1].note.startswith("left open by a quick run")
+    assert told[2] == there
+
+
+def test_errors_of_means_are_wide_for_few_values_and_unknown_for_one():
+    assert standard_error([1.0]) is None
+    assert standard_error([0.0, 2.0]) == pytest.approx(0.5 * 12.706, rel=1e-4)  # Student's t with one degree of freedom
+    many = np.random.default_rng(0).normal(size=4000)
+    assert standard_error(many) == pytest.approx(many.std(ddof=1) / np.sqrt(4000), rel=0.03)
+    assert median_error(many) == pytest.approx(1.2533 * standard_error(many), rel=1e-4)
 
 
 def test_values_are_shown_short():
-    assert [shown(v) for v in (None, True, [0.1, 0.25], 1.23456e-5)] == ["–", "yes", "0.1–0.25", "1.23e-05"]
+    assert [shown(v) for v in (None, True, [0.1, 0.25], [], 1.23456e-5)] == ["–", "yes", "0.1–0.25", "none", "1.23e-05"]
+    rows = [claim("a", SOURCE, 1.0, 2.0, "1", 0.1, error=e) for e in (0.5, 1e-9, 0.0, None)]
+    assert [with_error(row) for row in rows] == ["2 ± 0.5", "2", "2", "2"]
+
+
+SHOWS = {"Fig 1": ("a thing", "speed"), "Fig 2": ("drawn, without a number", ""), "Sec. V": ("a premise", "premise")}
+ROWS = [
+    claim("speed", "Fig 1: text", 0.075, 0.08, "m/s", 0.25, "by 16 runs", error=0.005),
+    claim("half", "Fig 1: text", 1.0, 1.15, "1", 0.1, "near", error=0.0),
+    claim("far", "Fig 1: text", 1.0, 9.0, "1", 0.1, "no | good", error=0.0),
+    claim("window", "Fig 1: text", [0.1, 0.2], [0.1, 0.5], "1", 0.1, "one end", error=0.0),
+    claim("no-window", "Fig 1: text", [0.1, 0.2], [], "1", 0.1, "none there"),
+    claim("noise", "Fig 1: text", 1.0, 1.0, "1", 0.1, "few", error=0.3),
+    claim("one", "Fig 1: text", 1.0, 1.0, "1", 0.1, "one run"),
+    claim("premise", "Sec. V: it holds", True, False, "", 0.0, "sample 3 at 0.5", quantifier=ALWAYS),
+    claim("mode", "Sec. V: not printed", None, 0.2, "1", 0.1, error=0.0, reference=0.2, reference_source="closed form"),
+    claim("bare", "Sec. V: not printed", None, 4.0, "1", 1.0, "counted"),
+    claim("speed@other", "Fig 1: text", 0.075, 0.02, "m/s", 0.25, "a variant", error=0.001),
+]
+
+
+@pytest.fixture
+def room(tmp_path):
+    claims_report.write_claims(tmp_path, ROWS, SHOWS, "Paper 9")
+    return tmp_path
+
+
+def test_claims_json_holds_every_field_and_is_read_back(room):
+    told = json.loads((room / report.CLAIMS).read_text())
+    assert [list(row) for row in told] == [[
+        "id", "source", "paper", "measured", "unit", "tolerance", "verdict", "note", "error", "reference",
+        "reference_source", "quantifier",
+    ]] * len(ROWS)  # fmt: skip
+    assert [Claim(**row) for row in told] == ROWS
+    for row in told:
+        given = (row[name] for name in ("paper", "measured", "tolerance", "error", "quantifier"))
+        assert verdict(*given) == row["verdict"]
+    assert {c.verdict for c in ROWS} == set(VERDICTS)
+
+
+def test_claims_md_has_every_row_in_a_table_of_its_figure_and_every_note(room):
+    text = (room / report.NOTES).read_text()
+    assert text.startswith(
+        "# Paper 9\n\n1 of the paper's 8 claims are reproduced, 2 in part, 2 not, 1 refuted, 2 undec"
+    )
+    sections = text.split("\n## ")
+    assert [part.splitlines()[0] for part in sections[1:]] == ["Fig 1: a thing", "Sec. V: a premise", "Notes"]
+    for row in ROWS:
+        (line,) = (line for line in text.splitlines() if line.startswith(f"| {row.id} |"))
+        assert line.endswith(f"| **{row.verdict}** |")
+        assert line.replace("\\|", "").count("|") == 9
+        assert f"- **{row.id}** ({row.verdict}): {row.note.split(' |')[0]}" in text
+    assert all(f"- **{word}**" in text for word in VERDICTS)
+
+
+def test_claims_png_has_a_row_for_each_claim(room):
+    with Image.open(room / report.CHART) as picture:
+        assert len(picture.convert("L").getcolors()) > 20
+        lower = picture.size[1]
+    claims_report.write_claims(room, ROWS[:5], SHOWS, "Paper 9")
+    with Image.open(room / report.CHART) as picture:
+        assert picture.size[1] < lower
+
+
+def test_deviations_are_in_tolerances():
+    drawn = {(row.label, row.group): row for row in claims_report.rows(ROWS, SHOWS)}
+    assert drawn["speed", "Fig 1"].deviation == pytest.approx([0.005 / (0.25 * 0.075)])
+    assert drawn["speed", "Fig 1"].error == pytest.approx(0.005 / (0.25 * 0.075))
+    assert drawn["window", "Fig 1"].deviation == pytest.approx([0, 15])
+    assert drawn["mode", "Sec. V"].beside_reference
+    assert drawn["premise", "Sec. V"].deviation == drawn["bare", "Sec. V"].deviation == ()
+    assert list(drawn)[-1] == ("speed", "Fig 1 @other")
+    factor, _ = claims_report.deviation(-1e-3, -2e-3, 1.0, 0.0)
+    assert factor == pytest.approx([-1.0])
+    assert claims_report.deviation(1.0, 3.0, 0.0, 0.0)[0] == (math.inf,)
+
+
+def test_the_terminal_shows_two_sentences_and_a_line_for_each_figure(monkeypatch):
+    for width in (80, 120):
+        monkeypatch.setattr(report.console, "_width", width)
+        with report.console.capture() as said:
+            claims_report.show_claims(ROWS, SHOWS)
+        lines = said.get().splitlines()
+        text = " ".join(said.get().split())
+        assert max(map(len, lines)) <= width
+        assert text.startswith("1 of the paper's 8 claims are reproduced, 2 in part, 2 not, 1 refuted, 2 undecided; ")
+        assert "Of the rows that disagree 2 of 3 are in Fig 1 (a thing): far 9, paper 1; undecided because" in text
+        assert "its error exceeds the tolerance (1)" in text
+        (fig1,) = (line for line in lines if line.startswith("Fig 1"))
+        assert "1 of 7, other 0 of 1" in fig1
+        assert ("a thing" in fig1) == (width == 120)
+        assert "speed 0.08 ± 0.005, paper 0.075" in fig1
+        assert any(line.startswith("Fig 2") for line in lines)
+        assert "by 16 runs" not in text
+        assert len(lines) < 14
+
+
+def test_when_all_is_well_the_terminal_says_so():
+    one = [ROWS[0]]
+    assert claims_report.sentences(one, SHOWS) == (
+        "1 of the paper's 1 claims are reproduced.", "Every claim agrees within its tolerance.",
+    )  # fmt: skip
+
+
+def test_claims_json_of_an_older_run_is_still_read(tmp_path):
+    old = {"id": "a", "source": "Fig 5", "paper": 1.0, "measured": 1.0, "unit": "1", "tolerance": 0.1,
+           "verdict": "reproduced", "note": ""}  # fmt: skip
+    assert Claim(**old).error is None
+    write(tmp_path / "claims.json", [Claim(**old)])

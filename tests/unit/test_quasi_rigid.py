@@ -7,7 +7,7 @@ import pytest
 
 import stickslip as ss
 from stickslip.data import archive
-from stickslip.experiments import quasi_report, quasi_rigid
+from stickslip.experiments import quasi_claims, quasi_report
 from stickslip.experiments.quasi_test import Curve, Slowly, collapse, difference, simulate_quasi, table_one
 from stickslip.loading.biaxial import LEFT, RIGHT, TOP
 from tests.published.test_disk_array import stickslip
@@ -51,13 +51,18 @@ def test_table_one_holds_in_the_engine(small):
 
 
 def test_claims_have_all_ids_and_say_what_was_measured(small):
-    claims = {c.id: c for c in quasi_rigid.judged(small, cases=20)}
+    claims = {c.id: c for c in quasi_claims.evaluated(small, cases=20)}
     assert list(claims) == [
         "table-I-relations", "status-map-bijective", "one-consistent-state", "non-unique-example",
         "path-vs-dynamics-error", "collapse-load-ratio", "stability-premise", "flutter-example", "apex-counterexample",
         "mechanism-classes",
     ]  # fmt: skip
-    assert all(c.note for c in claims.values())
+    assert all(c.note and c.source.partition(":")[0] in quasi_claims.SHOWS for c in claims.values())
+    unprinted = {name for name, c in claims.items() if c.paper is None}
+    assert unprinted == {"non-unique-example", "collapse-load-ratio", "apex-counterexample"}
+    assert all((c.verdict == "no reference") == (name in unprinted) for name, c in claims.items())
+    told = {name: claims[name].verdict for name in ("stability-premise", "flutter-example")}
+    assert set(told.values()) <= {"refuted", "reproduced", "undecided"}, told
     assert claims["mechanism-classes"].measured == 3
     assert claims["apex-counterexample"].measured is True
     assert "0 of" in claims["apex-counterexample"].note

@@ -12,7 +12,7 @@ from .app import ENGINES, AsJson, Out, Overwrite, Quiet, Scheduler, Workers, app
 from .ending import FailedError, working
 
 REPRODUCE = examples(
-    ("reproduce disk-array --quick", "a minute; results/disk-array-quick, with the claims table"),
+    ("reproduce disk-array --quick", "a minute; results/disk-array-quick, with figures and claims"),
     ("reproduce disk-array --quick --json", "the same again, for programs: claims and measures as one object"),
     ("reproduce gouge --quick --workers 2", "minutes; stopped by ctrl-C, the same call goes on"),
 )
@@ -47,7 +47,7 @@ def reproduce(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Run a paper's experiment end to end: figures, an animation, raw numbers and the claims table."""
+    """Run a paper's experiment end to end: figures, raw numbers, and every claim judged (claims.md, claims.png)."""
     one_of("experiment", experiment, PAPERS)
     spread = _spread(workers, scheduler)
     from ..data.lock import alone
@@ -65,6 +65,7 @@ def reproduce(
 def _reproduced(command: str, folder: Path, spread, how: dict, *, experiment: str, quick: bool, seed: int) -> None:
     """Run a paper's experiment in a folder, or what is left of it."""
     from ..experiments import answers, report
+    from ..experiments.claims_report import show_claims
 
     paper, its_report = _room(PAPERS[experiment]), _room(REPORTS[experiment])
     if quick:
@@ -75,7 +76,7 @@ def _reproduced(command: str, folder: Path, spread, how: dict, *, experiment: st
         paths = its_report.write_reproduction(folder, found)
     ended(
         lambda: answers.of_run(command, folder, found.main, paths, found.claims), paths,
-        lambda: report.show_claims(found.claims), **how,
+        lambda: show_claims(found.claims, its_report.SHOWS), **how,
     )  # fmt: skip
 
 

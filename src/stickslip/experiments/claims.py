@@ -1,17 +1,31 @@
-"""What a paper states, what the package measured, and an honest verdict."""
+"""Claims of a paper: what it prints, what was measured with its error, and a verdict that noise cannot earn."""
 
 import json
 import math
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+from scipy.stats import t as student
+
 REPRODUCED, PARTLY, NOT_REPRODUCED = "reproduced", "partly", "not reproduced"
+REFUTED, UNDECIDED, NO_REFERENCE = "refuted", "undecided", "no reference"
+VERDICTS = (REPRODUCED, PARTLY, NOT_REPRODUCED, REFUTED, UNDECIDED, NO_REFERENCE)
+IS, CAN, ALWAYS = "is", "can", "always"  # kinds of statements: something is so, can be so, is always so
+FACTOR = 0.5  # tolerance from which on it is a factor either way: below, a symmetric band is as good
+SEEN = 5e-4  # error, relative, below which it does not show in the three digits of a table
+ROUND_OFF = 1e-12  # relative, on the edges of a band: 1.1 − 1.0 is more than 0.1 in floating point
 
 Value = float | bool | list | None
 
 
 class Claim(NamedTuple):
-    """One row of a claims table; `tolerance` is relative."""
+    """One row of a claims table.
+
+    `paper` is what the paper prints at `source`, None if it prints nothing; a statement is True. `reference` is any
+    other value to compare with, and `reference_source` its origin. `error` is one standard error of a number, 0 if it
+    follows from the model without chance, None if it is not known or does not apply. `tolerance` is relative.
+    """
 
     id: str
     source: str
@@ -21,55 +35,168 @@ class Claim(NamedTuple):
     tolerance: float
     verdict: str
     note: str
+    error: float | None = None
+    reference: Value = None
+    reference_source: str = ""
+    quantifier: str = IS
 
 
 def claim(
-    id: str, source: str, paper: Value, measured: Value, unit: str, tolerance: float, note: str = "", error: float = 0.0
-) -> Claim:
-    """A row with its verdict.
+    id: str, source: str, paper: Value, measured: Value, unit: str, tolerance: float, note: str = "", *,
+    error: float | None = None, reference: Value = None, reference_source: str = "", quantifier: str = IS,
+) -> Claim:  # fmt: skip
+    """Judge a measurement; its note then says why nothing was decided, and how it compares with the reference.
 
-    Numbers: reproduced within the tolerance, partly within twice it; a tolerance of 1 is a factor of two either way.
-    Windows: each end counts for half. Booleans: equal or not. Nothing measured: not reproduced. Measured, but without a
-    number in the paper to compare with: partly. A measurement whose own error (one standard deviation) exceeds the
-    tolerance is partly reproduced if it is within two errors.
+    Parameters
+    ----------
+    source : "PLACE: words", where PLACE is a figure, equation, table or section of the paper
+    error : one standard error of a number; without one (None) nothing is decided; 0 for what involves no chance
+    quantifier : "is"; "can": one instance is enough, and none seen decides nothing; "always": a counterexample refutes
 
     Examples
     --------
-    >>> claim("speed", "Fig 5", 0.075, 0.080, "1", 0.25).verdict
+    >>> claim("speed", "Fig 5: text", 0.075, 0.080, "1", 0.25, error=0.01).verdict
     'reproduced'
     """
-    verdict = _verdict(paper, measured, tolerance)
-    if math.isnan(error):
-        verdict = PARTLY if verdict == REPRODUCED else verdict
-        return Claim(
-            id, source, paper, measured, unit, tolerance, verdict, f"{note}; its error is not known: one realization"
-        )
-    if measured is not None and error > 0 and error > tolerance * abs(paper):
-        verdict = PARTLY if abs(measured - paper) <= 2 * error else NOT_REPRODUCED
-        note = f"{note}; its error exceeds the tolerance: too few realizations to decide"
-    return Claim(id, source, paper, measured, unit, tolerance, verdict, note)
+    paper, measured, reference = plain(paper), plain(measured), plain(reference)
+    error = None if error is None or not math.isfinite(error) else float(error)
+    if not source.partition(":")[2].strip():
+        raise ValueError(f"{id}: source {source!r} names no place of the paper, a colon, and what stands there")
+    if (reference is None) == bool(reference_source):
+        raise ValueError(f"{id}: a reference needs its origin, and an origin a reference")
+    word = verdict(paper, measured, tolerance, error, quantifier)
+    if word == REFUTED and not note:
+        raise ValueError(f"{id}: a refutation needs a note with its counterexample")
+    made = Claim(
+        id, source, paper, measured, unit, tolerance, word, note, error, reference, reference_source, quantifier
+    )
+    said = [note, f"undecided: {reason(made)}" if word == UNDECIDED else "", _beside_reference(made)]
+    return made._replace(note="; ".join(words for words in said if words))
 
 
-def _verdict(paper: Value, measured: Value, tolerance: float) -> str:
+def verdict(paper: Value, measured: Value, tolerance: float, error: float | None, quantifier: str = IS) -> str:
+    """Decide what a measurement says about what the paper prints; one of `VERDICTS`, whatever is given.
+
+    reproduced
+        A number within the tolerance of the paper's; a statement that holds (of "can": in one instance at least).
+    partly
+        A number within twice the tolerance; one end of a window within the tolerance.
+    not reproduced
+        A number beyond that; a window whose ends both are, or that was looked for and is not there (an empty list);
+        a statement that does not hold.
+    refuted
+        A statement that is said to hold always, of which the note exhibits a counterexample.
+    undecided
+        The standard error exceeds the tolerance (half the width of its band) or is not known, as with one realization;
+        nothing was measured; something that can happen was not seen.
+    no reference
+        The paper prints nothing to compare with, whatever a reference from elsewhere says.
+
+    A tolerance below 0.5 is a share of the paper's number, from 0.5 on a factor 1 + tolerance either way; beside a
+    printed zero it is absolute.
+    """
+    return NO_REFERENCE if paper is None else _compared(paper, measured, tolerance, error, quantifier)
+
+
+def _compared(target: Value, measured: Value, tolerance: float, error: float | None, quantifier: str) -> str:
     if measured is None:
-        return NOT_REPRODUCED
-    if paper is None:
-        return PARTLY
-    if isinstance(paper, bool):
-        return REPRODUCED if measured == paper else NOT_REPRODUCED
-    if isinstance(paper, list):
-        good = sum(_within(m, p, tolerance) for m, p in zip(measured, paper, strict=True))
-        return (NOT_REPRODUCED, PARTLY, REPRODUCED)[good]
-    if _within(measured, paper, tolerance):
+        return UNDECIDED
+    if isinstance(target, bool) or isinstance(measured, bool):
+        if not (isinstance(target, bool) and isinstance(measured, bool)):
+            raise ValueError(f"{measured!r} was measured where {target!r} is printed: a statement beside a number")
+        otherwise = {IS: NOT_REPRODUCED, CAN: UNDECIDED, ALWAYS: REFUTED}[quantifier]
+        return REPRODUCED if measured == target else otherwise
+    if isinstance(target, list):
+        ends = [_number(p, m, tolerance, error) for p, m in zip(target, measured, strict=True)] if measured else []
+        if UNDECIDED in ends:
+            return UNDECIDED
+        return (NOT_REPRODUCED, PARTLY, REPRODUCED)[ends.count(REPRODUCED)]
+    return _number(target, measured, tolerance, error)
+
+
+def _number(target: float, measured: float, tolerance: float, error: float | None) -> str:
+    if error is None or not math.isfinite(error) or not math.isfinite(measured):
+        return UNDECIDED
+    low, high = band(target, tolerance)
+    slack = ROUND_OFF * abs(target)
+    if error > 0.5 * (high - low) + slack:
+        return UNDECIDED
+    if low - slack <= measured <= high + slack:
         return REPRODUCED
-    return PARTLY if _within(measured, paper, 2 * tolerance) else NOT_REPRODUCED
+    low, high = band(target, 2 * tolerance)
+    return PARTLY if low - slack <= measured <= high + slack else NOT_REPRODUCED
 
 
-def _within(measured: float, paper: float, tolerance: float) -> bool:
-    """Relative distance from the paper's number; from a half on, tolerances are factors 1 + tolerance either way."""
-    if tolerance < 0.5:
-        return abs(measured - paper) <= tolerance * abs(paper)
-    return measured * paper > 0 and 1 / (1 + tolerance) <= measured / paper <= 1 + tolerance
+def band(target: float, tolerance: float) -> tuple[float, float]:
+    """Least and greatest value within a tolerance of a number."""
+    if target == 0:
+        return -tolerance, tolerance
+    if tolerance < FACTOR:
+        return target - tolerance * abs(target), target + tolerance * abs(target)
+    ends = target / (1 + tolerance), target * (1 + tolerance)
+    return min(ends), max(ends)
+
+
+def reason(made: Claim) -> str:
+    """Why a claim is undecided, in words."""
+    if made.measured is None:
+        return "left open" if _is_statement(made) else "not measured"
+    if made.quantifier == CAN:
+        return "what can happen was not seen"
+    if made.error is None:
+        return "its error is not known"
+    return f"its error {made.error:.1e} exceeds the tolerance"
+
+
+def _beside_reference(made: Claim) -> str:
+    if made.reference is None:
+        return ""
+    word = _compared(made.reference, made.measured, made.tolerance, made.error, made.quantifier)
+    how = {REPRODUCED: "agrees with", PARTLY: "is within twice the tolerance of"}.get(word, "differs from")
+    how = "cannot be compared with" if word == UNDECIDED else how
+    value = "" if _is_statement(made) else f" {shown(made.reference)}"
+    return f"it {how} the reference{value} ({made.reference_source})"
+
+
+def _is_statement(made: Claim) -> bool:
+    return isinstance(made.paper, bool) or isinstance(made.reference, bool)
+
+
+def for_quick_run(claims: list[Claim]) -> list[Claim]:
+    """The claims, where those without a measurement say that a quick run is why."""
+    out = []
+    for c in claims:
+        said = "left open by a quick run" if _is_statement(c) else "not measured by a quick run"
+        out.append(c if c.measured is not None else c._replace(note="; ".join(filter(None, (said, c.note)))))
+    return out
+
+
+def standard_error(values) -> float | None:
+    """Standard error of a mean, widened by Student's t for few values (half of a 95 % interval's half width).
+
+    None with fewer than two values: one realization does not tell its error.
+    """
+    if len(values) < 2:
+        return None
+    return float(np.std(values, ddof=1) / np.sqrt(len(values)) * 0.5 * student.ppf(0.975, len(values) - 1))
+
+
+def median_error(values) -> float | None:
+    """Standard error of a median of values with normal scatter: √(π/2) times that of their mean."""
+    error = standard_error(values)
+    return None if error is None else float(np.sqrt(np.pi / 2)) * error
+
+
+def plain(value) -> Value:
+    """A value without NumPy's types; None for a number that is not finite."""
+    if value is None or isinstance(value, bool | np.bool_):
+        return value if value is None else bool(value)
+    if isinstance(value, list | tuple | np.ndarray):
+        ends = [plain(v) for v in value]
+        return None if None in ends else ends
+    if not math.isfinite(value):
+        return None
+    return int(value) if isinstance(value, int | np.integer) else float(value)
 
 
 def write(path: str | Path, claims: list[Claim]) -> None:
@@ -78,11 +205,19 @@ def write(path: str | Path, claims: list[Claim]) -> None:
 
 
 def shown(value: Value) -> str:
-    """A value as the table prints it."""
+    """A value as tables print it."""
     if value is None:
         return "–"
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, list):
-        return "–".join(shown(v) for v in value)
+        return "–".join(map(shown, value)) or "none"
     return f"{value:.3g}"
+
+
+def with_error(made: Claim) -> str:
+    """What was measured, with its error, as tables print it."""
+    words, value = shown(made.measured), made.measured
+    if isinstance(value, bool | list) or value is None or not made.error or made.error < SEEN * abs(value):
+        return words
+    return f"{words} ± {made.error:.2g}"

@@ -10,9 +10,11 @@ from ..figures import disk_array as figures
 from ..figures.style import save as save_figure
 from ..loading.run import Result, at_load
 from ..loading.run import simulate as simulate_array
-from . import claims as claims_table
-from . import disk_array
-from .report import CLAIMS, MOVIE, STYLE, complete, console, files_of, plain, save
+from .claims_report import write_claims
+from .disk_array import Reproduction
+from .disk_claims import FRONT_LOADS, IM_LAMBDA, LINE_TOP, MODE_LOAD, SHOWS, V2_THRESHOLD
+from .disk_measures import backward_front, forward_front, velocity_line, y_mode
+from .report import MOVIE, STYLE, complete, console, files_of, plain, save
 
 FIGURES = (
     "fig2_complex_pairs.png",
@@ -29,17 +31,17 @@ def simulate(scenario, *, folder: Path, workers: Workers, report) -> Result:
     return simulate_array(scenario, folder=folder, workers=workers, sensitivity=True, report=report)
 
 
-def write_reproduction(folder: Path, found: disk_array.Reproduction) -> list[Path]:
-    """Figures, animation, claims.json, scenario and raw numbers of the disk array; returns their paths."""
-    main, paper = found.main, {0.083: 2.4e-4, 0.087: 7.7e-4, 0.090: 1.0e-3}
+def write_reproduction(folder: Path, found: Reproduction) -> list[Path]:
+    """Figures, animation, claims, scenario and raw numbers of the disk array; returns their paths."""
+    main = found.main
     both = {"printed model, $I_0$ = 1/2": main, "hypothesis: disk–disk stiffness $k_n$/4, $I_0$ = 1": found.quarter}
     with complete(folder) as room:
         save(room, main.scenario, {"main": _numbers(main), "quarter": _numbers(found.quarter)})
-        save_figure(figures.complex_pairs(both, paper), room / FIGURES[0])
-        line = disk_array.velocity_line(main, disk_array.LINE_TOP)
-        point = at_load(main.path, disk_array.MODE_LOAD)
-        _figures(room, main, point, disk_array.FRONT_LOADS, line, center_load=0.087, printed=(4.5e-4, -1.3e-5))
-        claims_table.write(room / CLAIMS, found.claims)
+        save_figure(figures.complex_pairs(both, IM_LAMBDA), room / FIGURES[0])
+        line = velocity_line(main, LINE_TOP)
+        point = at_load(main.path, MODE_LOAD)
+        _figures(room, main, point, FRONT_LOADS, line, center_load=0.087, printed=(4.5e-4, -1.3e-5))
+        write_claims(room, found.claims, SHOWS, "Paper 000: an array of frictional disks")
     return files_of(folder)
 
 
@@ -48,7 +50,7 @@ def write_result(folder: Path, result: Result) -> list[Path]:
     slid = [load for load, free in result.free_runs.items() if free.slid] or list(result.free_runs)
     if result.trajectory:
         slid = [result.trajectory.load]
-    loads, line = list(result.sliding)[:4], disk_array.velocity_line(result)
+    loads, line = list(result.sliding)[:4], velocity_line(result)
     failed = [words for ensemble in result.sliding.values() for words in ensemble.failures]
     with complete(folder, failures=failed) as room:
         save(room, result.scenario, numbers(result))
@@ -66,11 +68,11 @@ def _figures(room: Path, result: Result, point, front_loads, line, *, center_loa
         figures.transition_movie(result, room / MOVIE)
     if front_loads:
         thresholds = result.scenario.sliding.thresholds
-        threshold = disk_array.V2_THRESHOLD if disk_array.V2_THRESHOLD in thresholds else thresholds[0]
-        forward = {load: disk_array.forward_front(result, result.sliding[load]) for load in front_loads}
-        backward = disk_array.backward_front(result, threshold, front_loads)
+        threshold = V2_THRESHOLD if V2_THRESHOLD in thresholds else thresholds[0]
+        forward = {load: forward_front(result, result.sliding[load]) for load in front_loads}
+        backward = backward_front(result, threshold, front_loads)
         save_figure(figures.traveling_fronts(forward, backward, threshold), room / FIGURES[3])
-    save_figure(figures.mode_shape(point.spectrum, disk_array.y_mode(point.spectrum)), room / FIGURES[4])
+    save_figure(figures.mode_shape(point.spectrum, y_mode(point.spectrum)), room / FIGURES[4])
     if center_load is not None:
         save_figure(figures.center_of_mass(result, center_load, line, printed), room / FIGURES[5])
 
@@ -147,7 +149,7 @@ def show_result(result: Result) -> None:
             slides.add_column(name, justify="right", overflow="fold")
         for load, e in result.sliding.items():
             good = e.velocity[np.isfinite(e.velocity)]
-            found = disk_array.forward_front(result, e)
+            found = forward_front(result, e)
             error = good.std(ddof=1) / np.sqrt(len(good)) if len(good) > 1 else np.nan
             speed = f"{good.mean():.2e} ± {error:.0e}" if len(good) else "–"
             front = f"{found.speed:.2e} ± {found.speed_error:.0e}" if found else "–"

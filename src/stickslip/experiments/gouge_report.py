@@ -9,13 +9,13 @@ from ..ensemble import Workers
 from ..figures import gouge as figures
 from ..figures.style import save as save_figure
 from ..friction.laboratory import Record, write_csv
-from ..friction.loads import Leg
-from ..friction.ratestate import RateState, Spring, slide
 from ..loading import gouge_measures as measures
 from ..loading.gouge_ensemble import GougeResult, simulate_gouge
 from ..loading.gouge_numbers import inertial_numbers, normalised_hold, normalised_stiffness, stiffness
-from . import claims as claims_table
-from .report import CLAIMS, SERIES, STYLE, complete, console, files_of, save
+from .claims_report import write_claims
+from .gouge_claims import SHOWS
+from .gouge_curves import after_longest, healed, predicted, same_velocity
+from .report import SERIES, STYLE, complete, console, files_of, save
 
 STEPS = "steps_{:04d}_{}.csv"  # realization, part of the protocol
 COLLAPSE = 5.0  # C of paper 003, Fig S2b
@@ -42,7 +42,7 @@ def write_result(folder: Path, result: GougeResult) -> list[Path]:
 
 
 def write_reproduction(folder: Path, found) -> list[Path]:
-    """The same and claims.json, of the paper's experiment."""
+    """The same and the claims, of the paper's experiment."""
     for words in (*found.main.failures, *(f"restitution 0.3: {words}" for words in found.damped.failures)):
         console.print(f"[yellow]{words}[/]", highlight=False)
     return _write(folder, found.main, found.claims)
@@ -56,7 +56,7 @@ def _write(folder: Path, result: GougeResult, claims) -> list[Path]:
         for name, figure in _figures(result):
             save_figure(figure, room / name)
         if claims is not None:
-            claims_table.write(room / CLAIMS, claims)
+            write_claims(room, claims, SHOWS, "Paper 003: fault gouge at a reduced scale")
     return files_of(folder)
 
 
@@ -76,30 +76,10 @@ def _figures(result: GougeResult):
         laws = [predicted(result, v, c.x) for v, c in zip(before, curves, strict=True)]
         yield "fig3_holds.png", figures.holds(curves, laws)
         yield "fig4_reslides.png", _reslides(result, max(before, key=lambda v: len(after_longest(result, v)[0])))
-        most = max(before, key=lambda v: len(_same_velocity(result, v)[0]))
-        if len(_same_velocity(result, most)[0]) > 1:
+        most = max(before, key=lambda v: len(same_velocity(result, v)[0]))
+        if len(same_velocity(result, most)[0]) > 1:
             yield "fig5_healing.png", _healing(result, most)
     yield "fig6_sample.png", figures.sample(result.realizations[0], result.scenario)
-
-
-def predicted(result: GougeResult, before: float, times) -> dict:
-    """{law: (times, change of friction)} in a hold, by rate-and-state friction with the scenario's a, b and dc."""
-    scales, scenario = result.scenario.scales, result.scenario
-    spring = Spring(stiffness(scenario) / scenario.load.normal_stress)
-    out = {}
-    for law in ("slip", "aging"):
-        rs = RateState(scales.a, scales.b, scales.dc, mu0=0.0, v0=before, law=law)
-        history = slide(rs, spring, (Leg(float(times[-1]) * (1 + 1e-9), 0.0),), times=times, before=before)
-        out[law] = (times, history.friction)
-    return out
-
-
-def after_longest(result: GougeResult, before: float):
-    """Curves, velocities and peaks after the longest hold, slowest first, and that hold."""
-    longest = max(h for v, h, _ in measures.reslides(result) if v == before)
-    after = [w for v, h, w in measures.reslides(result) if (v, h) == (before, longest)]
-    curves = [measures.reslide_curve(result, before, longest, w) for w in after]
-    return curves, np.array(after), [measures.peak(c) for c in curves], longest
 
 
 def _reslides(result: GougeResult, before: float):
@@ -107,20 +87,6 @@ def _reslides(result: GougeResult, before: float):
     ratios = after / before
     fitted = measures.slope(np.log(ratios), peaks) if len(ratios) > 1 else None
     return figures.reslides(curves, ratios, peaks, fitted, COLLAPSE)
-
-
-def _same_velocity(result: GougeResult, before: float) -> tuple[list[float], float]:
-    """Hold times after which slides go on at one velocity, and that: the one before, else the slowest."""
-    found = [(h, w) for v, h, w in measures.reslides(result) if v == before]
-    chosen = before if any(w == before for _, w in found) else min(w for _, w in found)
-    return sorted(h for h, w in found if w == chosen), chosen
-
-
-def healed(result: GougeResult, before: float):
-    """Hold times, peaks after them at one velocity, and their slope against the logarithm of the time."""
-    times, after = _same_velocity(result, before)
-    peaks = [measures.peak(measures.reslide_curve(result, before, h, after)) for h in times]
-    return times, peaks, measures.slope(np.log(times), peaks)
 
 
 def _healing(result: GougeResult, before: float):

@@ -185,12 +185,14 @@ def _claims(path: Path) -> str:
         found = [claims_table.Claim(**one) for one in json.loads(path.read_text(encoding="utf-8"))]
     except (ValueError, TypeError):
         raise ValueError(f"{path} is damaged: run it again, with --overwrite") from None
+    shown = claims_table.shown
     rows = [
-        [c.id.replace("_", " "), c.source, *map(claims_table.shown, (c.paper, c.measured)), c.unit, c.verdict, c.note]
+        [c.id.replace("_", " "), c.source, shown(c.paper), shown(c.reference), claims_table.with_error(c), c.unit,
+         c.verdict, c.note]
         for c in found
-    ]
-    kinds = {"paper": "number", "measured": "number", "verdict": "verdict", "note": "note"}
-    return page.table(["claim", "source", "paper", "measured", "unit", "verdict", "note"], rows, classes=kinds)
+    ]  # fmt: skip
+    kinds = {"paper": "number", "reference": "number", "measured": "number", "verdict": "verdict", "note": "note"}
+    return page.table(["claim", "source", *list(kinds)[:3], "unit", "verdict", "note"], rows, classes=kinds)
 
 
 def _measures(tree: dict, units: dict[str, str], above: str = "") -> list[list[str]]:

@@ -9,10 +9,11 @@ from ..ensemble import Workers
 from ..figures import quasi_rigid as figures
 from ..figures.grains import packing
 from ..figures.style import save as save_figure
-from . import claims as claims_table
+from .claims_report import write_claims
+from .quasi_claims import SHOWS
 from .quasi_rigid import Reproduction
 from .quasi_test import Curve, QuasiResult, Tested, simulate_quasi
-from .report import CLAIMS, SERIES, STYLE, complete, console, files_of, plain, save
+from .report import SERIES, STYLE, complete, console, files_of, plain, save
 
 
 def simulate(scenario, *, folder: Path, workers: Workers, report) -> QuasiResult:
@@ -21,7 +22,7 @@ def simulate(scenario, *, folder: Path, workers: Workers, report) -> QuasiResult
 
 
 def write_reproduction(folder: Path, found: Reproduction) -> list[Path]:
-    """Figures, claims.json, curves, scenario and raw numbers of the paper's test; returns their paths."""
+    """Figures, claims, curves, scenario and raw numbers of the paper's test; returns their paths."""
     return _write(folder, found.main, found.claims)
 
 
@@ -45,7 +46,7 @@ def _write(folder: Path, result: QuasiResult, claims) -> list[Path]:
         if result.scenario.dynamics.times:
             save_figure(figures.errors(result.tested), room / "fig5_dynamics.png")
         if claims is not None:
-            claims_table.write(room / CLAIMS, claims)
+            write_claims(room, claims, SHOWS, "Paper 002: quasi-rigidity")
     return files_of(folder)
 
 

@@ -11,10 +11,8 @@ from typing import NamedTuple
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.markup import escape
-from rich.padding import Padding
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Column, Table
+from rich.table import Column
 from rich.text import Text
 
 from .. import __version__
@@ -25,19 +23,18 @@ from ..data.parts import Whole
 from ..data.scenario import read as read_scenario
 from ..data.units import SI
 from ..data.whole import replace
-from . import claims as claims_table
 
 console = Console(soft_wrap=False)
 WIDE = 110  # columns from which on a stage and its words share a line
 LINES = 30.0  # between two lines where there is no terminal [s]
-NUMBERS, CLAIMS, MOVIE, WRITING = "results.h5", "claims.json", "transition.gif", ".writing"
+NUMBERS, MOVIE, WRITING = "results.h5", "transition.gif", ".writing"
+CLAIMS, NOTES, CHART = "claims.json", "claims.md", "claims.png"
 REPRODUCTION, OPTIONS = "reproduce.json", "sweep-options.json"  # what a call was given, for `stickslip resume`
 PAGE, FILM = "report.html", "movie.gif"  # of stickslip report and movie
 SERIES = "series.csv"
-OURS = (SCENARIO, NUMBERS, CLAIMS, MOVIE, SERIES, PAGE, FILM)
+OURS = (SCENARIO, NUMBERS, CLAIMS, NOTES, CHART, MOVIE, SERIES, PAGE, FILM)
 _OURS = re.compile(r"fig\d_\w+\.png|steps_\d+_\d+\.csv|" + "|".join(map(re.escape, OURS)))
 STYLE = {"title_justify": "left", "header_style": "bold", "box": SIMPLE_HEAD, "pad_edge": False}
-COLORS = {claims_table.REPRODUCED: "green", claims_table.PARTLY: "yellow", claims_table.NOT_REPRODUCED: "red"}
 
 
 class Begun(NamedTuple):
@@ -269,31 +266,6 @@ def plain(record) -> dict:
         words = isinstance(value, tuple) and all(isinstance(v, str) for v in value)
         out[name] = "\n".join(value) if words else value
     return out
-
-
-def show_claims(claims: list[claims_table.Claim]) -> None:
-    """The claims table on the terminal, then the reasons where the paper's number was not met."""
-    table = Table(
-        title="Claims of the paper", title_justify="left", header_style="bold", box=SIMPLE_HEAD, pad_edge=False
-    )
-    table.add_column("claim", no_wrap=True)
-    if console.width >= 100:
-        table.add_column("source", no_wrap=True)
-    for name in ("paper", "measured"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("verdict", no_wrap=True)
-    for c in claims:
-        source = [c.source] if console.width >= 100 else []
-        values = claims_table.shown(c.paper), claims_table.shown(c.measured)
-        table.add_row(c.id, *source, *values, f"[{COLORS[c.verdict]}]{c.verdict}[/]")
-    console.print(table)
-    missed = [c for c in claims if c.verdict != claims_table.REPRODUCED]
-    if missed:
-        console.print("[bold]Why not, or not quite[/] (all notes are in claims.json)")
-    for c in missed:
-        console.print(Padding(f"[{COLORS[c.verdict]}]{c.id}[/]: {escape(c.note)}", (0, 0, 0, 2)), highlight=False)
-    count = {v: sum(c.verdict == v for c in claims) for v in COLORS}
-    console.print(", ".join(f"{n} {verdict}" for verdict, n in count.items()) + ".")
 
 
 def show_paths(paths: list[Path]) -> None:

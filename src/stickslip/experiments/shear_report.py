@@ -9,8 +9,9 @@ from ..ensemble import Workers
 from ..figures import sphere_shear as figures
 from ..figures.style import save as save_figure
 from ..loading.shear_run import ShearResult, simulate_shear
-from . import claims as claims_table
-from .report import CLAIMS, STYLE, complete, console, files_of, plain, save
+from .claims_report import write_claims
+from .report import STYLE, complete, console, files_of, plain, save
+from .shear_claims import SHOWS
 from .sphere_shear import Reproduction
 
 
@@ -20,7 +21,7 @@ def simulate(scenario, *, folder: Path, workers: Workers, report) -> ShearResult
 
 
 def write_reproduction(folder: Path, found: Reproduction) -> list[Path]:
-    """Figures, claims.json, scenario and raw numbers of the paper's packings; returns their paths."""
+    """Figures, claims, scenario and raw numbers of the paper's packings; returns their paths."""
     return _write(folder, found.main, found.claims)
 
 
@@ -46,7 +47,7 @@ def _write(folder: Path, result: ShearResult, claims) -> list[Path]:
             violent = max(later, key=lambda r: r.msd[-1], default=None)
             save_figure(figures.stress_through_failure(shown, violent), room / "fig5_stress.png")
         if claims is not None:
-            claims_table.write(room / CLAIMS, claims)
+            write_claims(room, claims, SHOWS, "Paper 001: sheared packings of spheres")
     return files_of(folder)
 
 

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from rich.table import Table
 
 from ..core.laws import Law
 from ..core.state import State
@@ -12,7 +13,7 @@ from ..solve.moduli import Moduli, elastic_moduli, voigt
 from ..solve.sensitivity import Sensitivity, contact_sensitivity
 from ..solve.stability import Stability
 from ..solve.transient import Transient, transient_growth
-from .report import STYLE, Table, console
+from .report import STYLE, console
 
 CONTACTS = 5  # in the table
 SHOWN = 12  # participation ratios

@@ -15,6 +15,7 @@ _WHERE = {
     "flow": "snapshots time_series velocity_profile",
     "gouge": "healing holds reslides sample steady_sliding velocity_steps",
     "rate_state": "fitted slid",
+    "claims": "claims_chart",
 }
 _ROOM = {name: room for room, names in _WHERE.items() for name in names.split()}
 __all__ = sorted(_ROOM)

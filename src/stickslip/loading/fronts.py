@@ -31,6 +31,7 @@ class Front(NamedTuple):
     speed: float  # [length/time]
     speed_error: float  # bootstrap over realizations, one standard deviation [length/time]
     free_intercept: float  # speed by regression of time on distance without fixing the start [length/time]
+    free_error: float  # the same bootstrap, half of the central 68 %: 1/slope has long tails [length/time]
     complete: int  # realizations in which the event happened at every disk
     counted: int  # realizations that enter
 
@@ -115,16 +116,19 @@ def front(times: np.ndarray, order: np.ndarray, distance: np.ndarray, seed: int 
     picks = rng.integers(0, len(delay), (BOOTSTRAPS, len(delay)))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # a resample may hold no delay of some disk
-        resampled = np.nanmean(delay[picks], axis=1) @ distance
-    spread = distance @ distance / resampled[np.isfinite(resampled)]
+        resampled = np.nanmean(delay[picks], axis=1)
+    resampled = resampled[np.isfinite(resampled).all(axis=1)]
+    away = distance - distance.mean()
+    free = away @ away / (resampled @ away)
     slope = np.polyfit(distance, mean, 1)[0]
     return Front(
         distance,
         mean,
         error,
         float(distance @ distance / (distance @ mean)),
-        float(np.std(spread)),
+        float(np.std(distance @ distance / (resampled @ distance))),
         float(1 / slope) if slope else np.inf,
+        float(0.5 * np.subtract(*np.quantile(free, [0.84, 0.16]))),
         int(np.isfinite(delay).all(axis=1).sum()),
         len(delay),
     )

@@ -1,0 +1,225 @@
+"""Claims of a paper as files (JSON, Markdown, a picture) and as a summary on the terminal."""
+
+import math
+from collections import Counter
+from pathlib import Path
+
+from rich.markup import escape
+from rich.table import Table
+
+from ..figures.claims import Row, claims_chart
+from ..figures.style import save as save_figure
+from .claims import (
+    CAN,
+    FACTOR,
+    NO_REFERENCE,
+    NOT_REPRODUCED,
+    PARTLY,
+    REFUTED,
+    REPRODUCED,
+    UNDECIDED,
+    VERDICTS,
+    Claim,
+    shown,
+    with_error,
+    write,
+)  # fmt: skip
+from .report import CHART, CLAIMS, NOTES, console
+
+Shows = dict[str, tuple[str, str]]  # figure of the paper: what it shows, and the id of the claim to quote
+MEANING = {
+    REPRODUCED: "within the tolerance; a statement that holds",
+    PARTLY: "within twice the tolerance; one end of a window",
+    NOT_REPRODUCED: "beyond that; a statement that does not hold",
+    REFUTED: "said to hold always, and the note has a counterexample",
+    UNDECIDED: "the error exceeds the tolerance or is not known; not measured; possible, but not seen",
+    NO_REFERENCE: "the paper prints nothing to compare with",
+}
+WIDE = 120  # columns from which on a line says what the figure shows, too
+
+
+def write_claims(room: Path, claims: list[Claim], shows: Shows, title: str) -> None:
+    """Write claims.json, claims.md and claims.png."""
+    write(room / CLAIMS, claims)
+    (room / NOTES).write_text(markdown(claims, shows, title), encoding="utf-8")
+    save_figure(claims_chart(rows(claims, shows), title), room / CHART)
+
+
+def place(made: Claim) -> str:
+    """Figure, table or section of the paper where a claim stands: its source up to the colon."""
+    return made.source.partition(":")[0]
+
+
+def variant(made: Claim) -> str:
+    """Variant of the model that a claim was measured on: its id after @, nothing for the paper's own."""
+    return made.id.partition("@")[2]
+
+
+def rows(claims: list[Claim], shows: Shows) -> list[Row]:
+    """Claims as the picture takes them, by figure: deviations from the paper's value or the reference, in tolerances.
+
+    The paper's own model stands first, then the variants.
+    """
+    order, out = list(shows), []
+    for c in sorted(claims, key=lambda c: (variant(c), order.index(place(c)))):
+        beside = c.paper is None and c.reference is not None
+        target = c.reference if beside else c.paper
+        ends, error = deviation(target, c.measured, c.tolerance, c.error)
+        group = place(c) + (f" @{variant(c)}" if variant(c) else "")
+        label = c.id.partition("@")[0].replace("-", " ")
+        out.append(Row(label, group, c.verdict, ends, error, with_error(c), shown(target), beside))
+    return out
+
+
+def deviation(target, measured, tolerance: float, error: float | None) -> tuple[tuple[float, ...], float]:
+    """Distances of numbers from a value, and the error, in tolerances; nothing for statements and what is missing."""
+    if measured is None or target is None or isinstance(target, bool):
+        return (), 0.0
+    pairs = list(zip(target, measured, strict=True)) if isinstance(target, list) and measured else [(target, measured)]
+    if not all(isinstance(x, int | float) for pair in pairs for x in pair):
+        return (), 0.0
+    ends = tuple(_distance(p, m, tolerance) for p, m in pairs)
+    half = abs(_distance(pairs[0][0], pairs[0][0] + (error or 0.0) * math.copysign(1, pairs[0][0]), tolerance))
+    return ends, half if math.isfinite(half) else 0.0
+
+
+def _distance(target: float, measured: float, tolerance: float) -> float:
+    if measured == target:
+        return 0.0
+    if tolerance == 0:
+        return math.copysign(math.inf, measured - target)
+    if tolerance < FACTOR or target == 0:
+        return (measured - target) / (tolerance * (abs(target) or 1.0))
+    if measured * target <= 0:
+        return math.copysign(math.inf, measured - target)
+    return math.copysign(1, target) * math.log(measured / target) / math.log(1 + tolerance)
+
+
+def sentences(claims: list[Claim], shows: Shows) -> tuple[str, str]:
+    """How many claims are reproduced, and the main reason why others are not."""
+    own = [c for c in claims if not variant(c)]
+    judged = [c for c in own if c.verdict != NO_REFERENCE]
+    count = Counter(c.verdict for c in judged)
+    others = [f"{count[PARTLY]} in part", f"{count[NOT_REPRODUCED]} not", f"{count[REFUTED]} refuted",
+              f"{count[UNDECIDED]} undecided"]  # fmt: skip
+    others = [words for words in others if not words.startswith("0 ")]
+    lacking = len(own) - len(judged)
+    first = f"{count[REPRODUCED]} of the paper's {len(judged)} claims are reproduced"
+    first += f", {', '.join(others)}" if others else ""
+    first += f"; for {lacking} more rows the paper prints nothing to compare with." if lacking else "."
+    return first, _main_reason(judged, shows)
+
+
+def _main_reason(judged: list[Claim], shows: Shows) -> str:
+    missed = [c for c in judged if c.verdict in (NOT_REPRODUCED, REFUTED)]
+    parts = [_most_missed(missed, shows)] if missed else []
+    why = Counter(_kind(c) for c in judged if c.verdict == UNDECIDED)
+    if why:
+        parts.append("undecided because " + ", ".join(f"{words} ({n})" for words, n in why.most_common()))
+    text = "; ".join(parts) or "every claim agrees within its tolerance"
+    return text[0].upper() + text[1:] + "."
+
+
+def _most_missed(missed: list[Claim], shows: Shows) -> str:
+    """Figure of the paper with most rows that disagree, and one of these: the one to quote, if it is among them."""
+    (most, number), *_ = Counter(map(place, missed)).most_common(1)
+    share = f"{number} of {len(missed)}"
+    verb = "is" if number == 1 else "are"
+    how = "the disagreement is in" if number == len(missed) else f"of the rows that disagree {share} {verb} in"
+    here = [c for c in missed if place(c) == most]
+    what, key = shows.get(most, ("", ""))
+    quoted = next((c for c in here if c.id == key), here[0])
+    return f"{how} {most}{f' ({what})' if what else ''}: {_quoted(quoted)}"
+
+
+def _kind(made: Claim) -> str:
+    """The reason why a claim is undecided, without its numbers."""
+    if made.measured is None:
+        return "its interval leaves it open" if made.paper is True else "nothing could be measured"
+    if made.quantifier == CAN:
+        return "what can happen was not seen"
+    return "its error is not known" if made.error is None else "its error exceeds the tolerance"
+
+
+def _quoted(made: Claim) -> str:
+    """A claim with its two numbers."""
+    if isinstance(made.measured, bool):
+        return f"{made.id} {shown(made.measured) if made.paper is None else made.verdict}"
+    name, value = ("reference", made.reference) if made.paper is None else ("paper", made.paper)
+    measured = "not measured" if made.measured is None else with_error(made)
+    return f"{made.id} {measured}" + (f", {name} {shown(value)}" if value is not None else "")
+
+
+def figure_lines(claims: list[Claim], shows: Shows) -> list[tuple[str, str, str, str]]:
+    """One line for each figure of the paper: its name, what it shows, how many rows are reproduced, the key number."""
+    out = []
+    for name, (words, key) in shows.items():
+        here = [c for c in claims if place(c) == name]
+        counted = [_share([c for c in here if variant(c) == v], v) for v in dict.fromkeys(map(variant, here))]
+        quoted = next((_quoted(c) for c in here if c.id == key), "")
+        out.append((name, words, ", ".join(filter(None, counted)) or "–", quoted))
+    return out
+
+
+def _share(here: list[Claim], name: str) -> str:
+    judged = [c for c in here if c.verdict != NO_REFERENCE]
+    done = sum(c.verdict == REPRODUCED for c in judged)
+    return (f"{name} " if name else "") + f"{done} of {len(judged)}" if judged else ""
+
+
+def show_claims(claims: list[Claim], shows: Shows) -> None:
+    """Print two sentences and one line for each figure of the paper; everything else stands in claims.md."""
+    for words in sentences(claims, shows):
+        console.print(words, highlight=False, markup=False)
+    console.print(_figure_table(figure_lines(claims, shows)))
+    console.print(f"All rows, with reasons, are in {NOTES}.", highlight=False)
+
+
+def _figure_table(lines: list[tuple[str, str, str, str]]) -> Table:
+    """The lines of figures; on a narrow terminal the number at the end is folded."""
+    table = Table(box=None, pad_edge=False, header_style="bold", expand=True)
+    names = ("paper", "shows", "reproduced", "key number")
+    for k, name in enumerate(names):
+        width = max(len(name), *(len(line[k]) for line in lines))
+        if k == len(names) - 1:
+            table.add_column(name, overflow="fold", ratio=1)
+        elif name != "shows" or console.width >= WIDE:
+            table.add_column(name, no_wrap=True, min_width=width)
+    for name, words, share, number in lines:
+        cells = (name, words, share, number) if console.width >= WIDE else (name, share, number)
+        table.add_row(*map(escape, cells))
+    return table
+
+
+def markdown(claims: list[Claim], shows: Shows, title: str) -> str:
+    """claims.md: summary, the words of verdicts, one table for each figure of the paper, and all notes."""
+    lines = [f"# {title}", "", " ".join(sentences(claims, shows)), "", f"![claims]({CHART})", ""]
+    for word in VERDICTS:
+        lines.append(f"- **{word}** ({sum(c.verdict == word for c in claims)}): {MEANING[word]}")
+    head = "| claim | source | paper | reference | measured | unit | tolerance | verdict |"
+    for name in dict.fromkeys(map(place, claims)):
+        what = f": {shows[name][0]}" if name in shows else ""
+        lines += ["", f"## {name}{what}", "", head, "|---|---|---|---|---|---|---|---|"]
+        lines += [_markdown_row(c) for c in claims if place(c) == name]
+    lines += ["", "## Notes", ""]
+    for c in claims:
+        lines += [f"- **{c.id}** ({c.verdict}): {_safe(c.note) or '–'}."]
+    return "\n".join(lines) + "\n"
+
+
+def _markdown_row(c: Claim) -> str:
+    source = c.source.partition(":")[2].strip() or c.source
+    tolerance = "–" if isinstance(c.measured, bool) or not c.tolerance else _tolerance(c)
+    cells = (
+        c.id, source, shown(c.paper), shown(c.reference), with_error(c), c.unit or "–", tolerance, f"**{c.verdict}**"
+    )  # fmt: skip
+    return "| " + " | ".join(_safe(cell) for cell in cells) + " |"
+
+
+def _tolerance(c: Claim) -> str:
+    return f"{c.tolerance:.2g}" if c.tolerance < FACTOR else f"a factor {1 + c.tolerance:.2g}"
+
+
+def _safe(words: str) -> str:
+    """Words inside a cell of a Markdown table."""
+    return words.replace("|", "\\|").replace("\n", " ")

@@ -1,0 +1,117 @@
+"""Claims of a paper as one picture: every measurement in units of its tolerance, beside the paper's value."""
+
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from .style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, WIDTH, plt, styled
+
+GREY = "0.55"
+MARKS = {  # colour, marker, filled: told apart without colours, too
+    "reproduced": (GREEN, "o", True),
+    "partly": (ORANGE, "D", True),
+    "not reproduced": (RED, "X", True),
+    "refuted": (PURPLE, "P", True),
+    "undecided": (BLUE, "s", False),
+    "no reference": (GREY, "o", False),
+}
+REACH = 4.0  # tolerances that are drawn: what is farther off stands at the rim as an arrow
+PITCH = 0.165  # height of a row [inch]
+MARGIN = 1.05  # height of title, axis and legend [inch]
+PAGE = 2.1 * WIDTH  # two columns
+SHORT = 34  # characters of a label that fit
+
+
+class Row(NamedTuple):
+    """One claim, ready to be drawn."""
+
+    label: str
+    group: str  # figure of the paper
+    verdict: str
+    deviation: tuple[float, ...]  # of what was measured, in tolerances; one number, two ends of a window, or nothing
+    error: float  # in tolerances; 0 without one
+    measured: str
+    paper: str
+    beside_reference: bool  # whether the deviation and the value are those of a reference, not of the paper
+
+
+@styled
+def claims_chart(rows: list[Row], title: str):
+    """Deviation of every measurement from the paper's value, with error, tolerance band and verdict; one row each."""
+    height = PITCH * (len(rows) + 1) + MARGIN
+    figure = plt.figure(figsize=(PAGE, height), layout="none")
+    bottom = 0.75 * MARGIN / height
+    axes = figure.add_axes((0.28, bottom, 0.33, PITCH * (len(rows) + 1) / height))
+    axes.axvspan(-1, 1, color="0.9", lw=0, zorder=0)
+    axes.axvline(0, color=BLACK, lw=0.7, zorder=1)
+    groups = [row.group for row in rows]
+    for k, row in enumerate(rows):
+        _draw(axes, k, row)
+        if k and groups[k] != groups[k - 1]:
+            axes.axhline(k - 0.5, color="0.75", lw=0.4, zorder=0)
+    axes.set(xlim=(-1.15 * REACH, 1.15 * REACH), ylim=(len(rows) - 0.5, -0.5))
+    axes.set_yticks(range(len(rows)), [_label(groups, k, row) for k, row in enumerate(rows)])
+    axes.tick_params(axis="y", length=0, labelsize=6.5)
+    axes.set_xticks(range(-int(REACH), int(REACH) + 1))
+    axes.set_xlabel("(measured − paper) / tolerance", fontsize=7, labelpad=2)
+    for x, words in zip(COLUMNS, ("measured", "paper", "verdict"), strict=True):
+        axes.text(x, 1.0, words, transform=axes.transAxes, fontsize=6.5, weight="bold", va="bottom")
+    figure.text(0.01, 1 - 0.06 / height, title, fontsize=8, va="top")
+    _legend(figure, rows)
+    return figure
+
+
+COLUMNS = (1.03, 1.48, 1.81)  # where texts begin, in widths of the axes
+
+
+def _label(groups: list[str], k: int, row: Row) -> str:
+    """The claim's name, and the figure of the paper where that begins."""
+    words = row.label if len(row.label) <= SHORT else row.label[: SHORT - 1] + "…"
+    return words if k and groups[k] == groups[k - 1] else f"{row.group}:  {words}"
+
+
+def _draw(axes, k: int, row: Row) -> None:
+    color, marker, filled = MARKS[row.verdict]
+    face = color if filled else "white"
+    style = {"marker": marker, "ms": 4, "color": color, "mfc": face, "mew": 0.9, "ls": "", "clip_on": False}
+    inside = [x for x in row.deviation if abs(x) <= REACH]
+    for x in row.deviation:
+        if abs(x) > REACH:
+            side = np.sign(x)
+            axes.plot(1.05 * side * REACH, k, **style | {"marker": ">" if side > 0 else "<"}, zorder=3)
+    if len(row.deviation) > 1:
+        axes.plot(np.clip(row.deviation, -REACH, REACH), [k, k], color=color, lw=0.7, zorder=2)
+    for x in inside:
+        if row.error:
+            ends = np.clip([x - row.error, x + row.error], -1.15 * REACH, 1.15 * REACH)
+            axes.plot(ends, [k, k], color=color, lw=1.0, zorder=2, solid_capstyle="butt")
+        axes.plot(x, k, **style, zorder=3)
+    missing = "left open" if row.paper in ("yes", "no") else "not measured"
+    words = {"yes": "yes", "no": "no", "–": missing}.get(row.measured)
+    if not row.deviation and words:
+        box = {"facecolor": "white", "edgecolor": color, "lw": 0.5, "pad": 1.2}
+        axes.text(0, k, words, fontsize=6, ha="center", va="center", color=color, bbox=box, zorder=4)
+    grey = {"color": "0.45", "style": "italic"} if row.beside_reference else {}
+    place = {"transform": axes.get_yaxis_transform(), "fontsize": 6.5, "va": "center"}
+    axes.text(COLUMNS[0], k, row.measured, **place)
+    axes.text(COLUMNS[1], k, row.paper, **place, **grey)
+    axes.plot(COLUMNS[2] + 0.01, k, **style | {"transform": axes.get_yaxis_transform()})
+    axes.text(COLUMNS[2] + 0.035, k, row.verdict, **place, color=color if row.verdict != "no reference" else "0.4")
+
+
+def _legend(figure, rows: list[Row]) -> None:
+    """Which mark is which verdict, of those that occur, and what the others are."""
+    seen = [word for word in MARKS if any(row.verdict == word for row in rows)]
+    handles = [
+        Line2D([], [], ls="", marker=MARKS[w][1], color=MARKS[w][0], mfc=MARKS[w][0] if MARKS[w][2] else "white", ms=4)
+        for w in seen
+    ]
+    words = [f"{word} ({sum(row.verdict == word for row in rows)})" for word in seen]
+    handles.append(Patch(color="0.9"))
+    words.append("tolerance; beyond the rim: arrows")
+    if any(row.beside_reference for row in rows):
+        handles.append(Line2D([], [], ls=""))
+        words.append("italic: a reference, not the paper's value")
+    figure.legend(handles, words, loc="lower left", ncol=4, fontsize=6.5, handletextpad=0.4, columnspacing=1.4)
