@@ -235,15 +235,13 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
         if dim == 2:
             dz = wx = wy = 0.0
         ox, oy, oz = slip[l], slip[64 + l], slip[128 + l] if dim == 3 else 0.0
-        part, mx, my, mz = 1.0, nx, ny, nz
+        part, whole, mx, my, mz = 1.0, 1.0, nx, ny, nz
         if not rate:
             mx, my, mz = mid_normal(nx, ny, nz, inverse, dx, dy, dz)
-            fraction = touching_fraction(nx, ny, nz, inverse, overlap - edge, dx, dy, dz)
-            part = fraction if before == OPEN else 1.0
+            part, whole = touching_fraction(nx, ny, nz, inverse, overlap - edge, dx, dy, dz)
+            part, whole = part if before == OPEN else 1.0, whole if before == OPEN else 1.0
         sx, sy, sz = onto_plane(nx, ny, nz, mx, my, mz, ox, oy, oz)
-        dx, dy, dz = slip_increment(
-            nx, ny, nz, mx, my, mz, part * dx, part * dy, part * dz, part * wx, part * wy, part * wz
-        )
+        dx, dy, dz = slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, wx, wy, wz)
         if hold:
             sx, sy, sz, dx, dy, dz = ox, oy, oz, 0.0, 0.0, 0.0
         m_eff = mass[l] if needs_mass(viscous) else 1.0
@@ -271,7 +269,7 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
         else:
             limit = masked(kind, touches, cap(kind, q, r_eff, overlap, fn))
             slid = SLIDE if not rate and before in (SLIDE, LOOSE) else STICK
-            cx, cy, cz, after = return_mapping(dim, stiffness, limit, sx, sy, sz, dx, dy, dz, slid, FREE)
+            cx, cy, cz, after = return_mapping(dim, stiffness, limit, sx, sy, sz, dx, dy, dz, part, whole, slid, FREE)
             slides = after == SLIDE
             sx, sy, sz = (sx, sy, sz) if hold else (cx, cy, cz)
             tx, ty, tz = tangential_force(coulomb, stiffness, limit, sx, sy, sz)

@@ -163,7 +163,7 @@ def sweep(
         kept = memory == FROZEN and before != OPEN and rests(dim, pair, roll, c, rx, ry, rz, ax, ay, az)
         # slip before, turned with the contact, what is added to it, and the normal halfway
         sx = sy = sz = dx = dy = dz = 0.0
-        mx, my, mz, fraction = nx, ny, nz, 1.0
+        mx, my, mz, part, whole = nx, ny, nz, 1.0, 1.0
         if kept:
             sx, sy, sz = slip[c, 0], slip[c, 1], slip[c, 2] if dim == 3 else 0.0
         elif before != OPEN:
@@ -179,11 +179,8 @@ def sweep(
             dz = dt * (v[i, 2] - v[j, 2]) if dim == 3 else 0.0
             wx, wy, wz = rolled(dim, w, radius, i, j)
             mx, my, mz = mid_normal(nx, ny, nz, inverse, dx, dy, dz)
-            fraction = touching_fraction(nx, ny, nz, inverse, overlap + reach(kind, q, r_eff), dx, dy, dz)
-            part = fraction * dt
-            dx, dy, dz = slip_increment(
-                nx, ny, nz, mx, my, mz, fraction * dx, fraction * dy, fraction * dz, part * wx, part * wy, part * wz
-            )
+            part, whole = touching_fraction(nx, ny, nz, inverse, overlap + reach(kind, q, r_eff), dx, dy, dz)
+            dx, dy, dz = slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, dt * wx, dt * wy, dt * wz)
         fn = normal_force(kind, q, r_eff, overlap)
         vx = vy = vz = factor = 0.0
         if viscous:
@@ -194,7 +191,9 @@ def sweep(
         stiffness = tangential_stiffness(kind, q, r_eff, overlap)
         after = before
         if not kept:
-            sx, sy, sz, after = return_mapping(dim, stiffness, limit, sx, sy, sz, dx, dy, dz, before, memory)
+            sx, sy, sz, after = return_mapping(
+                dim, stiffness, limit, sx, sy, sz, dx, dy, dz, part, whole, before, memory
+            )
             slip[c, 0], slip[c, 1], pair[c, 0], pair[c, 1], roll[c, 2] = sx, sy, rx, ry, az
             if dim == 3:
                 slip[c, 2], pair[c, 2], roll[c, 0], roll[c, 1] = sz, rz, ax, ay
@@ -211,7 +210,7 @@ def sweep(
         fx, fy, fz = fn * nx + tx, fn * ny + ty, fn * nz + tz
         qx, qy, qz = nz * ty - ny * tz, nx * tz - nz * tx, ny * tx - nx * ty
         add_rolling(
-            kind, dim, memory, kept, q, r_eff, overlap, fn, angle, step, fraction, (nx, ny, nz, mx, my, mz),
+            kind, dim, memory, kept, q, r_eff, overlap, fn, angle, step, part, whole, (nx, ny, nz, mx, my, mz),
             contacts.rolling, c, i, j, before, torque,
         )  # fmt: skip
         force[i, 0] += fx

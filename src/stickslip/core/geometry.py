@@ -86,10 +86,11 @@ def slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, ax, ay, az):
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def touching_fraction(nx, ny, nz, inverse, depth, dx, dy, dz):
-    """Fraction of a step for which a contact that closes in it has touched; `depth` is its overlap at the end.
+    """Fraction of a step for which a contact that closes in it has touched, as a numerator and a denominator.
 
-    The overlap grew by |P dr|²/(2|r|) − n·dr, to third order in dr.
+    `depth` is the overlap at the end, which grew by |P dr|²/(2|r|) − n·dr, to third order in dr.
     """
     along = nx * dx + ny * dy + nz * dz
     gained = 0.5 * inverse * (dx * dx + dy * dy + dz * dz - along * along) - along
-    return depth / gained if gained > depth else 1.0
+    part = gained > depth
+    return depth if part else 1.0, gained if part else 1.0

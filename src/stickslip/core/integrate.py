@@ -168,7 +168,8 @@ def run(
 ):
     """Velocity Verlet: m r̈ = F − m ν ṙ, I ω̇ = T − I ν' ω, for all free components of grains and walls.
 
-    Second order in dt, with friction, too: see the documentation of contacts. The state given is not changed. Stops early when `tolerance` > 0 and both the largest unbalanced
+    Second order in dt, with friction, too: see the documentation of contacts. The state given is not changed. Stops
+    early when `tolerance` > 0 and both the largest unbalanced
     force (or torque/R) and the largest drag force are below it.
 
     Parameters
@@ -183,9 +184,10 @@ def run(
     reference : (N, 3) positions from which `msd` is taken [length]; default: where the run starts
     memory : "difference", the slip turns with the contact and follows the exact displacements of the grains, a contact
         that closes counts the fraction of the step for which it has touched, dashpots see velocities at the full step,
-        and Coulomb's limit is μ max(F_n, 0); "rate", as LAMMPS `gran/*/history` does, for comparison with it: velocities
-        at the half step times dt, projected on the plane of contact at the end, the whole step in which a contact
-        closes, a limit of μ |F_n|, and the slip of a sliding contact set so that spring and dashpot together are at it.
+        and Coulomb's limit is μ max(F_n, 0); "rate", as LAMMPS `gran/*/history` does, for comparison with it:
+        velocities at the half step times dt, projected on the plane of contact at the end, the whole step in which a
+        contact closes, a limit of μ |F_n|, and the slip of a sliding contact set so that spring and dashpot together
+        are at it.
         "rate" is of first order in dt where contacts turn, close or have dashpots
     threads : int, by default one for few grains and one a core for many; the bits do not depend on it
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .contact import HELD, apart, effective, increment_weight, return_mapping
+from .contact import HELD, apart, effective, return_mapping, turned_weight
 from .forces import bodies, check_materials
 from .geometry import mid_normal, normal_and_overlap, onto_plane, pair_vector, rolled, shifts, slip_increment
 from .laws import (
@@ -115,10 +115,11 @@ def _linearise(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, 
             mx, my, mz = mid_normal(nx, ny, nz, inverse, dx, dy, dz)
             sx, sy, sz = onto_plane(nx, ny, nz, mx, my, mz, sx, sy, sz)
             dx, dy, dz = slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, ax, ay, az)
-        _, _, _, mode = return_mapping(dim, stiffness, limit, sx, sy, sz, dx, dy, dz, before, memory)
-        weighted, weight = dim == 3 and mode == SLIDE and before == SLIDE, 1.0
+        _, _, _, mode = return_mapping(dim, stiffness, limit, sx, sy, sz, dx, dy, dz, 1.0, 1.0, before, memory)
+        weighted, weight = dim == 3 and mode == SLIDE and before == SLIDE and limit > 0.0, 1.0
         if weighted:
-            weight = increment_weight(stiffness, limit, sx, sy, sz, dx, dy, dz)
+            top, below = turned_weight(stiffness, limit, sx, sy, sz, dx, dy, dz)
+            weight = top / below
         ux, uy, uz = sx + weight * dx, sy + weight * dy, sz + weight * dz
         out.secant[c], out.along[c], out.by_overlap[c], out.by_force[c] = _friction_tangent(
             coulomb, stiffness, slope_k, limit, mu, by_overlap, slope_n, np.sqrt(ux**2 + uy**2 + uz**2), mode == SLIDE

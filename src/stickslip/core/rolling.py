@@ -21,7 +21,7 @@ import numpy as np
 from numba import njit
 from numba.extending import overload
 
-from .contact import apart, effective, increment_weight, return_mapping
+from .contact import apart, effective, return_mapping, turned_weight
 from .geometry import mid_normal, normal_and_overlap, onto_plane, pair_vector, shifts
 from .kinds import FAST, OWN, Kind, KindType
 from .laws import STEP, Law, by_kind, normal_force, row
@@ -83,9 +83,10 @@ def _turned(dim, angle, i, j):
 
 @_if_rolling
 def add_rolling(
-    kind, dim, memory, kept, q, r_eff, overlap, fn, angle, step, fraction, normals, rolling, c, i, j, before, torque
+    kind, dim, memory, kept, q, r_eff, overlap, fn, angle, step, part, whole, normals, rolling, c, i, j, before,
+    torque,
 ):  # fmt: skip
-    """Add the moments of a contact and update its ψ; `kept`, FROZEN, `step`, `fraction` and normals as in `sweep`."""
+    """Add the moments of a contact and update its ψ; arguments are those of `sweep`."""
     tx, ty, tz = _turned(dim, angle, i, j)
     own = rolling[c]
     rests = kept and tx == own[3] and ty == own[4] and tz == own[5]
@@ -99,15 +100,15 @@ def add_rolling(
             dx, dy, dz = onto_plane(*normals, tx - own[3], ty - own[4], tz - own[5])
         elif step[2] > 0.0:
             wx, wy, wz = _turned(dim, step[1], i, j)
-            part = fraction * step[2]
-            dx, dy, dz = onto_plane(*normals, part * wx, part * wy, part * wz)
+            dt = step[2]
+            dx, dy, dz = onto_plane(*normals, dt * wx, dt * wy, dt * wz)
         mode = SLIDE if own[AT_CAP] > 0.0 else STICK
-        px, py, pz, mode = return_mapping(dim, stiffness, limit, px, py, pz, dx, dy, dz, mode, memory)
+        px, py, pz, mode = return_mapping(dim, stiffness, limit, px, py, pz, dx, dy, dz, part, whole, mode, memory)
         own[0], own[1], own[2], own[3], own[4], own[5] = px, py, pz, tx, ty, tz
         own[AT_CAP] = 1.0 if mode == SLIDE else 0.0
-    for k, part in enumerate((px, py, pz)):
-        torque[i, k] -= stiffness * part
-        torque[j, k] += stiffness * part
+    for k, moment in enumerate((stiffness * px, stiffness * py, stiffness * pz)):
+        torque[i, k] -= moment
+        torque[j, k] += moment
 
 
 @_if_rolling
@@ -207,7 +208,7 @@ def _linearise(kind, dim, bodies, contacts, shift, p, memory, out):
         stiffness, slope = rolling_stiffness(kind, q, r_eff, overlap), rolling_stiffness(kind, q, r_eff, z).imag / STEP
         limit = rolling_cap(kind, q, r_eff, overlap, fn)
         before = SLIDE if contacts.rolling[c, AT_CAP] > 0.0 else STICK
-        _, _, _, mode = return_mapping(dim, stiffness, limit, px, py, pz, dx, dy, dz, before, memory)
+        _, _, _, mode = return_mapping(dim, stiffness, limit, px, py, pz, dx, dy, dz, 1.0, 1.0, before, memory)
         weight = 1.0
         if mode == SLIDE:
             by_force, by_overlap = rolling_cap_slopes(kind, q, r_eff, overlap, fn)
@@ -216,8 +217,9 @@ def _linearise(kind, dim, bodies, contacts, shift, p, memory, out):
             if stiffness > 0.0:
                 out.reach[c] = limit / stiffness
                 out.reach_by_overlap[c] = (out.by_overlap[c] - out.reach[c] * slope) / stiffness
-            if dim == 3 and before == SLIDE:
-                out.weighted[c], weight = 1.0, increment_weight(stiffness, limit, px, py, pz, dx, dy, dz)
+            if dim == 3 and before == SLIDE and limit > 0.0:
+                top, below = turned_weight(stiffness, limit, px, py, pz, dx, dy, dz)
+                out.weighted[c], weight = 1.0, top / below
         px, py, pz = px + weight * dx, py + weight * dy, pz + weight * dz
         size = np.sqrt(px * px + py * py + pz * pz)
         if mode == SLIDE:

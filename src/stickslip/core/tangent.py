@@ -73,26 +73,20 @@ def memory(turn: Turn, before, way, by_way, reach, by_overlap, weighted) -> tupl
     before : (C, 3)
     way, by_way : (C, 3) and (C, 3, K) what has been added to it, and its derivative
     reach, by_overlap : (C,) length at Coulomb's limit, and its derivative with respect to the overlap
-    weighted : (C,) bool, where κ is not 1: see `contact.increment_weight`
+    weighted : (C,) bool, where κ is not 1: see `contact.turned_weight`
     """
     a, by_a = projected(turn, before, np.zeros_like(by_way))
     d, by_d = projected(turn, way, by_way)
     kappa, by_kappa = np.ones(len(a)), np.zeros((len(a), by_way.shape[2]))
-    weighted = weighted & (reach > 0) & (dot(a, a) > 0)
     if weighted.any():
-        size, ahead, square = dot(a, a), dot(a, d), np.where(weighted, reach, 1.0) ** 2
-        by_size = 2.0 * rowwise(a, by_a)
-        by_ahead = rowwise(a, by_d) + rowwise(d, by_a)
-        by_square = np.zeros_like(by_size)
-        by_square[:, :3] = -(2.0 * reach * by_overlap)[:, None] * turn.normal
-        top, below = 4.0 * size * (square + 0.5 * ahead), (3.0 * size + square) * square
-        by_top = 4.0 * ((square + 0.5 * ahead)[:, None] * by_size + size[:, None] * (by_square + 0.5 * by_ahead))
-        by_below = 3.0 * square[:, None] * by_size + (3.0 * size + 2.0 * square)[:, None] * by_square
-        weight = top / below
-        change = (by_top - weight[:, None] * by_below) / below[:, None]
-        change[weight <= LEAST_WEIGHT] = 0.0
-        kappa = np.where(weighted, np.maximum(weight, LEAST_WEIGHT), 1.0)
-        by_kappa = np.where(weighted[:, None], change, 0.0)
+        square = np.where(weighted, reach, 1.0) ** 2
+        change = dot(a, a + 2.0 * d)
+        by_change = 2.0 * (rowwise(a + d, by_a) + rowwise(a, by_d))
+        by_change[:, :3] += (2.0 * change / np.sqrt(square) * by_overlap)[:, None] * turn.normal
+        weight = 0.75 + 0.25 * change / square
+        small = weight <= LEAST_WEIGHT
+        kappa = np.where(weighted, np.where(small, LEAST_WEIGHT, weight), 1.0)
+        by_kappa = np.where((weighted & ~small)[:, None], 0.25 * by_change / square[:, None], 0.0)
     return a + kappa[:, None] * d, by_a + column(kappa) * by_d + d[:, :, None] * by_kappa[:, None, :]
 
 
