@@ -69,10 +69,19 @@ def with_dashpot(viscous, elastic, damping, vn, least=0.0):
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
+def held_mode(mode, sx, sy, sz):
+    """Mode in which a contact is held, of its committed slip: without any it has no direction to slide in, and sticks.
+
+    Such contacts slid under a law without friction. One that has none holds them sliding, whatever their mode.
+    """
+    return STICK if mode == SLIDE and sx == 0.0 and sy == 0.0 and sz == 0.0 else mode
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
 def carried_memory(stiffness, limit, sx, sy, sz, mode, memory):
     """Slip truncated at Coulomb's limit, and the mode that follows; with memory HELD the mode decides."""
     pull = stiffness * stiffness * (sx * sx + sy * sy + sz * sz)
-    slides = mode == SLIDE if memory == HELD else pull > limit * limit or limit == 0.0
+    slides = limit == 0.0 or (mode == SLIDE if memory == HELD else pull > limit * limit)
     if slides:
         scale = limit / np.sqrt(pull) if pull > 0.0 else 0.0
         return sx * scale, sy * scale, sz * scale, SLIDE

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .contact import FREE, FROZEN, apart, carried_memory, damped, effective, tangential_force, with_dashpot
+from .contact import FREE, FROZEN, apart, carried_memory, damped, effective, held_mode, tangential_force, with_dashpot
 from .control import spring_forces
 from .geometry import carried, normal_and_overlap, pair_vector, rolled, shifts, tangential
 from .kinds import plain
@@ -142,6 +142,7 @@ def sweep(kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, force
             continue
         ax, ay, az = rolled(dim, angle, radius, i, j)
         sx = sy = sz = 0.0
+        held = held_mode(before, slip[c, 0], slip[c, 1], slip[c, 2])
         kept = memory == FROZEN and before != OPEN and rests(dim, pair, roll, c, rx, ry, rz, ax, ay, az)
         if before != OPEN:
             sx, sy = slip[c, 0], slip[c, 1]
@@ -166,7 +167,7 @@ def sweep(kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, force
         stiffness = tangential_stiffness(kind, q, r_eff, overlap)
         after = before
         if not kept:
-            sx, sy, sz, after = carried_memory(stiffness, limit, sx, sy, sz, before, memory)
+            sx, sy, sz, after = carried_memory(stiffness, limit, sx, sy, sz, held, memory)
             slip[c, 0], slip[c, 1], pair[c, 0], pair[c, 1], roll[c, 2] = sx, sy, rx, ry, az
             if dim == 3:
                 slip[c, 2], pair[c, 2], roll[c, 0], roll[c, 1] = sz, rz, ax, ay

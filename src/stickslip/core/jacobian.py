@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .contact import HELD, apart, carried_memory, effective
+from .contact import HELD, apart, carried_memory, effective, held_mode
 from .forces import bodies, check_materials
 from .geometry import carried, normal_and_overlap, pair_vector, rolled, shifts, tangential
 from .laws import (
@@ -92,6 +92,7 @@ def _linearise(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, 
         if apart(kind, p, material, radius, inverse_mass, i, j, j >= n_grains, overlap):
             continue
         before = contacts.mode[c]
+        held = held_mode(before, contacts.slip[c, 0], contacts.slip[c, 1], contacts.slip[c, 2])
         sx = sy = sz = 0.0
         if before != OPEN:
             sx, sy, sz = contacts.slip[c, 0], contacts.slip[c, 1], contacts.slip[c, 2]
@@ -107,7 +108,7 @@ def _linearise(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, 
         slope_n, slope_k = tangents(kind, q, r_eff, overlap)
         limit = cap(kind, q, r_eff, overlap, force_n)
         mu, by_overlap = cap_slopes(kind, q, r_eff, overlap, force_n)
-        _, _, _, mode = carried_memory(stiffness, limit, ux, uy, uz, before, memory)
+        _, _, _, mode = carried_memory(stiffness, limit, ux, uy, uz, held, memory)
         out.secant[c], out.along[c], out.by_overlap[c], out.by_force[c] = _friction_tangent(
             coulomb, stiffness, slope_k, limit, mu, by_overlap, slope_n, np.sqrt(ux**2 + uy**2 + uz**2), mode == SLIDE
         )

@@ -19,7 +19,7 @@ import numpy as np
 from numba import njit
 from numba.extending import overload
 
-from .contact import apart, carried_memory, effective
+from .contact import apart, carried_memory, effective, held_mode
 from .geometry import normal_and_overlap, pair_vector, shifts, tangential
 from .kinds import FAST, OWN, Kind, KindType
 from .laws import STEP, Law, by_kind, normal_force, row
@@ -97,7 +97,7 @@ def add_rolling(kind, dim, memory, kept, q, r_eff, overlap, fn, angle, nx, ny, n
         if before != OPEN:
             px, py, pz = _rolled_on(rolling, c, tx, ty, tz)
             px, py, pz = tangential(nx, ny, nz, px, py, pz)
-        mode = SLIDE if own[AT_CAP] > 0.0 else STICK
+        mode = held_mode(SLIDE if own[AT_CAP] > 0.0 else STICK, own[0], own[1], own[2])
         px, py, pz, mode = carried_memory(stiffness, limit, px, py, pz, mode, memory)
         own[0], own[1], own[2], own[3], own[4], own[5] = px, py, pz, tx, ty, tz
         own[AT_CAP] = 1.0 if mode == SLIDE else 0.0
@@ -187,7 +187,8 @@ def _linearise(kind, dim, bodies, contacts, shift, p, memory, out):
         z, fn = complex(overlap, STEP), normal_force(kind, q, r_eff, overlap)
         stiffness, slope = rolling_stiffness(kind, q, r_eff, overlap), rolling_stiffness(kind, q, r_eff, z).imag / STEP
         limit, size = rolling_cap(kind, q, r_eff, overlap, fn), np.sqrt(px * px + py * py + pz * pz)
-        mode = SLIDE if contacts.rolling[c, AT_CAP] > 0.0 else STICK
+        own = contacts.rolling[c]
+        mode = held_mode(SLIDE if own[AT_CAP] > 0.0 else STICK, own[0], own[1], own[2])
         _, _, _, mode = carried_memory(stiffness, limit, px, py, pz, mode, memory)
         if mode == SLIDE:
             by_force, by_overlap = rolling_cap_slopes(kind, q, r_eff, overlap, fn)

@@ -7,6 +7,7 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import eig, eigvals
 
+from ..core.contact import FREE
 from ..core.jacobian import contact_blocks, linearised
 from ..core.laws import Law
 from ..core.measure import contact_forces, touching
@@ -208,6 +209,8 @@ def _changes(state: State, law: Law, modes: _Modes, rows: np.ndarray) -> list:
     """(row, what, change of its block, change of its force) of every contact that can slide or open."""
     slid, blocks, force = _slid(state, law), modes.blocks, modes.force
     slid_blocks, slid_force = contact_blocks(slid, law)[0], contact_forces(slid, law)
+    still = ~slid.contacts.slip[: len(blocks)].any(axis=1)
+    slid_blocks[still] = contact_blocks(_without_memory(slid, still), law, memory=FREE)[0][still]
     sticks = (state.contacts.mode[rows] == STICK) & (linearised(state, law).limit[rows] > 0)
     sliding = [(c, "slides", slid_blocks[c] - blocks[c], slid_force[c] - force[c]) for c in rows[sticks]]
     return [*sliding, *((c, "opens", -blocks[c], -force[c]) for c in rows)]
@@ -224,6 +227,13 @@ def _slid(state: State, law: Law) -> State:
     slip[:count][stretched] *= (reach / size[stretched])[:, None]
     mode[:count][mode[:count] != OPEN] = SLIDE
     return state._replace(contacts=contacts._replace(slip=slip, mode=mode))
+
+
+def _without_memory(state: State, rows: np.ndarray) -> State:
+    """The state with contacts, (C,) bool, that nothing holds along the plane of contact."""
+    mode = state.contacts.mode.copy()
+    mode[: len(rows)][rows] = OPEN
+    return state._replace(contacts=state.contacts._replace(mode=mode))
 
 
 def _mobilised(state: State, law: Law) -> np.ndarray:
