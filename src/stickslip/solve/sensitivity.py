@@ -12,6 +12,7 @@ from ..core.jacobian import contact_blocks, linearised
 from ..core.laws import Law
 from ..core.measure import contact_forces, touching
 from ..core.state import OPEN, SLIDE, STICK, State
+from .balance import BALANCED_BELOW, imbalance, unjudged
 from .freedom import ZERO_BELOW, Freedom, backbone, incidence, of_branches, stiffness
 from .linear import DENSE_BELOW, one_thread
 from .stability import PAIR_ABOVE
@@ -98,7 +99,7 @@ def contact_sensitivity(state: State, law: Law, *, pair: int = 0, most: int | No
     Raises
     ------
     ValueError
-        if there are more than 2500 coordinates or no such pair; if nothing but rattlers is there.
+        if there are more than 2500 coordinates or no such pair; if nothing but rattlers is there, or no equilibrium.
 
     Source
     ------
@@ -107,11 +108,13 @@ def contact_sensitivity(state: State, law: Law, *, pair: int = 0, most: int | No
 
     Examples
     --------
-    Three disks that touch each other; without one of their contacts they are rattlers:
+    Three disks that are pressed together; without one of their contacts they are rattlers:
 
+    >>> import numpy as np
     >>> from stickslip import linear, sample
-    >>> law = linear(1.0, 0.5, 0.5)
-    >>> three = sample([[0, 0], [1, 0], [0.5, 0.75**0.5]], [0.5 + 1e-6] * 3, law, dim=2)
+    >>> law, place = linear(1.0, 0.5, 0.5), np.array([[0, 0], [1, 0], [0.5, 0.75**0.5]])
+    >>> press = -2e-6 * 3 * (place - place.mean(axis=0))
+    >>> three = sample(place, [0.5 + 1e-6] * 3, law, dim=2, external_force=press)
     >>> found = contact_sensitivity(three, law)
     >>> [str(word) for word in found.verdict_after[found.what == "opens"]]
     ['falls apart', 'falls apart', 'falls apart']
@@ -123,6 +126,8 @@ def contact_sensitivity(state: State, law: Law, *, pair: int = 0, most: int | No
         raise ValueError(f"{len(free)} coordinates were given: sensitivities take at most {AT_MOST}, all modes")
     if most is not None and most < 0:
         raise ValueError(f"most = {most} was given: a number of changes, at least 0, is needed")
+    if (residual := imbalance(state, law)) > BALANCED_BELOW:
+        raise ValueError(f"{unjudged(residual)}, and no contact decides it: equilibrate first")
     with one_thread() if len(free) < DENSE_BELOW else nullcontext():
         modes = _modes(state, law, free)
         growth, verdict = _judged(modes.values)
