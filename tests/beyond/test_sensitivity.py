@@ -163,7 +163,7 @@ def test_bad_input_is_told(calm, swinging):
 
 def test_off_equilibrium_no_contact_decides(calm):
     moved = calm._replace(control=ss.stress_controlled(calm.control, {"xx": 0.1, "yy": 0.1}))
-    with pytest.raises(ValueError, match="not in equilibrium .* no contact decides it: equilibrate first"):
+    with pytest.raises(ValueError, match=r"not in equilibrium .* no contact decides it: equilibrate first"):
         ss.contact_sensitivity(moved, LAW)
 
 

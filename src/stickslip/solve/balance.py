@@ -104,7 +104,7 @@ def under(state: State, law: Law) -> State:
     slip = line.carried - np.einsum("ck,ck->c", line.carried, line.normal)[:, None] * line.normal
     pull, mode = line.stiffness_t * np.linalg.norm(slip, axis=1), contacts.mode[:count]
     sticks = (mode == SLIDE) & (pull < (1 - AT_LIMIT) * line.limit)
-    slides = (mode == STICK) & ((pull > (1 + ROUND_OFF) * line.limit) | (line.limit == 0))
+    slides = (pull > (1 + ROUND_OFF) * line.limit) | ((mode == STICK) & (line.limit == 0))
     if not (sticks | slides).any():
         return state
     return state._replace(contacts=_changed(contacts, sticks, slides, forces(state, law)[1].slip))
