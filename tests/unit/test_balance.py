@@ -130,6 +130,14 @@ def test_a_free_cell_must_bear_its_stress(sheared):
         assert ss.imbalance(state, SHARP) == pytest.approx(share - 1, abs=1e-3)
 
 
+def test_a_wide_tolerance_leaves_nothing_to_judge(sheared):
+    pushed = with_slip(sheared, 0.9)
+    for tolerance, words in ((1.0, "not in equilibrium (residual"), (1e-12, "")):
+        _, outcome = ss.equilibrate(pushed, SHARP, tolerance=tolerance)
+        assert outcome.ok and outcome.warning.startswith(words)
+        assert bool(outcome.warning) == bool(words)
+
+
 def test_more_friction_lets_what_slid_stick(sheared):
     """Settled under 0.5 and judged under 0.8: the slips hold the packing, and no contact is at its limit."""
     law = ss.hertz_mindlin(1.0, 2 / 7, 0.8, coulomb="sharp")

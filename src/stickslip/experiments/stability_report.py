@@ -14,6 +14,7 @@ from ..data.whole import beside
 from ..solve.balance import BALANCED_BELOW, imbalance
 from ..solve.damped import Damped, damped_stability
 from ..solve.equilibrate import equilibrate
+from ..solve.freedom import backbone
 from ..solve.stability import Stability, stability
 from . import stability_more
 from .report import STYLE, console
@@ -60,6 +61,8 @@ def settled(state: State, law: Law) -> tuple[State, Settled]:
     if not outcome.ok:
         raise RuntimeError(f"no equilibrium was found under this law: {outcome}")
     moved = np.linalg.norm(end.grains.position - state.grains.position, axis=1) / state.grains.radius
+    if not len(backbone(end, law)):
+        raise RuntimeError("the packing fell apart as it settled: only rattlers are left, which nothing holds together")
     old, new = (set(one.contacts.key[touching(one)].tolist()) for one in (state, end))
     rms = float(np.sqrt((moved**2).mean()))
     return end, Settled(float(moved.max()), rms, len(old - new), len(new - old), before, outcome.how)
