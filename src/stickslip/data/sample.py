@@ -14,6 +14,7 @@ from ..core.state import OPEN, SLIDE, STICK, State, assembly, box, disks, loads,
 
 AT_LIMIT = 1e-3  # share of Coulomb's limit by which a slip with few digits may miss it and still slide
 HUGE = 1e30  # beyond which products of numbers overflow
+NO_CONTACTS = "no contacts were given: found from positions, without memory (zero slip)"
 LAWS = {"hertz_mindlin": hertz_mindlin, "linear": linear, "hertz_mindlin_reff": hertz_mindlin_reff}
 
 

@@ -327,7 +327,8 @@ def write_page(shown: Seen, path: Path, *, colour: str | None = None) -> tuple[P
         except MissingExtraError as problem:
             words.append(f"without the view in three dimensions: {problem}")
             view = page.paragraph(f"The view in three dimensions is missing: {problem}.", kind="absent")
-    view = (page.paragraph(shown.warning, kind="warning") if shown.warning else "") + view
+    warning = shown.warning[:1].upper() + shown.warning[1:]
+    view = (page.paragraph(warning, kind="warning") if warning else "") + view
     first = [] if not shown.frames and not shown.without else [("View", view)]
     text = page.page(shown.title, shown.about, [*first, *shown.sections])
     replace(path, text.encode())
@@ -363,6 +364,8 @@ def write_movie(
             has = f"has 0 to {len(shown.modes) - 1}" if shown.modes else "is stable, or has no mode that grows"
             if shown.unjudged:
                 has = f"is {shown.unjudged}; {REMEDY.lower()}"
+            elif shown.warning:
+                has += f" ({shown.warning})"
             raise ValueError(f"mode {mode} was asked for: {shown.title} {has}")
         chosen = shown.modes[mode]
         frames = mode_frames(shown.frames[shown.at], *chosen, count=count, amplitude=amplitude)
