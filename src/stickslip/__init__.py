@@ -44,6 +44,7 @@ _WHERE = {
     "quasirigid.mechanisms": "Mechanism mechanisms",
     "quasirigid.path": "Path quasirigid_path",
     "quasirigid.status": "Choice Verdict certificate complementarity status status_map",
+    "solve.balance": "BALANCED_BELOW imbalance likely_causes",
     "solve.collision": "Collision collision with_restitution",
     "solve.damped": "Damped damped_stability",
     "solve.density": "Density density_of_states participation_ratio",

@@ -52,8 +52,9 @@ def test_an_unstable_packing_says_who_takes_part_and_which_contact_decides(swing
 
 
 def test_what_cannot_be_told_has_a_reason(tmp_path):
-    pair = ss.sample([[0, 0, 0], [0.99, 0, 0], [0.5, 0.85, 0]], [0.5] * 3, LAW)
-    file = written(pair, tmp_path / "three.npz")
+    place, radius = [[0, 0, 0], [0.99, 0, 0], [0.5, 0.85, 0]], [0.5] * 3
+    outwards = ss.forces(ss.sample(place, radius, LAW), LAW)[0].force
+    file = written(ss.sample(place, radius, LAW, external_force=-outwards), tmp_path / "three.npz")
     done = stickslip_here("stability", file, *OPTIONS, "--more", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     more = json.loads(done.stdout)["more"]
@@ -61,6 +62,12 @@ def test_what_cannot_be_told_has_a_reason(tmp_path):
     assert more["transient"] is None and more["reasons"]["transient"]
     done = stickslip_here("stability", file, *OPTIONS, "--more", cwd=tmp_path)
     assert done.returncode == 0 and "elastic moduli: none" in " ".join(done.stdout.split())
+    file = written(ss.sample(place, radius, LAW), tmp_path / "apart.npz")
+    done = stickslip_here("stability", file, *OPTIONS, "--more", "--json", cwd=tmp_path)
+    assert done.returncode == 3, done.stderr
+    more = json.loads(done.stdout)["more"]
+    assert set(more["reasons"].values()) == {"as the packing is not in equilibrium"}
+    assert len(more["reasons"]) == 3
 
 
 @pytest.mark.parametrize("name", ["density", "moduli", "sensitivity", "transient"])

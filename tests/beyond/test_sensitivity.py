@@ -67,7 +67,7 @@ def assert_twins_agree(state, found, chosen):
             twin = ss.stability(state._replace(contacts=state.contacts._replace(slip=slip, mode=mode)), LAW)
         rates = np.concatenate([twin.growth_rate, np.sqrt(np.maximum(-twin.negative, 0))])
         assert rates.max(initial=0.0) == pytest.approx(found.after[k], rel=1e-7, abs=1e-9)
-        assert found.turns[k] == (twin.stable != (found.verdict == "stable"))
+        assert found.turns[k] == (twin.grows == (found.verdict == "stable"))
 
 
 def test_every_change_is_that_of_an_independent_twin(calm):
@@ -135,7 +135,8 @@ def test_how_good_first_order_shifts_are():
 
 def test_a_cell_that_follows_the_stress_is_changed_with_its_contact(calm):
     """Without a contact the cell's rows of J are those of the packing in which its force has vanished."""
-    state = calm._replace(control=ss.stress_controlled(calm.control, {"xx": 0.1, "yy": 0.1}))
+    (xx, _, _), (_, yy, _), _ = ss.stress(calm, LAW)
+    state = calm._replace(control=ss.stress_controlled(calm.control, {"xx": xx, "yy": yy}))
     found, free = ss.contact_sensitivity(state, LAW), ss.backbone(state, LAW)
     assert (free.axis == 6).sum() == 2
     modes = module._modes(state, LAW, free)
@@ -158,6 +159,12 @@ def test_bad_input_is_told(calm, swinging):
     law = ss.linear()
     with pytest.raises(ValueError, match="nothing but rattlers"):
         ss.contact_sensitivity(ss.sample([[0, 0, 0], [3, 0, 0]], [0.5, 0.5], law), law)
+
+
+def test_off_equilibrium_no_contact_decides(calm):
+    moved = calm._replace(control=ss.stress_controlled(calm.control, {"xx": 0.1, "yy": 0.1}))
+    with pytest.raises(ValueError, match=r"not in equilibrium .* no contact decides it: equilibrate first"):
+        ss.contact_sensitivity(moved, LAW)
 
 
 def test_a_frictionless_packing_can_only_open():

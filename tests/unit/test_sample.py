@@ -152,12 +152,16 @@ def test_the_command_prints_one_object_with_the_documented_keys(unstable, tmp_pa
     done = run("stability", str(tmp_path / "p.npz"), *options, "--i0", "0.4", "--json")
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
-    documented = {"n", "contacts", "rattlers", "residual", "stable", "pairs", "negative", "zero_modes", "spectrum"}
+    documented = {
+        "n", "contacts", "rattlers", "residual", "tolerance", "balanced", "causes", "settled", "stable", "pairs",
+        "negative", "zero_modes", "spectrum",
+    }  # fmt: skip
     of_every_command = {"command", "status", "folder", "files", "versions"}
     assert set(found) == documented | of_every_command | {"notes", "verdict"}
     truth = ss.spectrum(unstable, LAW)
     assert found["n"] == 30
     assert found["stable"] is False
+    assert found["balanced"] is True and not found["causes"] and found["settled"] is None
     assert found["zero_modes"] == 3
     assert found["residual"] < 1e-10
     assert set(found["pairs"][0]) == {"re_lambda", "im_lambda", "omega", "growth_rate"}

@@ -19,6 +19,7 @@ MOVIE = examples(
     ("movie results/column --colour speed", "results/column/movie.gif"),
 )
 Place = Annotated[Path, typer.Argument(help="The folder of a run, or a packing as `stability` reads it.")]
+Settle = Annotated[bool, typer.Option("--settle", help="Let a packing come to equilibrium first.")]
 Modes = Annotated[Path | None, typer.Option("--modes", help="Modes that `stability` wrote; else computed.")]
 
 
@@ -31,6 +32,7 @@ def report(
         Path | None, typer.Option("--out", help="The page; default: report.html there, or FILE's name with it, here.")
     ] = None,
     modes: Modes = None,
+    settle: Settle = False,
     colour: Annotated[str | None, typer.Option("--colour", help="What grains are coloured by at first.")] = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -41,8 +43,10 @@ def report(
     path = out or look.default_path(place, report.PAGE)
     look.ready(path, (".html", ".htm"))
     with report.speaking(quiet=quiet, as_json=as_json), report.progress(transient=True) as tell:
-        found = look.seen(place, modes=modes, options=options, report=tell)
+        found = look.seen(place, modes=modes, options=options, settle=settle, report=tell)
         path, words = look.write_page(found, path, colour=colour)
+
+    words += [found.warning] if found.warning else []
 
     def show() -> None:
         for line in words:
@@ -68,6 +72,7 @@ def movie(
             "--mode", min=0, metavar="N", help="A mode, the fastest is 0; default: the run, or 0 of a packing."
         ),
     ] = None,
+    settle: Settle = False,
     colour: Annotated[
         str | None,
         typer.Option("--colour", help="What grains are coloured by; default: speed, or displacement in the mode."),
@@ -85,8 +90,18 @@ def movie(
     look.ready(path, look.film.ENDINGS)
     look.film.checked(path, fps)
     with report.speaking(quiet=quiet, as_json=as_json), report.progress(transient=True) as tell:
-        found = look.seen(place, modes=modes, options=options, report=tell, search=mode is not None)
+        found = look.seen(
+            place, modes=modes, options=options, settle=settle, report=tell, search=mode is not None
+        )  # fmt: skip
         look.write_movie(
             found, path, colour=colour, fps=fps, count=frames, amplitude=amplitude, mode=mode, report=tell
         )  # fmt: skip
-    ended(lambda: answers.common("movie", files=[path]), [path], lambda: None, quiet=quiet, as_json=as_json)
+    words = [found.warning] if found.warning else []
+
+    def show() -> None:
+        for line in words:
+            report.console.print(line, style="yellow", markup=False, highlight=False)
+
+    ended(
+        lambda: answers.common("movie", files=[path]) | {"notes": words}, [path], show, quiet=quiet, as_json=as_json
+    )  # fmt: skip

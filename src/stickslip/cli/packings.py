@@ -21,11 +21,16 @@ METHODS = {
     "auto": "by the number of grains", "dense": "all eigenvalues", "pairs": "all complex pairs",
     "fastest": "the fastest growth alone",
 }  # fmt: skip
+UNJUDGED = 3  # exit code of a packing that is not in equilibrium
+REMEDY = "give what is missing; or --settle lets it come to rest first: the answer is then about the settled packing"
 STABILITY = examples(
     ("stability examples/sheared_spheres.npz", "verdict and pairs; modes go to sheared_spheres-modes.npz here"),
     ("stability examples/sheared_spheres.npz --modes modes.npz --json", "one object for programs, modes in a file"),
     ("stability examples/sheared_spheres.npz --more", "moduli, transient growth, contacts that decide"),
-    ("stability examples/sheared_spheres.npz --mu 0.2 --coulomb sharp -q", "the verdict alone, under another law"),
+    (
+        "stability examples/sheared_spheres.npz --coulomb sharp --settle -q",
+        "the verdict alone, at rest under another law",
+    ),
 )
 CONVERT = examples(
     ("convert examples/sheared_spheres.npz --to packing.data", "for LAMMPS, with the contacts beside it"),
@@ -89,7 +94,9 @@ def stability(
     method: Annotated[
         str, typer.Option("--method", help="auto, dense, pairs or fastest.", autocompletion=completes(METHODS))
     ] = "auto",
-    settle: Annotated[bool, typer.Option("--settle", help="Let it come to equilibrium under this law first.")] = False,
+    settle: Annotated[
+        bool, typer.Option("--settle", help="Let it come to rest under this law first; judge that.")
+    ] = False,
     modes: Annotated[
         Path | None, typer.Option("--modes", help="Where modes go; default: FILE's name with -modes.npz, here.")
     ] = None,
@@ -99,7 +106,11 @@ def stability(
     quiet: Quiet = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one object; write modes only with --modes.")] = False,
 ) -> None:
-    """Is this packing stable? Complex pairs, buckling, floppy modes and rattlers of anybody's packing."""
+    """Is this packing stable? Complex pairs, buckling, floppy modes and rattlers of anybody's packing.
+
+    Only an equilibrium is judged: forces must balance to 0.002 of the mean contact force. Exit codes: 0 stable or
+    unstable, 1 it could not be computed or settled, 2 wrong input, 3 not in equilibrium.
+    """
     from ..data.exchange.files import listened, read_sample
     from ..experiments import answers, report, stability_report
     from ..experiments.stability_more import more_of
@@ -108,25 +119,29 @@ def stability(
         (state, its_law, words), said = listened(read_sample, file, **options)
         words = [*words, *said]
         with report.progress(transient=True) as tell:
+            calm = None
             if settle:
-                state, how = stability_report.settled(state, its_law)
-                words.append(how)
+                state, calm = stability_report.settled(state, its_law)
+                words.append(f"settled: {calm.how}")
             found = stability_report.judged(state, its_law, method=method, report=tell)
             more = more_of(state, its_law, found, report=tell) if beyond else None
-        paths = []
-        if modes or (not as_json and found.modes.shape[1]):
+        why, paths = [] if found.balanced else stability_report.causes(found, options, words), []
+        if modes or (not as_json and found.balanced and found.modes.shape[1]):
             paths = [stability_report.write_modes(modes or Path(f"{file.stem}-modes.npz"), found)]
     if as_json:
         for line in words:
             print(f"stickslip: {line}", file=sys.stderr)
-        about = answers.common("stability", files=paths) | {"notes": words, "verdict": found.verdict}
-        print(answers.text(about | stability_report.as_object(found, more)))
+        verdict = stability_report.verdict(found, calm)
+        about = answers.common("stability", files=paths) | {"notes": words, "verdict": verdict}
+        print(answers.text(about | stability_report.as_object(found, more, calm=calm, why=why)))
     elif quiet:
-        print(found.verdict)
+        print(stability_report.verdict(found, calm))
     else:
-        stability_report.show(found, its_law, words, more)
+        stability_report.show(found, its_law, words, more, calm=calm, why=why, remedy="" if settle else REMEDY)
         if paths:
             report.show_paths(paths)
+    if not found.balanced:
+        raise typer.Exit(UNJUDGED)
 
 
 @app.command(epilog=CONVERT, short_help="Write a packing for OVITO, ParaView, ASE, LAMMPS.")

@@ -96,7 +96,9 @@ def return_mapping(dim, stiffness, limit, ax, ay, az, dx, dy, dz, part, whole, m
     bx, by, bz = whole * ax + part * dx, whole * ay + part * dy, whole * az + part * dz
     scale, bound = stiffness * stiffness, whole * limit
     pull = scale * (bx * bx + by * by + bz * bz)
-    slides = mode == SLIDE if memory == HELD else pull > bound * bound or limit == 0.0
+    # without any slip there is no direction to be held sliding in: such contacts slid under a law without friction
+    held = mode == SLIDE and (ax != 0.0 or ay != 0.0 or az != 0.0)
+    slides = limit == 0.0 or (held if memory == HELD else pull > bound * bound)
     if dim == 3:
         some, unit = turned_weight(stiffness, limit, ax, ay, az, dx, dy, dz)
         turns = slides and mode == SLIDE and limit > 0.0

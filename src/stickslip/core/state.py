@@ -220,8 +220,11 @@ def empty_contacts(n_bodies, capacity, skin, bare=False, keyed=True):
 
 
 def at_rest(contacts: Contacts) -> Contacts:
-    """Contacts of an equilibrium: at Coulomb's limit is what slides now, whatever happened on the way."""
-    return contacts._replace(reached=contacts.mode == SLIDE)
+    """Contacts of an equilibrium: at Coulomb's limit is what slides now, whatever happened on the way.
+
+    What slides without slip slides because there is no friction, and has not been at a limit.
+    """
+    return contacts._replace(reached=(contacts.mode == SLIDE) & contacts.slip.any(axis=1))
 
 
 def loads(n_grains: int, n_walls: int = 0, *, force=0.0, torque=0.0, gravity=(0.0, 0.0, 0.0)) -> Control:

@@ -12,7 +12,9 @@ from ..core.measure import branches
 from ..core.neighbors import grid_of, pack_key, updated
 from ..core.state import OPEN, SLIDE, STICK, State, assembly, box, disks, loads, spheres
 
+AT_LIMIT = 1e-3  # share of Coulomb's limit by which a slip with few digits may miss it and still slide
 HUGE = 1e30  # beyond which products of numbers overflow
+NO_CONTACTS = "no contacts were given: found from positions, without memory (zero slip)"
 LAWS = {"hertz_mindlin": hertz_mindlin, "linear": linear, "hertz_mindlin_reff": hertz_mindlin_reff}
 
 
@@ -39,8 +41,9 @@ def sample(
     pair_i, pair_j : (M,) integers from 0, each pair once; exchanging i and j flips image and slip. Left out: the
         contacts are found, with zero slip
     image : (M, 3) integers, default zero; slip : (M, 3) [length], default zero
-    mode : (M,) 1 for contacts that stick, 2 for those that slide, whose slip is then put at Coulomb's limit; default:
-        as the slip says, which round-off decides for a contact at its limit
+    mode : (M,) 1 for contacts that stick, 2 for those that slide, whose slip is then put at Coulomb's limit, if it is
+        within 0.1 % of it or beyond (it may have slid under another law); default: as the slip says, which round-off
+        decides for a contact at its limit
     velocity : (N, 3) [length/time]; spin : (N, 3) [rad/time]; angle : (N, 3) [rad]; default zero
     external_force : (N, 3) [force]
     dim : 2 or 3; with 2 all vectors may have two components
@@ -257,7 +260,7 @@ def accepted(state: State, law: Law, *, memory: int = FREE, modes: bool = False)
     Parameters
     ----------
     memory : as in `forces`; FROZEN leaves contacts as they are where nothing has moved
-    modes : True takes the contacts' modes as given: what slides is put at the limit, what sticks is cut to it
+    modes : True takes the contacts' modes as given: what slides near the limit is put there, what sticks is cut to it
 
     Raises
     ------
@@ -290,10 +293,15 @@ def accepted(state: State, law: Law, *, memory: int = FREE, modes: bool = False)
 
 
 def _take_modes(state: State, law: Law, trial, cut) -> None:
-    """Put the modes of a state, and the slip of what slides, into trial memory, but for contacts that were cut."""
+    """Put the modes of a state, and the slip of what slides, into trial memory, but for contacts that were cut.
+
+    What is said to slide far below the limit did so under another law, or under none with friction: its slip decides.
+    """
     count, given = int(state.contacts.count[0]), state.contacts.mode
     _, held = forces(state, law, memory=HELD)
-    rows = np.flatnonzero((given[:count] != OPEN) & (trial.mode[:count] != OPEN) & ~cut)
+    size, limit = (np.linalg.norm(one.slip[:count], axis=1) for one in (trial, held))
+    elsewhere = (given[:count] == SLIDE) & ((size < (1 - AT_LIMIT) * limit) | (limit == 0))
+    rows = np.flatnonzero((given[:count] != OPEN) & (trial.mode[:count] != OPEN) & ~cut & ~elsewhere)
     trial.mode[rows] = given[rows]
     rows = rows[given[rows] == SLIDE]
     trial.slip[rows] = held.slip[rows]

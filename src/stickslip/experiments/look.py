@@ -24,15 +24,16 @@ from ..figures import film, page, scene
 from ..figures.grains import bare_frame, packing
 from ..figures.quantities import DISPLACEMENT
 from ..figures.style import png
+from ..solve.balance import BALANCED_BELOW, imbalance, unjudged
 from ..solve.damped import Damped
-from ..solve.relax import residual
 from . import claims as claims_table
 from .report import CLAIMS, FILM, NUMBERS, files_of
-from .stability_report import UNBALANCED, judged, law_in_words, modes_of
+from .stability_report import Settled, causes, judged, law_in_words, modes_of, settled, verdict
 
 SMALL = 500  # grains, up to which the states of a run are searched for one that is unstable
 DRAWN = 2000  # grains, up to which a packing is drawn as a figure, too
 MODES = 6  # that a page animates
+REMEDY = "Give what is missing, or let it come to rest with --settle"
 ROWS = 60  # of a table of measures or members; what is left out is said
 
 
@@ -48,13 +49,18 @@ class Seen(NamedTuple):
     sections: list[tuple[str, str]]  # heading and HTML, without the view
     si: bool = False
     without: str = ""  # why there is nothing to see in three dimensions
+    warning: str = ""  # what must not be overlooked: that there is no equilibrium, or that the packing was settled
+    unjudged: str = ""  # why no mode of the frame `at` is an instability: its forces do not balance
 
 
-def seen(place: Path, *, modes: Path | None, options: dict, report=None, search: bool = True) -> Seen:
+def seen(
+    place: Path, *, modes: Path | None, options: dict, settle: bool = False, report=None, search: bool = True
+) -> Seen:  # fmt: skip
     """What there is to show of a folder or of a packing's file; `options` of `read_sample`, a folder has `frame`."""
     if not place.is_dir() and (place.is_file() or place.suffix):
-        return packing_seen(place, modes=modes, options=options, report=report)
-    given = [name for name, value in (*options.items(), ("modes", modes)) if value is not None and name != "frame"]
+        return packing_seen(place, modes=modes, options=options, settle=settle, report=report)
+    own = (*options.items(), ("modes", modes), ("settle", settle or None))
+    given = [name for name, value in own if value is not None and name != "frame"]
     if given:
         raise ValueError(f"--{given[0].replace('_', '-')} was given with {place}: only the file of a packing takes it")
     return folder_seen(place, frame=options.get("frame"), search=search, report=report)
@@ -102,7 +108,7 @@ def folder_seen(folder: Path, *, frame: str | None = None, search: bool = True, 
     labels = [_label(name, state) for name, state, *_ in states]
     states = [(name, updated(state), law) for name, state, law, _ in states]
     frames = [frame_of(state, law) if law is not None else bare_frame(state) for _, state, law in states]
-    at, modes = _unstable(states, frames, frame, report) if search else (0, [])
+    at, modes, why = _unstable(states, frame, report) if search else (0, [], "")
     sections = []
     if (folder / CLAIMS).is_file():
         sections.append(("Claims of the paper", _claims(folder / CLAIMS)))
@@ -119,7 +125,7 @@ def folder_seen(folder: Path, *, frame: str | None = None, search: bool = True, 
     versions = f"stickslip {about['stickslip']}, {about['versions']}"
     without = "" if frames else "This run keeps no states of grains: there is no packing to look at."
     title = f"{experiment}: {folder.resolve().name}"
-    return Seen(title, versions, frames, labels, at, modes, sections, experiment in SI, without)
+    return Seen(title, versions, frames, labels, at, modes, sections, experiment in SI, without, why, why)
 
 
 def _caption(path: Path) -> str:
@@ -158,9 +164,9 @@ def _label(name: str, state) -> str:
     return f"{name.rpartition('/')[2]}, time {state.time:.5g}"
 
 
-def _unstable(states: list, frames: list[Frame], frame: str | None, report) -> tuple[int, list]:
-    """Which state has the fastest growing mode, and its modes; only states at rest have any."""
-    best, at, modes = 0.0, 0, []
+def _unstable(states: list, frame: str | None, report) -> tuple[int, list, str]:
+    """Which state has the fastest growing mode, its modes, and why the state asked for has none off equilibrium."""
+    best, at, modes, why = 0.0, 0, [], ""
     for k, (name, state, law) in enumerate(states):
         asked = frame is not None and frame in (name, name.rpartition("/")[2])
         at = k if asked else at
@@ -169,15 +175,15 @@ def _unstable(states: list, frames: list[Frame], frame: str | None, report) -> t
         if report:
             report("unstable modes", k / len(states), name)
         try:
-            if not asked and not residual(state, law)[0] < UNBALANCED * frames[k].contacts["force_n"].mean():
+            if not (rest := imbalance(state, law)) <= BALANCED_BELOW:
+                why = f"{name}: {unjudged(rest)}" if asked else why
                 continue
-            found = judged(state, law)
+            mine = modes_of(judged(state, law))
         except (ValueError, ArithmeticError):  # nothing but rattlers, or an eigenvalue problem without a solution
             continue
-        mine = modes_of(found)
         if mine and max(s.real for *_, s in mine) > best:
             best, at, modes = max(s.real for *_, s in mine), k, mine[:MODES]
-    return at, modes
+    return at, modes, why
 
 
 def _claims(path: Path) -> str:
@@ -239,36 +245,50 @@ def _sweep_seen(folder: Path) -> Seen:
     return Seen(f"{data.attrs['title']}: {folder.resolve().name}", about, [], [], 0, [], sections, without=without)
 
 
-def packing_seen(file: Path, *, modes: Path | None = None, method: str = "auto", options: dict, report=None) -> Seen:
+def packing_seen(
+    file: Path, *, modes: Path | None = None, method: str = "auto", options: dict, settle: bool = False, report=None
+) -> Seen:  # fmt: skip
     """A packing that `read_sample` reads, with its verdict and modes.
 
     Parameters
     ----------
     modes : file that `stickslip stability` wrote; without it, the verdict is computed
     options : of `read_sample`
+    settle : True lets it come to rest first
     """
     (state, law, words), said = listened(read_sample, file, **options)
+    words, calm = [*words, *said], None
+    if settle:
+        state, calm = settled(state, law)
+        words.append(f"settled: {calm.how}")
     n, facts = len(state.grains.radius), []
+    why, warning = "", str(calm) if calm else ""
     if modes is None:
         try:
             found = judged(state, law, method=method, report=report)
         except ArithmeticError as problem:
             raise RuntimeError(f"the spectrum could not be computed ({problem}): give --modes") from None
-        mine, facts = modes_of(found)[:MODES], _verdict(found)
+        # modes of a packing off equilibrium are no instability: none is shown
+        mine, facts = modes_of(found)[:MODES] if found.balanced else [], _verdict(found, calm)
+        if not found.balanced:
+            why = found.verdict
+            warning = f"{why}. Likely causes: {'; '.join(causes(found, options, words))}. {REMEDY}."
     else:
         mine = [read_mode(modes, 0, n)]
         mine += [read_mode(modes, k, n) for k in range(1, min(MODES, _modes_in(modes)))]
+        if not (rest := imbalance(state, law)) <= BALANCED_BELOW:
+            why = warning = unjudged(rest)
     frame = frame_of(state, law)
     facts = [["grains", str(n)], ["contacts", str(len(frame.contacts["i"]))], *facts, ["law", law_in_words(law)]]
-    facts += [["note", line] for line in (*words, *said)]
+    facts += [["note", line] for line in words]
     sections = [("Packing", page.table(["", "value"], facts))]
     if mine:
-        sections.append(("Growing modes", _mode_table(mine)))
+        sections.append(("Modes off equilibrium: no verdict" if why else "Growing modes", _mode_table(mine)))
     if n <= DRAWN:
-        drawn = packing(state, law, mode=mine[0] if mine else None)
-        sections.append(("Figure", page.pictures({"contacts, and the fastest mode": png(drawn)})))
+        drawn, caption = packing(state, law, mode=mine[0] if mine else None), "contacts"
+        sections.append(("Figure", page.pictures({caption + (", and the fastest mode" if mine else ""): png(drawn)})))
     about = f"stickslip {__version__}, {archive.versions()}"
-    return Seen(file.name, about, [frame], [""], 0, mine, sections)
+    return Seen(file.name, about, [frame], [""], 0, mine, sections, warning=warning, unjudged=why)
 
 
 def _modes_in(path: Path) -> int:
@@ -276,12 +296,13 @@ def _modes_in(path: Path) -> int:
         return len(file["exponent"])
 
 
-def _verdict(found) -> list[list[str]]:
+def _verdict(found, calm: Settled | None) -> list[list[str]]:
     static = found.undamped if isinstance(found, Damped) else found
-    out = [["verdict", found.verdict], ["rattlers", str(len(static.rattlers))]]
-    out.append(["residual", f"{static.residual:.2g} of the mean normal contact force"])
-    if static.residual > UNBALANCED:
-        out.append(["note", "the forces do not balance: this is the first moment of a motion, not an equilibrium"])
+    out = [["verdict", verdict(found, calm)], ["rattlers", str(len(static.rattlers))]]
+    limit = f"an equilibrium has at most {BALANCED_BELOW:g}"
+    out.append(["residual", f"{found.residual:.2g} of the mean normal contact force; {limit}"])
+    if not found.balanced:
+        out.append(["first moment of the motion", found.motion])
     return out + ([["scope", found.scope]] if found.scope else [])
 
 
@@ -308,6 +329,8 @@ def write_page(shown: Seen, path: Path, *, colour: str | None = None) -> tuple[P
         except MissingExtraError as problem:
             words.append(f"without the view in three dimensions: {problem}")
             view = page.paragraph(f"The view in three dimensions is missing: {problem}.", kind="absent")
+    warning = shown.warning[:1].upper() + shown.warning[1:]
+    view = (page.paragraph(warning, kind="warning") if warning else "") + view
     first = [] if not shown.frames and not shown.without else [("View", view)]
     text = page.page(shown.title, shown.about, [*first, *shown.sections])
     replace(path, text.encode())
@@ -341,10 +364,15 @@ def write_movie(
     else:
         if not 0 <= mode < len(shown.modes):
             has = f"has 0 to {len(shown.modes) - 1}" if shown.modes else "is stable, or has no mode that grows"
+            if shown.unjudged:
+                has = f"is {shown.unjudged}; {REMEDY.lower()}"
+            elif shown.warning:
+                has += f" ({shown.warning})"
             raise ValueError(f"mode {mode} was asked for: {shown.title} {has}")
         chosen = shown.modes[mode]
         frames = mode_frames(shown.frames[shown.at], *chosen, count=count, amplitude=amplitude)
-        labels = [f"mode {mode}, s = {chosen[2]:.3g}"] * len(frames)
+        aside = "; NOT IN EQUILIBRIUM" if shown.unjudged else "; settled packing" if shown.warning else ""
+        labels = [f"mode {mode}, s = {chosen[2]:.3g}{aside}"] * len(frames)
     colour = colour or ("speed" if mode is None else DISPLACEMENT)
     with beside(path) as part:
         film.movie(frames, part, labels=labels, mode=chosen, colour=colour, fps=fps, si=shown.si, report=report)

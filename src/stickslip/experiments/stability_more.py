@@ -17,6 +17,7 @@ from .report import STYLE, console
 
 CONTACTS = 5  # in the table
 SHOWN = 12  # participation ratios
+UNBALANCED = "as the packing is not in equilibrium"
 POSITIVE = "the symmetric part of the stiffness"
 
 
@@ -31,8 +32,11 @@ class More(NamedTuple):
 
 def more_of(state: State, law: Law, found: Stability | Damped, *, report=None) -> More:
     """Everything beyond the spectrum that this packing has; report(stage, share done, words) on the way."""
+    participation = participation_ratio(found.modes, found.free)
+    if not found.balanced:
+        return More(participation, UNBALANCED, UNBALANCED, UNBALANCED)
     return More(
-        participation_ratio(found.modes, found.free),
+        participation,
         _tried(elastic_moduli, state, law),
         _transient(state, law, found, report),
         _tried(contact_sensitivity, state, law, report=report),

@@ -1,24 +1,46 @@
 """The stability of a packing, on the terminal, as JSON, and its modes in a file."""
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from rich.table import Table
 
 from ..core.kinds import Kind, known
 from ..core.laws import COULOMB, DAMPING, KINDS, NO_TENSION, Law, dashpots, names_of
-from ..core.measure import mean_normal_force
+from ..core.measure import mean_normal_force, touching
 from ..core.state import State
 from ..data.whole import beside
+from ..solve.balance import BALANCED_BELOW, imbalance
 from ..solve.damped import Damped, damped_stability
 from ..solve.equilibrate import equilibrate
+from ..solve.freedom import backbone
 from ..solve.stability import Stability, stability
 from . import stability_more
 from .report import STYLE, console
 
 SHOWN = 12  # pairs in the table
-SETTLED = 1e-10  # residual over the mean normal contact force at which a packing rests
-UNBALANCED = 1e-6  # residual above which the user is told that this is no equilibrium
+SETTLED = 1e-10  # residual over the mean normal contact force to which a packing is settled
+OF_A_LAW = ("law", "coulomb", "kn", "kt", "mu", "young", "poisson", "damping", "damping_n", "damping_t")
+UNKNOWN_LAW = "another law"  # how the last of `likely_causes` begins
+
+
+class Settled(NamedTuple):
+    """What it took to bring a packing to rest: the answer is about the settled one."""
+
+    moved: float  # largest displacement of a grain, in its radii
+    moved_rms: float  # root mean square over grains, in their radii
+    lost: int  # contacts
+    gained: int
+    before: float  # residual of the packing as it was given
+    how: str  # what the solver did, in words
+
+    def __str__(self) -> str:
+        return (
+            f"this is about the SETTLED packing, not about the one in the file: grains moved by up to "
+            f"{self.moved:.2g} of their radius (rms {self.moved_rms:.2g}), {self.lost} contact(s) lost and "
+            f"{self.gained} gained"
+        )
 
 
 def judged(state: State, law: Law, *, method: str = "auto", report=None) -> Stability | Damped:
@@ -26,24 +48,47 @@ def judged(state: State, law: Law, *, method: str = "auto", report=None) -> Stab
     return (damped_stability if dashpots(law) else stability)(state, law, method=method, report=report)
 
 
-def settled(state: State, law: Law) -> tuple[State, str]:
-    """The packing in equilibrium under a law, and in words how it got there.
+def settled(state: State, law: Law) -> tuple[State, Settled]:
+    """The packing in equilibrium under a law, and how far that is from the one that was given.
 
     Raises
     ------
     RuntimeError
         with one sentence, if no equilibrium was found.
     """
-    force = mean_normal_force(state, law)
+    force, before = mean_normal_force(state, law), imbalance(state, law)
     end, outcome = equilibrate(state, law, tolerance=SETTLED * force or SETTLED, check="nothing")
     if not outcome.ok:
         raise RuntimeError(f"no equilibrium was found under this law: {outcome}")
     moved = np.linalg.norm(end.grains.position - state.grains.position, axis=1) / state.grains.radius
-    return end, f"settled ({outcome.how}): grains moved by up to {moved.max():.2g} of their radius"
+    if not len(backbone(end, law)):
+        raise RuntimeError("the packing fell apart as it settled: only rattlers are left, which nothing holds together")
+    old, new = (set(one.contacts.key[touching(one)].tolist()) for one in (state, end))
+    rms = float(np.sqrt((moved**2).mean()))
+    return end, Settled(float(moved.max()), rms, len(old - new), len(new - old), before, outcome.how)
 
 
-def as_object(found: Stability | Damped, more: stability_more.More | None = None) -> dict:
-    """The documented keys of one JSON object."""
+def verdict(found: Stability | Damped, calm: Settled | None = None) -> str:
+    """The verdict in one sentence, which says so if it is that of a settled packing."""
+    return f"{found.verdict}; {calm}" if calm else found.verdict
+
+
+def causes(found: Stability | Damped, options: dict, words: list[str]) -> list[str]:
+    """Why the forces of a packing from a file may not balance: what it shows, and what was said of its law."""
+    known = [cause for cause in found.causes if not cause.startswith(UNKNOWN_LAW)]
+    given = [f"--{name.replace('_', '-')}" for name in OF_A_LAW if options.get(name) is not None]
+    assumed = any("the defaults are assumed" in line for line in words)
+    if given:
+        known.append(f"{UNKNOWN_LAW} than that of the packing: {', '.join(given)} came from the command line")
+    elif assumed:
+        known.append(f"{UNKNOWN_LAW} than that of the packing: none was given, and the defaults were assumed")
+    return known or list(found.causes)
+
+
+def as_object(
+    found: Stability | Damped, more: stability_more.More | None = None, *, calm: Settled | None = None, why=()
+) -> dict:  # fmt: skip
+    """The documented keys of one JSON object; `why` are likely causes, see `causes`."""
     static = found.undamped if isinstance(found, Damped) else found
     if isinstance(found, Damped):
         swings = found.exponents.imag > 0
@@ -63,6 +108,10 @@ def as_object(found: Stability | Damped, more: stability_more.More | None = None
         "contacts": static.contacts,
         "rattlers": len(static.rattlers),
         "residual": static.residual if np.isfinite(static.residual) else None,
+        "tolerance": BALANCED_BELOW,
+        "balanced": found.balanced,
+        "causes": list(why),
+        "settled": None if calm is None else _settled_object(calm),
         "stable": found.stable,
         "pairs": pairs,
         "growing" if isinstance(found, Damped) else "negative": negative,
@@ -74,10 +123,15 @@ def as_object(found: Stability | Damped, more: stability_more.More | None = None
     return out
 
 
+def _settled_object(calm: Settled) -> dict:
+    return calm._asdict() | {"before": calm.before if np.isfinite(calm.before) else None}
+
+
 def show(
-    found: Stability | Damped, law: Law, words: list[str], more: stability_more.More | None = None
+    found: Stability | Damped, law: Law, words: list[str], more: stability_more.More | None = None, *,
+    calm: Settled | None = None, why=(), remedy: str = "",
 ) -> None:  # fmt: skip
-    """The verdict in words, the pairs in a table, and what else there is."""
+    """The verdict in words, the pairs in a table, and what else there is; `why` and `remedy` off equilibrium."""
     static = found.undamped if isinstance(found, Damped) else found
     for line in words:
         console.print(f"[yellow]{line}[/]")
@@ -87,13 +141,15 @@ def show(
         f"{static.residual:.2g} of the mean normal contact force",
         highlight=False,
     )
-    if static.residual > UNBALANCED:
-        console.print("[yellow]the forces do not balance: this is the first moment of a motion, not an equilibrium[/]")
-    color = "green" if found.stable else "red"
+    if calm:
+        console.print(f"[bold yellow]{calm}[/]", highlight=False)
+    color = {True: "green", False: "red", None: "yellow"}[found.stable]
     console.print(f"[bold {color}]{found.verdict}[/]", highlight=False)
+    if not found.balanced:
+        _show_imbalance(found, why, remedy)
     if isinstance(found, Damped):
         console.print("spectrum: damped, exponents s of exp(st) from M q̈ = J q + C q̇ at rest", highlight=False)
-        console.print(f"without the dashpots it would be: {static.verdict}", highlight=False)
+        console.print(f"without the dashpots it would be: {static.motion}", highlight=False)
     if found.scope:
         console.print(f"scope: {found.scope}", highlight=False)
     if len(static.rattlers):
@@ -105,6 +161,15 @@ def show(
         _show_pairs(found)
     if more:
         stability_more.show(more, found)
+
+
+def _show_imbalance(found: Stability | Damped, why, remedy: str) -> None:
+    console.print(f"an equilibrium has a residual of at most {BALANCED_BELOW:g}; likely causes:", highlight=False)
+    for cause in why:
+        console.print(f"  - {cause}", highlight=False, markup=False)
+    if remedy:
+        console.print(remedy, highlight=False, markup=False)
+    console.print(f"no verdict, but the first moment of a motion: {found.motion}", highlight=False)
 
 
 def law_in_words(law: Law) -> str:

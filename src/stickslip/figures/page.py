@@ -48,7 +48,7 @@ def listing(text: str) -> str:
 
 
 def paragraph(text: str, *, kind: str = "") -> str:
-    """A paragraph of plain text; `kind` is soft or absent (something that is missing)."""
+    """A paragraph of plain text; `kind` is soft, warning, or absent (something that is missing)."""
     return f'<p class="{escape(kind)}">{escape(text)}</p>'
 
 

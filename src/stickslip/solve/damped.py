@@ -10,6 +10,7 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs, splu
 from ..core.jacobian import contact_blocks
 from ..core.laws import Law
 from ..core.state import State
+from .balance import under, unjudged
 from .freedom import ZERO_BELOW, Freedom, restricted, stiffness
 from .stability import PAIR_ABOVE, Stability, stability
 
@@ -36,9 +37,29 @@ class Damped(NamedTuple):
         return self.undamped.free
 
     @property
-    def stable(self) -> bool:
-        """True if nothing was found that grows exponentially."""
-        return not len(self.exponents)
+    def residual(self) -> float:
+        """Largest unbalanced force or torque/R over the mean normal contact force."""
+        return self.undamped.residual
+
+    @property
+    def causes(self) -> tuple[str, ...]:
+        """Why the forces may not balance; empty where they do."""
+        return self.undamped.causes
+
+    @property
+    def balanced(self) -> bool:
+        """True if the residual is at most `BALANCED_BELOW`."""
+        return self.undamped.balanced
+
+    @property
+    def grows(self) -> bool:
+        """True if something grows exponentially in the motion linearised around this state, at rest or not."""
+        return bool(len(self.exponents))
+
+    @property
+    def stable(self) -> bool | None:
+        """True if nothing was found that grows exponentially; None off equilibrium."""
+        return not self.grows if self.balanced else None
 
     @property
     def growth_rate(self) -> np.ndarray:
@@ -52,7 +73,12 @@ class Damped(NamedTuple):
 
     @property
     def verdict(self) -> str:
-        """In words, with what the dashpots changed."""
+        """In words, with what the dashpots changed; or that this is no equilibrium."""
+        return self.motion if self.balanced else unjudged(self.residual)
+
+    @property
+    def motion(self) -> str:
+        """The spectrum in words: the verdict at an equilibrium, and the first moment of a motion elsewhere."""
         found, swings = [], self.exponents.imag > 0
         if swings.any():
             s = self.exponents[swings][0]
@@ -66,8 +92,8 @@ class Damped(NamedTuple):
         if self.undamped.zero_modes > self.undamped.rigid:
             floppy = self.undamped.zero_modes - self.undamped.rigid
             found.append(f"floppy modes: {floppy} beside {self.undamped.rigid} translations")
-        if self.stable:
-            found.insert(0, "stable")
+        if not self.grows:
+            found.insert(0, "stable" if self.balanced else "nothing grows")
         return "; ".join(found)
 
 
@@ -104,6 +130,7 @@ def damped_stability(state: State, law: Law, *, method: str = "auto", report=Non
             f"{size} coordinates are too many for the method 'dense' with dashpots ({DENSE_AT_MOST}): take 'pairs' or "
             f"'fastest'"
         )
+    state = under(state, law)
     undamped = stability(state, law, method=method, report=report)
     free = undamped.free
     pull, root = stiffness(state, law, free), 1 / np.sqrt(free.mass)

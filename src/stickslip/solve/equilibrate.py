@@ -12,6 +12,7 @@ from ..core.measure import mean_normal_force
 from ..core.neighbors import updated
 from ..core.outcome import Outcome
 from ..core.state import State
+from .balance import BALANCED_BELOW, imbalance, unjudged
 from .freedom import freedom, stiffness
 from .linear import DENSE_BELOW, one_thread
 from .newton import Kept, newton
@@ -55,8 +56,8 @@ def equilibrate(
     -------
     State, Outcome
         `outcome.how` says what was done, `outcome.fallback` if dynamics had to help, `outcome.warning` if the
-        equilibrium is unstable (then an UnstableEquilibriumWarning is issued too). Unless CONVERGED, the state is the
-        given one.
+        equilibrium is unstable (then an UnstableEquilibriumWarning is issued too), or if the tolerance is too wide for
+        this to be judged. Unless CONVERGED, the state is the given one.
     """
     if check not in ("buckling", "spectrum", "nothing"):
         raise ValueError(f"check={check!r} was given: 'buckling', 'spectrum' and 'nothing' are allowed")
@@ -67,6 +68,8 @@ def equilibrate(
         keep.solve, keep.found_stable = None, -1
     if not outcome.ok or (check == "buckling" and keep.found_stable == keep.factorisations):
         return end, outcome
+    if check != "nothing" and (rest := imbalance(end, law)) > BALANCED_BELOW:
+        return end, outcome._replace(warning=unjudged(rest))
     words = _instability(end, law, check)
     keep.found_stable = -1 if words else keep.factorisations
     if words:

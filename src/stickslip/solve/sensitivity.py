@@ -7,10 +7,12 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import eig, eigvals
 
+from ..core.contact import FREE
 from ..core.jacobian import contact_blocks, linearised
 from ..core.laws import Law
 from ..core.measure import contact_forces, touching
 from ..core.state import OPEN, SLIDE, STICK, State
+from .balance import BALANCED_BELOW, imbalance, unjudged
 from .freedom import ZERO_BELOW, Freedom, backbone, incidence, of_branches, stiffness
 from .linear import DENSE_BELOW, one_thread
 from .stability import PAIR_ABOVE
@@ -97,7 +99,7 @@ def contact_sensitivity(state: State, law: Law, *, pair: int = 0, most: int | No
     Raises
     ------
     ValueError
-        if there are more than 2500 coordinates or no such pair; if nothing but rattlers is there.
+        if there are more than 2500 coordinates or no such pair; if nothing but rattlers is there, or no equilibrium.
 
     Source
     ------
@@ -106,11 +108,13 @@ def contact_sensitivity(state: State, law: Law, *, pair: int = 0, most: int | No
 
     Examples
     --------
-    Three disks that touch each other; without one of their contacts they are rattlers:
+    Three disks that are pressed together; without one of their contacts they are rattlers:
 
+    >>> import numpy as np
     >>> from stickslip import linear, sample
-    >>> law = linear(1.0, 0.5, 0.5)
-    >>> three = sample([[0, 0], [1, 0], [0.5, 0.75**0.5]], [0.5 + 1e-6] * 3, law, dim=2)
+    >>> law, place = linear(1.0, 0.5, 0.5), np.array([[0, 0], [1, 0], [0.5, 0.75**0.5]])
+    >>> press = -2e-6 * 3 * (place - place.mean(axis=0))
+    >>> three = sample(place, [0.5 + 1e-6] * 3, law, dim=2, external_force=press)
     >>> found = contact_sensitivity(three, law)
     >>> [str(word) for word in found.verdict_after[found.what == "opens"]]
     ['falls apart', 'falls apart', 'falls apart']
@@ -122,6 +126,8 @@ def contact_sensitivity(state: State, law: Law, *, pair: int = 0, most: int | No
         raise ValueError(f"{len(free)} coordinates were given: sensitivities take at most {AT_MOST}, all modes")
     if most is not None and most < 0:
         raise ValueError(f"most = {most} was given: a number of changes, at least 0, is needed")
+    if (residual := imbalance(state, law)) > BALANCED_BELOW:
+        raise ValueError(f"{unjudged(residual)}, and no contact decides it: equilibrate first")
     with one_thread() if len(free) < DENSE_BELOW else nullcontext():
         modes = _modes(state, law, free)
         growth, verdict = _judged(modes.values)
@@ -208,6 +214,8 @@ def _changes(state: State, law: Law, modes: _Modes, rows: np.ndarray) -> list:
     """(row, what, change of its block, change of its force) of every contact that can slide or open."""
     slid, blocks, force = _slid(state, law), modes.blocks, modes.force
     slid_blocks, slid_force = contact_blocks(slid, law)[0], contact_forces(slid, law)
+    still = ~slid.contacts.slip[: len(blocks)].any(axis=1)
+    slid_blocks[still] = contact_blocks(_without_memory(slid, still), law, memory=FREE)[0][still]
     sticks = (state.contacts.mode[rows] == STICK) & (linearised(state, law).limit[rows] > 0)
     sliding = [(c, "slides", slid_blocks[c] - blocks[c], slid_force[c] - force[c]) for c in rows[sticks]]
     return [*sliding, *((c, "opens", -blocks[c], -force[c]) for c in rows)]
@@ -224,6 +232,13 @@ def _slid(state: State, law: Law) -> State:
     slip[:count][stretched] *= (reach / size[stretched])[:, None]
     mode[:count][mode[:count] != OPEN] = SLIDE
     return state._replace(contacts=contacts._replace(slip=slip, mode=mode))
+
+
+def _without_memory(state: State, rows: np.ndarray) -> State:
+    """The state with contacts, (C,) bool, that nothing holds along the plane of contact."""
+    mode = state.contacts.mode.copy()
+    mode[: len(rows)][rows] = OPEN
+    return state._replace(contacts=state.contacts._replace(mode=mode))
 
 
 def _mobilised(state: State, law: Law) -> np.ndarray:

@@ -12,6 +12,7 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 from ..core.jacobian import contact_blocks
 from ..core.laws import Law
 from ..core.state import State
+from .balance import BALANCED_BELOW, imbalance
 from .freedom import ZERO_BELOW, Freedom, freedom, jacobian, restricted, stiffness
 from .linear import DENSE_BELOW, factorised, one_thread
 
@@ -29,6 +30,7 @@ class Spectrum(NamedTuple):
     eigenvalues: np.ndarray  # (n,) complex [1/time²]
     modes: np.ndarray  # (n, n) complex, columns: generalised displacements of unit mass-weighted norm
     free: Freedom
+    residual: float  # largest unbalanced force or torque/R over the mean normal contact force, see `imbalance`
 
     @property
     def pairs(self) -> np.ndarray:
@@ -52,8 +54,10 @@ class Spectrum(NamedTuple):
         return np.abs(np.sqrt(self.eigenvalues).imag)
 
     @property
-    def stable(self) -> bool:
-        """True if no complex pair and no negative eigenvalue is found (beyond round-off)."""
+    def stable(self) -> bool | None:
+        """True if no complex pair and no negative eigenvalue is found (beyond round-off); None off equilibrium."""
+        if not self.residual <= BALANCED_BELOW:
+            return None
         floor = -REAL_BELOW * np.abs(self.eigenvalues).max()
         return not len(self.pairs) and bool((self.eigenvalues.real > floor).all())
 
@@ -100,7 +104,7 @@ def spectrum(state: State, law: Law, *, modes: bool = True) -> Spectrum:
     values, vectors = values[order], vectors[:, order] if modes else vectors
     real = np.abs(values.imag) <= REAL_BELOW * np.abs(values).max()
     values = np.where(real, values.real, values)
-    return Spectrum(values, vectors / root[:, None], free)
+    return Spectrum(values, vectors / root[:, None], free, imbalance(state, law))
 
 
 def softest(matrix, count: int = SOFTEST, tolerance: float = 1e-10):

@@ -6,10 +6,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import eig
 
-from ..core.forces import forces, unbalanced
 from ..core.laws import Law
-from ..core.measure import mean_normal_force, touching
+from ..core.measure import touching
 from ..core.state import State
+from .balance import BALANCED_BELOW, imbalance, likely_causes, under, unjudged
 from .fastest import fastest_pair
 from .freedom import ZERO_BELOW, Freedom, backbone, freedom, loose_grains, stiffness, translations
 from .pairs import complex_pairs
@@ -20,12 +20,15 @@ DENSE_UP_TO, PAIRS_UP_TO = 2_500, 12_000  # coordinates
 
 
 class Stability(NamedTuple):
-    """What the linearised motion around a state does; rattlers are left out."""
+    """What the linearised motion around a state does; rattlers are left out.
+
+    It is a verdict only where the forces balance. Elsewhere it describes the first moment of a motion.
+    """
 
     n: int  # grains
     contacts: int  # that touch
     rattlers: np.ndarray  # their numbers, from 0
-    residual: float  # largest unbalanced force or torque/R over the mean normal contact force
+    residual: float  # largest unbalanced force or torque/R over the mean normal contact force, see `imbalance`
     pairs: np.ndarray  # (P,) complex λ with Im > 0, fastest growing first [1/time²]
     negative: np.ndarray  # (K,) real λ < 0 [1/time²]
     zero_modes: int
@@ -34,11 +37,22 @@ class Stability(NamedTuple):
     free: Freedom
     method: str  # "dense", "pairs" or "fastest"
     scope: str  # what was not looked at, in words
+    causes: tuple[str, ...]  # why the forces may not balance, see `likely_causes`; empty where they do
 
     @property
-    def stable(self) -> bool:
-        """True if nothing was found that grows exponentially; floppy modes are counted, not judged."""
-        return not len(self.pairs) and not len(self.negative)
+    def balanced(self) -> bool:
+        """True if the residual is at most `BALANCED_BELOW`."""
+        return self.residual <= BALANCED_BELOW
+
+    @property
+    def grows(self) -> bool:
+        """True if something grows exponentially in the motion linearised around this state, at rest or not."""
+        return bool(len(self.pairs) or len(self.negative))
+
+    @property
+    def stable(self) -> bool | None:
+        """True if nothing was found that grows; floppy modes are counted, not judged. None off equilibrium."""
+        return not self.grows if self.balanced else None
 
     @property
     def growth_rate(self) -> np.ndarray:
@@ -52,7 +66,12 @@ class Stability(NamedTuple):
 
     @property
     def verdict(self) -> str:
-        """In words: stable, oscillatory instability, buckling, floppy modes."""
+        """In words: stable, oscillatory instability, buckling, floppy modes; or that this is no equilibrium."""
+        return self.motion if self.balanced else unjudged(self.residual)
+
+    @property
+    def motion(self) -> str:
+        """The spectrum in words: the verdict at an equilibrium, and the first moment of a motion elsewhere."""
         found = []
         if len(self.pairs):
             rate, frequency = self.growth_rate[0], self.frequency[0]
@@ -66,13 +85,17 @@ class Stability(NamedTuple):
             found.append(f"buckling: {len(self.negative)} negative λ, e-folding time {e_folding:.4g}")
         if self.zero_modes > self.rigid:
             found.append(f"floppy modes: {self.zero_modes - self.rigid} beside {self.rigid} translations")
-        if self.stable:
-            found.insert(0, "stable")
+        if not self.grows:
+            found.insert(0, "stable" if self.balanced else "nothing grows")
         return "; ".join(found)
 
 
 def stability(state: State, law: Law, *, method: str = "auto", report=None) -> Stability:
     """The verdict on an accepted state: complex pairs, negative λ, floppy modes, rattlers.
+
+    A residual above `BALANCED_BELOW` of the mean contact force is no equilibrium: then `stable` is None, `verdict` says
+    so and `causes` name what may be missing. Contacts are in the modes that their slip has under this law, which may be
+    another than the one they were committed under.
 
     Parameters
     ----------
@@ -91,6 +114,7 @@ def stability(state: State, law: Law, *, method: str = "auto", report=None) -> S
     """
     if method not in ("auto", "dense", "pairs", "fastest"):
         raise ValueError(f"method {method!r} was given: use auto, dense, pairs or fastest")
+    state = under(state, law)
     loose = loose_grains(state, law)
     free = backbone(state, law)
     size = len(free)
@@ -111,12 +135,12 @@ def stability(state: State, law: Law, *, method: str = "auto", report=None) -> S
         negative, zero_modes, soft = softest(matrix)
         modes = np.hstack([modes, soft / np.sqrt(free.mass)[:, None]])
         scope += f"; negative and zero λ were looked for among the {SOFTEST} smallest"
-    contact_force = mean_normal_force(state, law)
-    worst = float(np.abs(unbalanced(state, forces(state, law)[0])).max())
+    residual = imbalance(state, law)
+    causes = () if residual <= BALANCED_BELOW else likely_causes(state, law)
     rigid = int(state.control.free[: len(loose), : state.cell.dim].all()) * translations(matrix, free).shape[1]
     return Stability(
-        len(loose), len(touching(state)), np.flatnonzero(loose), worst / contact_force if contact_force else np.inf,
-        pairs, negative, zero_modes, rigid, modes, free, method, scope,
+        len(loose), len(touching(state)), np.flatnonzero(loose), residual, pairs, negative, zero_modes, rigid, modes,
+        free, method, scope, causes,
     )  # fmt: skip
 
 

@@ -9,7 +9,7 @@ from ...core.laws import Law, alike
 from ...core.neighbors import updated
 from ...core.state import State
 from ..law_file import law_of_options
-from ..sample import SampleError, SampleWarning, accepted, law_from, sample
+from ..sample import NO_CONTACTS, SampleError, SampleWarning, accepted, law_from, sample
 from .arrays import law_given, read_archive, read_npz, write_archive, write_npz
 from .frame import Frame, frame_of
 from .gsd_file import read_gsd, write_gsd
@@ -84,6 +84,8 @@ def read_samples(path: str | Path, *, frame: str | None = "all", **options) -> l
     if i0 is not None:
         arrays["i0"] = i0
     words = [] if given or own else ["no contact law was given: the defaults are assumed"]
+    if "pair_i" not in arrays:
+        words = [NO_CONTACTS, *words]
     law = own or law_given(given)
     return [(path.stem, sample(arrays.pop("position"), arrays.pop("radius"), law, **arrays), law, words)]
 

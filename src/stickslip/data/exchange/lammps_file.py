@@ -22,7 +22,7 @@ from ...core.jacobian import linearised
 from ...core.laws import MU, SHARP, Law, dashpots
 from ...core.measure import branches, touching
 from ...core.state import OPEN, SLIDE, STICK, State
-from ..sample import SampleError, SampleWarning, accepted, sample
+from ..sample import NO_CONTACTS, SampleError, SampleWarning, accepted, sample
 from .lammps_text import Table, dumped_grains, read_data, read_dump
 
 NEEDED = ("law", "kn", "kt", "mu", "damping_n", "damping_t")
@@ -282,7 +282,7 @@ def read_lammps(
         boundary = _boundary(contacts)
     for packing in read_grains(path, wanted=wanted, boundary=boundary):
         if contacts is None:
-            words = [*packing.words, "no contacts were given: found from positions, without memory (zero slip)"]
+            words = [*packing.words, NO_CONTACTS]
             out.append((str(packing.step), sample(law=law, **packing.arrays), law, words))
         else:
             state = with_memory(packing, read_pairs(contacts, packing, columns), law)

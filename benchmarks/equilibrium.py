@@ -1,0 +1,115 @@
+"""How far from equilibrium a verdict means something: three measurements behind `BALANCED_BELOW`; ten minutes.
+
+    python -m benchmarks.equilibrium
+
+Packings of 15 to 60 disks and spheres, jammed without friction and then sheared quasi-statically under it, by smooth
+and sharp laws with a friction coefficient of 0.3 and 10. The first table moves grains at random; the second takes the
+slips away, also of 500 disks; the third rounds positions and slips as text does.
+"""
+
+import itertools
+import sys
+import time
+import warnings
+
+import numpy as np
+
+import stickslip as ss
+from stickslip.core.neighbors import updated
+
+LEVELS = 10.0 ** np.arange(-8, 1)
+STEPS = (1e-6, 1e-4, 1e-3, 2e-3, 5e-3, 1e-2, 1e-1, 1e1)
+DIGITS = (6, 7, 8, 10)
+
+
+def packings(seconds: float, sizes=(15, 61), strains=(-5, -2), dims=(2, 3)):
+    """Packings at rest under friction, with their laws, until the time is spent; decimal logarithms of strains."""
+    rng, end, seed = np.random.default_rng(0), time.monotonic() + seconds, 0
+    while time.monotonic() < end:
+        seed += 1
+        law = ss.hertz_mindlin(1.0, 2 / 7, rng.choice([0.3, 10.0]), coulomb=rng.choice(["smooth", "sharp"]))
+        n, pressure, most = int(rng.integers(*sizes)), 10 ** rng.uniform(-4, -2), 10 ** rng.uniform(*strains)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ss.UnstableEquilibriumWarning)
+            try:
+                state, _ = ss.jammed(n, pressure=pressure, dim=dims[seed % len(dims)], seed=seed)
+                rest = ss.ramp(state, np.linspace(0, most, 6), ss.aqs(law))[-1].state
+            except (ss.NotInEquilibriumError, ValueError):  # the pressure was not reached
+                continue
+        yield rest, law, rng
+
+
+def stirred(state, law, level: float, rng):
+    """The state with grains moved at random so far that its residual is about `level`, and its memory committed."""
+    move, grains, tiny = rng.normal(size=state.grains.position.shape), state.grains, 1e-9
+    move[:, state.cell.dim :] = 0
+
+    def at(size):
+        moved = updated(state._replace(grains=grains._replace(position=grains.position + size * move)), law)
+        return ss.accept(moved, ss.forces(moved, law)[1])
+
+    return at(tiny * level / max(ss.imbalance(at(tiny), law) - ss.imbalance(state, law), 1e-15))
+
+
+def bare(state):
+    """The state without its slips."""
+    contacts = state.contacts
+    return state._replace(contacts=contacts._replace(slip=0 * contacts.slip, mode=np.minimum(contacts.mode, ss.STICK)))
+
+
+def rounded(state, law, digits: int):
+    """The state after its positions and slips went through text."""
+
+    def text(values):
+        return np.reshape([float(f"{v:.{digits}g}") for v in values.ravel()], values.shape)
+
+    rows, c = ss.touching(state), state.contacts
+    return ss.sample(
+        text(state.grains.position), state.grains.radius, law, mass=state.grains.mass, cell=state.cell.vectors,
+        dim=state.cell.dim, pair_i=c.i[rows], pair_j=c.j[rows], image=c.image[rows], slip=text(c.slip[rows]),
+        mode=c.mode[rows],
+    )  # fmt: skip
+
+
+def without_slips(found) -> None:
+    """Print how often a packing grows with its slips and without, by the residual without."""
+    residual, with_them, forgotten = np.array(found, float).T
+    for low, high in itertools.pairwise(STEPS):
+        here = (residual >= low) & (residual < high)
+        if here.any():
+            print(
+                f"  {low:.0e} to {high:.0e}  {with_them[here].mean():.2f}  {forgotten[here].mean():.2f}  {here.sum()}"
+            )
+
+
+def main(seconds: float = 300.0) -> None:
+    """Measure and print; `seconds` are spent twice."""
+    warnings.simplefilter("ignore", ss.SampleWarning)
+    moved, small, large, texts = {level: [] for level in LEVELS}, [], [], {digits: [] for digits in DIGITS}
+    for state, law, rng in packings(seconds):
+        truth = ss.stability(state, law).grows
+        for level in LEVELS:
+            moved[level].append(ss.stability(stirred(state, law, level, rng), law).grows != truth)
+        forgotten = ss.stability(bare(state), law)
+        small.append((forgotten.residual, truth, forgotten.grows))
+        for digits in DIGITS:
+            try:
+                texts[digits].append(ss.imbalance(rounded(state, law, digits), law))
+            except ss.SampleError:  # a contact was rounded away
+                texts[digits].append(np.inf)
+    for state, law, _ in packings(seconds, (500, 501), (-4.6, -3.6), (2,)):
+        forgotten = ss.stability(bare(state), law)
+        large.append((forgotten.residual, ss.stability(state, law).grows, forgotten.grows))
+    print("grains moved at random: residual, verdicts that change, packings")
+    for level, changed in moved.items():
+        print(f"  {level:.0e}  {np.mean(changed):.3f}  {len(changed)}")
+    for words, found in (("15 to 60 grains", small), ("500 disks", large)):
+        print(f"slips left out of {words}: residual, share unstable with slips, without, packings")
+        without_slips(found)
+    print("text: digits, median and greatest residual")
+    for digits, found in texts.items():
+        print(f"  {digits}  {np.median(found):.1e}  {np.max(found):.1e}")
+
+
+if __name__ == "__main__":
+    main(*map(float, sys.argv[1:]))

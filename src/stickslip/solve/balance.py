@@ -1,0 +1,144 @@
+"""Is a packing at rest? How far its forces are from balance, the likely reasons, and its contacts under another law."""
+
+import numpy as np
+
+from ..core.forces import forces, unbalanced
+from ..core.jacobian import linearised
+from ..core.laws import MU, Law
+from ..core.measure import mean_normal_force, touching, volume
+from ..core.state import SLIDE, STICK, Contacts, State
+
+# Of the mean contact force, `python -m benchmarks.equilibrium`: up to 1e-3 grains that were moved at random change the
+# verdict no more often than at 1e-8, and up to 2e-3 none of 52 packings had a wrong one without its slips; beyond, the
+# first have. Text of eight digits leaves 2e-4 in packings of 60 grains, and some 1e-3 in larger ones.
+BALANCED_BELOW = 2e-3
+AT_LIMIT = 1e-3  # a contact that slides is at its limit as nearly as forces must balance: dashpots leave that much
+DIGITS = 13  # significant ones that positions have if no text or single precision took any
+ROUND_OFF = 1e-9  # of a contact's pull over its limit: slips are differences of positions, which carry 1e-16
+
+
+def imbalance(state: State, law: Law) -> float:
+    """Largest unbalanced force or torque/R over the mean normal contact force, and that of a free cell's stress.
+
+    Zero where nothing acts at all; infinite where something acts, but no contact bears it. The imbalance of a free cell
+    is the largest difference between its stress and the imposed one, over the larger of the two.
+
+    Parameters
+    ----------
+    state : State, accepted
+
+    Examples
+    --------
+    >>> from stickslip import linear, sample
+    >>> round(imbalance(sample([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], linear()), linear()), 12)
+    1.0
+    """
+    loads = forces(state, law)[0]
+    worst, scale = float(np.abs(unbalanced(state, loads)).max()), mean_normal_force(state, law)
+    found = _share(worst, scale)
+    free = state.control.cell_free
+    if free.any():
+        has, wants = loads.virial[free], (volume(state) * state.control.stress)[free]
+        found = max(found, _share(float(np.abs(has - wants).max()), float(np.abs([has, wants]).max())))
+    return found
+
+
+def _share(part: float, whole: float) -> float:
+    if not part:
+        return 0.0
+    return part / whole if whole else np.inf
+
+
+def unjudged(residual: float) -> str:
+    """The sentence that stands for a verdict where there is no equilibrium."""
+    share = f"residual {_percent(residual)} of the mean contact force"
+    words = share if np.isfinite(residual) else "no contact bears the forces that act"
+    return f"not in equilibrium ({words}): stability cannot be judged"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2g} %" if share < 1 else f"{100 * share:.0f} %" if share < 100 else f"{100 * share:.1e} %"
+
+
+def likely_causes(state: State, law: Law) -> tuple[str, ...]:
+    """Why the forces of a packing may not balance, as far as the state itself shows, the most telling first.
+
+    Contacts that were never sheared, nothing that confines the grains, motion, positions with few digits; last, what no
+    state shows: another law.
+    """
+    found, n, rows = [], len(state.grains.radius), touching(state)
+    bare = int((~state.contacts.slip[rows].any(axis=1)).sum())
+    if law.table[..., MU].any() and bare:
+        which = f"all {bare}" if bare == len(rows) else f"{bare} of {len(rows)}"
+        found.append(f"no slips: {which} contacts are taken as never sheared")
+    control = state.control
+    acts = any(a.any() for a in (control.force, control.torque, control.gravity, control.spring))
+    if not (state.cell.periodic.any() or len(state.walls.mass) or acts) and control.free[:n, : state.cell.dim].all():
+        found.append("no cell: neither a periodic box nor walls or loads hold the grains together")
+    speed = np.linalg.norm(state.grains.velocity, axis=1)
+    if len(rows) and _swing(state, law, speed) > BALANCED_BELOW:
+        found.append(f"motion: the grains move, the fastest at {speed.max():.2g}")
+    decimals, share = _open_digits(state, law)
+    if share > 0.1 * BALANCED_BELOW:  # a grain has several contacts, each with the errors of two grains
+        found.append(
+            f"few digits: positions end at {decimals} decimals, which leaves {_percent(share)} of the mean contact "
+            f"force open"
+        )
+    return (*found, "another law, or other parameters, than those under which the packing came to rest")
+
+
+def _open_digits(state: State, law: Law) -> tuple[int, float]:
+    """Decimals at which all positions end, and the share of the mean contact force that a unit of the last one makes.
+
+    Nothing is open where positions have the digits that numbers of their size can have, or all are whole.
+    """
+    place, rows = state.grains.position, touching(state)
+    whole = int(np.ceil(np.log10(max(np.abs(place).max(), 1e-30))))
+    for decimals in range(1, DIGITS - whole):
+        if np.abs(place - np.round(place, decimals)).max() <= 10.0 ** (whole - DIGITS - 1):
+            stiffness = linearised(state, law).slope_n[rows].mean() if len(rows) else 0.0
+            return decimals, _share(stiffness * 10.0**-decimals, mean_normal_force(state, law))
+    return 0, 0.0
+
+
+def _swing(state: State, law: Law, speed: np.ndarray) -> float:
+    """By which share of the mean contact force motion changes forces: v √(m k) of a spring k that stops a mass m."""
+    stiffness = linearised(state, law).slope_n[touching(state)].mean()
+    return _share(float((speed * np.sqrt(state.grains.mass * stiffness)).max()), mean_normal_force(state, law))
+
+
+def under(state: State, law: Law) -> State:
+    """The state with each contact in the mode that its slip has under a law, which may be another than it came with.
+
+    A contact that slid at a smaller limit sticks; one beyond the limit slides, its slip cut. What slides at the limit
+    goes on sliding, as `AT_LIMIT` has it.
+
+    Parameters
+    ----------
+    state : State, accepted under some law
+
+    Examples
+    --------
+    >>> from stickslip import hertz_mindlin, jammed
+    >>> state, _ = jammed(10, packing_fraction=0.7)
+    >>> set(under(state, hertz_mindlin(mu=0.5)).contacts.mode[touching(state)].tolist()) == {STICK}
+    True
+    """
+    contacts, line = state.contacts, linearised(state, law)
+    count = len(line.limit)
+    slip = line.carried - np.einsum("ck,ck->c", line.carried, line.normal)[:, None] * line.normal
+    pull, mode = line.stiffness_t * np.linalg.norm(slip, axis=1), contacts.mode[:count]
+    sticks = (mode == SLIDE) & (pull < (1 - AT_LIMIT) * line.limit)
+    slides = (pull > (1 + ROUND_OFF) * line.limit) | ((mode == STICK) & (line.limit == 0))
+    if not (sticks | slides).any():
+        return state
+    return state._replace(contacts=_changed(contacts, sticks, slides, forces(state, law)[1].slip))
+
+
+def _changed(contacts: Contacts, sticks: np.ndarray, slides: np.ndarray, cut: np.ndarray) -> Contacts:
+    count, mode, slip, reached = len(sticks), contacts.mode.copy(), contacts.slip.copy(), contacts.reached.copy()
+    mode[:count][sticks], mode[:count][slides] = STICK, SLIDE
+    slip[:count][slides] = cut[:count][slides]
+    reached[:count][slides] = slip[:count][slides].any(axis=1)
+    reached[:count][sticks] = False
+    return contacts._replace(mode=mode, slip=slip, reached=reached)

@@ -1,0 +1,149 @@
+"""Packings that are not at rest, at the command line, on pages and in movies: never a verdict, and what to do."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.data import archive
+from tests.conftest import stickslip_here as run
+from tests.look.test_look import page, view_of
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "sheared_spheres.npz"
+SENTENCE = "not in equilibrium (residual 5.3 % of the mean contact force): stability cannot be judged"
+MEMORY = ("pair_i", "pair_j", "image", "slip")
+LAW = ("law", "coulomb", "kn", "kt", "mu")
+
+
+@pytest.fixture
+def without(tmp_path):
+    """Writes the example without some of its arrays."""
+
+    def write(*names):
+        arrays = {k: v for k, v in np.load(EXAMPLE).items() if k not in names}
+        np.savez(tmp_path / "p.npz", **arrays)
+        return tmp_path / "p.npz"
+
+    return write
+
+
+def words_of(text: str) -> str:
+    return " ".join(text.split())
+
+
+def test_slips_left_out_end_with_a_code_of_their_own(without, tmp_path):
+    done = run("stability", without(*MEMORY), cwd=tmp_path)
+    words = words_of(done.stdout)
+    assert done.returncode == 3 and SENTENCE in words
+    assert "no contacts were given: found from positions, without memory" in words
+    assert "no slips: all 183 contacts are taken as never sheared" in words
+    assert "--settle" in words and "no cell" not in words and "another law" not in words
+    assert not list(tmp_path.glob("*modes*"))
+    quiet = run("stability", tmp_path / "p.npz", "-q", cwd=tmp_path)
+    assert (quiet.returncode, quiet.stdout.strip()) == (3, SENTENCE)
+
+
+def test_programs_are_told_what_is_known(without, tmp_path):
+    done = run("stability", without(*MEMORY, "cell"), "--mu", "0.3", "--json", cwd=tmp_path)
+    assert done.returncode == 3, done.stderr
+    found = json.loads(done.stdout)
+    assert found["balanced"] is False and found["stable"] is None and found["settled"] is None
+    assert found["residual"] > found["tolerance"] == ss.BALANCED_BELOW
+    assert [cause.partition(" ")[0] + " " + cause.split()[1].rstrip(":") for cause in found["causes"]] == [
+        "no slips", "no cell", "another law",
+    ]  # fmt: skip
+    assert "--mu came from the command line" in found["causes"][2]
+    done = run("stability", without(*MEMORY, *LAW), "--json", cwd=tmp_path)
+    assert "the defaults were assumed" in json.loads(done.stdout)["causes"][1]
+
+
+def test_the_answer_after_settling_is_about_the_settled_packing(without, tmp_path):
+    file = without(*MEMORY)
+    done = run("stability", file, "--settle", cwd=tmp_path)
+    words = words_of(done.stdout)
+    assert done.returncode == 0 and "not in equilibrium" not in words
+    assert "this is about the SETTLED packing, not about the one in the file" in words
+    assert "grains moved by up to 0.0018 of their radius (rms 0.00068), 0 contact(s) lost and 0 gained" in words
+    assert "SETTLED" in run("stability", file, "--settle", "-q", cwd=tmp_path).stdout
+    found = json.loads(run("stability", file, "--settle", "--json", cwd=tmp_path).stdout)
+    assert found["balanced"] is True and "SETTLED" in found["verdict"]
+    calm = found["settled"]
+    assert set(calm) == {"moved", "moved_rms", "lost", "gained", "before", "how"}
+    assert calm["moved"] == pytest.approx(0.0018, abs=5e-5) and calm["before"] == pytest.approx(0.053, abs=5e-4)
+    # the slips do not come back: with them the same packing is unstable
+    assert found["stable"] is True
+    assert json.loads(run("stability", EXAMPLE, "--json").stdout)["stable"] is False
+
+
+def test_what_falls_apart_when_it_settles_has_no_answer(without, tmp_path):
+    done = run("stability", without(*MEMORY, "cell"), "--settle", cwd=tmp_path)
+    assert done.returncode == 1
+    assert "fell apart" in done.stderr and len(done.stderr.strip().splitlines()) == 1
+
+
+def test_modes_off_equilibrium_are_written_on_demand_only(tmp_path):
+    arrays = dict(np.load(EXAMPLE))
+    np.savez(tmp_path / "p.npz", **arrays | {"slip": 0.9 * arrays["slip"]})
+    done = run("stability", "p.npz", "--modes", "m.npz", "--mu", "0.1", cwd=tmp_path)
+    assert done.returncode == 3
+    assert (tmp_path / "m.npz").exists()
+    assert "another law than that of the packing: --mu came from the command line" in words_of(done.stdout)
+
+
+def test_a_page_says_it_and_shows_no_mode(without, tmp_path):
+    done = run("report", without(*MEMORY), cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert SENTENCE in words_of(done.stdout)
+    shown = page(tmp_path / "p-report.html")
+    words = "".join(shown.words)
+    assert SENTENCE in words and "N" + SENTENCE[1:] in words and "no slips: all 183 contacts" in words
+    assert "stable" not in words.replace("stability", "") and "Growing modes" not in words
+    assert view_of(shown)["modes"] == []
+    assert 'class="warning"' in (tmp_path / "p-report.html").read_text()
+    done = run("report", tmp_path / "p.npz", "--settle", cwd=tmp_path)
+    assert done.returncode == 0 and "SETTLED" in done.stdout
+    assert "SETTLED" in "".join(page(tmp_path / "p-report.html").words)
+
+
+def test_a_mode_off_equilibrium_is_filmed_only_if_given_and_says_so(without, tmp_path, monkeypatch):
+    file = without(*MEMORY)
+    for words, said in (
+        ([], SENTENCE),
+        (["--settle"], "is stable, or has no mode that grows (this is about the SETTLED"),
+    ):
+        done = run("movie", file, *words, cwd=tmp_path)
+        assert done.returncode == 2 and said in done.stderr and not list(tmp_path.glob("*.gif"))
+    assert run("stability", EXAMPLE, "--modes", tmp_path / "m.npz").returncode == 0
+    labels = []
+
+    def film(frames, path, **more):
+        labels.extend(more["labels"])
+        path.write_bytes(b"GIF89a")
+
+    monkeypatch.setattr("stickslip.figures.film.movie", film)
+    done = run("movie", file, "--modes", tmp_path / "m.npz", "--frames", "2", cwd=tmp_path)
+    assert SENTENCE in words_of(done.stdout)
+    assert len(labels) == 2 and all(label.endswith("NOT IN EQUILIBRIUM") for label in labels)
+
+
+def test_a_frame_of_a_run_that_is_not_at_rest_has_no_modes(tmp_path):
+    (tmp_path / "run").mkdir()
+    arrays = dict(np.load(EXAMPLE))
+    law = ss.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth")
+    names = ("position", "radius", "cell", *MEMORY)
+    rest = ss.sample(**{name: arrays[name] for name in names}, law=law)
+    moved = rest._replace(contacts=rest.contacts._replace(slip=0.5 * rest.contacts.slip))
+    tree = {"law": law, "frames": {"0000": rest, "0001": moved._replace(time=1.0)}}
+    archive.write(tmp_path / "run" / "results.h5", tree, scenario='{"experiment": "flow"}', version="9")
+    for words, modes, warned in ((["--frame", "0001"], 0, True), (["--frame", "0000"], 1, False), ([], 1, False)):
+        done = run("report", tmp_path / "run", *words)
+        assert done.returncode == 0, done.stderr
+        shown = page(tmp_path / "run" / "report.html")
+        assert len(view_of(shown)["modes"]) == modes
+        assert ("not in equilibrium" in "".join(shown.words)) is warned
+    done = run("movie", tmp_path / "run", "--frame", "0001", "--mode", "0")
+    assert done.returncode == 2 and "0001: not in equilibrium" in words_of(done.stderr)
+    done = run("report", tmp_path / "run", "--settle")
+    assert done.returncode == 2 and "only the file of a packing takes it" in done.stderr

@@ -1,0 +1,228 @@
+"""Off equilibrium there is no verdict: in Python, whatever takes the packing out of balance."""
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.core.jacobian import linearised
+from stickslip.data.exchange.files import listened
+from stickslip.loading.protocols import ramp
+from stickslip.loading.shear import aqs
+from stickslip.solve.balance import under
+from stickslip.solve.freedom import jacobian
+from tests.derivatives.test_jacobian import differences
+
+SHARP = ss.hertz_mindlin(1.0, 2 / 7, 0.5, coulomb="sharp")
+
+
+@pytest.fixture(scope="module")
+def sheared():
+    """Twenty-four spheres at rest under friction of 0.5, some contacts at Coulomb's limit."""
+    state, _ = ss.jammed(24, packing_fraction=0.7, seed=3)
+    end = ramp(state, np.arange(0, 16) * 1e-3, aqs(SHARP))[-1].state
+    modes = end.contacts.mode[ss.touching(end)]
+    assert {ss.STICK, ss.SLIDE} == set(modes)
+    return end
+
+
+def with_slip(state, share):
+    """The state with its slips multiplied, contacts in the mode that they had."""
+    return state._replace(contacts=state.contacts._replace(slip=share * state.contacts.slip))
+
+
+def larger(state, share):
+    return state._replace(grains=state.grains._replace(radius=share * state.grains.radius))
+
+
+def without_cell(state):
+    grains = state.grains
+    return ss.sample(ss.wrapped(state), grains.radius, SHARP, mass=grains.mass)
+
+
+CHANGES = {
+    "without slips": lambda s: (with_slip(s, 0.0), SHARP),
+    "slips turned round": lambda s: (with_slip(s, -1.0), SHARP),
+    "larger grains": lambda s: (larger(s, 1 + 1e-4 * np.arange(24)), SHARP),
+    "without a cell": lambda s: (without_cell(s), SHARP),
+    "less friction": lambda s: (s, ss.hertz_mindlin(1.0, 2 / 7, 0.2, coulomb="sharp")),
+    "smooth friction": lambda s: (s, ss.hertz_mindlin(1.0, 2 / 7, 0.5, coulomb="smooth")),
+    "stiffer tangentially": lambda s: (s, ss.hertz_mindlin(1.0, 0.6, 0.5, coulomb="sharp")),
+    "no friction": lambda s: (s, ss.hertz_mindlin(1.0, 2 / 7, 0.0, coulomb="sharp")),
+    "a load": lambda s: (s._replace(control=s.control._replace(gravity=np.array([0, 0, -1.0]))), SHARP),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_a_packing_off_balance_is_neither_stable_nor_unstable(sheared, change):
+    assert ss.stability(sheared, SHARP).stable is not None
+    found = ss.stability(*CHANGES[change](sheared))
+    assert found.residual > ss.BALANCED_BELOW
+    assert found.stable is None and not found.balanced
+    assert found.verdict.startswith("not in equilibrium (residual") and found.verdict.endswith("cannot be judged")
+    assert found.causes[-1].startswith("another law")
+    assert (len(found.pairs) + len(found.negative) > 0) == found.grows  # the spectrum is still there
+    assert "stable" not in found.motion.split("; ")
+
+
+def test_dashpots_and_the_plain_spectrum_do_not_judge_either(sheared):
+    law = ss.hertz_mindlin(1.0, 2 / 7, 0.5, coulomb="sharp", damping_n=1e-2)
+    calm, off = ss.damped_stability(sheared, law), ss.damped_stability(with_slip(sheared, 0.0), law)
+    assert calm.stable is not None and calm.verdict == calm.motion and not calm.causes
+    assert off.stable is None and off.verdict.startswith("not in equilibrium") and off.causes
+    assert ss.spectrum(sheared, SHARP).stable == ss.stability(sheared, SHARP).stable
+    assert ss.spectrum(with_slip(sheared, 0.0), SHARP).stable is None
+
+
+def test_causes_are_those_that_the_state_shows(sheared):
+    slips, cell = ss.likely_causes(without_cell(sheared), SHARP)[:2]
+    assert slips.startswith("no slips: all ") and "never sheared" in slips
+    assert cell.startswith("no cell")
+    (only,) = ss.likely_causes(sheared, SHARP)
+    assert only.startswith("another law")
+    some = sheared.contacts.slip.copy()
+    rows = ss.touching(sheared)
+    some[rows[:5]] = 0.0
+    few = sheared._replace(contacts=sheared.contacts._replace(slip=some))
+    assert ss.likely_causes(few, SHARP)[0].startswith(f"no slips: 5 of {len(rows)} contacts")
+    moving = sheared._replace(grains=sheared.grains._replace(velocity=np.full((24, 3), 0.01)))
+    assert ss.likely_causes(moving, SHARP)[0].startswith("motion")
+    slow = sheared._replace(grains=sheared.grains._replace(velocity=np.full((24, 3), 1e-12)))
+    assert ss.likely_causes(slow, SHARP)[0].startswith("another law")
+    bare = ss.hertz_mindlin(mu=0.0)
+    assert not any(c.startswith("no slips") for c in ss.likely_causes(with_slip(sheared, 0.0), bare))
+
+
+def test_the_imbalance_of_packings_with_few_contacts_or_none():
+    law, apart, far = ss.linear(), [[0, 0, 0], [0.99, 0, 0]], [[0, 0, 0], [3.0, 0, 0]]
+    pull = np.array([[1.0, 0, 0], [0, 0, 0]])
+    assert ss.imbalance(ss.sample(apart, [0.5, 0.5], law), law) == pytest.approx(1.0)
+    held = ss.sample(apart, [0.5, 0.5], law, external_force=[[0.01, 0, 0], [-0.01, 0, 0]])
+    assert ss.imbalance(held, law) < 1e-13
+    assert ss.imbalance(ss.sample(far, [0.5, 0.5], law), law) == 0.0
+    assert ss.imbalance(ss.sample(far, [0.5, 0.5], law, external_force=pull), law) == np.inf
+    for place in (apart, far):
+        with pytest.raises(ValueError, match="nothing but rattlers"):
+            ss.stability(ss.sample(place, [0.5, 0.5], law), law)
+    assert ss.likely_causes(ss.sample(far, [0.5, 0.5], law), law)[0].startswith("no cell")
+
+
+def test_rattlers_are_part_of_the_balance():
+    """What floats in gravity beside a packing is not at rest, although its modes are left out."""
+    place, radius, law = (
+        np.array([[0, 0], [1, 0], [0.5, 0.75**0.5], [5, 5.0]]),
+        [0.5 + 1e-6] * 4,
+        ss.linear(1, 0.5, 0.5),
+    )
+    out = ss.forces(ss.sample(place, radius, law, dim=2), law)[0].force[:, :2]
+    found = ss.stability(ss.sample(place, radius, law, dim=2, external_force=-out), law)
+    assert found.balanced and found.rattlers.tolist() == [3]
+    out[3] = 1e-6, 0
+    assert ss.stability(ss.sample(place, radius, law, dim=2, external_force=-out), law).stable is None
+
+
+def test_a_free_cell_must_bear_its_stress(sheared):
+    stress = ss.stress(sheared, SHARP)
+    names = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2)}
+    for share, balanced in ((1.0, True), (1.01, False)):
+        wanted = {name: share * stress[at] for name, at in names.items()}
+        state = sheared._replace(control=ss.stress_controlled(sheared.control, wanted))
+        assert ss.stability(state, SHARP).balanced is balanced
+        assert ss.imbalance(state, SHARP) == pytest.approx(share - 1, abs=1e-3)
+
+
+def test_a_wide_tolerance_leaves_nothing_to_judge(sheared):
+    pushed = with_slip(sheared, 0.9)
+    for tolerance, words in ((1.0, "not in equilibrium (residual"), (1e-12, "")):
+        _, outcome = ss.equilibrate(pushed, SHARP, tolerance=tolerance)
+        assert outcome.ok and outcome.warning.startswith(words)
+        assert bool(outcome.warning) == bool(words)
+
+
+def test_more_friction_lets_what_slid_stick(sheared):
+    """Settled under 0.5 and judged under 0.8: the slips hold the packing, and no contact is at its limit."""
+    law = ss.hertz_mindlin(1.0, 2 / 7, 0.8, coulomb="sharp")
+    rows = ss.touching(sheared)
+    here = under(sheared, law)
+    assert set(here.contacts.mode[rows]) == {ss.STICK}
+    assert np.array_equal(here.contacts.slip, sheared.contacts.slip)
+    assert under(sheared, SHARP) is sheared
+    found, free = ss.stability(sheared, law), ss.freedom(sheared)
+    assert found.stable is not None
+    numeric = differences(sheared, law, free, ss.FREE, h=1e-6)
+    np.testing.assert_allclose(jacobian(here, law, free).toarray(), numeric, atol=1e-7 * np.abs(numeric).max())
+    weighted = -numeric / np.sqrt(free.mass[:, None] * free.mass)
+    fastest = np.abs(np.sqrt(np.linalg.eigvals(weighted).astype(complex)).imag)
+    assert found.growth_rate.max(initial=0.0) == pytest.approx(fastest.max(), abs=1e-4)
+
+
+def test_less_friction_lets_what_stuck_slide(sheared):
+    law = ss.hertz_mindlin(1.0, 2 / 7, 0.2, coulomb="sharp")
+    here, rows = under(sheared, law), ss.touching(sheared)
+    slides = here.contacts.mode[rows] == ss.SLIDE
+    assert slides.sum() > (sheared.contacts.mode[rows] == ss.SLIDE).sum()
+    line = linearised(here, law)
+    pull = line.stiffness_t[rows] * np.linalg.norm(here.contacts.slip[rows], axis=1)
+    np.testing.assert_allclose(pull[slides], line.limit[rows][slides], rtol=1e-3)
+    assert (pull <= (1 + 1e-9) * line.limit[rows]).all()
+
+
+@pytest.mark.parametrize("digits", [6, 8])
+def test_round_off_of_text_is_no_reason_to_refuse(sheared, digits):
+    """Eight digits never are; six are not, where grains are as soft as these."""
+
+    def text(values):
+        return np.reshape([float(f"{v:.{digits}g}") for v in values.ravel()], values.shape)
+
+    rows, c = ss.touching(sheared), sheared.contacts
+    read, _ = listened(
+        ss.sample,
+        text(sheared.grains.position), sheared.grains.radius, SHARP, mass=sheared.grains.mass,
+        cell=sheared.cell.vectors, pair_i=c.i[rows], pair_j=c.j[rows], image=c.image[rows], slip=text(c.slip[rows]),
+        mode=c.mode[rows],
+    )  # fmt: skip
+    found, truth = ss.stability(read, SHARP), ss.stability(sheared, SHARP)
+    assert found.residual > 1e-9
+    assert found.stable is truth.stable
+    assert len(found.pairs) == len(truth.pairs)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dim", [2, 3])
+def test_verdicts_are_those_of_finite_differences_and_changed_packings_have_none(dim):
+    """Thirty packings, periodic and sheared, or between walls: eigenvalues of differences of `forces` from rest."""
+    verdicts = set()
+    for seed in range(15):
+        state, law = _rest(dim, seed)
+        found = ss.stability(state, law)
+        assert found.balanced, found.verdict
+        free = ss.backbone(state, law)
+        numeric = differences(state, law, free, ss.HELD, h=1e-6)
+        values = np.linalg.eigvals(-numeric / np.sqrt(free.mass[:, None] * free.mass))
+        scale = np.abs(values).max()
+        # differences are off by 1e-8 of the largest, which pairs turn into its square root near their birth
+        grows = np.abs(np.sqrt(values[np.abs(values) > 1e-6 * scale].astype(complex)).imag).max(initial=0.0)
+        rates = np.concatenate([found.growth_rate, np.sqrt(-found.negative)])
+        assert rates.max(initial=0.0) == pytest.approx(grows, rel=1e-2, abs=1e-4 * np.sqrt(scale)), seed
+        verdicts.add(found.stable)
+        radius = state.grains.radius * (1 + 1e-2 * np.random.default_rng(seed).random(len(state.grains.radius)))
+        stiffer = law._replace(table=law.table * np.where(np.arange(law.table.shape[2]) == 1, 2.0, 1.0))
+        for other, its_law in (
+            (with_slip(state, 0.0), law), (state._replace(grains=state.grains._replace(radius=radius)), law),
+            (state, stiffer),
+        ):  # fmt: skip
+            off = ss.stability(ss.accept(other, ss.forces(other, its_law, memory=ss.FROZEN)[1]), its_law)
+            assert off.stable is None, (seed, off.residual)
+    assert verdicts == {True, False}
+
+
+def _rest(dim, seed):
+    """A packing at rest under friction: sheared in a periodic box, or (every third in the plane) held by walls."""
+    coulomb = ("smooth", "sharp")[seed % 2]
+    law = ss.hertz_mindlin(1.0, 2 / 7, 10.0 if seed % 4 < 2 else 0.5, coulomb=coulomb)
+    if seed % 3 == 2 and dim == 2 and seed % 2:
+        return ss.biaxial_box(20, seed=seed)
+    if seed % 3 == 2 and dim == 2:
+        law = ss.between(ss.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb=coulomb), 0, 1)
+        return ss.relax(ss.disk_array(8 + seed, press=5e-5, push=1e-4, gap=-1e-3), law)[0], law
+    state, _ = ss.jammed(14, packing_fraction=0.9 if dim == 2 else 0.7, dim=dim, seed=seed)
+    return ramp(state, np.arange(0, 5 + seed) * 1e-3, aqs(law))[-1].state, law
