@@ -126,8 +126,7 @@ def under(state: State, law: Law) -> State:
     """
     contacts, line = state.contacts, linearised(state, law)
     count = len(line.limit)
-    slip = line.carried - np.einsum("ck,ck->c", line.carried, line.normal)[:, None] * line.normal
-    pull, mode = line.stiffness_t * np.linalg.norm(slip, axis=1), contacts.mode[:count]
+    pull, mode = line.stiffness_t * np.linalg.norm(line.slip, axis=1), contacts.mode[:count]
     sticks = (mode == SLIDE) & (pull < (1 - AT_LIMIT) * line.limit)
     slides = (pull > (1 + ROUND_OFF) * line.limit) | ((mode == STICK) & (line.limit == 0))
     if not (sticks | slides).any():
