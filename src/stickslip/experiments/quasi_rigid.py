@@ -15,10 +15,12 @@ from ..data.scenario import scenario
 from ..ensemble import Workers
 from ..loading.biaxial import TOP
 from ..quasirigid.apex import WORDS, Apex, consistent_statuses
+from ..quasirigid.complementarity import complementarity
+from ..quasirigid.enumeration import status_map
 from ..quasirigid.matrices import Matrices, matrices
 from ..quasirigid.mechanisms import DRIVEN, IDLE, RATTLER, RIGID, mechanisms
 from ..quasirigid.opening import reduced
-from ..quasirigid.status import complementarity, is_p_matrix, status_map
+from ..quasirigid.uniqueness import certificate
 from ..solve.spectrum import damped_growth, spectrum
 from .claims import Claim, claim
 from .quasi_test import QuasiResult, Report, Tested, silent, simulate_quasi, table_one
@@ -105,7 +107,7 @@ def constructed(main: QuasiResult, cases: int) -> Constructed:
             problem = complementarity(m, rng.normal(size=len(m.free)), critical=critical)
         except LinAlgError:
             continue  # a contact has just opened, and a disk with it
-        whole, mapped = is_p_matrix(problem.matrix), status_map(problem)
+        whole, mapped = bool(certificate(problem).unique), status_map(problem)
         count += [whole, whole == mapped.bijective, len(mapped.consistent) == 0, len(mapped.consistent) > 1]
         drawn += 1
     return Constructed(cases, *(int(c) for c in count))
