@@ -37,8 +37,8 @@ class Verdict(Enum):
     """How the search for a status ended; each value is a sentence."""
 
     CONSISTENT = (
-        "every critical contact slides if, and only if, it would leave Coulomb's cone otherwise; whether another "
-        "status does as well was not decided: ask with unique=True"
+        "every critical contact slides if, and only if, it would leave Coulomb's cone otherwise; other statuses were "
+        "not looked for"
     )
     UNIQUE = "this status, and no other one, is consistent under this load"
     NOT_UNIQUE = (
