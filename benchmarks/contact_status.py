@@ -12,9 +12,11 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 import stickslip as ss
+from stickslip.quasirigid.complementarity import complementarity, lemke, pivoted
 from stickslip.quasirigid.matrices import Matrices, matrices, stiffness_matrix
-from stickslip.quasirigid.status import certificate, complementarity, lemke, pivoted, status
+from stickslip.quasirigid.status import status
 from stickslip.quasirigid.system import pins
+from stickslip.quasirigid.uniqueness import certificate
 from stickslip.solve.linear import one_thread
 from stickslip.solve.relax import relax
 

@@ -1,6 +1,7 @@
 """Contact status by the principle of minimum sliding: solvers against enumeration, P-matrices against bijectivity."""
 
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,21 +9,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import stickslip as ss
+from stickslip.loading.biaxial import TOP
+from stickslip.quasirigid import absence
 from stickslip.quasirigid import status as room
-from stickslip.quasirigid.matrices import matrices, stiffness_matrix
-from stickslip.quasirigid.status import (
-    Complementarity,
-    Verdict,
-    certificate,
-    complementarity,
-    is_p_matrix,
-    lemke,
-    status,
-    status_map,
-)
+from stickslip.quasirigid.complementarity import Complementarity, complementarity, lemke
+from stickslip.quasirigid.enumeration import solved, status_map
+from stickslip.quasirigid.matrices import force_rates, matrices, stiffness_matrix
+from stickslip.quasirigid.status import Verdict, status
 from stickslip.quasirigid.system import pins
+from stickslip.quasirigid.uniqueness import Known, certificate
 from tests.conftest import make_law, stirred
 from tests.derivatives.test_free_cell import packed
+from tests.quasirigid.five_packings import sample
 
 
 def jammed_disks(seed, n=24):
@@ -45,17 +43,11 @@ def problem(seed, n, strength):
     return Complementarity(np.eye(n) + strength * rng.normal(size=(n, n)), rng.normal(size=n))
 
 
-@given(st.integers(0, 10_000), st.integers(1, 6), st.floats(0.05, 1.5))
-def test_recursion_on_schur_complements_finds_p_matrices(seed, n, strength):
-    a = problem(seed, n, strength).matrix
-    assert is_p_matrix(a) == (min(minors(a)) > 0)
-
-
 @given(st.integers(0, 10_000), st.integers(1, 7), st.floats(0.05, 1.5))
 def test_the_status_map_is_bijective_for_p_matrices_and_only_for_them(seed, n, strength):
     made = problem(seed, n, strength)
     mapped = status_map(made)
-    assert mapped.bijective == is_p_matrix(made.matrix)
+    assert mapped.bijective == (min(minors(made.matrix)) > 0)
     if mapped.bijective:
         assert len(mapped.consistent) == 1
 
@@ -64,7 +56,7 @@ def test_the_status_map_is_bijective_for_p_matrices_and_only_for_them(seed, n, s
 def test_lemke_finds_the_one_solution(seed, n, strength):
     made = problem(seed, n, strength)
     found = lemke(made)
-    if is_p_matrix(made.matrix):
+    if min(minors(made.matrix)) > 0:
         assert found is not None
     if found is not None:
         w = made.matrix @ found + made.vector
@@ -77,7 +69,7 @@ def test_lemke_finds_the_one_solution(seed, n, strength):
 def test_a_certificate_is_never_wrong(seed, n, strength):
     made = problem(seed, n, strength)
     found = certificate(made)
-    assert found.unique == is_p_matrix(made.matrix)
+    assert found.unique == (min(minors(made.matrix)) > 0)
     assert found.reason
 
 
@@ -86,11 +78,17 @@ def test_a_certificate_for_many_contacts():
     assert certificate(large).unique
     large.matrix[3, 3] = -1
     assert certificate(large).unique is False
-    cyclic = np.eye(30) + 1.2 * np.roll(np.eye(30), 1, axis=1)
-    cyclic[0, 1:] += 0.3
-    found = certificate(Complementarity(cyclic, np.ones(30)))
-    assert found.unique is None
-    assert "not known" in found.reason
+    ring = np.eye(30) + 1.2 * np.roll(np.eye(30), 1, axis=1)  # det = 1 − 1.2³⁰, all smaller minors are 1
+    found = certificate(Complementarity(ring, np.ones(30)))
+    assert found.verdict is Known.NOT_UNIQUE
+    assert found.value == pytest.approx(1 - 1.2**30)
+    half = np.eye(16) + 1.2 * np.roll(np.eye(16), 1, axis=1)
+    two = Complementarity(np.kron(np.eye(2), half), np.ones(32))  # the minors of either half are negative, not of both
+    assert certificate(two).verdict is Known.UNDECIDED
+    assert certificate(two).unique is None
+    two.matrix[16:, :16] = two.matrix[:16, :16]
+    two.matrix[:16, 16:] = two.matrix[16:, 16:]
+    assert certificate(two).verdict in (Known.NOT_UNIQUE, Known.SINGULAR)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -137,6 +135,7 @@ def test_cycles_hand_over_to_pivoting_and_that_to_lemke(monkeypatch):
     m, rng = jammed_disks(1)
     critical = np.sort(rng.choice(m.count, 8, replace=False))
     load = m.c @ rng.normal(size=2 * m.count)
+    monkeypatch.setattr(room, "MAPPED", 0)  # as for many contacts
     first = status(m, load, critical=critical)
     monkeypatch.setattr(room, "_flipped", lambda *_: None)
     second = status(m, load, critical=critical)
@@ -169,3 +168,144 @@ def test_no_consistent_status_is_reported_and_so_are_two():
 def test_too_many_contacts_for_a_map():
     with pytest.raises(ValueError, match="15 critical contacts"):
         status_map(Complementarity(np.eye(15), np.ones(15)))
+
+
+def test_two_critical_contacts_of_one_disk_are_singular_and_not_unique():
+    """Its rotation is free: it may slip at either contact, or at both; the forces are the same."""
+    state, law = ss.biaxial_box(24, seed=0)
+    m = ss.matrices(state, law)
+    lid = (m.free.body == 24 + TOP).astype(float)
+    turns = [row for row in np.flatnonzero(m.free.axis == 5) if len(np.unique(m.c[[row]].indices // 2)) == 2]
+    verdicts = {}
+    for row, side, load in itertools.product(turns, (1.0, -1.0), (lid, -lid)):
+        pair, sign = np.unique(m.c[[row]].indices // 2), m.sign.copy()
+        sign[pair] = side, -side
+        turned = m._replace(sign=sign)
+        a = complementarity(turned, load, critical=pair).matrix
+        np.testing.assert_allclose(a, a[0, 0], atol=1e-12)
+        choice = status(turned, load, critical=pair)
+        assert choice.uniqueness.verdict is (Known.SINGULAR if a[0, 0] > 0 else Known.NOT_UNIQUE)
+        verdicts[a[0, 0] > 0, choice.verdict] = turned, pair, choice
+    assert {v for whole, v in verdicts if whole} == {Verdict.SINGULAR, Verdict.UNIQUE}
+    assert {v for whole, v in verdicts if not whole} == {Verdict.NOT_UNIQUE, Verdict.UNSTABLE}
+    m, pair, choice = verdicts[True, Verdict.SINGULAR]
+    assert choice.ok
+    assert choice.uniqueness.value < 1e-12
+    one, other = [c for c in (choice, *choice.others) if c.sliding[pair].sum() == 1]
+    assert not (one.sliding & other.sliding).any()
+    assert one.rate.max() == pytest.approx(other.rate.max())
+    here, there = (force_rates(m, c.sliding, c.velocity) for c in (one, other))
+    np.testing.assert_allclose(here, there, atol=1e-9 * np.abs(here).max())
+    assert np.abs(one.velocity - other.velocity).max() > 0.1 * np.abs(one.velocity).max()
+
+
+def test_lemke_on_a_ray_does_not_make_a_packing_unstable(monkeypatch):
+    """Cases where flipping goes round and Lemke's algorithm ends on a ray although a stable status is consistent."""
+    monkeypatch.setattr(room, "_flipped", lambda *_: None)
+    rng, met = np.random.default_rng(0), 0
+    for _ in range(150):
+        m = sample("box", 0)
+        m = m._replace(sign=rng.choice([-1.0, 1.0], m.count))
+        critical = rng.choice(m.count, 4, replace=False)
+        load = m.c @ rng.normal(size=2 * m.count)
+        problem = complementarity(m, load, critical=critical)
+        stable = [s for s in solved(problem).solutions if s.sign > 0]
+        if lemke(problem) is not None or not stable:
+            continue
+        met += 1
+        choice = status(m, load, critical=critical)
+        assert choice.ok
+        assert choice.stable
+        monkeypatch.setattr(room, "MAPPED", 0)  # as for many contacts
+        assert status(m, load, critical=critical).verdict not in (Verdict.UNSTABLE, Verdict.MECHANISM)
+        monkeypatch.setattr(room, "MAPPED", 14)
+    assert met > 2
+
+
+def many(seed, count=18):
+    m = sample(("strained", "box")[seed % 2], seed % 4)
+    rng = np.random.default_rng(seed)
+    m = m._replace(sign=rng.choice([-1.0, 1.0], m.count))
+    return m, rng.choice(m.count, count, replace=False), m.c @ rng.normal(size=2 * m.count)
+
+
+def test_beyond_fourteen_contacts_every_verdict_has_its_evidence():
+    met = set()
+    for seed in range(40):
+        m, critical, load = many(seed)
+        choice = status(m, load, critical=critical, unique=True)
+        met.add(choice.verdict)
+        if choice.verdict is Verdict.UNSTABLE:
+            problem = complementarity(m, load, critical=critical)
+            y = choice.proof.vector
+            assert y.min() >= 0 > problem.vector @ y
+            assert (problem.matrix.T @ y).max() <= 1e-9 * np.abs(problem.matrix.T @ y).max()
+        elif choice.verdict is Verdict.NOT_FOUND:
+            assert choice.proof is None
+            assert "not proven absent" in choice.verdict.value
+        else:
+            assert choice.verdict is not Verdict.UNIQUE or choice.uniqueness.verdict is Known.UNIQUE
+            assert (choice.stable is False) == (choice.verdict is Verdict.NEGATIVE)
+            cheap = status(m, load, critical=critical)
+            if cheap.method == "flip all":
+                assert (cheap.stable, cheap.uniqueness, cheap.verdict) == (None, None, Verdict.CONSISTENT)
+    assert met >= {Verdict.UNIQUE, Verdict.CONSISTENT, Verdict.UNSTABLE, Verdict.NOT_FOUND}
+
+
+def test_a_certificate_of_farkas_is_verified_before_it_is_believed(monkeypatch):
+    """What the linear programme returns is a proposal."""
+    made = Complementarity(np.eye(3), np.array([-1.0, 2.0, -3.0]))  # λ = (1, 0, 3)
+    for wrong in ([1.0, 0, 0, 1.0], [0, 0, 1.0, 1.0], [np.nan, 0, 0, 1.0]):
+        answer = SimpleNamespace(status=0, x=np.array(wrong))
+        monkeypatch.setattr(absence, "linprog", lambda *_, answer=answer, **__: answer)
+        assert absence.farkas(made) is None
+    monkeypatch.undo()
+    proof = absence.farkas(Complementarity(np.array([[0.0]]), np.array([-1.0])))  # a motion that nothing resists
+    assert proof.slip > 1e9
+    assert absence.farkas(Complementarity(np.array([[1e-7]]), np.array([-1.0]))) is None  # λ = 1e7
+
+
+def test_a_solver_whose_answer_is_not_consistent_is_not_believed(monkeypatch):
+    """Whatever a solver returns is verified with k(S)."""
+    m, rng = jammed_disks(1)
+    critical = np.sort(rng.choice(m.count, 8, replace=False))
+    load = m.c @ rng.normal(size=2 * m.count)
+    truth = status(m, load, critical=critical).sliding[critical]
+    monkeypatch.setattr(room, "MAPPED", 0)
+    monkeypatch.setattr(room, "_flipped", lambda *_: None)
+    monkeypatch.setattr(room, "pivoted", lambda *_: (~truth, 1))
+    monkeypatch.setattr(room, "lemke", lambda *_: np.where(truth, np.nan, 1.0))
+    found = status(m, load, critical=critical)
+    assert found.verdict is Verdict.NOT_FOUND
+    assert not found.ok
+    assert np.isnan(found.velocity).all()
+
+
+def test_rattlers_among_the_coordinates_do_not_hide_a_status():
+    """k is singular: the rattlers, which no load drives, stand still."""
+    m, without = sample("row", 1), sample("row", 1)
+    assert np.linalg.matrix_rank(stiffness_matrix(m, np.zeros(m.count, bool)).toarray()) < len(m.free)
+    critical = np.array([2, 11])
+    load = without.c @ np.random.default_rng(1).normal(size=2 * m.count)
+    choice = status(m, load, critical=critical)
+    assert choice.ok
+    np.testing.assert_allclose(stiffness_matrix(m, choice.sliding) @ choice.velocity, load, atol=1e-9)
+    load[m.free.body == 15] += 1.0  # a rattler
+    choice = status(m, load, critical=critical)
+    assert choice.verdict is Verdict.MECHANISM
+    k = stiffness_matrix(m, np.zeros(m.count, bool))
+    assert np.abs(k @ choice.proof.velocity).max() < 1e-12
+    assert abs(choice.proof.balance @ load) > 0.1
+    assert set(np.flatnonzero(np.abs(choice.proof.velocity) > 1e-9)) <= set(np.flatnonzero(m.free.body == 15))
+
+
+def test_a_contact_just_on_the_edge_is_marginal_and_its_status_is_still_unique():
+    m, _ = jammed_disks(3)
+    critical = np.array([4, 9])
+    c = m.c.toarray()
+    g = c[:, 2 * critical] * m.slope[critical] + c[:, 2 * critical + 1] * m.sign[critical]
+    v = np.linalg.lstsq(g.T, [0.0, -1.0], rcond=None)[0]
+    load = stiffness_matrix(m, np.zeros(m.count, bool)) @ v
+    choice = status(m, load, critical=critical)
+    assert choice.verdict is Verdict.UNIQUE
+    assert choice.marginal.tolist() == [True, False]

@@ -6,9 +6,11 @@ import numpy as np
 from scipy.linalg import LinAlgError
 
 from ..quasirigid.apex import WORDS, Apex, consistent_statuses
+from ..quasirigid.complementarity import complementarity
+from ..quasirigid.enumeration import status_map
 from ..quasirigid.matrices import Matrices, matrices
 from ..quasirigid.opening import reduced
-from ..quasirigid.status import complementarity, is_p_matrix, status_map
+from ..quasirigid.uniqueness import certificate
 from .quasi_test import QuasiResult
 
 
@@ -33,7 +35,7 @@ def constructed(main: QuasiResult, cases: int) -> Constructed:
             problem = complementarity(m, rng.normal(size=len(m.free)), critical=critical)
         except LinAlgError:
             continue  # a contact has just opened, and a disk with it
-        whole, mapped = is_p_matrix(problem.matrix), status_map(problem)
+        whole, mapped = bool(certificate(problem).unique), status_map(problem)
         count += [whole, whole == mapped.bijective, len(mapped.consistent) == 0, len(mapped.consistent) > 1]
         drawn += 1
     return Constructed(cases, *(int(c) for c in count))

@@ -13,11 +13,8 @@ from .quasi_cases import Constructed, Opened, apexes, constructed
 from .quasi_test import QuasiResult, Tested, table_one
 
 CASES = 500
-LOST = (
-    "UNSTABLE",
-    "NEGATIVE",
-    "MECHANISM",
-)  # verdicts of a path by which the packing loses its stability where it ends
+# verdicts of a path by which the packing loses its stability where it ends
+LOST = ("UNSTABLE", "NEGATIVE", "MECHANISM")
 RELATIONS = 1e-5  # relative error of Table I: a hundred times the step of 1e-7, which is the size of what is neglected
 COLLAPSE = 0.02  # tolerance: two increments of the slow load, in whose steps a collapse is told
 YIELD = '"when the assumption of stability for all possible states is violated, we expect the packing to yield"'

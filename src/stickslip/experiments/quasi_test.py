@@ -19,11 +19,14 @@ from ..data.quasi_scenario import QuasiScenario
 from ..ensemble import Workers, run_members
 from ..loading.biaxial import BOTTOM, LEFT, RIGHT, TOP, biaxial_box, raised, sheared_box
 from ..loading.slow import SlowRun, slowly
+from ..quasirigid.complementarity import complementarity
+from ..quasirigid.enumeration import status_map
 from ..quasirigid.matrices import Matrices, matrices, statuses, stiffness_matrix
 from ..quasirigid.path import Path, Point, quasirigid_path
 from ..quasirigid.piece import Event, external
-from ..quasirigid.status import Verdict, certificate, complementarity, status_map
+from ..quasirigid.status import Verdict
 from ..quasirigid.system import pins
+from ..quasirigid.uniqueness import certificate
 from ..solve.freedom import Freedom, displaced, residual_vector
 
 Report = Callable[[str, float, str], None]

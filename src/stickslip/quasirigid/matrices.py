@@ -173,6 +173,13 @@ def stiffness_matrix(matrix: Matrices, sliding=None, *, geometric: bool = True):
     return sparse.csr_array(k + matrix.geometric if geometric else k)
 
 
+def force_rates(matrix: Matrices, sliding: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    """(M, 2) dF/dt = −K S cᵀ v of all contacts; `sliding` (M,) bool, `velocity` (n,)."""
+    relative = (matrix.c.T @ velocity).reshape(-1, 2)
+    stretched = np.einsum("mab,mb->ma", statuses(matrix, sliding), relative)
+    return -np.einsum("mab,mb->ma", matrix.springs, stretched)
+
+
 def _status_of_all(matrix: Matrices, sliding) -> np.ndarray:
     """(M,) bool: the statuses given, or those at Coulomb's limit now."""
     sliding = matrix.limit if sliding is None else np.asarray(sliding, bool)

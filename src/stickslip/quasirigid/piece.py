@@ -20,10 +20,12 @@ from ..core.measure import rattlers
 from ..core.neighbors import updated
 from ..core.state import OPEN, SLIDE, STICK, Control, State
 from ..solve.freedom import Freedom, displaced, residual_vector
+from .complementarity import SLACK, complementarity
 from .matrices import Matrices, matrices, statuses
 from .opening import decided
 from .rattling import NUDGE, gaps, with_modes
-from .status import SLACK, Choice, Verdict, certificate, complementarity, status
+from .status import Choice, Verdict, status
+from .uniqueness import certificate
 
 APEX = 1e-6  # normal force, in mean normal forces, at which a contact is at the apex of the cone
 BLURRED = 10.0  # times what is out of balance, below which a disk with two contacts is not yet said to meet the cone
@@ -134,7 +136,8 @@ class Piece:
             if kind == CLOSES:
                 self.events += [Event(load, CLOSES, *self._bodies(c)) for c in contacts]
             if kind != REACHES:
-                return self._ended(force, moved, slides, sign, contacts, done), done * self.increment, choice.verdict
+                end = self._ended(force, moved, slides, sign, contacts, done)
+                return end, done * self.increment, Verdict.CONSISTENT
             self.events += [Event(load, REACHES, *self._bodies(c)) for c in contacts]
             critical[contacts], slides[contacts] = True, True
             sign[contacts] = -np.sign(force[contacts, 1])
@@ -146,14 +149,17 @@ class Piece:
         if not len(choice.critical):
             self.unique = True
             return True
-        try:
-            problem = complementarity(matrix, self.load, geometric=self.geometric)
-        except LinAlgError:
-            return True
-        slides = choice.sliding[choice.critical]
-        if np.linalg.slogdet(problem.matrix[np.ix_(slides, slides)])[0] < 0:
-            return False
-        known = certificate(problem).unique
+        known = choice.uniqueness
+        if known is None:  # too many contacts for `status` to decide by itself
+            try:
+                problem = complementarity(matrix, self.load, geometric=self.geometric)
+            except LinAlgError:
+                return True
+            slides = choice.sliding[choice.critical]
+            if np.linalg.slogdet(problem.matrix[np.ix_(slides, slides)])[0] < 0:
+                return False
+            known = certificate(problem)
+        known = known.unique
         if known is False and self.unique:
             self.events.append(Event(load, NO_P_MATRIX, -1, -1))
         self.unique = known is not False

@@ -8,6 +8,8 @@ so at the slip rate λ = Ṽ. Each does what it must: with w = (dF̃/dt)/K_t,
 
 The status is unique for every load if and only if A is a P-matrix, det A_SS = det k(S)/det k₀ > 0 for all S.
 
+A status with det k(S)/det k₀ < 0 is unstable whatever masses and dashpots are: det(m z² + γ z + k) has a root z > 0.
+
 Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Sec. IV, where it is proved under a stronger
 premise; Cottle, Pang, Stone, The Linear Complementarity Problem (Academic Press 1992), for the algebra.
 """
@@ -16,71 +18,101 @@ from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor
+from scipy.linalg import LinAlgError
 
 from ..solve.linear import one_thread
-from .matrices import Matrices
-from .system import System, unheld
+from .absence import Absence, Motion, driven, farkas, loose, ray_of
+from .complementarity import Complementarity, lemke, numbers, of_system, pivoted, scaled, slack_of, wrong
+from .enumeration import BLUR, MAPPED, Solution, solved
+from .matrices import Matrices, force_rates
+from .system import System, pins, unheld
+from .uniqueness import Uniqueness, certificate, may_be_p, sign_of_minor
 
 ROUNDS = 60  # of flipping all that is inconsistent, before pivoting begins
-MAPPED = 14  # contacts up to which all statuses are gone through
-SLACK = 1e-9  # share of the largest rate below which a rate may have either sign
+ALIKE = 1e-6  # share of the largest rate up to which two statuses have the same rates
+SAME = 1e-7  # share of the largest force rate up to which forces of two statuses are the same: half the digits
 
 
 class Verdict(Enum):
     """How the search for a status ended; each value is a sentence."""
 
-    CONSISTENT = "every critical contact slides if, and only if, it would leave Coulomb's cone otherwise"
-    UNSTABLE = "no consistent status exists on the way of the algorithm: the packing loses its stability here"
-    NEGATIVE = "the consistent status has det k < 0: the packing loses its stability here"
+    CONSISTENT = (
+        "every critical contact slides if, and only if, it would leave Coulomb's cone otherwise; other statuses were "
+        "not looked for"
+    )
+    UNIQUE = "this status, and no other one, is consistent under this load"
+    NOT_UNIQUE = (
+        "several statuses are consistent under this load: what happens is not determined by it; `others` has the rest"
+    )
+    SINGULAR = (
+        "several slip rates give the same forces: forces are determined, the motion of a grain that slides at all of "
+        "its contacts is not; `others` has the rest"
+    )
+    NEGATIVE = "the consistent status has det k < 0: the packing loses its stability here; load it in another way"
+    UNSTABLE = "no status is consistent, which is proven: the packing loses its stability here; follow it by dynamics"
     CIRCLES = "events follow one another without progress of the load: the path does not know how to go on"
-    MECHANISM = "the load drives a motion that nothing resists: the packing collapses"
+    MECHANISM = (
+        "the load drives a motion that nothing resists, and no status balances it: the packing collapses; balance the "
+        "load, or follow it by dynamics"
+    )
+    NOT_FOUND = (
+        "no consistent status was found (not proven absent): begin with another `start`, or with fewer critical "
+        "contacts"
+    )
+
+
+class Alternative(NamedTuple):
+    """Another consistent status under the same load."""
+
+    sliding: np.ndarray  # (M,) bool
+    velocity: np.ndarray  # (n,)
+    rate: np.ndarray  # (Mc,) Ṽ
+    stable: bool | None
 
 
 class Choice(NamedTuple):
-    """The status of all contacts under a load rate, and what moves."""
+    """The status of all contacts under a load rate, what moves, and what the verdict rests on."""
 
     verdict: Verdict
     sliding: np.ndarray  # (M,) bool
     critical: np.ndarray  # (Mc,) numbers of the contacts that may slide
     velocity: np.ndarray  # (n,) dq/d(load)
     rate: np.ndarray  # (Mc,) Ṽ: slip rate of what slides, and how fast the others move away from the cone if negative
-    method: str  # what found it: "flip all", "principal pivoting" or "Lemke"
+    method: str  # what found it: "flip all", "principal pivoting", "Lemke" or "enumeration"
     solves: int  # factorisations and pivots
+    stable: bool | None = None  # det k(S) has the sign of det k₀; None if it is zero to round-off, or not computed
+    others: tuple[Alternative, ...] = ()  # as far as they were looked for
+    uniqueness: Uniqueness | None = None  # under every load, if that was asked for
+    proof: Absence | Motion | None = None  # why no status is consistent, or the motion that the load drives
+    marginal: np.ndarray | None = None  # (Mc,) bool: neither slips nor leaves the cone, may have either status
 
     @property
     def ok(self) -> bool:
-        """True if the status is consistent."""
-        return self.verdict is Verdict.CONSISTENT
+        """True if a consistent status was found that is not known to be unstable."""
+        return self.verdict in (Verdict.CONSISTENT, Verdict.UNIQUE, Verdict.NOT_UNIQUE, Verdict.SINGULAR)
 
 
-class Uniqueness(NamedTuple):
-    """Whether the status is unique for every load: True, False, or None if that is not known; and why."""
+class Answer(NamedTuple):
+    """A status whose velocities balance the load."""
 
-    unique: bool | None
-    reason: str
-
-
-class Complementarity(NamedTuple):
-    """w = A λ + q ≥ 0, λ ≥ 0, wᵀλ = 0 for the critical contacts."""
-
-    matrix: np.ndarray  # (Mc, Mc) A
-    vector: np.ndarray  # (Mc,) q
+    slides: np.ndarray  # (Mc,) bool
+    velocity: np.ndarray
+    rate: np.ndarray
+    method: str
+    stable: bool | None = None
 
 
 def status(
-    matrix: Matrices,
-    load: np.ndarray,
-    *,
-    critical: np.ndarray | None = None,
-    start: np.ndarray | None = None,
-    geometric: bool = True,
-) -> Choice:
+    matrix: Matrices, load: np.ndarray, *, critical: np.ndarray | None = None, start: np.ndarray | None = None,
+    geometric: bool = True, unique: bool | None = None,
+) -> Choice:  # fmt: skip
     """The status by the principle of minimum sliding: what slides is what would leave Coulomb's cone otherwise.
 
     All inconsistent contacts are flipped at once, which nearly always ends after a few rounds; a cycle hands over to
     principal pivoting of one contact at a time (if A may be a P-matrix), and that to Lemke's algorithm. Whatever found
-    it, the status is verified contact by contact with a factor of k(S) itself.
+    it, the status is verified contact by contact with a factor of k(S) itself. Up to 14 critical contacts all statuses
+    are gone through unless A is a P-matrix: stable ones come first, and "none" is proven. Beyond, "none" needs a
+    certificate of Farkas.
 
     Parameters
     ----------
@@ -88,74 +120,114 @@ def status(
     critical : numbers of the contacts that are at Coulomb's limit; default: those of `matrix.limit`
     start : (M,) bool, a status to begin with, such as that of the last step; default: all critical contacts slide
     geometric : whether the forces turn with the contacts
+    unique : whether stability and uniqueness of what is found are looked at; default: up to 14 critical contacts
 
     Returns
     -------
     Choice
     """
-    critical = _numbers(matrix, critical)
-    system = System(matrix, load, critical, geometric)
+    system = System(matrix, load, numbers(matrix, critical), geometric)
     if start is not None and np.shape(start) != (matrix.count,):
         raise ValueError(
             f"start has the shape {np.shape(start)}: give one bool for each of the {matrix.count} contacts"
         )
-    slides = np.ones(len(critical), bool) if start is None else np.asarray(start, bool)[critical]
-    method = "flip all"
+    slides = np.ones(len(system.critical), bool) if start is None else np.asarray(start, bool)[system.critical]
     if unheld(matrix, system.load):
-        return _nothing(matrix, system, Verdict.MECHANISM, method)
+        return _nothing(matrix, system, Verdict.MECHANISM, _carried_off(matrix, system))
+    unique = len(slides) <= MAPPED if unique is None else unique
+    with one_thread():
+        return _searched(matrix, system, slides, unique) or _without_idle_motions(
+            matrix, system, slides, unique, geometric
+        )
+
+
+def _searched(matrix: Matrices, system: System, slides: np.ndarray, unique: bool) -> Choice | None:
+    """The choice, or None if k₀ is singular."""
+    found = _flipped(system, slides)
+    if found is not None and not unique:
+        return _choice(matrix, system, Verdict.CONSISTENT, found)
     try:
-        with one_thread():
-            found = _flipped(system, slides)
-            if found is None:
-                found, method = _solved(system)
-            if found is None:
-                return _nothing(matrix, system, Verdict.MECHANISM if system.singular else Verdict.UNSTABLE, method)
-            if not np.array_equal(system.factored, found):
-                system.renew(found)
-            velocity, rate = system.rates(found)
+        problem = of_system(system)
     except LinAlgError:
-        return _nothing(matrix, system, Verdict.MECHANISM, method)
-    if not np.isfinite(rate).all() or _wrong(found, rate).any():
-        return _nothing(matrix, system, Verdict.UNSTABLE, method)
-    sliding = np.zeros(matrix.count, bool)
-    sliding[critical] = found
-    return Choice(Verdict.CONSISTENT, sliding, critical, velocity, rate, method, system.solves)
+        return None
+    if len(slides) <= MAPPED:
+        return _among_few(matrix, system, problem, found)
+    return _among_many(matrix, system, problem, found, unique)
 
 
-def _numbers(matrix: Matrices, critical) -> np.ndarray:
-    """Numbers of the critical contacts, from numbers or from a mask of all contacts."""
-    if critical is None:
-        return np.flatnonzero(matrix.limit)
-    critical = np.asarray(critical)
-    if critical.dtype == bool and critical.shape == (matrix.count,):
-        return np.flatnonzero(critical)
-    known = critical.dtype.kind in "iu" or not critical.size
-    if critical.dtype == bool or critical.ndim != 1 or not known or len(np.unique(critical)) < len(critical):
-        raise ValueError(
-            f"critical = {str(critical)[:60]} was given: it takes different numbers of contacts, or one bool for each "
-            f"of the {matrix.count} contacts"
-        )
-    if critical.size and not 0 <= critical.min() <= critical.max() < matrix.count:
-        raise ValueError(
-            f"critical contacts {critical.min()} to {critical.max()} were given: contacts have the numbers 0 to "
-            f"{matrix.count - 1}"
-        )
-    return critical.astype(np.int64)
+def _without_idle_motions(matrix: Matrices, system: System, slides: np.ndarray, unique: bool, geometric) -> Choice:
+    """The choice where k₀ is singular: its null motions are held still, if the load does not drive them."""
+    idle = loose(system)
+    if idle is not None and idle.motion is not None:
+        return _nothing(matrix, system, Verdict.MECHANISM, idle.motion)
+    if idle is not None:
+        held = System(matrix, system.load, system.critical, geometric, idle.coordinates)
+        choice = _searched(matrix, held, slides, unique)
+        if choice is not None:
+            return choice
+    found = _flipped(system, slides)
+    return _nothing(matrix, system, Verdict.NOT_FOUND) if found is None else _choice(
+        matrix, system, Verdict.CONSISTENT, found
+    )  # fmt: skip
 
 
-def _nothing(matrix: Matrices, system: System, verdict: Verdict, method: str) -> Choice:
+def _carried_off(matrix: Matrices, system: System) -> Motion:
+    """The translation of everything along which nothing holds the load."""
+    move = np.zeros(len(system.load))
+    for pin in pins(matrix):
+        along = matrix.free.axis == matrix.free.axis[pin]
+        move[along] = system.load[along].sum()
+    move /= np.linalg.norm(move)
+    power = float(move @ system.load) / np.linalg.norm(system.load)
+    return Motion(move, move, power, np.zeros(len(system.critical), bool))
+
+
+def _choice(matrix: Matrices, system: System, verdict: Verdict, answer: Answer, others=(), known=None) -> Choice:
+    marginal = np.abs(answer.rate) <= slack_of(answer.rate, system.blur(answer.velocity))
+    also = tuple(Alternative(_of_all(matrix, system, a.slides), a.velocity, a.rate, a.stable) for a in others)
+    return Choice(
+        verdict, _of_all(matrix, system, answer.slides), system.critical, answer.velocity, answer.rate, answer.method,
+        system.solves, answer.stable, also, known, None, marginal,
+    )  # fmt: skip
+
+
+def _nothing(matrix: Matrices, system: System, verdict: Verdict, proof=None, known=None) -> Choice:
     unknown = np.full(len(system.critical), np.nan)
-    velocity = np.full(len(system.load), np.nan)
-    return Choice(verdict, np.zeros(matrix.count, bool), system.critical, velocity, unknown, method, system.solves)
+    return Choice(
+        verdict, np.zeros(matrix.count, bool), system.critical, np.full(len(system.load), np.nan), unknown, "",
+        system.solves, None, (), known, proof,
+    )  # fmt: skip
 
 
-def _wrong(slides: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    """Contacts whose status is not consistent; a rate of nearly zero is consistent with either."""
-    slack = SLACK * np.abs(rate).max(initial=0.0)
-    return np.where(slides, rate < -slack, rate > slack)
+def _of_all(matrix: Matrices, system: System, slides: np.ndarray) -> np.ndarray:
+    """(M,) bool from a status of the critical contacts."""
+    sliding = np.zeros(matrix.count, bool)
+    sliding[system.critical] = slides
+    return sliding
 
 
-def _flipped(system: System, slides: np.ndarray) -> np.ndarray | None:
+def _verified(system: System, slides: np.ndarray | None, method: str) -> Answer | None:
+    """A status with its velocities, by a factor of its own, if it is consistent and balances the load."""
+    if slides is None:
+        return None
+    try:
+        if system.factored is None or not np.array_equal(system.factored, slides):
+            system.renew(slides)
+        velocity, rate = system.rates(slides)
+    except LinAlgError:
+        return None
+    if not _consistent(system, slides, velocity, rate):
+        return None
+    return Answer(slides, velocity, rate, method)
+
+
+def _consistent(system: System, slides: np.ndarray, velocity: np.ndarray, rate: np.ndarray, slack=0.0) -> bool:
+    """True if every contact does what it must; False if a rate is not a number."""
+    slack = np.maximum(slack, system.blur(velocity))
+    return bool(np.isfinite(rate).all()) and not wrong(slides, rate, slack).any()
+
+
+def _flipped(system: System, slides: np.ndarray) -> Answer | None:
     """The status to which flipping all inconsistent contacts leads, or None if it goes round in circles.
 
     Where k(S) is singular, all contacts stick in the next round: a status on the way need not be one that can be.
@@ -166,192 +238,134 @@ def _flipped(system: System, slides: np.ndarray) -> np.ndarray | None:
             return None
         seen.add(slides.tobytes())
         try:
-            _, rate = system.rates(slides)
+            velocity, rate = system.rates(slides)
         except LinAlgError:
-            system.singular = True
             slides = np.zeros(len(slides), bool)
             continue
-        wrong = _wrong(slides, rate)
-        if not wrong.any():
-            return slides
-        slides = slides ^ wrong
+        bad = wrong(slides, rate, system.blur(velocity))
+        if not bad.any():
+            return _verified(system, slides, "flip all")
+        slides = slides ^ bad
     return None
 
 
-def complementarity(
-    matrix: Matrices, load: np.ndarray, *, critical: np.ndarray | None = None, geometric: bool = True
-) -> Complementarity:
-    """A and q of the critical contacts under a load rate; arguments as in `status`."""
-    critical = _numbers(matrix, critical)
-    with one_thread():
-        return _complementarity(System(matrix, load, critical, geometric))
+def _among_few(matrix: Matrices, system: System, problem: Complementarity, found: Answer | None) -> Choice:
+    """The choice of which all statuses are known, or of a P-matrix."""
+    known = certificate(problem)
+    if known.unique:
+        found = found or _verified(system, pivoted(problem)[0], "principal pivoting")
+        if found is not None:
+            return _choice(matrix, system, Verdict.UNIQUE, found._replace(stable=True), (), known)
+    every = solved(problem, lambda slides: _rates_again(system, slides))
+    if not every.solutions:
+        for ray in every.rays:
+            motion = driven(system, ray) if ray.drive else None
+            if motion is not None:
+                return _nothing(matrix, system, Verdict.MECHANISM, motion, known)
+        absent = Absence("enumeration", 1 << len(problem.vector))
+        return _nothing(matrix, system, Verdict.UNSTABLE, absent, known)
+    answers = [a for a in (_answer(system, s) for s in every.solutions) if a is not None]
+    if not answers:
+        return _nothing(matrix, system, Verdict.NOT_FOUND, None, known)
+    # stable ones first, and of these the one that flipping led to
+    answers.sort(key=lambda a: (_rank(a), not _agrees(a, found)))
+    verdict, first, others = _verdict(matrix, system, answers), answers[0], answers[1:]
+    if _agrees(first, found):
+        first = found._replace(stable=first.stable)
+    elif verdict is Verdict.SINGULAR and found is not None:  # between the ends: what slid before goes on to do so
+        first, others = found, answers
+    return _choice(matrix, system, verdict, first, others, known)
 
 
-def _complementarity(system: System) -> Complementarity:
-    stuck = np.zeros(len(system.critical), bool)
-    system.renew(stuck)
-    _, rate = system.rates(stuck)
-    reach = system.reach(system.pull.toarray(order="F"))
-    return Complementarity(np.eye(len(stuck)) - system.sees.T @ reach, -rate)
+def _rates_again(system: System, slides: np.ndarray):
+    """Ṽ of a status, with k(S) itself, and its error bound; None if it is not consistent."""
+    try:
+        system.renew(slides)
+        velocity, rate = system.rates(slides)
+    except LinAlgError:
+        return np.full(len(slides), np.nan), np.zeros(len(slides))  # not decided: what follows does not verify it
+    slack = slack_of(rate, system.blur(velocity))
+    return None if wrong(slides, rate, slack).any() else (rate, slack)
 
 
-def _solved(system: System) -> tuple[np.ndarray | None, str]:
-    """The status from A and q, and which algorithm found it."""
-    problem = _complementarity(system)
-    found, pivots = pivoted(problem) if _may_be_p(problem.matrix) else (None, 0)
+def _answer(system: System, solution: Solution) -> Answer | None:
+    """A solution of the complementarity problem, verified with k(S)."""
+    stable = {1: True, -1: False}.get(solution.sign)
+    if solution.sign:
+        answer = _verified(system, solution.slides, "enumeration")
+        return answer and answer._replace(stable=stable)
+    try:
+        velocity, rate = system.moved(solution.slides, solution.slip)
+    except LinAlgError:
+        return None
+    if not _consistent(system, solution.slides, velocity, rate, BLUR * solution.doubt):
+        return None
+    return Answer(solution.slides, velocity, rate, "enumeration")
+
+
+def _rank(answer: Answer) -> int:
+    return {True: 0, None: 1, False: 2}[answer.stable]
+
+
+def _agrees(answer: Answer, found: Answer | None) -> bool:
+    """True if both have the same rates; a contact on an edge may have either status."""
+    if found is None:
+        return False
+    return bool(np.abs(answer.rate - found.rate).max(initial=0.0) <= ALIKE * np.abs(found.rate).max(initial=0.0))
+
+
+def _verdict(matrix: Matrices, system: System, answers: list[Answer]) -> Verdict:
+    """The verdict on all consistent statuses, the best one first."""
+    if answers[0].stable is False:
+        return Verdict.NEGATIVE
+    if len(answers) == 1:
+        return Verdict.UNIQUE
+    forces = [force_rates(matrix, _of_all(matrix, system, a.slides), a.velocity) for a in answers]
+    limit = SAME * max(np.abs(f).max() for f in forces)
+    alike = all(np.abs(f - forces[0]).max() <= limit for f in forces)
+    return Verdict.SINGULAR if alike else Verdict.NOT_UNIQUE
+
+
+def _among_many(
+    matrix: Matrices, system: System, problem: Complementarity, found: Answer | None, unique: bool
+) -> Choice:
+    """The choice by one algorithm after the other until a stable status is found; "none" only with a certificate."""
+    known = certificate(problem) if unique else None
+    answers = _one_after_the_other(system, problem, found)
+    if answers:
+        verdict = _verdict(matrix, system, answers)
+        if verdict is Verdict.UNIQUE and not (known and known.unique):
+            verdict = Verdict.CONSISTENT
+        return _choice(matrix, system, verdict, answers[0], answers[1:], known)
+    absent = farkas(problem)
+    if absent is None:
+        return _nothing(matrix, system, Verdict.NOT_FOUND, None, known)
+    ray = ray_of(problem, absent)
+    motion = ray and driven(system, ray)
+    return _nothing(matrix, system, Verdict.MECHANISM if motion else Verdict.UNSTABLE, motion or absent, known)
+
+
+def _one_after_the_other(system: System, problem: Complementarity, found: Answer | None) -> list[Answer]:
+    """What flipping, pivoting and Lemke's algorithm find, until it is stable; the best one first."""
+    here, answers = scaled(problem), []
+    for way in (lambda: found, lambda: _by_pivoting(system, problem), lambda: _by_lemke(system, problem)):
+        answer = way()
+        if answer is None or any(_agrees(answer, other) for other in answers):
+            continue
+        sign = sign_of_minor(here, np.flatnonzero(answer.slides))
+        answers.append(answer._replace(stable={1: True, -1: False}.get(sign)))
+        if sign > 0:
+            break
+    return sorted(answers, key=_rank)
+
+
+def _by_pivoting(system: System, problem: Complementarity) -> Answer | None:
+    slides, pivots = pivoted(problem) if may_be_p(problem) else (None, 0)
     system.solves += pivots
-    if found is not None:
-        return found, "principal pivoting"
+    return _verified(system, slides, "principal pivoting")
+
+
+def _by_lemke(system: System, problem: Complementarity) -> Answer | None:
     slip = lemke(problem)
     system.solves += len(problem.vector)
-    return (None if slip is None else slip > 0), "Lemke"
-
-
-def pivoted(problem: Complementarity) -> tuple[np.ndarray | None, int]:
-    """Murty's principal pivoting: of the inconsistent contacts the one with the largest number is flipped.
-
-    Returns
-    -------
-    (Mc,) bool or None, int
-        what slides, and the number of pivots. For a P-matrix no status occurs twice; where one does, it is None.
-    """
-    size, seen = len(problem.vector), set()
-    slides = np.zeros(size, bool)
-    for pivots in range(20 * size + 20):
-        rate = _rates_of(problem, slides)
-        if rate is None or slides.tobytes() in seen:
-            return None, pivots
-        wrong = np.flatnonzero(_wrong(slides, rate))
-        if not len(wrong):
-            return slides, pivots
-        seen.add(slides.tobytes())
-        slides[wrong[-1]] ^= True
-    return None, pivots
-
-
-def _rates_of(problem: Complementarity, slides: np.ndarray) -> np.ndarray | None:
-    """Ṽ of all critical contacts for a status, or None if it is singular."""
-    slip = np.zeros(len(slides))
-    if slides.any():
-        try:
-            slip[slides] = np.linalg.solve(problem.matrix[np.ix_(slides, slides)], -problem.vector[slides])
-        except np.linalg.LinAlgError:
-            return None
-    return np.where(slides, slip, -(problem.matrix @ slip + problem.vector))
-
-
-def lemke(problem: Complementarity) -> np.ndarray | None:
-    """λ by Lemke's algorithm with covering vector 1, or None where it ends on a ray: no status is found."""
-    size, q = len(problem.vector), problem.vector
-    if not size or q.min() >= 0:
-        return np.zeros(size)
-    # columns: w, λ, the covering variable; basic at first: w
-    table = np.hstack([np.eye(size), -problem.matrix, -np.ones((size, 1)), q[:, None]])
-    basis, entering = np.arange(size), 2 * size
-    row = int(np.argmin(q))
-    for _ in range(50 * size + 50):
-        table[row] /= table[row, entering]
-        others = np.arange(size) != row
-        table[others] -= np.outer(table[others, entering], table[row])
-        leaving, basis[row] = basis[row], entering
-        if leaving == 2 * size:
-            slip = np.zeros(2 * size + 1)
-            slip[basis] = table[:, -1]
-            return slip[size : 2 * size]
-        entering = leaving + size if leaving < size else leaving - size
-        column = table[:, entering]
-        able = column > 1e-11 * max(1.0, np.abs(column).max())
-        if not able.any():
-            return None
-        ratio = np.where(able, table[:, -1] / np.where(able, column, 1.0), np.inf)
-        ties = np.flatnonzero(ratio <= ratio.min() * (1 + 1e-12) + 1e-300)
-        row = int(ties[np.argmax(basis[ties] == 2 * size)]) if (basis[ties] == 2 * size).any() else int(ties[0])
-    return None
-
-
-def certificate(problem: Complementarity) -> Uniqueness:
-    """Whether the status is unique for every load, by the cheapest argument that decides.
-
-    A is a P-matrix if its symmetric part is positive definite, or if it is an H-matrix with a positive diagonal; it is
-    none if some minor of one or two contacts is not positive. Up to 14 contacts all minors are gone through.
-    """
-    a = problem.matrix
-    if not len(a):
-        return Uniqueness(True, "no contact is critical")
-    diagonal, pair = _small_minors(a)
-    if (diagonal <= 0).any():
-        k = int(np.argmin(diagonal))
-        return Uniqueness(False, f"critical contact {k} alone has the minor {diagonal[k]:.3g}")
-    if (pair <= 0).any():
-        i, j = np.unravel_index(np.argmin(pair), pair.shape)
-        return Uniqueness(False, f"critical contacts {i} and {j} have the minor {pair[i, j]:.3g}")
-    try:
-        cho_factor(0.5 * (a + a.T))
-        return Uniqueness(True, "the symmetric part of A is positive definite")
-    except LinAlgError:
-        pass
-    compared = np.diag(2 * diagonal) - np.abs(a)
-    weight = np.linalg.lstsq(compared, np.ones(len(a)), rcond=None)[0]
-    if (weight > 0).all() and (compared @ weight > 0).all():
-        return Uniqueness(True, "A is an H-matrix with a positive diagonal")
-    if len(a) <= MAPPED:
-        whole = is_p_matrix(a)
-        return Uniqueness(whole, f"all {2 ** len(a) - 1} principal minors were gone through")
-    return Uniqueness(None, f"not known: {len(a)} critical contacts have too many minors, and no cheap test decides")
-
-
-def _small_minors(a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(Mc,) minors of one contact and (Mc, Mc) of two."""
-    diagonal = np.diag(a)
-    pair = np.outer(diagonal, diagonal) - a * a.T
-    np.fill_diagonal(pair, np.inf)
-    return diagonal, pair
-
-
-def _may_be_p(a: np.ndarray) -> bool:
-    """False if a minor of one or two contacts is not positive: principal pivoting may then go round for long."""
-    return all((minors > 0).all() for minors in _small_minors(a))
-
-
-def is_p_matrix(a: np.ndarray) -> bool:
-    """True if all principal minors are positive, by recursion on the Schur complement of the first entry."""
-    if not len(a):
-        return True
-    if not a[0, 0] > 0:
-        return False
-    rest = a[1:, 1:]
-    return is_p_matrix(rest) and is_p_matrix(rest - np.outer(a[1:, 0], a[0, 1:]) / a[0, 0])
-
-
-class StatusMap(NamedTuple):
-    """C: S ↦ C(S); bits of S say which critical contacts slide, those of C(S) which are consistent."""
-
-    image: np.ndarray  # (2^Mc,) C(S) for S = 0 … 2^Mc − 1; −1 where k(S) is singular
-
-    @property
-    def bijective(self) -> bool:
-        """True if every pattern of consistency belongs to exactly one status."""
-        return len(np.unique(self.image)) == len(self.image) and self.image.min() >= 0
-
-    @property
-    def consistent(self) -> np.ndarray:
-        """All globally consistent statuses."""
-        return np.flatnonzero(self.image == len(self.image) - 1)
-
-
-def status_map(problem: Complementarity) -> StatusMap:
-    """The map of the paper's Eq. 5, gone through whole, for at most 14 critical contacts."""
-    size = len(problem.vector)
-    if size > MAPPED:
-        raise ValueError(
-            f"{size} critical contacts were given: their {2.0**size:.3g} statuses cannot be gone through, at most "
-            f"{MAPPED} can; `status` finds the consistent one and `certificate` says what is known of uniqueness"
-        )
-    bits = 1 << np.arange(size)
-    image = np.full(1 << size, -1)
-    for number in range(1 << size):
-        slides = (number & bits) > 0
-        rate = _rates_of(problem, slides)
-        if rate is not None:
-            image[number] = bits @ np.where(slides, rate > 0, rate < 0).astype(np.int64)
-    return StatusMap(image)
+    return None if slip is None else _verified(system, slip > 0, "Lemke")

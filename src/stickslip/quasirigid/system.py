@@ -12,17 +12,19 @@ from .matrices import Matrices, stiffness_matrix
 # what comes of a correction is verified with a factor of its own
 FEW = 24
 RESIDUAL = 1e-6  # share of the load that k(S) v may miss: beyond it k(S) is as good as singular
+ROUND_OFF = 1e-13  # of a velocity, over the largest one around: k has conditions of some hundreds around a body
 AT_ONCE = 16  # right-hand sides of one call: more do not fit into the cache
 
 
 class System:
     """Velocities of a packing under one load rate, for whatever status of its critical contacts.
 
-    Coordinates stand in the order in which bodies are eliminated with little fill, which is found once.
+    Coordinates stand in the order in which bodies are eliminated with little fill, which is found once. Beside one for
+    each free translation of the whole, those in `held` stand still.
     """
 
-    def __init__(self, matrix: Matrices, load: np.ndarray, critical: np.ndarray, geometric: bool):
-        self.critical, self.solves, self.singular = critical, 0, False
+    def __init__(self, matrix: Matrices, load: np.ndarray, critical: np.ndarray, geometric: bool, held=()):
+        self.critical, self.solves = critical, 0
         self.load = np.asarray(load, float)
         if self.load.shape != (len(matrix.free),):
             raise ValueError(
@@ -31,7 +33,7 @@ class System:
         if not np.isfinite(self.load).all():
             raise ValueError("a load that is not finite was given: every component must be a number")
         order = elimination(matrix.c, matrix.free.body)
-        self.kept = order[~np.isin(order, pins(matrix))]
+        self.kept = order[~np.isin(order, np.append(pins(matrix), np.asarray(held, np.int64)))]
         c = sparse.csr_array(matrix.c[self.kept])
         self.right = self.load[self.kept]
         turned = matrix.geometric[self.kept][:, self.kept] if geometric else matrix.geometric
@@ -42,6 +44,7 @@ class System:
         sign, slope = matrix.sign[critical], matrix.slope[critical]
         self.pull = sparse.csc_array(along * (matrix.springs[critical, 1, 1] * sign))
         self.sees = sparse.csc_array(normal * slope + along * sign)
+        self.reading = np.abs(self.sees).T
         self.factor, self.factored, self.answer, self.reached = None, None, None, {}
 
     def stiffness(self, slides: np.ndarray):
@@ -80,9 +83,32 @@ class System:
             v = self.answer
             if not self._holds(slides, v):
                 raise LinAlgError("singular")
+        return self._spread(v), self.sees.T @ v
+
+    def moved(self, slides: np.ndarray, slip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Velocities (n,) and Ṽ for given slip rates of a status, whose k(S) may be singular.
+
+        Raises
+        ------
+        LinAlgError
+            if k(S) v misses the load.
+        """
+        stuck = np.zeros(len(slides), bool)
+        if self.factored is None or not np.array_equal(self.factored, stuck):
+            self.renew(stuck)
+        v = self.answer + self.factor(self.pull @ slip)
+        if not self._holds(slides, v):
+            raise LinAlgError("singular")
+        return self._spread(v), self.sees.T @ v
+
+    def blur(self, velocity: np.ndarray) -> np.ndarray:
+        """(Mc,) round-off of Ṽ, the difference of what bodies that touch do: a share of what each does."""
+        return ROUND_OFF * (self.reading @ np.abs(velocity[self.kept]))
+
+    def _spread(self, v: np.ndarray) -> np.ndarray:
         full = np.zeros(len(self.load))
         full[self.kept] = v
-        return full, self.sees.T @ v
+        return full
 
     def _corrected(self, slides: np.ndarray) -> np.ndarray | None:
         """v from the factor of a status that differs in few contacts (Woodbury), or None where that is no use."""

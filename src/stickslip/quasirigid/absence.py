@@ -1,0 +1,158 @@
+"""Evidence that no status balances a load: Farkas' certificate, and motions that nothing resists.
+
+If y ≥ 0, Aᵀ y ≤ 0 and qᵀ y < 0, then no λ ≥ 0 has w = A λ + q ≥ 0, since 0 ≤ yᵀ w = (Aᵀ y)ᵀ λ + qᵀ y < 0. A linear
+programme proposes y; what is believed is the inequality, with the errors of A and q against it.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import LinAlgError, qr, solve_triangular
+from scipy.optimize import linprog
+
+from ..solve.linear import factorised
+from .complementarity import Complementarity, Scaled, scaled
+from .enumeration import BLUR, Ray
+from .system import System
+
+FAR = 1e9  # in units of q: a certificate counts if slip rates of a consistent status would have to be beyond it
+TIGHT = 1e-6  # ten times the tolerance of HiGHS: below it an inequality counts as an equation, and is made one
+DENSE_UP_TO = 3000  # coordinates of which null vectors are computed: seconds
+ZERO = 1e-11  # share of the largest entry of k below which a pivot is zero
+NULL = 1e-9  # share of the largest entry of k that a null vector of unit size may leave
+
+
+class Absence(NamedTuple):
+    """Why no status is consistent: "enumeration" of all, or "Farkas" with his vector."""
+
+    by: str
+    statuses: int  # that were gone through
+    vector: np.ndarray | None = None  # (Mc,) y ≥ 0 with Aᵀy ≤ 0 and qᵀy < 0, to round-off
+    slip: float = np.inf  # the sum of λ that a consistent status would need; infinite if Aᵀy ≤ 0 beyond round-off
+
+
+class Motion(NamedTuple):
+    """A motion that nothing resists, and that the load drives."""
+
+    velocity: np.ndarray  # (n,) v of unit length, k(S) v = 0
+    balance: np.ndarray  # (n,) u of unit length, uᵀ k(S) = 0: uᵀ b is not zero, so that S cannot balance the load b
+    power: float  # uᵀ b over |b|
+    sliding: np.ndarray  # (Mc,) bool, S; for a motion that moves no contact, nothing slides
+
+
+def farkas(problem: Complementarity) -> Absence | None:
+    """A verified proof that no λ ≥ 0 has A λ + q ≥ 0, or None if there is none."""
+    here = scaled(problem)
+    size = len(here.vector)
+    if not size:
+        return None
+    # of y with sum 1 the one with the largest margin t: Aᵀ y + t ≤ 0, qᵀ y + t ≤ 0
+    above = np.hstack([np.vstack([here.matrix.T, here.vector]), np.ones((size + 1, 1))])
+    found = linprog(
+        np.append(np.zeros(size), -1.0), A_ub=above, b_ub=np.zeros(size + 1),
+        A_eq=np.append(np.ones(size), 0.0)[None], b_eq=[1.0], bounds=[(0, None)] * size + [(None, None)],
+    )  # fmt: skip
+    if found.status != 0 or found.x[-1] < -TIGHT:
+        return None
+    y = np.maximum(found.x[:-1], 0.0)
+    for candidate in (y, _sharpened(here, y)):
+        slip = _beyond(here, candidate)
+        if slip > FAR:
+            return Absence("Farkas", 0, candidate / here.gap_unit, slip * float(here.slip_unit.min()))
+    return None
+
+
+def _sharpened(here: Scaled, y: np.ndarray) -> np.ndarray:
+    """y with the inequalities that are nearly equations made equations, as for a motion that nothing resists."""
+    held = y > TIGHT
+    tight = np.abs(here.matrix.T @ y) <= TIGHT
+    a = here.matrix[np.ix_(held, tight)].T
+    out = np.zeros(len(y))
+    out[held] = y[held] - np.linalg.pinv(a, rcond=TIGHT) @ (a @ y[held])
+    return np.maximum(out, 0.0)
+
+
+def _beyond(here: Scaled, y: np.ndarray) -> float:
+    """The sum of slip rates that any λ ≥ 0 with A λ + q ≥ 0 would exceed; 0 if y proves nothing."""
+    short = -(here.vector @ y) - here.vector_doubt @ y
+    if not (np.isfinite(y).all() and short > 0):
+        return 0.0
+    excess = float(np.maximum(here.matrix.T @ y + here.doubt.T @ y, 0.0).max())
+    return np.inf if excess == 0 else short / excess
+
+
+def ray_of(problem: Complementarity, absence: Absence) -> Ray | None:
+    """Slip rates that need no load, of the contacts of Farkas' vector; None if these would have a resistance."""
+    here = scaled(problem)
+    y = absence.vector * here.gap_unit
+    slides = y > TIGHT * y.max()
+    a, doubt = here.part(slides)
+    _, values, right = np.linalg.svd(a)
+    x = np.zeros(len(y))
+    x[slides] = right[-1] * np.sign(right[-1].sum())
+    small = BLUR * len(values) * np.linalg.norm(doubt)
+    if values[-1] > small or (x < -small).any() or (here.matrix @ x < -small).any():
+        return None
+    left = np.where(slides, absence.vector, 0.0)
+    return Ray(slides, here.slip_unit * np.maximum(x, 0.0), left, float(left @ problem.vector))
+
+
+def driven(system: System, ray: Ray) -> Motion | None:
+    """The motion of a ray, verified: k(S) v = 0, uᵀ k(S) = 0, uᵀ b ≠ 0; or None if one of these fails."""
+    stuck = np.zeros(len(system.critical), bool)
+    if system.factored is None or not np.array_equal(system.factored, stuck):
+        system.renew(stuck)
+    velocity = system.factor(system.pull @ ray.slip)
+    try:
+        balance = factorised(system.stuck.T.tocsc())(system.sees @ ray.left)
+    except LinAlgError:
+        return None
+    return _motion(system, velocity, balance, ray.slides)
+
+
+def _motion(system: System, velocity: np.ndarray, balance: np.ndarray, slides: np.ndarray) -> Motion | None:
+    """Both vectors in all coordinates, of unit length, if they are what they are said to be."""
+    sizes = np.linalg.norm(velocity), np.linalg.norm(balance)
+    if not (np.isfinite(sizes).all() and min(sizes) > 0):
+        return None
+    v, u = velocity / sizes[0], balance / sizes[1]
+    k = system.stiffness(slides)
+    small = NULL * np.abs(k.data).max(initial=0.0)
+    power = float(u @ system.right)
+    size = np.linalg.norm(system.right)
+    if np.abs(k @ v).max() > small or np.abs(k.T @ u).max() > small or not abs(power) > NULL * size:
+        return None
+    whole = np.zeros((2, len(system.load)))
+    whole[:, system.kept] = v, u
+    return Motion(*whole, power / size, slides)
+
+
+class Loose(NamedTuple):
+    """Motions that nothing resists although all contacts stick, and that move no critical contact."""
+
+    coordinates: np.ndarray  # that may be held still in their place
+    motion: Motion | None  # one that the load drives, if any: then no status balances the load
+
+
+def loose(system: System) -> Loose | None:
+    """The null vectors of k₀, if they are null vectors of every k(S); None if that cannot be decided."""
+    if not 0 < len(system.kept) <= DENSE_UP_TO:
+        return None
+    k = system.stuck.toarray()
+    scale = np.abs(k).max()
+    q, r, pivots = qr(k, pivoting=True)
+    rank = int((np.abs(np.diag(r)) > ZERO * scale).sum())
+    free = pivots[rank:]
+    null = np.zeros((len(k), len(free)))
+    null[free] = np.eye(len(free))
+    null[pivots[:rank]] = -solve_triangular(r[:rank, :rank], r[:rank, rank:])
+    left = q[:, rank:]
+    apart = np.abs(system.sees.T @ null).max(initial=0.0) + np.abs(system.pull.T @ left).max(initial=0.0) / scale
+    if not len(free) or apart > NULL * np.abs(null).max(initial=0.0):
+        return None
+    pushed = left.T @ system.right
+    nothing = np.zeros(len(system.critical), bool)
+    if np.abs(pushed).max() > NULL * np.abs(system.right).max(initial=0.0):
+        return Loose(system.kept[free], _motion(system, null @ (null.T @ system.right), left @ pushed, nothing))
+    # what is held must hold both: the motions, and the balances that they leave out
+    return Loose(system.kept[free], None) if np.linalg.cond(left[free]) < 1 / ZERO else None

@@ -1,0 +1,162 @@
+"""Is the status unique for every load? Certificates for P-matrices, and counterexamples that can be checked.
+
+The status is unique for every load if and only if A is a P-matrix: all principal minors, det A_SS = det k(S)/det k₀,
+are positive. Signs are decided against the errors of the entries of A: a minor that they may turn to zero counts as
+zero, and A is then called singular, neither a P-matrix nor none.
+
+Source: Cottle, Pang, Stone, The Linear Complementarity Problem (Academic Press 1992), Theorem 3.3.7 and Sec. 3.3.
+"""
+
+from enum import Enum
+from typing import NamedTuple
+
+import numpy as np
+
+from .complementarity import Complementarity, Scaled, scaled
+from .enumeration import BLUR, MAPPED, gone_through
+
+
+class Known(Enum):
+    """Is the status unique for every load? Each value is a sentence."""
+
+    UNIQUE = "the status is unique for every load"
+    NOT_UNIQUE = "the status is not unique for every load: under some, none or several are consistent; ask `status`"
+    SINGULAR = "singular: several slip rates give the same forces under some loads; ask `status` about this one"
+    UNDECIDED = "not known: no cheap argument decides; up to 14 critical contacts all minors are gone through"
+
+
+class Uniqueness(NamedTuple):
+    """An answer, and what it rests on; A_SS means the rows and columns `contacts` of A."""
+
+    verdict: Known
+    reason: str
+    contacts: np.ndarray  # numbers among the critical contacts
+    value: float = np.nan  # det A_SS; its smallest singular value if singular; the margin of a sufficient condition
+    vector: np.ndarray | None = None  # x with A_SS x = 0 if singular; weights that make A diagonally dominant
+
+    @property
+    def unique(self) -> bool | None:
+        """True, False, or None if it is not known."""
+        return {Known.UNIQUE: True, Known.UNDECIDED: None}.get(self.verdict, False)
+
+    def __str__(self):
+        return f"{self.verdict.value} ({self.reason})"
+
+
+def certificate(problem: Complementarity) -> Uniqueness:
+    """Decide whether the status is unique for every load, by the cheapest argument that holds beyond round-off.
+
+    A is a P-matrix if its symmetric part is positive definite, or if it is an H-matrix with a positive diagonal. Up to
+    14 contacts all principal minors decide; beyond, those of one and two contacts and of all may still say no.
+    """
+    size = len(problem.vector)
+    if not size:
+        return Uniqueness(Known.UNIQUE, "no contact is critical", np.arange(0))
+    here = scaled(problem)
+    found = _dominant(here)
+    if found is not None:
+        return found
+    negative = _negative(here)
+    if negative is not None:
+        return _not_unique(problem, negative, "minors of one and two contacts and of all were looked at")
+    return _by_all_minors(problem, here) if size <= MAPPED else _by_some_minors(here)
+
+
+def _dominant(here: Scaled) -> Uniqueness | None:
+    """A certificate that holds for whole matrices at once."""
+    a, everything = here.matrix, np.arange(len(here.vector))
+    # no change within the error bounds moves an eigenvalue of the symmetric part by more than their norm
+    margin = float(np.linalg.eigvalsh(0.5 * (a + a.T))[0] - np.linalg.norm(here.doubt))
+    if margin > 0:
+        return Uniqueness(Known.UNIQUE, "the symmetric part of scaled A is positive definite", everything, margin)
+    compared = np.diag(2 * np.diag(a)) - np.abs(a)
+    weight = np.linalg.lstsq(compared, np.ones(len(a)), rcond=None)[0]
+    margin = float((compared @ weight - here.doubt @ np.abs(weight)).min())
+    if (weight > 0).all() and margin > 0:
+        weight = here.slip_unit * weight
+        return Uniqueness(Known.UNIQUE, "A is an H-matrix with a positive diagonal", everything, margin, weight)
+    return None
+
+
+def _by_all_minors(problem: Complementarity, here: Scaled) -> Uniqueness:
+    """The verdict of 2^Mc − 1 minors."""
+    through = gone_through(here)
+    words = f"all {len(through.sign) - 1} principal minors were gone through"
+    if (through.sign < 0).any():
+        return _not_unique(problem, _smallest(through, through.sign < 0), words)
+    if (through.sign == 0).any():
+        return _singular(here, _smallest(through, through.sign == 0), words)
+    least = np.flatnonzero(through.slides[1 + int(np.argmin(through.minor[1:]))])
+    value = float(np.linalg.det(problem.matrix[np.ix_(least, least)]))
+    return Uniqueness(Known.UNIQUE, f"{words}; the smallest is {value:.3g}", least, value)
+
+
+def _smallest(through, which: np.ndarray) -> np.ndarray:
+    """Of some statuses one with the fewest sliding contacts."""
+    rows = through.slides[which]
+    return np.flatnonzero(rows[int(np.argmin(rows.sum(axis=1)))])
+
+
+def _negative(here: Scaled) -> np.ndarray | None:
+    """One contact, two, or all of them, whose minor is negative beyond round-off."""
+    diagonal, pair, blur = small_minors(here)
+    for one in np.flatnonzero(diagonal < -np.diag(here.doubt)):
+        return np.array([one])
+    for two in np.argwhere(np.triu(pair < -blur, 1)):
+        return two
+    everything = np.arange(len(diagonal))
+    return everything if sign_of_minor(here, everything) < 0 else None
+
+
+def _by_some_minors(here: Scaled) -> Uniqueness:
+    """Singular, if a minor of one or two contacts, or of all, is zero; else it is not known."""
+    diagonal, pair, blur = small_minors(here)
+    everything = np.arange(len(diagonal))
+    zero = [np.array([k]) for k in np.flatnonzero(diagonal <= np.diag(here.doubt))]
+    zero += list(np.argwhere(np.triu(pair <= blur, 1))[:1])
+    zero += [] if regular(here, everything) else [everything]
+    words = "minors of one and two contacts and of all were looked at"
+    if zero:
+        return _singular(here, zero[0], words)
+    return Uniqueness(Known.UNDECIDED, f"{words}; {len(diagonal)} contacts have too many minors", np.arange(0))
+
+
+def regular(here: Scaled, chosen: np.ndarray) -> bool:
+    """True if A_SS has full rank beyond the errors of its entries."""
+    a, doubt = here.part(chosen)
+    return not len(a) or bool(np.linalg.svd(a, compute_uv=False)[-1] > BLUR * np.linalg.norm(doubt))
+
+
+def sign_of_minor(here: Scaled, chosen: np.ndarray) -> int:
+    """Sign of det A_SS, 0 if it is singular to round-off."""
+    return int(np.linalg.slogdet(here.part(chosen)[0])[0]) if regular(here, chosen) else 0
+
+
+def _not_unique(problem: Complementarity, chosen: np.ndarray, words: str) -> Uniqueness:
+    value = float(np.linalg.det(problem.matrix[np.ix_(chosen, chosen)]))
+    named = ", ".join(map(str, chosen[:MAPPED]))
+    return Uniqueness(Known.NOT_UNIQUE, f"critical contacts {named} have the minor {value:.3g}; {words}", chosen, value)
+
+
+def _singular(here: Scaled, chosen: np.ndarray, words: str) -> Uniqueness:
+    _, values, right = np.linalg.svd(here.part(chosen)[0])
+    x = here.slip_unit[chosen] * right[-1]
+    named = ", ".join(map(str, chosen[:MAPPED]))
+    reason = f"A of critical contacts {named} has the singular value {values[-1]:.1e}, zero to round-off; {words}"
+    return Uniqueness(Known.SINGULAR, reason, chosen, float(values[-1]), x / np.abs(x).max())
+
+
+def small_minors(here: Scaled) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(Mc,) minors of one contact, (Mc, Mc) of two, infinite on the diagonal, and the error bounds of the latter."""
+    a, doubt = here.matrix, here.doubt
+    diagonal, own = np.diag(a), np.diag(doubt)
+    pair = np.outer(diagonal, diagonal) - a * a.T
+    blur = np.outer(own, np.abs(diagonal)) + np.abs(a) * doubt.T
+    np.fill_diagonal(pair, np.inf)
+    return diagonal, pair, blur + blur.T
+
+
+def may_be_p(problem: Complementarity) -> bool:
+    """False if a minor of one or two contacts is not positive: principal pivoting may then go round for long."""
+    diagonal, pair, _ = small_minors(scaled(problem))
+    return bool((diagonal > 0).all() and (pair > 0).all())

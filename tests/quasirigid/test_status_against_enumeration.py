@@ -1,0 +1,191 @@
+"""Every verdict on contact status, and every certificate, against an enumeration written independently."""
+
+import itertools
+from collections import Counter
+
+import numpy as np
+import pytest
+from scipy.linalg import LinAlgError
+
+from stickslip.quasirigid.absence import Absence, Motion
+from stickslip.quasirigid.complementarity import complementarity
+from stickslip.quasirigid.matrices import stiffness_matrix
+from stickslip.quasirigid.status import Verdict, status
+from stickslip.quasirigid.uniqueness import Known, certificate
+from tests.quasirigid import brute_force as brute
+from tests.quasirigid.five_packings import KINDS, sample
+
+
+def drawn(number: int, most: int):
+    """A packing, its critical contacts with their signs, and a load; all drawn at random, kind after kind."""
+    rng = np.random.default_rng(number)
+    m = sample(KINDS[number % 5], int(rng.integers(4)))
+    m = m._replace(sign=rng.choice([-1.0, 1.0], m.count))
+    critical = rng.choice(m.count, int(rng.integers(1, most + 1)), replace=False)
+    if rng.random() < 0.3:
+        critical = _with_both_of_a_disk(m, critical, rng, most)
+    way = rng.random()
+    if way < 0.3:  # contact forces that pull everywhere
+        load = m.c @ rng.normal(size=2 * m.count)
+    elif way < 0.45:  # normal ones only, which turn no disk
+        load = m.c @ (rng.normal(size=2 * m.count) * (np.arange(2 * m.count) % 2 == 0))
+    elif way < 0.75:  # at one contact only
+        load = m.c @ np.where(np.arange(2 * m.count) // 2 == rng.integers(m.count), rng.normal(size=2 * m.count), 0)
+    elif way < 0.85:  # on all coordinates, whatever holds them
+        load = rng.normal(size=len(m.free))
+    else:  # a motion in which some critical contacts are just on the edge between sliding and sticking
+        load = stiffness_matrix(m, np.zeros(m.count, bool)) @ _at_the_edge(m, critical, rng)
+    return m, load, critical
+
+
+def _with_both_of_a_disk(m, critical, rng, most):
+    """The contacts, and both of a disk that has two."""
+    turns = np.flatnonzero(m.free.axis == 5)
+    touched = [np.unique(m.c[[row]].indices // 2) for row in turns]
+    pairs = [two for two in touched if len(two) == 2]
+    if not pairs or len(critical) > most - 1:
+        return critical
+    pair = pairs[int(rng.integers(len(pairs)))]
+    return np.unique(np.concatenate([critical[: rng.integers(most - 1)], pair]))
+
+
+def _at_the_edge(m, critical, rng):
+    v = rng.normal(size=len(m.free))
+    some = critical[: 1 + len(critical) // 3]
+    c = m.c.toarray()
+    g = c[:, 2 * some] * m.slope[some] + c[:, 2 * some + 1] * m.sign[some]
+    return v - g @ np.linalg.lstsq(g, v, rcond=None)[0]
+
+
+def disagreements(number: int, most: int) -> tuple[list[str], str]:
+    """Where `status` and `certificate` differ from the enumeration, and the class of the case."""
+    m, load, critical = drawn(number, most)
+    problem = brute.dense(m, load, critical)
+    unit = max(1.0, np.abs(problem.a).max())
+    floor = 1e-11 * np.abs(problem.inverse @ load).max()  # rates are differences of velocities
+    found = [] if problem.drives else brute.answers(problem.a, problem.q, unit, floor)
+    choice = status(m, load, critical=critical)
+    allowed = _allowed(m, problem, critical, found)
+    bad = (
+        []
+        if choice.verdict in allowed
+        else [
+            f"{choice.verdict.name}, not in {[v.name for v in allowed]}: {[(sorted(f.signs), f.sure) for f in found]}"
+        ]
+    )
+    bad += _about_answers(found, choice, floor) + _about_evidence(m, load, critical, choice)
+    try:
+        known = certificate(complementarity(m, load, critical=critical))
+    except LinAlgError:
+        known = choice.uniqueness
+    if known is not None:
+        bad += _about_certificate(problem.a, unit, known)
+    edge = choice.ok and bool(choice.marginal.any())
+    vague = len(allowed - {Verdict.MECHANISM}) > 1
+    return bad, f"{choice.verdict.name}{' at an edge' if edge else ''}{', round-off decides' if vague else ''}"
+
+
+def _allowed(m, problem, critical, found) -> set:
+    """The verdicts that may be: one, unless round-off decides whether there is an answer and with which sign."""
+    certain = [(one, 1 if 1 in one.signs else max(one.signs)) for one in found if one.sure]
+    perhaps = [(one, sign) for one in found if not one.sure for sign in one.signs]
+    # a verdict depends on two answers at most, and on whether all are alike
+    extra = [some for k in range(3) for some in itertools.combinations(perhaps, k)] + [tuple(perhaps)]
+    allowed = set()
+    for here in (certain + list(some) for some in extra):
+        if not here:
+            allowed |= {Verdict.UNSTABLE, Verdict.MECHANISM}
+        elif {sign for _, sign in here} == {-1}:
+            allowed.add(Verdict.NEGATIVE)
+        elif len(here) == 1:
+            allowed.add(Verdict.UNIQUE)
+        else:
+            alike = brute.alike(m, problem, critical, [one for one, _ in here])
+            allowed.add(Verdict.SINGULAR if alike else Verdict.NOT_UNIQUE)
+    return allowed
+
+
+def _about_answers(found, choice, floor) -> list[str]:
+    """Every sure answer must be there, and nothing else than what may be one."""
+    if np.isnan(choice.rate).any():
+        return []
+    ours = [choice.rate, *(other.rate for other in choice.others)]
+    bad = [f"the answer {one.rate} is missing" for one in found if one.sure and 0 not in one.signs
+           and not any(brute.same(one.rate, rate, floor) for rate in ours)]  # fmt: skip
+    if not any(one.signs & {0.0} or len(one.signs) > 1 for one in found):
+        bad += [f"{r} is no answer" for r in ours if not any(brute.same(r, one.rate, floor) for one in found)]
+    if any(one.sure and one.signs == {1} for one in found) and choice.stable is not True:
+        bad.append("a stable status was not chosen")
+    return bad
+
+
+def _about_evidence(m, load, critical, choice) -> list[str]:
+    """Everything that a choice says about itself, with dense matrices."""
+    bad = []
+    for one in [choice, *choice.others] if choice.ok or choice.verdict is Verdict.NEGATIVE else []:
+        k = stiffness_matrix(m, one.sliding).toarray()
+        if np.abs(k @ one.velocity - load).max() > 1e-6 * np.abs(load).max():
+            bad.append("k(S) v is not the load")
+        relative = (m.c.T @ one.velocity).reshape(-1, 2)
+        tilde = (m.slope * relative[:, 0] + m.sign * relative[:, 1])[critical]
+        slack = 1e-8 * np.abs(tilde).max(initial=0.0) + 1e-11 * np.abs(one.velocity).max()
+        if (np.where(one.sliding[critical], tilde, -tilde) < -slack).any() or one.sliding.sum() > len(critical):
+            bad.append("a contact does not do what it must")
+    if choice.verdict is Verdict.MECHANISM:
+        bad += _about_motion(m, load, critical, choice.proof)
+    if choice.verdict is Verdict.UNSTABLE and not (
+        isinstance(choice.proof, Absence) and choice.proof.statuses == 1 << len(critical)
+    ):
+        bad.append("no proof of absence")
+    return bad
+
+
+def _about_motion(m, load, critical, motion) -> list[str]:
+    if not isinstance(motion, Motion):
+        return ["a mechanism without a motion"]
+    sliding = np.isin(np.arange(m.count), critical[motion.sliding])
+    k = stiffness_matrix(m, sliding).toarray()
+    size, bad = np.abs(k).max(), []
+    if np.abs(k @ motion.velocity).max() > 1e-8 * size or abs(np.linalg.norm(motion.velocity) - 1) > 1e-9:
+        bad.append("the motion is resisted")
+    if np.abs(motion.balance @ k).max() > 1e-8 * size or not abs(motion.balance @ load) > 0:
+        bad.append("the status might balance the load")
+    return bad
+
+
+def _about_certificate(a, unit, known) -> list[str]:
+    signs = brute.minor_signs(a, unit)
+    vague = np.isnan(signs).any()
+    expected = Known.NOT_UNIQUE if (signs < 0).any() else Known.SINGULAR if (signs == 0).any() else Known.UNIQUE
+    right = known.verdict is expected or (vague and known.verdict is not Known.UNDECIDED and not (signs < 0).any())
+    bad = [] if right else [f"{known} where minors have the signs {Counter(signs.tolist())}"]
+    part = a[np.ix_(known.contacts, known.contacts)]
+    if known.verdict is Known.NOT_UNIQUE and not np.linalg.det(part) < 0:
+        bad.append("the minor is not negative")
+    if known.verdict is Known.SINGULAR and not np.abs(part @ known.vector).max() < 1e-10 * unit:
+        bad.append("the null vector is none")
+    return bad
+
+
+def all_disagreements(numbers, most=12) -> tuple[list, Counter]:
+    """Cases with a disagreement, and how many cases fall in each class."""
+    bad, classes = [], Counter()
+    with np.errstate(all="warn", under="ignore"):  # the enumeration divides by what it then leaves out
+        for number in numbers:
+            told, kind = disagreements(number, most)
+            classes[kind] += 1
+            bad += [(number, told)] if told else []
+    return bad, classes
+
+
+def test_200_random_cases_of_five_kinds_agree_with_enumeration():
+    bad, classes = all_disagreements(range(200), most=7)
+    assert bad == []
+    assert {kind.split()[0] for kind in classes} >= {"UNIQUE", "NOT_UNIQUE", "UNSTABLE", "MECHANISM", "NEGATIVE"}
+
+
+@pytest.mark.slow
+def test_2500_random_cases_of_up_to_12_contacts_agree_with_enumeration():
+    bad, classes = all_disagreements(range(2500))
+    assert bad == []
+    assert "NOT_FOUND" not in classes
