@@ -89,7 +89,7 @@ def test_certificate_accounts_for_every_eigenvalue(packing):
     assert certified.real + 2 * certified.pairs + certified.members.sum() == certified.size
     assert certified.size + certified.zero == len(full.eigenvalues)
     assert certified.pairs + len(certified.members) >= len(full.pairs)
-    assert certified.real > 0.9 * certified.size
+    assert certified.real + 2 * certified.pairs > 0.95 * certified.size
     # the translations coincide at zero and no disc can tell them apart
     assert np.abs(certified.undecided).min() < 1e-12
     assert "floating point, not interval arithmetic" in str(certified)

@@ -8,6 +8,7 @@ from scipy.linalg import block_diag, eig, lu_factor, lu_solve
 from .windows import Basis, Report, basis_of
 
 CLUSTER = 0.3  # |E_ij/(d_j − d_i)| beyond which two modes are left coupled by a similarity pass
+CONVERGED = 1e-8  # a pass by W leaves W², which is then round-off
 
 
 class Certificate(NamedTuple):
@@ -61,18 +62,20 @@ def certificate_of(matrix, basis: Basis | None, pairs: np.ndarray, zero: int, te
     return Certificate(n, real, zero, len(certain), centre, np.array([m for _, m in undecided], int), consistent)
 
 
-def _discs(B: np.ndarray, scale: float, tell: Report, passes: int = 3):
+def _discs(B: np.ndarray, scale: float, tell: Report, passes: int = 6):
     """Centres and radii of Gershgorin discs of B = D + E after passes (I + W)⁻¹ B (I + W), W_ij = E_ij/(d_j − d_i).
 
     Modes too close for that keep their coupling; at the end each group of them is diagonalised as a block.
     """
     n = len(B)
     for k in range(passes):
-        tell(0.85 + 0.04 * k, f"certificate, similarity pass {k + 1} of {passes}")
+        tell(0.85 + 0.02 * k, f"certificate, similarity pass {k + 1} of at most {passes}")
         d = np.diag(B).copy()
         W = d - d[:, None]
         W[np.abs(B) >= CLUSTER * np.abs(W)] = np.inf
         np.divide(B, W, out=W)
+        if np.abs(W).max() < CONVERGED:
+            break
         B += B @ W
         W[np.diag_indices(n)] += 1.0
         B = lu_solve(lu_factor(W, overwrite_a=True, check_finite=False), B, overwrite_b=True, check_finite=False)
@@ -80,14 +83,17 @@ def _discs(B: np.ndarray, scale: float, tell: Report, passes: int = 3):
     groups = [g for g in _touching(centres, radii) if len(g) > 1]
     if groups:
         turned = np.concatenate(groups)
-        blocks = [eig(B[np.ix_(g, g)])[1] for g in groups]
+        values, blocks = zip(*(eig(B[np.ix_(g, g)]) for g in groups), strict=True)
         Y = block_diag(*blocks)
         columns = B[:, turned] @ Y
         inverse = block_diag(*[np.linalg.inv(block) for block in blocks])
         others = np.setdiff1d(np.arange(n), turned)
         rows = inverse @ columns[turned]
-        centres[turned] = np.diag(rows)
-        radii[turned] = np.abs(rows).sum(axis=1) - np.abs(np.diag(rows)) + np.abs(inverse @ B[turned][:, others]).sum(1)
+        own = np.diag(rows)
+        # beside pairs of the same block a real eigenvalue has round-off for an imaginary part: its disc is moved back
+        centre = np.where(np.concatenate(values).imag == 0, own.real, own)
+        radius = np.abs(rows).sum(axis=1) - np.abs(own) + np.abs(inverse @ B[turned][:, others]).sum(1)
+        centres[turned], radii[turned] = centre, radius + np.abs(own - centre)
         alone = np.abs(B[np.ix_(others, others)]).sum(axis=1) - np.abs(B[others, others])
         radii[others] = alone + np.abs(columns[others]).sum(axis=1)
     return centres, radii + n * np.finfo(float).eps * scale  # the passes' own round-off
