@@ -197,7 +197,13 @@ def force_rates(m, problem: Dense, critical, one: Answer) -> np.ndarray:
 
 
 def alike(m, problem: Dense, critical, found: list[Answer]) -> bool:
-    """Whether all answers have the same contact forces."""
+    """Whether all answers have the same contact forces.
+
+    Slip rates that differ by x and leave all forces alike have A x = 0, so that A is singular on what slides in either.
+    """
+    slides = np.any([one.slides for one in found], axis=0)
+    if smallest(problem.a[np.ix_(slides, slides)], max(1.0, np.abs(problem.a).max())) > RANK[1]:
+        return False
     forces = [force_rates(m, problem, critical, one) for one in found]
     size = max(np.abs(f).max() for f in forces)
     return all(np.abs(f - forces[0]).max() <= 1e-7 * size for f in forces)

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import stickslip as ss
-from stickslip.experiments.quasi_rigid import counterexample
+from stickslip.experiments.quasi_cases import counterexample
 from stickslip.quasirigid import apex as room
 from stickslip.quasirigid.apex import (
     OPENS,

@@ -203,8 +203,8 @@ def test_lemke_on_a_ray_does_not_make_a_packing_unstable(monkeypatch):
     """Cases where flipping goes round and Lemke's algorithm ends on a ray although a stable status is consistent."""
     monkeypatch.setattr(room, "_flipped", lambda *_: None)
     rng, met = np.random.default_rng(0), 0
-    for _ in range(150):
-        m = sample("box", 0)
+    for number in range(800):
+        m = sample("box", number % 4)
         m = m._replace(sign=rng.choice([-1.0, 1.0], m.count))
         critical = rng.choice(m.count, 4, replace=False)
         load = m.c @ rng.normal(size=2 * m.count)

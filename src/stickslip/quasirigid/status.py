@@ -26,7 +26,7 @@ from .complementarity import Complementarity, lemke, numbers, of_system, pivoted
 from .enumeration import BLUR, MAPPED, Solution, solved
 from .matrices import Matrices, force_rates
 from .system import System, pins, unheld
-from .uniqueness import Uniqueness, certificate, may_be_p, sign_of_minor
+from .uniqueness import Uniqueness, certificate, may_be_p, regular, sign_of_minor
 
 ROUNDS = 60  # of flipping all that is inconsistent, before pivoting begins
 ALIKE = 1e-6  # share of the largest rate up to which two statuses have the same rates
@@ -269,11 +269,11 @@ def _among_few(matrix: Matrices, system: System, problem: Complementarity, found
         return _nothing(matrix, system, Verdict.NOT_FOUND, None, known)
     # stable ones first, and of these the one that flipping led to
     answers.sort(key=lambda a: (_rank(a), not _agrees(a, found)))
-    verdict, first, others = _verdict(matrix, system, answers), answers[0], answers[1:]
+    verdict, first, others = _verdict(matrix, system, problem, answers), answers[0], answers[1:]
     if _agrees(first, found):
         first = found._replace(stable=first.stable)
-    elif verdict is Verdict.SINGULAR and found is not None:  # between the ends: what slid before goes on to do so
-        first, others = found, answers
+    elif verdict is Verdict.SINGULAR and found is not None and not any(_agrees(a, found) for a in answers):
+        first, others = found, answers  # between the ends: what slid before goes on to do so
     return _choice(matrix, system, verdict, first, others, known)
 
 
@@ -314,12 +314,19 @@ def _agrees(answer: Answer, found: Answer | None) -> bool:
     return bool(np.abs(answer.rate - found.rate).max(initial=0.0) <= ALIKE * np.abs(found.rate).max(initial=0.0))
 
 
-def _verdict(matrix: Matrices, system: System, answers: list[Answer]) -> Verdict:
-    """The verdict on all consistent statuses, the best one first."""
+def _verdict(matrix: Matrices, system: System, problem: Complementarity, answers: list[Answer]) -> Verdict:
+    """The verdict on all consistent statuses, the best one first.
+
+    Answers are the same in forces if what slides in one or the other makes A singular; forces that differ by little do
+    not tell, since a weak contact may have them.
+    """
     if answers[0].stable is False:
         return Verdict.NEGATIVE
     if len(answers) == 1:
         return Verdict.UNIQUE
+    here, slides = scaled(problem), answers[0].slides
+    if any(regular(here, np.flatnonzero(slides | other.slides)) for other in answers[1:]):
+        return Verdict.NOT_UNIQUE
     forces = [force_rates(matrix, _of_all(matrix, system, a.slides), a.velocity) for a in answers]
     limit = SAME * max(np.abs(f).max() for f in forces)
     alike = all(np.abs(f - forces[0]).max() <= limit for f in forces)
@@ -333,7 +340,7 @@ def _among_many(
     known = certificate(problem) if unique else None
     answers = _one_after_the_other(system, problem, found)
     if answers:
-        verdict = _verdict(matrix, system, answers)
+        verdict = _verdict(matrix, system, problem, answers)
         if verdict is Verdict.UNIQUE and not (known and known.unique):
             verdict = Verdict.CONSISTENT
         return _choice(matrix, system, verdict, answers[0], answers[1:], known)
