@@ -301,8 +301,8 @@ def _verdict(found, calm: Settled | None) -> list[list[str]]:
     out = [["verdict", verdict(found, calm)], ["rattlers", str(len(static.rattlers))]]
     limit = f"an equilibrium has at most {BALANCED_BELOW:g}"
     out.append(["residual", f"{found.residual:.2g} of the mean normal contact force; {limit}"])
-    if not found.balanced:
-        out.append(["first moment of the motion", found.motion])
+    if found.grows and not found.balanced:
+        out.append(["spectrum of the motion that begins here, no verdict", found.motion])
     return out + ([["scope", found.scope]] if found.scope else [])
 
 

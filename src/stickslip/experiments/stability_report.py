@@ -169,7 +169,8 @@ def _show_imbalance(found: Stability | Damped, why, remedy: str) -> None:
         console.print(f"  - {cause}", highlight=False, markup=False)
     if remedy:
         console.print(remedy, highlight=False, markup=False)
-    console.print(f"no verdict, but the first moment of a motion: {found.motion}", highlight=False)
+    if found.grows:
+        console.print(f"spectrum of the motion that begins here, no verdict: {found.motion}", highlight=False)
 
 
 def law_in_words(law: Law) -> str:

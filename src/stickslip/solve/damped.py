@@ -78,7 +78,7 @@ class Damped(NamedTuple):
 
     @property
     def motion(self) -> str:
-        """The spectrum in words: the verdict at an equilibrium, and the first moment of a motion elsewhere."""
+        """The spectrum in words: the verdict at an equilibrium, and how a motion begins elsewhere."""
         found, swings = [], self.exponents.imag > 0
         if swings.any():
             s = self.exponents[swings][0]

@@ -22,7 +22,7 @@ DENSE_UP_TO, PAIRS_UP_TO = 2_500, 12_000  # coordinates
 class Stability(NamedTuple):
     """What the linearised motion around a state does; rattlers are left out.
 
-    It is a verdict only where the forces balance. Elsewhere it describes the first moment of a motion.
+    It is a verdict only where the forces balance. Elsewhere it describes how a motion begins.
     """
 
     n: int  # grains
@@ -71,7 +71,7 @@ class Stability(NamedTuple):
 
     @property
     def motion(self) -> str:
-        """The spectrum in words: the verdict at an equilibrium, and the first moment of a motion elsewhere."""
+        """The spectrum in words: the verdict at an equilibrium, and how a motion begins elsewhere."""
         found = []
         if len(self.pairs):
             rate, frequency = self.growth_rate[0], self.frequency[0]
