@@ -231,7 +231,7 @@ def many(seed, count=18):
 
 def test_beyond_fourteen_contacts_every_verdict_has_its_evidence():
     met = set()
-    for seed in range(40):
+    for seed in range(150):
         m, critical, load = many(seed)
         choice = status(m, load, critical=critical, unique=True)
         met.add(choice.verdict)

@@ -101,7 +101,8 @@ def test_the_affine_displacement_enters_the_slip_if_wanted(slip):
     affine = np.zeros_like(after)
     affine[:, 0] = 1e-4 * after[:, 1]  # displacement of i relative to j: simple shear leaves y as it is
     wanted = affine - np.einsum("ck,ck->c", affine, normal)[:, None] * normal if slip else 0 * affine
-    np.testing.assert_allclose(trial.slip[rows], wanted, atol=1e-14)
+    # contacts turn on the way, by the strain
+    np.testing.assert_allclose(trial.slip[rows], wanted, rtol=0, atol=1e-14 + 1e-4 * np.abs(wanted).max())
     assert (np.abs(loads.torque).max() > 1e-8) == slip  # else round-off
 
 
