@@ -254,13 +254,14 @@ def _with_contacts(state: State, law: Law, pair_i, pair_j, image, slip, mode) ->
     return state._replace(contacts=new)
 
 
-def accepted(state: State, law: Law, *, memory: int = FREE, modes: bool = False) -> State:
+def accepted(state: State, law: Law, *, memory: int = FREE, modes: bool = False, within: float = AT_LIMIT) -> State:
     """The state with its memory committed: slip perpendicular to the normal and within Coulomb's limit.
 
     Parameters
     ----------
     memory : as in `forces`; FROZEN leaves contacts as they are where nothing has moved
     modes : True takes the contacts' modes as given: what slides near the limit is put there, what sticks is cut to it
+    within : how near that is, as a share of the limit
 
     Raises
     ------
@@ -285,14 +286,14 @@ def accepted(state: State, law: Law, *, memory: int = FREE, modes: bool = False)
     cut = np.linalg.norm(trial.slip[:count], axis=1) < wanted * (1 - 1e-9)
     if modes:
         cut &= state.contacts.mode[:count] != SLIDE
-        _take_modes(state, law, trial, cut)
+        _take_modes(state, law, trial, cut, within)
     if cut.any():
         words = f"{int(cut.sum())} slip(s) exceed Coulomb's limit and were cut to it"
         warnings.warn(words, SampleWarning, stacklevel=3)
     return accept(state, trial)
 
 
-def _take_modes(state: State, law: Law, trial, cut) -> None:
+def _take_modes(state: State, law: Law, trial, cut, within: float) -> None:
     """Put the modes of a state, and the slip of what slides, into trial memory, but for contacts that were cut.
 
     What is said to slide far below the limit did so under another law, or under none with friction: its slip decides.
@@ -300,7 +301,7 @@ def _take_modes(state: State, law: Law, trial, cut) -> None:
     count, given = int(state.contacts.count[0]), state.contacts.mode
     _, held = forces(state, law, memory=HELD)
     size, limit = (np.linalg.norm(one.slip[:count], axis=1) for one in (trial, held))
-    elsewhere = (given[:count] == SLIDE) & ((size < (1 - AT_LIMIT) * limit) | (limit == 0))
+    elsewhere = (given[:count] == SLIDE) & ((size < (1 - within) * limit) | (limit == 0))
     rows = np.flatnonzero((given[:count] != OPEN) & (trial.mode[:count] != OPEN) & ~cut & ~elsewhere)
     trial.mode[rows] = given[rows]
     rows = rows[given[rows] == SLIDE]
