@@ -13,10 +13,10 @@ from stickslip.loading.biaxial import TOP
 from stickslip.quasirigid import absence
 from stickslip.quasirigid import status as room
 from stickslip.quasirigid.complementarity import Complementarity, complementarity, lemke
-from stickslip.quasirigid.enumeration import solved, status_map
+from stickslip.quasirigid.enumeration import Solution, Solved, solved, status_map
 from stickslip.quasirigid.matrices import force_rates, matrices, stiffness_matrix
 from stickslip.quasirigid.status import Verdict, status
-from stickslip.quasirigid.system import pins
+from stickslip.quasirigid.system import System, pins
 from stickslip.quasirigid.uniqueness import Known, certificate
 from tests.conftest import make_law, stirred
 from tests.derivatives.test_free_cell import packed
@@ -309,3 +309,68 @@ def test_a_contact_just_on_the_edge_is_marginal_and_its_status_is_still_unique()
     choice = status(m, load, critical=critical)
     assert choice.verdict is Verdict.UNIQUE
     assert choice.marginal.tolist() == [True, False]
+
+
+def tilted(angle, mu=0.3, depth=0.01):
+    """One disk that cannot turn, at Coulomb's limit on a tilted floor: nothing resists that it slides on."""
+    normal = np.array([np.sin(angle), np.cos(angle), 0])
+    down = np.array([normal[1], -normal[0], 0])
+    law = ss.between(ss.linear(1.0, 0.37, mu), 0, 1)
+    control = ss.loads(1, 1, force=[depth * (mu * down - normal)])
+    control.free[:, 3:] = control.free[1:] = False
+    state = ss.assembly(
+        ss.disks([(0.5 - depth) * normal], 0.5), ss.flat_walls([0, 0, 0], normal), ss.box(dim=2), control
+    )
+    state = ss.accept(state, ss.forces(state, law)[1])
+    state.contacts.slip[0], state.contacts.mode[0] = mu * depth / 0.37 * down, ss.SLIDE
+    return matrices(state, law, rattlers=True), down[:2]
+
+
+def test_what_slides_without_resistance_is_a_mechanism_whatever_round_off_does():
+    for angle in np.linspace(0.01, 1.5, 30):
+        m, down = tilted(angle)
+        choice = status(m, down)
+        assert choice.verdict is Verdict.MECHANISM
+        assert abs(choice.proof.power) == pytest.approx(np.cos(np.arctan(0.3)), abs=0.02)  # forces turn by δ/R
+        assert status(m, -down).verdict is Verdict.UNIQUE  # it sticks
+
+
+def test_in_a_packing_of_two_contacts_no_status_is_found_that_is_not_consistent():
+    """Where sliding needs no load, A has entries of round-off, which must not become units."""
+    state, law = ss.biaxial_box(6, pressure=1e-3, mu=1.0, seed=1000, tolerance=1e-6)
+    whole = matrices(state, law)
+    critical, rng, met = np.arange(whole.count)[:4], np.random.default_rng(0), set()
+    for _ in range(100):
+        m = whole._replace(sign=rng.choice([-1.0, 1.0], whole.count))
+        slides = np.isin(np.arange(m.count), critical[rng.random(len(critical)) < 0.5])
+        load = stiffness_matrix(m, slides) @ rng.normal(size=len(m.free))
+        choice = status(m, load, critical=critical)
+        met.add(choice.verdict)
+        for one in [choice, *choice.others] if choice.ok else []:
+            normal, along = (m.c.T @ one.velocity).reshape(-1, 2).T[:, critical]
+            rate = m.slope[critical] * normal + m.sign[critical] * along
+            slack = 1e-6 * np.abs(rate).max() + 1e-12 * np.abs(one.velocity).max()
+            assert (np.where(one.sliding[critical], rate, -rate) > -slack).all()
+    assert len(met) > 1
+
+
+def test_a_solution_with_huge_error_bounds_is_verified_all_the_same(monkeypatch):
+    m, down = tilted(0.3)
+    vague = Solution(np.array([False]), np.zeros(1), np.zeros(1), np.full(1, 1e30), 0)
+    monkeypatch.setattr(room, "solved", lambda *_: Solved((vague,), ()))
+    monkeypatch.setattr(room, "_flipped", lambda *_: None)
+    assert status(m, down).verdict is Verdict.NOT_FOUND
+
+
+def test_a_motion_that_is_resisted_or_not_driven_is_no_mechanism():
+    m, down = tilted(0.3)
+    found, slides = status(m, down).proof, np.array([True])
+    system = System(m, down, np.array([0]), True)
+    v, u = found.velocity[system.kept], found.balance[system.kept]
+    across = np.array([-v[1], v[0]])
+    assert absence._motion(system, v, u, slides).power == pytest.approx(found.power)
+    assert absence._motion(system, v, u, ~slides) is None  # it sticks
+    assert absence._motion(system, across, u, slides) is None
+    assert absence._motion(system, v, across, slides) is None
+    idle = System(m, np.array([-found.balance[1], found.balance[0]]), np.array([0]), True)
+    assert absence._motion(idle, v, u, slides) is None

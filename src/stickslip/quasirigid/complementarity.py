@@ -108,6 +108,10 @@ def scaled(problem: Complementarity) -> Scaled:
     a, q = problem.matrix, problem.vector
     if not (np.isfinite(a).all() and np.isfinite(q).all()):
         raise ValueError("A or q is not finite: every entry must be a number; look for NaN in positions and forces")
+    error = problem.matrix_error + ROUND_OFF * np.abs(a)
+    # what may be zero must not become the unit of a row or column
+    nothing = np.abs(a) <= error
+    a, error = np.where(nothing, 0.0, a), np.where(nothing, error + np.abs(a), error)
     rows, columns = np.ones(len(q)), np.ones(len(q))
     for _ in range(SWEEPS):
         now = rows[:, None] * np.abs(a) * columns
@@ -116,7 +120,6 @@ def scaled(problem: Complementarity) -> Scaled:
     rows, columns = np.exp2(np.round(np.log2(rows))), np.exp2(np.round(np.log2(columns)))
     largest = np.abs(rows * q).max(initial=0.0)
     unit = np.exp2(np.round(np.log2(largest))) if largest else 1.0
-    error = problem.matrix_error + ROUND_OFF * np.abs(a)
     vector_error = problem.vector_error + ROUND_OFF * np.abs(q)
     return Scaled(
         rows[:, None] * a * columns, rows * q / unit, rows[:, None] * error * columns, rows * vector_error / unit,

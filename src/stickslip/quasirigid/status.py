@@ -298,7 +298,8 @@ def _answer(system: System, solution: Solution) -> Answer | None:
         velocity, rate = system.moved(solution.slides, solution.slip)
     except LinAlgError:
         return None
-    if not _consistent(system, solution.slides, velocity, rate, BLUR * solution.doubt):
+    slack = np.minimum(BLUR * solution.doubt, ALIKE * np.abs(rate).max(initial=0.0))
+    if not _consistent(system, solution.slides, velocity, rate, slack):
         return None
     return Answer(solution.slides, velocity, rate, "enumeration")
 
