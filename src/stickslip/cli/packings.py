@@ -21,7 +21,7 @@ METHODS = {
     "auto": "by the number of grains", "dense": "all eigenvalues", "pairs": "all complex pairs",
     "fastest": "the fastest growth alone",
 }  # fmt: skip
-UNJUDGED = 3  # exit code of a packing that is not in equilibrium
+UNJUDGED = 3  # exit code where there is no verdict
 REMEDY = "give what is missing; or --settle lets it come to rest first: the answer is then about the settled packing"
 STABILITY = examples(
     ("stability examples/sheared_spheres.npz", "verdict and pairs; modes go to sheared_spheres-modes.npz here"),
@@ -109,7 +109,7 @@ def stability(
     """Is this packing stable? Complex pairs, buckling, floppy modes and rattlers of anybody's packing.
 
     Only an equilibrium is judged: forces must balance to 0.002 of the mean contact force. Exit codes: 0 stable or
-    unstable, 1 it could not be computed or settled, 2 wrong input, 3 not in equilibrium.
+    unstable, 1 it could not be computed or settled, 2 wrong input, 3 no verdict: not in equilibrium, or not decided.
     """
     from ..data.exchange.files import listened, read_sample
     from ..experiments import answers, report, stability_report
@@ -140,7 +140,7 @@ def stability(
         stability_report.show(found, its_law, words, more, calm=calm, why=why, remedy="" if settle else REMEDY)
         if paths:
             report.show_paths(paths)
-    if not found.balanced:
+    if found.stable is None:
         raise typer.Exit(UNJUDGED)
 
 

@@ -52,8 +52,8 @@ def _tried(function, *arguments, **options):
 
 
 def _transient(state: State, law: Law, found, report) -> Transient | str:
-    if not found.stable:
-        return "as the packing is unstable: what grows exponentially outgrows every transient"
+    if found.grows:
+        return "as something grows exponentially, which outgrows every transient"
     by_energy = _tried(transient_growth, state, law, report=report)
     if isinstance(by_energy, str) and by_energy.startswith(POSITIVE):
         return _tried(transient_growth, state, law, norm="displacement", report=report)

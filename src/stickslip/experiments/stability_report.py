@@ -113,6 +113,8 @@ def as_object(
         "causes": list(why),
         "settled": None if calm is None else _settled_object(calm),
         "stable": found.stable,
+        "at_limit": static.at_limit,
+        "if_stuck": found.if_stuck.motion if found.if_stuck else None,
         "pairs": pairs,
         "growing" if isinstance(found, Damped) else "negative": negative,
         "zero_modes": static.zero_modes,

@@ -1,12 +1,15 @@
 """Is a packing at rest? How far its forces are from balance, the likely reasons, and its contacts under another law."""
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from ..core.forces import forces, unbalanced
 from ..core.jacobian import linearised
 from ..core.laws import MU, Law
 from ..core.measure import mean_normal_force, touching, volume
 from ..core.state import SLIDE, STICK, Contacts, State
+from .freedom import loose_grains
 
 # Of the mean contact force, `python -m benchmarks.equilibrium`: up to 1e-3 grains that were moved at random change the
 # verdict no more often than at 1e-8, and up to 2e-3 none of 52 packings had a wrong one without its slips; beyond, the
@@ -20,8 +23,10 @@ ROUND_OFF = 1e-9  # of a contact's pull over its limit: slips are differences of
 def imbalance(state: State, law: Law) -> float:
     """Largest unbalanced force or torque/R over the mean normal contact force, and that of a free cell's stress.
 
-    Zero where nothing acts at all; infinite where something acts, but no contact bears it. The imbalance of a free cell
-    is the largest difference between its stress and the imposed one, over the larger of the two.
+    The mean is over the contacts of the grains that hang together, without rattlers: strong forces elsewhere do not
+    hide what is missing in a weak part. Zero where nothing acts at all; infinite where something acts, but no contact
+    bears it. The imbalance of a free cell is the largest difference between its stress and the imposed one, over the
+    larger of the two.
 
     Parameters
     ----------
@@ -34,13 +39,50 @@ def imbalance(state: State, law: Law) -> float:
     1.0
     """
     loads = forces(state, law)[0]
-    worst, scale = float(np.abs(unbalanced(state, loads)).max()), mean_normal_force(state, law)
-    found = _share(worst, scale)
+    worst = np.abs(unbalanced(state, loads)).max(axis=1)
+    found = max(map(_share, worst, _scales(state, law)), default=0.0) if worst.any() else 0.0
     free = state.control.cell_free
     if free.any():
         has, wants = loads.virial[free], (volume(state) * state.control.stress)[free]
         found = max(found, _share(float(np.abs(has - wants).max()), float(np.abs([has, wants]).max())))
-    return found
+    return float(found)
+
+
+def _scales(state: State, law: Law) -> np.ndarray:
+    """(N + W,) mean |F_n| around each body: of the part of the packing that it belongs to, or of all contacts."""
+    rows, n = touching(state), len(state.grains.radius)
+    if not len(rows):
+        return np.zeros(state.n_bodies)
+    force = np.abs(linearised(state, law).force_n[rows])
+    held = state.control.free[:, : state.cell.dim].any(axis=1)
+    held[:n] &= ~loose_grains(state, law)
+    i, j = state.contacts.i[rows], state.contacts.j[rows]
+    linked = held[i] & held[j]
+    links = coo_array((np.ones(linked.sum()), (i[linked], j[linked])), shape=(state.n_bodies,) * 2)
+    part = connected_components(links, directed=False)[1]
+    mine = held[i] | held[j]
+    part_of = np.where(held[i], part[i], part[j])[mine]
+    total, count = np.bincount(part_of, force[mine], len(held)), np.bincount(part_of, minlength=len(held))
+    whole = force.mean()
+    means = np.divide(total, count, out=np.full(len(total), whole), where=count > 0)
+    return np.where(held, means[part], whole)
+
+
+def swing(state: State, law: Law) -> float:
+    """By which share of the mean contact force motion changes forces: v √(m k) of a spring k that stops a mass m.
+
+    Of the grains that hang together, relative to their mean velocity where nothing holds them in place.
+    """
+    rows, still = touching(state), ~loose_grains(state, law)
+    if not (len(rows) and still.any()):
+        return 0.0
+    grains, velocity = state.grains, state.grains.velocity[still]
+    if not len(state.walls.mass) and state.control.free[: len(still), : state.cell.dim].all():
+        velocity = velocity - np.average(velocity, axis=0, weights=grains.mass[still])
+    turning = np.linalg.norm(grains.spin[still], axis=1) * grains.radius[still]
+    speed = np.maximum(np.linalg.norm(velocity, axis=1), turning)
+    stiffness = linearised(state, law).slope_n[rows].mean()
+    return _share(float((speed * np.sqrt(grains.mass[still] * stiffness)).max()), mean_normal_force(state, law))
 
 
 def _share(part: float, whole: float) -> float:
@@ -49,10 +91,12 @@ def _share(part: float, whole: float) -> float:
     return part / whole if whole else np.inf
 
 
-def unjudged(residual: float) -> str:
+def unjudged(residual: float, moves: float = 0.0) -> str:
     """The sentence that stands for a verdict where there is no equilibrium."""
     share = f"residual {_percent(residual)} of the mean contact force"
     words = share if np.isfinite(residual) else "no contact bears the forces that act"
+    if residual <= BALANCED_BELOW < moves:
+        words = f"the grains move, which changes forces by {_percent(moves)} of the mean contact force"
     return f"not in equilibrium ({words}): stability cannot be judged"
 
 
@@ -75,36 +119,31 @@ def likely_causes(state: State, law: Law) -> tuple[str, ...]:
     acts = any(a.any() for a in (control.force, control.torque, control.gravity, control.spring))
     if not (state.cell.periodic.any() or len(state.walls.mass) or acts) and control.free[:n, : state.cell.dim].all():
         found.append("no cell: neither a periodic box nor walls or loads hold the grains together")
-    speed = np.linalg.norm(state.grains.velocity, axis=1)
-    if len(rows) and _swing(state, law, speed) > BALANCED_BELOW:
-        found.append(f"motion: the grains move, the fastest at {speed.max():.2g}")
-    decimals, share = _open_digits(state, law)
+    if swing(state, law) > BALANCED_BELOW:
+        speed = np.linalg.norm(state.grains.velocity, axis=1).max()
+        found.append(f"motion: the grains move, the fastest at {speed:.2g}")
+    lost, error = _lost_digits(state)
+    stiffness = linearised(state, law).slope_n[rows].mean() if len(rows) else 0.0
+    share = _share(stiffness * error, mean_normal_force(state, law))
     if share > 0.1 * BALANCED_BELOW:  # a grain has several contacts, each with the errors of two grains
-        found.append(
-            f"few digits: positions end at {decimals} decimals, which leaves {_percent(share)} of the mean contact "
-            f"force open"
-        )
+        found.append(f"few digits: positions {lost}, which leaves {_percent(share)} of the mean contact force open")
     return (*found, "another law, or other parameters, than those under which the packing came to rest")
 
 
-def _open_digits(state: State, law: Law) -> tuple[int, float]:
-    """Decimals at which all positions end, and the share of the mean contact force that a unit of the last one makes.
+def _lost_digits(state: State) -> tuple[str, float]:
+    """How the positions' digits were cut, in words, and the error that this leaves [length]; zero if they were not.
 
-    Nothing is open where positions have the digits that numbers of their size can have, or all are whole.
+    Nothing is lost where positions have the digits that numbers of their size can have, or all are whole.
     """
-    place, rows = state.grains.position, touching(state)
-    whole = int(np.ceil(np.log10(max(np.abs(place).max(), 1e-30))))
-    for decimals in range(1, DIGITS - whole):
+    place = state.grains.position
+    largest = max(float(np.abs(place).max()), 1e-30)
+    whole = int(np.ceil(np.log10(largest)))
+    for decimals in range(DIGITS - whole):
         if np.abs(place - np.round(place, decimals)).max() <= 10.0 ** (whole - DIGITS - 1):
-            stiffness = linearised(state, law).slope_n[rows].mean() if len(rows) else 0.0
-            return decimals, _share(stiffness * 10.0**-decimals, mean_normal_force(state, law))
-    return 0, 0.0
-
-
-def _swing(state: State, law: Law, speed: np.ndarray) -> float:
-    """By which share of the mean contact force motion changes forces: v √(m k) of a spring k that stops a mass m."""
-    stiffness = linearised(state, law).slope_n[touching(state)].mean()
-    return _share(float((speed * np.sqrt(state.grains.mass * stiffness)).max()), mean_normal_force(state, law))
+            return f"end at {decimals} decimals", 10.0**-decimals if decimals else 0.0
+    if np.array_equal(place, place.astype(np.float32)):
+        return "are in single precision", largest * float(np.finfo(np.float32).eps)
+    return "", 0.0
 
 
 def under(state: State, law: Law) -> State:

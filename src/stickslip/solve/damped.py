@@ -12,7 +12,7 @@ from ..core.laws import Law
 from ..core.state import State
 from .balance import under, unjudged
 from .freedom import ZERO_BELOW, Freedom, restricted, stiffness
-from .stability import PAIR_ABOVE, Stability, stability
+from .stability import MIXED, PAIR_ABOVE, Stability, at_limit, in_both, stability, stable_if, sticking
 
 DENSE_UP_TO = 1_250  # coordinates, within seconds: the first-order form has twice as many
 DENSE_AT_MOST = 4_000  # minutes
@@ -30,6 +30,7 @@ class Damped(NamedTuple):
     modes: np.ndarray  # (n, K) complex: generalised displacements of unit mass-weighted norm
     slowest: complex | None  # exponent of the slowest decay; None where not all were computed
     scope: str  # what was not looked at, in words
+    if_stuck: "Damped | None" = None  # the same with contacts at Coulomb's limit sticking, see `Stability`
 
     @property
     def free(self) -> Freedom:
@@ -48,7 +49,7 @@ class Damped(NamedTuple):
 
     @property
     def balanced(self) -> bool:
-        """True if the residual is at most `BALANCED_BELOW`."""
+        """True if neither residual nor motion exceeds `BALANCED_BELOW`."""
         return self.undamped.balanced
 
     @property
@@ -58,8 +59,8 @@ class Damped(NamedTuple):
 
     @property
     def stable(self) -> bool | None:
-        """True if nothing was found that grows exponentially; None off equilibrium."""
-        return not self.grows if self.balanced else None
+        """True if nothing was found that grows exponentially; None where `Stability` has it so."""
+        return stable_if(self.grows, self.if_stuck) if self.balanced else None
 
     @property
     def growth_rate(self) -> np.ndarray:
@@ -74,7 +75,9 @@ class Damped(NamedTuple):
     @property
     def verdict(self) -> str:
         """In words, with what the dashpots changed; or that this is no equilibrium."""
-        return self.motion if self.balanced else unjudged(self.residual)
+        if not self.balanced:
+            return unjudged(self.residual, self.undamped.swing)
+        return in_both(self.undamped.at_limit, self, self.if_stuck)
 
     @property
     def motion(self) -> str:
@@ -132,7 +135,17 @@ def damped_stability(state: State, law: Law, *, method: str = "auto", report=Non
         )
     state = under(state, law)
     undamped = stability(state, law, method=method, report=report)
-    free = undamped.free
+    found = _judged(state, law, undamped, method, report)
+    if undamped.if_stuck is None:
+        return found
+    stuck = sticking(state, at_limit(state, law))
+    scope = found.scope if MIXED in found.scope else f"{found.scope}; {MIXED}" if found.scope else MIXED
+    return found._replace(if_stuck=_judged(stuck, law, undamped.if_stuck, method, report), scope=scope)
+
+
+def _judged(state: State, law: Law, undamped: Stability, method: str, report) -> Damped:
+    """The verdict with every contact held in its mode."""
+    free, size = undamped.free, _size(state)
     pull, root = stiffness(state, law, free), 1 / np.sqrt(free.mass)
     _, blocks = contact_blocks(state, law)
     drag = sparse.csr_array(sparse.diags_array(-root) @ restricted(state, blocks, free) @ sparse.diags_array(root))

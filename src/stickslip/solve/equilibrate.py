@@ -18,6 +18,7 @@ from .linear import DENSE_BELOW, one_thread
 from .newton import Kept, newton
 from .relax import relax, residual
 from .spectrum import softest
+from .stability import at_limit
 
 STAGES = (3e-3, 3e-5, 3e-7, 3e-9)  # of the mean normal force, to which damped dynamics goes before Newton tries again
 CHECKED = 12  # softest eigenvalues that are looked at where dense algebra is too slow
@@ -71,6 +72,8 @@ def equilibrate(
     if check != "nothing" and (rest := imbalance(end, law)) > BALANCED_BELOW:
         return end, outcome._replace(warning=unjudged(rest))
     words = _instability(end, law, check)
+    if words and len(at_limit(end, law)):
+        words += ", if contacts at Coulomb's limit go on sliding"
     keep.found_stable = -1 if words else keep.factorisations
     if words:
         outcome = outcome._replace(warning=words)

@@ -15,7 +15,7 @@ from ..core.state import OPEN, SLIDE, STICK, State
 from .balance import BALANCED_BELOW, imbalance, unjudged
 from .freedom import ZERO_BELOW, Freedom, backbone, incidence, of_branches, stiffness
 from .linear import DENSE_BELOW, one_thread
-from .stability import PAIR_ABOVE
+from .stability import PAIR_ABOVE, at_limit
 
 AT_MOST = 2_500  # coordinates: all modes, within minutes
 WORK = 5e9  # coordinates³ times spectra that are computed where the user does not say how many: some ten seconds
@@ -146,6 +146,8 @@ def contact_sensitivity(state: State, law: Law, *, pair: int = 0, most: int | No
             after[one], words[one] = _judged(_values_after(state, law, modes, free, *changes[one]))
     missing = len(changes) - len(chosen)
     scope = f"{missing} of {len(changes)} changes were judged by first-order shifts only" if missing else ""
+    if len(at_limit(state, law)):
+        scope = "; ".join([*filter(None, [scope]), "contacts at Coulomb's limit go on sliding"])
     contact = np.array([row for row, *_ in changes], int)
     slope = np.abs(derivative)[np.searchsorted(rows, contact)] if len(derivative) else np.zeros(len(contact))
     last = _ranked(growth, verdict, after, words, slope)

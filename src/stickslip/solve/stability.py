@@ -6,16 +6,18 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import eig
 
-from ..core.laws import Law
+from ..core.jacobian import linearised
+from ..core.laws import SHARP, Law
 from ..core.measure import touching
-from ..core.state import State
-from .balance import BALANCED_BELOW, imbalance, likely_causes, under, unjudged
+from ..core.state import SLIDE, STICK, State
+from .balance import BALANCED_BELOW, imbalance, likely_causes, swing, under, unjudged
 from .fastest import fastest_pair
 from .freedom import ZERO_BELOW, Freedom, backbone, freedom, loose_grains, stiffness, translations
 from .pairs import complex_pairs
 from .spectrum import SOFTEST, softest
 
 PAIR_ABOVE = 1e-9  # of the largest |λ|
+MIXED = "contacts at Coulomb's limit were taken to stick all, and to slide all; not some of each"
 DENSE_UP_TO, PAIRS_UP_TO = 2_500, 12_000  # coordinates
 
 
@@ -29,6 +31,7 @@ class Stability(NamedTuple):
     contacts: int  # that touch
     rattlers: np.ndarray  # their numbers, from 0
     residual: float  # largest unbalanced force or torque/R over the mean normal contact force, see `imbalance`
+    swing: float  # by which share of that force motion changes forces
     pairs: np.ndarray  # (P,) complex λ with Im > 0, fastest growing first [1/time²]
     negative: np.ndarray  # (K,) real λ < 0 [1/time²]
     zero_modes: int
@@ -37,12 +40,14 @@ class Stability(NamedTuple):
     free: Freedom
     method: str  # "dense", "pairs" or "fastest"
     scope: str  # what was not looked at, in words
-    causes: tuple[str, ...]  # why the forces may not balance, see `likely_causes`; empty where they do
+    causes: tuple[str, ...]  # why it is not in equilibrium, see `likely_causes`; empty where it is
+    at_limit: int = 0  # contacts at Coulomb's limit under sharp friction: all go on sliding in this spectrum
+    if_stuck: "Stability | None" = None  # the same with these contacts sticking; None without such contacts
 
     @property
     def balanced(self) -> bool:
-        """True if the residual is at most `BALANCED_BELOW`."""
-        return self.residual <= BALANCED_BELOW
+        """True if neither the residual nor the swing exceeds `BALANCED_BELOW`."""
+        return max(self.residual, self.swing) <= BALANCED_BELOW
 
     @property
     def grows(self) -> bool:
@@ -51,8 +56,11 @@ class Stability(NamedTuple):
 
     @property
     def stable(self) -> bool | None:
-        """True if nothing was found that grows; floppy modes are counted, not judged. None off equilibrium."""
-        return not self.grows if self.balanced else None
+        """True if nothing was found that grows; floppy modes are counted, not judged.
+
+        None off equilibrium, and where something grows only if contacts at Coulomb's limit go on sliding.
+        """
+        return stable_if(self.grows, self.if_stuck) if self.balanced else None
 
     @property
     def growth_rate(self) -> np.ndarray:
@@ -67,7 +75,9 @@ class Stability(NamedTuple):
     @property
     def verdict(self) -> str:
         """In words: stable, oscillatory instability, buckling, floppy modes; or that this is no equilibrium."""
-        return self.motion if self.balanced else unjudged(self.residual)
+        if not self.balanced:
+            return unjudged(self.residual, self.swing)
+        return in_both(self.at_limit, self, self.if_stuck)
 
     @property
     def motion(self) -> str:
@@ -90,12 +100,35 @@ class Stability(NamedTuple):
         return "; ".join(found)
 
 
+def stable_if(grows: bool, stuck) -> bool | None:
+    """A verdict from both spectra: of contacts at Coulomb's limit that go on sliding, and of the same that stick.
+
+    Small disturbances make them stick: what grows then grows. What grows only if they slide on, all in one direction,
+    needs a motion that keeps them sliding, and is left open.
+    """
+    if stuck is None or stuck.grows or not grows:
+        return not (grows if stuck is None else stuck.grows)
+    return None
+
+
+def in_both(count: int, found, stuck) -> str:
+    """The verdict in words, from both spectra if there are two."""
+    if stuck is None or not (found.grows or stuck.grows):
+        return found.motion
+    return (
+        f"{'' if stuck.grows else 'not decided: '}if the {count} contact(s) at Coulomb's limit stick, as after small "
+        f"disturbances: {stuck.motion}; if all of them go on sliding: {found.motion}"
+    )
+
+
 def stability(state: State, law: Law, *, method: str = "auto", report=None) -> Stability:
     """The verdict on an accepted state: complex pairs, negative λ, floppy modes, rattlers.
 
     A residual above `BALANCED_BELOW` of the mean contact force is no equilibrium: then `stable` is None, `verdict` says
     so and `causes` name what may be missing. Contacts are in the modes that their slip has under this law, which may be
-    another than the one they were committed under.
+    another than the one they were committed under. With sharp friction a contact at Coulomb's limit slides or sticks,
+    whichever way it is pushed: the spectrum is that of all such contacts sliding, `if_stuck` that of all sticking, and
+    the verdict says both where they differ.
 
     Parameters
     ----------
@@ -115,6 +148,33 @@ def stability(state: State, law: Law, *, method: str = "auto", report=None) -> S
     if method not in ("auto", "dense", "pairs", "fastest"):
         raise ValueError(f"method {method!r} was given: use auto, dense, pairs or fastest")
     state = under(state, law)
+    found, rows = _judged(state, law, method, report), at_limit(state, law)
+    if not len(rows):
+        return found
+    scope = f"{found.scope}; {MIXED}" if found.scope else MIXED
+    stuck = _judged(sticking(state, rows), law, method, report)
+    return found._replace(at_limit=len(rows), if_stuck=stuck, scope=scope)
+
+
+def at_limit(state: State, law: Law) -> np.ndarray:
+    """Numbers of the contacts of grains that are held which are at Coulomb's limit, under sharp friction."""
+    if law.coulomb != SHARP:
+        return np.zeros(0, np.int64)
+    rows = touching(state)
+    loose = np.append(loose_grains(state, law), np.zeros(len(state.walls.mass), bool))
+    slides = (state.contacts.mode[rows] == SLIDE) & (linearised(state, law).limit[rows] > 0)
+    return rows[slides & ~loose[state.contacts.i[rows]] & ~loose[state.contacts.j[rows]]]
+
+
+def sticking(state: State, rows: np.ndarray) -> State:
+    """The state with some contacts sticking."""
+    mode = state.contacts.mode.copy()
+    mode[rows] = STICK
+    return state._replace(contacts=state.contacts._replace(mode=mode))
+
+
+def _judged(state: State, law: Law, method: str, report) -> Stability:
+    """The verdict with every contact held in its mode."""
     loose = loose_grains(state, law)
     free = backbone(state, law)
     size = len(free)
@@ -135,12 +195,12 @@ def stability(state: State, law: Law, *, method: str = "auto", report=None) -> S
         negative, zero_modes, soft = softest(matrix)
         modes = np.hstack([modes, soft / np.sqrt(free.mass)[:, None]])
         scope += f"; negative and zero λ were looked for among the {SOFTEST} smallest"
-    residual = imbalance(state, law)
-    causes = () if residual <= BALANCED_BELOW else likely_causes(state, law)
+    residual, moves = imbalance(state, law), swing(state, law)
+    causes = () if max(residual, moves) <= BALANCED_BELOW else likely_causes(state, law)
     rigid = int(state.control.free[: len(loose), : state.cell.dim].all()) * translations(matrix, free).shape[1]
     return Stability(
-        len(loose), len(touching(state)), np.flatnonzero(loose), residual, pairs, negative, zero_modes, rigid, modes,
-        free, method, scope, causes,
+        len(loose), len(touching(state)), np.flatnonzero(loose), residual, moves, pairs, negative, zero_modes, rigid,
+        modes, free, method, scope, causes,
     )  # fmt: skip
 
 
