@@ -153,7 +153,8 @@ def test_the_command_prints_one_object_with_the_documented_keys(unstable, tmp_pa
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     documented = {
-        "n", "contacts", "rattlers", "residual", "tolerance", "balanced", "causes", "settled", "stable", "pairs",
+        "n", "contacts", "rattlers", "residual", "tolerance", "balanced", "causes", "settled", "stable",
+            "at_limit", "if_stuck", "pairs",
         "negative", "zero_modes", "spectrum",
     }  # fmt: skip
     of_every_command = {"command", "status", "folder", "files", "versions"}
