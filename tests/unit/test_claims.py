@@ -104,12 +104,12 @@ def test_the_verdict_is_total_and_no_reference_means_no_number_in_the_paper(pape
 
 @given(FINITE, FINITE, TOLERANCES, ERRORS)
 def test_noise_decides_nothing(paper, measured, tolerance, error):
-    """A number whose error is larger than the band's half width, or is not known, earns no other word, near or far."""
-    low, high = band(paper, tolerance)
+    """A number whose error exceeds the way to the band's nearer edge, or is not known, earns no other word."""
+    edge = min(abs(end - paper) for end in band(paper, tolerance))
     word = verdict(paper, measured, tolerance, error)
-    if error is None or not math.isfinite(error) or error > 0.5 * (high - low) * (1 + 1e-9) + 1e-9 * abs(paper):
+    if error is None or not math.isfinite(error) or error > edge * (1 + 1e-9) + 1e-9 * abs(paper):
         assert word == UNDECIDED
-    elif error < 0.5 * (high - low):
+    elif error < edge:
         assert word in (REPRODUCED, PARTLY, NOT_REPRODUCED)
 
 
@@ -118,6 +118,31 @@ def test_verdicts_do_not_depend_on_units_or_signs(paper, measured, tolerance):
     word = verdict(paper, measured, tolerance, 0.0)
     assert verdict(-paper, -measured, tolerance, 0.0) == word
     assert verdict(paper * 2.0**20, measured * 2.0**20, tolerance, 0.0) == word
+
+
+@pytest.mark.parametrize(
+    ("tolerance", "inside", "near", "far"),
+    [(0.1, (0.91, 1.09), (0.89, 1.11, 0.81, 1.19), (0.79, 1.21)), (0.3, (0.71,), (0.69, 0.41, 1.59), (0.39, 1.61)),
+     (1.0, (0.51, 1.99), (0.49, 0.34, 2.99), (0.33, 3.01))],
+)  # fmt: skip
+def test_partly_is_between_one_and_two_tolerances(tolerance, inside, near, far):
+    words = [{verdict(1.0, value, tolerance, 0.0) for value in values} for values in (inside, near, far)]
+    assert words == [{REPRODUCED}, {PARTLY}, {NOT_REPRODUCED}]
+
+
+@pytest.mark.parametrize(
+    "given",
+    [(1.0, 1.0, float("nan"), 0.0), (1.0, 1.0, -0.1, 0.0), (1.0, 1.0, float("inf"), 0.0), (1.0, 1.0, 0.1, -0.5),
+     (1.0, 1.0, 0.1, 0.0, "often"), ([1.0, 2.0], 1.0, 0.1, 0.0), (1.0, [1.0, 2.0], 0.1, 0.0), ([1, 2], [1], 0.1, 0.0)],
+)  # fmt: skip
+def test_what_cannot_be_compared_is_one_sentence(given):
+    with pytest.raises(ValueError, match=r"(was given: |windows need windows)"):
+        verdict(*given)
+
+
+def test_types_of_numpy_are_taken_as_what_they_are():
+    assert verdict(np.True_, np.True_, 0.0, None) == REPRODUCED
+    assert verdict(np.float64(1), np.float64("nan"), 0.1, 0.0) == UNDECIDED
 
 
 def test_a_reference_is_beside_the_paper_and_never_in_its_place():

@@ -75,7 +75,7 @@ def claim(
 
 
 def verdict(paper: Value, measured: Value, tolerance: float, error: float | None, quantifier: str = IS) -> str:
-    """Decide what a measurement says about what the paper prints; one of `VERDICTS`, whatever is given.
+    """Decide what a measurement says about what the paper prints; one of `VERDICTS`.
 
     reproduced
         A number within the tolerance of the paper's; a statement that holds (of "can": in one instance at least).
@@ -87,14 +87,27 @@ def verdict(paper: Value, measured: Value, tolerance: float, error: float | None
     refuted
         A statement that is said to hold always, of which the note exhibits a counterexample.
     undecided
-        The standard error exceeds the tolerance (half the width of its band) or is not known, as with one realization;
-        nothing was measured; something that can happen was not seen.
+        The standard error exceeds the tolerance (the distance to the nearer edge of its band) or is not known, as with
+        one realization; nothing was measured; something that can happen was not seen.
     no reference
         The paper prints nothing to compare with, whatever a reference from elsewhere says.
 
     A tolerance below 0.5 is a share of the paper's number, from 0.5 on a factor 1 + tolerance either way; beside a
-    printed zero it is absolute.
+    printed zero it is absolute. Twice the tolerance is twice the share, or the factor 1 + 2 tolerance.
+
+    Raises
+    ------
+    ValueError
+        if tolerance or error is negative or the tolerance not finite, if the quantifier is unknown, and if a statement
+        stands beside a number, or a window beside something else.
     """
+    paper, measured = plain(paper), plain(measured)
+    if not 0 <= tolerance < math.inf:
+        raise ValueError(f"a tolerance of {tolerance} was given: a number from 0 on is needed")
+    if error is not None and error < 0:
+        raise ValueError(f"an error of {error} was given: a standard error is not negative")
+    if quantifier not in (IS, CAN, ALWAYS):
+        raise ValueError(f"quantifier {quantifier!r} was given: use is, can or always")
     return NO_REFERENCE if paper is None else _compared(paper, measured, tolerance, error, quantifier)
 
 
@@ -106,6 +119,10 @@ def _compared(target: Value, measured: Value, tolerance: float, error: float | N
             raise ValueError(f"{measured!r} was measured where {target!r} is printed: a statement beside a number")
         otherwise = {IS: NOT_REPRODUCED, CAN: UNDECIDED, ALWAYS: REFUTED}[quantifier]
         return REPRODUCED if measured == target else otherwise
+    if isinstance(target, list) != isinstance(measured, list) or (
+        measured and isinstance(target, list) and len(measured) != len(target)
+    ):
+        raise ValueError(f"{measured!r} was measured where {target!r} is printed: windows need windows")
     if isinstance(target, list):
         ends = [_number(p, m, tolerance, error) for p, m in zip(target, measured, strict=True)] if measured else []
         if UNDECIDED in ends:
@@ -119,21 +136,22 @@ def _number(target: float, measured: float, tolerance: float, error: float | Non
         return UNDECIDED
     low, high = band(target, tolerance)
     slack = ROUND_OFF * abs(target)
-    if error > 0.5 * (high - low) + slack:
+    if error > min(high - target, target - low) + slack:
         return UNDECIDED
     if low - slack <= measured <= high + slack:
         return REPRODUCED
-    low, high = band(target, 2 * tolerance)
+    low, high = band(target, tolerance, times=2)
     return PARTLY if low - slack <= measured <= high + slack else NOT_REPRODUCED
 
 
-def band(target: float, tolerance: float) -> tuple[float, float]:
-    """Least and greatest value within a tolerance of a number."""
+def band(target: float, tolerance: float, times: int = 1) -> tuple[float, float]:
+    """Least and greatest value within some times a tolerance of a number."""
+    wide = times * tolerance
     if target == 0:
-        return -tolerance, tolerance
+        return -wide, wide
     if tolerance < FACTOR:
-        return target - tolerance * abs(target), target + tolerance * abs(target)
-    ends = target / (1 + tolerance), target * (1 + tolerance)
+        return target - wide * abs(target), target + wide * abs(target)
+    ends = target / (1 + wide), target * (1 + wide)
     return min(ends), max(ends)
 
 
@@ -141,7 +159,7 @@ def reason(made: Claim) -> str:
     """Why a claim is undecided, in words."""
     if made.measured is None:
         return "left open" if _is_statement(made) else "not measured"
-    if made.quantifier == CAN:
+    if made.quantifier == CAN and _is_statement(made):
         return "what can happen was not seen"
     if made.error is None:
         return "its error is not known"
