@@ -168,9 +168,9 @@ def run(
 ):
     """Velocity Verlet: m r̈ = F − m ν ṙ, I ω̇ = T − I ν' ω, for all free components of grains and walls.
 
-    Second order in dt, with friction, too: see the documentation of contacts. The state given is not changed. Stops
-    early when `tolerance` > 0 and both the largest unbalanced
-    force (or torque/R) and the largest drag force are below it.
+    Second order in dt, with friction, too; first order where contacts close or open whose dashpots act from the first
+    touch (`velocity`, `mass_velocity`), and with memory="rate". The state given is not changed. Stops early when
+    `tolerance` > 0 and both the largest unbalanced force (or torque/R) and the largest drag force are below it.
 
     Parameters
     ----------
