@@ -104,7 +104,8 @@ def sentences(claims: list[Claim], shows: Shows) -> tuple[str, str]:
               f"{count[UNDECIDED]} undecided"]  # fmt: skip
     others = [words for words in others if not words.startswith("0 ")]
     lacking = len(own) - len(judged)
-    first = f"{count[REPRODUCED]} of the paper's {len(judged)} claims are reproduced"
+    verb = "is" if count[REPRODUCED] == 1 else "are"
+    first = f"{count[REPRODUCED]} of the paper's {len(judged)} claims {verb} reproduced"
     first += f", {', '.join(others)}" if others else ""
     first += f"; for {lacking} more rows the paper prints nothing to compare with." if lacking else "."
     return first, _main_reason(judged, shows)
