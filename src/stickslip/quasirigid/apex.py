@@ -135,8 +135,9 @@ def statuses_at_apex(apex: Apex, start: np.ndarray | None = None) -> Found:
         now = fits
     found = along_the_pieces(apex)
     if found.status is None and choices(apex) <= ENUMERATED:
-        for status in consistent_statuses(apex)[0][:1]:
-            return Found(status, _velocity(apex, status), "one by one")
+        every = every_choice(apex)
+        for status, velocity in zip(every.status[:1], every.velocity[:1], strict=True):
+            return Found(status, velocity, "one by one")
     return found
 
 
@@ -221,6 +222,62 @@ def choices(apex: Apex) -> int:
     return int(np.prod([float(len(a)) for a in apex.allowed]))
 
 
+class Every(NamedTuple):
+    """All consistent choices of statuses, K of them with different velocities, and what the others are."""
+
+    status: np.ndarray  # (K, E)
+    velocity: np.ndarray  # (K, E, 2)
+    stable: np.ndarray  # (K,) bool: det k has the sign that it has if all stick
+    coherent: bool  # det k has that sign for all choices
+    decided: bool  # no choice with singular k may be consistent: there are no others
+
+
+def every_choice(apex: Apex) -> Every:
+    """Go through all choices of statuses.
+
+    Choices that lead to the same velocities, which lie on a boundary of their cells, count once, and stable ones come
+    first.
+
+    Raises
+    ------
+    ValueError
+        for more than 4096 choices.
+    """
+    if choices(apex) > ENUMERATED:
+        raise ValueError(
+            f"{len(apex.sign)} contacts with {choices(apex):.3g} choices of statuses were given: at most {ENUMERATED} "
+            f"can be gone through; `statuses_at_apex` finds one that is consistent"
+        )
+    status = np.array(list(itertools.product(*apex.allowed)), int).reshape(-1, len(apex.sign))
+    matrix = np.stack([piece(apex, one) for one in status])
+    sign = np.linalg.slogdet(matrix)[0]
+    sound = np.where((sign == 0)[:, None, None], np.eye(matrix.shape[1]), matrix)
+    inverse = np.linalg.inv(sound)
+    size = np.abs(matrix).sum(axis=1).max(axis=1, initial=0.0) * np.abs(inverse).sum(axis=1).max(axis=1, initial=0.0)
+    regular = (sign != 0) & (size < SINGULAR) | (matrix.shape[1] == 0)
+    velocity = np.zeros((len(status), *apex.velocity.shape))
+    velocity[regular] = np.linalg.solve(
+        sound[regular], np.broadcast_to(apex.velocity.reshape(-1, 1), (int(regular.sum()), matrix.shape[1], 1))
+    ).reshape(-1, *apex.velocity.shape)
+    good = [k for k in np.flatnonzero(regular) if _consistent(apex, status[k], velocity[k])]
+    good.sort(key=lambda k: (sign[k] < 0, np.abs(velocity[k]).max(initial=0.0)))
+    kept = []
+    for k in good:
+        if not any(_same(velocity[k], velocity[other]) for other in kept):
+            kept.append(k)
+    # a disk that has no other contacts and slides or opens at two of them is free: `opening` releases it as a body
+    free = (status[:, apex.alone] != STICKS).sum(axis=1) >= 2
+    open_ends = any(_answers_somewhere(matrix[k], apex.velocity.ravel()) for k in np.flatnonzero(~regular & ~free))
+    return Every(status[kept], velocity[kept], sign[kept] > 0, bool((sign[regular] > 0).all() & regular.all()),
+                 not open_ends)
+
+
+def _answers_somewhere(matrix: np.ndarray, right: np.ndarray) -> bool:
+    """True if the equation of a singular piece has a solution, to half of the digits."""
+    rest = matrix @ np.linalg.lstsq(matrix, right, rcond=1 / SINGULAR)[0] - right
+    return bool(np.abs(rest).max(initial=0.0) <= SAME * np.abs(right).max(initial=0.0))
+
+
 def consistent_statuses(apex: Apex) -> tuple[np.ndarray, bool]:
     """All consistent choices of statuses, one by one, and whether det k has the same sign for all choices.
 
@@ -235,20 +292,8 @@ def consistent_statuses(apex: Apex) -> tuple[np.ndarray, bool]:
     ValueError
         for more than 4096 choices.
     """
-    if choices(apex) > ENUMERATED:
-        raise ValueError(
-            f"{len(apex.sign)} contacts with {choices(apex):.3g} choices of statuses were given: at most {ENUMERATED} "
-            f"can be gone through; `statuses_at_apex` finds one that is consistent"
-        )
-    found, seen, coherent = [], [], True
-    for choice in itertools.product(*apex.allowed):
-        status = np.array(choice, int)
-        coherent &= bool(np.linalg.det(piece(apex, status)) > 0)
-        velocity = _velocity(apex, status)
-        if _consistent(apex, status, velocity) and not any(_same(velocity, other) for other in seen):
-            found.append(status)
-            seen.append(velocity)
-    return np.array(found, int).reshape(len(found), len(apex.sign)), coherent
+    every = every_choice(apex)
+    return every.status, every.coherent
 
 
 def _same(one: np.ndarray, other: np.ndarray) -> bool:

@@ -20,14 +20,17 @@ from ..core.measure import rattlers
 from ..core.neighbors import updated
 from ..core.state import OPEN, SLIDE, STICK, Control, State
 from ..solve.freedom import Freedom, displaced, residual_vector
+from .apex import OPENS, SLIDES, SLIDES_BACK, STICKS, WORDS
 from .complementarity import SLACK, complementarity
 from .matrices import Matrices, matrices, statuses
-from .opening import decided
+from .opening import Decided, decided
 from .rattling import NUDGE, gaps, with_modes
 from .status import Choice, Verdict, status
 from .uniqueness import certificate
 
 APEX = 1e-6  # normal force, in mean normal forces, at which a contact is at the apex of the cone
+AT_CONE = 1e-10  # distance from the cone, in mean normal forces, that is round-off: 1e-16 times conditions of k of 1e5
+CROWD = 200  # events without progress of the load after which a path ends: no real avalanche of this size was seen
 BLURRED = 10.0  # times what is out of balance, below which a disk with two contacts is not yet said to meet the cone
 TOGETHER = 1e-9  # of an increment, within which contacts meet an event together
 REACHES, CLOSES = "reaches the cone", "closes"
@@ -42,6 +45,16 @@ class Event(NamedTuple):
     kind: str  # "reaches the cone", "sticks again", "opens", "closes", …, or why the path ends
     i: int  # the contact's bodies, or the body; −1 where none is meant
     j: int
+
+
+class Fork(NamedTuple):
+    """A load at which several choices of statuses were consistent, and the one that the path took."""
+
+    load: float  # in legs of the load
+    contacts: tuple[tuple[int, int], ...]  # bodies of those contacts that have different statuses
+    taken: tuple[str, ...]  # status of each of them: "sticks", "slides", "slides back" or "opens"
+    others: tuple[tuple[str, ...], ...]  # the same for the other choices
+    forces: bool  # True if forces go on differently; False if only a motion is not determined
 
 
 class Place(NamedTuple):
@@ -66,7 +79,7 @@ class Piece:
     def __init__(self, place: Place, law, begin: Control, end: Control, share, increment, geometric, mends):
         self.law, self.increment, self.geometric, self.mends = law, increment, geometric, mends
         self.begin, self.end, self.share = begin, end, share
-        self.events, self.unchecked, self.undecided, self.unique = [], 0, False, place.unique
+        self.events, self.forks, self.unchecked, self.lost, self.unique = [], [], 0, None, place.unique
         self._start(place)
         if place.fresh.any():
             self._decide_at_apex(place)
@@ -88,47 +101,79 @@ class Piece:
         self.faint = max(APEX * self.mean, BLURRED * np.abs(missing).max())
 
     def _decide_at_apex(self, place: Place) -> None:
-        """Contacts without force open, stick or slide either way; bodies without any are released."""
+        """Contacts without force open, stick or slide either way; bodies without any are released.
+
+        All contacts that have no force now are decided together: one after the other they may undo each other.
+        """
+        before, place = place, self._with_touching(place)
+        self._start(place)
         m = self.matrix
-        found = decided(m, self.load, np.isin(m.rows, np.flatnonzero(place.fresh)), geometric=self.geometric)
-        if found is None:
-            self.undecided = True
+        faint = m.force[:, 0] <= APEX * self.mean
+        apex = faint | np.isin(m.rows, np.flatnonzero(place.fresh))
+        found = decided(m, self.load, apex, geometric=self.geometric)
+        self.unchecked += not found.complete
+        if found.status is None or not found.stable:
+            self.lost = _lost(found)
             return
-        self.unchecked += found.count is None
-        at = np.flatnonzero(found.apex)
-        if found.count not in (None, 1):
-            self.events.append(Event(0.0, f"{found.count} {NOT_UNIQUE}", *self._bodies(at[0])))
-        self.events += [Event(0.0, found.words(k), *self._bodies(k)) for k in at]
+        if found.others:
+            self._fork(found.status, found.others)
+        was = np.where(before.parted[m.rows], OPENS, _sided(np.where(m.limit, m.sign, 0.0)))
+        told = np.isin(m.rows, np.flatnonzero(before.fresh)) | (was != found.status)
+        self.events += [Event(0.0, WORDS[found.status[k]], *self._bodies(k)) for k in np.flatnonzero(apex & told)]
         parted = place.parted.copy()
         parted[m.rows[found.opens]] = True
         loose = rattlers(with_modes(place.state, np.flatnonzero(parted), OPEN), 2, place.loose)
-        state = with_modes(place.state, m.rows[found.apex & (found.side != 0)], SLIDE)
+        sides = found.side
+        state = with_modes(place.state, m.rows[apex & (sides == 0)], STICK)
+        state = with_modes(state, m.rows[apex & (sides != 0)], SLIDE)
         self._start(Place(state, loose, parted, np.zeros_like(parted), place.unique))
-        kept = np.searchsorted(m.rows, self.matrix.rows)
-        side = found.side[kept]
+        side = sides[np.searchsorted(m.rows, self.matrix.rows)]
         self.matrix = self.matrix._replace(sign=np.where(side != 0, side, self.matrix.sign))
+
+    def _with_touching(self, place: Place) -> Place:
+        """The place in which pairs that parted, but still touch, are at the apex again."""
+        contacts, loose = place.state.contacts, np.append(place.loose, np.zeros(len(place.state.walls.mass), bool))
+        back = np.flatnonzero(place.parted & ~place.fresh)
+        back = back[~(loose[contacts.i[back]] | loose[contacts.j[back]])]
+        parted, fresh = place.parted.copy(), place.fresh.copy()
+        parted[back], fresh[back] = False, True
+        return place._replace(state=with_modes(place.state, back, STICK), parted=parted, fresh=fresh)
+
+    def _fork(self, taken: np.ndarray, others, forces: bool = True) -> None:
+        """Record other consistent choices; statuses as in `apex`, of all contacts."""
+        others = np.array(others)
+        differ = np.flatnonzero((others != taken).any(axis=0))
+        fork = Fork(
+            0.0, tuple(self._bodies(k) for k in differ), tuple(WORDS[k] for k in taken[differ]),
+            tuple(tuple(WORDS[k] for k in other[differ]) for other in others), forces,
+        )  # fmt: skip
+        self.forks.append(fork)
+        self.events.append(Event(0.0, f"{1 + len(others)} {NOT_UNIQUE}", *self._bodies(differ[0])))
 
     def run(self, start: float):
         """The place at the end, the share of the leg that was used, and the verdict."""
         m = self.matrix
-        self.events = [e._replace(load=start) for e in self.events]
-        if self.undecided:
-            return self.place, 0.0, Verdict.UNSTABLE
-        force, critical = m.force.copy(), m.limit.copy()
-        slides, sign, moved, done = m.limit.copy(), m.sign.copy(), np.zeros(len(m.free)), 0.0
-        for _ in range(20 * max(m.count, 50)):
-            now = m._replace(sign=sign, limit=critical)
+        self._dated(start)
+        if self.lost is not None:
+            return self.place, 0.0, self.lost
+        force, slides, sign = m.force.copy(), m.limit.copy(), m.sign.copy()
+        moved, done = np.zeros(len(m.free)), 0.0
+        for _ in range(CROWD):
+            # what has come to the cone in several events at one load is decided together
+            beside = self._beside_cone(force, slides)
+            sign[beside] = -np.sign(force[beside, 1])
+            now = m._replace(sign=sign, limit=slides | beside)
             choice = status(now, self.load, start=slides, geometric=self.geometric)
+            load = start + done * self.increment
             if not choice.ok:
-                return self._ended(force, moved, critical, sign, (), done), done * self.increment, choice.verdict
-            if not self._stable(now, choice, start + done * self.increment):
-                end = self._ended(force, moved, critical, sign, (), done)
+                return self._ended(force, moved, slides, sign, (), done), done * self.increment, choice.verdict
+            if not self._stable(now, choice, load):
+                end = self._ended(force, moved, slides, sign, (), done)
                 return end, done * self.increment, Verdict.NEGATIVE
-            self._told(choice, slides, critical, start + done * self.increment)
+            self._told(choice, slides, sign, load)
             slides = choice.sliding
-            critical &= slides  # what sticks again has left the cone
             rate = _rates(now, slides, choice)
-            step, contacts, kind = self._next(force, rate, slides, choice, 1.0 - done)
+            step, contacts, kind = self._next(force, rate, now.limit, choice, 1.0 - done)
             force, moved, done = force + step * rate, moved + step * choice.velocity, done + step
             if kind == "increment":
                 break
@@ -139,10 +184,22 @@ class Piece:
                 end = self._ended(force, moved, slides, sign, contacts, done)
                 return end, done * self.increment, Verdict.CONSISTENT
             self.events += [Event(load, REACHES, *self._bodies(c)) for c in contacts]
-            critical[contacts], slides[contacts] = True, True
+            slides = slides.copy()
+            slides[contacts] = True
             sign[contacts] = -np.sign(force[contacts, 1])
         end = self._ended(force, moved, slides, sign, (), done)
         return end, done * self.increment, Verdict.CONSISTENT
+
+    def _dated(self, load: float) -> None:
+        self.events = [e._replace(load=load) for e in self.events]
+        self.forks = [f._replace(load=load) for f in self.forks]
+
+    def _beside_cone(self, force: np.ndarray, slides: np.ndarray) -> np.ndarray:
+        """(M,) bool: contacts with a force that stick on the cone, to round-off."""
+        m = self.matrix
+        margin = m.mu * force[:, 0] - np.abs(force[:, 1])
+        blurred = force[:, 0] <= np.where(self.paired, self.faint, APEX * self.mean)
+        return ~slides & ~blurred & (margin <= AT_CONE * self.mean)
 
     def _stable(self, matrix: Matrices, choice: Choice, load: float) -> bool:
         """False if det k < 0 for the status that was found; an event tells where another load could have had two."""
@@ -170,18 +227,30 @@ class Piece:
         row = self.matrix.rows[contact] if contact < self.matrix.count else self.gap_rows[contact - self.matrix.count]
         return int(self.state.contacts.i[row]), int(self.state.contacts.j[row])
 
-    def _told(self, choice: Choice, before, critical, load) -> None:
-        for contact in np.flatnonzero(critical & before & ~choice.sliding):
+    def _told(self, choice: Choice, before, sign, load) -> None:
+        for contact in np.flatnonzero(before & ~choice.sliding):
             self.events.append(Event(load, "sticks again", *self._bodies(contact)))
+        if choice.verdict in (Verdict.NOT_UNIQUE, Verdict.SINGULAR):
+            taken = _sided(np.where(choice.sliding, sign, 0.0))
+            others = [_sided(np.where(other.sliding, sign, 0.0)) for other in choice.others]
+            if (np.array(others) != taken).any():
+                self._fork(taken, others, choice.verdict is Verdict.NOT_UNIQUE)
+                self.forks[-1] = self.forks[-1]._replace(load=load)
+                self.events[-1] = self.events[-1]._replace(load=load)
 
-    def _next(self, force, rate, slides, choice, left):
-        """Share of the increment to the next event, its contacts (all that meet it together), and what it is."""
+    def _next(self, force, rate, known, choice, left):
+        """Share of the increment to the next event, its contacts (all that meet it together), and what it is.
+
+        Contacts `known` were on the cone, and their status is consistent: what sticks leaves it, and may come to the
+        other side.
+        """
         m = self.matrix
         soonest, contacts, kind, reached = left, np.zeros(0, int), "increment", np.full(m.count, np.inf)
         for side in (1.0, -1.0):  # F̃ of a contact that sticks, on either side of the cone
             margin = m.mu * force[:, 0] - side * force[:, 1]
             slope = m.mu * rate[:, 0] - side * rate[:, 1]
-            leaves = ~slides & (slope < -SLACK * np.abs(rate).max(initial=0.0))
+            here = known & (side * force[:, 1] > 0)
+            leaves = ~choice.sliding & ~here & (slope < -SLACK * np.abs(rate).max(initial=0.0))
             time = np.where(leaves, np.maximum(margin, 0.0) / np.where(leaves, -slope, 1.0), np.inf)
             reached = np.minimum(reached, time)
         at = np.where(np.isfinite(reached), reached, 0.0)
@@ -252,6 +321,18 @@ class Piece:
         control = between_controls(self.begin, self.end, self.share + done * self.increment)
         state = accept(state._replace(control=control), trial._replace(mode=mode, slip=slip, reached=mode == SLIDE))
         return Place(state, self.loose, parted, fresh, self.unique)
+
+
+def _sided(side: np.ndarray) -> np.ndarray:
+    """Statuses as in `apex` of contacts with a force, from sgn D_t of what slides, 0 elsewhere."""
+    return np.where(side > 0, SLIDES, np.where(side < 0, SLIDES_BACK, STICKS))
+
+
+def _lost(found: Decided) -> Verdict:
+    """The verdict where contacts at the apex have no consistent choice that is stable."""
+    if found.status is not None:
+        return Verdict.NEGATIVE
+    return Verdict.UNSTABLE if found.complete else Verdict.NOT_FOUND
 
 
 def _rates(matrix: Matrices, slides, choice: Choice) -> np.ndarray:
