@@ -20,14 +20,13 @@ from ..core.neighbors import updated
 from ..core.state import OPEN, SLIDE, STICK, Control, State
 from ..solve.freedom import freedom, residual_vector
 from .matrices import matrices, stiffness_matrix
-from .piece import CROWD, Event, Fork, Piece, Place, external
+from .piece import CROWD, OUT_OF_BALANCE, Event, Fork, Piece, Place, external
 from .rattling import moved_aside, with_modes
 from .status import Verdict
 from .system import pins, unheld
 
 BALANCED = 1e-6  # largest unbalanced force at the start, in mean normal forces
 SMALLEST = 1e-6  # share of an increment to which it is halved
-OUT_OF_BALANCE = 1e-3  # force, in mean normal forces, beyond which an increment is halved
 CHECKED_UP_TO = 2500  # coordinates of which it is checked that the start is stable
 PROGRESS = 1e-6  # of a leg: a load that rises by less in CROWD events and parts of increments does not go on
 RETURNS = "is wedged and carries again"
@@ -132,7 +131,7 @@ class _Way:
 
 def _leg(place: Place, law: Law, end: Control, number: int, legs: int, increment, geometric, way: _Way, report):
     """Follow one leg: the place where it ends, and the verdict."""
-    begin, share, size, seeking = place.state.control, 0.0, increment, False
+    begin, share, size, seeking, missed = place.state.control, 0.0, increment, False, np.inf
     while share < 1.0:
         # what is out of balance is made good within a whole increment: in a part of it, only its part
         piece = Piece(place, law, begin, end, share, min(size, 1.0 - share), geometric, size / increment)
@@ -140,9 +139,10 @@ def _leg(place: Place, law: Law, end: Control, number: int, legs: int, increment
         after, wedge = _aside(after, law)
         load = number + share + used
         point = None if len(wedge) else _point(after, law, load)
-        if size > SMALLEST * increment and (point is None or _misses(point, way.points[-1])):
-            size, seeking = 0.5 * size, len(wedge) > 0
+        if size > SMALLEST * increment and (point is None or OUT_OF_BALANCE < piece.missed < 0.9 * missed):
+            size, seeking, missed = 0.5 * size, len(wedge) > 0, piece.missed
             continue
+        missed = np.inf
         if point is None:
             after, told = _carrying(after, law, wedge, load)
             piece.events += told
@@ -158,11 +158,6 @@ def _leg(place: Place, law: Law, end: Control, number: int, legs: int, increment
         if way.since > CROWD:
             return place, Verdict.CIRCLES
     return place, Verdict.CONSISTENT
-
-
-def _misses(point: Point, before: Point) -> bool:
-    """True if what is out of balance has grown beyond what is allowed in an increment."""
-    return point.residual > OUT_OF_BALANCE and point.residual > 2 * before.residual
 
 
 def _carrying(place: Place, law: Law, wedge: np.ndarray, load: float) -> tuple[Place, list[Event]]:

@@ -16,24 +16,29 @@ from ..core.control import between_controls
 from ..core.forces import Loads, accept, forces
 from ..core.jacobian import linearised
 from ..core.laws import KN, KT, MU, Law
-from ..core.measure import rattlers
+from ..core.measure import contact_forces, rattlers
 from ..core.neighbors import updated
 from ..core.state import OPEN, SLIDE, STICK, Control, State
 from ..solve.freedom import Freedom, displaced, residual_vector
+from ..solve.linear import factorised
 from .apex import OPENS, SLIDES, SLIDES_BACK, STICKS, WORDS
 from .complementarity import SLACK, complementarity
-from .matrices import Matrices, matrices, statuses
+from .matrices import Matrices, matrices, statuses, stiffness_matrix
 from .opening import Decided, decided
 from .rattling import NUDGE, gaps, with_modes
 from .status import Choice, Verdict, status
+from .system import pins
 from .uniqueness import certificate
 
 APEX = 1e-6  # normal force, in mean normal forces, at which a contact is at the apex of the cone
 AT_CONE = 1e-10  # distance from the cone, in mean normal forces, that is round-off: 1e-16 times conditions of k of 1e5
 CROWD = 200  # events without progress of the load after which a path ends: no real avalanche of this size was seen
 BLURRED = 10.0  # times what is out of balance, below which a disk with two contacts is not yet said to meet the cone
+OUT_OF_BALANCE = 1e-3  # force, in mean normal forces, beyond which an increment is halved
+BALANCED = 1e-10  # the same, to which an increment is brought back: far below the force of a contact at the apex
+CORRECTIONS = 6  # of the balance at most: each leaves about a thousandth
 TOGETHER = 1e-9  # of an increment, within which contacts meet an event together
-REACHES, CLOSES = "reaches the cone", "closes"
+REACHES, CLOSES, AT_APEX = "reaches the cone", "closes", "at the apex"
 NO_P_MATRIX = "the status is not unique for every load any more"
 NOT_UNIQUE = "choices of statuses are consistent: the statuses are not unique"
 
@@ -80,6 +85,7 @@ class Piece:
         self.law, self.increment, self.geometric, self.mends = law, increment, geometric, mends
         self.begin, self.end, self.share = begin, end, share
         self.events, self.forks, self.unchecked, self.lost, self.unique = [], [], 0, None, place.unique
+        self.last, self.missed = None, 0.0
         self._start(place)
         if place.fresh.any():
             self._decide_at_apex(place)
@@ -172,7 +178,8 @@ class Piece:
                 return end, done * self.increment, Verdict.NEGATIVE
             self._told(choice, slides, sign, load)
             slides = choice.sliding
-            rate = _rates(now, slides, choice)
+            rate = _rates(now, slides, choice.velocity)
+            self.last = now, slides
             step, contacts, kind = self._next(force, rate, now.limit, choice, 1.0 - done)
             force, moved, done = force + step * rate, moved + step * choice.velocity, done + step
             if kind == "increment":
@@ -258,12 +265,15 @@ class Piece:
         if reached.min(initial=np.inf) < soonest:
             soonest, kind = float(reached.min()), REACHES
             contacts = np.flatnonzero(reached <= soonest + TOGETHER)
-        falls = rate[:, 0] < 0
-        above = np.maximum(force[:, 0] - APEX * self.mean, 0.0)
-        time = np.where(falls, above / np.where(falls, -rate[:, 0], 1.0), np.inf)
+        falls = rate[:, 0] < -SLACK * np.abs(rate).max(initial=0.0)
+        time = np.where(falls, np.maximum(force[:, 0], 0.0) / np.where(falls, -rate[:, 0], 1.0), np.inf)
         if time.min(initial=np.inf) <= soonest:
-            soonest, kind = float(time.min()), "at the apex"
-            contacts = self._with_partners(np.flatnonzero(time <= soonest + TOGETHER))
+            soonest, kind = float(time.min()), AT_APEX
+            # those of disks that are held by nothing else lose their forces together, to within APEX
+            faint = force[:, 0] + soonest * rate[:, 0] <= APEX * self.mean
+            contacts = self._with_partners(np.flatnonzero(faint | (time <= soonest + TOGETHER)))
+        elif kind == REACHES and (force[contacts, 0] + soonest * rate[contacts, 0] <= APEX * self.mean).any():
+            kind = AT_APEX
         time = self._closing(choice)
         if time.min(initial=np.inf) < soonest:
             soonest, kind = float(time.min()), CLOSES
@@ -296,6 +306,49 @@ class Piece:
         return np.where(closing < 0, reach / np.where(closing < 0, -closing, 1.0), np.inf)
 
     def _ended(self, force, moved, slides, sign, contacts, done: float) -> Place:
+        """The place after the increment, brought back to balance with the statuses of its last piece.
+
+        The turning of contacts leaves forces of second order out of balance. Left to the next increment, they would
+        mix with its load, and decide statuses where that is small.
+        """
+        place = self._placed(force, moved, slides, sign, contacts, done)
+        if self.last is None:
+            return place
+        now, last = self.last
+        missing, solve = self._missing(place), None
+        self.missed = np.abs(missing).max(initial=0.0) / self.mean
+        for _ in range(CORRECTIONS):
+            if not BALANCED < np.abs(missing).max(initial=0.0) / self.mean < OUT_OF_BALANCE:
+                break
+            try:
+                solve = solve or _solver(now, last, self.geometric)
+                velocity = solve(missing)
+            except LinAlgError:
+                break
+            force, moved = force + _rates(now, last, velocity), moved + velocity
+            better = self._placed(force, moved, slides, sign, contacts, done)
+            left = self._missing(better)
+            if not np.abs(left).max(initial=0.0) < 0.5 * np.abs(missing).max(initial=0.0):
+                break
+            place, missing = better, left
+        return place
+
+    def _missing(self, place: Place) -> np.ndarray:
+        """(n,) force that is out of balance at a place, without what presses on rattlers: they are moved aside."""
+        state, free = place.state, self.matrix.free
+        out, contacts, count = residual_vector(state, forces(state, self.law)[0], free), state.contacts, len(self.loose)
+        whole = np.append(self.loose, np.zeros(state.n_bodies - count, bool))
+        ends = np.stack([contacts.i, contacts.j])[:, : int(contacts.count[0])]
+        rows = np.flatnonzero(whole[ends].any(axis=0))
+        push = contact_forces(state, self.law)[rows]
+        for body, sign in zip(ends[:, rows], (1.0, -1.0), strict=True):
+            for axis in range(2):
+                place_of = free.place[6 * body + axis]
+                held = place_of >= 0
+                np.subtract.at(out, place_of[held], sign * push[held, axis])
+        return out
+
+    def _placed(self, force, moved, slides, sign, contacts, done: float) -> Place:
         """The place after the increment: bodies moved, memory as the path has it, contacts at the apex marked."""
         m, before = self.matrix, self.state
         state = updated(displaced(before, m.free, moved))
@@ -335,9 +388,23 @@ def _lost(found: Decided) -> Verdict:
     return Verdict.UNSTABLE if found.complete else Verdict.NOT_FOUND
 
 
-def _rates(matrix: Matrices, slides, choice: Choice) -> np.ndarray:
+def _solver(matrix: Matrices, slides, geometric: bool):
+    """A function that solves k(S) v = f with what a status slides."""
+    size = len(matrix.free)
+    kept = np.setdiff1d(np.arange(size), pins(matrix))
+    solve = factorised(stiffness_matrix(matrix, slides, geometric=geometric)[kept][:, kept])
+
+    def spread(load: np.ndarray) -> np.ndarray:
+        out = np.zeros(size)
+        out[kept] = solve(load[kept])
+        return out
+
+    return spread
+
+
+def _rates(matrix: Matrices, slides, velocity) -> np.ndarray:
     """(M, 2) dF of all contacts over an increment."""
-    relative = (matrix.c.T @ choice.velocity).reshape(-1, 2)
+    relative = (matrix.c.T @ velocity).reshape(-1, 2)
     turned = np.einsum("mab,mb->ma", statuses(matrix, slides), relative)
     return -np.einsum("mab,mb->ma", matrix.springs, turned)
 
