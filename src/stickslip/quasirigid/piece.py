@@ -37,8 +37,10 @@ BLURRED = 10.0  # times what is out of balance, below which a disk with two cont
 OUT_OF_BALANCE = 1e-3  # force, in mean normal forces, beyond which an increment is halved
 BALANCED = 1e-10  # the same, to which an increment is brought back: far below the force of a contact at the apex
 CORRECTIONS = 6  # of the balance at most: each leaves about a thousandth
+NEAR_APEX = 1e-4  # normal force, in mean normal forces, from which a straight way leads to the apex to within APEX
+APPROACH = 0.9  # of the way to an event that a straight way would miss; then c is made anew
 TOGETHER = 1e-9  # of an increment, within which contacts meet an event together
-REACHES, CLOSES, AT_APEX = "reaches the cone", "closes", "at the apex"
+REACHES, CLOSES, AT_APEX, NEARS = "reaches the cone", "closes", "at the apex", "nears the apex"
 NO_P_MATRIX = "the status is not unique for every load any more"
 NOT_UNIQUE = "choices of statuses are consistent: the statuses are not unique"
 
@@ -100,6 +102,7 @@ class Piece:
         self.has_two[n:] = False
         self.paired = self.has_two[self.ends].any(axis=1)
         self.mean = float(self.matrix.force[:, 0].mean())
+        self.stiffest = float(self.matrix.springs[:, 0, 0].max(initial=0.0))
         at = self.state._replace(control=between_controls(self.begin, self.end, self.share))
         to = self.state._replace(control=between_controls(self.begin, self.end, self.share + self.increment))
         missing = residual_vector(at, forces(at, self.law)[0], self.matrix.free)
@@ -267,16 +270,22 @@ class Piece:
             contacts = np.flatnonzero(reached <= soonest + TOGETHER)
         falls = rate[:, 0] < -SLACK * np.abs(rate).max(initial=0.0)
         time = np.where(falls, np.maximum(force[:, 0], 0.0) / np.where(falls, -rate[:, 0], 1.0), np.inf)
-        if time.min(initial=np.inf) <= soonest:
+        early = np.where(force[:, 0] > NEAR_APEX * self.mean, APPROACH * time, np.inf).min(initial=np.inf)
+        if early < soonest and time.min() <= left:
+            soonest, contacts, kind = float(early), np.zeros(0, int), NEARS
+        elif time.min(initial=np.inf) <= soonest:
             soonest, kind = float(time.min()), AT_APEX
             # those of disks that are held by nothing else lose their forces together, to within APEX
             faint = force[:, 0] + soonest * rate[:, 0] <= APEX * self.mean
             contacts = self._with_partners(np.flatnonzero(faint | (time <= soonest + TOGETHER)))
         elif kind == REACHES and (force[contacts, 0] + soonest * rate[contacts, 0] <= APEX * self.mean).any():
             kind = AT_APEX
-        time = self._closing(choice)
-        if time.min(initial=np.inf) < soonest:
-            soonest, kind = float(time.min()), CLOSES
+        time, curved = self._closing(choice)
+        first = time.min(initial=np.inf)
+        if first < soonest and curved[time.argmin()] * first**2 > APEX * self.mean:
+            soonest, contacts, kind = float(APPROACH * first), np.zeros(0, int), NEARS
+        elif first < soonest:
+            soonest, kind = float(first), CLOSES
             contacts = m.count + np.flatnonzero(time <= soonest + TOGETHER)
         return soonest, contacts, kind
 
@@ -292,8 +301,11 @@ class Piece:
                 return np.flatnonzero(chosen)
             chosen = more
 
-    def _closing(self, choice: Choice) -> np.ndarray:
-        """Shares of the increment after which pairs of held bodies that do not touch will touch."""
+    def _closing(self, choice: Choice) -> tuple[np.ndarray, np.ndarray]:
+        """Shares of the increment after which pairs of held bodies that do not touch will touch.
+
+        Beside them forces: times the squared share, that by which the straight way misses the curved one.
+        """
         state, m = self.state, self.matrix
         rows = np.setdiff1d(np.arange(int(state.contacts.count[0])), m.rows)
         held = np.append(~self.loose, np.ones(state.n_bodies - len(self.loose), bool))
@@ -301,9 +313,13 @@ class Piece:
         self.gap_rows = rows
         moves = m.free.spread(choice.velocity)[:, :3]
         normal, gap = gaps(state, rows)
-        closing = np.einsum("ck,ck->c", moves[state.contacts.i[rows]] - moves[state.contacts.j[rows]], normal)
+        apart = moves[state.contacts.i[rows]] - moves[state.contacts.j[rows]]
+        closing = np.einsum("ck,ck->c", apart, normal)
+        # how far a pair that moves past each other overlaps more than the straight way says, as a force
+        aside = np.einsum("ck,ck->c", apart, apart) - closing**2
+        curved = self.stiffest * aside / (2 * float(state.grains.radius.min()))
         reach = np.maximum(gap, 0.0) + NUDGE * float(state.grains.radius.min())  # a little beyond: they touch then
-        return np.where(closing < 0, reach / np.where(closing < 0, -closing, 1.0), np.inf)
+        return np.where(closing < 0, reach / np.where(closing < 0, -closing, 1.0), np.inf), curved
 
     def _ended(self, force, moved, slides, sign, contacts, done: float) -> Place:
         """The place after the increment, brought back to balance with the statuses of its last piece.
