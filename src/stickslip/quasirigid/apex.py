@@ -64,16 +64,16 @@ class Found(NamedTuple):
 
 
 def piece(apex: Apex, status: np.ndarray, helped: bool = False) -> np.ndarray:
-    """(2E, 2E) matrix 1 + Z Δ(σ) of the piece on which the contacts have the given statuses."""
-    size = len(status)
+    """(..., 2E, 2E) matrix 1 + Z Δ(σ) of the piece on which the contacts have the statuses (..., E)."""
+    size = status.shape[-1]
     columns = apex.compliance.reshape(2 * size, size, 2)
-    turned = np.einsum("aeb,ebc->aec", columns, changed(apex, status, helped))
-    return np.eye(2 * size) + turned.reshape(2 * size, 2 * size)
+    turned = np.einsum("aeb,...ebc->...aec", columns, changed(apex, status, helped))
+    return np.eye(2 * size) + turned.reshape(*status.shape[:-1], 2 * size, 2 * size)
 
 
 def changed(apex: Apex, status: np.ndarray, helped: bool = False) -> np.ndarray:
-    """(E, 2, 2) Δ(σ) = K (S(σ) − 1); `helped`: disks that no other contact holds keep a little of their springs."""
-    change = np.zeros((len(status), 2, 2))
+    """(..., E, 2, 2) Δ(σ) = K (S(σ) − 1); `helped`: disks that no other contact holds keep a little of their springs."""
+    change = np.zeros((*status.shape, 2, 2))
     slides = (status == SLIDES) | (status == SLIDES_BACK)
     change[slides, 1, 0], change[slides, 1, 1] = -(apex.slope * SIDE[status])[slides], -1.0
     change[status == OPENS] = -np.eye(2)
@@ -249,7 +249,7 @@ def every_choice(apex: Apex) -> Every:
             f"can be gone through; `statuses_at_apex` finds one that is consistent"
         )
     status = np.array(list(itertools.product(*apex.allowed)), int).reshape(-1, len(apex.sign))
-    matrix = np.stack([piece(apex, one) for one in status])
+    matrix = piece(apex, status)
     sign = np.linalg.slogdet(matrix)[0]
     sound = np.where((sign == 0)[:, None, None], np.eye(matrix.shape[1]), matrix)
     inverse = np.linalg.inv(sound)
@@ -259,7 +259,10 @@ def every_choice(apex: Apex) -> Every:
     velocity[regular] = np.linalg.solve(
         sound[regular], np.broadcast_to(apex.velocity.reshape(-1, 1), (int(regular.sum()), matrix.shape[1], 1))
     ).reshape(-1, *apex.velocity.shape)
-    good = [k for k in np.flatnonzero(regular) if _consistent(apex, status[k], velocity[k])]
+    scale = np.abs(velocity).max(axis=(1, 2), initial=0.0)[:, None]
+    normal, along = velocity[..., 0], velocity[..., 1]
+    fits = _fits(apex, apex.slope * normal + along, apex.slope * normal - along, normal, status, SLACK * scale)
+    good = list(np.flatnonzero(regular & fits.all(axis=1)))
     good.sort(key=lambda k: (sign[k] < 0, np.abs(velocity[k]).max(initial=0.0)))
     kept = []
     for k in good:

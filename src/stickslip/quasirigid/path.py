@@ -21,7 +21,7 @@ from ..core.state import OPEN, SLIDE, STICK, Control, State
 from ..solve.freedom import freedom, residual_vector
 from .matrices import matrices, stiffness_matrix
 from .piece import CROWD, OUT_OF_BALANCE, Event, Fork, Piece, Place, external
-from .rattling import moved_aside, with_modes
+from .rattling import gaps, moved_aside, with_modes
 from .status import Verdict
 from .system import pins, unheld
 
@@ -136,7 +136,7 @@ def _leg(place: Place, law: Law, end: Control, number: int, legs: int, increment
         # what is out of balance is made good within a whole increment: in a part of it, only its part
         piece = Piece(place, law, begin, end, share, min(size, 1.0 - share), geometric, size / increment)
         after, used, verdict = piece.run(number + share)
-        after, wedge = _aside(after, law)
+        after, wedge = _aside(after, law, place.state)
         load = number + share + used
         point = None if len(wedge) else _point(after, law, load)
         if size > SMALLEST * increment and (point is None or OUT_OF_BALANCE < piece.missed < 0.9 * missed):
@@ -150,7 +150,7 @@ def _leg(place: Place, law: Law, end: Control, number: int, legs: int, increment
         way.add(piece, point)
         if verdict is not Verdict.CONSISTENT:
             return after, verdict
-        size = 0.5 * size if seeking and not len(wedge) else increment
+        size = 0.5 * size if seeking and not len(wedge) else min(2 * size, increment)
         seeking = seeking and not len(wedge)
         place, share = after, 1.0 if 1.0 - share - used < 1e-12 else share + used
         if report:
@@ -167,16 +167,21 @@ def _carrying(place: Place, law: Law, wedge: np.ndarray, load: float) -> tuple[P
     caught = np.unique(ends[ends < len(loose)])
     caught = caught[loose[caught]]
     loose[caught] = False
+    # beside what wedges them, whatever they overlap
+    count, whole = int(contacts.count[0]), np.append(loose, np.zeros(place.state.n_bodies - len(loose), bool))
+    rows = np.flatnonzero(np.isin(contacts.i[:count], caught) | np.isin(contacts.j[:count], caught))
+    rows = rows[~(whole[contacts.i[rows]] | whole[contacts.j[rows]])]
+    wedge = np.union1d(wedge, rows[gaps(place.state, rows)[1] < 0])
     fresh = place.fresh.copy()
     fresh[wedge] = True
     after = Place(with_modes(place.state, wedge, STICK), loose, place.parted & ~fresh, fresh, place.unique)
     return _aside(after, law)[0], [Event(load, RETURNS, int(g), -1) for g in caught]
 
 
-def _aside(place: Place, law: Law) -> tuple[Place, np.ndarray]:
+def _aside(place: Place, law: Law, start: State | None = None) -> tuple[Place, np.ndarray]:
     """The place with rattlers moved aside, and the rows of contacts that wedge some of them."""
     before = place.state.contacts
-    state, wedge = moved_aside(place.state, law, place.loose)
+    state, wedge = moved_aside(place.state, law, place.loose, start)
     after = state.contacts
     if after is before:
         return place, wedge
