@@ -91,7 +91,7 @@ def quasirigid_path(
     here = _accepted(updated(state), law)
     _check_start(here, law, legs, increment)
     nothing = np.zeros(len(here.contacts.mode), bool)
-    place = Place(here, rattlers(here, 2), nothing, nothing, True)
+    place = Place(here, rattlers(here, 2), nothing, nothing, True, -np.inf)
     way = _Way(_point(place, law, 0.0), law)
     for number, end in enumerate(legs):
         place, verdict = _leg(place, law, end, number, len(legs), increment, geometric, way, report)
@@ -174,7 +174,7 @@ def _carrying(place: Place, law: Law, wedge: np.ndarray, load: float) -> tuple[P
     wedge = np.union1d(wedge, rows[gaps(place.state, rows)[1] < 0])
     fresh = place.fresh.copy()
     fresh[wedge] = True
-    after = Place(with_modes(place.state, wedge, STICK), loose, place.parted & ~fresh, fresh, place.unique)
+    after = Place(with_modes(place.state, wedge, STICK), loose, place.parted & ~fresh, fresh, place.unique, place.looked)
     return _aside(after, law)[0], [Event(load, RETURNS, int(g), -1) for g in caught]
 
 
@@ -186,7 +186,7 @@ def _aside(place: Place, law: Law, start: State | None = None) -> tuple[Place, n
     if after is before:
         return place, wedge
     marks = [_carried(mark, before, after) & (after.mode != OPEN) for mark in (place.parted, place.fresh)]
-    return Place(state, place.loose, *marks, place.unique), wedge
+    return Place(state, place.loose, *marks, place.unique, place.looked), wedge
 
 
 def _carried(mark: np.ndarray, before, after) -> np.ndarray:

@@ -39,6 +39,7 @@ BALANCED = 1e-10  # the same, to which an increment is brought back: far below t
 CORRECTIONS = 6  # of the balance at most: each leaves about a thousandth
 NEAR_APEX = 1e-4  # normal force, in mean normal forces, from which a straight way leads to the apex to within APEX
 APPROACH = 0.9  # of the way to an event that a straight way would miss; then c is made anew
+LOOK = 0.01  # of a leg, after which other choices are looked for also where no event was: c changes little on it
 TOGETHER = 1e-9  # of an increment, within which contacts meet an event together
 REACHES, CLOSES, AT_APEX, NEARS = "reaches the cone", "closes", "at the apex", "nears the apex"
 NO_P_MATRIX = "the status is not unique for every load any more"
@@ -72,6 +73,7 @@ class Place(NamedTuple):
     parted: np.ndarray  # (C,) bool: pairs that still overlap a little but do not hold each other
     fresh: np.ndarray  # (C,) bool: contacts at the apex of the cone, whose status is to be decided
     unique: bool  # whether the status was unique for every load when it was last known
+    looked: float  # load at which that, and other choices, were last looked for
 
 
 def external(state: State, free: Freedom) -> np.ndarray:
@@ -87,7 +89,7 @@ class Piece:
         self.law, self.increment, self.geometric, self.mends = law, increment, geometric, mends
         self.begin, self.end, self.share = begin, end, share
         self.events, self.forks, self.unchecked, self.lost, self.unique = [], [], 0, None, place.unique
-        self.last, self.missed = None, 0.0
+        self.last, self.missed, self.looked = None, 0.0, place.looked
         self._start(place)
         if place.fresh.any():
             self._decide_at_apex(place)
@@ -135,7 +137,7 @@ class Piece:
         sides = found.side
         state = with_modes(place.state, m.rows[apex & (sides == 0)], STICK)
         state = with_modes(state, m.rows[apex & (sides != 0)], SLIDE)
-        self._start(Place(state, loose, parted, np.zeros_like(parted), place.unique))
+        self._start(Place(state, loose, parted, np.zeros_like(parted), place.unique, place.looked))
         side = sides[np.searchsorted(m.rows, self.matrix.rows)]
         self.matrix = self.matrix._replace(sign=np.where(side != 0, side, self.matrix.sign))
 
@@ -172,11 +174,11 @@ class Piece:
             beside = self._beside_cone(force, slides)
             sign[beside] = -np.sign(force[beside, 1])
             now = m._replace(sign=sign, limit=slides | beside)
-            choice = status(now, self.load, start=slides, geometric=self.geometric)
             load = start + done * self.increment
+            choice = self._chosen(now, slides, load)
             if not choice.ok:
                 return self._ended(force, moved, slides, sign, (), done), done * self.increment, choice.verdict
-            if not self._stable(now, choice, load):
+            if self.looked == load and not self._stable(now, choice, load):
                 end = self._ended(force, moved, slides, sign, (), done)
                 return end, done * self.increment, Verdict.NEGATIVE
             self._told(choice, slides, sign, load)
@@ -199,6 +201,16 @@ class Piece:
             sign[contacts] = -np.sign(force[contacts, 1])
         end = self._ended(force, moved, slides, sign, (), done)
         return end, done * self.increment, Verdict.CONSISTENT
+
+    def _chosen(self, now: Matrices, slides: np.ndarray, load: float) -> Choice:
+        """The status; other choices are looked for after events, and from time to time."""
+        changed = self.events and self.events[-1].load == load or (now.limit & ~slides).any()
+        if not changed and load < self.looked + LOOK:
+            choice = status(now, self.load, start=slides, geometric=self.geometric, unique=False)
+            if choice.verdict is Verdict.CONSISTENT and np.array_equal(choice.sliding, slides):
+                return choice
+        self.looked = load
+        return status(now, self.load, start=slides, geometric=self.geometric)
 
     def _dated(self, load: float) -> None:
         self.events = [e._replace(load=load) for e in self.events]
@@ -389,7 +401,7 @@ class Piece:
         mode[parted] = STICK
         control = between_controls(self.begin, self.end, self.share + done * self.increment)
         state = accept(state._replace(control=control), trial._replace(mode=mode, slip=slip, reached=mode == SLIDE))
-        return Place(state, self.loose, parted, fresh, self.unique)
+        return Place(state, self.loose, parted, fresh, self.unique, self.looked)
 
 
 def _sided(side: np.ndarray) -> np.ndarray:
