@@ -26,8 +26,9 @@ from .status import Verdict
 from .system import pins, unheld
 
 BALANCED = 1e-6  # largest unbalanced force at the start, in mean normal forces
-SMALLEST = 1e-6  # share of an increment to which it is halved
+SMALLEST = 1e-8  # part of a leg to which increments are halved: what is wedged then overlaps by round-off
 CHECKED_UP_TO = 2500  # coordinates of which it is checked that the start is stable
+SHRINKS = 0.9  # what an increment leaves out of balance has to shrink by with its half, else halving is no use
 PROGRESS = 1e-6  # of a leg: a load that rises by less in CROWD events and parts of increments does not go on
 RETURNS = "is wedged and carries again"
 
@@ -131,32 +132,33 @@ class _Way:
 
 def _leg(place: Place, law: Law, end: Control, number: int, legs: int, increment, geometric, way: _Way, report):
     """Follow one leg: the place where it ends, and the verdict."""
-    begin, share, size, seeking, missed = place.state.control, 0.0, increment, False, np.inf
+    begin, share, size, missed = place.state.control, 0.0, increment, np.inf
+    wedged = 0.0  # share before which a rattler is wedged
     while share < 1.0:
         # what is out of balance is made good within a whole increment: in a part of it, only its part
         piece = Piece(place, law, begin, end, share, min(size, 1.0 - share), geometric, size / increment)
         after, used, verdict = piece.run(number + share)
         after, wedge = _aside(after, law, place.state)
         load = number + share + used
-        point = None if len(wedge) else _point(after, law, load)
-        if size > SMALLEST * increment and (point is None or OUT_OF_BALANCE < piece.missed < 0.9 * missed):
-            size, seeking, missed = 0.5 * size, len(wedge) > 0, piece.missed
+        if size > SMALLEST and (len(wedge) or OUT_OF_BALANCE < piece.missed < SHRINKS * missed):
+            if len(wedge):
+                wedged = share + used
+            size, missed = max(0.5 * min(size, used), SMALLEST), piece.missed
             continue
         missed = np.inf
-        if point is None:
+        if len(wedge):
             after, told = _carrying(after, law, wedge, load)
             piece.events += told
-            point = _point(after, law, load)
+        point = _point(after, law, load)
         way.add(piece, point)
         if verdict is not Verdict.CONSISTENT:
             return after, verdict
-        size = 0.5 * size if seeking and not len(wedge) else min(2 * size, increment)
-        seeking = seeking and not len(wedge)
         place, share = after, 1.0 if 1.0 - share - used < 1e-12 else share + used
+        size = max(0.5 * size, SMALLEST) if share < wedged and not len(wedge) else min(2 * size, increment)
         if report:
             report((number + share) / legs, _words(point))
         if way.since > CROWD:
-            return place, Verdict.CIRCLES
+            return place, Verdict.NO_PROGRESS
     return place, Verdict.CONSISTENT
 
 
