@@ -133,7 +133,7 @@ class _Way:
 def _leg(place: Place, law: Law, end: Control, number: int, legs: int, increment, geometric, way: _Way, report):
     """Follow one leg: the place where it ends, and the verdict."""
     begin, share, size, missed = place.state.control, 0.0, increment, np.inf
-    wedged = 0.0  # share before which a rattler is wedged
+    wedged = 0.0  # share up to which a rattler is wedged: the load at which it is lies before
     while share < 1.0:
         # what is out of balance is made good within a whole increment: in a part of it, only its part
         piece = Piece(place, law, begin, end, share, min(size, 1.0 - share), geometric, size / increment)
@@ -154,7 +154,8 @@ def _leg(place: Place, law: Law, end: Control, number: int, legs: int, increment
         if verdict is not Verdict.CONSISTENT:
             return after, verdict
         place, share = after, 1.0 if 1.0 - share - used < 1e-12 else share + used
-        size = max(0.5 * size, SMALLEST) if share < wedged and not len(wedge) else min(2 * size, increment)
+        left = wedged - share if not len(wedge) else 0.0
+        size = max(0.5 * left, SMALLEST) if left > SMALLEST else min(2 * size, increment)
         if report:
             report((number + share) / legs, _words(point))
         if way.since > CROWD:
