@@ -34,14 +34,15 @@ APEX = 1e-6  # normal force, in mean normal forces, at which a contact is at the
 AT_CONE = 1e-10  # distance from the cone, in mean normal forces, that is round-off: 1e-16 times conditions of k of 1e5
 CROWD = 200  # events without progress of the load after which a path ends: no real avalanche of this size was seen
 BLURRED = 10.0  # times what is out of balance, below which a disk with two contacts is not yet said to meet the cone
-OUT_OF_BALANCE = 1e-3  # force, in mean normal forces, beyond which an increment is halved
+OUT_OF_BALANCE = 1e-4  # force, in mean normal forces, beyond which an increment is halved: loads of events are as exact
 BALANCED = 1e-10  # the same, to which an increment is brought back: far below the force of a contact at the apex
 CORRECTIONS = 6  # of the balance at most: each leaves about a thousandth
 NEAR_APEX = 1e-4  # normal force, in mean normal forces, from which a straight way leads to the apex to within APEX
+NEAR_CONE = 1e-5  # distance from the cone over the normal force from which a straight way leads there
 APPROACH = 0.9  # of the way to an event that a straight way would miss; then c is made anew
 LOOK = 0.01  # of a leg, after which other choices are looked for also where no event was: c changes little on it
 TOGETHER = 1e-9  # of an increment, within which contacts meet an event together
-REACHES, CLOSES, AT_APEX, NEARS = "reaches the cone", "closes", "at the apex", "nears the apex"
+REACHES, CLOSES, AT_APEX, NEARS = "reaches the cone", "closes", "at the apex", "nears an event"
 NO_P_MATRIX = "the status is not unique for every load any more"
 NOT_UNIQUE = "choices of statuses are consistent: the statuses are not unique"
 
@@ -277,7 +278,12 @@ class Piece:
             reached = np.minimum(reached, time)
         at = np.where(np.isfinite(reached), reached, 0.0)
         reached[self.paired & (force[:, 0] + at * rate[:, 0] <= self.faint)] = np.inf
-        if reached.min(initial=np.inf) < soonest:
+        # the force of a disk with two contacts turns with the line between them, which a straight way knows badly
+        far = m.mu * force[:, 0] - np.abs(force[:, 1]) > NEAR_CONE * force[:, 0]
+        early = np.where(self.paired & far, APPROACH * reached, np.inf).min(initial=np.inf)
+        if early < reached.min(initial=np.inf):
+            soonest, kind = min((soonest, kind), (float(early), NEARS))
+        elif reached.min(initial=np.inf) < soonest:
             soonest, kind = float(reached.min()), REACHES
             contacts = np.flatnonzero(reached <= soonest + TOGETHER)
         falls = rate[:, 0] < -SLACK * np.abs(rate).max(initial=0.0)
@@ -359,6 +365,8 @@ class Piece:
             if not np.abs(left).max(initial=0.0) < 0.5 * np.abs(missing).max(initial=0.0):
                 break
             place, missing = better, left
+        if np.abs(missing).max(initial=0.0) > APEX * self.mean:
+            self.missed = max(self.missed, OUT_OF_BALANCE * (1 + np.abs(missing).max() / self.mean))
         return place
 
     def _missing(self, place: Place) -> np.ndarray:
