@@ -123,9 +123,7 @@ def slow_end(state: State, law, end: Control, load: float) -> float | None:
     slower of two runs has more than half of that of the faster one, and thirty times its own median, is the end.
     """
     until = min(1.0, BEYOND * load)
-    faster, slower = (
-        slowly(state, law, end, time=whole, until=until, drag=DRAG).kinetic_energy for whole in TIMES
-    )
+    faster, slower = (slowly(state, law, end, time=whole, until=until, drag=DRAG).kinetic_energy for whole in TIMES)
     for k in range(BEFORE, len(slower)):
         near = faster[max(0, k - 3) : k + 4].max()
         if slower[k] > BURST * np.median(slower[:k]) and slower[k] > ALIKE * near:
@@ -146,7 +144,10 @@ def beside_dynamics(some: list[Sample]) -> None:
         survivors += found is None
         ratios += [] if found is None else [found / path.load - 1]
         tail = "" if found is None else f", {found / path.load - 1:+.2%}"
-        print(f"{sample.name:44s} path {path.load:.5f} {path.verdict}, dynamics {words}{tail}, {seconds:.0f} s", flush=True)
+        print(
+            f"{sample.name:44s} path {path.load:.5f} {path.verdict}, dynamics {words}{tail}, {seconds:.0f} s",
+            flush=True,
+        )
     size = np.sort(np.abs(ratios))
     print(f"\n{len(some)} samples: {len(size)} fall, {survivors} do not up to {BEYOND} times the path's last load")
     for limit in (0.001, 0.003, 0.01, 0.03, 0.1):

@@ -72,7 +72,7 @@ def piece(apex: Apex, status: np.ndarray, helped: bool = False) -> np.ndarray:
 
 
 def changed(apex: Apex, status: np.ndarray, helped: bool = False) -> np.ndarray:
-    """(..., E, 2, 2) Δ(σ) = K (S(σ) − 1); `helped`: disks that no other contact holds keep a little of their springs."""
+    """(..., E, 2, 2) Δ(σ) = K (S(σ) − 1); `helped`: disks that nothing else holds keep a little of their springs."""
     change = np.zeros((*status.shape, 2, 2))
     slides = (status == SLIDES) | (status == SLIDES_BACK)
     change[slides, 1, 0], change[slides, 1, 1] = -(apex.slope * SIDE[status])[slides], -1.0
@@ -271,8 +271,9 @@ def every_choice(apex: Apex) -> Every:
     # a disk that has no other contacts and slides or opens at two of them is free: `opening` releases it as a body
     free = (status[:, apex.alone] != STICKS).sum(axis=1) >= 2
     open_ends = any(_answers_somewhere(matrix[k], apex.velocity.ravel()) for k in np.flatnonzero(~regular & ~free))
-    return Every(status[kept], velocity[kept], sign[kept] > 0, bool((sign[regular] > 0).all() & regular.all()),
-                 not open_ends)
+    return Every(
+        status[kept], velocity[kept], sign[kept] > 0, bool((sign[regular] > 0).all() & regular.all()), not open_ends
+    )
 
 
 def _answers_somewhere(matrix: np.ndarray, right: np.ndarray) -> bool:

@@ -14,7 +14,17 @@ from scipy.linalg import LinAlgError
 
 from ..solve.linear import factorised
 from .apex import (
-    ENUMERATED, OPENS, SIDE, SLACK, Apex, Found, changed, choices, every_choice, piece, statuses_at_apex,
+    ENUMERATED,
+    OPENS,
+    SIDE,
+    SLACK,
+    Apex,
+    Found,
+    changed,
+    choices,
+    every_choice,
+    piece,
+    statuses_at_apex,
 )  # fmt: skip
 from .matrices import Matrices, stiffness_matrix
 from .system import pins
@@ -112,26 +122,40 @@ def decided(matrix: Matrices, load: np.ndarray, apex: np.ndarray, *, geometric: 
     ours = _contacts_of_bodies(matrix)
     lone = np.flatnonzero((ours.sum(axis=1) > 0) & ~(ours & ~apex).any(axis=1))
     search = _Search(matrix, load, apex, geometric, ours, ours[lone].any(axis=0))
-    found, complete = [], len(lone) <= COMBINED
-    if complete:
-        groups = [g for size in range(len(lone), -1, -1) for g in itertools.combinations(lone, size)]
+    if len(lone) <= COMBINED:
+        found, complete = _of_all_groups(search, lone)
     else:
-        groups = [tuple(lone)]
-    for group in groups:
-        good, caught, all_seen = _choices_of(search, np.array(group, int))
-        found, complete = found + good, complete and all_seen
-        if len(lone) > COMBINED and len(group):
-            rest = tuple(np.setdiff1d(group, caught)) if len(caught) else ()
-            if rest or not found:
-                groups.append(rest)
+        found, complete = _of_fewer_and_fewer(search, lone), False
     found.sort(key=lambda one: not one[1])
     if not found:
         return Decided(apex, None, None, (), complete)
     return Decided(apex, *found[0], tuple(status for status, _ in found[1:]), complete)
 
 
+def _of_all_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
+    """Choices with all combinations of released bodies, most of them released first; whether there are no others."""
+    found, complete = [], True
+    for size in range(len(lone), -1, -1):
+        for group in itertools.combinations(lone, size):
+            good, _, all_seen = _choices_of(search, np.array(group, int))
+            found, complete = found + good, complete and all_seen
+    return found, complete
+
+
+def _of_fewer_and_fewer(search: _Search, released: np.ndarray) -> list:
+    """Choices with as many bodies released as are not drawn along by what moves."""
+    while True:
+        good, caught, _ = _choices_of(search, released)
+        if good or not len(released):
+            return good
+        released = np.setdiff1d(released, caught)
+
+
 def _choices_of(search: _Search, released: np.ndarray) -> tuple[list, np.ndarray, bool]:
-    """Consistent (status of all, stable) with some bodies released; bodies that cannot be; whether all were seen."""
+    """Consistent (status of all, stable) with some bodies released; bodies that cannot be; whether all were seen.
+
+    That a body is drawn along is found by its least motion: other motions may release it, so that not all were seen.
+    """
     matrix, ours = search.matrix, search.ours
     gone = ours[released].any(axis=0)
     special = np.flatnonzero((search.apex | matrix.limit) & ~gone)
@@ -154,7 +178,7 @@ def _choices_of(search: _Search, released: np.ndarray) -> tuple[list, np.ndarray
         status = np.zeros(matrix.count, int)
         status[special], status[gone] = found.status, OPENS
         good.append((status, stable))
-    return good, caught if answers else released, all_seen
+    return good, caught if answers else released, all_seen and not len(caught)
 
 
 def _answers(apex: Apex) -> tuple[list[tuple[Found, bool]], bool]:

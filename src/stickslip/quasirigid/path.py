@@ -19,8 +19,9 @@ from ..core.measure import mean_normal_force, rattlers, touching
 from ..core.neighbors import updated
 from ..core.state import OPEN, SLIDE, STICK, Control, State
 from ..solve.freedom import freedom, residual_vector
+from .events import Event, Fork
 from .matrices import matrices, stiffness_matrix
-from .piece import CROWD, OUT_OF_BALANCE, Event, Fork, Piece, Place, external
+from .piece import CROWD, OUT_OF_BALANCE, Piece, Place, external
 from .rattling import gaps, moved_aside, with_modes
 from .status import Verdict
 from .system import pins, unheld
@@ -177,7 +178,9 @@ def _carrying(place: Place, law: Law, wedge: np.ndarray, load: float) -> tuple[P
     wedge = np.union1d(wedge, rows[gaps(place.state, rows)[1] < 0])
     fresh = place.fresh.copy()
     fresh[wedge] = True
-    after = Place(with_modes(place.state, wedge, STICK), loose, place.parted & ~fresh, fresh, place.unique, place.looked)
+    after = Place(
+        with_modes(place.state, wedge, STICK), loose, place.parted & ~fresh, fresh, place.unique, place.looked
+    )
     return _aside(after, law)[0], [Event(load, RETURNS, int(g), -1) for g in caught]
 
 

@@ -19,51 +19,27 @@ from ..core.laws import KN, KT, MU, Law
 from ..core.measure import contact_forces, rattlers
 from ..core.neighbors import updated
 from ..core.state import OPEN, SLIDE, STICK, Control, State
-from ..solve.freedom import Freedom, displaced, residual_vector
+from ..solve.freedom import Freedom, displaced, incidence, residual_vector
 from ..solve.linear import factorised
 from .apex import OPENS, SLIDES, SLIDES_BACK, STICKS, WORDS
-from .complementarity import SLACK, complementarity
+from .complementarity import complementarity
+from .events import APEX, CLOSES, INCREMENT, REACHES, Event, Fork, next_event, pairs_apart
 from .matrices import Matrices, matrices, statuses, stiffness_matrix
 from .opening import Decided, decided
-from .rattling import NUDGE, gaps, with_modes
+from .rattling import with_modes
 from .status import Choice, Verdict, status
 from .system import pins
 from .uniqueness import certificate
 
-APEX = 1e-6  # normal force, in mean normal forces, at which a contact is at the apex of the cone
 AT_CONE = 1e-10  # distance from the cone, in mean normal forces, that is round-off: 1e-16 times conditions of k of 1e5
-CROWD = 200  # events without progress of the load after which a path ends: no real avalanche of this size was seen
 BLURRED = 10.0  # times what is out of balance, below which a disk with two contacts is not yet said to meet the cone
+CROWD = 200  # events after which a path ends if the load has not gone on: no real avalanche of this size was seen
 OUT_OF_BALANCE = 1e-4  # force, in mean normal forces, beyond which an increment is halved: loads of events are as exact
 BALANCED = 1e-10  # the same, to which an increment is brought back: far below the force of a contact at the apex
 CORRECTIONS = 6  # of the balance at most: each leaves about a thousandth
-NEAR_APEX = 1e-4  # normal force, in mean normal forces, from which a straight way leads to the apex to within APEX
-NEAR_CONE = 1e-5  # distance from the cone over the normal force from which a straight way leads there
-APPROACH = 0.9  # of the way to an event that a straight way would miss; then c is made anew
 LOOK = 0.01  # of a leg, after which other choices are looked for also where no event was: c changes little on it
-TOGETHER = 1e-9  # of an increment, within which contacts meet an event together
-REACHES, CLOSES, AT_APEX, NEARS = "reaches the cone", "closes", "at the apex", "nears an event"
 NO_P_MATRIX = "the status is not unique for every load any more"
 NOT_UNIQUE = "choices of statuses are consistent: the statuses are not unique"
-
-
-class Event(NamedTuple):
-    """What ends a linear piece."""
-
-    load: float  # in legs of the load
-    kind: str  # "reaches the cone", "sticks again", "opens", "closes", …, or why the path ends
-    i: int  # the contact's bodies, or the body; −1 where none is meant
-    j: int
-
-
-class Fork(NamedTuple):
-    """A load at which several choices of statuses were consistent, and the one that the path took."""
-
-    load: float  # in legs of the load
-    contacts: tuple[tuple[int, int], ...]  # bodies of those contacts that have different statuses
-    taken: tuple[str, ...]  # status of each of them: "sticks", "slides", "slides back" or "opens"
-    others: tuple[tuple[str, ...], ...]  # the same for the other choices
-    forces: bool  # True if forces go on differently; False if only a motion is not determined
 
 
 class Place(NamedTuple):
@@ -105,11 +81,11 @@ class Piece:
         self.has_two[n:] = False
         self.paired = self.has_two[self.ends].any(axis=1)
         self.mean = float(self.matrix.force[:, 0].mean())
-        self.stiffest = float(self.matrix.springs[:, 0, 0].max(initial=0.0))
         at = self.state._replace(control=between_controls(self.begin, self.end, self.share))
         to = self.state._replace(control=between_controls(self.begin, self.end, self.share + self.increment))
         missing = residual_vector(at, forces(at, self.law)[0], self.matrix.free)
         self.load = external(to, self.matrix.free) - external(at, self.matrix.free) + self.mends * missing
+        self.gap_rows = pairs_apart(self.state, self.loose, rows)
         self.faint = max(APEX * self.mean, BLURRED * np.abs(missing).max())
 
     def _decide_at_apex(self, place: Place) -> None:
@@ -186,9 +162,9 @@ class Piece:
             slides = choice.sliding
             rate = _rates(now, slides, choice.velocity)
             self.last = now, slides
-            step, contacts, kind = self._next(force, rate, now.limit, choice, 1.0 - done)
+            step, contacts, kind = next_event(self, force, rate, now.limit, choice, 1.0 - done)
             force, moved, done = force + step * rate, moved + step * choice.velocity, done + step
-            if kind == "increment":
+            if kind == INCREMENT:
                 break
             load = start + done * self.increment
             if kind == CLOSES:
@@ -205,7 +181,7 @@ class Piece:
 
     def _chosen(self, now: Matrices, slides: np.ndarray, load: float) -> Choice:
         """The status; other choices are looked for after events, and from time to time."""
-        changed = self.events and self.events[-1].load == load or (now.limit & ~slides).any()
+        changed = (self.events and self.events[-1].load == load) or (now.limit & ~slides).any()
         if not changed and load < self.looked + LOOK:
             choice = status(now, self.load, start=slides, geometric=self.geometric, unique=False)
             if choice.verdict is Verdict.CONSISTENT and np.array_equal(choice.sliding, slides):
@@ -261,84 +237,6 @@ class Piece:
                 self.forks[-1] = self.forks[-1]._replace(load=load)
                 self.events[-1] = self.events[-1]._replace(load=load)
 
-    def _next(self, force, rate, known, choice, left):
-        """Share of the increment to the next event, its contacts (all that meet it together), and what it is.
-
-        Contacts `known` were on the cone, and their status is consistent: what sticks leaves it, and may come to the
-        other side.
-        """
-        m = self.matrix
-        soonest, contacts, kind, reached = left, np.zeros(0, int), "increment", np.full(m.count, np.inf)
-        for side in (1.0, -1.0):  # F̃ of a contact that sticks, on either side of the cone
-            margin = m.mu * force[:, 0] - side * force[:, 1]
-            slope = m.mu * rate[:, 0] - side * rate[:, 1]
-            here = known & (side * force[:, 1] > 0)
-            leaves = ~choice.sliding & ~here & (slope < -SLACK * np.abs(rate).max(initial=0.0))
-            time = np.where(leaves, np.maximum(margin, 0.0) / np.where(leaves, -slope, 1.0), np.inf)
-            reached = np.minimum(reached, time)
-        at = np.where(np.isfinite(reached), reached, 0.0)
-        reached[self.paired & (force[:, 0] + at * rate[:, 0] <= self.faint)] = np.inf
-        # the force of a disk with two contacts turns with the line between them, which a straight way knows badly
-        far = m.mu * force[:, 0] - np.abs(force[:, 1]) > NEAR_CONE * force[:, 0]
-        early = np.where(self.paired & far, APPROACH * reached, np.inf).min(initial=np.inf)
-        if early < reached.min(initial=np.inf):
-            soonest, kind = min((soonest, kind), (float(early), NEARS))
-        elif reached.min(initial=np.inf) < soonest:
-            soonest, kind = float(reached.min()), REACHES
-            contacts = np.flatnonzero(reached <= soonest + TOGETHER)
-        falls = rate[:, 0] < -SLACK * np.abs(rate).max(initial=0.0)
-        time = np.where(falls, np.maximum(force[:, 0], 0.0) / np.where(falls, -rate[:, 0], 1.0), np.inf)
-        early = np.where(force[:, 0] > NEAR_APEX * self.mean, APPROACH * time, np.inf).min(initial=np.inf)
-        if early < soonest and time.min() <= left:
-            soonest, contacts, kind = float(early), np.zeros(0, int), NEARS
-        elif time.min(initial=np.inf) <= soonest:
-            soonest, kind = float(time.min()), AT_APEX
-            # those of disks that are held by nothing else lose their forces together, to within APEX
-            faint = force[:, 0] + soonest * rate[:, 0] <= APEX * self.mean
-            contacts = self._with_partners(np.flatnonzero(faint | (time <= soonest + TOGETHER)))
-        elif kind == REACHES and (force[contacts, 0] + soonest * rate[contacts, 0] <= APEX * self.mean).any():
-            kind = AT_APEX
-        time, curved = self._closing(choice)
-        first = time.min(initial=np.inf)
-        if first < soonest and curved[time.argmin()] * first**2 > APEX * self.mean:
-            soonest, contacts, kind = float(APPROACH * first), np.zeros(0, int), NEARS
-        elif first < soonest:
-            soonest, kind = float(first), CLOSES
-            contacts = m.count + np.flatnonzero(time <= soonest + TOGETHER)
-        return soonest, contacts, kind
-
-    def _with_partners(self, contacts: np.ndarray) -> np.ndarray:
-        """The contacts, and the second ones of disks with two contacts: these reach the apex together."""
-        chosen = np.zeros(self.matrix.count, bool)
-        chosen[contacts] = True
-        while True:
-            pulled = np.zeros(self.state.n_bodies, bool)
-            pulled[self.ends[chosen].ravel()] = True
-            more = ((pulled & self.has_two)[self.ends]).any(axis=1) | chosen
-            if np.array_equal(more, chosen):
-                return np.flatnonzero(chosen)
-            chosen = more
-
-    def _closing(self, choice: Choice) -> tuple[np.ndarray, np.ndarray]:
-        """Shares of the increment after which pairs of held bodies that do not touch will touch.
-
-        Beside them forces: times the squared share, that by which the straight way misses the curved one.
-        """
-        state, m = self.state, self.matrix
-        rows = np.setdiff1d(np.arange(int(state.contacts.count[0])), m.rows)
-        held = np.append(~self.loose, np.ones(state.n_bodies - len(self.loose), bool))
-        rows = rows[held[state.contacts.i[rows]] & held[state.contacts.j[rows]]]
-        self.gap_rows = rows
-        moves = m.free.spread(choice.velocity)[:, :3]
-        normal, gap = gaps(state, rows)
-        apart = moves[state.contacts.i[rows]] - moves[state.contacts.j[rows]]
-        closing = np.einsum("ck,ck->c", apart, normal)
-        # how far a pair that moves past each other overlaps more than the straight way says, as a force
-        aside = np.einsum("ck,ck->c", apart, apart) - closing**2
-        curved = self.stiffest * aside / (2 * float(state.grains.radius.min()))
-        reach = np.maximum(gap, 0.0) + NUDGE * float(state.grains.radius.min())  # a little beyond: they touch then
-        return np.where(closing < 0, reach / np.where(closing < 0, -closing, 1.0), np.inf), curved
-
     def _ended(self, force, moved, slides, sign, contacts, done: float) -> Place:
         """The place after the increment, brought back to balance with the statuses of its last piece.
 
@@ -371,18 +269,13 @@ class Piece:
 
     def _missing(self, place: Place) -> np.ndarray:
         """(n,) force that is out of balance at a place, without what presses on rattlers: they are moved aside."""
-        state, free = place.state, self.matrix.free
-        out, contacts, count = residual_vector(state, forces(state, self.law)[0], free), state.contacts, len(self.loose)
-        whole = np.append(self.loose, np.zeros(state.n_bodies - count, bool))
-        ends = np.stack([contacts.i, contacts.j])[:, : int(contacts.count[0])]
-        rows = np.flatnonzero(whole[ends].any(axis=0))
-        push = contact_forces(state, self.law)[rows]
-        for body, sign in zip(ends[:, rows], (1.0, -1.0), strict=True):
-            for axis in range(2):
-                place_of = free.place[6 * body + axis]
-                held = place_of >= 0
-                np.subtract.at(out, place_of[held], sign * push[held, axis])
-        return out
+        state, free, count = place.state, self.matrix.free, int(place.state.contacts.count[0])
+        out = residual_vector(state, forces(state, self.law)[0], free)
+        whole = np.append(self.loose, np.zeros(state.n_bodies - len(self.loose), bool))
+        rows = np.flatnonzero(whole[state.contacts.i[:count]] | whole[state.contacts.j[:count]])
+        push = np.zeros((count, 6))
+        push[rows, :3] = contact_forces(state, self.law)[rows]
+        return out - incidence(state, count, free) @ push.ravel() if push.any() else out
 
     def _placed(self, force, moved, slides, sign, contacts, done: float) -> Place:
         """The place after the increment: bodies moved, memory as the path has it, contacts at the apex marked."""
