@@ -178,9 +178,8 @@ def _carrying(place: Place, law: Law, wedge: np.ndarray, load: float) -> tuple[P
     wedge = np.union1d(wedge, rows[gaps(place.state, rows)[1] < 0])
     fresh = place.fresh.copy()
     fresh[wedge] = True
-    after = Place(
-        with_modes(place.state, wedge, STICK), loose, place.parted & ~fresh, fresh, place.unique, place.looked
-    )
+    stuck = with_modes(place.state, wedge, STICK)
+    after = place._replace(state=stuck, loose=loose, parted=place.parted & ~fresh, fresh=fresh)
     return _aside(after, law)[0], [Event(load, RETURNS, int(g), -1) for g in caught]
 
 
@@ -192,7 +191,7 @@ def _aside(place: Place, law: Law, start: State | None = None) -> tuple[Place, n
     if after is before:
         return place, wedge
     marks = [_carried(mark, before, after) & (after.mode != OPEN) for mark in (place.parted, place.fresh)]
-    return Place(state, place.loose, *marks, place.unique, place.looked), wedge
+    return place._replace(state=state, parted=marks[0], fresh=marks[1]), wedge
 
 
 def _carried(mark: np.ndarray, before, after) -> np.ndarray:

@@ -26,7 +26,7 @@ from .complementarity import complementarity
 from .events import APEX, CLOSES, INCREMENT, REACHES, Event, Fork, next_event, pairs_apart
 from .matrices import Matrices, matrices, statuses, stiffness_matrix
 from .opening import Decided, decided
-from .rattling import with_modes
+from .rattling import gaps, with_modes
 from .status import Choice, Verdict, status
 from .system import pins
 from .uniqueness import certificate
@@ -36,6 +36,7 @@ BLURRED = 10.0  # times what is out of balance, below which a disk with two cont
 CROWD = 200  # events after which a path ends if the load has not gone on: no real avalanche of this size was seen
 OUT_OF_BALANCE = 1e-4  # force, in mean normal forces, beyond which an increment is halved: loads of events are as exact
 BALANCED = 1e-10  # the same, to which an increment is brought back: far below the force of a contact at the apex
+TOUCHES = 1e-7  # gap, as a force in mean normal forces, up to which a pair touches: below what is lost by deciding APEX
 CORRECTIONS = 6  # of the balance at most: each leaves about a thousandth
 LOOK = 0.01  # of a leg, after which other choices are looked for also where no event was: c changes little on it
 NO_P_MATRIX = "the status is not unique for every load any more"
@@ -83,8 +84,9 @@ class Piece:
         self.mean = float(self.matrix.force[:, 0].mean())
         at = self.state._replace(control=between_controls(self.begin, self.end, self.share))
         to = self.state._replace(control=between_controls(self.begin, self.end, self.share + self.increment))
-        missing = residual_vector(at, forces(at, self.law)[0], self.matrix.free)
+        missing = self._missing(place._replace(state=at))
         self.load = external(to, self.matrix.free) - external(at, self.matrix.free) + self.mends * missing
+        self.stiffest = float(self.matrix.springs[:, 0, 0].max(initial=0.0))
         self.gap_rows = pairs_apart(self.state, self.loose, rows)
         self.faint = max(APEX * self.mean, BLURRED * np.abs(missing).max())
 
@@ -114,7 +116,7 @@ class Piece:
         sides = found.side
         state = with_modes(place.state, m.rows[apex & (sides == 0)], STICK)
         state = with_modes(state, m.rows[apex & (sides != 0)], SLIDE)
-        self._start(Place(state, loose, parted, np.zeros_like(parted), place.unique, place.looked))
+        self._start(place._replace(state=state, loose=loose, parted=parted, fresh=np.zeros_like(parted)))
         side = sides[np.searchsorted(m.rows, self.matrix.rows)]
         self.matrix = self.matrix._replace(sign=np.where(side != 0, side, self.matrix.sign))
 
@@ -167,10 +169,10 @@ class Piece:
             if kind == INCREMENT:
                 break
             load = start + done * self.increment
-            if kind == CLOSES:
-                self.events += [Event(load, CLOSES, *self._bodies(c)) for c in contacts]
             if kind != REACHES:
                 end = self._ended(force, moved, slides, sign, contacts, done)
+                if kind == CLOSES and end.fresh.any():
+                    self.events += [Event(load, CLOSES, *self._bodies(c)) for c in contacts]
                 return end, done * self.increment, Verdict.CONSISTENT
             self.events += [Event(load, REACHES, *self._bodies(c)) for c in contacts]
             slides = slides.copy()
@@ -268,11 +270,15 @@ class Piece:
         return place
 
     def _missing(self, place: Place) -> np.ndarray:
-        """(n,) force that is out of balance at a place, without what presses on rattlers: they are moved aside."""
+        """(n,) force that is out of balance at a place.
+
+        What presses on rattlers is left out, since they are moved aside, and pairs that part but overlap a little.
+        """
         state, free, count = place.state, self.matrix.free, int(place.state.contacts.count[0])
         out = residual_vector(state, forces(state, self.law)[0], free)
         whole = np.append(self.loose, np.zeros(state.n_bodies - len(self.loose), bool))
-        rows = np.flatnonzero(whole[state.contacts.i[:count]] | whole[state.contacts.j[:count]])
+        loose = whole[state.contacts.i[:count]] | whole[state.contacts.j[:count]]
+        rows = np.flatnonzero(loose | place.parted[:count])
         push = np.zeros((count, 6))
         push[rows, :3] = contact_forces(state, self.law)[rows]
         return out - incidence(state, count, free) @ push.ravel() if push.any() else out
@@ -286,6 +292,8 @@ class Piece:
         where = np.searchsorted(trial.key[:count], before.contacts.key[m.rows])
         born = np.array([c for c in contacts if c >= m.count], int) - m.count
         new = np.searchsorted(trial.key[:count], before.contacts.key[self.gap_rows[born]]) if len(born) else born
+        # what the way to balance has left apart comes to touch in the next piece
+        new = new[self.stiffest * gaps(state, new)[1] <= TOUCHES * self.mean]
         line = linearised(accept(state, trial), self.law)
         normal, stiffness = line.normal[where], np.where(line.stiffness_t[where] > 0, line.stiffness_t[where], 1.0)
         along = np.stack([normal[:, 1], -normal[:, 0], np.zeros(m.count)], axis=1)
@@ -297,9 +305,12 @@ class Piece:
         fresh[new] = True
         fresh[where[[c for c in contacts if c < m.count]]] = True
         # pairs beside those of the matrix overlap where they part and were not quite apart, or met on a curved way
+        more = np.flatnonzero((mode[:count] == OPEN) & (trial.mode[:count] != OPEN))
+        loose = np.append(self.loose, np.zeros(state.n_bodies - len(self.loose), bool))
+        known = np.isin(trial.key[more], before.contacts.key[np.flatnonzero(self.place.parted)])
+        known |= loose[trial.i[more]] | loose[trial.j[more]]
         parted = np.zeros(len(mode), bool)
-        parted[:count] = (mode[:count] == OPEN) & (trial.mode[:count] != OPEN)
-        mode[parted] = STICK
+        parted[more[known]], fresh[more[~known]], mode[more] = True, True, STICK
         control = between_controls(self.begin, self.end, self.share + done * self.increment)
         state = accept(state._replace(control=control), trial._replace(mode=mode, slip=slip, reached=mode == SLIDE))
         return Place(state, self.loose, parted, fresh, self.unique, self.looked)

@@ -1,9 +1,9 @@
 """Rattlers on a path: they are pushed aside by what moves, until they are wedged and carry again.
 
 Between the grains of a packing that hold each other, rattlers carry nothing: no balance tells where they are. What
-presses into one moves it by the least distance that gives room. Where the contacts that push it can hold it by friction,
-they draw it along: it follows them with as little slip as it can. Where that gives no room either, it is wedged, and is
-a grain like the others from then on.
+presses into one moves it by the least distance that gives room. Where the contacts that push it can hold it by
+friction, they draw it along: it follows them with as little slip as it can. Where that gives no room either, it is
+wedged, and is a grain like the others from then on.
 
 Source of the least distance: Lawson and Hanson, Solving Least Squares Problems (SIAM 1995), chapter 23.
 """
