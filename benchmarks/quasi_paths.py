@@ -27,8 +27,9 @@ SIZES = {60: 20, 100: 14, 200: 10, 400: 6}  # samples of each size
 FIRST_SEED = 101  # no seed that a test or the facts of this project name
 AGREE = 0.01  # relative difference of the ends
 PRESSURE = 1e-4
-TIMES, DRAG, BEYOND = (1e5, 3e5), 0.02, 1.3  # ramp times of a whole load, and how far beyond the path's end
+TIMES, DRAG, BEYOND = (3e5, 1e6), 0.02, 1.3  # ramp times of a whole load, and how far beyond the path's end
 BURST, ALIKE, BEFORE = 30.0, 0.5, 10  # over the median kinetic energy; over that of the faster run; steps of a median
+ASTRAY = 0.02  # distance of the wall from the path, over its last shift, that is not a delay of dynamics
 
 
 class Sample(NamedTuple):
@@ -116,18 +117,33 @@ def compare(sample: Sample) -> list[Ended]:
     return ends
 
 
-def slow_end(state: State, law, end: Control, load: float) -> float | None:
+def shift(states, sample: Sample) -> np.ndarray:
+    """(T,) how far the loaded wall has moved [length]."""
+    wall = DIRECTIONS[sample.direction][0]
+    at = np.array([s.walls.point[wall] @ s.walls.normal[wall] for s in states])
+    return at - at[0]
+
+
+def slow_end(sample: Sample, state: State, law, end: Control, path: Path) -> float | None:
     """Load at which slow dynamics begins to move by itself, None if it did not up to 1.3 times the path's last load.
 
-    Slow motion has a kinetic energy that falls with the square of the rate. The first step of the load in which the
-    slower of two runs has more than half of that of the faster one, and thirty times its own median, is the end.
+    Slow motion has a kinetic energy that falls with the square of the rate. A step of the load in which the slower of
+    two runs has more than half of that of the faster one, and thirty times its own median, is a burst; it is the end
+    if the wall is not where the path has it from there on, or if the path has ended.
     """
-    until = min(1.0, BEYOND * load)
-    faster, slower = (slowly(state, law, end, time=whole, until=until, drag=DRAG).kinetic_energy for whole in TIMES)
-    for k in range(BEFORE, len(slower)):
-        near = faster[max(0, k - 3) : k + 4].max()
-        if slower[k] > BURST * np.median(slower[:k]) and slower[k] > ALIKE * near:
-            return until * (k + 1) / len(slower)
+    last = path.points[-1].load
+    until = min(1.0, BEYOND * last)
+    faster, slower = (slowly(state, law, end, time=whole, until=until, drag=DRAG) for whole in TIMES)
+    there = shift(path.states, sample)
+    moved = shift([state, *slower.states], sample)[1:]
+    off = np.abs(moved - np.interp(slower.load, path.load, there)) / np.abs(there).max()
+    energy = slower.kinetic_energy
+    for k in range(BEFORE, len(energy)):
+        near = faster.kinetic_energy[max(0, k - 3) : k + 4].max()
+        left = off[k:][slower.load[k:] <= last]
+        burst = energy[k] > BURST * np.median(energy[:k]) and energy[k] > ALIKE * near
+        if burst and (len(left) == 0 or np.median(left) > ASTRAY):
+            return float(slower.load[k])
     return None
 
 
@@ -136,9 +152,9 @@ def beside_dynamics(some: list[Sample]) -> None:
     ratios, survivors = [], 0
     for sample in some:
         state, law, end = prepared(sample)
-        path = ended(state, law, end, INCREMENTS[1])[0]
+        path, way = ended(state, law, end, INCREMENTS[1])
         begin = time.perf_counter()
-        found = slow_end(state, law, end, path.load)
+        found = slow_end(sample, state, law, end, way)
         seconds = time.perf_counter() - begin
         words = f"no fall up to {min(1.0, BEYOND * path.load):.5f}" if found is None else f"falls at {found:.5f}"
         survivors += found is None

@@ -106,13 +106,13 @@ def _fits(apex: Apex, forward, back, normal, status, slack: float):
     return np.choose(status, by_status)
 
 
-def statuses_at_apex(apex: Apex, start: np.ndarray | None = None) -> Found:
+def statuses_at_apex(apex: Apex, *starts: np.ndarray) -> Found:
     """Consistent statuses: by giving every contact that of its cell, round by round; then
     along the pieces, then one by one.
 
     Parameters
     ----------
-    start : (E,) statuses to begin with; default: all stick
+    starts : (E,) statuses to begin with, one after the other; default: all stick
 
     Returns
     -------
@@ -120,25 +120,33 @@ def statuses_at_apex(apex: Apex, start: np.ndarray | None = None) -> Found:
         verified: V solves the piece of the statuses, and lies in its cell. If nothing is found, there is nothing
         among 4096 choices or fewer, and nothing on the way among more.
     """
-    now = np.full(len(apex.sign), STICKS) if start is None else np.asarray(start)
-    seen = set()
-    for _ in range(ROUNDS):
-        if now.tobytes() in seen:
-            break
-        seen.add(now.tobytes())
-        velocity = _velocity(apex, now)
-        if velocity is None:
-            break
-        fits = cell(apex, velocity, now, SLACK * np.abs(velocity).max(initial=0.0))
-        if np.array_equal(fits, now):
-            return Found(now, velocity, "all at once")
-        now = fits
+    for start in starts or (np.full(len(apex.sign), STICKS),):
+        found = _in_rounds(apex, np.asarray(start))
+        if found is not None:
+            return found
     found = along_the_pieces(apex)
     if found.status is None and choices(apex) <= ENUMERATED:
         every = every_choice(apex)
         for status, velocity in zip(every.status[:1], every.velocity[:1], strict=True):
             return Found(status, velocity, "one by one")
     return found
+
+
+def _in_rounds(apex: Apex, now: np.ndarray) -> Found | None:
+    """Statuses to which giving every contact the status of its cell leads, None if it goes round in circles."""
+    seen = set()
+    for _ in range(ROUNDS):
+        if now.tobytes() in seen:
+            return None
+        seen.add(now.tobytes())
+        velocity = _velocity(apex, now)
+        if velocity is None:
+            return None
+        fits = cell(apex, velocity, now, SLACK * np.abs(velocity).max(initial=0.0))
+        if np.array_equal(fits, now):
+            return Found(now, velocity, "all at once")
+        now = fits
+    return None
 
 
 def _velocity(apex: Apex, status: np.ndarray) -> np.ndarray | None:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError
+from scipy.optimize import linprog
 
 from ..solve.linear import factorised
 from .apex import (
@@ -18,6 +19,9 @@ from .apex import (
     OPENS,
     SIDE,
     SLACK,
+    SLIDES,
+    SLIDES_BACK,
+    STICKS,
     Apex,
     Found,
     changed,
@@ -110,6 +114,7 @@ class _Search(NamedTuple):
     geometric: bool
     ours: np.ndarray  # (B, M) bool: the contacts of each grain
     alone: np.ndarray  # (M,) bool: contacts of grains all of whose contacts are at the apex
+    any_motion: bool = False  # whether bodies are released if any motion lets their contacts open, not just the least
 
 
 def decided(matrix: Matrices, load: np.ndarray, apex: np.ndarray, *, geometric: bool = True) -> Decided:
@@ -117,19 +122,26 @@ def decided(matrix: Matrices, load: np.ndarray, apex: np.ndarray, *, geometric: 
 
     Grains all of whose contacts are at the apex may be released as bodies. Up to three of them all combinations of
     released and carrying ones are looked at; of more, first all are released, then those carry that are drawn along.
-    Stable choices come first, and of these the one that releases most bodies.
+    Stable choices come first, and of these the one that releases most bodies. Where there is none, bodies that would be
+    drawn along are released if they can escape at all.
     """
     ours = _contacts_of_bodies(matrix)
     lone = np.flatnonzero((ours.sum(axis=1) > 0) & ~(ours & ~apex).any(axis=1))
     search = _Search(matrix, load, apex, geometric, ours, ours[lone].any(axis=0))
-    if len(lone) <= COMBINED:
-        found, complete = _of_all_groups(search, lone)
-    else:
-        found, complete = _of_fewer_and_fewer(search, lone), False
+    found, complete = _of_groups(search, lone)
+    if not found and len(lone):
+        found, complete = _of_groups(search._replace(any_motion=True), lone)
     found.sort(key=lambda one: not one[1])
     if not found:
         return Decided(apex, None, None, (), complete)
     return Decided(apex, *found[0], tuple(status for status, _ in found[1:]), complete)
+
+
+def _of_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
+    """Choices with some of the lone bodies released, and whether there are no others."""
+    if len(lone) <= COMBINED:
+        return _of_all_groups(search, lone)
+    return _of_fewer_and_fewer(search, lone), False
 
 
 def _of_all_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
@@ -154,7 +166,7 @@ def _of_fewer_and_fewer(search: _Search, released: np.ndarray) -> list:
 def _choices_of(search: _Search, released: np.ndarray) -> tuple[list, np.ndarray, bool]:
     """Consistent (status of all, stable) with some bodies released; bodies that cannot be; whether all were seen.
 
-    That a body is drawn along is found by its least motion: other motions may release it, so that not all were seen.
+    By its least motion a body may be drawn along where another motion releases it: then not all were seen.
     """
     matrix, ours = search.matrix, search.ours
     gone = ours[released].any(axis=0)
@@ -171,14 +183,14 @@ def _choices_of(search: _Search, released: np.ndarray) -> tuple[list, np.ndarray
     answers, all_seen = _answers(map_of.apex)
     good, caught = [], np.zeros(0, int)
     for found, stable in answers:
-        drawn = _drawn(matrix, map_of.velocities(found), loose, gone, ours)[released]
+        drawn = _drawn(search, map_of.velocities(found), loose, gone)[released]
         if drawn.any():
             caught = np.union1d(caught, released[drawn])
             continue
         status = np.zeros(matrix.count, int)
         status[special], status[gone] = found.status, OPENS
         good.append((status, stable))
-    return good, caught if answers else released, all_seen and not len(caught)
+    return good, caught if answers else released, all_seen and (search.any_motion or not len(caught))
 
 
 def _answers(apex: Apex) -> tuple[list[tuple[Found, bool]], bool]:
@@ -187,7 +199,10 @@ def _answers(apex: Apex) -> tuple[list[tuple[Found, bool]], bool]:
         every = every_choice(apex)
         found = [Found(s, v, "one by one") for s, v in zip(every.status, every.velocity, strict=True)]
         return list(zip(found, every.stable.tolist(), strict=True)), every.decided
-    found = statuses_at_apex(apex)
+    # what slides goes on to do so, most likely; what has no force sticks, or opens
+    slides, touches = np.where(apex.sign < 0, SLIDES_BACK, SLIDES), apex.sign == 0
+    starts = (np.where(touches, STICKS, slides), np.where(touches, OPENS, slides), np.full(len(slides), STICKS))
+    found = statuses_at_apex(apex, *starts)
     if found.status is None:
         return [], False
     return [(found, bool(np.linalg.slogdet(piece(apex, found.status))[0] > 0))], False
@@ -203,13 +218,18 @@ def _contacts_of_bodies(matrix: Matrices) -> np.ndarray:
     return out & turns[:, None]
 
 
-def _drawn(matrix: Matrices, velocity: np.ndarray, loose: np.ndarray, gone: np.ndarray, ours: np.ndarray) -> np.ndarray:
+def _drawn(search: _Search, velocity: np.ndarray, loose: np.ndarray, gone: np.ndarray) -> np.ndarray:
     """(B,) bool: released bodies some of whose contacts close although the bodies follow their neighbours."""
+    matrix, ours = search.matrix, search.ours
     if not len(loose):
         return np.zeros(len(ours), bool)
     columns = np.repeat(gone, 2)
     apart = (matrix.c.T @ velocity)[columns]
     own = matrix.c[loose][:, np.flatnonzero(columns)].toarray()
+    if search.any_motion:
+        size = np.abs(apart).max(initial=0.0) or 1.0
+        way = linprog(np.zeros(len(loose)), -own.T[::2], apart[::2] / size, bounds=(None, None))
+        return (ours & gone).any(axis=1) & (way.status != 0)
     follow = np.linalg.lstsq(own.T, -apart, rcond=None)[0]
     normal = (own.T @ follow + apart)[::2]
     closes = np.zeros(matrix.count, bool)
