@@ -117,19 +117,21 @@ class _Search(NamedTuple):
     any_motion: bool = False  # whether bodies are released if any motion lets their contacts open, not just the least
 
 
-def decided(matrix: Matrices, load: np.ndarray, apex: np.ndarray, *, geometric: bool = True) -> Decided:
+def decided(
+    matrix: Matrices, load: np.ndarray, apex: np.ndarray, *, geometric: bool = True, wedged: bool = False
+) -> Decided:
     """Decide the statuses of contacts at the apex, (M,) bool, together with those at the limit, under a load rate.
 
     Grains all of whose contacts are at the apex may be released as bodies. Up to three of them all combinations of
     released and carrying ones are looked at; of more, first all are released, then those carry that are drawn along.
     Stable choices come first, and of these the one that releases most bodies. Where there is none, bodies that would be
-    drawn along are released if they can escape at all.
+    drawn along are released if they can escape at all, unless they are `wedged`, just now, and could not.
     """
     ours = _contacts_of_bodies(matrix)
     lone = np.flatnonzero((ours.sum(axis=1) > 0) & ~(ours & ~apex).any(axis=1))
     search = _Search(matrix, load, apex, geometric, ours, ours[lone].any(axis=0))
     found, complete = _of_groups(search, lone)
-    if not found and len(lone):
+    if not found and len(lone) and not wedged:
         found, complete = _of_groups(search._replace(any_motion=True), lone)
     found.sort(key=lambda one: not one[1])
     if not found:

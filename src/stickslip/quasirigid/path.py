@@ -179,7 +179,7 @@ def _carrying(place: Place, law: Law, wedge: np.ndarray, load: float) -> tuple[P
     fresh = place.fresh.copy()
     fresh[wedge] = True
     stuck = with_modes(place.state, wedge, STICK)
-    after = place._replace(state=stuck, loose=loose, parted=place.parted & ~fresh, fresh=fresh)
+    after = place._replace(state=stuck, loose=loose, parted=place.parted & ~fresh, fresh=fresh, wedged=True)
     return _aside(after, law)[0], [Event(load, RETURNS, int(g), -1) for g in caught]
 
 

@@ -52,6 +52,7 @@ class Place(NamedTuple):
     fresh: np.ndarray  # (C,) bool: contacts at the apex of the cone, whose status is to be decided
     unique: bool  # whether the status was unique for every load when it was last known
     looked: float  # load at which that, and other choices, were last looked for
+    wedged: bool = False  # whether a rattler was wedged here, just now
 
 
 def external(state: State, free: Freedom) -> np.ndarray:
@@ -100,7 +101,7 @@ class Piece:
         m = self.matrix
         faint = m.force[:, 0] <= APEX * self.mean
         apex = faint | np.isin(m.rows, np.flatnonzero(place.fresh))
-        found = decided(m, self.load, apex, geometric=self.geometric)
+        found = decided(m, self.load, apex, geometric=self.geometric, wedged=place.wedged)
         self.unchecked += not found.complete
         if found.status is None or not found.stable:
             self.lost = _lost(found)
