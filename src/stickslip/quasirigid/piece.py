@@ -22,13 +22,13 @@ from ..core.state import OPEN, SLIDE, STICK, Control, State
 from ..solve.freedom import Freedom, displaced, incidence, residual_vector
 from ..solve.linear import factorised
 from .apex import OPENS, SLIDES, SLIDES_BACK, STICKS, WORDS
-from .complementarity import complementarity
+from .complementarity import complementarity, wrong
 from .events import APEX, CLOSES, INCREMENT, REACHES, Event, Fork, next_event, pairs_apart
 from .matrices import Matrices, matrices, statuses, stiffness_matrix
 from .opening import Decided, decided
 from .rattling import gaps, with_modes
 from .status import Choice, Verdict, status
-from .system import pins
+from .system import RESIDUAL, pins
 from .uniqueness import certificate
 
 AT_CONE = 1e-10  # distance from the cone, in mean normal forces, that is round-off: 1e-16 times conditions of k of 1e5
@@ -68,7 +68,7 @@ class Piece:
         self.law, self.increment, self.geometric, self.mends = law, increment, geometric, mends
         self.begin, self.end, self.share = begin, end, share
         self.events, self.forks, self.unchecked, self.lost, self.unique = [], [], 0, None, place.unique
-        self.last, self.missed, self.looked = None, 0.0, place.looked
+        self.last, self.solve, self.missed, self.looked = None, None, 0.0, place.looked
         self._start(place)
         if place.fresh.any():
             self._decide_at_apex(place)
@@ -185,12 +185,24 @@ class Piece:
     def _chosen(self, now: Matrices, slides: np.ndarray, load: float) -> Choice:
         """The status; other choices are looked for after events, and from time to time."""
         changed = (self.events and self.events[-1].load == load) or (now.limit & ~slides).any()
-        if not changed and load < self.looked + LOOK:
-            choice = status(now, self.load, start=slides, geometric=self.geometric, unique=False)
-            if choice.verdict is Verdict.CONSISTENT and np.array_equal(choice.sliding, slides):
-                return choice
-        self.looked = load
+        if not changed and load < self.looked + LOOK and (same := self._unchanged(now, slides)):
+            return same
+        self.looked, self.solve = load, None
         return status(now, self.load, start=slides, geometric=self.geometric)
+
+    def _unchanged(self, now: Matrices, slides: np.ndarray) -> Choice | None:
+        """The status that was, if it is still consistent."""
+        try:
+            self.solve = _solver(now, slides, self.geometric)
+            velocity = self.solve(self.load)
+        except LinAlgError:
+            return None
+        critical = np.flatnonzero(now.limit)
+        normal, along = (now.c.T @ velocity).reshape(-1, 2)[critical].T
+        rate = now.slope[critical] * normal + now.sign[critical] * along
+        if not np.isfinite(rate).all() or wrong(slides[critical], rate).any():
+            return None
+        return Choice(Verdict.CONSISTENT, slides, critical, velocity, rate, "as before", 1)
 
     def _dated(self, load: float) -> None:
         self.events = [e._replace(load=load) for e in self.events]
@@ -250,7 +262,7 @@ class Piece:
         if self.last is None:
             return place
         now, last = self.last
-        missing, solve = self._missing(place), None
+        missing, solve = self._missing(place), self.solve
         self.missed = np.abs(missing).max(initial=0.0) / self.mean
         for _ in range(CORRECTIONS):
             if not BALANCED < np.abs(missing).max(initial=0.0) / self.mean < OUT_OF_BALANCE:
@@ -330,14 +342,17 @@ def _lost(found: Decided) -> Verdict:
 
 
 def _solver(matrix: Matrices, slides, geometric: bool):
-    """A function that solves k(S) v = f with what a status slides."""
+    """A function that solves k(S) v = f for a status; LinAlgError where k(S) is singular to round-off."""
     size = len(matrix.free)
     kept = np.setdiff1d(np.arange(size), pins(matrix))
-    solve = factorised(stiffness_matrix(matrix, slides, geometric=geometric)[kept][:, kept])
+    k = stiffness_matrix(matrix, slides, geometric=geometric)[kept][:, kept]
+    solve = factorised(k)
 
     def spread(load: np.ndarray) -> np.ndarray:
         out = np.zeros(size)
         out[kept] = solve(load[kept])
+        if not np.abs(k @ out[kept] - load[kept]).max(initial=0.0) <= RESIDUAL * np.abs(load[kept]).max(initial=0.0):
+            raise LinAlgError("singular")
         return out
 
     return spread
