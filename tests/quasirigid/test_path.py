@@ -152,7 +152,7 @@ def ends_alike(paths):
     return max(loads) - min(loads) <= 0.01 * max(loads)
 
 
-CASES = [(3, TOP, 3.0), (1, RIGHT, 3.0), (4, RIGHT, 3.0), (8, TOP, 0.1), (6, RIGHT, 0.1), (5, TOP, 3.0)]
+CASES = [(3, TOP, 3.0), (4, RIGHT, 3.0), (6, RIGHT, 0.1), (5, TOP, 3.0)]
 
 
 def test_ends_do_not_depend_on_the_increment_nor_on_round_off():
@@ -187,6 +187,7 @@ def test_a_path_without_progress_ends_after_a_stated_number_of_events(boxed, mon
     monkeypatch.setattr(Piece, "run", stuck)
     path = quasirigid_path(state, law, raised(state.control, 60 + TOP, 2.5))
     assert path.verdict is Verdict.NO_PROGRESS
+    assert path.verdict.value.startswith(f"{CROWD} events")
     assert not path.complete
     at_end = [e for e in path.events if e.load == path.points[-1].load]
     assert len(at_end) <= CROWD + 2
