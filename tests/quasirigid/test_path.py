@@ -217,6 +217,8 @@ def test_other_consistent_choices_are_reported(boxed, monkeypatch):
     assert fork.others == (("sticks",),)
     assert fork.forces
     assert any(e.kind.startswith("2 choices of statuses are consistent") for e in path.events)
+    assert f"other choices were consistent, too, at {len(path.alternatives)} load" in path.summary
+    assert "other choices" not in plain._replace(alternatives=()).summary
 
 
 @pytest.mark.slow

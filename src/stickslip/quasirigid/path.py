@@ -60,6 +60,16 @@ class Path(NamedTuple):
         return self.verdict is Verdict.CONSISTENT
 
     @property
+    def summary(self) -> str:
+        """How the path ended, in a sentence, and how sure that is."""
+        end = "the whole load was reached" if self.complete else self.verdict.value
+        if forks := len(self.alternatives):
+            end += f"; other choices were consistent, too, at {forks} load{'s'[: forks > 1]}: see `alternatives`"
+        if self.unchecked:
+            end += f"; {self.unchecked} times it is not known whether there were others"
+        return end
+
+    @property
     def load(self) -> np.ndarray:
         """(T,) load of each point."""
         return np.array([p.load for p in self.points])
