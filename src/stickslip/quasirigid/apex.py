@@ -257,16 +257,7 @@ def every_choice(apex: Apex) -> Every:
             f"can be gone through; `statuses_at_apex` finds one that is consistent"
         )
     status = np.array(list(itertools.product(*apex.allowed)), int).reshape(-1, len(apex.sign))
-    matrix = piece(apex, status)
-    sign = np.linalg.slogdet(matrix)[0]
-    sound = np.where((sign == 0)[:, None, None], np.eye(matrix.shape[1]), matrix)
-    inverse = np.linalg.inv(sound)
-    size = np.abs(matrix).sum(axis=1).max(axis=1, initial=0.0) * np.abs(inverse).sum(axis=1).max(axis=1, initial=0.0)
-    regular = (sign != 0) & (size < SINGULAR) | (matrix.shape[1] == 0)
-    velocity = np.zeros((len(status), *apex.velocity.shape))
-    velocity[regular] = np.linalg.solve(
-        sound[regular], np.broadcast_to(apex.velocity.reshape(-1, 1), (int(regular.sum()), matrix.shape[1], 1))
-    ).reshape(-1, *apex.velocity.shape)
+    matrix, sign, regular, velocity = _all_velocities(apex, status)
     scale = np.abs(velocity).max(axis=(1, 2), initial=0.0)[:, None]
     normal, along = velocity[..., 0], velocity[..., 1]
     fits = _fits(apex, apex.slope * normal + along, apex.slope * normal - along, normal, status, SLACK * scale)
@@ -282,6 +273,21 @@ def every_choice(apex: Apex) -> Every:
     return Every(
         status[kept], velocity[kept], sign[kept] > 0, bool((sign[regular] > 0).all() & regular.all()), not open_ends
     )
+
+
+def _all_velocities(apex: Apex, status: np.ndarray):
+    """Pieces (K, 2E, 2E) of choices, signs of det k, which of them are regular, and (K, E, 2) V that they lead to."""
+    matrix = piece(apex, status)
+    sign = np.linalg.slogdet(matrix)[0]
+    sound = np.where((sign == 0)[:, None, None], np.eye(matrix.shape[1]), matrix)
+    inverse = np.linalg.inv(sound)
+    size = np.abs(matrix).sum(axis=1).max(axis=1, initial=0.0) * np.abs(inverse).sum(axis=1).max(axis=1, initial=0.0)
+    regular = (sign != 0) & (size < SINGULAR) | (matrix.shape[1] == 0)
+    velocity = np.zeros((len(status), *apex.velocity.shape))
+    velocity[regular] = np.linalg.solve(
+        sound[regular], np.broadcast_to(apex.velocity.reshape(-1, 1), (int(regular.sum()), matrix.shape[1], 1))
+    ).reshape(-1, *apex.velocity.shape)
+    return matrix, sign, regular, velocity
 
 
 def _answers_somewhere(matrix: np.ndarray, right: np.ndarray) -> bool:

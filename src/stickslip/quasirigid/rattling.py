@@ -58,13 +58,9 @@ def moved_aside(state: State, law: Law, loose: np.ndarray, before: State | None 
         return state, nothing
     tiny, drawn = NUDGE * float(state.grains.radius.min()), np.zeros_like(whole)
     for _ in range(ROUNDS):
-        contacts, count = state.contacts, int(state.contacts.count[0])
-        rows = np.flatnonzero(whole[contacts.i[:count]] | whole[contacts.j[:count]])
-        normal, gap = gaps(state, rows)
+        contacts, (rows, normal, gap) = state.contacts, _near(state, whole)
         if not len(rows) or gap.min() >= 0:
             return as_loose(state, loose), nothing
-        near = gap < NEAR * -gap.min()
-        rows, normal, gap = rows[near], normal[near], gap[near]
         i, j = contacts.i[rows], contacts.j[rows]
         move, pressed = _least_distance(_directions(i, j, normal, whole), tiny - gap)
         friction = law.table[material[i], material[j], MU]
@@ -82,6 +78,15 @@ def moved_aside(state: State, law: Law, loose: np.ndarray, before: State | None 
             position[loose, :2] += move.reshape(-1, 2)
         state = as_loose(updated(state._replace(grains=state.grains._replace(position=position))), loose)
     return state, rows[gap < 0]
+
+
+def _near(state: State, whole: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows, normals and gaps of rattlers' pairs that overlap, or may come to do so when these are moved apart."""
+    contacts, count = state.contacts, int(state.contacts.count[0])
+    rows = np.flatnonzero(whole[contacts.i[:count]] | whole[contacts.j[:count]])
+    normal, gap = gaps(state, rows)
+    near = gap < NEAR * max(-gap.min(initial=0.0), 0.0)
+    return rows[near], normal[near], gap[near]
 
 
 def _drawn_along(state: State, before: State, caught: np.ndarray, rows: np.ndarray) -> np.ndarray:
