@@ -4,11 +4,15 @@ import numpy as np
 import pytest
 
 import stickslip as ss
+from benchmarks.quasi_paths import Sample, prepared, samples
 from stickslip.core.control import between_controls
 from stickslip.loading.biaxial import RIGHT, TOP, biaxial_box, raised, sheared_box
 from stickslip.loading.slow import slowly
+from stickslip.quasirigid import piece
+from stickslip.quasirigid.events import Event
 from stickslip.quasirigid.path import quasirigid_path
-from stickslip.quasirigid.status import Verdict
+from stickslip.quasirigid.piece import CROWD, OUT_OF_BALANCE, Piece, Place
+from stickslip.quasirigid.status import Alternative, Verdict, status
 
 
 @pytest.fixture(scope="module")
@@ -65,37 +69,37 @@ def test_the_path_converges_with_the_increment(boxed):
     errors = [np.abs(s - shift[2]).max() / np.abs(shift[2]).max() for s in shift[:2]]
     assert errors[1] < 1e-3
     assert errors[1] < 0.75 * errors[0]
-    residual = [max(p.residual for p in path.points if p.load < 0.35) for path in (coarse, finest)]
-    assert residual[1] < residual[0] / 20  # second order
+    for path in (
+        coarse,
+        fine,
+        finest,
+    ):  # increments are brought back to balance; beside it, pairs that part push a little
+        assert max(p.residual for p in path.points) < OUT_OF_BALANCE
 
 
-def test_slow_dynamics_follow_the_path(boxed):
-    state, law = boxed
-    end = raised(state.control, 60 + TOP, 2.5)
+def test_slow_dynamics_follow_the_path():
+    """Without rattlers, and before a first choice: dynamics has its own rattlers' places and its own choices."""
+    state, law, end = prepared(Sample(60, 115, False, "lid up"))
     path, errors = quasirigid_path(state, law, end, increment=0.005), []
-    for step in (4e-3, 1e-3):
-        here, worst = state, 0.0
-        for load in np.arange(step, 0.3, step):
+    until = min([0.2, 0.8 * path.points[-1].load, *(0.95 * fork.load for fork in path.alternatives)])
+    for step in (until / 50, until / 200):
+        here, off = state, []
+        for load in np.arange(1, round(until / step) + 1) * step:
             here = here._replace(control=between_controls(state.control, end, load))
             here, _, outcome = ss.run(here, law, 600, 0.2, drag=0.05)
             assert outcome.ok
-            if load > 0.05:
-                predicted = np.interp(load, path.load, shift_of_lid(path))
-                worst = max(worst, abs((here.walls.point[TOP, 1] - state.walls.point[TOP, 1]) / predicted - 1))
-        errors.append(worst)
+            moved = here.walls.point[TOP, 1] - state.walls.point[TOP, 1]
+            off.append(abs(moved / np.interp(load, path.load, shift_of_lid(path)) - 1))
+        errors.append(np.median(off))
     assert errors[1] < 2e-3
-    assert errors[1] < 0.5 * errors[0]
+    assert errors[1] < 0.6 * errors[0]
 
 
 def test_forces_stay_in_the_cone_and_balance_along_the_path(boxed):
     state, law = boxed
     path = quasirigid_path(state, law, raised(state.control, 60 + TOP, 2.0), increment=0.02)
-    assert {"reaches the cone", "opens", "sticks again"} <= {e.kind for e in path.events}
-    for point in path.points:
-        m = ss.matrices(point.state, law)
-        assert (m.margin > -1e-3 * m.force[:, 0].mean()).all()
-        assert (m.force[:, 0] >= 0).all()
-        assert point.residual < 2e-3
+    assert "reaches the cone" in {e.kind for e in path.events}
+    holds_everywhere(path)
 
 
 def test_loading_the_other_wall_and_back(boxed):
@@ -128,22 +132,103 @@ def test_wrong_starts_are_one_sentence(boxed):
         quasirigid_path(state, law, pulled)
 
 
-@pytest.mark.parametrize("seed", [3, 8])
-def test_contacts_open_and_close_and_rattlers_return(seed):
-    """Every point balances and lies in the cone; events tell what contacts do that open, close, or carry again."""
-    state, law = biaxial_box(60, seed=seed)
-    path = quasirigid_path(state, law, raised(state.control, 60 + TOP, 3.5), increment=0.005)
-    kinds = {e.kind for e in path.events}
-    assert {"opens", "closes"} <= kinds
-    assert ("is wedged and carries again" in kinds) == (seed == 3)
-    assert kinds & {"slides", "slides back", "sticks"}
+def holds_everywhere(path):
+    """Check that every point balances and lies in the cone, and that events stand in the order of their loads."""
     loads = [e.load for e in path.events]
     assert loads == sorted(loads)
     for point in path.points:
-        m = ss.matrices(point.state, law)
-        assert (m.margin > -1e-3 * m.force[:, 0].mean()).all()
+        m = ss.matrices(point.state, path.law)
+        # the cone is left by what turns within an increment, and by the forces of contacts at the apex
+        assert (m.margin > -OUT_OF_BALANCE * m.force[:, 0].mean()).all()
         assert (m.force[:, 0] >= 0).all()
-        assert point.residual < 2e-3
+        assert point.residual < OUT_OF_BALANCE
+
+
+def ends_alike(paths):
+    """True if paths end within 1 % of each other; else one of them has to say that it met a choice, or gave up."""
+    loads = [p.points[-1].load for p in paths]
+    unsure = (Verdict.NO_PROGRESS, Verdict.NOT_FOUND)
+    assert max(loads) - min(loads) <= 0.01 * max(loads) or any(p.alternatives or p.verdict in unsure for p in paths)
+    return max(loads) - min(loads) <= 0.01 * max(loads)
+
+
+CASES = [(3, TOP, 3.0), (4, RIGHT, 3.0), (6, RIGHT, 0.1), (5, TOP, 3.0)]
+
+
+def test_ends_do_not_depend_on_the_increment_nor_on_round_off():
+    """The creeping case of earlier versions, and one in which a chain of disks lost its force contact by contact."""
+    alike, kinds = [], set()
+    for seed, wall, factor in CASES:
+        state, law = biaxial_box(60, seed=seed)
+        end, rng = raised(state.control, 60 + wall, factor), np.random.default_rng(seed)
+        blurred = end._replace(force=end.force * (1 + 1e-12 * rng.normal(size=end.force.shape)))
+        paths = [quasirigid_path(state, law, *leg) for leg in ((end,), (blurred,))]
+        paths.append(quasirigid_path(state, law, end, increment=0.004))
+        alike.append(ends_alike(paths))
+        for path in paths:
+            assert len(path.points) < 2000
+            kinds |= {e.kind for e in path.events}
+        holds_everywhere(paths[0])
+    assert {"reaches the cone", "sticks again", "opens", "closes"} <= kinds
+    assert sum(alike) >= len(CASES) - 1  # few samples lie at a choice; which ones do differs from machine to machine
+
+
+def test_a_path_without_progress_ends_after_a_stated_number_of_events(boxed, monkeypatch):
+    state, law = boxed
+    run = Piece.run
+
+    def stuck(self, start):
+        place, used, verdict = run(self, start)
+        if start < 0.05:
+            return place, used, verdict
+        self.events = [Event(start, "opens", 0, 1)]
+        return self.place, 0.0, Verdict.CONSISTENT
+
+    monkeypatch.setattr(Piece, "run", stuck)
+    path = quasirigid_path(state, law, raised(state.control, 60 + TOP, 2.5))
+    assert path.verdict is Verdict.NO_PROGRESS
+    assert path.verdict.value.startswith(f"{CROWD} events")
+    assert not path.complete
+    at_end = [e for e in path.events if e.load == path.points[-1].load]
+    assert len(at_end) <= CROWD + 2
+    assert at_end[-1].kind == Verdict.NO_PROGRESS.value
+
+
+def test_other_consistent_choices_are_reported(boxed, monkeypatch):
+    """A second status is put beside the one that is found when the first contact slides."""
+    state, law = boxed
+
+    def with_another(matrix, load, **options):
+        choice = status(matrix, load, **options)
+        if not choice.sliding.any() or options.get("unique") is False:
+            return choice
+        sticks = Alternative(np.zeros_like(choice.sliding), choice.velocity, choice.rate, True)
+        return choice._replace(verdict=Verdict.NOT_UNIQUE, others=(sticks,))
+
+    end = raised(state.control, 60 + TOP, 1.2)
+    plain = quasirigid_path(state, law, end)
+    first = next(e for e in plain.events if e.kind == "reaches the cone")
+    monkeypatch.setattr(piece, "status", with_another)
+    path = quasirigid_path(state, law, end)
+    fork = path.alternatives[0]
+    assert fork.load == pytest.approx(first.load)
+    assert fork.contacts == ((first.i, first.j),)
+    assert fork.taken[0] in ("slides", "slides back")
+    assert fork.others == (("sticks",),)
+    assert fork.forces
+    assert any(e.kind.startswith("2 choices of statuses are consistent") for e in path.events)
+    assert f"other choices were consistent, too, at {len(path.alternatives)} load" in path.summary
+    assert "other choices" not in plain._replace(alternatives=()).summary
+
+
+@pytest.mark.slow
+def test_ends_of_larger_samples_do_not_depend_on_the_increment():
+    some = [s for s in samples() if s.n in (100, 200)][::2]
+    alike = []
+    for sample in some:
+        state, law, end = prepared(sample)
+        alike.append(ends_alike([quasirigid_path(state, law, end, increment=h) for h in (0.01, 0.005, 0.002)]))
+    assert sum(alike) >= len(some) - 1
 
 
 @pytest.mark.slow
@@ -163,10 +248,14 @@ def test_slow_dynamics_follow_a_path_on_which_a_rattler_returns():
 def test_geometric_stiffness_keeps_the_balance(boxed):
     state, law = boxed
     end = raised(state.control, 60 + TOP, 1.5)
-    residual = [
-        max(p.residual for p in quasirigid_path(state, law, end, increment=0.05, geometric=g).points)
-        for g in (True, False)
-    ]
+    quiet = np.zeros(len(state.contacts.mode), bool)
+    residual = []
+    for geometric in (True, False):
+        one = Piece(
+            Place(state, ss.rattlers(state, 2), quiet, quiet, True, 0.0), law, state.control, end, 0, 0.05, geometric, 1
+        )
+        one.run(0.0)
+        residual.append(one.missed)
     assert residual[0] < 0.2 * residual[1]
 
 

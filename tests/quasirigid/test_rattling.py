@@ -54,6 +54,21 @@ def test_friction_holds_what_would_slip_out_without():
     assert moved.grains.position[0, 1] < -0.01
 
 
+def test_friction_draws_along_what_it_holds():
+    """Neighbours below it that rise by 0.01 hold a rattler by friction; it rises with them, and has room as before."""
+    beside, height = 1.0001 * np.cos(0.3), 1.0001 * np.sin(0.3)
+    before, _ = between([beside, -height], [-beside, -height])
+    state, loose = between([beside, 0.01 - height], [-beside, 0.01 - height])
+    assert len(moved_aside(state, LAW, loose)[1]) == 2  # pushed without being drawn, it is held
+    moved, wedge = moved_aside(state, LAW, loose, before)
+    assert not len(wedge)
+    assert moved.grains.position[0] == pytest.approx([0, 0.01, 0], abs=1e-9)
+    closer = before.grains.position * [0.999, 1, 1]
+    state = before._replace(grains=before.grains._replace(position=closer))
+    state = ss.accept(state, ss.forces(state, LAW)[1])
+    assert len(moved_aside(state, LAW, loose, before)[1]) == 2  # what comes from both sides wedges it
+
+
 def test_a_chain_of_rattlers_moves_together_and_three_hold_one():
     state, _ = between([-0.99, 0.0], [0.99, 0.0])
     moved, wedge = moved_aside(state, LAW, np.array([True, False, True]))

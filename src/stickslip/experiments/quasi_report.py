@@ -125,7 +125,7 @@ def show_result(result: QuasiResult) -> None:
         )  # fmt: skip
     console.print(table)
     for one in result.tested:
-        end = "the whole load was reached" if one.path.complete else one.path.verdict.value
+        end = one.path.summary
         console.print(f"  sample {one.seed}: {end}")
     for failure in result.failures:
         console.print(f"[yellow]{failure}[/]")

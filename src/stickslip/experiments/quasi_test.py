@@ -21,9 +21,10 @@ from ..loading.biaxial import BOTTOM, LEFT, RIGHT, TOP, biaxial_box, raised, she
 from ..loading.slow import SlowRun, slowly
 from ..quasirigid.complementarity import complementarity
 from ..quasirigid.enumeration import status_map
+from ..quasirigid.events import Event, Fork
 from ..quasirigid.matrices import Matrices, matrices, statuses, stiffness_matrix
 from ..quasirigid.path import Path, Point, quasirigid_path
-from ..quasirigid.piece import Event, external
+from ..quasirigid.piece import external
 from ..quasirigid.status import Verdict
 from ..quasirigid.system import pins
 from ..quasirigid.uniqueness import certificate
@@ -108,7 +109,7 @@ def simulate_quasi(
     workers : processes, one sample each, or a Dask scheduler's address; it does not change the results
     report : called as report(stage, share done, words)
     """
-    kept = kept_in(folder, scenario, Tested, Path, Point, Event, Verdict, Curve, Looks, Slowly, SlowRun)
+    kept = kept_in(folder, scenario, Tested, Path, Point, Event, Fork, Verdict, Curve, Looks, Slowly, SlowRun)
     seeds = [scenario.seed + k for k in range(scenario.samples)]
     names = [f"sample-{seed}" for seed in seeds]
     tasks = [(scenario, seed, kept and kept.of(name)) for seed, name in zip(seeds, names, strict=True)]

@@ -64,16 +64,16 @@ class Found(NamedTuple):
 
 
 def piece(apex: Apex, status: np.ndarray, helped: bool = False) -> np.ndarray:
-    """(2E, 2E) matrix 1 + Z Δ(σ) of the piece on which the contacts have the given statuses."""
-    size = len(status)
+    """(..., 2E, 2E) matrix 1 + Z Δ(σ) of the piece on which the contacts have the statuses (..., E)."""
+    size = status.shape[-1]
     columns = apex.compliance.reshape(2 * size, size, 2)
-    turned = np.einsum("aeb,ebc->aec", columns, changed(apex, status, helped))
-    return np.eye(2 * size) + turned.reshape(2 * size, 2 * size)
+    turned = np.einsum("aeb,...ebc->...aec", columns, changed(apex, status, helped))
+    return np.eye(2 * size) + turned.reshape(*status.shape[:-1], 2 * size, 2 * size)
 
 
 def changed(apex: Apex, status: np.ndarray, helped: bool = False) -> np.ndarray:
-    """(E, 2, 2) Δ(σ) = K (S(σ) − 1); `helped`: disks that no other contact holds keep a little of their springs."""
-    change = np.zeros((len(status), 2, 2))
+    """(..., E, 2, 2) Δ(σ) = K (S(σ) − 1); `helped`: disks that nothing else holds keep a little of their springs."""
+    change = np.zeros((*status.shape, 2, 2))
     slides = (status == SLIDES) | (status == SLIDES_BACK)
     change[slides, 1, 0], change[slides, 1, 1] = -(apex.slope * SIDE[status])[slides], -1.0
     change[status == OPENS] = -np.eye(2)
@@ -106,13 +106,13 @@ def _fits(apex: Apex, forward, back, normal, status, slack: float):
     return np.choose(status, by_status)
 
 
-def statuses_at_apex(apex: Apex, start: np.ndarray | None = None) -> Found:
+def statuses_at_apex(apex: Apex, *starts: np.ndarray) -> Found:
     """Consistent statuses: by giving every contact that of its cell, round by round; then
     along the pieces, then one by one.
 
     Parameters
     ----------
-    start : (E,) statuses to begin with; default: all stick
+    starts : (E,) statuses to begin with, one after the other; default: all stick
 
     Returns
     -------
@@ -120,24 +120,33 @@ def statuses_at_apex(apex: Apex, start: np.ndarray | None = None) -> Found:
         verified: V solves the piece of the statuses, and lies in its cell. If nothing is found, there is nothing
         among 4096 choices or fewer, and nothing on the way among more.
     """
-    now = np.full(len(apex.sign), STICKS) if start is None else np.asarray(start)
+    for start in starts or (np.full(len(apex.sign), STICKS),):
+        found = _in_rounds(apex, np.asarray(start))
+        if found is not None:
+            return found
+    found = along_the_pieces(apex)
+    if found.status is None and choices(apex) <= ENUMERATED:
+        every = every_choice(apex)
+        for status, velocity in zip(every.status[:1], every.velocity[:1], strict=True):
+            return Found(status, velocity, "one by one")
+    return found
+
+
+def _in_rounds(apex: Apex, now: np.ndarray) -> Found | None:
+    """Statuses to which giving every contact the status of its cell leads, None if it goes round in circles."""
     seen = set()
     for _ in range(ROUNDS):
         if now.tobytes() in seen:
-            break
+            return None
         seen.add(now.tobytes())
         velocity = _velocity(apex, now)
         if velocity is None:
-            break
+            return None
         fits = cell(apex, velocity, now, SLACK * np.abs(velocity).max(initial=0.0))
         if np.array_equal(fits, now):
             return Found(now, velocity, "all at once")
         now = fits
-    found = along_the_pieces(apex)
-    if found.status is None and choices(apex) <= ENUMERATED:
-        for status in consistent_statuses(apex)[0][:1]:
-            return Found(status, _velocity(apex, status), "one by one")
-    return found
+    return None
 
 
 def _velocity(apex: Apex, status: np.ndarray) -> np.ndarray | None:
@@ -221,6 +230,72 @@ def choices(apex: Apex) -> int:
     return int(np.prod([float(len(a)) for a in apex.allowed]))
 
 
+class Every(NamedTuple):
+    """All consistent choices of statuses, K of them with different velocities, and what the others are."""
+
+    status: np.ndarray  # (K, E)
+    velocity: np.ndarray  # (K, E, 2)
+    stable: np.ndarray  # (K,) bool: det k has the sign that it has if all stick
+    coherent: bool  # det k has that sign for all choices
+    decided: bool  # no choice with singular k may be consistent: there are no others
+
+
+def every_choice(apex: Apex) -> Every:
+    """Go through all choices of statuses.
+
+    Choices that lead to the same velocities, which lie on a boundary of their cells, count once, and stable ones come
+    first.
+
+    Raises
+    ------
+    ValueError
+        for more than 4096 choices.
+    """
+    if choices(apex) > ENUMERATED:
+        raise ValueError(
+            f"{len(apex.sign)} contacts with {choices(apex):.3g} choices of statuses were given: at most {ENUMERATED} "
+            f"can be gone through; `statuses_at_apex` finds one that is consistent"
+        )
+    status = np.array(list(itertools.product(*apex.allowed)), int).reshape(-1, len(apex.sign))
+    matrix, sign, regular, velocity = _all_velocities(apex, status)
+    scale = np.abs(velocity).max(axis=(1, 2), initial=0.0)[:, None]
+    normal, along = velocity[..., 0], velocity[..., 1]
+    fits = _fits(apex, apex.slope * normal + along, apex.slope * normal - along, normal, status, SLACK * scale)
+    good = list(np.flatnonzero(regular & fits.all(axis=1)))
+    good.sort(key=lambda k: (sign[k] < 0, np.abs(velocity[k]).max(initial=0.0)))
+    kept = []
+    for k in good:
+        if not any(_same(velocity[k], velocity[other]) for other in kept):
+            kept.append(k)
+    # a disk that has no other contacts and slides or opens at two of them is free: `opening` releases it as a body
+    free = (status[:, apex.alone] != STICKS).sum(axis=1) >= 2
+    open_ends = any(_answers_somewhere(matrix[k], apex.velocity.ravel()) for k in np.flatnonzero(~regular & ~free))
+    return Every(
+        status[kept], velocity[kept], sign[kept] > 0, bool((sign[regular] > 0).all() & regular.all()), not open_ends
+    )
+
+
+def _all_velocities(apex: Apex, status: np.ndarray):
+    """Pieces (K, 2E, 2E) of choices, signs of det k, which of them are regular, and (K, E, 2) V that they lead to."""
+    matrix = piece(apex, status)
+    sign = np.linalg.slogdet(matrix)[0]
+    sound = np.where((sign == 0)[:, None, None], np.eye(matrix.shape[1]), matrix)
+    inverse = np.linalg.inv(sound)
+    size = np.abs(matrix).sum(axis=1).max(axis=1, initial=0.0) * np.abs(inverse).sum(axis=1).max(axis=1, initial=0.0)
+    regular = (sign != 0) & (size < SINGULAR) | (matrix.shape[1] == 0)
+    velocity = np.zeros((len(status), *apex.velocity.shape))
+    velocity[regular] = np.linalg.solve(
+        sound[regular], np.broadcast_to(apex.velocity.reshape(-1, 1), (int(regular.sum()), matrix.shape[1], 1))
+    ).reshape(-1, *apex.velocity.shape)
+    return matrix, sign, regular, velocity
+
+
+def _answers_somewhere(matrix: np.ndarray, right: np.ndarray) -> bool:
+    """True if the equation of a singular piece has a solution, to half of the digits."""
+    rest = matrix @ np.linalg.lstsq(matrix, right, rcond=1 / SINGULAR)[0] - right
+    return bool(np.abs(rest).max(initial=0.0) <= SAME * np.abs(right).max(initial=0.0))
+
+
 def consistent_statuses(apex: Apex) -> tuple[np.ndarray, bool]:
     """All consistent choices of statuses, one by one, and whether det k has the same sign for all choices.
 
@@ -235,20 +310,8 @@ def consistent_statuses(apex: Apex) -> tuple[np.ndarray, bool]:
     ValueError
         for more than 4096 choices.
     """
-    if choices(apex) > ENUMERATED:
-        raise ValueError(
-            f"{len(apex.sign)} contacts with {choices(apex):.3g} choices of statuses were given: at most {ENUMERATED} "
-            f"can be gone through; `statuses_at_apex` finds one that is consistent"
-        )
-    found, seen, coherent = [], [], True
-    for choice in itertools.product(*apex.allowed):
-        status = np.array(choice, int)
-        coherent &= bool(np.linalg.det(piece(apex, status)) > 0)
-        velocity = _velocity(apex, status)
-        if _consistent(apex, status, velocity) and not any(_same(velocity, other) for other in seen):
-            found.append(status)
-            seen.append(velocity)
-    return np.array(found, int).reshape(len(found), len(apex.sign)), coherent
+    every = every_choice(apex)
+    return every.status, every.coherent
 
 
 def _same(one: np.ndarray, other: np.ndarray) -> bool:

@@ -6,17 +6,34 @@ motion that follows its neighbours lets all of its contacts open; else it carrie
 Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Sec. V B, where the question is left open.
 """
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError
+from scipy.optimize import linprog
 
 from ..solve.linear import factorised
-from .apex import OPENS, SIDE, SLACK, WORDS, Apex, Found, changed, choices, consistent_statuses, statuses_at_apex
+from .apex import (
+    ENUMERATED,
+    OPENS,
+    SIDE,
+    SLACK,
+    SLIDES,
+    SLIDES_BACK,
+    STICKS,
+    Apex,
+    Found,
+    changed,
+    choices,
+    every_choice,
+    piece,
+    statuses_at_apex,
+)  # fmt: skip
 from .matrices import Matrices, stiffness_matrix
 from .system import pins
 
-CHECKED = 256  # choices of statuses up to which uniqueness is checked while a path is followed
+COMBINED = 3  # bodies of which all combinations are released: each costs a factor of k
 
 
 class Reduced(NamedTuple):
@@ -69,11 +86,13 @@ def reduced(
 
 
 class Decided(NamedTuple):
-    """What contacts at the apex do, for all M contacts."""
+    """Statuses of contacts at the apex, for all M contacts."""
 
     apex: np.ndarray  # (M,) bool: these were to be decided
-    status: np.ndarray  # (M,) as in `apex`; of the other contacts, whether they slide
-    count: int | None  # consistent choices of statuses, None where there are too many to go through
+    status: np.ndarray | None  # (M,) as in `apex`; None if no choice of statuses was found to be consistent
+    stable: bool | None  # whether det k has the sign that it has if all contacts stick; None if nothing was found
+    others: tuple[np.ndarray, ...]  # (M,) other choices that are consistent, too
+    complete: bool  # all choices were gone through: there are no others
 
     @property
     def opens(self) -> np.ndarray:
@@ -85,45 +104,110 @@ class Decided(NamedTuple):
         """(M,) sgn D_t of what slides, 0 elsewhere."""
         return SIDE[self.status]
 
-    def words(self, contact: int) -> str:
-        """The status of a contact."""
-        return WORDS[self.status[contact]]
+
+class _Search(NamedTuple):
+    """The problem of `decided`."""
+
+    matrix: Matrices
+    load: np.ndarray
+    apex: np.ndarray  # (M,) bool
+    geometric: bool
+    ours: np.ndarray  # (B, M) bool: the contacts of each grain
+    alone: np.ndarray  # (M,) bool: contacts of grains all of whose contacts are at the apex
+    any_motion: bool = False  # whether bodies are released if any motion lets their contacts open, not just the least
 
 
-def decided(matrix: Matrices, load: np.ndarray, apex: np.ndarray, *, geometric: bool = True) -> Decided | None:
-    """The statuses of contacts at the apex, (M,) bool, and of those at the limit, under a load rate.
+def decided(
+    matrix: Matrices, load: np.ndarray, apex: np.ndarray, *, geometric: bool = True, wedged: bool = False
+) -> Decided:
+    """Decide the statuses of contacts at the apex, (M,) bool, together with those at the limit, under a load rate.
 
-    Returns
-    -------
-    Decided, or None if no choice of statuses was found to be consistent: stability is lost
+    Grains all of whose contacts are at the apex may be released as bodies. Up to three of them all combinations of
+    released and carrying ones are looked at; of more, first all are released, then those carry that are drawn along.
+    Stable choices come first, and of these the one that releases most bodies. Where there is none, bodies that would be
+    drawn along are released if they can escape at all, unless they are `wedged`, just now, and could not.
     """
     ours = _contacts_of_bodies(matrix)
-    released = (ours.sum(axis=1) > 0) & ~(ours & ~apex).any(axis=1)
-    alone = (ours & released[:, None]).any(axis=0)
+    lone = np.flatnonzero((ours.sum(axis=1) > 0) & ~(ours & ~apex).any(axis=1))
+    search = _Search(matrix, load, apex, geometric, ours, ours[lone].any(axis=0))
+    found, complete = _of_groups(search, lone)
+    if not found and len(lone) and not wedged:
+        found, complete = _of_groups(search._replace(any_motion=True), lone)
+    found.sort(key=lambda one: not one[1])
+    if not found:
+        return Decided(apex, None, None, (), complete)
+    return Decided(apex, *found[0], tuple(status for status, _ in found[1:]), complete)
+
+
+def _of_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
+    """Choices with some of the lone bodies released, and whether there are no others."""
+    if len(lone) <= COMBINED:
+        return _of_all_groups(search, lone)
+    return _of_fewer_and_fewer(search, lone), False
+
+
+def _of_all_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
+    """Choices with all combinations of released bodies, most of them released first; whether there are no others."""
+    found, complete = [], True
+    for size in range(len(lone), -1, -1):
+        for group in itertools.combinations(lone, size):
+            good, _, all_seen = _choices_of(search, np.array(group, int))
+            found, complete = found + good, complete and all_seen
+    return found, complete
+
+
+def _of_fewer_and_fewer(search: _Search, released: np.ndarray) -> list:
+    """Choices with as many bodies released as are not drawn along by what moves."""
     while True:
-        gone = (ours & released[:, None]).any(axis=0)
-        special = np.flatnonzero((apex | matrix.limit) & ~gone)
-        sign = np.where(apex, 0.0, matrix.sign)[special]
-        loose = np.flatnonzero(np.append(released, False)[matrix.free.body])
-        rest = matrix._replace(springs=np.where(gone[:, None, None], 0.0, matrix.springs))
-        try:
-            map_of = reduced(rest, load, special, sign, geometric=geometric, without=loose, alone=alone)
-            found = statuses_at_apex(map_of.apex)
-        except LinAlgError:
-            found = None
-        if found is None or found.status is None:
-            if not released.any():
-                return None
-            released[:] = False  # without these bodies nothing holds the others: they may have to carry
+        good, caught, _ = _choices_of(search, released)
+        if good or not len(released):
+            return good
+        released = np.setdiff1d(released, caught)
+
+
+def _choices_of(search: _Search, released: np.ndarray) -> tuple[list, np.ndarray, bool]:
+    """Consistent (status of all, stable) with some bodies released; bodies that cannot be; whether all were seen.
+
+    By its least motion a body may be drawn along where another motion releases it: then not all were seen.
+    """
+    matrix, ours = search.matrix, search.ours
+    gone = ours[released].any(axis=0)
+    special = np.flatnonzero((search.apex | matrix.limit) & ~gone)
+    sign = np.where(search.apex, 0.0, matrix.sign)[special]
+    loose = np.flatnonzero(np.isin(matrix.free.body, released))
+    rest = matrix._replace(springs=np.where(gone[:, None, None], 0.0, matrix.springs))
+    try:
+        map_of = reduced(
+            rest, search.load, special, sign, geometric=search.geometric, without=loose, alone=search.alone
+        )
+    except LinAlgError:  # without these bodies nothing holds the others: they have to carry
+        return [], released, True
+    answers, all_seen = _answers(map_of.apex)
+    good, caught = [], np.zeros(0, int)
+    for found, stable in answers:
+        drawn = _drawn(search, map_of.velocities(found), loose, gone)[released]
+        if drawn.any():
+            caught = np.union1d(caught, released[drawn])
             continue
-        caught = released & _drawn(matrix, map_of.velocities(found), loose, gone, ours)
-        if not caught.any():
-            break
-        released &= ~caught
-    status = np.zeros(matrix.count, int)
-    status[special], status[gone] = found.status, OPENS
-    count = len(consistent_statuses(map_of.apex)[0]) if choices(map_of.apex) <= CHECKED else None
-    return Decided(apex, status, count)
+        status = np.zeros(matrix.count, int)
+        status[special], status[gone] = found.status, OPENS
+        good.append((status, stable))
+    return good, caught if answers else released, all_seen and (search.any_motion or not len(caught))
+
+
+def _answers(apex: Apex) -> tuple[list[tuple[Found, bool]], bool]:
+    """Consistent statuses, each with its stability, and whether there are no others."""
+    if choices(apex) <= ENUMERATED:
+        every = every_choice(apex)
+        found = [Found(s, v, "one by one") for s, v in zip(every.status, every.velocity, strict=True)]
+        return list(zip(found, every.stable.tolist(), strict=True)), every.decided
+    # what slides goes on to do so, most likely; what has no force sticks, or opens
+    slides, touches = np.where(apex.sign < 0, SLIDES_BACK, SLIDES), apex.sign == 0
+    starts = (np.where(touches, STICKS, slides), np.where(touches, OPENS, slides), np.full(len(slides), STICKS))
+    found = statuses_at_apex(apex, *starts)
+    if found.status is None:
+        return [], False
+    return [(found, bool(np.linalg.slogdet(piece(apex, found.status))[0] > 0))], False
 
 
 def _contacts_of_bodies(matrix: Matrices) -> np.ndarray:
@@ -136,13 +220,18 @@ def _contacts_of_bodies(matrix: Matrices) -> np.ndarray:
     return out & turns[:, None]
 
 
-def _drawn(matrix: Matrices, velocity: np.ndarray, loose: np.ndarray, gone: np.ndarray, ours: np.ndarray) -> np.ndarray:
+def _drawn(search: _Search, velocity: np.ndarray, loose: np.ndarray, gone: np.ndarray) -> np.ndarray:
     """(B,) bool: released bodies some of whose contacts close although the bodies follow their neighbours."""
+    matrix, ours = search.matrix, search.ours
     if not len(loose):
         return np.zeros(len(ours), bool)
     columns = np.repeat(gone, 2)
     apart = (matrix.c.T @ velocity)[columns]
     own = matrix.c[loose][:, np.flatnonzero(columns)].toarray()
+    if search.any_motion:
+        size = np.abs(apart).max(initial=0.0) or 1.0
+        way = linprog(np.zeros(len(loose)), -own.T[::2], apart[::2] / size, bounds=(None, None))
+        return (ours & gone).any(axis=1) & (way.status != 0)
     follow = np.linalg.lstsq(own.T, -apart, rcond=None)[0]
     normal = (own.T @ follow + apart)[::2]
     closes = np.zeros(matrix.count, bool)

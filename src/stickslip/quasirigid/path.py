@@ -19,17 +19,18 @@ from ..core.measure import mean_normal_force, rattlers, touching
 from ..core.neighbors import updated
 from ..core.state import OPEN, SLIDE, STICK, Control, State
 from ..solve.freedom import freedom, residual_vector
+from .events import Event, Fork
 from .matrices import matrices, stiffness_matrix
-from .piece import Event, Piece, Place, external
-from .rattling import moved_aside, with_modes
+from .piece import CROWD, OUT_OF_BALANCE, Piece, Place, external
+from .rattling import gaps, moved_aside, with_modes
 from .status import Verdict
 from .system import pins, unheld
 
 BALANCED = 1e-6  # largest unbalanced force at the start, in mean normal forces
-SMALLEST = 1e-6  # share of an increment to which it is halved
-OUT_OF_BALANCE = 1e-3  # force, in mean normal forces, beyond which an increment is halved
+SMALLEST = 1e-8  # part of a leg to which increments are halved: what is wedged then overlaps by round-off
 CHECKED_UP_TO = 2500  # coordinates of which it is checked that the start is stable
-CROWD = 200  # events without progress after which a path is said to be stuck
+SHRINKS = 0.9  # what an increment leaves out of balance has to shrink by with its half, else halving is no use
+PROGRESS = 1e-6  # of a leg: a load that rises by less in CROWD events and parts of increments does not go on
 RETURNS = "is wedged and carries again"
 
 
@@ -49,6 +50,7 @@ class Path(NamedTuple):
     points: tuple[Point, ...]
     events: tuple[Event, ...]
     verdict: Verdict  # CONSISTENT if the whole load was reached; the last event says where and why not
+    alternatives: tuple[Fork, ...]  # loads at which other choices of statuses were consistent, too
     unchecked: int  # times when it is not known whether the statuses are unique: too many contacts are critical
     law: Law
 
@@ -56,6 +58,16 @@ class Path(NamedTuple):
     def complete(self) -> bool:
         """True if the whole load was reached."""
         return self.verdict is Verdict.CONSISTENT
+
+    @property
+    def summary(self) -> str:
+        """How the path ended, in a sentence, and how sure that is."""
+        end = "the whole load was reached" if self.complete else self.verdict.value
+        if forks := len(self.alternatives):
+            end += f"; other choices were consistent, too, at {forks} load{'s'[: forks > 1]}: see `alternatives`"
+        if self.unchecked:
+            end += f"; {self.unchecked} times it is not known whether there were others"
+        return end
 
     @property
     def load(self) -> np.ndarray:
@@ -91,44 +103,75 @@ def quasirigid_path(
     here = _accepted(updated(state), law)
     _check_start(here, law, legs, increment)
     nothing = np.zeros(len(here.contacts.mode), bool)
-    place = Place(here, rattlers(here, 2), nothing, nothing, True)
-    points, events, unchecked = [_point(place, law, 0.0)], [], 0
+    place = Place(here, rattlers(here, 2), nothing, nothing, True, -np.inf)
+    way = _Way(_point(place, law, 0.0), law)
     for number, end in enumerate(legs):
-        begin, share, size, seeking = place.state.control, 0.0, increment, False
-        while share < 1.0:
-            # what is out of balance is made good within a whole increment: in a part of it, only its part
-            piece = Piece(place, law, begin, end, share, min(size, 1.0 - share), geometric, size / increment)
-            after, used, verdict = piece.run(number + share)
-            after, wedge = _aside(after, law)
-            load = number + share + used
-            point = None if len(wedge) else _point(after, law, load)
-            if size > SMALLEST * increment and (point is None or _misses(point, points[-1])):
-                size, seeking = 0.5 * size, len(wedge) > 0
-                continue
-            if point is None:
-                after, told = _carrying(after, law, wedge, load)
-                piece.events += told
-                point = _point(after, law, load)
-            events, unchecked = events + piece.events, unchecked + piece.unchecked
-            points.append(point)
-            if verdict is not Verdict.CONSISTENT:
-                events.append(Event(load, verdict.value, -1, -1))
-                return Path(tuple(points), tuple(events), verdict, unchecked, law)
-            size = 0.5 * size if seeking and not len(wedge) else increment
-            seeking = seeking and not len(wedge)
-            place, share = after, 1.0 if 1.0 - share - used < 1e-12 else share + used
-            if report:
-                report((number + share) / len(legs), _words(points[-1]))
-            if _crowded(events, number + share):
-                events.append(Event(number + share, Verdict.CIRCLES.value, -1, -1))
-                return Path(tuple(points), tuple(events), Verdict.CIRCLES, unchecked, law)
+        place, verdict = _leg(place, law, end, number, len(legs), increment, geometric, way, report)
+        if verdict is not Verdict.CONSISTENT:
+            return way.path(verdict)
         place = place._replace(state=place.state._replace(control=end))
-    return Path(tuple(points), tuple(events), Verdict.CONSISTENT, unchecked, law)
+    return way.path(Verdict.CONSISTENT)
 
 
-def _misses(point: Point, before: Point) -> bool:
-    """True if what is out of balance has grown beyond what is allowed in an increment."""
-    return point.residual > OUT_OF_BALANCE and point.residual > 2 * before.residual
+class _Way:
+    """What a path has met so far."""
+
+    def __init__(self, first: Point, law: Law):
+        self.points, self.events, self.forks, self.unchecked, self.law = [first], [], [], 0, law
+        self.anchor, self.since = 0.0, 0
+
+    def add(self, piece: Piece, point: Point) -> None:
+        self.points.append(point)
+        self.events += piece.events
+        self.unchecked += piece.unchecked
+        last = self.forks[-1] if self.forks else None
+        for fork in piece.forks:
+            if last is None or fork[1:] != last[1:]:  # a motion that stays undetermined is told once
+                self.forks.append(fork)
+            last = fork
+        # events, and parts of increments, since the load last went on
+        if point.load > self.anchor + PROGRESS:
+            self.anchor, self.since = point.load, 0
+        else:
+            self.since += 1 + len(piece.events)
+
+    def path(self, verdict: Verdict) -> Path:
+        if verdict is not Verdict.CONSISTENT:
+            self.events.append(Event(self.points[-1].load, verdict.value, -1, -1))
+        return Path(tuple(self.points), tuple(self.events), verdict, tuple(self.forks), self.unchecked, self.law)
+
+
+def _leg(place: Place, law: Law, end: Control, number: int, legs: int, increment, geometric, way: _Way, report):
+    """Follow one leg: the place where it ends, and the verdict."""
+    begin, share, size, missed = place.state.control, 0.0, increment, np.inf
+    wedged = 0.0  # share up to which a rattler is wedged: the load at which it is lies before
+    while share < 1.0:
+        # what is out of balance is made good within a whole increment: in a part of it, only its part
+        piece = Piece(place, law, begin, end, share, min(size, 1.0 - share), geometric, size / increment)
+        after, used, verdict = piece.run(number + share)
+        after, wedge = _aside(after, law, place.state)
+        load = number + share + used
+        if size > SMALLEST and (len(wedge) or OUT_OF_BALANCE < piece.missed < SHRINKS * missed):
+            if len(wedge):
+                wedged = share + used
+            size, missed = max(0.5 * min(size, used), SMALLEST), piece.missed
+            continue
+        missed = np.inf
+        if len(wedge):
+            after, told = _carrying(after, law, wedge, load)
+            piece.events += told
+        point = _point(after, law, load)
+        way.add(piece, point)
+        if verdict is not Verdict.CONSISTENT:
+            return after, verdict
+        place, share = after, 1.0 if 1.0 - share - used < 1e-12 else share + used
+        left = wedged - share if not len(wedge) else 0.0
+        size = max(0.5 * left, SMALLEST) if left > SMALLEST else min(2 * size, increment)
+        if report:
+            report((number + share) / legs, _words(point))
+        if way.since > CROWD:
+            return place, Verdict.NO_PROGRESS
+    return place, Verdict.CONSISTENT
 
 
 def _carrying(place: Place, law: Law, wedge: np.ndarray, load: float) -> tuple[Place, list[Event]]:
@@ -138,21 +181,27 @@ def _carrying(place: Place, law: Law, wedge: np.ndarray, load: float) -> tuple[P
     caught = np.unique(ends[ends < len(loose)])
     caught = caught[loose[caught]]
     loose[caught] = False
+    # beside what wedges them, whatever they overlap
+    count, whole = int(contacts.count[0]), np.append(loose, np.zeros(place.state.n_bodies - len(loose), bool))
+    rows = np.flatnonzero(np.isin(contacts.i[:count], caught) | np.isin(contacts.j[:count], caught))
+    rows = rows[~(whole[contacts.i[rows]] | whole[contacts.j[rows]])]
+    wedge = np.union1d(wedge, rows[gaps(place.state, rows)[1] < 0])
     fresh = place.fresh.copy()
     fresh[wedge] = True
-    after = Place(with_modes(place.state, wedge, STICK), loose, place.parted & ~fresh, fresh, place.unique)
+    stuck = with_modes(place.state, wedge, STICK)
+    after = place._replace(state=stuck, loose=loose, parted=place.parted & ~fresh, fresh=fresh, wedged=True)
     return _aside(after, law)[0], [Event(load, RETURNS, int(g), -1) for g in caught]
 
 
-def _aside(place: Place, law: Law) -> tuple[Place, np.ndarray]:
+def _aside(place: Place, law: Law, start: State | None = None) -> tuple[Place, np.ndarray]:
     """The place with rattlers moved aside, and the rows of contacts that wedge some of them."""
     before = place.state.contacts
-    state, wedge = moved_aside(place.state, law, place.loose)
+    state, wedge = moved_aside(place.state, law, place.loose, start)
     after = state.contacts
     if after is before:
         return place, wedge
     marks = [_carried(mark, before, after) & (after.mode != OPEN) for mark in (place.parted, place.fresh)]
-    return Place(state, place.loose, *marks, place.unique), wedge
+    return place._replace(state=state, parted=marks[0], fresh=marks[1]), wedge
 
 
 def _carried(mark: np.ndarray, before, after) -> np.ndarray:
@@ -240,11 +289,6 @@ def _point(place: Place, law: Law, load: float) -> Point:
     residual = float(np.abs(residual_vector(state, loads, free)).max(initial=0.0))
     sliding = int((state.contacts.mode[rows] == SLIDE).sum())
     return Point(load, state, sliding, len(rows), residual / mean if mean else np.inf)
-
-
-def _crowded(events: list[Event], load: float) -> bool:
-    """True if the last events all happened at one load: they go round in circles."""
-    return len(events) >= CROWD and events[-CROWD].load >= load - 1e-12
 
 
 def _words(point: Point) -> str:

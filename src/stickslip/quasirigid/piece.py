@@ -16,32 +16,31 @@ from ..core.control import between_controls
 from ..core.forces import Loads, accept, forces
 from ..core.jacobian import linearised
 from ..core.laws import KN, KT, MU, Law
-from ..core.measure import rattlers
+from ..core.measure import contact_forces, rattlers
 from ..core.neighbors import updated
 from ..core.state import OPEN, SLIDE, STICK, Control, State
-from ..solve.freedom import Freedom, displaced, residual_vector
-from .complementarity import SLACK, complementarity
-from .matrices import Matrices, matrices, statuses
-from .opening import decided
-from .rattling import NUDGE, gaps, with_modes
+from ..solve.freedom import Freedom, displaced, incidence, residual_vector
+from ..solve.linear import factorised
+from .apex import OPENS, SLIDES, SLIDES_BACK, STICKS, WORDS
+from .complementarity import complementarity, wrong
+from .events import APEX, CLOSES, INCREMENT, REACHES, Event, Fork, next_event, pairs_apart
+from .matrices import Matrices, matrices, statuses, stiffness_matrix
+from .opening import Decided, decided
+from .rattling import gaps, with_modes
 from .status import Choice, Verdict, status
+from .system import RESIDUAL, pins
 from .uniqueness import certificate
 
-APEX = 1e-6  # normal force, in mean normal forces, at which a contact is at the apex of the cone
+AT_CONE = 1e-10  # distance from the cone, in mean normal forces, that is round-off: 1e-16 times conditions of k of 1e5
 BLURRED = 10.0  # times what is out of balance, below which a disk with two contacts is not yet said to meet the cone
-TOGETHER = 1e-9  # of an increment, within which contacts meet an event together
-REACHES, CLOSES = "reaches the cone", "closes"
+CROWD = 200  # events after which a path ends if the load has not gone on: no real avalanche of this size was seen
+OUT_OF_BALANCE = 1e-4  # force, in mean normal forces, beyond which an increment is halved: loads of events are as exact
+BALANCED = 1e-10  # the same, to which an increment is brought back: far below the force of a contact at the apex
+TOUCHES = 1e-7  # gap, as a force in mean normal forces, up to which a pair touches: below what is lost by deciding APEX
+CORRECTIONS = 6  # of the balance at most: each leaves about a thousandth
+LOOK = 0.01  # of a leg, after which other choices are looked for also where no event was: c changes little on it
 NO_P_MATRIX = "the status is not unique for every load any more"
 NOT_UNIQUE = "choices of statuses are consistent: the statuses are not unique"
-
-
-class Event(NamedTuple):
-    """What ends a linear piece."""
-
-    load: float  # in legs of the load
-    kind: str  # "reaches the cone", "sticks again", "opens", "closes", …, or why the path ends
-    i: int  # the contact's bodies, or the body; −1 where none is meant
-    j: int
 
 
 class Place(NamedTuple):
@@ -52,6 +51,8 @@ class Place(NamedTuple):
     parted: np.ndarray  # (C,) bool: pairs that still overlap a little but do not hold each other
     fresh: np.ndarray  # (C,) bool: contacts at the apex of the cone, whose status is to be decided
     unique: bool  # whether the status was unique for every load when it was last known
+    looked: float  # load at which that, and other choices, were last looked for
+    wedged: bool = False  # whether a rattler was wedged here, just now
 
 
 def external(state: State, free: Freedom) -> np.ndarray:
@@ -66,7 +67,8 @@ class Piece:
     def __init__(self, place: Place, law, begin: Control, end: Control, share, increment, geometric, mends):
         self.law, self.increment, self.geometric, self.mends = law, increment, geometric, mends
         self.begin, self.end, self.share = begin, end, share
-        self.events, self.unchecked, self.undecided, self.unique = [], 0, False, place.unique
+        self.events, self.forks, self.unchecked, self.lost, self.unique = [], [], 0, None, place.unique
+        self.last, self.solve, self.missed, self.looked = None, None, 0.0, place.looked
         self._start(place)
         if place.fresh.any():
             self._decide_at_apex(place)
@@ -83,66 +85,135 @@ class Piece:
         self.mean = float(self.matrix.force[:, 0].mean())
         at = self.state._replace(control=between_controls(self.begin, self.end, self.share))
         to = self.state._replace(control=between_controls(self.begin, self.end, self.share + self.increment))
-        missing = residual_vector(at, forces(at, self.law)[0], self.matrix.free)
+        missing = self._missing(place._replace(state=at))
         self.load = external(to, self.matrix.free) - external(at, self.matrix.free) + self.mends * missing
+        self.stiffest = float(self.matrix.springs[:, 0, 0].max(initial=0.0))
+        self.gap_rows = pairs_apart(self.state, self.loose, rows)
         self.faint = max(APEX * self.mean, BLURRED * np.abs(missing).max())
 
     def _decide_at_apex(self, place: Place) -> None:
-        """Contacts without force open, stick or slide either way; bodies without any are released."""
+        """Contacts without force open, stick or slide either way; bodies without any are released.
+
+        All contacts that have no force now are decided together: one after the other they may undo each other.
+        """
+        before, place = place, self._with_touching(place)
+        self._start(place)
         m = self.matrix
-        found = decided(m, self.load, np.isin(m.rows, np.flatnonzero(place.fresh)), geometric=self.geometric)
-        if found is None:
-            self.undecided = True
+        faint = m.force[:, 0] <= APEX * self.mean
+        apex = faint | np.isin(m.rows, np.flatnonzero(place.fresh))
+        found = decided(m, self.load, apex, geometric=self.geometric, wedged=place.wedged)
+        self.unchecked += not found.complete
+        if found.status is None or not found.stable:
+            self.lost = _lost(found)
             return
-        self.unchecked += found.count is None
-        at = np.flatnonzero(found.apex)
-        if found.count not in (None, 1):
-            self.events.append(Event(0.0, f"{found.count} {NOT_UNIQUE}", *self._bodies(at[0])))
-        self.events += [Event(0.0, found.words(k), *self._bodies(k)) for k in at]
+        if found.others:
+            self._fork(found.status, found.others)
+        was = np.where(before.parted[m.rows], OPENS, _sided(np.where(m.limit, m.sign, 0.0)))
+        told = np.isin(m.rows, np.flatnonzero(before.fresh)) | (was != found.status)
+        self.events += [Event(0.0, WORDS[found.status[k]], *self._bodies(k)) for k in np.flatnonzero(apex & told)]
         parted = place.parted.copy()
         parted[m.rows[found.opens]] = True
         loose = rattlers(with_modes(place.state, np.flatnonzero(parted), OPEN), 2, place.loose)
-        state = with_modes(place.state, m.rows[found.apex & (found.side != 0)], SLIDE)
-        self._start(Place(state, loose, parted, np.zeros_like(parted), place.unique))
-        kept = np.searchsorted(m.rows, self.matrix.rows)
-        side = found.side[kept]
+        sides = found.side
+        state = with_modes(place.state, m.rows[apex & (sides == 0)], STICK)
+        state = with_modes(state, m.rows[apex & (sides != 0)], SLIDE)
+        self._start(place._replace(state=state, loose=loose, parted=parted, fresh=np.zeros_like(parted)))
+        side = sides[np.searchsorted(m.rows, self.matrix.rows)]
         self.matrix = self.matrix._replace(sign=np.where(side != 0, side, self.matrix.sign))
+
+    def _with_touching(self, place: Place) -> Place:
+        """The place in which pairs that parted, but still touch, are at the apex again."""
+        contacts, loose = place.state.contacts, np.append(place.loose, np.zeros(len(place.state.walls.mass), bool))
+        back = np.flatnonzero(place.parted & ~place.fresh)
+        back = back[~(loose[contacts.i[back]] | loose[contacts.j[back]])]
+        parted, fresh = place.parted.copy(), place.fresh.copy()
+        parted[back], fresh[back] = False, True
+        return place._replace(state=with_modes(place.state, back, STICK), parted=parted, fresh=fresh)
+
+    def _fork(self, taken: np.ndarray, others, forces: bool = True) -> None:
+        """Record other consistent choices; statuses as in `apex`, of all contacts."""
+        others = np.array(others)
+        differ = np.flatnonzero((others != taken).any(axis=0))
+        fork = Fork(
+            0.0, tuple(self._bodies(k) for k in differ), tuple(WORDS[k] for k in taken[differ]),
+            tuple(tuple(WORDS[k] for k in other[differ]) for other in others), forces,
+        )  # fmt: skip
+        self.forks.append(fork)
+        self.events.append(Event(0.0, f"{1 + len(others)} {NOT_UNIQUE}", *self._bodies(differ[0])))
 
     def run(self, start: float):
         """The place at the end, the share of the leg that was used, and the verdict."""
         m = self.matrix
-        self.events = [e._replace(load=start) for e in self.events]
-        if self.undecided:
-            return self.place, 0.0, Verdict.UNSTABLE
-        force, critical = m.force.copy(), m.limit.copy()
-        slides, sign, moved, done = m.limit.copy(), m.sign.copy(), np.zeros(len(m.free)), 0.0
-        for _ in range(20 * max(m.count, 50)):
-            now = m._replace(sign=sign, limit=critical)
-            choice = status(now, self.load, start=slides, geometric=self.geometric)
+        self._dated(start)
+        if self.lost is not None:
+            return self.place, 0.0, self.lost
+        force, slides, sign = m.force.copy(), m.limit.copy(), m.sign.copy()
+        moved, done = np.zeros(len(m.free)), 0.0
+        for _ in range(CROWD):
+            # what has come to the cone in several events at one load is decided together
+            beside = self._beside_cone(force, slides)
+            sign[beside] = -np.sign(force[beside, 1])
+            now = m._replace(sign=sign, limit=slides | beside)
+            load = start + done * self.increment
+            choice = self._chosen(now, slides, load)
             if not choice.ok:
-                return self._ended(force, moved, critical, sign, (), done), done * self.increment, choice.verdict
-            if not self._stable(now, choice, start + done * self.increment):
-                end = self._ended(force, moved, critical, sign, (), done)
+                return self._ended(force, moved, slides, sign, (), done), done * self.increment, choice.verdict
+            if self.looked == load and not self._stable(now, choice, load):
+                end = self._ended(force, moved, slides, sign, (), done)
                 return end, done * self.increment, Verdict.NEGATIVE
-            self._told(choice, slides, critical, start + done * self.increment)
+            self._told(choice, slides, sign, load)
             slides = choice.sliding
-            critical &= slides  # what sticks again has left the cone
-            rate = _rates(now, slides, choice)
-            step, contacts, kind = self._next(force, rate, slides, choice, 1.0 - done)
+            rate = _rates(now, slides, choice.velocity)
+            self.last = now, slides
+            step, contacts, kind = next_event(self, force, rate, now.limit, choice, 1.0 - done)
             force, moved, done = force + step * rate, moved + step * choice.velocity, done + step
-            if kind == "increment":
+            if kind == INCREMENT:
                 break
             load = start + done * self.increment
-            if kind == CLOSES:
-                self.events += [Event(load, CLOSES, *self._bodies(c)) for c in contacts]
             if kind != REACHES:
                 end = self._ended(force, moved, slides, sign, contacts, done)
+                if kind == CLOSES and end.fresh.any():
+                    self.events += [Event(load, CLOSES, *self._bodies(c)) for c in contacts]
                 return end, done * self.increment, Verdict.CONSISTENT
             self.events += [Event(load, REACHES, *self._bodies(c)) for c in contacts]
-            critical[contacts], slides[contacts] = True, True
+            slides = slides.copy()
+            slides[contacts] = True
             sign[contacts] = -np.sign(force[contacts, 1])
         end = self._ended(force, moved, slides, sign, (), done)
         return end, done * self.increment, Verdict.CONSISTENT
+
+    def _chosen(self, now: Matrices, slides: np.ndarray, load: float) -> Choice:
+        """The status; other choices are looked for after events, and from time to time."""
+        changed = (self.events and self.events[-1].load == load) or (now.limit & ~slides).any()
+        if not changed and load < self.looked + LOOK and (same := self._unchanged(now, slides)):
+            return same
+        self.looked, self.solve = load, None
+        return status(now, self.load, start=slides, geometric=self.geometric)
+
+    def _unchanged(self, now: Matrices, slides: np.ndarray) -> Choice | None:
+        """The status that was, if it is still consistent."""
+        try:
+            self.solve = _solver(now, slides, self.geometric)
+            velocity = self.solve(self.load)
+        except LinAlgError:
+            return None
+        critical = np.flatnonzero(now.limit)
+        normal, along = (now.c.T @ velocity).reshape(-1, 2)[critical].T
+        rate = now.slope[critical] * normal + now.sign[critical] * along
+        if not np.isfinite(rate).all() or wrong(slides[critical], rate).any():
+            return None
+        return Choice(Verdict.CONSISTENT, slides, critical, velocity, rate, "as before", 1)
+
+    def _dated(self, load: float) -> None:
+        self.events = [e._replace(load=load) for e in self.events]
+        self.forks = [f._replace(load=load) for f in self.forks]
+
+    def _beside_cone(self, force: np.ndarray, slides: np.ndarray) -> np.ndarray:
+        """(M,) bool: contacts with a force that stick on the cone, to round-off."""
+        m = self.matrix
+        margin = m.mu * force[:, 0] - np.abs(force[:, 1])
+        blurred = force[:, 0] <= np.where(self.paired, self.faint, APEX * self.mean)
+        return ~slides & ~blurred & (margin <= AT_CONE * self.mean)
 
     def _stable(self, matrix: Matrices, choice: Choice, load: float) -> bool:
         """False if det k < 0 for the status that was found; an event tells where another load could have had two."""
@@ -170,63 +241,62 @@ class Piece:
         row = self.matrix.rows[contact] if contact < self.matrix.count else self.gap_rows[contact - self.matrix.count]
         return int(self.state.contacts.i[row]), int(self.state.contacts.j[row])
 
-    def _told(self, choice: Choice, before, critical, load) -> None:
-        for contact in np.flatnonzero(critical & before & ~choice.sliding):
+    def _told(self, choice: Choice, before, sign, load) -> None:
+        for contact in np.flatnonzero(before & ~choice.sliding):
             self.events.append(Event(load, "sticks again", *self._bodies(contact)))
-
-    def _next(self, force, rate, slides, choice, left):
-        """Share of the increment to the next event, its contacts (all that meet it together), and what it is."""
-        m = self.matrix
-        soonest, contacts, kind, reached = left, np.zeros(0, int), "increment", np.full(m.count, np.inf)
-        for side in (1.0, -1.0):  # F̃ of a contact that sticks, on either side of the cone
-            margin = m.mu * force[:, 0] - side * force[:, 1]
-            slope = m.mu * rate[:, 0] - side * rate[:, 1]
-            leaves = ~slides & (slope < -SLACK * np.abs(rate).max(initial=0.0))
-            time = np.where(leaves, np.maximum(margin, 0.0) / np.where(leaves, -slope, 1.0), np.inf)
-            reached = np.minimum(reached, time)
-        at = np.where(np.isfinite(reached), reached, 0.0)
-        reached[self.paired & (force[:, 0] + at * rate[:, 0] <= self.faint)] = np.inf
-        if reached.min(initial=np.inf) < soonest:
-            soonest, kind = float(reached.min()), REACHES
-            contacts = np.flatnonzero(reached <= soonest + TOGETHER)
-        falls = rate[:, 0] < 0
-        above = np.maximum(force[:, 0] - APEX * self.mean, 0.0)
-        time = np.where(falls, above / np.where(falls, -rate[:, 0], 1.0), np.inf)
-        if time.min(initial=np.inf) <= soonest:
-            soonest, kind = float(time.min()), "at the apex"
-            contacts = self._with_partners(np.flatnonzero(time <= soonest + TOGETHER))
-        time = self._closing(choice)
-        if time.min(initial=np.inf) < soonest:
-            soonest, kind = float(time.min()), CLOSES
-            contacts = m.count + np.flatnonzero(time <= soonest + TOGETHER)
-        return soonest, contacts, kind
-
-    def _with_partners(self, contacts: np.ndarray) -> np.ndarray:
-        """The contacts, and the second ones of disks with two contacts: these reach the apex together."""
-        chosen = np.zeros(self.matrix.count, bool)
-        chosen[contacts] = True
-        while True:
-            pulled = np.zeros(self.state.n_bodies, bool)
-            pulled[self.ends[chosen].ravel()] = True
-            more = ((pulled & self.has_two)[self.ends]).any(axis=1) | chosen
-            if np.array_equal(more, chosen):
-                return np.flatnonzero(chosen)
-            chosen = more
-
-    def _closing(self, choice: Choice) -> np.ndarray:
-        """Shares of the increment after which pairs of held bodies that do not touch will touch."""
-        state, m = self.state, self.matrix
-        rows = np.setdiff1d(np.arange(int(state.contacts.count[0])), m.rows)
-        held = np.append(~self.loose, np.ones(state.n_bodies - len(self.loose), bool))
-        rows = rows[held[state.contacts.i[rows]] & held[state.contacts.j[rows]]]
-        self.gap_rows = rows
-        moves = m.free.spread(choice.velocity)[:, :3]
-        normal, gap = gaps(state, rows)
-        closing = np.einsum("ck,ck->c", moves[state.contacts.i[rows]] - moves[state.contacts.j[rows]], normal)
-        reach = np.maximum(gap, 0.0) + NUDGE * float(state.grains.radius.min())  # a little beyond: they touch then
-        return np.where(closing < 0, reach / np.where(closing < 0, -closing, 1.0), np.inf)
+        if choice.verdict in (Verdict.NOT_UNIQUE, Verdict.SINGULAR):
+            taken = _sided(np.where(choice.sliding, sign, 0.0))
+            others = [_sided(np.where(other.sliding, sign, 0.0)) for other in choice.others]
+            if (np.array(others) != taken).any():
+                self._fork(taken, others, choice.verdict is Verdict.NOT_UNIQUE)
+                self.forks[-1] = self.forks[-1]._replace(load=load)
+                self.events[-1] = self.events[-1]._replace(load=load)
 
     def _ended(self, force, moved, slides, sign, contacts, done: float) -> Place:
+        """The place after the increment, brought back to balance with the statuses of its last piece.
+
+        The turning of contacts leaves forces of second order out of balance. Left to the next increment, they would
+        mix with its load, and decide statuses where that is small.
+        """
+        place = self._placed(force, moved, slides, sign, contacts, done)
+        if self.last is None:
+            return place
+        now, last = self.last
+        missing, solve = self._missing(place), self.solve
+        self.missed = np.abs(missing).max(initial=0.0) / self.mean
+        for _ in range(CORRECTIONS):
+            if not BALANCED < np.abs(missing).max(initial=0.0) / self.mean < OUT_OF_BALANCE:
+                break
+            try:
+                solve = solve or _solver(now, last, self.geometric)
+                velocity = solve(missing)
+            except LinAlgError:
+                break
+            force, moved = force + _rates(now, last, velocity), moved + velocity
+            better = self._placed(force, moved, slides, sign, contacts, done)
+            left = self._missing(better)
+            if not np.abs(left).max(initial=0.0) < 0.5 * np.abs(missing).max(initial=0.0):
+                break
+            place, missing = better, left
+        if np.abs(missing).max(initial=0.0) > APEX * self.mean:
+            self.missed = max(self.missed, OUT_OF_BALANCE * (1 + np.abs(missing).max() / self.mean))
+        return place
+
+    def _missing(self, place: Place) -> np.ndarray:
+        """(n,) force that is out of balance at a place.
+
+        What presses on rattlers is left out, since they are moved aside, and pairs that part but overlap a little.
+        """
+        state, free, count = place.state, self.matrix.free, int(place.state.contacts.count[0])
+        out = residual_vector(state, forces(state, self.law)[0], free)
+        whole = np.append(self.loose, np.zeros(state.n_bodies - len(self.loose), bool))
+        loose = whole[state.contacts.i[:count]] | whole[state.contacts.j[:count]]
+        rows = np.flatnonzero(loose | place.parted[:count])
+        push = np.zeros((count, 6))
+        push[rows, :3] = contact_forces(state, self.law)[rows]
+        return out - incidence(state, count, free) @ push.ravel() if push.any() else out
+
+    def _placed(self, force, moved, slides, sign, contacts, done: float) -> Place:
         """The place after the increment: bodies moved, memory as the path has it, contacts at the apex marked."""
         m, before = self.matrix, self.state
         state = updated(displaced(before, m.free, moved))
@@ -235,6 +305,8 @@ class Piece:
         where = np.searchsorted(trial.key[:count], before.contacts.key[m.rows])
         born = np.array([c for c in contacts if c >= m.count], int) - m.count
         new = np.searchsorted(trial.key[:count], before.contacts.key[self.gap_rows[born]]) if len(born) else born
+        # what the way to balance has left apart comes to touch in the next piece
+        new = new[self.stiffest * gaps(state, new)[1] <= TOUCHES * self.mean]
         line = linearised(accept(state, trial), self.law)
         normal, stiffness = line.normal[where], np.where(line.stiffness_t[where] > 0, line.stiffness_t[where], 1.0)
         along = np.stack([normal[:, 1], -normal[:, 0], np.zeros(m.count)], axis=1)
@@ -246,17 +318,49 @@ class Piece:
         fresh[new] = True
         fresh[where[[c for c in contacts if c < m.count]]] = True
         # pairs beside those of the matrix overlap where they part and were not quite apart, or met on a curved way
+        more = np.flatnonzero((mode[:count] == OPEN) & (trial.mode[:count] != OPEN))
+        loose = np.append(self.loose, np.zeros(state.n_bodies - len(self.loose), bool))
+        known = np.isin(trial.key[more], before.contacts.key[np.flatnonzero(self.place.parted)])
+        known |= loose[trial.i[more]] | loose[trial.j[more]]
         parted = np.zeros(len(mode), bool)
-        parted[:count] = (mode[:count] == OPEN) & (trial.mode[:count] != OPEN)
-        mode[parted] = STICK
+        parted[more[known]], fresh[more[~known]], mode[more] = True, True, STICK
         control = between_controls(self.begin, self.end, self.share + done * self.increment)
         state = accept(state._replace(control=control), trial._replace(mode=mode, slip=slip, reached=mode == SLIDE))
-        return Place(state, self.loose, parted, fresh, self.unique)
+        return Place(state, self.loose, parted, fresh, self.unique, self.looked)
 
 
-def _rates(matrix: Matrices, slides, choice: Choice) -> np.ndarray:
+def _sided(side: np.ndarray) -> np.ndarray:
+    """Statuses as in `apex` of contacts with a force, from sgn D_t of what slides, 0 elsewhere."""
+    return np.where(side > 0, SLIDES, np.where(side < 0, SLIDES_BACK, STICKS))
+
+
+def _lost(found: Decided) -> Verdict:
+    """The verdict where contacts at the apex have no consistent choice that is stable."""
+    if found.status is not None:
+        return Verdict.NEGATIVE
+    return Verdict.UNSTABLE if found.complete else Verdict.NOT_FOUND
+
+
+def _solver(matrix: Matrices, slides, geometric: bool):
+    """A function that solves k(S) v = f for a status; LinAlgError where k(S) is singular to round-off."""
+    size = len(matrix.free)
+    kept = np.setdiff1d(np.arange(size), pins(matrix))
+    k = stiffness_matrix(matrix, slides, geometric=geometric)[kept][:, kept]
+    solve = factorised(k)
+
+    def spread(load: np.ndarray) -> np.ndarray:
+        out = np.zeros(size)
+        out[kept] = solve(load[kept])
+        if not np.abs(k @ out[kept] - load[kept]).max(initial=0.0) <= RESIDUAL * np.abs(load[kept]).max(initial=0.0):
+            raise LinAlgError("singular")
+        return out
+
+    return spread
+
+
+def _rates(matrix: Matrices, slides, velocity) -> np.ndarray:
     """(M, 2) dF of all contacts over an increment."""
-    relative = (matrix.c.T @ choice.velocity).reshape(-1, 2)
+    relative = (matrix.c.T @ velocity).reshape(-1, 2)
     turned = np.einsum("mab,mb->ma", statuses(matrix, slides), relative)
     return -np.einsum("mab,mb->ma", matrix.springs, turned)
 

@@ -1,8 +1,9 @@
 """Rattlers on a path: they are pushed aside by what moves, until they are wedged and carry again.
 
 Between the grains of a packing that hold each other, rattlers carry nothing: no balance tells where they are. What
-presses into one moves it by the least distance that gives room. Where there is no room, or where the contacts that
-would push it can hold it by friction, it is wedged, and is a grain like the others from then on.
+presses into one moves it by the least distance that gives room. Where the contacts that push it can hold it by
+friction, they draw it along: it follows them with as little slip as it can. Where that gives no room either, it is
+wedged, and is a grain like the others from then on.
 
 Source of the least distance: Lawson and Hanson, Solving Least Squares Problems (SIAM 1995), chapter 23.
 """
@@ -37,13 +38,14 @@ def gaps(state: State, rows) -> tuple[np.ndarray, np.ndarray]:
     return normal, distance - radius[contacts.i[rows]] - radius[contacts.j[rows]]
 
 
-def moved_aside(state: State, law: Law, loose: np.ndarray) -> tuple[State, np.ndarray]:
+def moved_aside(state: State, law: Law, loose: np.ndarray, before: State | None = None) -> tuple[State, np.ndarray]:
     """The state with rattlers moved out of what they touch, and the rows of contacts that wedge some of them.
 
     Parameters
     ----------
     loose : (N,) bool, the rattlers
     law : Law, whose friction may hold a rattler
+    before : State before the increment, from which rattlers may be drawn along
 
     Returns
     -------
@@ -54,25 +56,62 @@ def moved_aside(state: State, law: Law, loose: np.ndarray) -> tuple[State, np.nd
     nothing, material = np.zeros(0, int), np.concatenate([state.grains.material, state.walls.material])
     if not loose.any():
         return state, nothing
-    tiny = NUDGE * float(state.grains.radius.min())
+    tiny, drawn = NUDGE * float(state.grains.radius.min()), np.zeros_like(whole)
     for _ in range(ROUNDS):
-        contacts, count = state.contacts, int(state.contacts.count[0])
-        rows = np.flatnonzero(whole[contacts.i[:count]] | whole[contacts.j[:count]])
-        normal, gap = gaps(state, rows)
+        contacts, (rows, normal, gap) = state.contacts, _near(state, whole)
         if not len(rows) or gap.min() >= 0:
             return as_loose(state, loose), nothing
-        near = gap < NEAR * -gap.min()
-        rows, normal, gap = rows[near], normal[near], gap[near]
         i, j = contacts.i[rows], contacts.j[rows]
         move, pressed = _least_distance(_directions(i, j, normal, whole), tiny - gap)
         friction = law.table[material[i], material[j], MU]
         wedge = _wedge(i[pressed], j[pressed], normal[pressed], friction[pressed], whole)
         if len(wedge) or move is None:
-            return state, rows[pressed][wedge] if len(wedge) else rows[pressed]
-        position = state.grains.position.copy()
-        position[loose, :2] += move.reshape(-1, 2)
+            held = rows[pressed][wedge] if len(wedge) else rows[pressed]
+            caught = np.zeros_like(whole)
+            caught[np.concatenate([contacts.i[held], contacts.j[held]])] = True
+            caught &= whole
+            if before is None or (caught & drawn).any():
+                return state, held
+            position, drawn = _drawn_along(state, before, caught, held), drawn | caught
+        else:
+            position = state.grains.position.copy()
+            position[loose, :2] += move.reshape(-1, 2)
         state = as_loose(updated(state._replace(grains=state.grains._replace(position=position))), loose)
     return state, rows[gap < 0]
+
+
+def _near(state: State, whole: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows, normals and gaps of rattlers' pairs that overlap, or may come to do so when these are moved apart."""
+    contacts, count = state.contacts, int(state.contacts.count[0])
+    rows = np.flatnonzero(whole[contacts.i[:count]] | whole[contacts.j[:count]])
+    normal, gap = gaps(state, rows)
+    near = gap < NEAR * max(-gap.min(initial=0.0), 0.0)
+    return rows[near], normal[near], gap[near]
+
+
+def _drawn_along(state: State, before: State, caught: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """(N, 3) positions with caught rattlers where they follow, with the least slip at contacts, what holds them."""
+    contacts, count = state.contacts, len(state.grains.radius)
+    i, j = contacts.i[rows], contacts.j[rows]
+    normal = gaps(state, rows)[0]
+    frame = np.stack([normal[:, :2], np.stack([normal[:, 1], -normal[:, 0]], axis=1)], axis=1)
+    way = np.concatenate([state.grains.position - before.grains.position, state.walls.point - before.walls.point])
+    roll = np.append((state.grains.angle - before.grains.angle)[:, 2] * state.grains.radius, np.zeros(len(way) - count))
+    way[caught], roll[caught] = 0.0, 0.0
+    bent = shifts(contacts, state.cell.vectors)[rows] - shifts(contacts, before.cell.vectors)[rows]
+    slip = np.einsum("cab,cb->ca", frame, (way[i] - way[j] + bent)[:, :2])
+    slip[:, 1] += roll[i] + roll[j]
+    number = np.cumsum(caught) - 1
+    columns = np.zeros((len(rows), 2, 3 * int(caught.sum())))
+    for body, sign in ((i, 1.0), (j, -1.0)):
+        for row in np.flatnonzero(caught[body]):
+            at = 3 * number[body[row]]
+            columns[row, :, at : at + 2] += sign * frame[row]
+            columns[row, 1, at + 2] += 1.0
+    follow = np.linalg.lstsq(columns.reshape(2 * len(rows), -1), -slip.ravel(), rcond=None)[0].reshape(-1, 3)
+    position = state.grains.position.copy()
+    position[caught[:count], :2] = before.grains.position[caught[:count], :2] + follow[:, :2]
+    return position
 
 
 def _directions(i, j, normal, whole) -> np.ndarray:

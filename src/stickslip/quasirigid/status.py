@@ -50,7 +50,10 @@ class Verdict(Enum):
     )
     NEGATIVE = "the consistent status has det k < 0: the packing loses its stability here; load it in another way"
     UNSTABLE = "no status is consistent, which is proven: the packing loses its stability here; follow it by dynamics"
-    CIRCLES = "events follow one another without progress of the load: the path does not know how to go on"
+    NO_PROGRESS = (
+        "200 events followed one another without progress of the load: the path does not know how to go on; follow it "
+        "by dynamics"
+    )
     MECHANISM = (
         "the load drives a motion that nothing resists, and no status balances it: the packing collapses; balance the "
         "load, or follow it by dynamics"

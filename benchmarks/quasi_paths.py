@@ -1,0 +1,211 @@
+"""Ends of quasi-rigid paths: do they depend on the increment, and does slow dynamics end there, too?
+
+    python -m benchmarks.quasi_paths                # 50 samples by four increments (about an hour on one core)
+    python -m benchmarks.quasi_paths --samples 8    # the first ones
+    python -m benchmarks.quasi_paths --slow 20      # the first 20 samples of 60 disks beside slow dynamics
+
+A sample is a box of disks, whole or without its rattlers, of which the force on one wall grows to three times what it
+is, or falls to a tenth. Ends agree if they differ by 1 % at most. Where they do not, a path has to have reported that
+it met other consistent choices, or that it does not know.
+"""
+
+import argparse
+import time
+from typing import NamedTuple
+
+import numpy as np
+
+import stickslip as ss
+from stickslip.core.state import Control, State
+from stickslip.loading.biaxial import RIGHT, TOP, at_rest, biaxial_box, raised
+from stickslip.loading.slow import slowly
+from stickslip.quasirigid.path import Path, quasirigid_path
+
+INCREMENTS = (0.01, 0.005, 0.002, 0.0005)
+DIRECTIONS = {"lid down": (TOP, 3.0), "side in": (RIGHT, 3.0), "lid up": (TOP, 0.1), "side out": (RIGHT, 0.1)}
+SIZES = {60: 20, 100: 14, 200: 10, 400: 6}  # samples of each size
+FIRST_SEED = 101  # no seed that a test or the facts of this project name
+AGREE = 0.01  # relative difference of the ends
+PRESSURE = 1e-4
+TIMES, DRAG, BEYOND = (1.5e5, 5e5), 0.02, 1.3  # times of whole runs, drag, and how far beyond the path's end
+BURST, ALIKE, BEFORE = 30.0, 0.5, 10  # over the median kinetic energy; over that of the faster run; steps of a median
+ASTRAY = 0.02  # distance of the wall from the path, over its last shift, that is not a delay of dynamics
+
+
+class Sample(NamedTuple):
+    """One sample and its direction of load."""
+
+    n: int
+    seed: int
+    whole: bool
+    direction: str
+
+    @property
+    def name(self) -> str:
+        """One line."""
+        return f"{self.n:4d} disks, seed {self.seed}, {'whole' if self.whole else 'no rattlers'}, {self.direction}"
+
+
+class Ended(NamedTuple):
+    """How one path ended."""
+
+    load: float
+    verdict: str
+    forks: int  # alternatives that were reported
+    unchecked: int
+    seconds: float
+    undecided: bool  # the path says that it does not know how to go on
+
+
+def samples(sizes: dict[int, int] = SIZES) -> list[Sample]:
+    """All samples; whole ones and directions alternate."""
+    out = []
+    for n, count in sizes.items():
+        for k in range(count):
+            out.append(Sample(n, FIRST_SEED + k, (k // 4) % 2 == 0, list(DIRECTIONS)[k % 4]))
+    return out
+
+
+def prepared(sample: Sample) -> tuple[State, ss.Law, Control]:
+    """State, law and the control at the end of the leg."""
+    state, law = biaxial_box(sample.n, seed=sample.seed, pressure=PRESSURE)
+    while not sample.whole and (loose := ss.rattlers(state, 2)).any():
+        state = at_rest(without(state, loose), law, 1e-9 * PRESSURE)
+    wall, factor = DIRECTIONS[sample.direction]
+    return state, law, raised(state.control, len(state.grains.radius) + wall, factor)
+
+
+def without(state: State, loose: np.ndarray) -> State:
+    """The state without some disks; contacts begin without slip."""
+    kept, walls, g = ~loose, state.walls, state.grains
+    grains = ss.disks(g.position[kept, :2], g.radius[kept], mass=g.mass[kept])
+    bodies = np.append(kept, np.ones(len(walls.mass), bool))
+    control = state.control
+    changed = ss.loads(int(kept.sum()), len(walls.mass))
+    parts = {name: getattr(control, name)[bodies] for name in ("free", "force", "torque", "group")}
+    return ss.assembly(grains, walls, state.cell, changed._replace(**parts))
+
+
+def ended(state: State, law, end: Control, increment: float) -> tuple[Ended, Path]:
+    """How the path with one increment ends."""
+    begin = time.perf_counter()
+    path = quasirigid_path(state, law, end, increment=increment)
+    seconds = time.perf_counter() - begin
+    undecided = path.verdict.name in ("NO_PROGRESS", "NOT_FOUND")
+    out = Ended(path.points[-1].load, path.verdict.name, len(path.alternatives), path.unchecked, seconds, undecided)
+    return out, path
+
+
+def agree(ends: list[Ended]) -> bool:
+    """True if the last loads differ by 1 % at most."""
+    loads = [one.load for one in ends]
+    return max(loads) - min(loads) <= AGREE * max(loads)
+
+
+def compare(sample: Sample) -> list[Ended]:
+    """The ends for all increments, printed as they come."""
+    state, law, end = prepared(sample)
+    ends = []
+    print(f"{sample.name:44s}", end="", flush=True)
+    for increment in INCREMENTS:
+        ends.append(ended(state, law, end, increment)[0])
+        print(f" {ends[-1].load:8.5f}", end="", flush=True)
+    words = ",".join(sorted({one.verdict for one in ends}))
+    forks, seconds = "/".join(str(one.forks) for one in ends), max(one.seconds for one in ends)
+    verdict = "agree" if agree(ends) else "alternative" if any(o.forks or o.undecided for o in ends) else "DISAGREE"
+    print(f"  {verdict:11s} forks {forks}, {words}, {seconds:.1f} s", flush=True)
+    return ends
+
+
+def shift(states, sample: Sample) -> np.ndarray:
+    """(T,) how far the loaded wall has moved [length]."""
+    wall = DIRECTIONS[sample.direction][0]
+    at = np.array([s.walls.point[wall] @ s.walls.normal[wall] for s in states])
+    return at - at[0]
+
+
+def slow_end(sample: Sample, state: State, law, end: Control, path: Path) -> float | None:
+    """Load at which slow dynamics begins to move by itself, None if it did not up to 1.3 times the path's last load.
+
+    Slow motion has a kinetic energy that falls with the square of the rate. A step of the load in which the slower of
+    two runs has more than half of that of the faster one, and thirty times its own median, is a burst; it is the end
+    if the wall is not where the path has it from there on, or if the path has ended.
+    """
+    last = path.points[-1].load
+    until = min(1.0, BEYOND * last)
+    faster, slower = (slowly(state, law, end, time=whole / until, until=until, drag=DRAG) for whole in TIMES)
+    there = shift(path.states, sample)
+    moved = shift([state, *slower.states], sample)[1:]
+    off = np.abs(moved - np.interp(slower.load, path.load, there)) / np.abs(there).max()
+    energy = slower.kinetic_energy
+    for k in range(BEFORE, len(energy)):
+        near = faster.kinetic_energy[max(0, k - 3) : k + 4].max()
+        left = off[k:][slower.load[k:] <= last]
+        burst = energy[k] > BURST * np.median(energy[:k]) and energy[k] > ALIKE * near
+        if burst and (len(left) == 0 or np.median(left) > ASTRAY):
+            return float(slower.load[k])
+    return None
+
+
+def beside_dynamics(some: list[Sample]) -> None:
+    """Ends of paths over those of slow dynamics, all samples in the statistic."""
+    ratios, survivors = [], 0
+    for sample in some:
+        state, law, end = prepared(sample)
+        path, way = ended(state, law, end, INCREMENTS[1])
+        begin = time.perf_counter()
+        found = slow_end(sample, state, law, end, way)
+        seconds = time.perf_counter() - begin
+        words = f"no fall up to {min(1.0, BEYOND * path.load):.5f}" if found is None else f"falls at {found:.5f}"
+        survivors += found is None
+        ratios += [] if found is None else [found / path.load - 1]
+        tail = "" if found is None else f", {found / path.load - 1:+.2%}"
+        print(
+            f"{sample.name:44s} path {path.load:.5f} {path.verdict}, dynamics {words}{tail}, {seconds:.0f} s",
+            flush=True,
+        )
+    size = np.sort(np.abs(ratios))
+    print(f"\n{len(some)} samples: {len(size)} fall, {survivors} do not up to {BEYOND} times the path's last load")
+    for limit in (0.001, 0.003, 0.01, 0.03, 0.1):
+        print(f"  within {limit:6.1%} of the path's end: {int((size <= limit).sum())} of {len(some)}")
+    if len(size):
+        print(f"  relative difference of those that fall: median {np.median(size):.2%}, largest {size[-1]:.2%}")
+
+
+def summary(results: list[list[Ended]]) -> None:
+    """Print how many agree, how many report an alternative, and how long paths took."""
+    same = [agree(ends) for ends in results]
+    told = [any(one.forks or one.undecided for one in ends) for ends in results]
+    neither = sum(not a and not t for a, t in zip(same, told, strict=True))
+    also = sum(a and any(o.forks for o in ends) for a, ends in zip(same, results, strict=True))
+    print(f"\n{len(results)} samples by {len(INCREMENTS)} increments: {sum(same)} agree within {AGREE:.0%}")
+    print(f"  {len(same) - sum(same) - neither} do not, and a path reported an alternative or that it does not know")
+    print(f"  {neither} do neither")
+    print(f"  of those that agree, {also} report alternatives, too")
+    verdicts = sorted({one.verdict for ends in results for one in ends})
+    counts = {v: sum(one.verdict == v for ends in results for one in ends) for v in verdicts}
+    print("  verdicts: " + ", ".join(f"{count} {name}" for name, count in counts.items()))
+
+
+def main() -> None:
+    """Run what the command line asks for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--samples", type=int, help="only so many samples")
+    parser.add_argument("--disks", type=int, choices=list(SIZES), help="only samples of this size")
+    parser.add_argument("--slow", type=int, metavar="N", help="compare N samples of 60 disks with slow dynamics")
+    chosen = parser.parse_args()
+    if chosen.slow:
+        beside_dynamics(samples({60: chosen.slow}))
+        return
+    some = samples({chosen.disks: SIZES[chosen.disks]} if chosen.disks else SIZES)[: chosen.samples]
+    results, longest = [], {}
+    print(f"{'':44s}" + "".join(f" {increment:8g}" for increment in INCREMENTS))
+    for sample in some:
+        results.append(compare(sample))
+        longest[sample.n] = max(longest.get(sample.n, 0.0), *(one.seconds for one in results[-1]))
+    summary(results)
+    print("  longest path: " + ", ".join(f"{t:.1f} s of {n} disks" for n, t in longest.items()))
+
+
+if __name__ == "__main__":
+    main()

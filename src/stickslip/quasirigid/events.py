@@ -1,0 +1,152 @@
+"""What ends a linear piece of a path: the first contact that meets the cone or its apex, or pair that closes.
+
+Within a piece forces and positions are linear in the load. Where they are not so in the packing, and it would matter,
+the way to the event is gone in parts: a disk with two contacts whose force vanishes would else seem to meet the cone on
+its last, faint bit.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.state import State
+from .complementarity import SLACK
+from .rattling import NUDGE, gaps
+from .status import Choice
+
+APEX = 1e-6  # normal force, in mean normal forces, at which a contact is at the apex of the cone
+NEAR_APEX = 1e-4  # normal force, in mean normal forces, from which a straight way leads to the apex to within APEX
+NEAR_CONE = 1e-5  # distance from the cone over the normal force from which a straight way leads there
+APPROACH = 0.9  # of the way to an event that a straight way would miss; then c is made anew
+TOGETHER = 1e-9  # of an increment, within which contacts meet an event together
+REACHES, CLOSES, AT_APEX, NEARS, INCREMENT = "reaches the cone", "closes", "at the apex", "nears an event", "increment"
+
+
+class Event(NamedTuple):
+    """Something that happens on a path."""
+
+    load: float  # in legs of the load
+    kind: str  # "reaches the cone", "sticks again", "opens", "closes", …, or why the path ends
+    i: int  # the contact's bodies, or the body; −1 where none is meant
+    j: int
+
+
+class Fork(NamedTuple):
+    """A load at which several choices of statuses were consistent, and the one that the path took."""
+
+    load: float  # in legs of the load
+    contacts: tuple[tuple[int, int], ...]  # bodies of those contacts that have different statuses
+    taken: tuple[str, ...]  # status of each of them: "sticks", "slides", "slides back" or "opens"
+    others: tuple[tuple[str, ...], ...]  # the same for the other choices
+    forces: bool  # True if forces go on differently; False if only a motion is not determined
+
+
+class Next(NamedTuple):
+    """The end of a linear piece."""
+
+    step: float  # share of the increment
+    contacts: np.ndarray  # numbers of all that meet the event together; from M on: pairs that do not touch yet
+    kind: str
+
+
+def next_event(piece, force: np.ndarray, rate: np.ndarray, known: np.ndarray, choice: Choice, left: float) -> Next:
+    """The end of a linear piece that begins with given forces.
+
+    Parameters
+    ----------
+    piece : Piece
+    force, rate : (M, 2) and their rates over the whole increment [force]
+    known : (M,) bool, contacts that were on the cone and whose status is consistent: what sticks leaves it
+    left : share of the increment
+    """
+    first = Next(left, np.zeros(0, int), INCREMENT)
+    reached = _reached(piece, force, rate, known, choice)
+    first = _on_cone(piece, force, reached, first)
+    first = _on_apex(piece, force, rate, first, left)
+    return _closed(piece, choice, first)
+
+
+def _reached(piece, force, rate, known, choice) -> np.ndarray:
+    """(M,) shares after which contacts that stick meet the cone, on either side."""
+    m, reached = piece.matrix, np.full(len(force), np.inf)
+    for side in (1.0, -1.0):
+        margin = m.mu * force[:, 0] - side * force[:, 1]
+        slope = m.mu * rate[:, 0] - side * rate[:, 1]
+        here = known & (side * force[:, 1] > 0)
+        leaves = ~choice.sliding & ~here & (slope < -SLACK * np.abs(rate).max(initial=0.0))
+        time = np.where(leaves, np.maximum(margin, 0.0) / np.where(leaves, -slope, 1.0), np.inf)
+        reached = np.minimum(reached, time)
+    at = np.where(np.isfinite(reached), reached, 0.0)
+    reached[piece.paired & (force[:, 0] + at * rate[:, 0] <= piece.faint)] = np.inf
+    return reached
+
+
+def _on_cone(piece, force, reached, first: Next) -> Next:
+    """The first contact that meets the cone, if it does so before the end that is known."""
+    m, soonest = piece.matrix, reached.min(initial=np.inf)
+    # the force of a disk with two contacts turns with the line between them, which a straight way knows badly
+    far = m.mu * force[:, 0] - np.abs(force[:, 1]) > NEAR_CONE * force[:, 0]
+    early = np.where(piece.paired & far, APPROACH * reached, np.inf).min(initial=np.inf)
+    if early < min(soonest, first.step):
+        return Next(float(early), first.contacts, NEARS)
+    if soonest < first.step:
+        return Next(float(soonest), np.flatnonzero(reached <= soonest + TOGETHER), REACHES)
+    return first
+
+
+def _on_apex(piece, force, rate, first: Next, left: float) -> Next:
+    """The first contact whose force vanishes."""
+    falls = rate[:, 0] < -SLACK * np.abs(rate).max(initial=0.0)
+    time = np.where(falls, np.maximum(force[:, 0], 0.0) / np.where(falls, -rate[:, 0], 1.0), np.inf)
+    soonest = time.min(initial=np.inf)
+    early = np.where(force[:, 0] > NEAR_APEX * piece.mean, APPROACH * time, np.inf).min(initial=np.inf)
+    if early < first.step and soonest <= left:
+        return Next(float(early), np.zeros(0, int), NEARS)
+    if soonest <= first.step:
+        # those of disks that are held by nothing else lose their forces together, to within APEX
+        faint = force[:, 0] + soonest * rate[:, 0] <= APEX * piece.mean
+        return Next(float(soonest), with_partners(piece, np.flatnonzero(faint | (time <= soonest + TOGETHER))), AT_APEX)
+    met = first.contacts
+    if first.kind == REACHES and (force[met, 0] + first.step * rate[met, 0] <= APEX * piece.mean).any():
+        return first._replace(kind=AT_APEX)
+    return first
+
+
+def with_partners(piece, contacts: np.ndarray) -> np.ndarray:
+    """The contacts, and the second ones of disks with two contacts: these reach the apex together."""
+    chosen = np.zeros(piece.matrix.count, bool)
+    chosen[contacts] = True
+    while True:
+        pulled = np.zeros(piece.state.n_bodies, bool)
+        pulled[piece.ends[chosen].ravel()] = True
+        more = ((pulled & piece.has_two)[piece.ends]).any(axis=1) | chosen
+        if np.array_equal(more, chosen):
+            return np.flatnonzero(chosen)
+        chosen = more
+
+
+def pairs_apart(state: State, loose: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Rows of pairs of the list that are not among `rows`, and in which no rattler takes part."""
+    rest = np.setdiff1d(np.arange(int(state.contacts.count[0])), rows)
+    held = np.append(~loose, np.ones(state.n_bodies - len(loose), bool))
+    return rest[held[state.contacts.i[rest]] & held[state.contacts.j[rest]]]
+
+
+def _closed(piece, choice: Choice, first: Next) -> Next:
+    """The first pair that comes to touch."""
+    state, rows = piece.state, piece.gap_rows
+    moves = piece.matrix.free.spread(choice.velocity)[:, :3]
+    normal, gap = gaps(state, rows)
+    apart = moves[state.contacts.i[rows]] - moves[state.contacts.j[rows]]
+    closing = np.einsum("ck,ck->c", apart, normal)
+    small = float(state.grains.radius.min())
+    reach = np.maximum(gap, 0.0) + NUDGE * small  # a little beyond: they touch then
+    time = np.where(closing < 0, reach / np.where(closing < 0, -closing, 1.0), np.inf)
+    soonest = time.min(initial=np.inf)
+    if not soonest < first.step:
+        return first
+    # a pair that moves past each other overlaps more than the straight way says
+    aside = float((apart[time.argmin()] ** 2).sum() - closing[time.argmin()] ** 2) * soonest**2
+    if piece.matrix.springs[:, 0, 0].max() * aside / (2 * small) > APEX * piece.mean:
+        return Next(float(APPROACH * soonest), np.zeros(0, int), NEARS)
+    return Next(float(soonest), piece.matrix.count + np.flatnonzero(time <= soonest + TOGETHER), CLOSES)
