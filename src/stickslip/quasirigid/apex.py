@@ -286,7 +286,7 @@ def _all_velocities(apex: Apex, status: np.ndarray):
     velocity = np.zeros((len(status), *apex.velocity.shape))
     velocity[regular] = np.linalg.solve(
         sound[regular], np.broadcast_to(apex.velocity.reshape(-1, 1), (int(regular.sum()), matrix.shape[1], 1))
-    ).reshape(-1, *apex.velocity.shape)
+    ).reshape(int(regular.sum()), *apex.velocity.shape)
     return matrix, sign, regular, velocity
 
 
