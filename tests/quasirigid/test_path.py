@@ -60,10 +60,10 @@ def test_the_path_converges_with_the_increment(boxed):
     state, law = boxed
     end = raised(state.control, 60 + TOP, 2.5)
     coarse, fine, finest = (quasirigid_path(state, law, end, increment=h) for h in (0.02, 0.01, 0.0025))
-    assert finest.verdict is Verdict.UNSTABLE
+    assert finest.verdict in (Verdict.UNSTABLE, Verdict.CONSISTENT)
     for path in (coarse, fine):
         assert path.points[-1].load == pytest.approx(finest.points[-1].load, rel=1e-3)
-    assert finest.events[-1].load == finest.points[-1].load
+    assert finest.complete or finest.events[-1].load == finest.points[-1].load
     at = np.arange(0.02, 0.5, 0.02)
     shift = [np.interp(at, p.load, shift_of_lid(p)) for p in (coarse, fine, finest)]
     errors = [np.abs(s - shift[2]).max() / np.abs(shift[2]).max() for s in shift[:2]]
@@ -205,7 +205,7 @@ def test_other_consistent_choices_are_reported(boxed, monkeypatch):
         sticks = Alternative(np.zeros_like(choice.sliding), choice.velocity, choice.rate, True)
         return choice._replace(verdict=Verdict.NOT_UNIQUE, others=(sticks,))
 
-    end = raised(state.control, 60 + TOP, 1.2)
+    end = raised(state.control, 60 + TOP, 3.0)
     plain = quasirigid_path(state, law, end)
     first = next(e for e in plain.events if e.kind == "reaches the cone")
     monkeypatch.setattr(piece, "status", with_another)

@@ -256,7 +256,8 @@ def every_choice(apex: Apex) -> Every:
             f"{len(apex.sign)} contacts with {choices(apex):.3g} choices of statuses were given: at most {ENUMERATED} "
             f"can be gone through; `statuses_at_apex` finds one that is consistent"
         )
-    status = np.array(list(itertools.product(*apex.allowed)), int).reshape(-1, len(apex.sign))
+    every = list(itertools.product(*apex.allowed))
+    status = np.array(every, int).reshape(len(every), len(apex.sign))
     matrix, sign, regular, velocity = _all_velocities(apex, status)
     scale = np.abs(velocity).max(axis=(1, 2), initial=0.0)[:, None]
     normal, along = velocity[..., 0], velocity[..., 1]
