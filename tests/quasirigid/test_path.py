@@ -232,17 +232,21 @@ def test_ends_of_larger_samples_do_not_depend_on_the_increment():
 
 
 @pytest.mark.slow
-def test_slow_dynamics_follow_a_path_on_which_a_rattler_returns():
-    state, law = biaxial_box(60, seed=12)
-    end = raised(state.control, 60 + TOP, 3.5)
-    path = quasirigid_path(state, law, end, increment=0.002)
-    back = next(e for e in path.events if e.kind == "is wedged and carries again")
-    until = 2.0 * back.load
-    assert until < path.points[-1].load
-    run = slowly(state, law, end, time=2e5, until=until, drag=0.02)
-    lid = np.array([s.walls.point[TOP, 1] for s in run.states]) - state.walls.point[TOP, 1]
-    predicted = np.interp(run.load, path.load, shift_of_lid(path))
-    assert np.abs(lid - predicted).max() < 0.01 * np.abs(predicted[-1])
+def test_slow_dynamics_follow_paths_on_which_rattlers_return():
+    """Within a sixth: drag moves rattlers, which no balance places, and wedges them at another load."""
+    off = []
+    for seed in range(1, 20):
+        state, law = biaxial_box(60, seed=seed)
+        end = raised(state.control, 60 + TOP, 3.0)
+        path = quasirigid_path(state, law, end)
+        until = min([1.5 * e.load for e in path.events if e.kind == "is wedged and carries again"], default=np.inf)
+        if until < path.points[-1].load and len(off) < 2:
+            run = slowly(state, law, end, time=1e5 / until, until=until, drag=0.02)
+            lid = np.array([s.walls.point[TOP, 1] for s in run.states]) - state.walls.point[TOP, 1]
+            predicted = np.interp(run.load, path.load, shift_of_lid(path))
+            off.append(np.abs(lid - predicted).max() / np.abs(predicted[-1]))
+    assert len(off) == 2
+    assert max(off) < 1 / 6
 
 
 def test_geometric_stiffness_keeps_the_balance(boxed):

@@ -124,7 +124,8 @@ def decided(
 
     Grains all of whose contacts are at the apex may be released as bodies. Up to three of them all combinations of
     released and carrying ones are looked at; of more, first all are released, then those carry that are drawn along.
-    Stable choices come first, and of these the one that releases most bodies. Where there is none, bodies that would be
+    Stable choices come first, and of these the one that releases most bodies; least, if some are `wedged` just now.
+    Where there is none, bodies that would be
     drawn along are released if they can escape at all, unless they are `wedged`, just now, and could not.
     """
     ours = _contacts_of_bodies(matrix)
@@ -133,6 +134,8 @@ def decided(
     found, complete = _of_groups(search, lone)
     if not found and len(lone) and not wedged:
         found, complete = _of_groups(search._replace(any_motion=True), lone)
+    if wedged:  # there was no room to open: choices in which bodies carry come first
+        found.reverse()
     found.sort(key=lambda one: not one[1])
     if not found:
         return Decided(apex, None, None, (), complete)

@@ -30,7 +30,7 @@ BALANCED = 1e-6  # largest unbalanced force at the start, in mean normal forces
 SMALLEST = 1e-8  # part of a leg to which increments are halved: what is wedged then overlaps by round-off
 CHECKED_UP_TO = 2500  # coordinates of which it is checked that the start is stable
 SHRINKS = 0.9  # what an increment leaves out of balance has to shrink by with its half, else halving is no use
-PROGRESS = 1e-6  # of a leg: a load that rises by less in CROWD events and parts of increments does not go on
+PROGRESS = 1e-5  # of a leg: a load that rises by less in CROWD events and parts of increments does not go on
 RETURNS = "is wedged and carries again"
 
 
