@@ -7,7 +7,7 @@ import pytest
 
 import stickslip as ss
 from stickslip.quasirigid.matrices import matrices, stiffness_matrix
-from stickslip.quasirigid.mechanisms import RATTLER, RIGID, mechanisms
+from stickslip.quasirigid.mechanisms import IDLE, RATTLER, RIGID, mechanisms
 from stickslip.quasirigid.status import status
 from stickslip.quasirigid.system import pins
 from stickslip.quasirigid.walls import rigid_rotation
@@ -108,8 +108,10 @@ def test_three_rigid_motions_with_turning_walls_and_two_without(pressure):
     assert 0.1 * pressure**2 < rigid[2].quotient < 10 * pressure**2
     vectors = np.stack([m.vector for m in rigid])
     np.testing.assert_allclose(vectors @ vectors.T, np.eye(3), atol=1e-12)
-    # at 1e-5 the least singular value is below 1e-10 of the largest, and is not counted again
-    assert {m.kind for m in two} == {m.kind for m in three} == {RIGID, RATTLER}
+    assert {m.kind for m in two} | {m.kind for m in three} <= {RIGID, RATTLER, IDLE}
+    # at 1e-5 the least singular value is below 1e-10 of the largest, and is not counted again; few disks may hold a
+    # wall, which has mechanisms of its own then
+    assert all(abs(m.vector @ rigid[2].vector) < 1e-6 for m in three if m.kind == IDLE)
 
 
 def test_a_wall_that_stands_still_resists():
