@@ -27,7 +27,7 @@ SIZES = {60: 20, 100: 14, 200: 10, 400: 6}  # samples of each size
 FIRST_SEED = 101  # no seed that a test or the facts of this project name
 AGREE = 0.01  # relative difference of the ends
 PRESSURE = 1e-4
-TIMES, DRAG, BEYOND = (1.5e5, 5e5), 0.02, 1.3  # times of whole runs, drag, and how far beyond the path's end
+TIMES, DRAG, BEYOND = (3e5, 1e6), 0.02, 1.3  # ramp times of a whole load, drag, and how far beyond the path's end
 BURST, ALIKE, BEFORE = 30.0, 0.5, 10  # over the median kinetic energy; over that of the faster run; steps of a median
 ASTRAY = 0.02  # distance of the wall from the path, over its last shift, that is not a delay of dynamics
 
@@ -133,7 +133,7 @@ def slow_end(sample: Sample, state: State, law, end: Control, path: Path) -> flo
     """
     last = path.points[-1].load
     until = min(1.0, BEYOND * last)
-    faster, slower = (slowly(state, law, end, time=whole / until, until=until, drag=DRAG) for whole in TIMES)
+    faster, slower = (slowly(state, law, end, time=whole, until=until, drag=DRAG) for whole in TIMES)
     there = shift(path.states, sample)
     moved = shift([state, *slower.states], sample)[1:]
     off = np.abs(moved - np.interp(slower.load, path.load, there)) / np.abs(there).max()

@@ -3,8 +3,7 @@
 Between events velocities are proportional to the load rate, k(S) dq = df_ext, and every contact force changes linearly:
 the times at which a contact reaches Coulomb's cone, opens, or closes are exact. At each of them the statuses are found
 anew by the principle of minimum sliding. c, K and the geometric stiffness are frozen within an increment of load and
-made anew after it; what the turning of contacts leaves out of balance goes into the next increment, so that the path
-converges with the increment.
+made anew after it. An increment ends in balance: a few Newton steps make good what the turning of contacts left.
 
 Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Secs. II A, III D and V.
 """

@@ -1,7 +1,8 @@
 """One increment of a path: everything is linear in the load until a contact meets the cone, opens, or closes.
 
 c, K and the geometric stiffness are frozen. Events within the increment that only change the statuses at the cone are
-gone through; where a contact opens or closes, the increment ends, and its status is decided at the start of the next.
+gone through; where a contact opens or closes, the increment ends, and its status is decided at the start of the next,
+together with those of all contacts that have no force there.
 
 Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Secs. II A and III D.
 """
