@@ -235,9 +235,7 @@ def test_claims_json_holds_every_field_and_is_read_back(room):
 
 def test_claims_md_has_every_row_in_a_table_of_its_figure_and_every_note(room):
     text = (room / report.NOTES).read_text()
-    assert text.startswith(
-        "# Paper 9\n\n1 of the paper's 8 claims are reproduced, 2 in part, 2 not, 1 refuted, 2 undec"
-    )
+    assert text.startswith("# Paper 9\n\n1 of the paper's 8 claims is reproduced, 2 in part, 2 not, 1 refuted, 2 undec")
     sections = text.split("\n## ")
     assert [part.splitlines()[0] for part in sections[1:]] == ["Fig 1: a thing", "Sec. V: a premise", "Notes"]
     for row in ROWS:
@@ -278,7 +276,7 @@ def test_the_terminal_shows_two_sentences_and_a_line_for_each_figure(monkeypatch
         lines = said.get().splitlines()
         text = " ".join(said.get().split())
         assert max(map(len, lines)) <= width
-        assert text.startswith("1 of the paper's 8 claims are reproduced, 2 in part, 2 not, 1 refuted, 2 undecided; ")
+        assert text.startswith("1 of the paper's 8 claims is reproduced, 2 in part, 2 not, 1 refuted, 2 undecided; ")
         assert "Of the rows that disagree 2 of 3 are in Fig 1 (a thing): far 9, paper 1; undecided because" in text
         assert "its error exceeds the tolerance (1)" in text
         (fig1,) = (line for line in lines if line.startswith("Fig 1"))
@@ -293,7 +291,7 @@ def test_the_terminal_shows_two_sentences_and_a_line_for_each_figure(monkeypatch
 def test_when_all_is_well_the_terminal_says_so():
     one = [ROWS[0]]
     assert claims_report.sentences(one, SHOWS) == (
-        "1 of the paper's 1 claims are reproduced.", "Every claim agrees within its tolerance.",
+        "1 of the paper's 1 claims is reproduced.", "Every claim agrees within its tolerance.",
     )  # fmt: skip
 
 

@@ -211,8 +211,12 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
     in_widest_vectors()
     predict = viscous > 0 and not rate
     v, w = (MOTION_AHEAD, ROLL_AHEAD) if predict else (MOTION, ROLL)
-    mode, size = blocks.mode[LANES * b : LANES * b + LANES], blocks.size[LANES * b : LANES * b + LANES]
-    mass = blocks.mass[LANES * b : LANES * b + LANES]
+    lanes, idle = slice(LANES * b, LANES * b + LANES), blocks.load[np.uint64(0)]
+    # what the law does not ask for stands for memory that nothing overlaps: compiled code asks whether anything does,
+    # and takes another way, which rounds differently, if an array without elements lies close before another one
+    size = blocks.size[lanes] if needs_radius(kind, viscous) else idle
+    mass = blocks.mass[lanes] if needs_mass(viscous) else idle
+    mode = blocks.mode[lanes]
     slip, vector = blocks.slip[3 * LANES * b : 3 * LANES * (b + 1)], blocks.vector[blocks.at[b] :]  # of walls only
     for l in range(LANES):
         rx, ry, rz = scratch[PAIR + l], scratch[PAIR + 64 + l], scratch[PAIR + 128 + l] if dim == 3 else 0.0
