@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.quasirigid.rattling import gaps, moved_aside
+from stickslip.core.measure import mean_normal_force
+from stickslip.quasirigid.path import _carrying
+from stickslip.quasirigid.piece import Place
+from stickslip.quasirigid.rattling import as_loose, gaps, moved_aside
 
 LAW = ss.linear(1.0, 0.5, 0.5, coulomb="sharp")
 
@@ -87,3 +90,18 @@ def _swapped(pair):
 def test_without_rattlers_nothing_happens():
     state, loose = between([0.99, 0.0])
     assert moved_aside(state, LAW, np.zeros_like(loose))[0] is state
+
+
+def test_of_rattlers_wedged_at_once_none_is_left_behind():
+    """Two, each between neighbours of its own; what wedges the first is handed over, and the second carries, too."""
+    centres = [[0, 0], [0.99, 0], [-0.99, 0], [0, 9], [0.99, 9], [-0.99, 9]]
+    state = ss.assembly(ss.disks(centres, 0.5), cell=ss.box(dim=2))
+    state = ss.accept(state, ss.forces(state, LAW)[1])
+    contacts, none = state.contacts, np.zeros(len(state.contacts.mode), bool)
+    first = np.flatnonzero((contacts.i == 0) | (contacts.j == 0))
+    place = Place(as_loose(state, np.arange(6) % 3 == 0), np.arange(6) % 3 == 0, none, none, True, -np.inf)
+    after, events = _carrying(place, LAW, first, 0.5)
+    assert not after.loose.any()
+    assert [(e.kind, e.i) for e in events] == [("is wedged and carries again", 0), ("is wedged and carries again", 3)]
+    assert len(ss.touching(after.state)) == after.fresh.sum() == 4
+    assert mean_normal_force(after.state, LAW) == pytest.approx(0.01)

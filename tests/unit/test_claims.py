@@ -246,6 +246,15 @@ def test_claims_md_has_every_row_in_a_table_of_its_figure_and_every_note(room):
     assert all(f"- **{word}**" in text for word in VERDICTS)
 
 
+def test_what_failed_is_told_in_claims_md_and_on_the_terminal(tmp_path, capsys):
+    claims_report.write_claims(tmp_path, ROWS[:1], SHOWS, "Paper 9", ["sample 4: no rest [after 9 s]"])
+    assert "sample 4: no rest [after 9 s]" in capsys.readouterr().out
+    text = (tmp_path / report.NOTES).read_text()
+    assert text.index("Missing, because they failed:\n\n- sample 4: no rest [after 9 s]\n") < text.index(
+        "- **reproduced**"
+    )
+
+
 def test_claims_png_has_a_row_for_each_claim(room):
     with Image.open(room / report.CHART) as picture:
         assert len(picture.convert("L").getcolors()) > 20

@@ -38,10 +38,12 @@ MEANING = {
 WIDE = 120  # columns from which on a line says what the figure shows, too
 
 
-def write_claims(room: Path, claims: list[Claim], shows: Shows, title: str) -> None:
-    """Write claims.json, claims.md and claims.png."""
+def write_claims(room: Path, claims: list[Claim], shows: Shows, title: str, failures=()) -> None:
+    """Write claims.json, claims.md and claims.png; what failed, in sentences, is told in claims.md and printed."""
+    for words in failures:
+        console.print(words, style="yellow", highlight=False, markup=False)
     write(room / CLAIMS, claims)
-    (room / NOTES).write_text(markdown(claims, shows, title), encoding="utf-8")
+    (room / NOTES).write_text(markdown(claims, shows, title, failures), encoding="utf-8")
     save_figure(claims_chart(rows(claims, shows), title), room / CHART)
 
 
@@ -192,9 +194,11 @@ def _figure_table(lines: list[tuple[str, str, str, str]]) -> Table:
     return table
 
 
-def markdown(claims: list[Claim], shows: Shows, title: str) -> str:
-    """claims.md: summary, the words of verdicts, one table for each figure of the paper, and all notes."""
+def markdown(claims: list[Claim], shows: Shows, title: str, failures=()) -> str:
+    """claims.md: summary, what failed, the words of verdicts, a table for each figure of the paper, and all notes."""
     lines = [f"# {title}", "", " ".join(sentences(claims, shows)), "", f"![claims]({CHART})", ""]
+    if failures:
+        lines += ["Missing, because they failed:", "", *(f"- {_safe(words)}" for words in failures), ""]
     for word in VERDICTS:
         lines.append(f"- **{word}** ({sum(c.verdict == word for c in claims)}): {MEANING[word]}")
     head = "| claim | source | paper | reference | measured | unit | tolerance | verdict |"

@@ -43,12 +43,11 @@ def write_result(folder: Path, result: GougeResult) -> list[Path]:
 
 def write_reproduction(folder: Path, found) -> list[Path]:
     """The same and the claims, of the paper's experiment."""
-    for words in (*found.main.failures, *(f"restitution 0.3: {words}" for words in found.damped.failures)):
-        console.print(f"[yellow]{words}[/]", highlight=False)
-    return _write(folder, found.main, found.claims)
+    failures = [*found.main.failures, *(f"restitution 0.3: {words}" for words in found.damped.failures)]
+    return _write(folder, found.main, found.claims, failures)
 
 
-def _write(folder: Path, result: GougeResult, claims) -> list[Path]:
+def _write(folder: Path, result: GougeResult, claims, failures=()) -> list[Path]:
     with complete(folder, failures=result.failures) as room:
         save(room, result.scenario, numbers(result))
         _write_series(room / SERIES, result)
@@ -56,7 +55,7 @@ def _write(folder: Path, result: GougeResult, claims) -> list[Path]:
         for name, figure in _figures(result):
             save_figure(figure, room / name)
         if claims is not None:
-            write_claims(room, claims, SHOWS, "Paper 003: fault gouge at a reduced scale")
+            write_claims(room, claims, SHOWS, "Paper 003: fault gouge at a reduced scale", failures)
     return files_of(folder)
 
 

@@ -46,7 +46,7 @@ def _write(folder: Path, result: QuasiResult, claims) -> list[Path]:
         if result.scenario.dynamics.times:
             save_figure(figures.errors(result.tested), room / "fig5_dynamics.png")
         if claims is not None:
-            write_claims(room, claims, SHOWS, "Paper 002: quasi-rigidity")
+            write_claims(room, claims, SHOWS, "Paper 002: quasi-rigidity", result.failures)
     return files_of(folder)
 
 

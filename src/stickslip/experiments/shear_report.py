@@ -47,7 +47,7 @@ def _write(folder: Path, result: ShearResult, claims) -> list[Path]:
             violent = max(later, key=lambda r: r.msd[-1], default=None)
             save_figure(figures.stress_through_failure(shown, violent), room / "fig5_stress.png")
         if claims is not None:
-            write_claims(room, claims, SHOWS, "Paper 001: sheared packings of spheres")
+            write_claims(room, claims, SHOWS, "Paper 001: sheared packings of spheres", result.failures)
     return files_of(folder)
 
 

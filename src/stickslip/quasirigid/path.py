@@ -174,22 +174,29 @@ def _leg(place: Place, law: Law, end: Control, number: int, legs: int, increment
 
 
 def _carrying(place: Place, law: Law, wedge: np.ndarray, load: float) -> tuple[Place, list[Event]]:
-    """The place in which wedged rattlers are grains like the others, and the events that say so."""
-    contacts, loose = place.state.contacts, place.loose.copy()
-    ends = np.concatenate([contacts.i[wedge], contacts.j[wedge]])
-    caught = np.unique(ends[ends < len(loose)])
-    caught = caught[loose[caught]]
-    loose[caught] = False
-    # beside what wedges them, whatever they overlap
-    count, whole = int(contacts.count[0]), np.append(loose, np.zeros(place.state.n_bodies - len(loose), bool))
-    rows = np.flatnonzero(np.isin(contacts.i[:count], caught) | np.isin(contacts.j[:count], caught))
-    rows = rows[~(whole[contacts.i[rows]] | whole[contacts.j[rows]])]
-    wedge = np.union1d(wedge, rows[gaps(place.state, rows)[1] < 0])
-    fresh = place.fresh.copy()
-    fresh[wedge] = True
-    stuck = with_modes(place.state, wedge, STICK)
-    after = place._replace(state=stuck, loose=loose, parted=place.parted & ~fresh, fresh=fresh, wedged=True)
-    return _aside(after, law)[0], [Event(load, RETURNS, int(g), -1) for g in caught]
+    """The place in which wedged rattlers are grains like the others, and the events that say so.
+
+    Others that are wedged then follow, until all that are left have moved aside.
+    """
+    events = []
+    while len(wedge):
+        contacts, loose = place.state.contacts, place.loose.copy()
+        ends = np.concatenate([contacts.i[wedge], contacts.j[wedge]])
+        caught = np.unique(ends[ends < len(loose)])
+        caught = caught[loose[caught]]
+        loose[caught] = False
+        # beside what wedges them, whatever they overlap
+        count, whole = int(contacts.count[0]), np.append(loose, np.zeros(place.state.n_bodies - len(loose), bool))
+        rows = np.flatnonzero(np.isin(contacts.i[:count], caught) | np.isin(contacts.j[:count], caught))
+        rows = rows[~(whole[contacts.i[rows]] | whole[contacts.j[rows]])]
+        wedge = np.union1d(wedge, rows[gaps(place.state, rows)[1] < 0])
+        fresh = place.fresh.copy()
+        fresh[wedge] = True
+        stuck = with_modes(place.state, wedge, STICK)
+        place = place._replace(state=stuck, loose=loose, parted=place.parted & ~fresh, fresh=fresh, wedged=True)
+        place, wedge = _aside(place, law)
+        events += [Event(load, RETURNS, int(g), -1) for g in caught]
+    return place, events
 
 
 def _aside(place: Place, law: Law, start: State | None = None) -> tuple[Place, np.ndarray]:
