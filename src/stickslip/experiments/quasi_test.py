@@ -34,6 +34,7 @@ Report = Callable[[str, float, str], None]
 LOOKED_AT = 60  # points of a path at most whose eigenvalues are computed
 ENUMERATED = 10  # critical contacts up to which all statuses are gone through
 PAIR = 1e-9  # imaginary part, in the largest eigenvalue, above which there is a complex pair
+CLOSED, LEAST = 0.1, 1e-10  # random motion of `table_one`, in the least overlap, and at least: 1e-6 of it is round-off
 COMPARED = 0.95  # of the path's load up to which path and dynamics are compared
 BURST, ALIKE, BEFORE, ASTRAY = 30.0, 0.5, 20, 0.05  # see `collapse`
 
@@ -279,10 +280,11 @@ def components(state: State, law: Law, rows: np.ndarray) -> np.ndarray:
 def table_one(state: State, law: Law, seed: int = 0, size: float = 1e-7) -> dict[str, float]:
     """How well the chain of linear relations of Table I holds in the engine: relative errors of its four lines.
 
-    The engine's contact forces, resultants and velocities before and after a small random motion of all bodies stand
-    beside c, K, S and cᵀ.
+    The engine's contact forces, resultants and velocities before and after a small random motion of all bodies, which
+    opens no contact, stand beside c, K, S and cᵀ.
     """
     m = matrices(state, law)
+    size = min(size, max(CLOSED * float((m.force[:, 0] / m.springs[:, 0, 0]).min()), LEAST))
     loads, _ = forces(state, law)
     outer = np.random.default_rng(seed)
     v = outer.normal(size=len(m.free)) * size

@@ -8,6 +8,7 @@ from .style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, SKY, axes_of, plt, s
 
 SHOWN = 6  # contacts in the cone
 GREY = "#bbbbbb"
+ENDS = {True: "at × where stability is lost", False: "at ○ for another reason"}
 COLORS = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK)  # of samples: neighbours far apart
 
 
@@ -21,7 +22,8 @@ def curves(tested, test: str):
             y = 1.0 if name == "ratio" else scale
             axes.plot(scale * one.curve.strain, y * getattr(one.curve, name), color=color, lw=1.2)
             if not one.path.complete:
-                axes.plot(scale * one.curve.strain[-1], y * getattr(one.curve, name)[-1], "x", color=color, ms=5)
+                last = scale * one.curve.strain[-1], y * getattr(one.curve, name)[-1]
+                axes.plot(*last, "x" if one.path.loses_stability else "o", mfc="none", color=color, ms=5)
             if one.back is not None:
                 axes.plot(scale * one.back.strain, y * getattr(one.back, name), ":", color=color, lw=0.9)
             if one.slow:
@@ -38,8 +40,9 @@ def curves(tested, test: str):
     name = "axial strain" if test == "biaxial" else "shear strain"
     bottom.set(xlabel=rf"{name} $\times 10^{{{power}}}$", ylabel=rf"volumetric strain $\times 10^{{{power}}}$")
     top.legend(loc="best", ncol=2)
-    if any(not one.path.complete for one in tested):
-        top.set_title("paths end at ×, where stability is lost", fontsize=7)
+    ends = {one.path.loses_stability for one in tested if not one.path.complete}
+    if ends:
+        top.set_title("paths end " + ", ".join(words for lost, words in ENDS.items() if lost in ends), fontsize=7)
     return figure
 
 

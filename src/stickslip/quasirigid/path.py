@@ -59,6 +59,11 @@ class Path(NamedTuple):
         return self.verdict is Verdict.CONSISTENT
 
     @property
+    def loses_stability(self) -> bool:
+        """Whether the packing loses its stability where the path ends."""
+        return self.verdict in (Verdict.UNSTABLE, Verdict.NEGATIVE, Verdict.MECHANISM)
+
+    @property
     def summary(self) -> str:
         """How the path ended, in a sentence, and how sure that is."""
         end = "the whole load was reached" if self.complete else self.verdict.value
