@@ -171,7 +171,7 @@ def test_files_of_a_member_travel_when_its_worker_does_not_see_the_folder(tmp_pa
     swept = run_sweep(small(), tmp_path, workers=1)
     for name in swept.names:
         here = {path.name for path in (tmp_path / MEMBERS / name).iterdir()}
-        assert here == {"scenario.json", "results.h5", MEASURES}
+        assert here == {"manifest.json", "scenario.json", "results.h5", MEASURES}
 
 
 def test_a_second_call_runs_what_is_missing_only(tmp_path):

@@ -312,7 +312,8 @@ def test_the_command_line_from_end_to_end(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "fall" in done.stdout
     names = {path.name for path in (tmp_path / "out").iterdir()}
-    assert names == {"fig1_snapshots.png", "fig2_time_series.png", "results.h5", "scenario.json", "series.csv"}
+    figures = {"fig1_snapshots.png", "fig2_time_series.png"}
+    assert names == {*figures, "manifest.json", "results.h5", "scenario.json", "series.csv"}
     numbers = archive.read(tmp_path / "out" / "results.h5")
     table = np.genfromtxt(tmp_path / "out" / "series.csv", delimiter=",", names=True)
     np.testing.assert_allclose(table["kinetic_energy"], numbers["series"]["kinetic_energy"], rtol=1e-8)

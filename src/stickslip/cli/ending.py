@@ -73,7 +73,7 @@ def _spelled(problem: UnicodeError) -> tuple[str, int]:
 def _words(problem: Exception) -> str:
     if isinstance(problem, OSError) and problem.strerror:
         full = problem.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-        remedy = ": what was there before is whole; make room, then stickslip resume goes on with a run" if full else ""
+        remedy = ": what was there before is whole; make room, then a run's own call goes on" if full else ""
         place = f"{problem.filename}: " if problem.filename else ""
         return f"{place}{problem.strerror.lower()}{remedy}"
     return str(problem)

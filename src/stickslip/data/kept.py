@@ -17,6 +17,7 @@ from .whole import replace
 
 # a folder and two files beside the results to come, and the folder of a sweep's members
 UNFINISHED, SCENARIO, SWEEP, MEMBERS = "unfinished", "scenario.json", "sweep.json", "members"
+_NOTE = "scenario-"  # and its digest: of the run whose pieces these are
 
 
 class Kept(NamedTuple):
@@ -47,12 +48,15 @@ class Kept(NamedTuple):
         return self._path(name).is_file()
 
     def announce(self) -> None:
-        """Write the scenario, with which the run can be gone on with and other processes find its folder."""
+        """Write the scenario, with which the run can be gone on with and other processes find its folder.
+
+        Where results of an earlier run stand, theirs stays beside them.
+        """
         self.folder.mkdir(parents=True, exist_ok=True)
-        if not (self.run / SCENARIO).exists():
-            replace(self.run / SCENARIO, self.scenario.encode())
         if not self._note.exists():
             replace(self._note, self.scenario.encode())
+        if not (self.run / SCENARIO).exists():
+            replace(self.run / SCENARIO, self.scenario.encode())
 
     def seen(self) -> "Kept | None":
         """The same, if this process sees the run's folder; a worker on another machine may not."""
@@ -67,7 +71,7 @@ class Kept(NamedTuple):
 
     @property
     def _note(self) -> Path:
-        return self.run / UNFINISHED / f"{hashlib.sha256(self.scenario.encode()).hexdigest()[:16]}.scenario"
+        return self.run / UNFINISHED / f"{_NOTE}{hashlib.sha256(self.scenario.encode()).hexdigest()[:16]}.json"
 
     def save(self, name: str, value: Any) -> None:
         """Write a piece, all or nothing; from here on it is there whatever happens to this process."""
@@ -105,6 +109,11 @@ class Kept(NamedTuple):
 
     def _path(self, name: str) -> Path:
         return self.folder / f"{name}.h5"
+
+
+def under_way(folder: Path) -> Path | None:
+    """The scenario of the run that was begun in a folder and is not finished."""
+    return next(iter(sorted((folder / UNFINISHED).glob(f"{_NOTE}*.json"))), None)
 
 
 def kept_in(folder: Path | None, scenario, *nouns: type) -> Kept | None:

@@ -10,9 +10,9 @@ import xarray as xr
 
 from .. import __version__
 from .keys import field_at
+from .manifest import put
 from .scenario import kind_of
 from .sweep import Axis, Sweep
-from .whole import replace
 
 DATASET = "sweep.nc"
 POINT = "point"  # the dimension along which axes go side by side
@@ -56,7 +56,7 @@ def write_sweep(folder: Path, chosen: Sweep, names: list[str], found: list[dict 
     names, found, failures : of all members in their order: folder; what it left (None if it is not finished) with
         `measures` {name: [value, unit]} and `seconds`; sentence, or nothing
     """
-    replace(folder / DATASET, bytes(dataset(chosen, names, found, failures).to_netcdf(engine="scipy")))
+    put(folder, DATASET, bytes(dataset(chosen, names, found, failures).to_netcdf(engine="scipy")))
 
 
 def dataset(chosen: Sweep, names: list[str], found: list[dict | None], failures: list[str]) -> xr.Dataset:

@@ -7,13 +7,14 @@ from typing import NamedTuple
 import numpy as np
 from rich.table import Table
 
+from ..data.manifest import note_too, put, strange
 from ..figures import rate_state as figures
 from ..figures.style import save as save_figure
 from ..friction.evidence import Comparison, compare
 from ..friction.fit import Fit, fit
 from ..friction.laboratory import data, read_csv
 from ..friction.model import Data
-from .report import STYLE, console
+from .report import STYLE, console, foreign
 
 NUMBERS, FIGURE = "fit.json", "fit.png"
 UNITS = {"dc": "m", "stiffness": "1/m", "trend": "1/m", "v0": "m/s", "damping": "s/m"}
@@ -54,7 +55,11 @@ def fitted(
 def _claim(out: Path, overwrite: bool) -> None:
     if out.exists() and not out.is_dir():
         raise ValueError(f"{out} is a file, not a folder: choose another --out")
-    if (out / NUMBERS).exists() and not overwrite:
+    if overwrite:
+        return
+    if others := strange(out, lambda name: name in (NUMBERS, FIGURE)):
+        raise ValueError(foreign(out, others))
+    if (out / NUMBERS).exists():
         raise ValueError(f"{out} holds the results of a fit: choose another --out, or add --overwrite")
 
 
@@ -132,6 +137,7 @@ def _cells(value: float, low: float, high: float) -> tuple[str, str]:
 def write(out: Path, found: Fitted) -> list[Path]:
     """JSON and figure; returns their paths."""
     out.mkdir(parents=True, exist_ok=True)
-    path = out / NUMBERS
-    path.write_text(as_json(found) + "\n", encoding="utf-8")
-    return [path, save_figure(figures.fitted(found.data, found.fits), out / FIGURE)]
+    put(out, NUMBERS, f"{as_json(found)}\n".encode())
+    save_figure(figures.fitted(found.data, found.fits), out / FIGURE)
+    note_too(out, FIGURE)
+    return [out / NUMBERS, out / FIGURE]

@@ -15,6 +15,7 @@ from ..data.exchange.files import listened, read_sample
 from ..data.exchange.frame import Frame, frame_of
 from ..data.exchange.motion import mode_frames, read_mode
 from ..data.kept import UNFINISHED
+from ..data.manifest import note_too, proven, strange
 from ..data.sample import SampleError
 from ..data.sweep_data import DATASET, is_sweep, open_sweep
 from ..data.units import SI
@@ -27,7 +28,7 @@ from ..figures.style import png
 from ..solve.balance import BALANCED_BELOW, imbalance, unjudged
 from ..solve.damped import Damped
 from . import claims as claims_table
-from .report import CLAIMS, FILM, NUMBERS, files_of
+from .report import CLAIMS, FILM, NUMBERS, PAGE, files_of
 from .stability_report import Settled, causes, judged, law_in_words, modes_of, settled, verdict
 
 SMALL = 500  # grains, up to which the states of a run are searched for one that is unstable
@@ -67,7 +68,15 @@ def seen(
 
 
 def default_path(place: Path, name: str) -> Path:
-    """Where a page or movie goes: into the folder of a run, or beside nothing else here."""
+    """Where a page or movie goes: into the folder of a run, or beside nothing else here.
+
+    Raises
+    ------
+    ValueError
+        with one sentence, if a file of somebody else is there.
+    """
+    if proven(place) and name in strange(place, lambda other: other == name):
+        raise ValueError(f"{place / name} was not written by stickslip, or was changed since: give another --out")
     return place / name if place.is_dir() else Path(f"{place.stem}-{name}")
 
 
@@ -334,7 +343,14 @@ def write_page(shown: Seen, path: Path, *, colour: str | None = None) -> tuple[P
     first = [] if not shown.frames and not shown.without else [("View", view)]
     text = page.page(shown.title, shown.about, [*first, *shown.sections])
     replace(path, text.encode())
+    _note(path)
     return path, words
+
+
+def _note(path: Path) -> None:
+    """A page or movie in the folder of a run belongs to it: the next run replaces or removes it."""
+    if proven(path.parent) and path.name in (PAGE, FILM):
+        note_too(path.parent, path.name)
 
 
 HELP = (
@@ -376,4 +392,5 @@ def write_movie(
     colour = colour or ("speed" if mode is None else DISPLACEMENT)
     with beside(path) as part:
         film.movie(frames, part, labels=labels, mode=chosen, colour=colour, fps=fps, si=shown.si, report=report)
+    _note(path)
     return path

@@ -18,7 +18,8 @@ from rich.text import Text
 from .. import __version__
 from ..core.state import State
 from ..data import archive
-from ..data.kept import SCENARIO, SWEEP, UNFINISHED, finished
+from ..data.kept import SCENARIO, SWEEP, UNFINISHED, finished, kept_in, under_way
+from ..data.manifest import adopt, digest, note, proven, strange
 from ..data.parts import Whole
 from ..data.scenario import read as read_scenario
 from ..data.units import SI
@@ -34,6 +35,7 @@ PAGE, FILM = "report.html", "movie.gif"  # of stickslip report and movie
 SERIES = "series.csv"
 OURS = (SCENARIO, NUMBERS, CLAIMS, NOTES, CHART, MOVIE, SERIES, PAGE, FILM)
 _OURS = re.compile(r"fig\d_\w+\.png|steps_\d+_\d+\.csv|" + "|".join(map(re.escape, OURS)))
+SHOWN = 8  # names of files in a sentence
 STYLE = {"title_justify": "left", "header_style": "bold", "box": SIMPLE_HEAD, "pad_edge": False}
 
 
@@ -48,8 +50,7 @@ class Begun(NamedTuple):
 
 def begin_reproduction(folder: Path, scenario, **arguments) -> None:
     """Note in the folder which paper's run begins there, for `begun`."""
-    (folder / UNFINISHED).mkdir(parents=True, exist_ok=True)
-    replace(folder / SCENARIO, scenario.text.encode())
+    kept_in(folder, scenario).announce()
     replace(folder / UNFINISHED / REPRODUCTION, json.dumps(arguments).encode())
 
 
@@ -67,12 +68,18 @@ def begun(folder: Path) -> Begun | None:
         options = folder / OPTIONS
         figures = noted(options).get("figures", False) if options.is_file() else False
         return Begun(None, sweep=noted(folder / SWEEP), figures=figures)
-    if not (folder / SCENARIO).is_file():
+    _settle(folder)
+    known, arguments = under_way(folder), folder / UNFINISHED / REPRODUCTION
+    if known is None and not (folder / SCENARIO).is_file():
         raise ValueError(f"{folder} holds nothing to go on from: begin with stickslip run SCENARIO --out {folder}")
-    chosen, note = read_scenario(folder / SCENARIO), folder / UNFINISHED / REPRODUCTION
-    if not note.parent.is_dir() and (folder / NUMBERS).is_file():
+    if known is None and (folder / NUMBERS).is_file():
         return None
-    return Begun(chosen, noted(note) if note.is_file() else None)
+    if known and (others := strange(folder, is_ours)):
+        raise ValueError(
+            f"{folder} holds what no run of stickslip wrote, or what was changed since ({_listed(others)}): move it "
+            f"away, then resume goes on"
+        )
+    return Begun(read_scenario(known or folder / SCENARIO), noted(arguments) if arguments.is_file() else None)
 
 
 def noted(path: Path) -> dict:
@@ -86,26 +93,67 @@ def noted(path: Path) -> dict:
 def claim_folder(folder: Path, scenario, *, overwrite: bool = False) -> None:
     """Make sure that results can go to a folder before anything is computed.
 
+    With `overwrite`, what is kept of an unfinished run goes away; results go when those of the new run are complete.
+
     Raises
     ------
     ValueError
-        if it is a file, cannot be written, or holds results of another scenario.
-
-    With `overwrite`, what is kept of an unfinished run goes away.
+        if it is a file, cannot be written, or holds results of another scenario, or files that no run wrote.
     """
-    known = folder / SCENARIO
+    checked(folder)
+    if not folder.is_dir():
+        return
+    _settle(folder)
+    others, known = strange(folder, is_ours), under_way(folder) or folder / SCENARIO
+    if overwrite:
+        _given_up(folder, scenario, others)
+    elif others:
+        raise ValueError(foreign(folder, others))
+    elif known.exists() and known.read_bytes() != scenario.text.encode():
+        what = "an unfinished run" if under_way(folder) else "the results"
+        raise ValueError(f"{folder} holds {what} of another scenario: choose another --out, or add --overwrite")
+
+
+def checked(folder: Path) -> None:
+    """Raise ValueError with one sentence if nothing can be written to a folder."""
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"{folder} is a file, not a folder: choose another --out")
     try:
-        if known.exists() and known.read_bytes() != scenario.text.encode() and not overwrite:
-            what = "the results" if (folder / NUMBERS).exists() else "an unfinished run"
-            raise ValueError(f"{folder} holds {what} of another scenario: choose another --out, or add --overwrite")
-        if folder.exists() and not folder.is_dir():
-            raise ValueError(f"{folder} is a file, not a folder: choose another --out")
         _probe(folder)
-        if overwrite:
-            finished(folder)
-            known.unlink(missing_ok=True)
     except OSError as problem:
         raise ValueError(f"the folder {folder} cannot be written ({problem.strerror}): choose another --out") from None
+
+
+def foreign(folder: Path, names: list[str]) -> str:
+    """The sentence about files that no run wrote."""
+    return (
+        f"{folder} holds what no run of stickslip wrote, or what was changed since ({_listed(names)}): choose another "
+        f"--out, or add --overwrite"
+    )
+
+
+def _given_up(folder: Path, scenario, others: list[str]) -> None:
+    """Say what will go, drop the pieces of another run, and note what may be replaced."""
+    going = sorted({path.name for path in files_of(folder)} | {name for name in others if is_ours(name)})
+    if going:
+        console.print(
+            f"--overwrite: {_listed(going)} in {folder} will be replaced or removed when the new results are complete.",
+            highlight=False, markup=False, soft_wrap=True,
+        )  # fmt: skip
+    if going or under_way(folder):
+        finished(folder)
+        adopt(folder, [name for name in others if is_ours(name)])
+        kept_in(folder, scenario).announce()
+
+
+def _listed(names: list[str]) -> str:
+    """Names in a sentence, the first ones of many."""
+    return ", ".join(names[:SHOWN]) + (f" and {len(names) - SHOWN} more" if len(names) > SHOWN else "")
+
+
+def is_ours(name: str) -> bool:
+    """Whether runs write files of this name."""
+    return _OURS.fullmatch(name) is not None
 
 
 def _probe(folder: Path) -> None:
@@ -222,9 +270,14 @@ def duration(seconds: float) -> str:
 
 @contextmanager
 def complete(folder: Path, *, failures=()):
-    """A room whose files go to the folder at the end, in the place of an earlier run's.
+    """A room whose files go to the folder at the end, in the place of an earlier run's, when all are complete.
 
     The run is finished then, unless members failed: `stickslip resume` tries these again.
+
+    Raises
+    ------
+    RuntimeError
+        with one sentence, where a file of somebody else is in the way; nothing is replaced or removed then.
     """
     folder.mkdir(parents=True, exist_ok=True)
     room = folder / WRITING
@@ -232,20 +285,42 @@ def complete(folder: Path, *, failures=()):
     room.mkdir()
     try:
         yield room
-        for path in files_of(folder):
-            if not (room / path.name).exists():
-                path.unlink()
-        for path in room.iterdir():
-            path.replace(folder / path.name)
-        if not failures:
-            finished(folder)
-    finally:
+        files = {path.name: [digest(path)] for path in room.iterdir()}
+        if others := strange(folder, lambda name: is_ours(name) or name in files):
+            raise RuntimeError(
+                f"{folder} holds what another program wrote there meanwhile ({_listed(others)}): move it away, then "
+                f"stickslip resume {folder} goes on with what is kept"
+            )
+        note(room, files)
+    except BaseException:
         shutil.rmtree(room, ignore_errors=True)
+        raise
+    _settle(folder)
+    if not failures:
+        finished(folder)
+
+
+def _settle(folder: Path) -> None:
+    """Move complete results into their folder; who was killed while doing so is followed by the next one."""
+    room = folder / WRITING
+    new = proven(room)
+    if not new:
+        return
+    old = proven(folder)
+    note(folder, {name: old.get(name, []) + new.get(name, []) for name in old | new})
+    for path in files_of(folder):
+        if path.name not in new:
+            path.unlink()
+    for name in new:
+        if (room / name).exists():
+            (room / name).replace(folder / name)
+    note(folder, new)
+    shutil.rmtree(room, ignore_errors=True)
 
 
 def files_of(folder: Path) -> list[Path]:
     """Files of ours that a folder holds, sorted."""
-    return sorted(path for path in folder.iterdir() if _OURS.fullmatch(path.name))
+    return sorted(path for path in folder.iterdir() if is_ours(path.name))
 
 
 def save(room: Path, scenario, numbers: dict) -> None:

@@ -14,6 +14,7 @@ from .. import __version__
 from ..data.archive import ArchiveError
 from ..data.kept import MEMBERS, SWEEP
 from ..data.kept import finished as drop_pieces
+from ..data.manifest import note_too, put
 from ..data.sweep import Sweep, member, sweep
 from ..data.sweep_data import write_sweep
 from ..data.whole import replace
@@ -128,8 +129,9 @@ def run_sweep(
     """
     folder, names = Path(folder).resolve(), names or judged(chosen)
     (folder / MEMBERS).mkdir(parents=True, exist_ok=True)
-    replace(folder / OPTIONS, json.dumps({"figures": figures}).encode())
-    replace(folder / SWEEP, chosen.text.encode())
+    put(folder, OPTIONS, json.dumps({"figures": figures}).encode())
+    put(folder, SWEEP, chosen.text.encode())
+    note_too(folder, MEMBERS)
     found = [finished(folder / MEMBERS / name) for name in names]
     first = {name: k for k, name in reversed(list(enumerate(names)))}  # a sample may hold a scenario twice
     failures, missing = [""] * len(names), [k for k in first.values() if found[k] is None][::-1]

@@ -8,13 +8,15 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
-from ..data.kept import MEMBERS, SWEEP
+from ..data.kept import MEMBERS, SCENARIO, SWEEP
+from ..data.manifest import strange
 from ..data.sweep import Sweep, differences, member
 from ..data.sweep_data import DATASET
 from ..ensemble import Workers, reach
-from .report import OPTIONS, STYLE, claim_folder, console, noted, progress
+from .report import OPTIONS, STYLE, checked, console, foreign, noted, progress
 from .sweep import MANY, Swept, estimate, finished, judged, run_sweep
 
+OURS = (SWEEP, OPTIONS, DATASET, MEMBERS)
 LISTED = 10  # failures that are listed
 
 
@@ -28,7 +30,7 @@ def simulate(
     confirm : called after count and estimate were shown, if there are more than MANY members; False runs nothing
     """
     where = reach(workers)
-    claim_folder(out, chosen, overwrite=overwrite)
+    _claim(out, overwrite)
     another = _another(out, chosen, overwrite)
     member(chosen, 0)
     console.print(_count(chosen), highlight=False)
@@ -64,6 +66,19 @@ def _count(chosen: Sweep) -> str:
         for group, n in zip(chosen.groups, chosen.shape, strict=True)
     )
     return f"Sweep: {chosen.count} member{'s' if chosen.count > 1 else ''}, {dims}."
+
+
+def _claim(out: Path, overwrite: bool) -> None:
+    """Raise ValueError if a sweep cannot go to a folder: it cannot be written, or holds what no sweep wrote."""
+    checked(out)
+    if (out / SCENARIO).exists() and not (out / SWEEP).exists():
+        raise ValueError(f"{out} holds the results of a run: choose another --out")
+    others = strange(out, lambda name: name in OURS)
+    if others and not overwrite:
+        raise ValueError(foreign(out, others))
+    going = [name for name in OURS if (out / name).exists()]
+    if overwrite and going:
+        console.print(f"--overwrite: {', '.join(going)} in {out} will be replaced.", highlight=False, markup=False)
 
 
 def _another(out: Path, chosen: Sweep, overwrite: bool) -> bool:

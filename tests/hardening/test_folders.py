@@ -1,0 +1,197 @@
+"""Runs replace and remove their own files only, and old results go when new ones are complete."""
+
+import json
+import sys
+from types import SimpleNamespace
+
+import pytest
+
+from stickslip.cli import main
+from stickslip.data import manifest
+from stickslip.experiments import ratestate_report, report
+
+SLIDER = """
+experiment = "rate-state"
+seed = {seed}
+[surface]
+a = 0.0247
+b = 0.0178
+dc = 5.3e-3
+mu0 = 0.4
+v0 = 0.02
+[spring]
+stiffness = 200.0
+[[legs]]
+velocity = 0.02
+distance = 0.02
+[samples]
+number = 50
+"""
+SWEEP = SLIDER.format(seed=0) + '[sweep]\n"surface.a" = [0.02, 0.03]\n'
+NAMES = ("series.csv", "claims.json", "report.html", "movie.gif", "fig1_mine.png", "steps_1_2.csv", "results.h5")
+
+
+@pytest.fixture
+def call(tmp_path, monkeypatch, capsys):
+    """The command line in a folder with two scenarios: called with words, it returns exit code and what was said."""
+    monkeypatch.chdir(tmp_path)
+    for seed in (0, 1):
+        (tmp_path / f"{seed}.toml").write_text(SLIDER.format(seed=seed))
+    (tmp_path / "many.toml").write_text(SWEEP)
+
+    def called(*words):
+        monkeypatch.setattr(sys, "argv", ["stickslip", *words])
+        with pytest.raises(SystemExit) as caught:
+            main()
+        said = capsys.readouterr()
+        return SimpleNamespace(code=caught.value.code, out=" ".join(said.out.split()), err=said.err)
+
+    return called
+
+
+def contents(folder):
+    files = (path for path in folder.rglob("*") if path.is_file())
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("words", [["run", "0.toml"], ["reproduce", "quasi-rigid", "--quick"]], ids=["run", "paper"])
+def test_somebodys_files_stay(call, tmp_path, name, words):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / name).write_text("mine")
+    done = call(*words, "--out", "out")
+    assert done.code == 2
+    assert done.err.count("\n") == 1
+    assert f"what was changed since ({name}): choose another --out, or add --overwrite" in done.err
+    assert contents(tmp_path / "out") == {name: b"mine"}
+
+
+def test_a_folder_without_any_trace_of_a_run_is_left_alone_and_hidden_files_do_not_count(call, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "thesis.tex").write_text("mine")
+    assert "(thesis.tex)" in call("run", "0.toml", "--out", "out").err
+    assert "(thesis.tex)" in call("run", "many.toml", "--out", "out").err
+    (tmp_path / "out" / "thesis.tex").rename(tmp_path / "out" / ".thesis")
+    assert call("run", "0.toml", "--out", "out").code == 0
+    (tmp_path / "out" / "notes.txt").write_text("mine")  # beside results that are proven, names of runs count only
+    assert call("run", "0.toml", "--out", "out").code == 0
+    assert {".thesis", "notes.txt"} < set(contents(tmp_path / "out"))
+
+
+def test_overwrite_names_what_goes_and_leaves_the_rest(call, tmp_path):
+    (tmp_path / "out").mkdir()
+    for name in ("series.csv", "claims.json", "thesis.tex"):
+        (tmp_path / "out" / name).write_text("mine")
+    done = call("run", "0.toml", "--out", "out", "--overwrite")
+    assert done.code == 0
+    assert "--overwrite: claims.json, series.csv in out will be replaced or removed" in done.out
+    now = contents(tmp_path / "out")
+    assert "claims.json" not in now
+    assert now["series.csv"] != b"mine"
+    assert now["thesis.tex"] == b"mine"
+
+
+def test_results_that_were_changed_are_somebodys(call, tmp_path):
+    assert call("run", "0.toml", "--out", "out").code == 0
+    told = json.loads((tmp_path / "out" / "manifest.json").read_text())["files"]
+    assert set(told) == set(contents(tmp_path / "out")) - {"manifest.json"}
+    with open(tmp_path / "out" / "series.csv", "a") as file:
+        file.write("1,2,3\n")
+    before = contents(tmp_path / "out")
+    done = call("run", "0.toml", "--out", "out")
+    assert (done.code, "(series.csv)" in done.err) == (2, True)
+    assert contents(tmp_path / "out") == before
+    (tmp_path / "out" / "manifest.json").write_text("[]")  # and without a manifest nothing is proven
+    assert "(fig1" in call("run", "0.toml", "--out", "out").err
+
+
+def test_what_appears_while_a_run_goes_on_is_not_replaced(call, tmp_path, monkeypatch):
+    simulate = ratestate_report.simulate
+
+    def slowly(chosen, *, folder, **more):
+        (folder / "series.csv").write_text("mine")
+        return simulate(chosen, folder=folder, **more)
+
+    monkeypatch.setattr(ratestate_report, "simulate", slowly)
+    done = call("run", "0.toml", "--out", "out")
+    assert done.code == 1
+    assert "what another program wrote there meanwhile (series.csv): move it away" in done.err
+    assert (tmp_path / "out" / "series.csv").read_text() == "mine"
+    assert not (tmp_path / "out" / "results.h5").exists()
+
+
+@pytest.mark.parametrize("step", ["simulate", "save"])
+def test_overwriting_keeps_the_old_results_until_the_new_ones_are_complete(call, tmp_path, monkeypatch, step):
+    """The run stops while it computes, or while the new files are written: the old ones stand as they were."""
+    assert call("run", "0.toml", "--out", "out").code == 0
+    before = contents(tmp_path / "out")
+
+    def stopped(*_, **__):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as now:
+        now.setattr(ratestate_report, step, stopped)
+        assert call("run", "1.toml", "--out", "out", "--overwrite").code == 130
+    after = contents(tmp_path / "out")
+    assert {name: after[name] for name in before} == before
+    assert call("run", "0.toml", "--out", "out").code == 2  # an unfinished run of another scenario is there
+    assert call("resume", "out").code == 0
+    assert json.loads((tmp_path / "out" / "scenario.json").read_text())["seed"] == 1
+    assert not (tmp_path / "out" / "unfinished").exists()
+
+
+def test_who_is_killed_while_results_are_moved_in_is_followed_by_the_next_call(call, tmp_path, monkeypatch):
+    assert call("run", "0.toml", "--out", "out").code == 0
+    settle = report._settle
+
+    def killed(folder):
+        """Some files are in their places, others are not."""
+        room = folder / report.WRITING
+        if manifest.proven(room):
+            manifest.note(folder, {n: d + manifest.proven(room)[n] for n, d in manifest.proven(folder).items()})
+            (room / "series.csv").replace(folder / "series.csv")
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as now:
+        now.setattr(report, "_settle", killed)
+        assert call("run", "1.toml", "--out", "out", "--overwrite").code == 130
+    assert report._settle is settle
+    assert call("resume", "out").code == 0
+    now, told = contents(tmp_path / "out"), manifest.proven(tmp_path / "out")
+    assert set(now) == {*told, "manifest.json"}
+    assert all(told[name] == [manifest.digest(tmp_path / "out" / name)] for name in told)
+    assert json.loads(now["scenario.json"])["seed"] == 1
+
+
+def test_sweeps_prove_their_files_too(call, tmp_path):
+    (tmp_path / "out" / "members").mkdir(parents=True)
+    (tmp_path / "out" / "members" / "mine").write_text("mine")
+    assert "(members)" in call("run", "many.toml", "--out", "out").err
+    assert contents(tmp_path / "out") == {"members/mine": b"mine"}
+    assert call("run", "many.toml", "--out", "many").code == 0
+    assert call("run", "many.toml", "--out", "many").code == 0
+    (tmp_path / "many" / "sweep.nc").write_text("mine")
+    assert "(sweep.nc)" in call("run", "many.toml", "--out", "many").err
+    assert "holds the results of a sweep" in call("run", "0.toml", "--out", "many", "--overwrite").err
+    assert call("run", "0.toml", "--out", "one").code == 0
+    assert "holds the results of a run" in call("run", "many.toml", "--out", "one", "--overwrite").err
+
+
+def test_pages_belong_to_the_run_in_whose_folder_they_are(call, tmp_path):
+    assert call("run", "0.toml", "--out", "out").code == 0
+    assert call("report", "out").code == 0
+    assert call("report", "out").code == 0
+    assert call("run", "0.toml", "--out", "out").code == 0  # the page was proven, and is out of date now
+    assert not (tmp_path / "out" / "report.html").exists()
+    (tmp_path / "out" / "report.html").write_text("mine")
+    assert "was not written by stickslip" in call("report", "out").err
+    assert (tmp_path / "out" / "report.html").read_text() == "mine"
+
+
+def test_fits_prove_their_files_too(call, tmp_path):
+    assert call("run", "0.toml", "--out", "out").code == 0
+    (tmp_path / "fit").mkdir()
+    (tmp_path / "fit" / "fit.json").write_text("mine")
+    words = ("fit", "out/series.csv", "--stiffness", "200", "--out", "fit")
+    assert "(fit.json)" in call(*words).err
+    assert (tmp_path / "fit" / "fit.json").read_text() == "mine"
