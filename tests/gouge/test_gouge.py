@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 import stickslip as ss
+from stickslip.data import archive
 from stickslip.data.archive import ArchiveError
 from stickslip.data.gouge_scenario import GougeScenario
+from stickslip.experiments.gouge_report import numbers
 from stickslip.loading import gouge_measures as measures
 from stickslip.loading.gouge import BOTTOM, TOP, plate_number, settled, sprung
 from stickslip.loading.gouge_ensemble import MEMBERS, GougeResult, simulate_gouge
@@ -202,12 +204,15 @@ def test_the_energies_of_sliding_balance(ran):
     assert books["viscous"][-1] < 0.2 * spent
 
 
-def test_a_finished_realization_is_not_run_again(ran, monkeypatch):
+def test_a_finished_realization_is_not_run_again(ran, monkeypatch, tmp_path):
     """Neither by the same scenario nor by one that asks for more of them; what cannot be used stops the run."""
     result, folder = ran
     monkeypatch.setattr("stickslip.loading.gouge_ensemble.realization", refuse)
     again = simulate_gouge(small(realizations=2), folder=folder, workers=1)
     assert again.reused == 2
+    for name, found in (("ran", result), ("read", again)):
+        archive.write(tmp_path / f"{name}.h5", numbers(found))
+    assert (tmp_path / "ran.h5").read_bytes() == (tmp_path / "read.h5").read_bytes()
     for one, other in zip(result.realizations, again.realizations, strict=True):
         assert (one.tests[-1].series.friction == other.tests[-1].series.friction).all()
         assert one.states["end"].control.leads.dtype == other.states["end"].control.leads.dtype

@@ -2,7 +2,8 @@
 
 Schema 4. Groups and datasets mirror nested dictionaries, tuples and NamedTuples; a group that was a NamedTuple carries
 its name in the attribute `noun`. The root has the attributes `schema`, `stickslip` and `versions` (of what computed
-it), and `scenario` (canonical text); no times of day and no names of machines. Contact lists are stored up to their
+it), and `scenario` (canonical text); no times of day and no names of machines. Entries are written in the order of
+their names, so that bytes do not depend on whether a part was computed or read. Contact lists are stored up to their
 count, with all of their memory. Datasets have the attribute `units` where they are known.
 
 A file is made in memory, written beside its place and then renamed: whoever is killed, or finds the disk full, leaves
@@ -61,7 +62,7 @@ def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = ""
     with h5py.File(uuid.uuid4().hex, "w", **memory) as file:
         file.attrs["schema"], file.attrs["scenario"], file.attrs["stickslip"] = SCHEMA, scenario, version
         file.attrs["versions"] = versions()
-        for name, value in tree.items():
+        for name, value in sorted(tree.items()):
             _put(file, name, value, si)
         file.flush()
         image = file.id.get_file_image()
@@ -155,7 +156,7 @@ def _put(group, name: str, value, si: bool, noun: str | None = None) -> None:
     if hasattr(value, "_asdict"):
         child = group.create_group(name)
         child.attrs["noun"] = noun = type(value).__name__
-        for key, item in value._asdict().items():
+        for key, item in sorted(value._asdict().items()):
             _put(child, key, item, si, noun)
         if isinstance(value, Law) and isinstance(value.kind, Kind):
             _put(child, "own", described(value), si)
@@ -164,8 +165,9 @@ def _put(group, name: str, value, si: bool, noun: str | None = None) -> None:
         numbers = [key for key in value if not isinstance(key, str)]
         if numbers:
             child.attrs["keys"] = type(numbers[0]).__name__
-        for key, item in value.items():
-            _put(child, key if isinstance(key, str) else repr(key), item, si)
+        named = {key if isinstance(key, str) else repr(key): item for key, item in value.items()}
+        for key, item in sorted(named.items()):
+            _put(child, key, item, si)
     elif isinstance(value, tuple | list) and not _plain(value):
         child = group.create_group(name)
         child.attrs["sequence"] = type(value).__name__
