@@ -24,7 +24,7 @@ def folder(tmp_path_factory):
 
 def test_the_example_writes_what_it_says(folder):
     names = {path.name for path in folder.iterdir()}
-    assert names == {"fig1_history.png", "results.h5", "scenario.json", "series.csv"}
+    assert names == {"fig1_history.png", "manifest.json", "results.h5", "scenario.json", "series.csv"}
     numbers = archive.read(folder / "results.h5")
     assert numbers["history"]["friction"].shape == numbers["recorded"].shape
     assert read(folder / "scenario.json") == read(EXAMPLE)
@@ -37,7 +37,7 @@ def test_the_series_fitted_again_gives_the_parameters(folder, tmp_path):
     found = json.loads(run.stdout)
     written = json.loads((tmp_path / "fit" / "fit.json").read_text())
     assert {key: found[key] for key in written} == written
-    assert {path.name for path in (tmp_path / "fit").iterdir()} == {"fit.json", "fit.png"}
+    assert {path.name for path in (tmp_path / "fit").iterdir()} == {"fit.json", "fit.png", "manifest.json"}
     slip = found["fits"]["slip"]
     for name, true in (("a", 0.0247), ("b", 0.0178), ("dc", 5.3e-3), ("mu0", 0.4)):  # the example's, paper 003's
         assert abs(slip["values"][name] - true) < 4 * slip["errors"][name], name

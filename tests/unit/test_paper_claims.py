@@ -9,6 +9,8 @@ from stickslip.experiments import disk_claims, disk_measures, quasi_claims, shea
 from stickslip.experiments.claims import NO_REFERENCE, NOT_REPRODUCED, REFUTED, REPRODUCED, UNDECIDED, for_quick_run
 from stickslip.loading.fronts import front
 from stickslip.loading.protocols import Growth
+from stickslip.quasirigid.path import Path
+from stickslip.quasirigid.status import Verdict
 
 RATE, FREQUENCY = 1e-3, 0.5
 
@@ -91,7 +93,8 @@ def test_a_run_that_still_grows_has_lost_nothing_yet():
 
 
 def sample(end: float, verdict: str, collapse: float | None):
-    return Made(path=Made(points=[Made(load=end)], verdict=Made(name=verdict)), collapse=collapse)
+    path = Path((Made(load=end),), (), Verdict[verdict], (), 0, None)
+    return Made(path=path, collapse=collapse)
 
 
 @pytest.mark.parametrize(
@@ -101,7 +104,7 @@ def sample(end: float, verdict: str, collapse: float | None):
         (sample(0.5, "NEGATIVE", None), 1.1, np.inf),  # dynamics passed the end by a tenth
         (sample(0.98, "UNSTABLE", None), 1 / 0.98, np.inf),  # and came to the whole load
         (sample(1.0, "CONSISTENT", 0.9), 0.0, 0.9),  # the path goes on
-        (sample(0.5, "CIRCLES", 0.4), 0.0, 0.8),
+        (sample(0.5, "NOT_FOUND", 0.4), 0.0, 0.8),
         (sample(1.0, "CONSISTENT", None), 0.0, np.inf),
         (sample(0.0, "UNSTABLE", None), 0.0, np.inf),
     ],

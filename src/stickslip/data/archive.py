@@ -26,6 +26,7 @@ import numpy as np
 from ..core.kinds import Kind, described, recalled
 from ..core.laws import Law
 from ..core.state import Cell, Contacts, Control, Grains, Instant, State, Walls
+from .sound import sound
 from .units import unit_of
 from .whole import replace
 
@@ -220,7 +221,8 @@ def _take(item, known: dict):
     noun = known.get(item.attrs.get("noun"))
     if noun is Law and "own" in tree:
         tree["kind"] = _recalled(tree["kind"], tree.pop("own"))
-    return noun(**tree) if noun else tree
+    made = noun(**tree) if noun else tree
+    return sound(made) if noun is State else made
 
 
 def _recalled(kind: int, about: dict) -> Kind:

@@ -55,6 +55,26 @@ def _checksum(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
 
 
+def sealed(tables: dict) -> dict:
+    """Tables written by hand, in which a law's file gets its checksum; the law is made and judged at once."""
+    law = tables.get("law")
+    if not isinstance(law, dict) or not isinstance(law.get("file"), str) or "checksum" in law:
+        return tables
+    path = Path(law["file"]).absolute()
+    law_from_file(path)
+    return tables | {"law": law | {"file": str(path), "checksum": _checksum(path)}}
+
+
+def check_sealed(tables: dict, path: Path) -> None:
+    """Raise ScenarioError if text that a run is said to have left names a law's file without its checksum."""
+    law = tables.get("law")
+    if isinstance(law, dict) and law.get("file") is not None and "checksum" not in law:
+        raise ScenarioError(
+            f"{path} names law.file = {law['file']} without its checksum, which every run writes: it would be run "
+            f"unseen; give a scenario in TOML that names it"
+        )
+
+
 def law_in(choice: LawFile) -> Law:
     """The law of the file that a scenario names; ScenarioError if the file is not the one that was named."""
     path = Path(choice.file)

@@ -10,7 +10,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 
 from .flow_scenario import FlowScenario
 from .gouge_scenario import GougeScenario
-from .law_file import LawFile
+from .law_file import LawFile, check_sealed
 from .parts import (
     Duration,
     Finite,
@@ -314,7 +314,7 @@ def tables_of(path: str | Path) -> dict:
     path = Path(path)
     try:
         text = path.read_text(encoding="utf-8")
-        return json.loads(text) if path.suffix == ".json" else _placed(tomllib.loads(text), path.parent)
+        tables = json.loads(text) if path.suffix == ".json" else _placed(tomllib.loads(text), path.parent)
     except OSError as problem:
         raise ScenarioError(
             f"the scenario {path} cannot be read ({problem.strerror}): give the path of a TOML file"
@@ -325,6 +325,15 @@ def tables_of(path: str | Path) -> dict:
         raise ScenarioError(f"the scenario {path} is not valid TOML: {problem}") from None
     except json.JSONDecodeError as problem:
         raise ScenarioError(f"the scenario {path} is not valid JSON: {problem}") from None
+    except RecursionError:
+        raise ScenarioError(
+            f"the scenario {path} is nested too deeply: tables of a scenario are five deep at most"
+        ) from None
+    if not isinstance(tables, dict):
+        raise ScenarioError(f"the scenario {path} holds {type(tables).__name__}, not an object: give that of a run")
+    if path.suffix == ".json":
+        check_sealed(tables, path)
+    return tables
 
 
 def _placed(tables: dict, folder: Path) -> dict:

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .keys import field_at, put
+from .law_file import sealed
 from .parts import ScenarioError
 from .scenario import AnyScenario, kind_of, scenario, tables_of
 
@@ -99,6 +100,7 @@ def sweep(**tables) -> Sweep:
     >>> both.count, [one.values for one in members(both)][1]
     (6, {'surface.a': 0.01, 'seed': 1})
     """
+    tables = sealed(tables)
     base, table = {k: v for k, v in tables.items() if k != "sweep"}, tables.get("sweep")
     if not isinstance(table, dict):
         raise ScenarioError("a sweep needs a table [sweep] of keys with lists of values or distributions")
@@ -109,6 +111,8 @@ def sweep(**tables) -> Sweep:
         raise ScenarioError('[sweep] holds no key: give one, such as "law.mu" = [0.2, 0.4]')
     for key in entries:
         field_at(kind, key)
+        if key in ("law.file", "law.checksum"):
+            raise ScenarioError(f"sweep.{key} was given: a law's file cannot be swept, make a sweep for each")
     axes = tuple(_axis(key, told, base, mode, number, seed) for key, told in entries.items())
     if mode == "sample":
         axes = _sampled(axes, number, seed)

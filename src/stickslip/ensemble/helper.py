@@ -44,9 +44,11 @@ class Helper:
     def __init__(self):
         # the cores are shared out already: BLAS and Numba get one thread each
         paths = os.pathsep.join(path for path in sys.path if path)
-        environment = os.environ | dict.fromkeys(ONE_CORE, "1") | {"PYTHONPATH": paths}
+        environment = os.environ | dict.fromkeys(ONE_CORE, "1") | {"PYTHONPATH": paths, "PYTHONSAFEPATH": "1"}
+        # a folder that someone works in may hold a random.py: it comes last, for functions of an interactive session
+        here = [os.getcwd()] if "" in sys.path else []
         self.process = subprocess.Popen(
-            [sys.executable, "-c", "from stickslip.ensemble.helper import serve; serve()"],
+            [sys.executable, "-P", "-c", "from stickslip.ensemble.helper import serve; serve()", *here],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env=environment,
@@ -115,7 +117,11 @@ def _exactly(stream, size: int) -> bytes:
 
 
 def serve() -> None:
-    """Do tasks until there is nobody left to ask for them; what they print goes to stderr."""
+    """Do tasks until there is nobody left to ask for them; what they print goes to stderr.
+
+    Arguments of the process are folders to import from, after all others.
+    """
+    sys.path += sys.argv[1:]
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     asked = queue.SimpleQueue()

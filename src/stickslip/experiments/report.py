@@ -19,6 +19,7 @@ from .. import __version__
 from ..core.state import State
 from ..data import archive
 from ..data.kept import SCENARIO, SWEEP, UNFINISHED, finished, kept_in, under_way
+from ..data.law_file import check_sealed
 from ..data.manifest import adopt, digest, note, proven, strange
 from ..data.parts import Whole
 from ..data.scenario import read as read_scenario
@@ -67,7 +68,9 @@ def begun(folder: Path) -> Begun | None:
     if (folder / SWEEP).is_file():
         options = folder / OPTIONS
         figures = noted(options).get("figures", False) if options.is_file() else False
-        return Begun(None, sweep=noted(folder / SWEEP), figures=figures)
+        tables = noted(folder / SWEEP)
+        check_sealed(tables, folder / SWEEP)
+        return Begun(None, sweep=tables, figures=figures)
     _settle(folder)
     known, arguments = under_way(folder), folder / UNFINISHED / REPRODUCTION
     if known is None and not (folder / SCENARIO).is_file():
@@ -85,9 +88,11 @@ def begun(folder: Path) -> Begun | None:
 def noted(path: Path) -> dict:
     """What a file of JSON holds; ValueError with one sentence, if it is damaged."""
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except ValueError:
-        raise ValueError(f"{path} is damaged: begin again, with --overwrite") from None
+        if isinstance(found := json.loads(path.read_text(encoding="utf-8")), dict):
+            return found
+    except (ValueError, RecursionError):
+        pass
+    raise ValueError(f"{path} is damaged: begin again, with --overwrite")
 
 
 def claim_folder(folder: Path, scenario, *, overwrite: bool = False) -> None:

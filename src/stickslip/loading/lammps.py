@@ -163,7 +163,7 @@ def _child(*words: str, folder: Path | None = None, processes: int = 1) -> subpr
     beside = f"{sys.prefix}/lib:{os.environ.get('LD_LIBRARY_PATH', '')}"
     before = [_mpirun(), "-np", str(processes)] if processes > 1 else []
     return subprocess.run(
-        [*before, sys.executable, "-c", CHILD, *words], cwd=folder, capture_output=True, text=True,
+        [*before, sys.executable, "-P", "-c", CHILD, *words], cwd=folder, capture_output=True, text=True,
         env=os.environ | {"LD_LIBRARY_PATH": beside, "OMP_NUM_THREADS": "1"},
     )  # fmt: skip
 

@@ -1,0 +1,109 @@
+"""States from files, judged before compiled code sees them: it looks up what indices say and asks no questions."""
+
+import numpy as np
+
+from ..core.neighbors import keys_of
+from ..core.state import OPEN, SLIDE, STICK, Cell, Contacts, Control, Grains, Instant, State, Walls
+
+# shapes by entry, in grains n, walls w, bodies b, contacts c and the numbers of knots and courses; None: any
+_FLOAT, _WHOLE, _BOOL = "f", "iu", "b"
+_SHAPES = {
+    Grains: {
+        **dict.fromkeys(("position", "angle", "velocity", "spin"), (_FLOAT, "n", 3)),
+        **dict.fromkeys(("radius", "mass", "inertia"), (_FLOAT, "n")),
+        "material": (_WHOLE, "n"),
+    },
+    Walls: {
+        **dict.fromkeys(("point", "normal", "velocity"), (_FLOAT, "w", 3)),
+        "mass": (_FLOAT, "w"),
+        "material": (_WHOLE, "w"),
+    },
+    Cell: {"vectors": (_FLOAT, 3, 3), "periodic": (_BOOL, 3), "rate": (_FLOAT, 3, 3)},
+    Contacts: {
+        **dict.fromkeys(("i", "j", "key", "mode"), (_WHOLE, "c")),
+        **dict.fromkeys(("slip", "pair", "roll"), (_FLOAT, "c", 3)),
+        "image": (_WHOLE, "c", 3),
+        "reached": (_BOOL, "c"),
+        "origin": (_FLOAT, "b", 3),
+        "skin": (_FLOAT, None),
+        "count": (_WHOLE, 1),
+        "rolling": (_FLOAT, None, 7),
+    },
+    Control: {
+        **dict.fromkeys(("force", "torque", "spring", "anchor"), (_FLOAT, "b", 3)),
+        **dict.fromkeys(("cell_rate", "stress"), (_FLOAT, 3, 3)),
+        "free": (_BOOL, "b", 6),
+        "rate": (_FLOAT, "b", 6),
+        "gravity": (_FLOAT, 3),
+        "group": (_WHOLE, "b"),
+        "cell_free": (_BOOL, 3, 3),
+        "knots": (_FLOAT, "k"),
+        "course": (_FLOAT, "k", None),
+        "follows": (_WHOLE, "b", 6),
+        "cell_follows": (_WHOLE, 3, 3),
+        "leads": (_WHOLE, "b", 3),
+    },
+    Instant: {"force": (_FLOAT, "b", 6), "pull": (_FLOAT, 3, 3)},
+}
+
+
+def sound(state: State) -> State:
+    """The state, if all of its arrays have the shapes and types that they need, and its indices point at what is there.
+
+    Raises
+    ------
+    ValueError
+        with one sentence that names the entry.
+    """
+    nouns = {Grains: state.grains, Walls: state.walls, Cell: state.cell, Control: state.control}
+    nouns |= {Contacts: state.contacts} | ({Instant: state.instant} if state.instant is not None else {})
+    for kind, noun in nouns.items():
+        if not isinstance(noun, kind):
+            raise ValueError(f"a state without {kind.__name__.lower()}")
+    sizes = {name: len(np.atleast_1d(array)) for name, array in (
+        ("n", state.grains.radius), ("w", state.walls.mass), ("c", state.contacts.i), ("k", state.control.knots),
+    )}  # fmt: skip
+    sizes["b"] = sizes["n"] + sizes["w"]
+    for kind, noun in nouns.items():
+        for name, (types, *shape) in _SHAPES[kind].items():
+            _check_array(
+                f"{kind.__name__.lower()}.{name}", getattr(noun, name), types, [sizes.get(s, s) for s in shape]
+            )
+    if state.cell.dim not in (2, 3):
+        raise ValueError(f"a cell of {state.cell.dim} dimensions")
+    _check_indices(state)
+    return state
+
+
+def _check_array(name: str, array, types: str, shape: list) -> None:
+    if not isinstance(array, np.ndarray) or array.dtype.kind not in types:
+        raise ValueError(f"{name} is of type {getattr(array, 'dtype', type(array).__name__)}")
+    if array.ndim != len(shape) or any(s not in (None, got) for s, got in zip(shape, array.shape, strict=True)):
+        wanted = ", ".join("any" if s is None else str(s) for s in shape)
+        raise ValueError(f"{name} has the shape {array.shape} where ({wanted}) is needed")
+
+
+def _check_indices(state: State) -> None:
+    contacts, control, n, bodies = state.contacts, state.control, len(state.grains.radius), state.n_bodies
+    columns = control.course.shape[1]
+    bounds = {
+        "contacts.count": (contacts.count, len(contacts.i), len(contacts.i)),
+        "contacts.i": (contacts.i, 0, n - 1),
+        "contacts.j": (contacts.j, 0, bodies - 1),
+        "contacts.mode": (contacts.mode, min(OPEN, STICK, SLIDE), max(OPEN, STICK, SLIDE)),
+        "grains.material": (state.grains.material, 0, None),
+        "walls.material": (state.walls.material, 0, None),
+        "control.group": (control.group, -1, bodies),
+        "control.follows": (control.follows, -1, columns - 1),
+        "control.cell_follows": (control.cell_follows, -1, columns - 1),
+        "control.leads": (control.leads, -1, columns - 1),
+    }
+    for name, (array, low, high) in bounds.items():
+        if array.size and (array.min() < low or (high is not None and array.max() > high)):
+            raise ValueError(f"{name} holds {array.min()} to {array.max()}, which is beyond {low} to {high}")
+    if len(contacts.rolling) not in (0, len(contacts.i)):
+        raise ValueError(f"contacts.rolling has {len(contacts.rolling)} rows for {len(contacts.i)} contacts")
+    if len(contacts.skin) not in (1, 2):
+        raise ValueError(f"contacts.skin has {len(contacts.skin)} entries")
+    if not np.array_equal(keys_of(contacts), contacts.key) or (np.diff(contacts.key) <= 0).any():
+        raise ValueError("contacts are out of order, or their keys are those of others")

@@ -1,0 +1,88 @@
+"""Files whose checksum is right and whose indices are not: a sentence, and no compiled code looks beyond an array."""
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.data import archive
+from stickslip.data.sound import sound
+from tests.conftest import make_law, make_packing, stirred
+
+NOUNS = ("grains", "walls", "cell", "contacts", "control")
+
+
+@pytest.fixture(scope="module")
+def state():
+    law = make_law("hertz_mindlin", "sharp", damping_n=0.1)
+    start = stirred(make_packing(3), law, np.random.default_rng(0))
+    return ss.run(start, law, 5, 0.01)[0]
+
+
+def entries(state, kinds):
+    """(noun, entry) of all arrays of some kinds of types that hold something."""
+    for noun in NOUNS:
+        part = getattr(state, noun)
+        for name in part._fields:
+            array = np.asarray(getattr(part, name))
+            if array.dtype.kind in kinds and array.size and array.ndim:
+                yield noun, name
+
+
+def changed(state, noun, name, array):
+    part = getattr(state, noun)
+    return state._replace(**{noun: part._replace(**{name: array})})
+
+
+def test_a_sound_state_comes_back(state, tmp_path):
+    archive.write(tmp_path / "a.h5", {"state": state})
+    back = archive.read(tmp_path / "a.h5")["state"]
+    assert np.array_equal(back.contacts.i, state.contacts.i[: state.contacts.count[0]])
+    for dim in (2, 3):
+        assert sound(make_packing(dim)).cell.dim == dim
+
+
+@pytest.mark.parametrize("value", [-2, 10**4, 10**9])
+@pytest.mark.parametrize(
+    "entry",
+    [
+        "contacts.i", "contacts.j", "contacts.mode", "control.group", "control.follows", "control.leads",
+        "control.cell_follows", "grains.material", "walls.material",
+    ],
+)  # fmt: skip
+def test_indices_out_of_range_are_refused(state, tmp_path, entry, value):
+    noun, name = entry.split(".")
+    array = np.array(getattr(getattr(state, noun), name))
+    if value > np.iinfo(array.dtype).max:
+        pytest.skip("such a number does not fit")
+    array.flat[0] = value
+    bad = changed(state, noun, name, array)
+    if name == "material" and value > 0:  # there are laws with any number of materials: this one is asked when it acts
+        with pytest.raises(ValueError, match="material"):
+            ss.forces(sound(bad), make_law("hertz_mindlin", "sharp"))
+        return
+    archive.write(tmp_path / "bad.h5", {"state": bad})
+    with pytest.raises(archive.ArchiveError, match=r"cannot be read as an archive .*beyond"):
+        archive.read(tmp_path / "bad.h5")
+
+
+def test_contacts_of_others_are_refused(state):
+    contacts = archive.trimmed(state.contacts)
+    for name in ("i", "j", "image", "key"):
+        array = np.array(getattr(contacts, name))
+        array[0] = array[-1] + 1
+        assert not np.array_equal(array, getattr(contacts, name))
+        with pytest.raises(ValueError, match=r"out of order|contacts\.[ij] holds"):
+            sound(state._replace(contacts=contacts._replace(**{name: array})))
+    with pytest.raises(ValueError, match=r"contacts.count"):
+        sound(state._replace(contacts=contacts._replace(count=contacts.count + 1)))
+
+
+def test_shapes_and_types_that_are_wrong_are_refused(state):
+    state = state._replace(contacts=archive.trimmed(state.contacts))
+    for noun, name in entries(state, "iufb"):
+        array = np.asarray(getattr(getattr(state, noun), name))
+        for bad in (array[:-1], array[..., None], array.astype(complex)):
+            if bad.shape == array[:-1].shape and (noun, name) in {("contacts", "skin")}:
+                continue
+            with pytest.raises(ValueError, match=r"\.|row"):
+                sound(changed(state, noun, name, np.ascontiguousarray(bad)))
