@@ -1,13 +1,16 @@
 """Many runs on a real Dask cluster of separate processes, which are killed in the middle."""
 
+import contextlib
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
 
 import pytest
 
+from stickslip.ensemble import cluster as cluster_room
 from stickslip.ensemble import reach, run_members
 from stickslip.ensemble.cluster import connected
 from tests.many import tasks
@@ -105,6 +108,32 @@ def test_a_kernel_that_keeps_the_interpreter_does_not_cost_the_worker(cluster):
     found = run_members(tasks.hold, [(15,), (15,)], workers=cluster.address)
     assert [m.result for m in found] == [15, 15]
     assert reach(cluster.address).slots == 2
+
+
+@pytest.mark.parametrize("says", [b"", b"HTTP/1.0 400 Bad Request\r\n\r\n"], ids=["mute", "http"])
+def test_a_port_at_which_somebody_else_listens_is_given_up(monkeypatch, says):
+    monkeypatch.setattr(cluster_room, "PATIENCE", 1.0)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def answer():
+            with contextlib.suppress(OSError):
+                while True:
+                    one, _ = server.accept()
+                    held.append(one)
+                    if says:
+                        one.sendall(says)
+
+        held = []
+        threading.Thread(target=answer, daemon=True).start()
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        with pytest.raises(ValueError, match="no Dask scheduler answers at") as caught:
+            reach(address)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_protocol_of_no_scheduler_is_refused():
+    with pytest.raises(ValueError, match="its protocol is http, not tcp"):
+        reach("http://127.0.0.1:8786")
 
 
 def test_a_scheduler_file_that_is_still_being_written_is_waited_for(tmp_path):

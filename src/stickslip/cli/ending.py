@@ -3,6 +3,7 @@
 import codecs
 import errno
 import json
+import os
 import sys
 import unicodedata
 from contextlib import contextmanager
@@ -48,6 +49,10 @@ def main() -> None:
             stream.reconfigure(errors="spelled")
     try:
         code = app(prog_name="stickslip", standalone_mode=False)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        _silent()  # who read has heard enough
+        sys.exit(1)
     except (ValueError, OSError) as problem:
         _fail(_words(problem), 2)
     except RuntimeError as problem:
@@ -74,9 +79,17 @@ def _words(problem: Exception) -> str:
     if isinstance(problem, OSError) and problem.strerror:
         full = problem.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
         remedy = ": what was there before is whole; make room, then a run's own call goes on" if full else ""
+        if full and not problem.filename:
+            _silent()
+            return f"standard output cannot be written ({problem.strerror.lower()}): send it elsewhere"
         place = f"{problem.filename}: " if problem.filename else ""
         return f"{place}{problem.strerror.lower()}{remedy}"
     return str(problem)
+
+
+def _silent() -> None:
+    """Say no more on standard output, which cannot be written: what is left in its buffer goes nowhere."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _fail(sentence: str, code: int, answer: dict | None = None) -> None:

@@ -4,6 +4,7 @@ On a worker of the cluster every task runs in a process of its own (`helper`), s
 interpreter's lock, never keep the worker from telling its scheduler that it is alive.
 """
 
+import asyncio
 import json
 import logging
 import os
@@ -11,6 +12,7 @@ import queue
 import socket
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from itertools import islice
 from uuid import uuid4
@@ -19,6 +21,7 @@ from ..extras import needed
 from .helper import Helper, WorkerDiedError, ready, sentence
 from .local import TRIES
 
+PROTOCOLS = ("tcp", "tls", "ws", "wss", "ucx", "inproc")
 PATIENCE = 10.0  # for the scheduler's first answer [s]
 PAUSE = 1.0  # at least, between two words of one task: a scheduler hears of many [s]
 LOOK = 2.0  # between two looks at the cluster [s]
@@ -70,19 +73,40 @@ def _written(path: str, tries: int = 10):
 
 
 def _answering(address: str) -> str:
-    """The address, or the one in a JSON file, after a look whether anybody listens: a client would try for long."""
+    """The address, or the one in a JSON file, after a scheduler has answered there: a client would try for long."""
     if address.endswith(".json"):
         if not os.path.exists(address):
             raise OSError("there is no such file")
         address = str(_written(address)["address"])
     kind, found, host = address.rpartition("://")
-    if found and kind not in ("tcp", "tls"):
-        return address
-    name, colon, port = host.rpartition(":")
-    if not colon or not port.isdigit():
+    if found and kind not in PROTOCOLS:
+        raise ValueError(f"its protocol is {kind}, not {', '.join(PROTOCOLS)}")
+    name, _, port = host.rpartition(":")
+    if kind != "inproc" and not port.isdigit():
         raise ValueError("it has no port")
-    with socket.create_connection((name.strip("[]"), int(port)), timeout=PATIENCE):
-        return address
+    if kind in ("", "tcp", "tls"):  # where nobody listens is known at once
+        socket.create_connection((name.strip("[]"), int(port)), timeout=PATIENCE).close()
+    try:
+        with ThreadPoolExecutor(1) as apart:  # a loop may be running already, as in notebooks
+            kind = apart.submit(asyncio.run, asyncio.wait_for(_identity(address), PATIENCE)).result()["type"]
+    except TimeoutError:
+        raise OSError(f"who listens there says nothing for {PATIENCE:g} s") from None
+    except Exception:  # whatever another program's words look like, when they are read as those of a scheduler
+        raise ValueError("what listens there is no scheduler") from None
+    if kind != "Scheduler":
+        raise ValueError(f"a {kind} of Dask listens there")
+    return address
+
+
+async def _identity(address: str) -> dict:
+    """What whoever listens at an address says of itself."""
+    core, security = needed("distributed.core", "cluster"), needed("distributed.security", "cluster")
+    comm = await core.connect(address, timeout=PATIENCE, **security.Security().get_connection_args("client"))
+    try:
+        await comm.write({"op": "identity", "reply": True})
+        return dict(await comm.read())
+    finally:
+        comm.abort()
 
 
 def spread(packed, address, keep, heard) -> None:

@@ -1,0 +1,31 @@
+"""Standard output that cannot be written, or that nobody reads any more."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+pytestmark = pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is always full")
+
+
+@pytest.mark.parametrize(
+    "words", [["--help"], ["cite", "--json", "examples/rate_state.toml"], ["doctor", "--nonsense"]]
+)
+def test_a_full_device_is_told_in_a_sentence(words):
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "stickslip", *words], stdout=full, stderr=subprocess.PIPE, text=True
+        )
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+    assert ("standard output cannot be written (no space" in done.stderr) == (words[0] != "doctor")
+
+
+def test_a_pipe_that_is_closed_is_no_traceback():
+    read, write = os.pipe()
+    os.close(read)
+    done = subprocess.run(
+        [sys.executable, "-m", "stickslip", "--help"], stdout=write, stderr=subprocess.PIPE, text=True
+    )
+    os.close(write)
+    assert (done.returncode, done.stderr) == (1, "")
