@@ -195,3 +195,12 @@ def test_fits_prove_their_files_too(call, tmp_path):
     words = ("fit", "out/series.csv", "--stiffness", "200", "--out", "fit")
     assert "(fit.json)" in call(*words).err
     assert (tmp_path / "fit" / "fit.json").read_text() == "mine"
+
+
+def test_names_with_brackets_are_shown_as_they_are(call, tmp_path):
+    done = call("run", "0.toml", "--out", "o[red]")
+    assert "o[red]/results.h5" in done.out
+    (tmp_path / "p[bold]").mkdir()
+    (tmp_path / "p[bold]" / "claims.json").write_text("mine")
+    assert "p[bold] holds" in call("run", "0.toml", "--out", "p[bold]").err
+    assert "claims.json in p[bold] will be" in call("run", "0.toml", "--out", "p[bold]", "--overwrite").out

@@ -133,7 +133,8 @@ def test_colours_and_live_lines_are_for_terminals(monkeypatch):
         def isatty(self):
             return True
 
-    console = report.Console(file=io.StringIO(), force_terminal=True, width=60)  # a pipe with FORCE_COLOR
+    # a pipe with FORCE_COLOR
+    console = report.Console(file=io.StringIO(), force_terminal=True, width=60, markup=False, highlight=False)
     monkeypatch.setattr(report, "console", console)
     monkeypatch.setattr(report, "LINES", 0.0)
     with report.progress() as tell:

@@ -50,7 +50,7 @@ def report(
 
     def show() -> None:
         for line in words:
-            report.console.print(line, style="yellow", markup=False, highlight=False)
+            report.console.print(line, style="yellow")
 
     ended(
         lambda: answers.common("report", files=[path]) | {"notes": words}, [path], show, quiet=quiet, as_json=as_json
@@ -100,7 +100,7 @@ def movie(
 
     def show() -> None:
         for line in words:
-            report.console.print(line, style="yellow", markup=False, highlight=False)
+            report.console.print(line, style="yellow")
 
     ended(
         lambda: answers.common("movie", files=[path]) | {"notes": words}, [path], show, quiet=quiet, as_json=as_json

@@ -169,7 +169,7 @@ def convert(
 
     def show() -> None:
         for line in words:
-            report.console.print(line, style="yellow", markup=False)
+            report.console.print(line, style="yellow")
 
     answer = lambda: answers.common("convert", files=paths) | {"notes": words}  # noqa: E731
     ended(answer, paths, show, quiet=quiet, as_json=as_json)

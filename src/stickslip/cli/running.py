@@ -171,7 +171,7 @@ def _nothing_left(folder: Path, how: dict) -> None:
     words, paths = f"{folder} is finished: there is nothing to go on with.", report.files_of(folder)
     ended(
         lambda: answers.of_finished("resume", folder, read(folder / SCENARIO)), paths,
-        lambda: report.console.print(words, highlight=False), **how,
+        lambda: report.console.print(words), **how,
     )  # fmt: skip
 
 

@@ -4,8 +4,8 @@ import json
 import math
 from pathlib import Path
 
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from ..experiments.report import STYLE, console, progress
 from . import machine
@@ -36,8 +36,8 @@ def show_machine(versions: dict, threads: dict, caches: dict, parts: list[Part])
     table = Table("extra", "for", "found", title="Optional parts", **STYLE)
     for part in parts:
         color = "green" if part.ok else "yellow"
-        found = escape(part.found) + (f"\n{escape(part.remedy)}" if part.remedy else "")
-        table.add_row(part.name, part.purpose, f"[{color}]{found}[/]")
+        found = part.found + (f"\n{part.remedy}" if part.remedy else "")
+        table.add_row(part.name, part.purpose, Text(found, color))
     console.print(table)
 
 
@@ -47,18 +47,18 @@ def show_checks(found: Selfcheck) -> None:
     for check in found.checks:
         color, word = ("green", "ok") if check.ok else ("red", "failed")
         if check.deviation is None:
-            table.add_row(check.name, str(check.measured), check.note, "", f"[{color}]{word}[/]")
+            table.add_row(check.name, str(check.measured), check.note, "", Text(word, color))
         else:
             numbers = f"{check.measured:.9g}", f"{check.deviation:.1e}", f"{check.tolerance:.0e}"
-            table.add_row(check.name, *numbers, f"[{color}]{word}[/]")
+            table.add_row(check.name, *numbers, Text(word, color))
     console.print(table)
     wrong = [check for check in found.checks if not check.ok]
     for check in wrong:
         words = f"{check.name}: stored {check.stored}, measured {check.measured}; allowed for {check.note}"
-        console.print(escape(words), style="red", highlight=False)
+        console.print(words, style="red")
     if found.problem:
-        console.print(escape(found.problem), style="red", highlight=False)
-    console.print(_verdict(found), style="red" if wrong else "green", highlight=False)
+        console.print(found.problem, style="red")
+    console.print(_verdict(found), style="red" if wrong else "green")
 
 
 def _verdict(found: Selfcheck) -> str:
@@ -86,7 +86,7 @@ def in_json(versions: dict, threads: dict, caches: dict, parts: list[Part], foun
 def _pairs(title: str, rows: dict) -> None:
     table = Table(title=title, show_header=False, **STYLE)
     for name, value in rows.items():
-        table.add_row(name, escape(str(value)))
+        table.add_row(name, str(value))
     console.print(table)
 
 

@@ -4,7 +4,6 @@ import math
 from collections import Counter
 from pathlib import Path
 
-from rich.markup import escape
 from rich.table import Table
 
 from ..figures.claims import Row, claims_chart
@@ -41,7 +40,7 @@ WIDE = 120  # columns from which on a line says what the figure shows, too
 def write_claims(room: Path, claims: list[Claim], shows: Shows, title: str, failures=()) -> None:
     """Write claims.json, claims.md and claims.png; what failed, in sentences, is told in claims.md and printed."""
     for words in failures:
-        console.print(words, style="yellow", highlight=False, markup=False)
+        console.print(words, style="yellow")
     write(room / CLAIMS, claims)
     (room / NOTES).write_text(markdown(claims, shows, title, failures), encoding="utf-8")
     save_figure(claims_chart(rows(claims, shows), title), room / CHART)
@@ -173,9 +172,9 @@ def _share(here: list[Claim], name: str) -> str:
 def show_claims(claims: list[Claim], shows: Shows) -> None:
     """Print two sentences and one line for each figure of the paper; everything else stands in claims.md."""
     for words in sentences(claims, shows):
-        console.print(words, highlight=False, markup=False)
+        console.print(words)
     console.print(_figure_table(figure_lines(claims, shows)))
-    console.print(f"All rows, with reasons, are in {NOTES}.", highlight=False)
+    console.print(f"All rows, with reasons, are in {NOTES}.")
 
 
 def _figure_table(lines: list[tuple[str, str, str, str]]) -> Table:
@@ -190,7 +189,7 @@ def _figure_table(lines: list[tuple[str, str, str, str]]) -> Table:
             table.add_column(name, no_wrap=True, min_width=width)
     for name, words, share, number in lines:
         cells = (name, words, share, number) if console.width >= WIDE else (name, share, number)
-        table.add_row(*map(escape, cells))
+        table.add_row(*cells)
     return table
 
 

@@ -155,7 +155,7 @@ def show_result(result: Result) -> None:
             front = f"{found.speed:.2e} ± {found.speed_error:.0e}" if found else "–"
             slides.add_row(f"{load:g}", str(len(e.velocity)), str(len(good)), speed, front)
             for failure in e.failures:
-                console.print(f"[yellow]push {load:g}, {failure}[/]")
+                console.print(f"push {load:g}, {failure}", style="yellow")
         console.print(slides)
 
 

@@ -115,12 +115,12 @@ def show(found: Fitted) -> None:
                 table.add_row(name, f"{one.fixed[name]:.5g}", "fixed", UNITS[name])
         console.print(table)
         memory = f"as much as {one.effective:.0f} independent ones" if len(one.noise) else "independent of each other"
-        console.print(f"  noise {one.sigma:.2e}; {one.samples} samples, {memory}", highlight=False)
+        console.print(f"  noise {one.sigma:.2e}; {one.samples} samples, {memory}")
         if not (one.identifiable and one.adequate):
-            console.print(f"  [yellow]{one.sentence}[/]", highlight=False)
+            console.print(f"  {one.sentence}", style="yellow")
         console.print()
     if found.comparison is not None:
-        console.print(f"[bold]{found.comparison.sentence}[/]", highlight=False)
+        console.print(found.comparison.sentence, style="bold")
 
 
 def sentences(found: Fitted) -> list[str]:

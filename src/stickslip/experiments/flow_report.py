@@ -88,16 +88,13 @@ def show_result(result: FlowResult) -> None:
     console.print(table)
     for stage in result.stages:
         if stage.rested is False:
-            console.print(
-                f"[yellow]stage {stage.name!r} used up its duration before rest: allow more, or more drag[/]",
-                highlight=False,
-            )
+            words = f"stage {stage.name!r} used up its duration before rest: allow more, or more drag"
+            console.print(words, style="yellow")
     if shear := plane_shear(result):
         console.print(
             f"Plane shear: friction {shear.friction:.3f} ± {shear.friction_deviation:.3f} (standard deviation in time) "
             f"at pressure {shear.pressure:.4g}, shear rate {shear.shear_rate:.3g}, inertial number "
-            f"{shear.inertial_number:.2e}, packing fraction {shear.packing_fraction:.3f}.",
-            highlight=False,
+            f"{shear.inertial_number:.2e}, packing fraction {shear.packing_fraction:.3f}."
         )
 
 

@@ -31,8 +31,7 @@ def foretell(scenario) -> None:
     console.print(
         f"{scenario.realizations} realizations, each of about {scenario.steps:.2g} steps of {scenario.dt:g} s with "
         f"{scenario.grains.number} grains, {scenario.words}. Higher velocities, shorter holds and slips, or softer "
-        f"grains (law.young) with a longer dt make it shorter.",
-        highlight=False,
+        f"grains (law.young) with a longer dt make it shorter."
     )
 
 
@@ -150,7 +149,7 @@ def _write_steps(room: Path, result: GougeResult) -> None:
 def show_result(result: GougeResult) -> None:
     """Steady friction, holds and warnings on the terminal."""
     scenario, first = result.scenario, result.realizations[0]
-    console.print(f"{len(result.realizations)} realizations; ± is half a 95 % interval.", highlight=False)
+    console.print(f"{len(result.realizations)} realizations; ± is half a 95 % interval.")
     table = Table(**STYLE)
     for name in ("velocity [m/s]", "steady friction", "±"):
         table.add_column(name, justify="right", no_wrap=True)
@@ -165,13 +164,12 @@ def show_result(result: GougeResult) -> None:
         f"Stiffness: k = {k['per_area']:.3g} Pa/m, k/σ = {k['per_stress']:.4g} 1/m, k D/σ = {k['grain']:.3g}, "
         f"k dc/(b σ) = {k['rate_state']:.4g}. Inertial number at the largest velocity: "
         f"{first.range.inertial_number:.1e}. Layer: {first.range.thickness:.1f} D. dt: {first.range.time_step:.2f} of "
-        f"the largest stable one.",
-        highlight=False,
+        f"the largest stable one."
     )
     for words in dict.fromkeys(words for one in result.realizations for words in one.range.warnings):
-        console.print(f"[yellow]warning: {words}[/]", highlight=False)
+        console.print(f"warning: {words}", style="yellow")
     for words in result.failures:
-        console.print(f"[yellow]{words}[/]", highlight=False)
+        console.print(words, style="yellow")
     if result.reused:
         console.print(f"{result.reused} realizations were finished before and not run again.")
 

@@ -128,7 +128,7 @@ def show_result(result: QuasiResult) -> None:
         end = one.path.summary
         console.print(f"  sample {one.seed}: {end}")
     for failure in result.failures:
-        console.print(f"[yellow]{failure}[/]")
+        console.print(failure, style="yellow")
 
 
 def scalars(result: QuasiResult) -> dict[str, tuple[float, str]]:

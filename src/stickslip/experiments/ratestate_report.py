@@ -94,9 +94,9 @@ def show_result(result: Slid) -> None:
             table.add_row(*cells)
     console.print(table)
     for sentence in dict.fromkeys(one.sentence for one in result.sliding):
-        console.print(f"  {sentence}", highlight=False)
+        console.print(f"  {sentence}")
     if not h.ok:
-        console.print(f"[yellow]{h.end.value} (after {h.reached:.6g} s)[/]", highlight=False)
+        console.print(f"{h.end.value} (after {h.reached:.6g} s)", style="yellow")
 
 
 def scalars(result: Slid) -> dict[str, tuple[float, str]]:

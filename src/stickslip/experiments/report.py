@@ -26,7 +26,7 @@ from ..data.scenario import read as read_scenario
 from ..data.units import SI
 from ..data.whole import replace
 
-console = Console(soft_wrap=False)
+console = Console(soft_wrap=False, markup=False, highlight=False)  # paths and names are shown as they are
 WIDE = 110  # columns from which on a stage and its words share a line
 LINES = 30.0  # between two lines where there is no terminal [s]
 NUMBERS, MOVIE, WRITING = "results.h5", "transition.gif", ".writing"
@@ -143,7 +143,7 @@ def _given_up(folder: Path, scenario, others: list[str]) -> None:
     if going:
         console.print(
             f"--overwrite: {_listed(going)} in {folder} will be replaced or removed when the new results are complete.",
-            highlight=False, markup=False, soft_wrap=True,
+            soft_wrap=True,
         )  # fmt: skip
     if going or under_way(folder):
         finished(folder)
@@ -256,11 +256,11 @@ def _lines(transient: bool):
             known.add(stage)
             if not transient:
                 last = time.monotonic()
-                console.print(f"{stage} …", markup=False, highlight=False)
+                console.print(f"{stage} …")
         elif time.monotonic() - last >= LINES:
             last = time.monotonic()
             rest = f"; {duration(left)} left" if left else ""
-            console.print(f"  {share:.0%}: {words}{rest}", markup=False, highlight=False, soft_wrap=True)
+            console.print(f"  {share:.0%}: {words}{rest}", soft_wrap=True)
 
     return line
 
@@ -352,4 +352,4 @@ def show_paths(paths: list[Path]) -> None:
     """Where everything is, one path a line."""
     console.print("Written:")
     for path in paths:
-        console.print(f"  {path}", soft_wrap=True, highlight=False)
+        console.print(f"  {path}", soft_wrap=True)

@@ -75,7 +75,7 @@ def show_result(result: ShearResult) -> None:
     console.print(table)
     for p in result.paths:
         if p.stopped:
-            console.print(f"[yellow]packing {p.seed} stopped early: {p.stopped}[/]")
+            console.print(f"packing {p.seed} stopped early: {p.stopped}", style="yellow")
     runs = [r for r in (*result.single, *result.later) if r]
     if runs:
         table = Table(title="Newtonian runs", **STYLE)
@@ -89,7 +89,7 @@ def show_result(result: ShearResult) -> None:
             )  # fmt: skip
         console.print(table)
     for failure in result.failures:
-        console.print(f"[yellow]{failure}[/]")
+        console.print(failure, style="yellow")
 
 
 def scalars(result: ShearResult) -> dict[str, tuple[float, str]]:

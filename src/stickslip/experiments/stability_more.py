@@ -107,20 +107,20 @@ def show(more: More, found: Stability | Damped) -> None:
     if len(more.participation):
         ratios = ", ".join(f"{p:.3g}" for p in more.participation[:SHOWN])
         rest = " …" if len(more.participation) > SHOWN else ""
-        console.print(f"\nparticipation ratios of what grows, in this order: {ratios}{rest}", highlight=False)
+        console.print(f"\nparticipation ratios of what grows, in this order: {ratios}{rest}")
     for name, part, shown in (
         ("elastic moduli", more.moduli, _show_moduli),
         ("transient growth", more.transient, _show_transient),
         ("contacts that decide", more.contacts, lambda s: _show_contacts(s, static.n, isinstance(found, Damped))),
     ):
         if isinstance(part, str):
-            console.print(f"\n{name}: none, {part}", highlight=False, markup=False)
+            console.print(f"\n{name}: none, {part}")
         else:
             shown(part)
 
 
 def _show_moduli(m: Moduli) -> None:
-    console.print("\nelastic moduli in force/length^(dim−1), each contact held in its mode", highlight=False)
+    console.print("\nelastic moduli in force/length^(dim−1), each contact held in its mode")
     table = Table(**STYLE)
     for column in ("", "whole", "affine", "non-affine"):
         table.add_column(column, justify="right")
@@ -129,8 +129,7 @@ def _show_moduli(m: Moduli) -> None:
     console.print(table)
     console.print(
         f"Young's modulus {m.young:.5g}, Poisson's ratio {m.poisson:.4g}; {100 * m.anisotropy:.2g} % of C is not "
-        f"isotropic, {100 * m.asymmetry:.2g} % not symmetric",
-        highlight=False,
+        f"isotropic, {100 * m.asymmetry:.2g} % not symmetric"
     )
 
 
@@ -139,8 +138,7 @@ def _show_transient(t: Transient) -> None:
     pair = f"; frequencies {t.pair[0]:.6g} and {t.pair[1]:.6g} nearly coincide" if len(t.pair) else ""
     console.print(
         f"\ntransient growth: {what} ×{t.amplitude:.4g} at time {t.time:.4g}, the most that was found up to time "
-        f"{t.times[-1]:.4g}; never more than ×{t.bound:.4g}{pair}",
-        highlight=False,
+        f"{t.times[-1]:.4g}; never more than ×{t.bound:.4g}{pair}"
     )
 
 
@@ -149,8 +147,7 @@ def _show_contacts(s: Sensitivity, n: int, damped: bool) -> None:
     turned, aside = "unstable" if s.verdict == "stable" else "stable", " (dashpots left out)" if damped else ""
     console.print(
         f"\ncontacts that decide{aside}: {count} of {verified} changes whose spectrum was computed make the packing "
-        f"{turned}" + (f"; {s.scope}" if s.scope else ""),
-        highlight=False,
+        f"{turned}" + (f"; {s.scope}" if s.scope else "")
     )
     slope = dict(zip(s.contacts, s.growth_derivative, strict=True)) if len(s.derivative) else {}
     table = Table(**STYLE)

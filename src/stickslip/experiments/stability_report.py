@@ -136,27 +136,26 @@ def show(
     """The verdict in words, the pairs in a table, and what else there is; `why` and `remedy` off equilibrium."""
     static = found.undamped if isinstance(found, Damped) else found
     for line in words:
-        console.print(f"[yellow]{line}[/]")
-    console.print(f"law: {law_in_words(law)}", highlight=False)
+        console.print(line, style="yellow")
+    console.print(f"law: {law_in_words(law)}")
     console.print(
         f"{static.n} grains, {static.contacts} contacts, {len(static.rattlers)} rattlers, residual "
-        f"{static.residual:.2g} of the mean normal contact force",
-        highlight=False,
+        f"{static.residual:.2g} of the mean normal contact force"
     )
     if calm:
-        console.print(f"[bold yellow]{calm}[/]", highlight=False)
+        console.print(str(calm), style="bold yellow")
     color = {True: "green", False: "red", None: "yellow"}[found.stable]
-    console.print(f"[bold {color}]{found.verdict}[/]", highlight=False)
+    console.print(found.verdict, style=f"bold {color}")
     if not found.balanced:
         _show_imbalance(found, why, remedy)
     if isinstance(found, Damped):
-        console.print("spectrum: damped, exponents s of exp(st) from M q̈ = J q + C q̇ at rest", highlight=False)
-        console.print(f"without the dashpots it would be: {static.motion}", highlight=False)
+        console.print("spectrum: damped, exponents s of exp(st) from M q̈ = J q + C q̇ at rest")
+        console.print(f"without the dashpots it would be: {static.motion}")
     if found.scope:
-        console.print(f"scope: {found.scope}", highlight=False)
+        console.print(f"scope: {found.scope}")
     if len(static.rattlers):
         some = ", ".join(map(str, static.rattlers[:20])) + (" …" if len(static.rattlers) > 20 else "")
-        console.print(f"rattlers (left out): {some}", highlight=False)
+        console.print(f"rattlers (left out): {some}")
     if isinstance(found, Damped):
         _show_exponents(found)
     else:
@@ -166,13 +165,13 @@ def show(
 
 
 def _show_imbalance(found: Stability | Damped, why, remedy: str) -> None:
-    console.print(f"an equilibrium has a residual of at most {BALANCED_BELOW:g}; likely causes:", highlight=False)
+    console.print(f"an equilibrium has a residual of at most {BALANCED_BELOW:g}; likely causes:")
     for cause in why:
-        console.print(f"  - {cause}", highlight=False, markup=False)
+        console.print(f"  - {cause}")
     if remedy:
-        console.print(remedy, highlight=False, markup=False)
+        console.print(remedy)
     if found.grows:
-        console.print(f"spectrum of the motion that begins here, no verdict: {found.motion}", highlight=False)
+        console.print(f"spectrum of the motion that begins here, no verdict: {found.motion}")
 
 
 def law_in_words(law: Law) -> str:
@@ -203,7 +202,7 @@ def _show_exponents(found: Damped) -> None:
         console.print(table)
     elif found.slowest is not None:
         s = found.slowest
-        console.print(f"slowest decay: s = {s.real:.4g} ± {abs(s.imag):.4g}i", highlight=False)
+        console.print(f"slowest decay: s = {s.real:.4g} ± {abs(s.imag):.4g}i")
 
 
 def _show_pairs(found: Stability) -> None:
@@ -216,7 +215,7 @@ def _show_pairs(found: Stability) -> None:
             table.add_row(f"{pair.real:.5g}", f"{pair.imag:.4g}", f"{w:.5g}", f"{g:.4g}", period, f"{1 / g:.4g}")
         console.print(table)
     if len(found.negative):
-        console.print("negative λ: " + ", ".join(f"{v:.4g}" for v in found.negative[:SHOWN]), highlight=False)
+        console.print("negative λ: " + ", ".join(f"{v:.4g}" for v in found.negative[:SHOWN]))
 
 
 def write_modes(path: Path, found: Stability | Damped) -> Path:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from rich.table import Table
+from rich.text import Text
 
 from ..data.kept import MEMBERS, SCENARIO, SWEEP
 from ..data.manifest import strange
@@ -33,9 +34,9 @@ def simulate(
     _claim(out, overwrite)
     another = _another(out, chosen, overwrite)
     member(chosen, 0)
-    console.print(_count(chosen), highlight=False)
+    console.print(_count(chosen))
     if chosen.count > MANY:
-        console.print(f"On {where.words}: {estimate(chosen, out, where.slots)}.", highlight=False)
+        console.print(f"On {where.words}: {estimate(chosen, out, where.slots)}.")
         if not confirm():
             return None
     with progress() as tell:
@@ -78,7 +79,7 @@ def _claim(out: Path, overwrite: bool) -> None:
         raise ValueError(foreign(out, others))
     going = [name for name in OURS if (out / name).exists()]
     if overwrite and going:
-        console.print(f"--overwrite: {', '.join(going)} in {out} will be replaced.", highlight=False, markup=False)
+        console.print(f"--overwrite: {', '.join(going)} in {out} will be replaced.")
 
 
 def _another(out: Path, chosen: Sweep, overwrite: bool) -> bool:
@@ -116,12 +117,12 @@ def show(swept: Swept) -> None:
         console.print(table)
     failed = [(name, words) for name, words in zip(swept.names, swept.failures, strict=True) if words]
     for name, words in failed[:LISTED]:
-        console.print(f"[yellow]{name}[/]: {words}", highlight=False, soft_wrap=True)
+        console.print(Text.assemble((name, "yellow"), f": {words}"), soft_wrap=True)
     if len(failed) > LISTED:
         console.print(f"… and {len(failed) - LISTED} more, see the variable `failure` of the dataset")
     if swept.reused:
         rest = " The sweep is finished: nothing was left to run." if swept.reused == len(set(swept.names)) else ""
-        console.print(f"{swept.reused} members were finished before and not run again.{rest}", highlight=False)
+        console.print(f"{swept.reused} members were finished before and not run again.{rest}")
 
 
 def ranges(swept: Swept) -> dict[str, dict]:
