@@ -18,10 +18,11 @@ from numba import njit
 from .control import factors_at
 from .lanes import VELOCITY
 from .reach import gap_listed
-from .state import State, deforms
+from .state import State, deforms, numbers
 
 # rows of `matrix`: the cell's vectors, at the positions; L; L at the end of the step, predicted, for dashpots; A; what
 # half a step of L does to a velocity; (1 + ½ dt L)⁻¹; deformation since blocks were chosen; L̇ of what is free
+LEAST_VOLUME = 1e-6  # of a cell that is strained in one go, of what it was
 VECTORS, RATE, AHEAD, STRETCH, TURN, SLIDE_BACK, SINCE, PULL = range(8)
 
 
@@ -71,7 +72,9 @@ def strained(state: State, gradient, *, slip: bool = True) -> State:
         if G has another shape, leaves the plane, or the state has walls (they would have to bend).
     """
     dim = state.cell.dim
-    gradient = np.asarray(gradient, float)
+    gradient = numbers(gradient)
+    if not np.isfinite(gradient).all():
+        raise ValueError("a gradient with NaN or infinity was given: every entry must be a finite number")
     if gradient.shape not in ((3, 3), (dim, dim)):
         raise ValueError(f"a gradient of shape {gradient.shape} was given: (3, 3) or {(dim, dim)} is needed")
     g = np.zeros((3, 3))
@@ -80,13 +83,16 @@ def strained(state: State, gradient, *, slip: bool = True) -> State:
         raise ValueError("a gradient with z components was given in two dimensions: they must be zero")
     if len(state.walls.mass):
         raise ValueError("a state with walls was given: only periodic cells can be strained")
+    vectors = state.cell.vectors + state.cell.vectors @ g.T
+    if not np.linalg.det(vectors) > LEAST_VOLUME * abs(np.linalg.det(state.cell.vectors)):
+        raise ValueError("a gradient was given that leaves the cell no volume, or turns it inside out: take less")
     contacts = state.contacts._replace(origin=np.full_like(state.contacts.origin, np.inf))
     if not slip:
         contacts = contacts._replace(pair=contacts.pair + contacts.pair @ g.T)
-    grains, vectors = state.grains, state.cell.vectors
+    grains = state.grains
     return state._replace(
         grains=grains._replace(position=grains.position + grains.position @ g.T),
-        cell=state.cell._replace(vectors=vectors + vectors @ g.T),
+        cell=state.cell._replace(vectors=vectors),
         contacts=contacts,
     )
 

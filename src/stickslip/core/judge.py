@@ -13,6 +13,7 @@ from numba.core.types import complex128, float64
 from .kinds import HELP, KNOWN, OWN, ROLES, Own, answer, known
 from .laws import KT, STEP, Law
 
+WIDEST = 100.0  # range of a law, in radii
 NOT_NEGATIVE = ("tangential_stiffness", "contact_range", "rolling_stiffness")
 SHARES = (1e-6, 1e-4, 1e-3, 0.0031, 0.01, 0.031, 0.1)  # of the size: overlaps that are looked at
 AGREE = 1e-3  # of the largest slope: differences over a step of 1e-6 are as good as that, wherever functions are smooth
@@ -34,6 +35,11 @@ def judged(law: Law, size: float) -> Law:
         if ranges[0] > ranges[1]:
             raise ValueError(
                 f"contact_range falls with r_eff, from {ranges[0]:g} to {ranges[1]:g}: lists need it to grow"
+            )
+        if not ranges[1] <= WIDEST * size:
+            raise ValueError(
+                f"contact_range is {ranges[1]:g} for a grain of radius {size:g}: at most {WIDEST:g} radii are allowed, "
+                f"as all pairs within it are listed"
             )
         points = [(r, x) for r, end in zip((0.5 * size, size), ranges, strict=True) for x in _overlaps(r, end)]
         for role in own.functions:

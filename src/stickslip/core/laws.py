@@ -5,6 +5,7 @@ take real or complex arguments (they branch on the real part), so that their tan
 complex step: f'(x) = Im f(x + ih)/h, exact to round-off because nothing is subtracted.
 """
 
+from numbers import Real
 from typing import NamedTuple
 
 import numpy as np
@@ -124,10 +125,13 @@ def stiffnesses(young: float, poisson: float) -> tuple[float, float]:
     return 2 / 3 * young / (1 - poisson**2), 2 * young / ((1 + poisson) * (2 - poisson))
 
 
+LARGEST = 1e100  # parameters are squared, and multiplied with each other
+
+
 def _law(kind, coulomb, damping, tension, *values) -> Law:
-    if coulomb not in COULOMB:
+    if not isinstance(coulomb, str) or coulomb not in COULOMB:
         raise ValueError(f"coulomb={coulomb!r} was given: 'sharp' and 'smooth' are allowed")
-    if damping not in DAMPING:
+    if not isinstance(damping, str) or damping not in DAMPING:
         raise ValueError(f"damping={damping!r} was given: {', '.join(map(repr, DAMPING))} are allowed")
     for name, value in zip(PARAMETERS, values, strict=True):
         check_parameter(name, value)
@@ -144,10 +148,17 @@ def check_parameter(name, value, names=PARAMETERS):
     """Raise ValueError with one sentence if a law has no such parameter, or it no such value."""
     if name not in names:
         raise ValueError(f"a law has no parameter {name!r}: it has {', '.join(names)}")
+    if not isinstance(value, Real) and not (np.ndim(value) == 0 and np.asarray(value).dtype.kind in "fiu"):
+        raise ValueError(f"{name} = {value!r} was given: it must be a number")
     low_ok = value > 0 if name == "kn" else value >= 0 or name not in PARAMETERS
     if not (np.isfinite(value) and low_ok):
         raise ValueError(
             f"{name} = {value} was given: it must be finite and {'positive' if name == 'kn' else 'not negative'}"
+        )
+    if abs(value) > LARGEST or (name == "kn" and value < 1 / LARGEST):
+        raise ValueError(
+            f"{name} = {value:g} was given: beyond {LARGEST:g}, or below {1 / LARGEST:g}, its square is no number; "
+            f"take other units"
         )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 
 OPEN, STICK, SLIDE = 0, 1, 2
+CROWD = 100  # centres in a cube of the smallest radius, which holds one if grains do not overlap
 COURSE = np.int16  # of the columns that components follow: there are nine of them to a body
 
 
@@ -124,9 +125,20 @@ class State(NamedTuple):
         return len(self.grains.radius) + len(self.walls.mass)
 
 
+def numbers(value, dtype=float) -> np.ndarray:
+    """An array of real or whole numbers; ValueError with one sentence for what is none, or would lose a part."""
+    array = np.asarray(value)
+    if array.dtype.kind not in "biufO" or any(isinstance(v, complex) for v in array.ravel() if array.dtype.kind == "O"):
+        what = {"c": "complex numbers", "M": "dates", "m": "times of a clock", "O": "complex numbers"}
+        raise ValueError(f"{what.get(array.dtype.kind, 'words')} were given where real numbers are needed")
+    if np.issubdtype(dtype, np.integer) and array.dtype.kind == "f" and not (array == np.round(array)).all():
+        raise ValueError(f"{array[array != np.round(array)].flat[0]:g} was given where whole numbers are needed")
+    return np.asarray(array, dtype)
+
+
 def rows(value, n, width=None, dtype=float):
     """Contiguous copy of `value`, broadcast to (n,) or (n, width); plane vectors get a zero third component."""
-    array = np.asarray(value, dtype)
+    array = np.asarray(value, bool) if dtype is bool else numbers(value, dtype)
     if width == 3 and array.shape[-1:] == (2,):
         array = np.concatenate([array, np.zeros((*array.shape[:-1], 1))], axis=-1)
     shape = (n,) if width is None else (n, width)
@@ -154,7 +166,7 @@ def disks(position, radius, *, mass=1.0, i0=0.5, material=0, velocity=0.0, spin=
     >>> disks([[0, 0.5], [1, 0.5]], 0.5).inertia
     array([0.125, 0.125])
     """
-    position = np.atleast_2d(np.asarray(position, float))
+    position = np.atleast_2d(numbers(position))
     n = len(position)
     radius, mass = rows(radius, n), rows(mass, n)
     return Grains(
@@ -176,7 +188,7 @@ def spheres(position, radius, *, i0=0.4, **rest) -> Grains:
 
 def flat_walls(point=(), normal=(), *, mass=1.0, material=0, velocity=0.0) -> Walls:
     """Flat walls through `point` with `normal` (any length but zero) towards the grains."""
-    point, normal = np.asarray(point, float), np.asarray(normal, float)
+    point, normal = numbers(point), numbers(normal)
     point, normal = (np.atleast_2d(a) if a.size else np.zeros((0, 3)) for a in (point, normal))
     n = max(len(point), len(normal))
     normal = rows(normal, n, 3)
@@ -190,7 +202,7 @@ def flat_walls(point=(), normal=(), *, mass=1.0, material=0, velocity=0.0) -> Wa
 
 def box(size=(1.0, 1.0, 1.0), periodic=(False, False, False), dim=3) -> Cell:
     """An orthogonal cell (three lengths) or any cell (three vectors as rows)."""
-    size = np.asarray(size, float)
+    size = numbers(size)
     vectors = np.diag(size) if size.ndim == 1 else size
     return Cell(np.ascontiguousarray(vectors), np.array(periodic, bool), int(dim), np.zeros((3, 3)))
 
@@ -241,7 +253,7 @@ def loads(n_grains: int, n_walls: int = 0, *, force=0.0, torque=0.0, gravity=(0.
         np.zeros((n, 3)),
         np.ones((n, 6), bool),
         np.zeros((n, 6)),
-        np.array(gravity, float),
+        numbers(gravity).copy(),
         np.full(n, -1),
         np.zeros((3, 3), bool),
         np.zeros((3, 3)),
@@ -327,6 +339,8 @@ def check(state: State) -> None:
         if not (values > 0).all():
             bad = int(np.argmin(values))
             raise ValueError(f"grain {bad} has {name} {values[bad]:g}: it must be positive")
+    if n > CROWD:
+        _check_crowd(grains)
     if cell.dim not in (2, 3):
         raise ValueError(f"a cell of {cell.dim} dimensions was given: 2 and 3 are allowed")
     for name in ("force", "torque", "free", "rate", "group", "follows", "spring", "anchor", "leads"):
@@ -348,6 +362,15 @@ def check(state: State) -> None:
             f"a skin of {contacts.skin[0]:g} was given: it must be at least {least:g}, 1e-4 of the smallest "
             f"radius, or lists of contacts are made anew at every step"
         )
+
+
+def _check_crowd(grains: Grains) -> None:
+    """Raise ValueError where so many grains are in one place that lists of all pairs would fill the memory."""
+    cells = np.floor(grains.position / grains.radius.min()) % 2.0**20
+    _, place, count = np.unique(cells @ [1.0, 2.0**20, 2.0**40], return_index=True, return_counts=True)
+    if count.max() > CROWD:
+        x = ", ".join(f"{v:.4g}" for v in grains.position[place[count.argmax()]])
+        raise ValueError(f"{count.max()} grains were given within a radius of ({x}): move them apart")
 
 
 def deforms(state: State) -> bool:

@@ -34,6 +34,7 @@ SCHEMA = 4
 _BLOCK, _SEAL = 512, b"stickslip archive, SHA-256 of what follows this block:\n"
 _NOUNS = (State, Grains, Walls, Cell, Contacts, Control, Instant, Law)
 _VERSIONS = ("numpy", "numba", "scipy", "h5py")
+LARGE, EXPANDS = 2**26, 100  # bytes that an array may have anyway, and how often the size of its file
 _EVERY_PAIR = ("i", "j", "image", "key", "slip", "mode", "pair", "roll", "reached", "rolling")
 # what HDF5 and what is made of its contents raise where a file is damaged
 _DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError, OverflowError, MemoryError)
@@ -233,6 +234,12 @@ def _recalled(kind: int, about: dict) -> Kind:
 
 
 def _taken_array(item: h5py.Dataset):
+    stored = item.file.id.get_filesize()
+    if item.nbytes > max(LARGE, EXPANDS * stored):
+        raise ArchiveError(
+            f"{item.file.filename} has {stored / 1e6:.3g} MB, and its {item.name} claims {item.nbytes / 1e9:.3g} GB: "
+            f"no run wrote that; give the results.h5 of a run"
+        )
     value = item[()]
     if isinstance(value, h5py.Empty):
         return None

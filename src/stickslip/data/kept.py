@@ -76,7 +76,8 @@ class Kept(NamedTuple):
     def save(self, name: str, value: Any) -> None:
         """Write a piece, all or nothing; from here on it is there whatever happens to this process."""
         self.announce()
-        archive.write(self._path(name), {"piece": value}, scenario=self.scenario, version=__version__, si=self.si)
+        told = {"name": f"{self.part}/{name}", "piece": value}
+        archive.write(self._path(name), told, scenario=self.scenario, version=__version__, si=self.si)
 
     def load(self, name: str) -> Any:
         """A piece.
@@ -84,11 +85,14 @@ class Kept(NamedTuple):
         Raises
         ------
         ArchiveError
-            with one sentence, if it is damaged, or belongs to another scenario or version.
+            with one sentence, if it is damaged, belongs to another scenario or version, or is another piece.
         """
         path = self._path(name)
         self._check(path)
-        return archive.read(path, nouns=self.nouns)["piece"]
+        found = archive.read(path, nouns=self.nouns)
+        if found.get("name") != f"{self.part}/{name}":
+            raise archive.ArchiveError(f"{path} is the piece {found.get('name')}: give files their names back")
+        return found["piece"]
 
     def _check(self, path: Path) -> None:
         about = archive.attributes(path)

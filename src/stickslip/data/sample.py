@@ -131,6 +131,8 @@ def law_from(
 def _array(name: str, value, shape: tuple, kind=float) -> np.ndarray:
     try:
         array = np.asarray(value)
+        if array.dtype.kind in "cmM":
+            raise TypeError
         if kind is int and array.dtype.kind == "f" and not ((array == np.round(array)) & (abs(array) < 2**53)).all():
             raise TypeError
         array = array.astype(np.int64 if kind is int else kind)

@@ -1,0 +1,63 @@
+"""Kernels on the disk that were damaged are compiled again, with one warning, instead of ending the process.
+
+Numba unpickles what it finds. Every kernel that is kept therefore ends with its checksum, which other readers pass
+over; one that does not fit it, or cannot be unpickled, counts as missing, and is written anew.
+"""
+
+import hashlib
+import warnings
+
+from numba.core.caching import IndexDataCacheFile
+
+_MARK = b"\0stickslip, SHA-256:\0"
+_told = False
+
+
+class DamagedKernelWarning(RuntimeWarning):
+    """A compiled kernel on the disk was damaged, and was compiled again."""
+
+
+def _tell(path: str, problem: Exception) -> None:
+    global _told
+    if not _told:
+        _told = True
+        words = f"the compiled kernel {path} is damaged ({type(problem).__name__}): it is compiled again"
+        warnings.warn(words, DamagedKernelWarning, stacklevel=2)
+
+
+def _load_index(self, whole=IndexDataCacheFile._load_index):
+    try:
+        return whole(self)
+    except OSError:
+        raise
+    except Exception as problem:  # whatever unpickling runs into
+        _tell(self._index_path, problem)
+        return {}
+
+
+def _load_data(self, name, whole=IndexDataCacheFile._load_data):
+    path = self._data_path(name)
+    try:
+        with open(path, "rb") as file:
+            data = file.read()
+        body, mark, digest = data.rpartition(_MARK)
+        if mark and len(digest) == 32 and hashlib.sha256(body).digest() != digest:
+            raise ValueError("its checksum is that of another one")
+        return whole(self, name)
+    except OSError:
+        raise
+    except Exception as problem:
+        _tell(path, problem)
+        raise OSError(f"{path} is damaged") from problem  # which Numba takes for a kernel that is not there
+
+
+def _save_data(self, name, data):
+    body = self._dump(data)
+    with self._open_for_write(self._data_path(name)) as file:
+        file.write(body + _MARK + hashlib.sha256(body).digest())
+
+
+def heal() -> None:
+    """Let Numba's cache heal in this process."""
+    IndexDataCacheFile._load_index, IndexDataCacheFile._load_data = _load_index, _load_data
+    IndexDataCacheFile._save_data = _save_data

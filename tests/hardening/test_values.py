@@ -1,0 +1,120 @@
+"""Values that are no numbers, or numbers that nothing can be done with, are refused in a sentence."""
+
+import h5py
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.core.laws import alike
+from stickslip.data import archive
+from stickslip.data.kept import Kept
+
+DATES = np.array(["2020-01-01", "2020-01-02"], "datetime64[D]")
+PAIR = [[0.0, 0.0], [0.99, 0.0]]
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({"mass": DATES}, "dates were given"),
+        ({"mass": DATES - DATES[0]}, "times of a clock were given"),
+        ({"mass": ["1", "2"]}, "words were given"),
+        ({"mass": np.array([1.0, 2.0 + 1j])}, "complex numbers were given"),
+        ({"velocity": np.array([1, 1j, 0], object)}, "complex numbers were given"),
+        ({"material": [0.0, 0.5]}, r"0\.5 was given where whole numbers are needed"),
+    ],
+)
+def test_what_would_lose_a_part_is_refused(more, words):
+    with pytest.raises(ValueError, match=words):
+        ss.disks(PAIR, 0.5, **more)
+
+
+def test_complex_positions_cells_and_walls_are_refused():
+    bad = np.array(PAIR) + 1j
+    for make in (lambda: ss.disks(bad, 0.5), lambda: ss.box(bad[1]), lambda: ss.flat_walls([0, 0], bad[1])):
+        with pytest.raises(ValueError, match="complex numbers were given"):
+            make()
+    with pytest.raises(ss.SampleError, match="position holds something else than numbers"):
+        ss.sample(bad, np.full(2, 0.5), law="linear", dim=2)
+    with pytest.raises(ss.SampleError, match="mass holds something else than numbers"):
+        ss.sample(np.array(PAIR), np.full(2, 0.5), law="linear", mass=DATES, dim=2)
+
+
+@pytest.mark.parametrize("make", [ss.linear, ss.hertz_mindlin, ss.hertz_mindlin_reff])
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({"coulomb": []}, r"coulomb=\[\] was given"),
+        ({"damping": {}}, r"damping=\{\} was given"),
+        ({"mu": 1e300}, r"mu = 1e\+300 was given: beyond 1e\+100"),
+        ({"kn": 1e-200}, r"kn = 1e-200 was given: .* or below 1e-100"),
+        ({"kn": 1 + 2j}, "it must be a number"),
+        ({"kn": "1"}, "it must be a number"),
+        ({"kt": [1.0, 2.0]}, "it must be a number"),
+        ({"mu": np.datetime64("2020-01-01")}, "it must be a number"),
+    ],
+)
+def test_parameters_of_laws(make, more, words):
+    with pytest.raises(ValueError, match=words):
+        make(**more)
+
+
+def test_scalars_of_numpy_are_parameters():
+    assert alike(ss.linear(np.float32(2), np.int64(1), np.array(0.5)), ss.linear(2.0, 1.0, 0.5))
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_range_beyond_all_pairs_is_refused():
+    with pytest.raises(ValueError, match=r"contact_range is 1e\+06 for a grain of radius 1: at most 100 radii are"):
+        ss.contact_law(
+            normal_force=lambda overlap, kn: kn * overlap,
+            contact_range=lambda r_eff: 1e6 + r_eff,
+            parameters={"kn": 1.0},
+        )
+
+
+@pytest.mark.parametrize(
+    ("gradient", "words"),
+    [
+        (np.diag([np.nan, 0.0]), "a gradient with NaN or infinity"),
+        (np.diag([-1.0, 0.0]), "leaves the cell no volume"),
+        (np.diag([-2.0, 0.0]), "turns it inside out"),
+        (np.zeros((2, 2), complex), "complex numbers were given"),
+    ],
+)
+def test_cells_that_are_none_are_refused(gradient, words):
+    cell = ss.box([3.0, 3.0, 1.0], periodic=[True, True, False], dim=2)
+    state = ss.assembly(ss.disks(PAIR, 0.5), cell=cell)
+    with pytest.raises(ValueError, match=words):
+        ss.strained(state, gradient)
+
+
+def test_grains_on_top_of_each_other_are_refused_before_all_pairs_are_listed():
+    rng = np.random.default_rng(0)
+    with pytest.raises(ValueError, match=r"1000000 grains were given within a radius of \("):
+        ss.assembly(ss.spheres(np.full((10**6, 3), 0.1), 0.5), cell=ss.box())
+    loose = rng.uniform(0, 30, (2000, 3))
+    ss.assembly(ss.spheres(loose, 0.5), cell=ss.box([40.0] * 3))
+
+
+def test_an_archive_that_claims_far_more_than_it_holds_is_not_read(tmp_path):
+    archive.write(tmp_path / "a.h5", {"x": np.zeros(10)})
+    with h5py.File("memory", "w", driver="core", backing_store=False, userblock_size=archive._BLOCK) as file:
+        file.attrs["schema"] = archive.SCHEMA
+        file.create_dataset("x", (10**9,), chunks=(10**6,), compression="gzip", fillvalue=1.0)
+        file.flush()
+        image = file.id.get_file_image()
+    (tmp_path / "a.h5").write_bytes(archive._sealed(image))
+    with pytest.raises(archive.ArchiveError, match=r"and its /x claims 4 GB: no run wrote that"):
+        archive.read(tmp_path / "a.h5")
+
+
+def test_pieces_that_changed_names_are_refused(tmp_path):
+    kept = Kept(tmp_path, "scenario")
+    for name in ("a", "b"):
+        kept.save(name, {"x": name})
+    assert kept.load("a") == {"x": "a"}
+    for old, new in (("a", "c"), ("b", "a"), ("c", "b")):
+        (kept.folder / f"{old}.h5").rename(kept.folder / f"{new}.h5")
+    with pytest.raises(archive.ArchiveError, match=r"is the piece \./b: give files their names back"):
+        kept.load("a")
