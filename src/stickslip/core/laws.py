@@ -155,7 +155,7 @@ def check_parameter(name, value, names=PARAMETERS):
         raise ValueError(
             f"{name} = {value} was given: it must be finite and {'positive' if name == 'kn' else 'not negative'}"
         )
-    if abs(value) > LARGEST or (name == "kn" and value < 1 / LARGEST):
+    if abs(float(value)) > LARGEST or (name == "kn" and value < 1 / LARGEST):
         raise ValueError(
             f"{name} = {value:g} was given: beyond {LARGEST:g}, or below {1 / LARGEST:g}, its square is no number; "
             f"take other units"
