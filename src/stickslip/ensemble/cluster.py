@@ -18,7 +18,7 @@ from itertools import islice
 from uuid import uuid4
 
 from ..extras import needed
-from .helper import Helper, WorkerDiedError, ready, sentence
+from .helper import Helper, SchedulerGoneError, WorkerDiedError, ready, sentence
 from .local import TRIES
 
 PROTOCOLS = ("tcp", "tls", "ws", "wss", "ucx", "inproc")
@@ -114,8 +114,8 @@ def spread(packed, address, keep, heard) -> None:
 
     Raises
     ------
-    RuntimeError
-        with one sentence, if the scheduler is gone before the last result is here.
+    SchedulerGoneError
+        if the scheduler is gone before the last result is here.
     """
     topic, events, source, futures = f"stickslip-{uuid4().hex}", queue.SimpleQueue(), iter(packed), {}
     with connected(address) as client:
@@ -147,7 +147,7 @@ def _events(client, events, futures: dict, ask):
     ask(ahead)
     while futures:
         if client.status != "running":
-            raise RuntimeError(f"the Dask scheduler is gone; {len(futures)} members or more were not finished")
+            raise SchedulerGoneError("the Dask scheduler is gone")
         if time.monotonic() - looked >= LOOK:
             looked, slots = time.monotonic(), sum(client.nthreads().values())
             ahead = max(AHEAD, 2 * slots)
@@ -164,7 +164,7 @@ def _answer(future) -> tuple[bytes | None, str | None]:
     """What a task has come to, or why not."""
     killed = needed("distributed.scheduler", "cluster").KilledWorker
     if future.cancelled():
-        raise RuntimeError("the Dask scheduler is gone, or has forgotten the tasks; not all members were finished")
+        raise SchedulerGoneError("the Dask scheduler is gone, or has forgotten the tasks")
     try:
         return future.result()
     except killed:

@@ -28,6 +28,10 @@ class WorkerDiedError(RuntimeError):
     """A process ended in the middle of a task; the message is one sentence for the user."""
 
 
+class SchedulerGoneError(RuntimeError):
+    """A cluster's scheduler does not answer any more."""
+
+
 def sentence(problem: Exception) -> str:
     """What went wrong, with its kind."""
     return f"{type(problem).__name__}: {problem}"

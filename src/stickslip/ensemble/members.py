@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from . import local
-from .helper import sentence
+from .helper import SchedulerGoneError, sentence
 
 Workers = int | str | None  # processes here, or a Dask scheduler's address; None is one process a core
 
@@ -78,6 +78,11 @@ def run_members(
     load : load(k) is the result of task k if it was finished before, else None; such a task is not run
     save : called as save(k, result) here, as soon as task k has run
 
+    Raises
+    ------
+    RuntimeError
+        with one sentence that counts the members that were not finished, if a cluster's scheduler is gone.
+
     Examples
     --------
     >>> [member.result for member in run_members(divmod, [(7, 2), (9, 4)], workers=1)]
@@ -106,7 +111,10 @@ def run_members(
             live(total / len(missing), words)
 
     if missing:
-        _spread(function, {k: tasks[k] for k in missing}, workers, keep, heard if live else None)
+        try:
+            _spread(function, {k: tasks[k] for k in missing}, workers, keep, heard if live else None)
+        except SchedulerGoneError as problem:
+            raise RuntimeError(f"{problem}; {members.count(None)} of {len(tasks)} members were not finished") from None
     return members
 
 
