@@ -127,7 +127,12 @@ def _table(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
         )
     mark = max(",;\t", key=lines[0][1].count)
     rows = csv.reader((line for _, line in lines), delimiter=mark, skipinitialspace=True)
-    split = [[field.strip() for field in row] for row in rows]
+    try:
+        split = [[field.strip() for field in row] for row in rows]
+    except csv.Error as problem:
+        raise ValueError(f"{path}, line {lines[rows.line_num - 1][0]}, cannot be read ({problem})") from None
+    if len(split) != len(lines):
+        raise ValueError(f"{path} has a quotation mark that is not closed in its line: leave it out")
     width = len(split[0])
     for (number, _), row in zip(lines, split, strict=True):
         if len(row) != width:

@@ -27,6 +27,8 @@ def read_mode(path: str | Path, number: int, n: int) -> tuple[np.ndarray, np.nda
     except Exception:  # whatever a damaged archive makes numpy and zipfile raise
         raise SampleError(f"{path} holds no modes: give the .npz that `stickslip stability` wrote") from None
     translation, rotation, exponent = (found[name] for name in REQUIRED)
+    if any(array.dtype.kind not in "fciu" for array in (translation, rotation, exponent)):
+        raise SampleError(f"{path} holds something else than numbers: write the modes anew")
     if exponent.ndim != 1 or translation.shape != (len(exponent), *translation.shape[1:2], 3):
         raise SampleError(f"{path} holds arrays that do not belong together: write the modes anew")
     if not len(exponent):
@@ -44,7 +46,7 @@ def mode_frames(
     frame: Frame, translation: np.ndarray, rotation: np.ndarray, exponent: complex, *, count: int = 48,
     amplitude: float = 0.3, grow: bool = False,
 ) -> list[Frame]:  # fmt: skip
-    """Frames of Re(mode exp(st)) over one period 2π/|Im s|; a mode without period sways to and fro.
+    """Frames of Re(mode exp(st)) over one period 2π/|Im s|; a mode without period sways to and fro in 2π/|s|, or 2π.
 
     Parameters
     ----------
@@ -63,7 +65,9 @@ def mode_frames(
     if not max(largest, turning) > 0:
         raise SampleError("the mode moves no grain: choose another one")
     scale = amplitude / (largest or turning)
-    period = 2 * np.pi / abs(exponent.imag) if exponent.imag else 2 * np.pi / abs(exponent)
+    period = 2 * np.pi / (abs(exponent.imag) or abs(exponent) or 1.0)
+    if not np.isfinite(period):
+        raise SampleError(f"the mode has the exponent {exponent:.3g}, whose period is no number: choose another one")
     out = []
     for t in np.arange(count) / count * period:
         factor = np.exp(1j * (exponent.imag * t if exponent.imag else 2 * np.pi * t / period))
