@@ -101,7 +101,7 @@ def test_an_archive_that_claims_far_more_than_it_holds_is_not_read(tmp_path):
     archive.write(tmp_path / "a.h5", {"x": np.zeros(10)})
     with h5py.File("memory", "w", driver="core", backing_store=False, userblock_size=archive._BLOCK) as file:
         file.attrs["schema"] = archive.SCHEMA
-        file.create_dataset("x", (10**9,), chunks=(10**6,), compression="gzip", fillvalue=1.0)
+        file.create_dataset("x", (10**9,), "f4", chunks=(10**6,), compression="gzip", fillvalue=1.0)
         file.flush()
         image = file.id.get_file_image()
     (tmp_path / "a.h5").write_bytes(archive._sealed(image))
