@@ -6,6 +6,8 @@ import pytest
 import stickslip as ss
 from stickslip.core import measure
 from stickslip.core.contact import in_one_go
+from stickslip.core.frame import room_left
+from stickslip.core.neighbors import updated
 from stickslip.solve.moduli import voigt
 
 
@@ -96,10 +98,65 @@ def test_voigt_notation_is_what_its_order_says():
     np.testing.assert_allclose(voigt(flat) @ given, [stress[0, 0], stress[1, 1], stress[0, 1]], atol=1e-13)
 
 
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_force_on_the_cell_is_the_virtual_work_of_contacts_and_stress(dim):
+    """−∂(E + V σ_ab G_ab)/∂(ℓ G_ab), ℓ = V^(1/dim), by differences of the elastic energy of a strained pair."""
+    law, cell = ss.linear(kn=3.0, kt=0.5, mu=0.4), [1.9, 2.2, 2.5][:dim] + [1.0] * (3 - dim)
+    wanted = np.zeros((3, 3))
+    wanted[:dim, :dim] = np.array([[0.3, -0.1, 0.05], [0.2, 0.7, -0.15], [0.25, 0.35, 0.4]])[:dim, :dim]
+    control = ss.loads(2)
+    free = np.zeros((3, 3), bool)
+    free[:dim, :dim] = True
+    control = control._replace(cell_free=free, stress=wanted)
+    place = np.array([[0.4, 0.5, 0.6], [0.95, 1.2, 0.9]])
+    place[:, dim:] = 0.0
+    make = ss.disks if dim == 2 else ss.spheres
+    state = ss.assembly(make(place, 0.5), cell=ss.box(cell, np.arange(3) < dim, dim), control=control)
+    freedom = ss.freedom(state)
+    force = ss.residual_vector(state, ss.forces(state, law)[0], freedom)
+    space, step = np.prod(cell[:dim]), 1e-6
+    for k in np.flatnonzero(freedom.axis == 6):
+        a, b = divmod(int(freedom.component[k]) - 6 * state.n_bodies, 3)
+        gradient = np.zeros((3, 3))
+        gradient[a, b] = step / space ** (1 / dim)
+        energies = [measure.elastic_energy(updated(ss.strained(state, sign * gradient)), law) for sign in (1, -1)]
+        work = space * wanted[a, b] * gradient[a, b] / step
+        # the third derivative times step², and round-off over step
+        assert force[k] == pytest.approx(-(energies[0] - energies[1]) / (2 * step) - work, abs=1e-9)
+
+
+def test_a_pressure_on_a_lid_works_along_its_displacement():
+    """`pressed`: a lid of a length under p is free along p alone, and p times its length is the force on it."""
+    control = ss.pressed(ss.loads(1, 2), [2], [0, -1e-3 * 1.7])
+    walls = ss.flat_walls([[0, 0, 0], [0, 1, 0]], [[0, 1, 0], [0, -1, 0]])
+    state = ss.assembly(ss.disks([[0, 0.5]], 0.4), walls, ss.box(dim=2), control)
+    unbalanced = ss.unbalanced(state, ss.forces(state, ss.linear(kn=1.0, kt=0.5))[0])
+    assert unbalanced[2].tolist() == [0, -1e-3 * 1.7, 0, 0, 0, 0]
+    assert ss.freedom(state).component[-1] == 6 * 2 + 1
+
+
+def test_the_room_that_a_strain_leaves_is_what_the_closest_pair_not_listed_has_left():
+    """A pair at the edge of the skin, along the direction of compression: (w + s)(1 − e) − w."""
+    made, widest, skin = np.array([[4.0, 0, 0], [1.0, 5.0, 0], [-0.5, 0.3, 6.0]]), 1.2, 0.3
+    for change in (0.03, 0.2, 0.5):
+        stretch = np.diag([1.0, 1 - change, 1.0])
+        left, deformation = room_left(made @ stretch.T, made, skin, widest)
+        np.testing.assert_allclose(deformation, stretch, atol=1e-14)
+        assert left == pytest.approx((widest + skin) * (1 - change) - widest, abs=1e-14)
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        stretch = np.eye(3) + rng.normal(0, 0.05, (3, 3))
+        left, deformation = room_left(made @ stretch.T, made, skin, widest)
+        np.testing.assert_allclose(deformation, stretch, atol=1e-13)
+        apart = rng.normal(size=3)
+        apart *= (widest + skin) / np.linalg.norm(apart)
+        assert np.linalg.norm(stretch @ apart) - widest >= left - 1e-12
+
+
 def test_stress_of_a_pair_in_a_box():
     """Compression positive: σ_xx = F_n r/V, whatever the sign of the normal."""
     law, overlap = ss.linear(kn=3.0, kt=0.5), 0.02
     cell = ss.box([4.0, 5.0, 6.0], [True, True, True])
     state = ss.assembly(ss.spheres([[1, 1, 1], [2 - overlap, 1, 1]], 0.5), cell=cell)
-    state = ss.accept(*reversed([ss.forces(state, law)[1], state]))
+    state = ss.accept(state, ss.forces(state, law)[1])
     assert measure.stress(state, law)[0, 0] == pytest.approx(3.0 * overlap * (1 - overlap) / 120, rel=1e-12)
