@@ -99,7 +99,7 @@ def test_what_grains_are_coloured_by_has_its_unit():
 
 
 def test_the_pressure_of_a_grain_is_force_times_lever_over_its_volume():
-    """p = (1/(3 V)) Σ F l, with l from the grain's centre to the contact: a share of the branch by radius, all at a wall."""
+    """p = (1/(3 V)) Σ F l, with l from the centre to the contact: the branch's share by radius, all of it at a wall."""
     law, small, large, overlap = ss.hertz_mindlin_reff(2.0, 1.5, 0.2), 0.3, 0.6, 0.01
     place = [[0, 0, small - overlap], [0, 0, 2 * small + large - 2 * overlap]]
     state = ss.assembly(ss.spheres(place, [small, large]), ss.flat_walls([0, 0, 0], [0, 0, 1]))
