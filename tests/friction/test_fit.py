@@ -93,7 +93,7 @@ KNOWN = {"a": 0.0247, "b": 0.0178, "dc": 5.3e-3, "stiffness": STIFFNESS}
 
 
 def test_a_fit_of_the_level_alone_is_a_mean():
-    """μ0 is added to friction, so that its fit is a mean: s/√n, Student's t of n − 1, and the textbook's AIC and BIC."""
+    """μ0 is added to friction, so that its fit is a mean: s/√n, Student's t of n − 1, AIC and BIC by the book."""
     clean = record(STEPS, number=20)
     noise = 1e-3 * correlated(5, len(clean.time), 0.0)
     found = fit(clean._replace(friction=clean.friction + noise), law="slip", fixed=KNOWN, noise="white")
@@ -146,7 +146,7 @@ def test_intervals_of_the_level_hold_it_in_95_of_100_records():
 
 
 def test_intervals_of_all_parameters_together_hold_the_truth_in_95_of_100_records():
-    """Pooled: 80 records of white noise with five intervals each; were they independent, 1.1 % would be one deviation."""
+    """Pooled: 80 records of white noise, five intervals each; 1.1 % is one deviation if they are independent."""
     hits = coverage("slip", STEPS, 0.0, (), 80, seed=0)
     assert len(hits) == 5
     assert 0.93 <= sum(hits.values()) / (80 * len(hits)) <= 0.97
