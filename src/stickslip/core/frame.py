@@ -183,7 +183,7 @@ def _one_plus(factor, m, out):
 
 @njit(cache=True, fastmath=False, error_model="numpy")
 def begun(frame, flow, pace):
-    """Begin a step: rates, matrices, the cell at its end. Returns the square of the allowed displacement, −1 if none."""
+    """Begin a step: rates, matrices, the cell at its end. Returns the square of the displacement allowed, or −1."""
     dt, half, time = pace.dt, 0.5 * pace.dt, frame.clock[0]
     frame.clock[0] = time + dt
     for c in range(frame.course.shape[1]):
