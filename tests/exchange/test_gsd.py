@@ -63,6 +63,24 @@ def test_what_other_programs_see(tmp_path):
     np.testing.assert_allclose(frame.log["particles/force"], ss.forces(state, SHARP)[0].force[:64])
 
 
+@pytest.mark.parametrize("make", ["ours", "foreign"])
+def test_tilts_are_over_the_edge_that_they_lean_along(make, tmp_path):
+    """HOOMD's box: a₂ = (xy L_y, L_y, 0), a₃ = (xz L_z, yz L_z, L_z), with edges that all differ."""
+    vectors = np.array([[4.0, 0, 0], [0.9, 5.0, 0], [-0.7, 1.1, 6.0]])
+    told = [4.0, 5.0, 6.0, 0.9 / 5.0, -0.7 / 6.0, 1.1 / 6.0]
+    state = ss.sample([[1, 1, 1], [1.99, 1, 1]], [0.5, 0.5], SHARP, cell=vectors)
+    ss.write_sample(tmp_path / "p.gsd", state, SHARP)
+    with gsd.hoomd.open(tmp_path / "p.gsd") as file:
+        frame = file[0]
+    np.testing.assert_allclose(frame.configuration.box, told, rtol=1e-6)  # single precision
+    if make == "foreign":
+        frame.log.clear()
+        with gsd.hoomd.open(tmp_path / "f.gsd", "w") as file:
+            file.append(frame)
+        back, _, _ = ss.read_sample(tmp_path / "f.gsd")
+        np.testing.assert_allclose(back.cell.vectors, vectors, rtol=1e-6)
+
+
 def test_a_foreign_file_gives_what_it_has(tmp_path):
     """Without our chunks: positions, radii, masses, velocities and spins in single precision; no slip, no law."""
     state = disks()

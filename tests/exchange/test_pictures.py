@@ -42,6 +42,7 @@ def test_vtk_holds_grains_and_contact_lines(make, tmp_path):
     g, rows = state.grains, ss.touching(state)
     for name in ("radius", "mass", "velocity", "spin", "angle"):
         assert np.array_equal(grains[name], getattr(g, name))
+    assert np.array_equal(grains["diameter"], 2 * g.radius)  # what a glyph of a sphere of diameter 1 is scaled by
     shift = grains["points"] - g.position
     if state.cell.periodic.any():
         shares = (shift @ np.linalg.inv(state.cell.vectors))[:, state.cell.periodic]

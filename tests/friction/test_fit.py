@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from scipy.stats import binom
+from scipy.stats import binom, norm
+from scipy.stats import t as student
 
 from stickslip.friction.evidence import compare
 from stickslip.friction.fit import fit
@@ -86,6 +87,69 @@ def test_intervals_hold_the_truth_as_often_as_they_say(law, legs, rho, free, cou
     least = binom.ppf(1e-4, count, 0.90)
     for name, hit in coverage(law, legs, rho, free, count).items():
         assert hit >= least, (name, hit)
+
+
+KNOWN = {"a": 0.0247, "b": 0.0178, "dc": 5.3e-3, "stiffness": STIFFNESS}
+
+
+def test_a_fit_of_the_level_alone_is_a_mean():
+    """μ0 is added to friction, so that its fit is a mean: s/√n, Student's t of n − 1, AIC and BIC by the book."""
+    clean = record(STEPS, number=20)
+    noise = 1e-3 * correlated(5, len(clean.time), 0.0)
+    found = fit(clean._replace(friction=clean.friction + noise), law="slip", fixed=KNOWN, noise="white")
+    n, spare = len(noise), noise - noise.mean()
+    error = noise.std(ddof=1) / np.sqrt(n)
+    # solver's tolerance and the derivative by differences
+    assert found.values["mu0"] == pytest.approx(0.4 + noise.mean(), abs=1e-3 * error)
+    assert found.errors["mu0"] == pytest.approx(error, rel=1e-4)
+    low, high = found.intervals["mu0"]
+    assert (high - low) / 2 == pytest.approx(student.ppf(0.975, n - 1) * error, rel=1e-4)
+    assert found.sigma == pytest.approx(noise.std(ddof=1), rel=1e-4)
+    likelihood = norm.logpdf(spare, scale=noise.std()).sum()
+    assert found.log_likelihood == pytest.approx(likelihood, rel=1e-6)
+    # the level and the noise's size
+    assert (found.aic, found.bic) == pytest.approx((4 - 2 * likelihood, 2 * np.log(n) - 2 * likelihood), rel=1e-6)
+
+
+@pytest.mark.parametrize(("rho", "free"), [(0.0, ()), (0.6, ()), (0.6, ("stiffness",))])
+def test_criteria_count_parameters_the_size_of_the_noise_and_its_filters(rho, free):
+    fixed = {} if free else {"stiffness": STIFFNESS}
+    found = fit(record(STEPS, noise=1e-3, rho=rho, seed=3), law="slip", free=free, fixed=fixed)
+    assert (len(found.noise) > 0) == (rho > 0)
+    count = 4 + len(free) + 1 + len(found.noise)
+    assert found.aic + 2 * found.log_likelihood == pytest.approx(2 * count, abs=1e-6)
+    assert found.bic + 2 * found.log_likelihood == pytest.approx(count * np.log(found.samples), abs=1e-6)
+
+
+def test_a_comparison_is_made_of_likelihoods_sample_by_sample():
+    """ΔAIC, exp(ΔAIC/2), and Vuong's z = Σd/(√N s_d), with d from normal densities of the residuals."""
+    data = record(HOLDS, noise=1e-3)
+    fits = [fit(data, law=law, fixed={"stiffness": STIFFNESS}, noise="white") for law in ("slip", "aging")]
+    found = compare(*fits)
+    each = [norm.logpdf(f.residuals[0], scale=np.sqrt(np.mean(f.residuals[0] ** 2))) for f in fits]
+    apart = each[0] - each[1]
+    gap = -2 * apart.sum()  # as many parameters in both
+    assert found.delta_aic == pytest.approx(abs(gap), rel=1e-6)
+    assert found.evidence == pytest.approx(np.exp(min(abs(gap) / 2, 700)), rel=1e-6)
+    assert found.vuong == pytest.approx(apart.sum() / (np.sqrt(len(apart)) * apart.std()), rel=1e-6)
+
+
+def test_intervals_of_the_level_hold_it_in_95_of_100_records():
+    """1000 records of 24 samples: a standard deviation of 0.7 %, so that 93 to 97 % are three of them."""
+    clean, hits, count = record(STEP, number=12), 0, 1000
+    for k in range(count):
+        noise = 1e-3 * correlated(k, len(clean.time), 0.0)
+        found = fit(clean._replace(friction=clean.friction + noise), law="slip", fixed=KNOWN, noise="white")
+        low, high = found.intervals["mu0"]
+        hits += low <= 0.4 <= high
+    assert 0.93 * count <= hits <= 0.97 * count
+
+
+def test_intervals_of_all_parameters_together_hold_the_truth_in_95_of_100_records():
+    """Pooled: 80 records of white noise, five intervals each; 1.1 % is one deviation if they are independent."""
+    hits = coverage("slip", STEPS, 0.0, (), 80, seed=0)
+    assert len(hits) == 5
+    assert 0.93 <= sum(hits.values()) / (80 * len(hits)) <= 0.97
 
 
 @pytest.mark.slow

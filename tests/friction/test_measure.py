@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from scipy.stats import linregress
+from scipy.stats import t as student
 
 from stickslip.friction.loads import Leg, slide_hold_slide
 from stickslip.friction.measure import healing, held, steady, steady_from
@@ -42,12 +44,29 @@ def test_healing_is_a_straight_line_in_ln_t():
     hold = np.array([1.0, 3.0, 10.0, 30.0])
     found = healing(hold, 0.0178 * np.log(hold) + 0.003)
     assert found[:2] == (pytest.approx(0.0178), pytest.approx(0.003))
-    hits = 0
-    for seed in range(200):
-        noise = 0.002 * np.random.default_rng(seed).normal(size=4)
+    hits, rng = 0, np.random.default_rng(0)
+    for noise in rng.normal(0, 0.002, (4000, 4)):
         low, high = healing(hold, 0.0178 * np.log(hold) + noise).interval
         hits += low <= 0.0178 <= high
-    assert 180 <= hits <= 199  # 95 % of 200 is 190, with a standard deviation of 3
+    assert 0.938 <= hits / 4000 <= 0.962  # 95 %, and a standard deviation of 0.34 %
+
+
+@pytest.mark.parametrize("count", [3, 4, 12])
+def test_the_error_of_healing_is_that_of_a_regression(count):
+    """Two parameters are taken from the points: n − 2 in the variance and in Student's t, as SciPy has it."""
+    hold = np.geomspace(1.0, 300.0, count)
+    excess = 0.02 * np.log(hold) + 1e-3 * np.random.default_rng(count).normal(size=count)
+    found, told = healing(hold, excess), linregress(np.log(hold), excess)
+    assert found[:3] == (pytest.approx(told.slope), pytest.approx(told.intercept), pytest.approx(told.stderr))
+    reach = student.ppf(0.975, count - 2) * told.stderr
+    assert found.interval == pytest.approx((told.slope - reach, told.slope + reach))
+
+
+def test_the_error_of_few_uncorrelated_values_is_the_textbook_one():
+    """s/√n with n − 1 in s: values whose neighbours differ more than by chance count as independent."""
+    values = np.array([0.4, 0.1] * 4)
+    assert steady(values).effective == 8
+    assert steady(values).error == pytest.approx(values.std(ddof=1) / np.sqrt(8))
 
 
 def test_holds_of_a_stiff_slider_heal_as_the_aging_law_says():

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 import stickslip as ss
+from stickslip.core.neighbors import updated
 from stickslip.data import archive
 from stickslip.data.archive import ArchiveError
 from stickslip.data.gouge_scenario import GougeScenario
 from stickslip.experiments.gouge_report import numbers
 from stickslip.loading import gouge_measures as measures
-from stickslip.loading.gouge import BOTTOM, TOP, plate_number, settled, sprung
+from stickslip.loading.gouge import BOTTOM, TOP, _apart, plate_number, settled, sprung
 from stickslip.loading.gouge_ensemble import MEMBERS, GougeResult, simulate_gouge
 from stickslip.loading.gouge_numbers import (
     Range,
@@ -19,7 +20,7 @@ from stickslip.loading.gouge_numbers import (
     range_of,
     stiffness,
 )
-from stickslip.loading.gouge_run import Realization, Series, Test
+from stickslip.loading.gouge_run import Realization, Series, Test, _mean_overlap
 
 SLIDE = [{"kind": "slide", "velocity": 0.3, "slip": 1.0}]
 STEPS = {"kind": "velocity-steps", "velocities": [0.3, 0.1], "slip": 1.0}
@@ -335,6 +336,31 @@ def test_bands_are_two_standard_deviations():
     curve = measures.Curve(np.zeros(2), np.array([[0.0, 1], [0.03, 1], [-0.02, 1]]), "")
     assert curve.band == pytest.approx([2 * np.std([0, 0.03, -0.02], ddof=1), 0])
     assert curve.error == pytest.approx(curve.band / 2 / np.sqrt(3))
+
+
+@pytest.mark.parametrize("levels", [(0.3, 0.5), (0.3, 0.4, 0.35, 0.5)])
+def test_the_error_of_few_realizations_is_that_of_their_mean(levels):
+    """s/√n with n − 1 in s: drawn again with replacement, n values scatter less by √((n − 1)/n), a third for two."""
+    result = of_tests(*[[made("slide", 0.3, 0.3, 0.0, np.full(50, level))] for level in levels])
+    found = measures.mean_friction(result, 0.3)
+    assert found.value == pytest.approx(np.mean(levels))
+    # 400 draws tell a standard deviation to 1/√800 = 3.5 %
+    assert found.error == pytest.approx(np.std(levels, ddof=1) / np.sqrt(len(levels)), rel=0.1)
+    average = measures.average([found, found])
+    assert (average.value, average.error) == (pytest.approx(found.value), pytest.approx(found.error))
+
+
+def test_plates_and_overlaps_see_the_nearest_images():
+    """Grains at either end of a cell that is periodic along x and z are neighbours there, and not along y."""
+    place = np.array([[0.1, 0.05, 0.2], [3.8, 0.05, 3.8], [2.0, 0.1, 2.0], [2.0, 3.9, 2.0]])
+    cell = ss.box([4.0, 4.0, 4.0], [True, False, True])
+    state = updated(ss.assembly(ss.spheres(place, [0.5, 0.5, 0.4, 0.4]), cell=cell))
+    distance = np.hypot(0.3, 0.4)
+    shrunk = _apart(state, np.arange(4)).radius
+    np.testing.assert_allclose(shrunk, np.array([0.5, 0.5, 0.4, 0.4]) * distance / 1.0, rtol=1e-8)  # less 1e-9, told
+    law = ss.linear(kn=1.0, kt=0.5)
+    touched = ss.accept(state, ss.forces(state, law)[1])
+    assert _mean_overlap(touched) == pytest.approx(1.0 - distance, rel=1e-12)
 
 
 def test_one_realization_has_no_error():

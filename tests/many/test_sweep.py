@@ -1,6 +1,7 @@
 """Sweeps: members from lists and distributions, each an ordinary scenario; the same dataset however they are run."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,10 @@ from stickslip.data.kept import SWEEP
 from stickslip.data.scenario import EXPERIMENTS, ScenarioError, read, scenario
 from stickslip.data.sweep import OPTIONS, members, read_sweep, sweep
 from stickslip.data.sweep_data import DATASET, is_sweep, open_sweep
+from stickslip.experiments.report import OPTIONS as REMEMBERED
+from stickslip.experiments.report import begun
 from stickslip.experiments.sweep import MEASURES, MEMBERS, run_sweep
+from tests.conftest import stickslip_here
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "rate_state_sweep.toml"
 SLIDER = {"experiment": "rate-state", "samples": {"number": 12}, "legs": [{"velocity": 0.02, "distance": 1e-3}]}
@@ -187,6 +191,22 @@ def test_a_second_call_runs_what_is_missing_only(tmp_path):
     more = run_sweep(small(**{"surface.mu0": [0.1, 0.3, 0.5, 0.7], "seed": {"count": 2}}), tmp_path, workers=1)
     assert more.reused == 6
     assert open_sweep(tmp_path).finished.values.all()
+
+
+@pytest.mark.parametrize("figures", [False, True])
+def test_resume_draws_figures_if_the_first_call_did(figures, tmp_path):
+    chosen = small(**{"surface.mu0": [0.3, 0.5]})
+    swept = run_sweep(chosen, tmp_path, workers=1, figures=figures)
+    assert begun(tmp_path).figures is figures
+    assert begun(tmp_path).sweep == json.loads(chosen.text)
+    shutil.rmtree(tmp_path / MEMBERS / swept.names[1])
+    run = stickslip_here("resume", tmp_path, "--workers", "1")
+    assert run.returncode == 0, run.stderr
+    for name in swept.names:
+        assert any((tmp_path / MEMBERS / name).glob("*.png")) == figures
+    assert begun(tmp_path).figures is figures
+    (tmp_path / REMEMBERED).unlink()
+    assert begun(tmp_path).figures is False
 
 
 def test_members_of_another_version_are_run_again(tmp_path):

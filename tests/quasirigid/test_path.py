@@ -10,9 +10,11 @@ from stickslip.loading.biaxial import RIGHT, TOP, biaxial_box, raised, sheared_b
 from stickslip.loading.slow import slowly
 from stickslip.quasirigid import piece
 from stickslip.quasirigid.events import Event
+from stickslip.quasirigid.opening import decided
 from stickslip.quasirigid.path import quasirigid_path
 from stickslip.quasirigid.piece import CROWD, OUT_OF_BALANCE, Piece, Place
 from stickslip.quasirigid.status import Alternative, Verdict, status
+from stickslip.quasirigid.uniqueness import Known, certificate
 
 
 @pytest.fixture(scope="module")
@@ -100,6 +102,36 @@ def test_forces_stay_in_the_cone_and_balance_along_the_path(boxed):
     path = quasirigid_path(state, law, raised(state.control, 60 + TOP, 2.0), increment=0.02)
     assert "reaches the cone" in {e.kind for e in path.events}
     holds_everywhere(path)
+
+
+def test_what_is_not_known_of_uniqueness_is_counted_and_told(boxed, monkeypatch):
+    """Every decision whose certificate, or search at the apex, leaves it open, once."""
+    state, law = boxed
+    less, more = (raised(state.control, 60 + TOP, factor) for factor in (1.6, 1.8))
+    open_ = []
+
+    def no_answer(*given, **how):
+        return status(*given, **how)._replace(uniqueness=None)
+
+    def undecided(problem):
+        open_.append("certificate")
+        return certificate(problem)._replace(verdict=Known.UNDECIDED)
+
+    def cut_short(*given, **how):
+        open_.append("apex")
+        return decided(*given, **how)._replace(complete=False)
+
+    sure = quasirigid_path(state, law, less, increment=0.05)
+    assert sure.unchecked == 0
+    assert "not known" not in sure.summary
+    monkeypatch.setattr(piece, "status", no_answer)
+    monkeypatch.setattr(piece, "certificate", undecided)
+    monkeypatch.setattr(piece, "decided", cut_short)
+    path = quasirigid_path(state, law, more, increment=0.05)
+    assert path.complete
+    assert {"certificate", "apex"} <= set(open_)
+    assert path.unchecked == len(open_)
+    assert f"{len(open_)} times it is not known whether there were others" in path.summary
 
 
 def test_loading_the_other_wall_and_back(boxed):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
+from stickslip.core.neighbors import updated
 from stickslip.data import archive
 from stickslip.data.kept import Kept
 from tests.conftest import make_law, make_packing, stirred
@@ -55,6 +56,31 @@ def test_the_table_of_a_frame_holds_its_contacts(tmp_path):
     for wrong in ("middle", 2, -3):
         with pytest.raises(ValueError, match="the dataset has first, last"):
             ss.contact_table(data, wrong)
+
+
+def test_walls_that_are_left_keep_their_number_in_the_whole_run(tmp_path):
+    """Contacts name bodies: grains from 0, then walls in the order of the run, also where some were removed before."""
+    law, radius = ss.linear(), 0.5
+    corner = [[radius - 0.01, radius - 0.01, 0], [3.0, radius - 0.02, 0]]
+    points, normals = np.array([[0, 0, 0], [9, 0, 0], [0, 0, 0]], float), [[1, 0, 0], [-1, 0, 0], [0, 1, 0]]
+    frames = {}
+    for name, kept in (("all", [0, 1, 2]), ("left", [0, 2]), ("floor", [2])):
+        walls = ss.flat_walls(points[kept], np.array(normals, float)[kept])
+        state = updated(ss.assembly(ss.disks(corner, radius), walls, ss.box(dim=2)), law)
+        frames[name] = ss.accept(state, ss.forces(state, law)[1])
+    words = {"walls": "west\neast\nfloor", "frame_walls": {"left": "west\nfloor", "floor": "floor"}}
+    archive.write(tmp_path / "results.h5", {"law": law, "frames": frames} | words, scenario="", version="0")
+    data = ss.open(tmp_path)
+    expected = {"all": [(0, 2), (0, 4), (1, 4)], "left": [(0, 2), (0, 4), (1, 4)], "floor": [(0, 4), (1, 4)]}
+    for name, pairs in expected.items():
+        table = ss.contact_table(data, name)
+        assert sorted(zip(table.i, table.j, strict=True)) == pairs
+        ends = table.set_index(["i", "j"])
+        # a disk sinks by 0.01 or 0.02, at k_n = 1, and is pushed along the normal of the wall that the index names
+        np.testing.assert_allclose(ends.loc[(1, 4), ["force_x", "force_y"]], [0, 0.02], atol=1e-15)
+        if (0, 2) in pairs:
+            np.testing.assert_allclose(ends.loc[(0, 2), ["force_x", "force_y"]], [0.01, 0], atol=1e-15)
+    np.testing.assert_array_equal(np.isnan(data.wall_point.sel(frame="left").values).any(axis=1), [False, True, False])
 
 
 def test_units_are_si_where_the_scenario_is(tmp_path):

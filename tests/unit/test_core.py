@@ -174,6 +174,26 @@ def test_an_equilibrium_forgets_which_contacts_were_at_the_limit_on_the_way():
     assert "limit" in record.events["kind"]
 
 
+@pytest.mark.parametrize("solve", [ss.newton, lambda *at: ss.equilibrate(*at, check="nothing")])
+def test_an_equilibrium_found_at_once_forgets_it_too(solve):
+    """What slid in a run and sticks where a solver brings it has not reached the limit; what slides there has."""
+    state, law = disk_that_cannot_turn()
+    slid, _, _ = ss.run(ss.pushed(state, 0.0045), law, 400, 0.1, drag=0.5)
+    assert slid.contacts.reached.any()
+    back, outcome = solve(ss.pushed(slid, 0.0035), law)
+    assert outcome.ok
+    count = int(back.contacts.count[0])
+    assert back.contacts.mode[:count].tolist() == [ss.STICK]
+    assert not back.contacts.reached.any()
+    smooth = ss.between(ss.linear(kn=1.0, kt=0.5, mu=0.0), 0, 1)
+    free = state.control.free.copy()
+    free[0, 0] = False  # nothing holds it along the wall
+    end, outcome = solve(state._replace(control=state.control._replace(free=free)), smooth)
+    assert outcome.ok
+    assert end.contacts.mode[0] == ss.SLIDE
+    assert not end.contacts.reached.any()  # without friction there is no limit
+
+
 @pytest.mark.parametrize(
     ("make", "words"),
     [

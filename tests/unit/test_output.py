@@ -6,12 +6,16 @@ import os
 import re
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from stickslip.data.kept import UNFINISHED
+from stickslip.data.scenario import scenario
 from stickslip.data.sweep import differences
-from stickslip.experiments import answers, report
+from stickslip.experiments import answers, ratestate_report, report
+from stickslip.experiments.claims import claim
 from tests.conftest import stickslip_here
 
 SLIDER = 'experiment = "rate-state"\n[samples]\nnumber = 12\n'
@@ -44,6 +48,32 @@ def test_a_run_as_one_object_and_as_paths(tmp_path):
     assert again["scenario"] == found["scenario"]
     assert not report.console.quiet
     assert not report.console.stderr
+
+
+def test_a_run_some_of_whose_realizations_failed_is_incomplete(tmp_path):
+    """`resume` can try these again as long as pieces are kept; then it is finished."""
+    chosen = scenario(experiment="rate-state")
+    found = ratestate_report.simulate(chosen, folder=None, workers=1, report=lambda *words: None)
+    several = SimpleNamespace(**found._asdict(), failures=("realization 2 failed: not again",))
+    made = claim("a", "Fig 1: text", 1.0, float("nan"), "1", 0.1)
+
+    def told(result, claims=None):
+        return json.loads(answers.text(answers.of_run("run", tmp_path, result, [], claims)))
+
+    (tmp_path / UNFINISHED).mkdir()
+    assert told(several)["status"] == "incomplete"
+    assert told(several)["failures"] == ["realization 2 failed: not again"]
+    (tmp_path / UNFINISHED).rmdir()
+    whole = told(found, [made])
+    assert whole["status"] == "finished"
+    assert "failures" not in whole
+    assert (whole["claims"][0]["verdict"], whole["claims"][0]["measured"]) == ("undecided", None)
+    swept = {"names": ["a", "b"], "failures": ["", "no equilibrium"], "reused": 1}
+    swept["sweep"] = SimpleNamespace(base={}, digest="0")
+    one = answers.of_sweep("run", tmp_path, SimpleNamespace(**swept), {})
+    assert one["status"] == "failed"
+    assert one["members"] == {"total": 2, "finished": 1, "reused": 1, "failed": 1}
+    assert one["failures"] == {"b": "no equilibrium"}
 
 
 @pytest.mark.parametrize(

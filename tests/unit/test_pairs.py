@@ -11,7 +11,7 @@ from stickslip.loading.packing import jammed
 from stickslip.loading.shear import sheared
 from stickslip.solve import pairs as module
 from stickslip.solve import windows
-from stickslip.solve.certificate import certificate_of
+from stickslip.solve.certificate import _discs, certificate_of
 from stickslip.solve.equilibrate import equilibrate
 from stickslip.solve.freedom import freedom, stiffness
 from stickslip.solve.pairs import complex_pairs
@@ -109,6 +109,47 @@ def test_certificate_notices_a_missing_and_an_invented_pair(packing):
     assert consistent(values)
     assert not consistent(values[1:])
     assert not consistent(np.append(values, 0.5 * scale + 1e-3j))
+
+
+def quiet(share, words):
+    pass
+
+
+def test_discs_are_gershgorins_after_the_blocks_are_diagonal():
+    """Radii are row sums of T⁻¹BT written out, T the eigenvectors of modes that are too close to be told apart."""
+    rng = np.random.default_rng(4)
+    diagonal = np.array([1.0, 1.02, 3.0, 5.0, 5.0, 8.0])
+    for pair in ([[0, 0.5], [-0.5, 0]], [[0, 0.5], [0.4, 0]]):
+        B = np.diag(diagonal) + 0.05 * rng.normal(size=(6, 6)) * (1 - np.eye(6))
+        B[np.ix_([3, 4], [3, 4])] = 5.0 * np.eye(2) + pair
+        T = np.eye(6, dtype=complex)
+        for together in ([0, 1], [3, 4]):
+            T[np.ix_(together, together)] = np.linalg.eig(B[np.ix_(together, together)])[1]
+        turned = np.linalg.inv(T) @ B @ T
+        radii = np.abs(turned).sum(axis=1) - np.abs(np.diag(turned))
+        centres, found = _discs(B.copy(), 0.0, quiet, passes=0)
+        at = np.lexsort((np.diag(turned).imag.round(9), np.diag(turned).real.round(9)))
+        mine = np.lexsort((centres.imag.round(9), centres.real.round(9)))
+        np.testing.assert_allclose(centres[mine], np.diag(turned)[at], atol=1e-12)
+        np.testing.assert_allclose(found[mine], radii[at], atol=1e-12)
+        wider = _discs(B.copy(), 10.0, quiet, passes=0)[1] - found
+        np.testing.assert_allclose(wider, 6 * np.finfo(float).eps * 10.0, rtol=0.1)  # a difference of two radii
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_discs_of_a_small_matrix_hold_its_eigenvalues(seed):
+    """As many as discs in every connected part: also after passes that make them small."""
+    rng = np.random.default_rng(seed)
+    B = np.diag(np.arange(12.0)) + 0.02 * rng.normal(size=(12, 12))
+    B[5, 6], B[6, 5] = 0.9, -0.9
+    values = eigvals(B)
+    for passes in (0, 1, 6):
+        centres, radii = _discs(B.copy(), 12.0, quiet, passes=passes)
+        near = np.abs(values[:, None] - centres) <= radii
+        assert near.any(axis=1).all()
+        alone = (np.abs(centres[:, None] - centres) > radii[:, None] + radii).sum(axis=1) == len(B) - 1
+        assert (near[:, alone].sum(axis=0) == 1).all()
+        assert alone.any() or passes == 0
 
 
 def test_a_poor_subspace_is_recovered_by_a_sparse_factor(packing):

@@ -189,7 +189,7 @@ def _one_plus(factor, m, out):
 
 @njit(cache=True, fastmath=False, error_model="numpy")
 def begun(frame, flow, pace):
-    """Begin a step: rates, matrices, the cell at its end. Returns the square of the allowed displacement."""
+    """Begin a step: rates, matrices, the cell at its end. Returns the square of the displacement allowed, or −1."""
     dt, half, time = pace.dt, 0.5 * pace.dt, frame.clock[0]
     frame.clock[0] = time + dt
     for c in range(frame.course.shape[1]):
@@ -231,7 +231,8 @@ def begun(frame, flow, pace):
     # a pair further apart than s + reach stays so while the deformation alone takes no more than it leaves
     strain = np.sqrt(square)
     left = frame.reach[0] - strain * (frame.widest + frame.reach[0])
-    return (0.5 * max(left, 0.0)) ** 2
+    # nothing is left for grains at rest in the flow either: none of their squares is above zero
+    return (0.5 * left) ** 2 if left > 0.0 else -1.0
 
 
 @njit(cache=True, fastmath=False, error_model="numpy")

@@ -1,0 +1,41 @@
+"""A cell that deforms strongly: no contact is missed, whether grains move in the flow or rest in it."""
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+
+GRADIENT = np.array([[-0.02, 0.01, 0], [0, -0.012, 0], [0, 0, 0]])
+
+
+def loose(motion: float) -> ss.State:
+    """Sixteen disks far apart, in a cell that closes in on them by a fifth and a third while it is sheared."""
+    rng = np.random.default_rng(0)
+    grid = np.stack(np.meshgrid(*[np.arange(4)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
+    place, velocity = 1.6 * grid + rng.uniform(-0.2, 0.2, grid.shape), rng.normal(0, 1, grid.shape)
+    grains = ss.disks(place, 0.5, velocity=motion * velocity)
+    control = ss.deformed(ss.loads(16), GRADIENT)
+    return ss.assembly(grains, cell=ss.box([6.4, 6.4, 1.0], [True, True, False], 2), control=control)
+
+
+@pytest.mark.parametrize("motion", [0.0, 1e-4, 3e-2])
+def test_one_run_sees_every_contact_that_runs_of_a_step_each_see(motion):
+    """Each of these makes a list of its own; a run on its own has to notice that the cell brings new pairs together."""
+    law = ss.linear(kn=1.0, kt=0.5, mu=0.4)
+    start = stepwise = loose(motion)
+    seen = 0
+    for _ in range(8):
+        for _ in range(25):
+            stepwise, _, _ = ss.run(stepwise, law, 1, 0.1)
+        seen += len(ss.touching(stepwise))
+    whole, _, _ = ss.run(start, law, 200, 0.1)
+    assert seen > 2
+    # a continued run is the same to the last bit
+    np.testing.assert_array_equal(whole.grains.position, stepwise.grains.position)
+    np.testing.assert_array_equal(whole.grains.velocity, stepwise.grains.velocity)
+    slips = [state.contacts.slip[ss.touching(state)] for state in (whole, stepwise)]
+    np.testing.assert_array_equal(*slips)
+    # A = (1 − ½ dt L)⁻¹ (1 + ½ dt L), every step
+    one, half = np.eye(3), 0.05 * GRADIENT
+    stretch = np.linalg.matrix_power(np.linalg.solve(one - half, one + half), 200)
+    np.testing.assert_allclose(whole.cell.vectors, start.cell.vectors @ stretch.T, rtol=1e-12, atol=1e-14)
