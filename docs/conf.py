@@ -1,10 +1,13 @@
 """Settings of the documentation: `make docs` builds it with warnings as errors."""
 
+import os
 import sys
 from pathlib import Path
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
+# tutorials call `stickslip` by name, whether or not the environment is activated
+os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
 
 import api_reference  # noqa: E402
 import scenario_reference  # noqa: E402

@@ -1,14 +1,20 @@
-"""Shared assemblies, and a process in which NaN cannot pass unnoticed."""
+"""Shared assemblies, and a process in which NaN cannot pass unnoticed and no test takes a minute."""
 
 import contextlib
 import io
+import os
+import signal
 import sys
 import warnings
 from types import SimpleNamespace
 
+# results on two threads are compared with those on one on any machine; read when Numba is imported
+os.environ["NUMBA_NUM_THREADS"] = str(max(2, int(os.environ.get("NUMBA_NUM_THREADS") or os.cpu_count() or 1)))
+
 import numpy as np
 import pytest
 from hypothesis import settings
+from numba.core import event
 
 from stickslip.core.forces import accept, forces
 from stickslip.core.laws import between, hertz_mindlin, hertz_mindlin_reff, linear
@@ -16,6 +22,33 @@ from stickslip.core.state import assembly, box, disks, flat_walls, loads, sphere
 
 settings.register_profile("ci", deadline=None, max_examples=40, derandomize=True)
 settings.load_profile("ci")
+
+
+def pytest_collection_modifyitems(items):
+    """Slow tests have an hour."""
+    for item in items:
+        if item.get_closest_marker("slow") and not item.get_closest_marker("timeout"):
+            item.add_marker(pytest.mark.timeout(3600))
+
+
+class _Compiling(event.Listener):
+    """The clock of pytest-timeout stands still while Numba compiles in this process: caches may be cold."""
+
+    depth, left = 0, 0.0
+
+    def on_start(self, event):
+        if self.depth == 0:
+            self.left, _ = signal.setitimer(signal.ITIMER_REAL, 0)
+        self.depth += 1
+
+    def on_end(self, event):
+        self.depth -= 1
+        if self.depth == 0 and self.left > 0:
+            signal.setitimer(signal.ITIMER_REAL, self.left)
+
+
+if hasattr(signal, "setitimer"):
+    event.register("numba:compile", _Compiling())
 
 
 @pytest.fixture(autouse=True)

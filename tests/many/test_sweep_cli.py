@@ -110,7 +110,7 @@ def test_a_folder_of_another_run_is_not_taken(tmp_path):
     assert stickslip("run", ROOT / "examples" / "rate_state.toml", "--out", out).returncode == 0
     run = stickslip("run", sliders(tmp_path / "s.toml"), "--out", out)
     assert run.returncode == 2
-    assert "holds the results of another scenario" in run.stderr
+    assert "holds the results of a run: choose another --out" in run.stderr
     assert stickslip("run", tmp_path / "s.toml", "--out", tmp_path / "sweep").returncode == 0
     run = stickslip("run", ROOT / "examples" / "rate_state.toml", "--out", tmp_path / "sweep")
     assert run.returncode == 2

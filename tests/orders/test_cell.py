@@ -58,11 +58,12 @@ def test_simple_shear_is_newton_in_lees_edwards_conditions():
 
 
 def test_friction_sees_the_flow_as_the_laboratory_does():
+    """The twin starts a contact at the end of the step in which it closes: its steps are a sixteenth of ours."""
     law, state = make_law("hertz_mindlin", "sharp"), sheared(n=60)
-    x, velocity, spin = laboratory(state, law, 400, 0.005, RATE)
+    x, velocity, spin = laboratory(state, law, 6400, 0.005 / 16, RATE)
     end, _, _ = ss.run(state, law, 400, 0.005)
     for mine, its in ((end.grains.position, x), (end.grains.velocity, velocity), (end.grains.spin, spin)):
-        np.testing.assert_allclose(mine, its, atol=1e-6)
+        np.testing.assert_allclose(mine, its, atol=3e-6)
 
 
 @pytest.mark.slow
@@ -128,9 +129,13 @@ def test_shear_at_constant_pressure():
 
 @pytest.mark.parametrize("n", [3, 60])
 def test_a_floor_follows_its_course(n):
-    """Its position is the integral of the given function of time, whatever the time step."""
-    law = make_law("linear", "smooth", damping="velocity", damping_n=0.1, damping_t=0.1)
-    grains = ss.disks(np.stack([1.1 * np.arange(n), np.full(n, 0.49)], axis=1), 0.5)
+    """Its position is the integral of the given function of time, whatever the time step; disks roll on it.
+
+    A disk that rolls without sliding follows a floor that it rests on with a third of its velocity: F = m a and
+    F R = m R² α/2, where the floor's acceleration is a + α R. Its contact's spring lets it swing about that.
+    """
+    law = make_law("linear", "sharp", mu=5.0, damping="velocity", damping_n=0.1, damping_t=0.1)
+    grains = ss.disks(np.stack([1.1 * np.arange(n), np.full(n, 0.5 - 1e-2 / 1.3)], axis=1), 0.5)
     control = ss.driven(ss.loads(n, 1, force=[0, -1e-2, 0]), [n], [0.02, 0, 0, 0, 0, 0])
     times = np.array([0.0, 5.0, 8.0, 20.0])
     factors = np.array([0.0, 1.0, -0.5, 0.25])
@@ -142,7 +147,8 @@ def test_a_floor_follows_its_course(n):
     assert end.walls.velocity[0, 0] == 0.02 * 0.25
     halves, _, _ = ss.run(ss.run(state, law, 100, 0.1)[0], law, 130, 0.1)
     assert halves.walls.point[0, 0] == pytest.approx(path, rel=1e-12)
-    assert end.grains.position[0, 0] > 0.2 * path  # carried along, by friction
+    np.testing.assert_allclose(end.grains.position[:, 0] - grains.position[:, 0], path / 3, rtol=0.1)
+    np.testing.assert_allclose(end.grains.velocity[:, 0], end.walls.velocity[0, 0] / 3, rtol=0.1)
 
 
 def test_a_plate_follows_its_course_on_two_threads_as_on_one():

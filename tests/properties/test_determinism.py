@@ -2,7 +2,6 @@
 
 from functools import cache
 
-import numba
 import numpy as np
 import pytest
 
@@ -93,8 +92,6 @@ def test_blocks_agree_with_a_plain_sweep(law_name, coulomb, dim, more, walls, mo
     ("law_name", "coulomb", "dim", "more", "walls"), [pytest.param(*CASES[1], marks=pytest.mark.slow), CASES[3]]
 )
 def test_two_threads_give_the_bits_of_one(law_name, coulomb, dim, more, walls):
-    if numba.config.NUMBA_NUM_THREADS < 2:
-        pytest.skip("this machine has one core: two threads cannot be compared with one")
     law, state = make_law(law_name, coulomb, **more), flowing(n=600, dim=dim, walls=walls)
     one, _, _ = ss.run(state, law, 150, 0.05, threads=1)
     two, _, _ = ss.run(state, law, 150, 0.05, threads=2)
@@ -159,8 +156,6 @@ def test_where_arrays_lie_in_memory_does_not_matter(law_name, coulomb, dim, more
 
 
 def test_how_tiles_are_shared_out_does_not_matter(monkeypatch):
-    if numba.config.NUMBA_NUM_THREADS < 2:
-        pytest.skip("this machine has one core: its tiles are not shared out")
     law, state = make_law("hertz_mindlin_reff", "sharp", damping_n=0.3, damping_t=0.15), flowing(n=300, walls=True)
     plain, _, _ = ss.run(state, law, 240, 0.05)
     order, tiles, taken = np.arange(302), np.append(np.arange(0, 300, 40), 300), []

@@ -296,17 +296,24 @@ def test_geometric_stiffness_keeps_the_balance(boxed):
 
 
 @pytest.mark.slow
-def test_simple_shear_of_a_periodic_packing():
-    state, law = sheared_box(60, seed=1)
+@pytest.mark.parametrize("seed", [0, 4])
+def test_simple_shear_of_a_periodic_packing(seed):
+    """Where no other choice was consistent the slow dynamics strain as the path does, event by event."""
+    state, law = sheared_box(60, seed=seed)
     end = ss.stress_controlled(state.control, {"xy": -0.05 * 1e-4})
     path = quasirigid_path(state, law, end, increment=0.1)
     assert path.verdict is Verdict.CONSISTENT
-    strain = [p.state.cell.vectors[1, 0] / p.state.cell.vectors[1, 1] for p in path.points]
+    assert path.events
+    assert not path.alternatives
+    strain = np.array([p.state.cell.vectors[1, 0] / p.state.cell.vectors[1, 1] for p in path.points])
     assert (np.diff(strain) > 0).all()
     assert ss.stress(path.states[-1], law)[0, 1] == pytest.approx(-0.05e-4, rel=1e-3)
     run = slowly(state, law, end, time=1e5, until=1.0, drag=0.02)
-    last = run.states[-1].cell.vectors
-    assert last[1, 0] / last[1, 1] == pytest.approx(strain[-1], rel=0.02)
+    slow = np.array([s.cell.vectors[1, 0] / s.cell.vectors[1, 1] for s in run.states])
+    late = path.load > 0.05
+    np.testing.assert_allclose(
+        np.interp(path.load, run.load, slow)[late] - strain[0], strain[late] - strain[0], rtol=2e-3
+    )
 
 
 def test_an_unstable_start_and_other_laws_are_refused(boxed):

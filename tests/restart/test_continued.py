@@ -1,6 +1,5 @@
 """A run that is stopped, written, read and continued is the run, to the last bit: laws, memories, controls, threads."""
 
-import numba
 import numpy as np
 import pytest
 
@@ -130,8 +129,6 @@ def test_a_run_continued_from_a_file_is_the_run(law, dim, n, control, memory, dr
 @pytest.mark.slow
 @pytest.mark.parametrize("control", [free, plate, breathing])
 def test_on_another_number_of_threads_too(control, tmp_path):
-    if numba.config.NUMBA_NUM_THREADS < 2:
-        pytest.skip("this machine has one core: two threads cannot be compared with one")
     law, start = LAWS["reff sharp viscoelastic"], control(flowing(600, 3))
     whole, _, _ = ss.run(start, law, 80, 0.05, threads=1)
     half, _, _ = ss.run(start, law, 40, 0.05, threads=2)

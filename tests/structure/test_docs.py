@@ -76,9 +76,11 @@ def test_the_pages_build_without_a_warning_and_need_no_network(tmp_path):
     for library in ("sphinx", "myst_nb", "furo", "sphinx_copybutton"):
         pytest.importorskip(library, reason="`make docs` installs what builds the documentation")
     words = ("-m", "sphinx", "-q", "-W", "--keep-going", "-D", f"nb_execution_cache_path={tmp_path / 'cache'}")
+    mine = Path(sys.executable).parent  # as where the environment is not activated
+    path = os.pathsep.join(part for part in os.environ["PATH"].split(os.pathsep) if Path(part) != mine)
     run = subprocess.run(
         [sys.executable, *words, DOCS, tmp_path / "html"],
-        capture_output=True, text=True, env=os.environ | {"PYTHONPATH": str(DOCS.parent / "src")},
+        capture_output=True, text=True, env=os.environ | {"PYTHONPATH": str(DOCS.parent / "src"), "PATH": path},
     )  # fmt: skip
     assert run.returncode == 0, run.stderr[-4000:]
     first = (tmp_path / "html/index.html").read_text(encoding="utf-8")

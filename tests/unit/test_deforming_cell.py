@@ -57,3 +57,20 @@ def test_a_step_leaves_grains_what_the_strain_since_the_choice_has_not_taken():
         assert told[-1] == pytest.approx((0.5 * left) ** 2 if left > 0 else -1.0, rel=1e-9)
         np.testing.assert_allclose(flow.matrix[SINCE], since, rtol=1e-13, atol=1e-15)
     assert told[0] > 0 > told[-1]
+
+
+@pytest.mark.parametrize("factors", [[1.0, 1.0], [0.0, 0.0]])
+def test_walls_that_follow_a_course_bear_grains_as_walls_at_its_rate_do(factors):
+    """A floor and a leaning wall, under disks in a cell that is periodic along the third edge alone."""
+    law, velocity = ss.linear(kn=1.0, kt=0.5, mu=0.4), [0.02, 0.01, 0, 0, 0, 0]
+    grains = ss.disks([[0.6, 0.49], [1.59, 0.5], [2.6, 0.48]], 0.5)
+    walls = ss.flat_walls([[0, 0], [0, 0]], [[0, 1], [1, 0.1]])
+    control = ss.driven(ss.loads(3, 2, force=[-2e-3, -1e-2, 0]), [3], factors[0] * np.array(velocity))
+    state = ss.assembly(grains, walls, ss.box([8.0, 1.0, 1.0], [True, False, False], 2), control)
+    plain, _, _ = ss.run(state, law, 300, 0.05)
+    control = ss.following(ss.driven(state.control, [3], velocity), [3], [0.0, 20.0], factors)
+    followed, _, _ = ss.run(state._replace(control=control), law, 300, 0.05)
+    assert plain.grains.position[:, 1].min() > 0.45 + plain.walls.point[0, 1]
+    for name in ("position", "velocity", "spin"):
+        ours, other = getattr(followed.grains, name), getattr(plain.grains, name)
+        np.testing.assert_allclose(ours, other, rtol=1e-9, atol=1e-13)

@@ -184,7 +184,7 @@ def _flowed(dim, predict, blocks, flow, b, scratch):
     (1 + ½ dt L)⁻¹ (Δv + L r), r at the end of the step, is the change of r in the step over dt.
     """
     h, rate, back, ahead = flow.matrix[VECTORS], flow.matrix[RATE], flow.matrix[SLIDE_BACK], flow.matrix[AHEAD]
-    shifted, at = blocks.at[b] >= 0, np.uint64(max(blocks.at[b], 0))
+    shifted, at = blocks.at[b] >= 0 and not blocks.wall[b], np.uint64(max(blocks.at[b], 0))
     for lane in range(LANES):
         l = np.uint64(lane)
         if dim == 2:
