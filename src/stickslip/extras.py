@@ -26,7 +26,7 @@ EXTRAS = {
         "importlinter",
         "hatchling",
         "editables",
-    ),  # fmt: skip
+    ),
 }
 
 
