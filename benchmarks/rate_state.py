@@ -1,64 +1,87 @@
-"""The slider's integrator against SciPy's odeint on the same compiled equations, alternating, with equal tolerances."""
+"""The slider's integrator against compiled LSODA (numbalsoda) on the same compiled equations, alternating.
+
+LSODA starts anew at every leg, as ours does; both are called once a history, from compiled code. Once tolerances are
+equal, once LSODA's is so much smaller that errors are about equal; errors are those against ours at 1e-13.
+"""
 
 import time
 
 import numpy as np
-from scipy.integrate import odeint
+from numba import carray, cfunc, njit
+from rich.console import Console
 
 from stickslip.friction import kernel
 
-TOLERANCE, SAMPLES, ROUNDS = 1e-10, 500, 5
+TOLERANCE, TIGHTER, EXACT, SAMPLES, ROUNDS = 1e-10, 1e-12, 1e-13, 500, 25
 PARAMETERS = np.array([0.0247, 0.0178, 5.3e-3, 0.4, 0.02, 168.0, 0.0, 0.0])  # paper 003 and a spring, slip law
 HISTORIES = {  # durations [s] and velocities of the load point [m/s]
     "slider, one velocity step": ([0.2, 1.0], [0.02, 0.2]),
     "slider, five holds": ([1.0, 0.3, 1.0, 1.0, 1.0, 3.0, 1.0, 10.0, 1.0, 30.0, 1.0], [0.02, 0.0] * 5 + [0.02]),
 }
+console = Console()
 
 
-def ours(duration, velocity, times) -> np.ndarray:
+def ours(duration, velocity, times, tolerance=TOLERANCE) -> np.ndarray:
     """ln V/V0 and ln V0 θ/D_c at all times by the package's kernel."""
     normal = np.ones(len(duration))
-    return kernel.follow(0.0, 0.0, PARAMETERS, 0.0, duration, velocity, normal, 1.0, times, TOLERANCE)[0]
+    return kernel.follow(0.0, 0.0, PARAMETERS, 0.0, duration, velocity, normal, 1.0, times, tolerance)[0]
 
 
-def theirs(duration, velocity, times) -> np.ndarray:
-    """The same by odeint, restarted at every leg."""
+def compiled_lsoda():
+    """The same by LSODA in C++, whose callback is the package's compiled equation; ImportError if it is absent."""
+    from numbalsoda import lsoda, lsoda_sig
 
-    def slopes(_, y, v):
-        return np.reshape(kernel.slopes(y[0], y[1], PARAMETERS, v, 1.0), (2, 2))
+    @cfunc(lsoda_sig)
+    def rates(_, y, dy, given):
+        p, place = carray(given, (9,)), carray(y, (2,))
+        slope = carray(dy, (2,))
+        slope[0], slope[1] = kernel.rates(place[0], place[1], p, p[8], 1.0)
 
-    def rates(_, y, v):
-        return kernel.rates(y[0], y[1], PARAMETERS, v, 1.0)
+    address = rates.address
 
-    place, start, rows = np.zeros(2), 0.0, [np.zeros((1, 2))]
-    for end, v in zip(np.cumsum(duration), velocity, strict=True):
-        within = times[(times > start) & (times <= end)]
-        found = odeint(
-            rates, place, np.r_[start, within, end * (1 + 1e-15)], args=(v,), Dfun=slopes, tfirst=True,
-            rtol=TOLERANCE, atol=TOLERANCE, mxstep=100_000,
-        )  # fmt: skip
-        rows.append(found[1:-1])
-        place, start = found[-1], end
-    return np.concatenate(rows)
+    @njit
+    def followed(duration, velocity, times, parameters, tolerance):
+        found, place, given = np.zeros((len(times), 2)), np.zeros(2), np.append(parameters, 0.0)
+        start, k = 0.0, 1
+        for leg in range(len(duration)):
+            end, first, given[8] = start + duration[leg], k, velocity[leg]
+            while k < len(times) and times[k] <= end:
+                k += 1
+            at = np.concatenate((np.array([start]), times[first:k], np.array([end * (1 + 1e-15)])))
+            rows, good = lsoda(address, place, at, given, tolerance, tolerance, 100_000)
+            if not good:
+                raise RuntimeError("LSODA failed")
+            found[first:k], start = rows[1:-1], end
+            place[:] = rows[-1]
+        return found
+
+    return lambda duration, velocity, times, tolerance: followed(duration, velocity, times, PARAMETERS, tolerance)
 
 
 def rows() -> list[dict]:
-    """Solutions a second of both, and how far they are apart."""
+    """Solutions a second of both, and how far they are apart; none without LSODA."""
+    try:
+        theirs = compiled_lsoda()
+    except ImportError:
+        console.print("[yellow]LSODA skipped[/]: `pip install numbalsoda`, which needs a Fortran compiler, brings it")
+        return []
     found = []
     for case, (duration, velocity) in HISTORIES.items():
         duration, velocity = np.array(duration), np.array(velocity)
         times = np.linspace(0.0, duration.sum() * (1 - 1e-12), SAMPLES)
-        apart = np.abs(ours(duration, velocity, times) - theirs(duration, velocity, times)).max()
-        best = [np.inf, np.inf]
-        for _ in range(ROUNDS):
-            for k, side in enumerate((ours, theirs)):
-                start = time.perf_counter()
-                side(duration, velocity, times)
-                best[k] = min(best[k], time.perf_counter() - start)
-        mine, peer = (1 / seconds for seconds in best)
-        name = f"SciPy odeint, {apart:.0e} apart"
-        found.append({
-            "case": f"{case}, solutions/s", "n": 1, "threads": 1, "ours": mine, "peer": peer, "peer_name": name,
-            "ratio": mine / peer, "unit": "1/s",
-        })  # fmt: skip
+        exact = ours(duration, velocity, times, EXACT)
+        for tolerance in (TOLERANCE, TIGHTER):
+            sides = (lambda: ours(duration, velocity, times), lambda: theirs(duration, velocity, times, tolerance))  # noqa: B023
+            errors, best = [np.abs(side() - exact).max() for side in sides], [np.inf, np.inf]
+            for _ in range(ROUNDS):
+                for k, side in enumerate(sides):
+                    start = time.perf_counter()
+                    side()
+                    best[k] = min(best[k], time.perf_counter() - start)
+            mine, peer = (1 / seconds for seconds in best)
+            name = f"LSODA, compiled, tolerance {tolerance:.0e}: error {errors[1]:.0e}, ours {errors[0]:.0e}"
+            found.append({
+                "case": f"{case}, solutions/s", "n": 1, "threads": 1, "ours": mine, "peer": peer, "peer_name": name,
+                "ratio": mine / peer, "unit": "1/s",
+            })  # fmt: skip
     return found

@@ -52,17 +52,30 @@ def damped(state, *, drag, spin_drag, dt):
             return np.inf, np.inf
 
 
-def newton_steps(state, count: int, check: str = "buckling"):
-    """Seconds a strain step once warm, and the largest residual."""
+def newton_steps(state, count: int, check: str = "buckling", step: float = STEP):
+    """Seconds a strain step once warm, the largest residual, and factorisations a step."""
     keep, worst = Kept(), 0.0
-    state, _ = equilibrate(sheared(state, STEP), LAW, keep=keep, check=check)
-    start = time.perf_counter()
+    state, _ = equilibrate(sheared(state, step), LAW, keep=keep, check=check)
+    start, before = time.perf_counter(), keep.factorisations
     for _ in range(count):
-        state, outcome = equilibrate(sheared(state, STEP), LAW, keep=keep, check=check)
+        state, outcome = equilibrate(sheared(state, step), LAW, keep=keep, check=check)
         if not outcome.ok:
             raise RuntimeError(str(outcome))
         worst = max(worst, outcome.residual)
-    return (time.perf_counter() - start) / count, worst
+    return (time.perf_counter() - start) / count, worst, (keep.factorisations - before) / count
+
+
+def long_steps(n: int, count: int) -> list[dict]:
+    """Steps of 1e-5 and of 1e-4 from the same packing, in turn: the long ones factorise again and rearrange."""
+    state, found = packing(n), {}
+    for _ in range(3):
+        for step in (STEP, 10 * STEP):
+            seconds, _, again = newton_steps(state, count, "nothing", step)
+            found[step] = min(found.get(step, (np.inf, 0.0)), (seconds, again))
+    (short, few), (long, many) = found[STEP], found[10 * STEP]
+    name = f"a step of {STEP:.0e} ({few:.1f} factorisations)"
+    line = row(f"strain step of {10 * STEP:.0e} ({many:.1f} factorisations)", n, long, short, name)
+    return [line | {"ratio": long / short}]
 
 
 def strain_steps() -> list[dict]:
@@ -181,7 +194,7 @@ def robustness(n: int, steps: int, seeds) -> list[dict]:
 
 def rows(full: bool) -> list[dict]:
     """Every row; the sizes beyond 1000 take a quarter of an hour and come with `--large`."""
-    out = strain_steps() + steps_at_size([(1000, 0.15)]) + pairs_at_size()
+    out = strain_steps() + long_steps(100, 30) + steps_at_size([(1000, 0.15)]) + long_steps(1000, 20) + pairs_at_size()
     seeds = [(s, f) for s, f in enumerate((0.66, 0.67, 0.68, 0.69, 0.70))]
     out += robustness(100, 300, seeds) + robustness(1000, 60, [(0, 0.68)])
     if full:

@@ -31,6 +31,7 @@ def ran():
     return simulate_gouge(reduced, workers=2), simulate_gouge(paper.damped_scenario(reduced), workers=2)
 
 
+@pytest.mark.timeout(300)  # another process compiles
 def test_a_run_leaves_figures_series_and_numbers(tmp_path):
     """And says how long it will take, and what is out of range; a second run takes what is there."""
     file, out = tmp_path / "gouge.json", tmp_path / "out"

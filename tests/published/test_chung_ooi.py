@@ -281,7 +281,7 @@ def spinning(test, case, kind):
 @pytest.mark.parametrize("kind", ALL)
 @pytest.mark.parametrize("case", ["aluminium alloy", "nylon"])
 def test_6_impact_on_a_plane_with_different_spins(case, kind):
-    """Below V_st/V_n = 1.2 dashpots decide: γ_t = γ_n here, forces with the fourth root of the overlap there."""
+    """Below V_st/V_n = 1.2 the tangential dashpots decide, which the published codes define otherwise than ours."""
     spinning(6, case, kind)
 
 

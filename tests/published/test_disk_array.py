@@ -17,6 +17,7 @@ from stickslip.data import archive
 from stickslip.experiments import claims as table
 from stickslip.experiments import disk_array, disk_claims, disk_measures
 
+pytestmark = pytest.mark.timeout(300)  # another process compiles
 FORWARD = [f"forward-front-speed-{f}" for f in ("0.083", "0.087", "0.090")]
 V1 = ["v1-over-im-lambda", "v1-power-of-im-lambda"]
 IM = [f"im-lambda-{f}" for f in ("0.083", "0.087", "0.090")]

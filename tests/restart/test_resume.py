@@ -126,6 +126,7 @@ def whole(path, scenario):
     return path / "whole"
 
 
+@pytest.mark.timeout(300)  # another process compiles
 def test_a_flow_that_was_killed_leaves_the_file_of_one_that_was_not(tmp_path):
     scenario = FLOW.format(settle=6.0, open=6.0)
     out, kept, _ = run_killed_once(tmp_path, scenario, after=4)
