@@ -8,7 +8,8 @@ import pytest
 
 from stickslip.cli import main
 from stickslip.data import manifest
-from stickslip.experiments import ratestate_report, report
+from stickslip.experiments import ratestate_report, report, sweep_report
+from stickslip.experiments.sweep import Swept
 
 SLIDER = """
 experiment = "rate-state"
@@ -175,6 +176,38 @@ def test_sweeps_prove_their_files_too(call, tmp_path):
     assert "holds the results of a sweep" in call("run", "0.toml", "--out", "many", "--overwrite").err
     assert call("run", "0.toml", "--out", "one").code == 0
     assert "holds the results of a run" in call("run", "many.toml", "--out", "one", "--overwrite").err
+
+
+@pytest.mark.parametrize("when", ["members", "settling", "failing"])
+def test_a_sweep_stands_until_the_one_that_overwrites_it_has_ended(call, tmp_path, monkeypatch, when):
+    """A kill while members run, or while the new sweep takes the old one's place, or members that all fail."""
+    other = (tmp_path / "many.toml").read_text().replace("stiffness = 200.0", "stiffness = 210.0")
+    (tmp_path / "other.toml").write_text(other)
+    assert call("run", "many.toml", "--out", "many").code == 0
+    before, words = contents(tmp_path / "many"), ("run", "other.toml", "--out", "many", "--overwrite")
+
+    def stopped(*_, **__):
+        raise KeyboardInterrupt
+
+    def failed(chosen, folder, **_):
+        return Swept(chosen, ["a", "b"], [None, None], ["no", "no"], 0)
+
+    place, stop = {
+        "members": ("run_sweep", stopped), "settling": ("note", stopped), "failing": ("run_sweep", failed)
+    }[when]  # fmt: skip
+    with monkeypatch.context() as now:
+        now.setattr(sweep_report, place, stop)
+        done = call(*words)
+        assert done.code == (1 if when == "failing" else 130)
+    after = contents(tmp_path / "many")
+    assert {name: after[name] for name in before} == before
+    assert (when == "failing") == ("every member failed (no)" in done.err)
+    assert call(*words).code == 0
+    final = contents(tmp_path / "many")
+    assert not set(final) & (set(before) - {"sweep.json", "sweep.nc", "sweep-options.json", "manifest.json"})
+    assert not (tmp_path / "many" / ".anew").exists()
+    assert call("run", "other.toml", "--out", "many").code == 0
+    assert contents(tmp_path / "many").keys() == final.keys()
 
 
 def test_pages_belong_to_the_run_in_whose_folder_they_are(call, tmp_path):

@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ..data.kept import MEMBERS, SCENARIO, SWEEP
-from ..data.manifest import strange
+from ..data.manifest import note, proven, strange
 from ..data.sweep import Sweep, differences, member
 from ..data.sweep_data import DATASET
 from ..ensemble import Workers, reach
@@ -19,6 +19,7 @@ from .sweep import MANY, Swept, estimate, finished, judged, run_sweep
 
 OURS = (SWEEP, OPTIONS, DATASET, MEMBERS)
 LISTED = 10  # failures that are listed
+ANEW, READY = ".anew", "ready"  # where a sweep that replaces another is run, and what says that it has ended
 
 
 def simulate(
@@ -31,34 +32,44 @@ def simulate(
     confirm : called after count and estimate were shown, if there are more than MANY members; False runs nothing
     """
     where = reach(workers)
-    _claim(out, overwrite)
-    another = _another(out, chosen, overwrite)
+    _settle(out)
+    others = _claim(out, overwrite)
+    room = out / ANEW if _another(out, chosen, overwrite) or others else out
+    if room != out:
+        going = ", ".join(name for name in OURS if (out / name).exists())
+        console.print(f"--overwrite: {going} in {out} will be replaced when the new sweep has ended.", markup=False)
     member(chosen, 0)
     console.print(_count(chosen))
     if chosen.count > MANY:
-        console.print(f"On {where.words}: {estimate(chosen, out, where.slots)}.")
+        console.print(f"On {where.words}: {estimate(chosen, room, where.slots)}.")
         if not confirm():
             return None
     with progress() as tell:
         told = (lambda share, words: tell("checking scenarios", share, words)) if chosen.count > MANY else None
         names = judged(chosen, told)
-        done = sum(finished(out / MEMBERS / name) is not None for name in set(names)) if out.exists() else 0
+        if room != out:
+            _begin_anew(room, chosen)
+        done = sum(finished(room / MEMBERS / name) is not None for name in set(names)) if room.exists() else 0
         stage = f"{len(set(names)) - done} members to run" + (f", {done} done before" if done else "")
-        if another:
-            _begin_anew(out)
 
         def line(share: float, words: str, left: float | None) -> None:
             tell(stage, share, words, left)
 
         line(0.0, f"on {where.words}", None)
         try:
-            return run_sweep(chosen, out, names=names, workers=workers, figures=figures, report=line)
+            swept = run_sweep(chosen, room, names=names, workers=workers, figures=figures, report=line)
         except KeyboardInterrupt:
-            done = sum(finished(out / MEMBERS / name) is not None for name in set(names))
+            done = sum(finished(room / MEMBERS / name) is not None for name in set(names))
             console.print(
                 f"{done} of {len(names)} members are finished and kept: the same call goes on with the others."
             )
             raise
+    if room != out:
+        if not any(swept.found):
+            raise RuntimeError(f"every member failed ({swept.failures[0]}): what was in {out} stays as it was")
+        (room / READY).touch()
+        _settle(out)
+    return swept
 
 
 def _count(chosen: Sweep) -> str:
@@ -69,17 +80,21 @@ def _count(chosen: Sweep) -> str:
     return f"Sweep: {chosen.count} member{'s' if chosen.count > 1 else ''}, {dims}."
 
 
-def _claim(out: Path, overwrite: bool) -> None:
-    """Raise ValueError if a sweep cannot go to a folder: it cannot be written, or holds what no sweep wrote."""
+def _claim(out: Path, overwrite: bool) -> bool:
+    """Whether a folder holds what no sweep wrote, and what is to be replaced.
+
+    Raises
+    ------
+    ValueError
+        if it may not be replaced, or the folder cannot be written.
+    """
     checked(out)
     if (out / SCENARIO).exists() and not (out / SWEEP).exists():
         raise ValueError(f"{out} holds the results of a run: choose another --out")
     others = strange(out, lambda name: name in OURS)
     if others and not overwrite:
         raise ValueError(foreign(out, others))
-    going = [name for name in OURS if (out / name).exists()]
-    if overwrite and going:
-        console.print(f"--overwrite: {', '.join(going)} in {out} will be replaced.")
+    return bool(others)
 
 
 def _another(out: Path, chosen: Sweep, overwrite: bool) -> bool:
@@ -97,11 +112,30 @@ def _another(out: Path, chosen: Sweep, overwrite: bool) -> bool:
     return bool(differ)
 
 
-def _begin_anew(out: Path) -> None:
-    """Remove what another sweep left; its name last, so that a kill leaves a sweep that can be gone on with."""
-    shutil.rmtree(out / MEMBERS, ignore_errors=True)
-    for name in (DATASET, OPTIONS, SWEEP):
-        (out / name).unlink(missing_ok=True)
+def _begin_anew(room: Path, chosen: Sweep) -> None:
+    """Keep what an earlier call left of the same sweep, and of no other."""
+    try:
+        same = (room / SWEEP).read_text(encoding="utf-8") == chosen.text
+    except (OSError, ValueError):
+        same = False
+    if not same:
+        shutil.rmtree(room, ignore_errors=True)
+
+
+def _settle(out: Path) -> None:
+    """Move a sweep that has ended to its place; who was killed while doing so is followed by the next call."""
+    room = out / ANEW
+    if not (room / READY).exists():
+        return
+    old, new = proven(out), proven(room)
+    note(out, {name: old.get(name, []) + new.get(name, []) for name in old | new})
+    for name in OURS:
+        if (room / name).exists():
+            if (out / name).is_dir():
+                shutil.rmtree(out / name)
+            (room / name).replace(out / name)
+    note(out, new)
+    shutil.rmtree(room)
 
 
 def show(swept: Swept) -> None:

@@ -5,7 +5,7 @@ logarithms do not. All kernels are in this one file, since Numba's disk cache do
 
 Extrapolation of the linearly implicit Euler method (P. Deuflhard, SIAM Rev. 27, 505 (1985), doi:10.1137/1027140) needs
 no table of coefficients, adapts its order, and takes the 2 × 2 systems by Cramer's rule. It ends a step at every time
-that is asked for, so that nothing is interpolated. `python -m benchmarks --friction` times it beside SciPy's odeint.
+that is asked for, so that nothing is interpolated. `python -m benchmarks --friction` times it beside LSODA.
 """
 
 import numpy as np
