@@ -14,8 +14,8 @@ ROUNDS = 5
 SIZE_ROUNDS, SIZE_STEPS, GRAIN_STEPS = 3, 500, 10_000_000
 console = Console()
 PEERS = {  # sides that are LAMMPS, and what they are called
-    "gran/hertz/history": "LAMMPS gran/hertz/history",
-    "gran/hertz/history omp": "LAMMPS gran/hertz/history, newton on, -sf omp",
+    "gran/hertz/history": "LAMMPS gran/hertz",
+    "gran/hertz/history omp": "LAMMPS gran/hertz, newton on, omp",
     "granular": "LAMMPS granular",
 }
 PLAIN, OMP, GENERAL = PEERS

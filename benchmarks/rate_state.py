@@ -79,7 +79,7 @@ def rows() -> list[dict]:
                     side()
                     best[k] = min(best[k], time.perf_counter() - start)
             mine, peer = (1 / seconds for seconds in best)
-            name = f"LSODA, compiled, tolerance {tolerance:.0e}: error {errors[1]:.0e}, ours {errors[0]:.0e}"
+            name = f"LSODA to {tolerance:.0e}, error {errors[1]:.0e}, ours {errors[0]:.0e}"
             found.append({
                 "case": f"{case}, solutions/s", "n": 1, "threads": 1, "ours": mine, "peer": peer, "peer_name": name,
                 "ratio": mine / peer, "unit": "1/s",
