@@ -1,6 +1,7 @@
 """Runs replace and remove their own files only, and old results go when new ones are complete."""
 
 import json
+import os
 import sys
 from types import SimpleNamespace
 
@@ -237,3 +238,37 @@ def test_names_with_brackets_are_shown_as_they_are(call, tmp_path):
     (tmp_path / "p[bold]" / "claims.json").write_text("mine")
     assert "p[bold] holds" in call("run", "0.toml", "--out", "p[bold]").err
     assert "claims.json in p[bold] will be" in call("run", "0.toml", "--out", "p[bold]", "--overwrite").out
+
+
+def test_what_others_have_is_left_where_only_other_names_are_there(call, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "notes.txt").write_text("mine")
+    assert "(notes.txt)" in call("run", "0.toml", "--out", "out").err
+    assert call("run", "0.toml", "--out", "out", "--overwrite").code == 0
+    assert (tmp_path / "out" / "notes.txt").read_text() == "mine"
+    assert (tmp_path / "out" / "results.h5").exists()
+
+
+def test_a_folder_by_the_name_of_a_result_is_told_before_anything_is_computed(call, tmp_path):
+    (tmp_path / "out" / "series.csv").mkdir(parents=True)
+    (tmp_path / "out" / "series.csv" / "mine").write_text("mine")
+    done = call("run", "0.toml", "--out", "out", "--overwrite")
+    assert done.code == 2
+    assert "series.csv is a folder where a run writes a file: move it away" in done.err
+    assert list(contents(tmp_path / "out")) == ["series.csv/mine"]
+
+
+@pytest.mark.parametrize("name", [".lock", ".lock.json"])
+@pytest.mark.parametrize("kind", ["file", "link", "pipe"])
+def test_what_bears_the_names_of_the_lock_stays(call, tmp_path, name, kind):
+    (tmp_path / "out").mkdir()
+    path, target = tmp_path / "out" / name, tmp_path / "precious"
+    target.write_text("mine")
+    {"file": lambda: path.write_text("mine"), "link": lambda: path.symlink_to(target), "pipe": lambda: os.mkfifo(path)}[
+        kind
+    ]()
+    done = call("run", "0.toml", "--out", "out")
+    assert done.code == 2
+    assert f"holds {name}, which stickslip did not write: move it away" in done.err
+    assert target.read_text() == "mine"
+    assert list((tmp_path / "out").iterdir()) == [path]

@@ -3,6 +3,7 @@
 import json
 import os
 import socket
+import stat
 import sys
 import time
 from collections.abc import Iterator
@@ -11,6 +12,7 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
+from . import whole
 from .kept import MEMBERS, SWEEP
 
 TRIES = 20
@@ -32,6 +34,8 @@ def alone(folder: Path) -> Iterator[None]:
     place = _place(folder)
     if place.is_file():
         raise ValueError(f"{folder} is a file, not a folder: choose another --out")
+    if name := _in_the_way(place):
+        raise ValueError(f"{folder} holds {name}, which stickslip did not write: move it away, or choose another --out")
     made = [path for path in (place, *place.parents) if not path.exists()]
     lock = FileLock(place / LOCK, timeout=0)
     try:
@@ -75,7 +79,7 @@ def _note(place: Path) -> None:
     words = " ".join(["stickslip", *sys.argv[1:2]])
     told = {"pid": os.getpid(), "host": socket.gethostname(), "since": time.strftime("%Y-%m-%d %H:%M:%S"), "by": words}
     with suppress(OSError):  # a full disk is told when results are written
-        (place / HOLDER).write_text(json.dumps(told), encoding="utf-8")
+        whole.replace(place / HOLDER, json.dumps(told).encode())
 
 
 def _holder(place: Path) -> str:
@@ -85,6 +89,19 @@ def _holder(place: Path) -> str:
         return f"process {told['pid']} on {told['host']} ({told['by']}) has worked in it since {told['since']}"
     except (OSError, ValueError, KeyError, TypeError):
         return "another process works in it"
+
+
+def _in_the_way(place: Path) -> str | None:
+    """Somebody's file or link by the name of the lock, which is empty, or of the note about who holds it."""
+    for name in (LOCK, HOLDER):
+        path = place / name
+        with suppress(OSError):  # gone meanwhile
+            if not stat.S_ISREG(path.lstat().st_mode):
+                return name
+            text = path.read_bytes()
+            if text and (name == LOCK or not text.startswith(b"{")):
+                return name
+    return None
 
 
 def _remove(folders: list[Path]) -> None:

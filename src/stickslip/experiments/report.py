@@ -140,12 +140,16 @@ def foreign(folder: Path, names: list[str]) -> str:
 def _given_up(folder: Path, scenario, others: list[str]) -> None:
     """Say what will go, drop the pieces of another run, and note what may be replaced."""
     going = sorted({path.name for path in files_of(folder)} | {name for name in others if is_ours(name)})
+    if name := next((name for name in going if (folder / name).is_dir()), None):
+        raise ValueError(
+            f"{folder / name} is a folder where a run writes a file: move it away, or choose another --out"
+        )
     if going:
         console.print(
             f"--overwrite: {_listed(going)} in {folder} will be replaced or removed when the new results are complete.",
             soft_wrap=True,
         )  # fmt: skip
-    if going or under_way(folder):
+    if others or going or under_way(folder):
         finished(folder)
         adopt(folder, [name for name in others if is_ours(name)])
         kept_in(folder, scenario).announce()
