@@ -86,3 +86,20 @@ def test_shapes_and_types_that_are_wrong_are_refused(state):
                 continue
             with pytest.raises(ValueError, match=r"\.|row"):
                 sound(changed(state, noun, name, np.ascontiguousarray(bad)))
+
+
+@pytest.mark.parametrize(
+    ("entry", "value"),
+    [
+        ("kind", 99), ("kind", "x"), ("coulomb", 2**31 - 1), ("damping", 0), ("damping", 2**31 - 1), ("damping", "x"),
+        ("table", "x"), ("table", np.ones((1, 1, 5, 1))), ("table", np.ones((1, 1, 4))),
+        ("table", np.full((1, 1, 5), np.nan)),
+    ],
+)  # fmt: skip
+def test_a_law_that_compiled_code_does_not_know_is_refused(tmp_path, entry, value):
+    law = make_law("linear", "smooth", damping="viscoelastic", damping_n=0.1, tension=False)
+    archive.write(tmp_path / "a.h5", {"law": law})
+    assert archive.read(tmp_path / "a.h5")["law"]._replace(table=law.table) == law
+    archive.write(tmp_path / "a.h5", {"law": law._replace(**{entry: value})})
+    with pytest.raises(archive.ArchiveError, match=rf"law\.{entry} (is|has|holds)"):
+        archive.read(tmp_path / "a.h5")

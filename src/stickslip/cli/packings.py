@@ -115,6 +115,9 @@ def stability(
     from ..experiments import answers, report, stability_report
     from ..experiments.stability_more import more_of
 
+    shapes = modes or Path(f"{file.stem}-modes.npz")
+    if modes or not as_json:
+        stability_report.check_modes(shapes, file, asked=modes is not None)
     with report.speaking(quiet=quiet, as_json=as_json):
         (state, its_law, words), said = listened(read_sample, file, **options)
         words = [*words, *said]
@@ -127,7 +130,7 @@ def stability(
             more = more_of(state, its_law, found, report=tell) if beyond else None
         why, paths = [] if found.balanced else stability_report.causes(found, options, words), []
         if modes or (not as_json and found.balanced and found.modes.shape[1]):
-            paths = [stability_report.write_modes(modes or Path(f"{file.stem}-modes.npz"), found)]
+            paths = [stability_report.write_modes(shapes, found)]
     if as_json:
         for line in words:
             print(f"stickslip: {line}", file=sys.stderr)

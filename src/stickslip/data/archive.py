@@ -26,7 +26,7 @@ import numpy as np
 from ..core.kinds import Kind, described, recalled
 from ..core.laws import Law
 from ..core.state import Cell, Contacts, Control, Grains, Instant, State, Walls
-from .sound import sound
+from .sound import sound, sound_law
 from .units import unit_of
 from .whole import replace
 
@@ -223,7 +223,7 @@ def _take(item, known: dict):
     if noun is Law and "own" in tree:
         tree["kind"] = _recalled(tree["kind"], tree.pop("own"))
     made = noun(**tree) if noun else tree
-    return sound(made) if noun is State else made
+    return sound(made) if noun is State else sound_law(made) if noun is Law else made
 
 
 def _recalled(kind: int, about: dict) -> Kind:

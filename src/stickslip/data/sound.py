@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from ..core.kinds import Kind
+from ..core.laws import COULOMB, DAMPING, KINDS, NO_TENSION, Law, names_of
 from ..core.neighbors import keys_of
 from ..core.state import OPEN, SLIDE, STICK, Cell, Contacts, Control, Grains, Instant, State, Walls
 
@@ -75,12 +77,34 @@ def sound(state: State) -> State:
     return state
 
 
+def sound_law(law: Law) -> Law:
+    """The law, if compiled code knows its kinds, and its table has the shape and the numbers that it needs.
+
+    Raises
+    ------
+    ValueError
+        with one sentence that names the entry.
+    """
+    dampings = [model + more for model in DAMPING.values() for more in (0, NO_TENSION)]
+    entries = {"kind": range(len(KINDS)), "coulomb": COULOMB.values(), "damping": dampings}
+    for name, known in entries.items():
+        value = getattr(law, name)
+        if not (isinstance(value, int | np.integer) and value in known) and not isinstance(value, Kind):
+            raise ValueError(f"law.{name} is {value!r}")
+    materials = len(np.atleast_1d(law.table))
+    _check_array("law.table", law.table, _FLOAT, [materials, materials, len(names_of(law))])
+    if not np.isfinite(law.table).all():
+        raise ValueError("law.table holds what is no number")
+    return law
+
+
 def _check_array(name: str, array, types: str, shape: list) -> None:
     if not isinstance(array, np.ndarray) or array.dtype.kind not in types:
         raise ValueError(f"{name} is of type {getattr(array, 'dtype', type(array).__name__)}")
     if array.ndim != len(shape) or any(s not in (None, got) for s, got in zip(shape, array.shape, strict=True)):
         wanted = ", ".join("any" if s is None else str(s) for s in shape)
-        raise ValueError(f"{name} has the shape {array.shape} where ({wanted}) is needed")
+        got = ", ".join(map(str, array.shape))
+        raise ValueError(f"{name} has the shape [{got}] where [{wanted}] is needed")
 
 
 def _check_indices(state: State) -> None:

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 from typing import NamedTuple
+from zipfile import BadZipFile
 
 import numpy as np
 from rich.table import Table
@@ -20,6 +21,7 @@ from . import stability_more
 from .report import STYLE, console
 
 SHOWN = 12  # pairs in the table
+_MODES = ("eigenvalue", "exponent", "translation", "rotation")  # entries of a file of modes
 SETTLED = 1e-10  # residual over the mean normal contact force to which a packing is settled
 OF_A_LAW = ("law", "coulomb", "kn", "kt", "mu", "young", "poisson", "damping", "damping_n", "damping_t")
 UNKNOWN_LAW = "another law"  # how the last of `likely_causes` begins
@@ -216,6 +218,21 @@ def _show_pairs(found: Stability) -> None:
         console.print(table)
     if len(found.negative):
         console.print("negative λ: " + ", ".join(f"{v:.4g}" for v in found.negative[:SHOWN]))
+
+
+def check_modes(path: Path, packing: Path, *, asked: bool) -> None:
+    """Raise ValueError if modes would replace the packing, or, under a name that nobody gave, what are no modes."""
+    if path.exists() and packing.exists() and path.samefile(packing):
+        raise ValueError(f"--modes {path} would replace the packing: give another name")
+    if asked or not path.exists():
+        return
+    try:
+        with np.load(path) as file:
+            if set(_MODES) <= set(file.files):
+                return
+    except (OSError, EOFError, ValueError, AttributeError, BadZipFile):
+        pass
+    raise ValueError(f"modes go to {path} here, which holds something else: say where with --modes, or move it away")
 
 
 def write_modes(path: Path, found: Stability | Damped) -> Path:
