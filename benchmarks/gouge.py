@@ -29,7 +29,9 @@ def scene(copies: int) -> tuple[Path, int]:
     from stickslip.loading.gouge import settled
     from stickslip.loading.gouge_run import OURS
 
-    whole = scenario(experiment="gouge", protocol=[{"kind": "slide", "velocity": VELOCITY, "slip": 1.0}])
+    whole = scenario(
+        experiment="gouge", law={"gamma_n": 6e7}, protocol=[{"kind": "slide", "velocity": VELOCITY, "slip": 1.0}]
+    )  # fmt: skip
     path = STORE / f"gouge-{whole.digest[:16]}-{copies}-{SCHEMA}.pickle"
     if path.exists():
         _, place = pickle.loads(path.read_bytes())

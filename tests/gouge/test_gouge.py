@@ -10,6 +10,7 @@ from stickslip.data.archive import ArchiveError
 from stickslip.data.gouge_scenario import GougeScenario
 from stickslip.experiments.gouge_report import numbers
 from stickslip.loading import gouge_measures as measures
+from stickslip.loading import gouge_statistics as statistics
 from stickslip.loading.gouge import BOTTOM, TOP, _apart, plate_number, settled, sprung
 from stickslip.loading.gouge_ensemble import MEMBERS, GougeResult, simulate_gouge
 from stickslip.loading.gouge_numbers import (
@@ -20,8 +21,9 @@ from stickslip.loading.gouge_numbers import (
     range_of,
     stiffness,
 )
-from stickslip.loading.gouge_run import Realization, Series, Test, _mean_overlap
+from stickslip.loading.gouge_run import Realization, Series, Test, _mean_overlap, _thinned
 
+LAW = {"gamma_n": 1e4}
 SLIDE = [{"kind": "slide", "velocity": 0.3, "slip": 1.0}]
 STEPS = {"kind": "velocity-steps", "velocities": [0.3, 0.1], "slip": 1.0}
 HOLDS = {"kind": "slide-hold-slide", "before": [0.3], "holds": [1e-2]}
@@ -33,7 +35,7 @@ def small(**more) -> GougeScenario:
     tables = {
         "experiment": "gouge", "grains": {"number": 70}, "cell": {"length": 0.016, "width": 0.016}, "dt": 2e-7,
         "preparation": {"slip": 0.4, "window": 0.2, "change": 1.0, "approach": 10.0, "unbalanced": 0.03},
-        "sample_every": 100, "ledger_steps": 300,
+        "sample_every": 100, "ledger_steps": 300, "law": LAW,
         "protocol": [
             {"kind": "velocity-steps", "velocities": (0.3, 0.6), "slip": 0.1, "twin": 0.05},
             {
@@ -81,7 +83,7 @@ def ran(tmp_path_factory):
 )
 def test_bad_scenarios_are_refused_in_one_sentence(tables, words):
     with pytest.raises(ss.ScenarioError, match=words):
-        ss.scenario(experiment="gouge", **tables)
+        ss.scenario(**{"experiment": "gouge", "law": LAW} | tables)
 
 
 def test_the_estimate_counts_every_leg():
@@ -104,17 +106,19 @@ def test_a_time_step_that_is_too_long_is_refused_with_the_number():
 
 
 def test_every_definition_of_stiffness_is_its_formula():
-    chosen = ss.scenario(experiment="gouge", protocol=SLIDE, load={"stiffness": 425.0, "definition": "rate_state"})
+    chosen = ss.scenario(
+        experiment="gouge", law=LAW, protocol=SLIDE, load={"stiffness": 425.0, "definition": "rate_state"}
+    )
     k = 425 * 0.0178 * 5e6 / 5.3e-3
     told = {"per_area": k, "per_stress": k / 5e6, "grain": k * 3e-3 / 5e6, "rate_state": 425.0}
     assert normalised_stiffness(chosen) == pytest.approx(told)
     for name, value in told.items():
-        again = ss.scenario(experiment="gouge", protocol=SLIDE, load={"stiffness": value, "definition": name})
+        again = ss.scenario(experiment="gouge", law=LAW, protocol=SLIDE, load={"stiffness": value, "definition": name})
         assert stiffness(again) == pytest.approx(k)
 
 
 def test_every_definition_of_hold_time_is_its_formula():
-    chosen = ss.scenario(experiment="gouge", protocol=SLIDE, load={"stiffness": 7e9, "definition": "per_area"})
+    chosen = ss.scenario(experiment="gouge", law=LAW, protocol=SLIDE, load={"stiffness": 7e9, "definition": "per_area"})
     found = normalised_hold(chosen, 0.1, 0.02)
     assert found["load_point"] == pytest.approx(0.1 * 0.02 / 5.3e-3)
     assert found["frozen"] == pytest.approx(7e9 / 5e6 * 0.02 * 0.1 / 0.0247)
@@ -122,14 +126,14 @@ def test_every_definition_of_hold_time_is_its_formula():
 
 
 def test_every_definition_of_the_inertial_number_is_its_formula():
-    chosen = ss.scenario(experiment="gouge", protocol=SLIDE)
+    chosen = ss.scenario(experiment="gouge", law=LAW, protocol=SLIDE)
     found, root = inertial_numbers(chosen, 0.1, 0.03), np.sqrt(2500 / 5e6)
     told = {"mean_grain": 0.1 / 0.03 * 3e-3 * root, "largest_grain": 0.1 / 0.03 * 4e-3 * root, "slip": 0.1 * root}
     assert found == pytest.approx(told)
 
 
 def test_what_leaves_the_quasi_static_range_is_said():
-    chosen = ss.scenario(experiment="gouge", protocol=SLIDE)
+    chosen = ss.scenario(experiment="gouge", law=LAW, protocol=SLIDE)
     good = range_of(chosen, 0.1, 0.03, 0.004, 1e-6)
     assert good.warnings == []
     assert good.inertial_number == pytest.approx(0.1 / 0.03 * 3e-3 * np.sqrt(2500 / 5e6))
@@ -165,7 +169,7 @@ def test_the_load_point_does_what_the_protocol_says(ran):
         assert np.diff(series.load_point) == pytest.approx(test.velocity * np.diff(series.time), abs=1e-12)
     kinds = [test.kind for test in result.realizations[0].tests]
     assert kinds == [
-        "steady", "slide", "twin", "step", "slide", "twin", *["reslide"] * 4, "hold"
+        "steady", "slide", "slide", "twin", "step", "twin", *["reslide"] * 4, "hold"
     ]  # fmt: skip
     assert [t.hold for t in result.realizations[0].of("reslide")] == [1e-4, 1e-4, 2e-4, 2e-4]
 
@@ -182,18 +186,95 @@ def test_spring_and_contacts_tell_the_same_friction(ran):
 
 
 def test_branches_start_where_they_were_told_to(ran):
-    """A step and its twin share the state before; slides after a hold start at its friction."""
+    """A step and its twin start from the end of their slide; slides after a hold start at its friction."""
     one = ran[0].realizations[0]
-    k, step = next((k, t) for k, t in enumerate(one.tests) if t.kind == "step")
-    twin, before = one.tests[k - 1], one.tests[k - 2]
-    for test in (step, twin):
+    for test in (*one.of("step"), *one.of("twin"), *one.of("hold")):
+        before = one.slide_to(test)
+        assert (before.part, before.branch, before.velocity) == (test.part, test.branch, test.before)
         assert test.series.time[0] == pytest.approx(before.series.time[-1] + 100 * 2e-7)
-    assert twin.series.load_point[0] - before.series.load_point[-1] == pytest.approx(0.3 * 100 * 2e-7)
+    twin = one.of("twin")[0]
+    ahead = twin.series.load_point[0] - one.slide_to(twin).series.load_point[-1]
+    assert ahead == pytest.approx(0.3 * 100 * 2e-7)
     hold = one.of("hold")[0].series
     for reslide in one.of("reslide"):
         at = int(np.argmin(np.abs(hold.time - (reslide.series.time[0] - 100 * 2e-7))))
         assert hold.time[at] - hold.time[0] + 100 * 2e-7 == pytest.approx(reslide.hold)
         assert reslide.series.slip[0] - hold.slip[at] < 2 * reslide.velocity * 100 * 2e-7
+
+
+def test_several_branches_start_along_one_slide(tmp_path):
+    """Spaced as asked, in whichever process, with the same results; what is finished is not run again."""
+    hold = {"kind": "slide-hold-slide", "before": (0.3,), "holds": (4e-4,), "after": (), "approach": 0.1}
+    steps = {"kind": "velocity-steps", "velocities": (0.3, 0.6), "slip": 0.1, "branches": 2, "spacing": 0.1}
+    chosen = small(protocol=[hold | {"branches": 3, "spacing": 0.2}, steps], ledger_steps=0)
+    assert chosen.duration == pytest.approx(
+        (0.4 + 0.1 + 2 * 0.2 + 0.1 + 0.1) * 3e-3 / 0.3 + 3 * 4e-4 + 2 * 0.1 * 3e-3 / 0.6
+    )
+    here, there = (simulate_gouge(chosen, workers=n, folder=tmp_path / str(n)) for n in (1, 2))
+    one = here.realizations[0]
+    holds = one.of("hold")
+    assert [(t.part, t.branch) for t in holds] == [(0, 0), (0, 1), (0, 2)]
+    assert [(t.part, t.branch) for t in one.of("step")] == [(1, 0), (1, 1)]
+    ends = [one.slide_to(t).series.load_point[-1] for t in holds]
+    assert np.diff(ends) == pytest.approx([0.2 * 3e-3] * 2)
+    for a, b in zip(one.tests, there.realizations[0].tests, strict=True):
+        assert (a.series.friction == b.series.friction).all()
+    (file,), (other,) = ((tmp_path / str(n) / MEMBERS).iterdir() for n in (1, 2))
+    assert file.read_bytes() == other.read_bytes()
+    assert one.of("hold")[0].elastic > 0
+
+
+def test_a_killed_realization_goes_on_from_its_branches(tmp_path, monkeypatch):
+    """What a branch has finished is not run again, and the result is that of a run that was not stopped."""
+    hold = {"kind": "slide-hold-slide", "before": (0.3,), "holds": (4e-4,), "after": (), "approach": 0.1}
+    chosen = small(protocol=[hold | {"branches": 2, "spacing": 0.2}], ledger_steps=0)
+    from stickslip.loading import gouge_ensemble
+
+    whole, calls = gouge_ensemble.branch, []
+
+    def once(scenario, start, *rest):
+        calls.append(start.number)
+        if start.number == 1:
+            raise KeyboardInterrupt
+        return whole(scenario, start, *rest)
+
+    monkeypatch.setattr(gouge_ensemble, "branch", once)
+    with pytest.raises(KeyboardInterrupt):
+        simulate_gouge(chosen, workers=1, folder=tmp_path / "stopped")
+    monkeypatch.setattr(
+        gouge_ensemble, "branch", lambda s, start, *rest: (calls.append(start.number), whole(s, start, *rest))[1]
+    )
+    monkeypatch.setattr(gouge_ensemble, "trunk", refuse)
+    again = simulate_gouge(chosen, workers=1, folder=tmp_path / "stopped")
+    assert calls == [0, 1, 1]
+    monkeypatch.undo()
+    straight = simulate_gouge(chosen, workers=1)
+    for a, b in zip(again.realizations[0].tests, straight.realizations[0].tests, strict=True):
+        assert (a.series.friction == b.series.friction).all()
+
+
+def test_a_branch_that_fails_is_told_with_its_sample(monkeypatch):
+    def fails(scenario, start, *_):
+        raise RuntimeError("it blew up")
+
+    monkeypatch.setattr("stickslip.loading.gouge_ensemble.branch", fails)
+    with pytest.raises(RuntimeError, match="no realization succeeded; realization 0 failed: it blew up"):
+        simulate_gouge(small(ledger_steps=0), workers=1)
+
+
+def test_samples_of_a_hold_are_means_over_growing_intervals():
+    """Each sample counts once; 20 intervals in a decade, single samples at first."""
+    columns = {name: np.arange(1.0, 5001) for name in Series._fields}
+    columns["fabric"] = np.arange(1.0, 5001)[:, None, None] * np.ones((1, 3, 3))
+    thin = _thinned(Series(**columns))
+    assert 60 < len(thin.time) < 20 * np.log10(5001) + 1
+    assert thin.time[:5] == pytest.approx([1, 2, 3, 4, 5])
+    assert thin.time[-1] == pytest.approx(5000 * (1 + 10**-0.05) / 2, rel=1e-3)
+    assert thin.fabric[:, 1, 2] == pytest.approx(thin.time)
+    end = 0.5
+    for middle in thin.time:  # the mean of an interval is half the sum of its ends
+        end = 2 * middle - end
+    assert end == pytest.approx(5000.5)
 
 
 def test_the_energies_of_sliding_balance(ran):
@@ -208,7 +289,7 @@ def test_the_energies_of_sliding_balance(ran):
 def test_a_finished_realization_is_not_run_again(ran, monkeypatch, tmp_path):
     """Neither by the same scenario nor by one that asks for more of them; what cannot be used stops the run."""
     result, folder = ran
-    monkeypatch.setattr("stickslip.loading.gouge_ensemble.realization", refuse)
+    monkeypatch.setattr("stickslip.loading.gouge_ensemble.trunk", refuse)
     again = simulate_gouge(small(realizations=2), folder=folder, workers=1)
     assert again.reused == 2
     for name, found in (("ran", result), ("read", again)):
@@ -236,7 +317,7 @@ def refuse(*_):
 
 
 def test_if_all_fail_the_first_reason_is_told(monkeypatch):
-    monkeypatch.setattr("stickslip.loading.gouge_ensemble.realization", refuse)
+    monkeypatch.setattr("stickslip.loading.gouge_ensemble.trunk", refuse)
     with pytest.raises(RuntimeError, match="no realization succeeded; realization 0 failed: not again"):
         simulate_gouge(small(), workers=1)
 
@@ -321,11 +402,11 @@ def test_healing_and_compaction_of_a_made_up_sample():
         tests.append(one)
     result = of_tests(*tests)
     excess = [measures.just_after(measures.reslide_curve(result, 0.3, hold, 0.3, twin=True)) for hold in (1e-3, 1e-2)]
-    found = measures.slope(np.log([1e-3, 1e-2]), excess)
+    found = statistics.slope(np.log([1e-3, 1e-2]), excess)
     assert found.value == pytest.approx(b)
     assert found.error == pytest.approx(0, abs=1e-9)
-    thinner = measures.compaction(result, 0.3)
-    assert thinner.value == pytest.approx(c / 0.03, rel=1e-3)
+    thinner = measures.per_efold(measures.hold_curve(result, 0.3, "thickness"))
+    assert thinner.value == pytest.approx(-c, rel=1e-3)
     assert measures.mean_friction(result, 0.3).value == pytest.approx(0.4 + 0.01 / 3)
     plain = measures.reslide_curve(result, 0.3, 1e-2, 0.3)
     assert plain.mean == pytest.approx(b * np.log(100), abs=1e-9)
@@ -333,7 +414,7 @@ def test_healing_and_compaction_of_a_made_up_sample():
 
 
 def test_bands_are_two_standard_deviations():
-    curve = measures.Curve(np.zeros(2), np.array([[0.0, 1], [0.03, 1], [-0.02, 1]]), "")
+    curve = statistics.Curve(np.zeros(2), np.array([[0.0, 1], [0.03, 1], [-0.02, 1]]), np.arange(3), "")
     assert curve.band == pytest.approx([2 * np.std([0, 0.03, -0.02], ddof=1), 0])
     assert curve.error == pytest.approx(curve.band / 2 / np.sqrt(3))
 
@@ -346,7 +427,7 @@ def test_the_error_of_few_realizations_is_that_of_their_mean(levels):
     assert found.value == pytest.approx(np.mean(levels))
     # 400 draws tell a standard deviation to 1/√800 = 3.5 %
     assert found.error == pytest.approx(np.std(levels, ddof=1) / np.sqrt(len(levels)), rel=0.1)
-    average = measures.average([found, found])
+    average = statistics.average([found, found])
     assert (average.value, average.error) == (pytest.approx(found.value), pytest.approx(found.error))
 
 
@@ -364,13 +445,13 @@ def test_plates_and_overlaps_see_the_nearest_images():
 
 
 def test_one_realization_has_no_error():
-    curve = measures.Curve(np.linspace(0, 1, 50), np.full((1, 50), 0.1), "")
+    curve = statistics.Curve(np.linspace(0, 1, 50), np.full((1, 50), 0.1), np.zeros(1), "")
     assert np.isnan(measures.just_after(curve).error)
     assert np.isnan(curve.error).all()
-    assert repr(measures.just_after(curve)) == "Number(0.1 ± nan, 95 %, 1 realizations)"
-    assert measures.slope([0.0, 1.0], [measures.just_after(curve)] * 2).value == 0
+    assert repr(measures.just_after(curve)) == "Number(0.1 ± nan, 95 %, 1 samples, 1 branches)"
+    assert statistics.slope([0.0, 1.0], [measures.just_after(curve)] * 2).value == 0
     with pytest.raises(ValueError, match="two different x"):
-        measures.slope([1.0], [measures.just_after(curve)])
+        statistics.slope([1.0], [measures.just_after(curve)])
 
 
 def test_a_twin_that_goes_further_than_its_step_is_cut():
@@ -404,22 +485,37 @@ def test_of_several_holds_the_longest_count():
 
 
 def test_records_of_steps_know_what_was_before():
-    """Each slide with steps is a record of its own; after a hold the first half of its first leg is left out."""
+    """Each branch with steps is a record; where its slide comes from another velocity, the first half is left out."""
     ones = [
         made("steady", 0.0, 0.3, 0.0, np.full(50, 0.4)), made("slide", 0.3, 0.1, 0.0, np.full(80, 0.4)),
-        made("step", 0.1, 0.3, 0.0, np.full(40, 0.4)), made("slide", 0.3, 0.0, 0.0, np.full(30, 0.4)),
-        made("slide", 0.0, 0.1, 0.0, np.full(80, 0.4)), made("twin", 0.1, 0.1, 0.0, np.full(30, 0.4)),
-        made("step", 0.1, 0.3, 0.0, np.full(40, 0.4)), made("step", 0.3, 0.1, 0.0, np.full(40, 0.4)),
+        made("slide", 0.1, 0.1, 0.0, np.full(30, 0.4))._replace(branch=1),
+        made("step", 0.1, 0.3, 0.0, np.full(40, 0.4)), made("step", 0.3, 0.1, 0.0, np.full(40, 0.5)),
+        *(made("step", *v, 0.0, np.full(40, 0.6))._replace(branch=1) for v in ((0.1, 0.3), (0.3, 0.1))),
     ]  # fmt: skip
     first, second = measures.step_records(of_tests(ones))
-    assert (first.part, second.part) == (0, 1)
-    assert first.data.before == 0.3
-    assert second.data.before is None
-    assert [leg.velocity for leg in first.data.legs] == [0.1, 0.3]
-    assert [round(leg.duration / 2e-5) for leg in second.data.legs] == [40, 40, 40]
-    few = measures.step_records(of_tests(ones), samples=20)[0].data
-    assert len(few.time) == 20
+    assert [(one.part, one.branch) for one in (first, second)] == [(0, 0), (0, 1)]
+    assert (first.data.before, second.data.before) == (0.3, 0.1)
+    assert [leg.velocity for leg in first.data.legs] == [0.1, 0.3, 0.1]
+    assert [round(leg.duration / 2e-5) for leg in first.data.legs] == [40, 40, 40]
+    assert [round(leg.duration / 2e-5) for leg in second.data.legs] == [30, 40, 40]
+    few = measures.step_records(of_tests(ones), samples=30)[0].data
+    assert len(few.time) == 30
     assert few.time[-1] < sum(leg.duration for leg in few.legs)
+
+
+def test_steps_are_averaged_over_branches_of_all_samples():
+    """The first branch, whose slide has another length, is left out where there are others."""
+
+    def one(level):
+        return [
+            made("slide", 0.3, 0.1, 0.0, np.full(80, 0.0)),
+            made("slide", 0.1, 0.1, 0.0, np.full(30, level))._replace(branch=1),
+            made("step", 0.1, 0.3, 0.0, np.zeros(40)),
+            made("step", 0.1, 0.3, 0.0, np.full(40, 2 * level))._replace(branch=1),
+        ]  # fmt: skip
+
+    (record,) = measures.mean_records(of_tests(one(0.3), one(0.5)))
+    assert record.data.friction == pytest.approx([0.4] * 30 + [0.8] * 40)
 
 
 def test_a_level_that_samples_keep_is_no_error_of_what_follows_a_hold():

@@ -13,6 +13,7 @@ from tests.unit.test_flow import flow
 FLOW = {k: v for k, v in flow().items() if k != "experiment"}
 GOUGE = {
     "grains": {"number": 70}, "cell": {"length": 0.016, "width": 0.016}, "dt": 2e-7,
+    "law": {"gamma_n": 1e4},
     "preparation": {"slip": 0.4, "window": 0.2, "change": 1.0, "approach": 10.0, "unbalanced": 0.03},
     "sample_every": 100, "ledger_steps": 0, "realizations": 1,
     "protocol": [

@@ -19,7 +19,8 @@ from stickslip.loading.gouge_ensemble import engine_of
 from stickslip.loading.gouge_numbers import stiffness
 from stickslip.loading.gouge_run import OURS, _series, lead
 
-FEW = {"grains": {"number": 100}, "law": {"young": 5e9}, "cell": {"length": 0.016, "width": 0.016}, "dt": 2e-7}
+SOFT = {"young": 5e9, "gamma_n": 6e7}
+FEW = {"grains": {"number": 100}, "law": SOFT, "cell": {"length": 0.016, "width": 0.016}, "dt": 2e-7}
 QUICK = {"unbalanced": 0.05, "most": 1e5}
 
 
@@ -107,7 +108,7 @@ def test_input_and_data_hold_every_number_to_the_last_bit(tmp_path):
 
 def test_dashpots_that_do_not_pull_are_asked_for(tmp_path):
     whole, gouge = six_grains()
-    whole = scenario(law={"tension": False, "young": 5e9})
+    whole = scenario(law=SOFT | {"tension": False})
     place = lammps.start(whole, gouge._replace(law=gouge_law(whole, 0.5)))
     assert re.search(r"pair_style .* 1 limit_damping\n", lammps.mechanics(whole, place, 0.1))
 
@@ -149,7 +150,7 @@ def differ(a, b):
 def test_first_steps_agree_with_lammps(peer, steps, tension):
     """From zero memory: grains, plate and spring force, with dashpots that may pull or not."""
     whole, gouge = stirred()
-    whole = scenario(law={"young": 5e9, "tension": tension})
+    whole = scenario(law=SOFT | {"tension": tension})
     gouge = gouge._replace(law=gouge_law(whole, 0.5))
     whole = whole.model_copy(update={"sample_every": steps})
     place, theirs = peer.leg(whole, peer.start(whole, gouge), 0.3, steps)

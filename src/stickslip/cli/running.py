@@ -39,6 +39,9 @@ def reproduce(
     quick: Annotated[
         bool, typer.Option("--quick", help="Fewer realizations and shorter runs; says what it cuts.")
     ] = False,
+    full: Annotated[
+        bool, typer.Option("--full", help="Of gouge: velocity steps and other slides, too; hours, and says how many.")
+    ] = False,
     out: Out = None,
     seed: Annotated[int, typer.Option("--seed", min=0, metavar="N", help="Seed of all random velocities.")] = 0,
     workers: Workers = None,
@@ -49,6 +52,10 @@ def reproduce(
 ) -> None:
     """Run a paper's experiment end to end: figures, raw numbers, and every claim judged (claims.md, claims.png)."""
     one_of("experiment", experiment, PAPERS)
+    if full and (quick or experiment != "gouge"):
+        raise ValueError(
+            "--full was given with --quick: give one of them" if quick else f"{experiment} has no --full: leave it out"
+        )
     spread = _spread(workers, scheduler)
     from ..data.lock import alone
     from ..experiments import report
@@ -58,11 +65,12 @@ def reproduce(
     how = {"quiet": quiet, "as_json": as_json}
     with report.speaking(**how), alone(folder):
         report.claim_folder(folder, chosen, overwrite=overwrite)
-        report.begin_reproduction(folder, chosen, experiment=experiment, quick=quick, seed=seed)
-        _reproduced("reproduce", folder, spread, how, experiment=experiment, quick=quick, seed=seed)
+        asked = {"experiment": experiment, "quick": quick, "seed": seed} | ({"full": True} if full else {})
+        report.begin_reproduction(folder, chosen, **asked)
+        _reproduced("reproduce", folder, spread, how, **asked)
 
 
-def _reproduced(command: str, folder: Path, spread, how: dict, *, experiment: str, quick: bool, seed: int) -> None:
+def _reproduced(command: str, folder: Path, spread, how: dict, *, experiment: str, quick: bool, **asked) -> None:
     """Run a paper's experiment in a folder, or what is left of it."""
     from ..experiments import answers, report
     from ..experiments.claims_report import show_claims
@@ -71,7 +79,7 @@ def _reproduced(command: str, folder: Path, spread, how: dict, *, experiment: st
     if quick:
         report.console.print(f"--quick cuts: {paper.CUTS}.")
     with working(), report.progress() as tell:
-        found = paper.reproduce(quick=quick, seed=seed, folder=folder, workers=spread, report=tell)
+        found = paper.reproduce(quick=quick, **asked, folder=folder, workers=spread, report=tell)
         tell("figures", 0.0, str(folder))
         paths = its_report.write_reproduction(folder, found)
     ended(

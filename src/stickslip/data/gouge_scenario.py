@@ -6,7 +6,7 @@ states is marked so; the rest was chosen, and each choice is an entry of its own
 
 from itertools import pairwise
 from math import pi
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -42,17 +42,72 @@ class GougeGrains(Part):
 
 
 class GougeLaw(Part):
-    """Hertz–Mindlin with √(δ R_eff) and sharp Coulomb friction, Eqs 1–2 of paper 003's supplement."""
+    """Hertz–Mindlin with √(δ R_eff) and sharp Coulomb friction, Eqs 1–2 of paper 003's supplement.
+
+    The normal dashpot is given either as `gamma_n`, or by a `restitution` together with the `reading` that turns it
+    into γ_n and the `size` and `speed` of the collision. The two readings differ by a factor of thousands.
+    """
 
     young: Positive = Field(50e9, description="paper 003 [Pa]")
     poisson: Annotated[float, Field(gt=-1, le=0.5)] = Field(0.3, description="paper 003")
     mu: NotNegative = Field(0.5, description="friction between grains, paper 003")
-    restitution: Annotated[float, Field(gt=0, le=1)] = Field(
-        0.98, description="of two grains of mean size at `speed`; paper 003, with a series at 0.3"
+    gamma_n: NotNegative | None = Field(
+        None, description="γ_n of the normal dashpot √(δ R_eff) m_eff γ_n v_n, in place of a restitution [1/(m s)]"
     )
-    speed: Positive = Field(25.0, description="at which the restitution holds; paper 003 takes dt there [m/s]")
+    restitution: Annotated[float, Field(gt=0, le=1)] | None = Field(
+        None, description="of two equal grains of diameter `size` that meet at `speed`, in place of `gamma_n`"
+    )
+    reading: Literal["eq8", "collision"] | None = Field(
+        None,
+        description=(
+            "how γ_n follows from the restitution: eq8, by Eq 8 of paper 003's supplement as it is printed; collision, "
+            "so that a collision under this law has it"
+        ),
+    )
+    size: Positive | None = Field(None, description="diameter of the two grains [m]")
+    speed: Positive | None = Field(None, description="of the collision [m/s]")
     damping_ratio: NotNegative = Field(0.5, description="γ_t/γ_n, paper 003")
     tension: bool = Field(True, description="whether a dashpot may make a contact pull, as in Eq 1 of paper 003")
+    rescaled: bool = Field(
+        False, description="whether the slip shrinks with the contact radius on unloading, as LAMMPS `mindlin_rescale`"
+    )
+
+    @model_validator(mode="after")
+    def _damped_one_way(self):
+        of_collision = {"reading": self.reading, "size": self.size, "speed": self.speed}
+        given = [name for name, value in of_collision.items() if value is not None]
+        if self.gamma_n is not None and self.restitution is not None:
+            raise ValueError("law.gamma_n and law.restitution were both given: give one of them")
+        if self.restitution is None:
+            if given:
+                raise ValueError(f"law.{given[0]} was given without law.restitution: give both or neither")
+            if self.gamma_n is None:
+                raise ValueError(
+                    "law has no damping: give gamma_n [1/(m s)], or restitution with reading, size and speed"
+                )
+        elif len(given) < len(of_collision):
+            lacking = next(name for name, value in of_collision.items() if value is None)
+            raise ValueError(
+                f"law.restitution was given without law.{lacking}: give reading ('eq8' or 'collision'), size and "
+                f"speed of the collision, or gamma_n in its place"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _solvable(self):
+        if self.reading != "eq8" or self.restitution == 1:
+            return self
+        if abs(3 * self.damping_ratio - 1) < 1e-9:
+            raise ValueError(
+                f"law.reading = 'eq8' has no solution for restitution = {self.restitution:g} with damping_ratio = 1/3, "
+                f"where Eq 8 dissipates nothing: give another ratio, or gamma_n"
+            )
+        if not 0 < abs(self.poisson) < 0.5:
+            raise ValueError(
+                f"law.reading = 'eq8' has no solution for poisson = {self.poisson:g}, where A is zero or infinite: "
+                f"give another value between 0 and 1/2, or gamma_n"
+            )
+        return self
 
 
 class GougeCell(Part):
@@ -117,9 +172,20 @@ class Slide(Part):
     time: Positive | None = Field(None, description="in place of slip [s]")
     steady: bool = Field(False, description="until steady as in the preparation; `slip` is then the longest")
 
-    def legs(self, size: float) -> list[float]:
-        """Seconds of each leg; `size` is D [m]."""
-        return [self.time if self.time is not None else self.slip * size / self.velocity]
+    branches: ClassVar[int] = 0
+
+    @property
+    def starts(self) -> tuple[float, ...]:
+        """Velocities of the trunk, one after the other."""
+        return (self.velocity,)
+
+    def trunk(self, velocity: float, size: float) -> list[float]:
+        """Seconds of each leg of the trunk; `size` is D [m]."""
+        return [self.time if self.time is not None else self.slip * size / velocity]
+
+    def branch(self, velocity: float, size: float) -> list[float]:
+        """No tests branch off."""
+        return []
 
     @model_validator(mode="after")
     def _ends(self):
@@ -133,27 +199,50 @@ class Slide(Part):
         return self
 
 
-class VelocitySteps(Part):
-    """One velocity after the other, each for the same slip."""
+class Branching(Part):
+    """Tests that start from states along one steady slide, each from a copy of its state."""
+
+    branches: Number = Field(1, description="states from which the test is made, each in a process of its own")
+    spacing: Annotated[float, Field(ge=0.1)] = Field(
+        0.7, description="slip between these states [D]; friction is correlated over 0.1 to 0.35 D"
+    )
+    twin: NotNegative = Field(
+        0.0,
+        description=(
+            "slip for which a copy goes on as before: what a test and its copy differ by is free of the fluctuations "
+            "that they share [D]"
+        ),
+    )
+
+    def trunk(self, velocity: float, size: float) -> list[float]:
+        """Seconds of the slides of the trunk to each of the states; `size` is D [m]."""
+        return [slip * size / velocity for slip in (self.first, *[self.spacing] * (self.branches - 1))]
+
+
+class VelocitySteps(Branching):
+    """One velocity after the other, each for the same slip; the slide at the first one has the states."""
 
     kind: Literal["velocity-steps"] = "velocity-steps"
     velocities: Many = Field(description="of the load point, one after the other [m/s]")
     slip: Positive = Field(description="of the load point at each velocity [D]")
-    twin: NotNegative = Field(
-        0.0,
-        description=(
-            "slip for which a copy goes on at the old velocity from each step: what both differ by is free of the "
-            "fluctuations that they share [D]"
-        ),
-    )
 
-    def legs(self, size: float) -> list[float]:
-        """Seconds of each leg; `size` is D [m]."""
+    @property
+    def starts(self) -> tuple[float, ...]:
+        """Velocities of the trunk, one after the other."""
+        return self.velocities[:1]
+
+    @property
+    def first(self) -> float:
+        """Slip of the trunk to the first state [D]."""
+        return self.slip
+
+    def branch(self, velocity: float, size: float) -> list[float]:
+        """Seconds of each leg of one branch; `size` is D [m]."""
         twins = [self.twin * size / v for v in self.velocities[:-1] if self.twin]
-        return [*(self.slip * size / v for v in self.velocities), *twins]
+        return [*(self.slip * size / v for v in self.velocities[1:]), *twins]
 
 
-class SlideHoldSlide(Part):
+class SlideHoldSlide(Branching):
     """Slide at each velocity before; hold; slide again at each velocity after, from each of the hold times.
 
     One hold, as long as the longest time, serves all times: slides start from copies of the state at each of them.
@@ -162,18 +251,30 @@ class SlideHoldSlide(Part):
     kind: Literal["slide-hold-slide"] = "slide-hold-slide"
     before: Many = Field(description="velocities before the hold [m/s]")
     holds: Many = Field(description="their durations [s]")
-    after: Many | None = Field(None, description="velocities after it; the one before unless given [m/s]")
-    approach: Positive = Field(2.0, description="slip at each velocity before its hold [D]")
+    after: Annotated[tuple[Positive, ...], Listed] | None = Field(
+        None, description="velocities after it; the one before unless given, none with an empty list [m/s]"
+    )
+    approach: Positive = Field(2.0, description="slip at each velocity before the first hold [D]")
     slip: Positive = Field(2.0, description="slip of the load point after each hold [D]")
-    twin: NotNegative = Field(0.0, description="slip for which a copy goes on without a hold; see velocity-steps [D]")
 
-    def legs(self, size: float) -> list[float]:
-        """Seconds of each leg; `size` is D [m]."""
-        found = []
-        for v in self.before:
-            found += [self.approach * size / v, max(self.holds), *([self.twin * size / v] if self.twin else [])]
-            found += [self.slip * size / w for w in self.after or (v,)] * len(self.holds)
-        return found
+    def reslides(self, before: float) -> tuple[float, ...]:
+        """Velocities after each hold [m/s]."""
+        return (before,) if self.after is None else self.after
+
+    @property
+    def starts(self) -> tuple[float, ...]:
+        """Velocities of the trunk, one after the other."""
+        return self.before
+
+    @property
+    def first(self) -> float:
+        """Slip of the trunk to the first state [D]."""
+        return self.approach
+
+    def branch(self, velocity: float, size: float) -> list[float]:
+        """Seconds of each leg of one branch; `size` is D [m]."""
+        twin = [self.twin * size / velocity] if self.twin else []
+        return [max(self.holds), *twin, *[self.slip * size / w for w in self.reslides(velocity)] * len(self.holds)]
 
 
 Protocol = Annotated[Slide | VelocitySteps | SlideHoldSlide, Field(discriminator="kind")]
@@ -187,7 +288,7 @@ class GougeScenario(Whole):
     realizations: Annotated[int, Field(ge=1, le=1000)] = Field(1, description="samples, from seed, seed + 1, …")
     engine: Literal["stickslip", "lammps"] = Field("stickslip", description="that runs the protocol after preparation")
     grains: GougeGrains = GougeGrains()
-    law: GougeLaw = GougeLaw()
+    law: GougeLaw
     cell: GougeCell = GougeCell()
     load: GougeLoad = GougeLoad()
     scales: RateState = RateState()
@@ -244,7 +345,7 @@ class GougeScenario(Whole):
         legs = {"preparation.window": chosen.window * size / chosen.velocity}
         for number, part in enumerate(self.protocol, start=1):
             name = f"protocol entry {number}"
-            legs[name] = min(part.legs(size))
+            legs[name] = min(min([*part.trunk(v, size), *part.branch(v, size)]) for v in part.starts)
             if part.kind == "slide-hold-slide":
                 self._check_holds(name, part.holds)
             if part.kind == "slide" and part.steady:
@@ -289,11 +390,19 @@ class GougeScenario(Whole):
         return self.cell.length * self.cell.width
 
     @property
-    def duration(self) -> float:
-        """Time that the load takes, of preparation its least part [s]."""
+    def trunk_duration(self) -> float:
+        """Time that the slides take from which tests branch off, of preparation its least part [s]."""
         size = self.grains.mean
         preparation = self.preparation.slip * size / self.preparation.velocity
-        return preparation + sum(sum(part.legs(size)) for part in self.protocol)
+        return preparation + sum(sum(part.trunk(v, size)) for part in self.protocol for v in part.starts)
+
+    @property
+    def duration(self) -> float:
+        """Time that one realization takes with all its branches [s]."""
+        size = self.grains.mean
+        return self.trunk_duration + sum(
+            part.branches * sum(part.branch(v, size)) for part in self.protocol for v in part.starts
+        )
 
     @property
     def steps(self) -> float:
@@ -303,7 +412,17 @@ class GougeScenario(Whole):
     @property
     def words(self) -> str:
         """How long a realization takes, about."""
-        seconds = self.steps * self.grains.number / FASTEST
+        return self.cost(self.duration)
+
+    @property
+    def longest_hold(self) -> float:
+        """Longest time for which the load point stands still in one leg, 0 without a hold [s]."""
+        holds = [max(part.holds) for part in self.protocol if part.kind == "slide-hold-slide"]
+        return max([*holds, *(p.time for p in self.protocol if p.kind == "slide" and p.velocity == 0)], default=0.0)
+
+    def cost(self, duration: float) -> str:
+        """How long it takes one core to follow the sample for some time [s], about."""
+        seconds = duration / self.dt * self.grains.number / FASTEST
         for size, unit in ((86400, "days"), (3600, "hours"), (60, "minutes")):
             if seconds >= 2 * size:
                 return f"some {seconds / size:.2g} {unit} on one core"

@@ -7,6 +7,7 @@ from ..friction.ratestate import RateState, Spring, slide
 from ..loading import gouge_measures as measures
 from ..loading.gouge_ensemble import GougeResult
 from ..loading.gouge_numbers import stiffness
+from ..loading.gouge_statistics import slope
 
 
 def predicted(result: GougeResult, before: float, times) -> dict:
@@ -19,6 +20,13 @@ def predicted(result: GougeResult, before: float, times) -> dict:
         history = slide(rs, spring, (Leg(float(times[-1]) * (1 + 1e-9), 0.0),), times=times, before=before)
         out[law] = (times, history.friction)
     return out
+
+
+def predicted_per_efold(result: GougeResult, before: float, times, law: str) -> float:
+    """Slope of a predicted hold against the logarithm of time, over the times of `measures.per_efold`."""
+    time, change = predicted(result, before, times)[law]
+    late = time >= min(measures.EARLIEST, time[-1] / 10)
+    return float(np.polyfit(np.log(time[late]), change[late], 1)[0])
 
 
 def after_longest(result: GougeResult, before: float):
@@ -40,4 +48,4 @@ def healed(result: GougeResult, before: float):
     """Hold times, peaks after them at one velocity, and their slope against the logarithm of the time."""
     times, after = same_velocity(result, before)
     peaks = [measures.peak(measures.reslide_curve(result, before, h, after)) for h in times]
-    return times, peaks, measures.slope(np.log(times), peaks)
+    return times, peaks, slope(np.log(times), peaks)

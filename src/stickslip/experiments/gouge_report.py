@@ -1,5 +1,6 @@
 """What a gouge experiment leaves in its folder and on the terminal."""
 
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -10,15 +11,18 @@ from ..figures import gouge as figures
 from ..figures.style import save as save_figure
 from ..friction.laboratory import Record, write_csv
 from ..loading import gouge_measures as measures
+from ..loading.gouge import damping
 from ..loading.gouge_ensemble import GougeResult, simulate_gouge
 from ..loading.gouge_numbers import inertial_numbers, normalised_hold, normalised_stiffness, stiffness
+from ..loading.gouge_statistics import slope
 from .claims_report import write_claims
 from .gouge_claims import SHOWS
 from .gouge_curves import after_longest, healed, predicted, same_velocity
-from .report import SERIES, STYLE, complete, console, files_of, save
+from .report import CURVES, SERIES, STYLE, complete, console, files_of, save
 
-STEPS = "steps_{:04d}_{}.csv"  # realization, part of the protocol
+STEPS = "steps_{:04d}_{}.csv"  # realization, running number of its sequences of steps
 COLLAPSE = 5.0  # C of paper 003, Fig S2b
+LONG = 0.1  # share of a realization from which on one hold is told by itself
 
 
 def simulate(scenario, *, folder: Path, workers: Workers, report) -> GougeResult:
@@ -26,12 +30,20 @@ def simulate(scenario, *, folder: Path, workers: Workers, report) -> GougeResult
     return simulate_gouge(scenario, folder=folder, workers=workers, report=report)
 
 
-def foretell(scenario) -> None:
+def foretell(*scenarios) -> None:
     """Say how long it will take, before it starts."""
+    for scenario in scenarios:
+        console.print(
+            f"{scenario.realizations} realizations, each of about {scenario.steps:.2g} steps of {scenario.dt:g} s with "
+            f"{scenario.grains.number} grains, {scenario.words}.", soft_wrap=True,
+        )  # fmt: skip
+        if scenario.longest_hold > LONG * scenario.duration:
+            console.print(
+                f"Of these, each hold of {scenario.longest_hold:g} s takes {scenario.longest_hold / scenario.dt:.2g} "
+                f"steps, {scenario.cost(scenario.longest_hold)}.", soft_wrap=True,
+            )  # fmt: skip
     console.print(
-        f"{scenario.realizations} realizations, each of about {scenario.steps:.2g} steps of {scenario.dt:g} s with "
-        f"{scenario.grains.number} grains, {scenario.words}. Higher velocities, shorter holds and slips, or softer "
-        f"grains (law.young) with a longer dt make it shorter."
+        "Higher velocities, shorter holds and slips, or softer grains (law.young) with a longer dt make it shorter."
     )
 
 
@@ -41,17 +53,19 @@ def write_result(folder: Path, result: GougeResult) -> list[Path]:
 
 
 def write_reproduction(folder: Path, found) -> list[Path]:
-    """The same and the claims, of the paper's experiment."""
-    failures = [*found.main.failures, *(f"restitution 0.3: {words}" for words in found.damped.failures)]
-    return _write(folder, found.main, found.claims, failures)
+    """Figures, numbers and claims of the paper's experiments."""
+    failures = [f"{name}: {words}" for name, result in found.results.items() for words in result.failures]
+    return _write(folder, found.main, found.claims, failures, found)
 
 
-def _write(folder: Path, result: GougeResult, claims, failures=()) -> list[Path]:
+def _write(folder: Path, result: GougeResult, claims, failures=(), found=None) -> list[Path]:
     with complete(folder, failures=result.failures) as room:
         save(room, result.scenario, numbers(result))
         _write_series(room / SERIES, result)
-        _write_steps(room, result)
-        for name, figure in _figures(result):
+        _write_steps(room, found.more.get("steps", result) if found else result)
+        if found:
+            _write_curves(room / CURVES, found)
+        for name, figure in _paper_figures(found) if found else _figures(result):
             save_figure(figure, room / name)
         if claims is not None:
             write_claims(room, claims, SHOWS, "Paper 003: fault gouge at a reduced scale", failures)
@@ -60,30 +74,67 @@ def _write(folder: Path, result: GougeResult, claims, failures=()) -> list[Path]
 
 def _figures(result: GougeResult):
     """(file, figure) of everything that the protocol has measured."""
-    size = result.scenario.grains.mean
-    yield "fig1_steady_sliding.png", figures.steady_sliding(result.realizations, size)
-    steps = measures.steps(result)
-    if steps:
-        paired = [measures.step_curve(result, *pair, twin=True) for pair in steps]
-        plain_ones = [measures.step_curve(result, *pair, twin=False) for pair in steps]
-        twins = all(curve is not None for curve in paired)
-        yield "fig2_velocity_steps.png", figures.velocity_steps(paired if twins else plain_ones, twins=twins)
+    yield "fig1_steady_sliding.png", figures.steady_sliding(result.realizations, result.scenario.grains.mean)
+    yield from _step_figures(result)
     before = measures.holds(result)
     if before:
         curves = [measures.hold_curve(result, v) for v in before]
-        laws = [predicted(result, v, c.x) for v, c in zip(before, curves, strict=True)]
-        yield "fig3_holds.png", figures.holds(curves, laws)
-        yield "fig4_reslides.png", _reslides(result, max(before, key=lambda v: len(after_longest(result, v)[0])))
-        most = max(before, key=lambda v: len(same_velocity(result, v)[0]))
-        if len(same_velocity(result, most)[0]) > 1:
-            yield "fig5_healing.png", _healing(result, most)
-    yield "fig6_sample.png", figures.sample(result.realizations[0], result.scenario)
+        yield (
+            "fig3_holds.png",
+            figures.holds([([c], predicted(result, v, c.x)) for v, c in zip(before, curves, strict=True)]),
+        )
+        yield "fig4_rest.png", _rest({f"$V_i$ = {v:g} m/s": (result, v) for v in before})
+        yield from _reslide_figures(result, result)
+    yield "fig7_sample.png", figures.sample(result.realizations[0], result.scenario)
+
+
+def _paper_figures(found):
+    """The same of a reproduction: holds with every damping, and what else was run."""
+    main, before = found.main, measures.holds(found.main)[-1]
+    yield "fig1_steady_sliding.png", figures.steady_sliding(main.realizations, main.scenario.grains.mean)
+    if "steps" in found.more:
+        yield from _step_figures(found.more["steps"])
+    curves = [measures.hold_curve(r, before)._replace(label=_damped(r, name)) for name, r in found.holds.items()]
+    yield "fig3_holds.png", figures.holds([(curves, predicted(main, before, curves[0].x))])
+    yield "fig4_rest.png", _rest({_damped(r, name): (r, before) for name, r in found.holds.items()})
+    yield from _reslide_figures(found.more.get("reslides", main), main)
+    yield "fig7_sample.png", figures.sample(main.realizations[0], main.scenario)
+
+
+def _damped(result: GougeResult, name: str) -> str:
+    return f"{name}: $\\gamma_n$ = {damping(result.scenario):.1e}"
+
+
+def _step_figures(result: GougeResult):
+    steps = measures.steps(result)
+    if steps:
+        paired = [measures.step_curve(result, *pair, twin=True) for pair in steps]
+        twins = all(curve is not None for curve in paired)
+        curves = paired if twins else [measures.step_curve(result, *pair, twin=False) for pair in steps]
+        yield "fig2_velocity_steps.png", figures.velocity_steps(curves, twins=twins)
+
+
+def _rest(runs: dict):
+    ratios = [measures.energy_ratio(*run)._replace(label=label) for label, run in runs.items()]
+    creep = [measures.creep_velocity(*run) for run in runs.values()]
+    return figures.rest(ratios, creep, measures.sliding_energy_ratio(*next(iter(runs.values()))).value)
+
+
+def _reslide_figures(result: GougeResult, healing: GougeResult):
+    """Slides at several velocities after a hold, and at one velocity after several holds."""
+    before = {v for v, _, _ in measures.reslides(result)}
+    if before:
+        yield "fig5_reslides.png", _reslides(result, max(before, key=lambda v: len(after_longest(result, v)[0])))
+    before = {v for v, _, _ in measures.reslides(healing)}
+    most = max(before, key=lambda v: len(same_velocity(healing, v)[0]), default=None)
+    if most and len(same_velocity(healing, most)[0]) > 1:
+        yield "fig6_healing.png", _healing(healing, most)
 
 
 def _reslides(result: GougeResult, before: float):
     curves, after, peaks, _ = after_longest(result, before)
     ratios = after / before
-    fitted = measures.slope(np.log(ratios), peaks) if len(ratios) > 1 else None
+    fitted = slope(np.log(ratios), peaks) if len(ratios) > 1 else None
     return figures.reslides(curves, ratios, peaks, fitted, COLLAPSE)
 
 
@@ -121,29 +172,63 @@ def _write_series(path: Path, result: GougeResult) -> None:
         "time": "s", "load_point": "m", "slip": "m", "velocity": "m/s", "thickness": "m", "kinetic_energy": "J",
         "temperature": "m2/s2",
     }  # fmt: skip
-    header = ["realization [-]", "test [-]", "kind", "before [m/s]", "load_velocity [m/s]", "hold [s]"]
+    header = ["realization [-]", "test [-]", "part [-]", "branch [-]", "kind", "before [m/s]", "load_velocity [m/s]"]
+    header.append("hold [s]")
     lines = [",".join(header + [f"{name} [{units.get(name, '-')}]" for name in names])]
     for one in result.realizations:
         for k, test in enumerate(one.tests):
-            head = f"{one.seed},{k},{test.kind},{test.before:g},{test.velocity:g},{test.hold:g},"
+            head = (
+                f"{one.seed},{k},{test.part},{test.branch},{test.kind},{test.before:g},{test.velocity:g},{test.hold:g},"
+            )
             table = np.stack([getattr(test.series, name) for name in names], axis=1)
             lines += [head + ",".join(f"{x:.7g}" for x in row) for row in table]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
+def _write_curves(path: Path, found) -> None:
+    """Mean curves of a reproduction, one row a point, with standard error and standard deviation over branches."""
+    lines = ["run,kind,before [m/s],hold [s],after [m/s],x,unit of x,mean,error,deviation"]
+    for run, result in found.results.items():
+        for kind, where, unit, curve in _curves(result):
+            head = f"{run.replace(',', ';')},{kind}," + ",".join("" if w is None else f"{w:g}" for w in where)
+            rows = zip(curve.x, curve.mean, curve.error, curve.band / 2, strict=True)
+            lines += [f"{head},{x:.5g},{unit},{mean:.5g},{error:.3g},{band:.3g}" for x, mean, error, band in rows]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _curves(result: GougeResult):
+    """Yield (kind, (before, hold, after), unit of x, curve) of everything that a result has means of."""
+    for v in measures.holds(result):
+        for column in ("friction", "thickness"):
+            yield f"{column} in a hold", (v, None, None), "s", measures.hold_curve(result, v, column)
+        yield "kinetic over elastic energy in a hold", (v, None, None), "s", measures.energy_ratio(result, v)
+        yield "velocity of the plate in a hold", (v, None, None), "s", measures.creep_velocity(result, v)
+    for v, hold, w in measures.reslides(result):
+        yield "friction after a hold", (v, hold, w), "D", _few(measures.reslide_curve(result, v, hold, w))
+    for v, w in measures.steps(result):
+        yield "friction after a step", (v, None, w), "D", _few(measures.step_curve(result, v, w, twin=False))
+
+
+def _few(curve: measures.Curve) -> measures.Curve:
+    """About two hundred points of a smoothed curve."""
+    soft, every = measures.smoothed(curve), max(1, len(curve.x) // measures.POINTS)
+    return soft._replace(x=soft.x[::every], rows=soft.rows[:, ::every])
+
+
 def _write_steps(room: Path, result: GougeResult) -> None:
     """The velocity steps of every realization as a laboratory's record, which `stickslip fit` reads."""
     k = stiffness(result.scenario) / result.scenario.load.normal_stress
-    for seed, part, data in measures.step_records(result):
+    count = Counter()
+    for seed, _, _, data in measures.step_records(result):
+        file, count[seed] = STEPS.format(seed, count[seed]), count[seed] + 1
         ends = np.cumsum([0.0, *(leg.duration for leg in data.legs)])
         place = np.interp(data.time, ends, np.cumsum([0.0, *(leg.duration * leg.velocity for leg in data.legs)]))
         words = (
             f"velocity steps of fault gouge, realization {seed}; the spring's stiffness over the normal stress is "
             f"{k:.6g} 1/m, the velocity before {data.before or data.legs[0].velocity:g} m/s",
-            f"stickslip fit {STEPS.format(seed, part)} --stiffness {k:.6g} "
-            f"--before {data.before or data.legs[0].velocity:g}",
+            f"stickslip fit {file} --stiffness {k:.6g} --before {data.before or data.legs[0].velocity:g}",
         )
-        write_csv(room / STEPS.format(seed, part), Record(data.time, data.friction, place), words)
+        write_csv(room / file, Record(data.time, data.friction, place), words)
 
 
 def show_result(result: GougeResult) -> None:

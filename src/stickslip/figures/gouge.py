@@ -43,22 +43,43 @@ def velocity_steps(curves, *, twins: bool = True):
 
 
 @styled
-def holds(curves, predicted):
-    """Change of friction in holds against time, mean and 2σ over realizations, with what both laws predict.
+def holds(panels):
+    """Change of friction in holds against time, mean and 2σ over branches, with what both laws predict.
 
     Parameters
     ----------
-    curves : a `Curve` for each velocity before
-    predicted : for each of them {law: (times, change of friction)}
+    panels : pairs of curves (each a `Curve`) and predictions, {law: (times, change of friction)}
     """
-    figure, panels = axes_of(len(curves), 0.5 + 1.9 * len(curves), sharex=False, squeeze=False)
-    for axes, curve, laws in zip(panels[:, 0], curves, predicted, strict=True):
-        _band(axes, curve, BLUE)
+    figure, rows = axes_of(len(panels), 0.6 + 2.0 * len(panels), sharex=False, squeeze=False)
+    for axes, (curves, laws) in zip(rows[:, 0], panels, strict=True):
+        for number, curve in enumerate(curves):
+            _band(axes, curve, (BLUE, ORANGE, RED)[number % 3])
         for (law, (time, change)), color in zip(laws.items(), (PURPLE, GREEN), strict=False):
             axes.plot(time, change, color=color, label=f"{law} law", ls="--")
         axes.set(xscale="log", ylabel=r"$\mu - \mu(0)$")
         axes.legend(loc="lower left")
-    panels[-1, 0].set_xlabel("time held [s]")
+    rows[-1, 0].set_xlabel("time held [s]")
+    return figure
+
+
+@styled
+def rest(ratios, creep, sliding: float):
+    """Kinetic over elastic energy, and velocity of the plate, against the time held.
+
+    Parameters
+    ----------
+    ratios, creep : a `Curve` for each damping
+    sliding : kinetic over elastic energy in steady sliding before the holds
+    """
+    figure, (above, below) = axes_of(2, 3.6, sharex=True)
+    for number, (ratio, velocity) in enumerate(zip(ratios, creep, strict=True)):
+        color = (BLUE, ORANGE, RED)[number % 3]
+        above.plot(ratio.x, ratio.mean, color=color, label=ratio.label)
+        below.plot(velocity.x, np.where(velocity.mean > 0, velocity.mean, np.nan), color=color)
+    above.axhline(sliding, color=BLACK, lw=0.7, ls=":", label="steady sliding")
+    above.set(xscale="log", yscale="log", ylabel="kinetic / elastic energy")
+    above.legend()
+    below.set(xscale="log", yscale="log", xlabel="time held [s]", ylabel="creep of the plate [m/s]")
     return figure
 
 
@@ -145,7 +166,7 @@ def sample(realization, scenario):
 
 
 def _band(axes, curve, color, *, errors: bool = False):
-    """Mean and band: two standard deviations over realizations, or two standard errors."""
+    """Mean and band: two standard deviations over branches, or two standard errors."""
     width = 2 * np.nan_to_num(curve.error) if errors else curve.band
     axes.plot(curve.x, curve.mean, color=color, label=curve.label)
     axes.fill_between(curve.x, curve.mean - width, curve.mean + width, color=color, alpha=0.2, lw=0)

@@ -14,14 +14,14 @@ from ..core.contact import FROZEN
 from ..core.control import driven, pressed, pulled, rigid
 from ..core.forces import forces, unbalanced
 from ..core.integrate import run
-from ..core.laws import Law, hertz_mindlin_reff, stiffnesses
+from ..core.laws import DAMPING_N, Law, hertz_mindlin_reff, stiffnesses
 from ..core.measure import contact_forces, elastic_energy, touching
 from ..core.neighbors import without_walls
 from ..core.state import Grains, State, assembly, box, flat_walls, loads, spheres
 from ..core.timestep import stable_time_step
 from ..data.gouge_scenario import GougeScenario
 from ..data.parts import ScenarioError
-from ..solve.collision import with_restitution
+from ..solve.collision import eq8_damping, with_restitution
 
 ROOM = 1.05  # of the lattice on which grains are poured, in largest diameters
 CHUNK = 500  # steps between looks at a sample that settles
@@ -59,13 +59,30 @@ Report = Callable[[str, float, str], None]
 
 
 def gouge_law(scenario: GougeScenario, mu: float) -> Law:
-    """The contact law of a scenario with friction `mu`: dashpots by the restitution of two grains of mean size."""
-    chosen, radius = scenario.law, scenario.grains.mean / 2
-    law = hertz_mindlin_reff(*stiffnesses(chosen.young, chosen.poisson), mu, tension=chosen.tension)
-    mass = scenario.grains.density * 4 / 3 * np.pi * radius**3
-    return with_restitution(
-        law, chosen.restitution, radius=radius, mass=mass, speed=chosen.speed, ratio=chosen.damping_ratio
+    """The contact law of a scenario with friction `mu`."""
+    chosen = scenario.law
+    kn, kt = stiffnesses(chosen.young, chosen.poisson)
+    gamma = damping(scenario)
+    more = {"rescaled": True} if chosen.rescaled else {}
+    return hertz_mindlin_reff(
+        kn, kt, mu, damping_n=gamma, damping_t=chosen.damping_ratio * gamma, tension=chosen.tension, **more
     )
+
+
+def damping(scenario: GougeScenario) -> float:
+    """γ_n of a scenario, given or by its restitution [1/(m s)]."""
+    chosen = scenario.law
+    if chosen.gamma_n is not None:
+        return chosen.gamma_n
+    law = hertz_mindlin_reff(*stiffnesses(chosen.young, chosen.poisson), 0.0, tension=chosen.tension)
+    meeting = {"radius": chosen.size / 2, "mass": scenario.grains.density * np.pi / 6 * chosen.size**3}
+    if chosen.reading == "collision":
+        law = with_restitution(law, chosen.restitution, **meeting, speed=chosen.speed, ratio=chosen.damping_ratio)
+        return float(law.table[0, 0, DAMPING_N])
+    return eq8_damping(
+        chosen.restitution, young=chosen.young, poisson=chosen.poisson, **meeting, speed=chosen.speed,
+        ratio=chosen.damping_ratio,
+    )  # fmt: skip
 
 
 def settled(scenario: GougeScenario, seed: int, *, report: Report = lambda stage, share, words: None) -> Gouge:

@@ -22,7 +22,8 @@ def stiffness(scenario: GougeScenario, value: float | None = None, definition: s
     Paper 003's 425 as `rate_state`, in units of σ/D:
 
     >>> from stickslip import scenario
-    >>> paper = scenario(experiment="gouge", protocol=[{"kind": "slide", "velocity": 0.1, "slip": 1.0}])
+    >>> slide = {"kind": "slide", "velocity": 0.1, "slip": 1.0}
+    >>> paper = scenario(experiment="gouge", law={"gamma_n": 1e4}, protocol=[slide])
     >>> k = stiffness(paper, 425.0, "rate_state")
     >>> round(k * paper.grains.mean / paper.load.normal_stress, 2)
     4.28

@@ -1,4 +1,8 @@
-"""One realization of a gouge experiment: prepared, slid to steadiness, then taken through its protocol."""
+"""One realization of a gouge experiment: a trunk that slides steadily, and tests that branch off from its states.
+
+The trunk is prepared, slid to steadiness, and taken through the slides of the protocol. Steps and holds are made from
+copies of its state, so that they can run in parallel.
+"""
 
 from collections.abc import Callable
 from functools import partial
@@ -8,16 +12,17 @@ import numpy as np
 
 from ..core.control import factors_at
 from ..core.integrate import run
-from ..core.measure import branches, touching
+from ..core.measure import branches, elastic_energy, touching
 from ..core.record import Record
 from ..core.state import State
 from ..core.timestep import stable_time_step
 from ..data.gouge_scenario import GougeScenario, Slide, SlideHoldSlide, VelocitySteps
 from ..data.kept import Kept, piece
 from ..friction.measure import steady
-from .gouge import BOTTOM, TOP, Gouge, settled, sprung
+from .gouge import BOTTOM, TOP, Gouge, gouge_law, settled, sprung
 from .gouge_numbers import Range, range_of, stiffness
 
+DECADE = 20  # samples of a hold in each decade of time
 CHUNK = 100  # samples between two words of progress
 Tell = Callable[[float, str], None]
 
@@ -45,13 +50,38 @@ class Series(NamedTuple):
 
 
 class Test(NamedTuple):
-    """One leg of a protocol: from when the load point takes a velocity until it takes another."""
+    """One leg of a protocol: from when the load point takes a velocity until it takes another.
+
+    A slide leads to the state from which its branch starts. Samples of a hold are means over intervals that grow with
+    the time held.
+    """
 
     kind: str  # "steady" (preparation), "slide", "step", "twin" (no step), "hold", "reslide"
     before: float  # velocity of the load point until here [m/s]
     velocity: float  # of the load point [m/s]
     hold: float  # time held just before [s]
     series: Series
+    part: int = 0  # entry of the protocol, from 0 on
+    branch: int = 0  # number of the state on the trunk
+    elastic: float = np.nan  # energy stored in the contacts at its end; not known of other engines [J]
+
+
+class Branch(NamedTuple):
+    """A state of the trunk, and the tests that start from it."""
+
+    part: int  # entry of the protocol
+    number: int  # of the state, along the slide
+    before: float  # velocity of the load point [m/s]
+    place: Any  # of the engine
+
+
+class Trunk(NamedTuple):
+    """A realization without its branches."""
+
+    tests: tuple[Test, ...]
+    branches: tuple[Branch, ...]
+    states: dict[str, State]  # settled, steady, end
+    ledger: dict[str, np.ndarray]  # see `Realization`
 
 
 class Realization(NamedTuple):
@@ -59,13 +89,18 @@ class Realization(NamedTuple):
 
     seed: int
     range: Range
-    tests: tuple[Test, ...]
+    tests: tuple[Test, ...]  # of the trunk, then of the branches
     states: dict[str, State]  # settled, steady, end
     ledger: dict[str, np.ndarray]  # energies at the end of the protocol, columns of `Ledger`; empty if not asked for
 
     def of(self, *kinds: str) -> list[Test]:
         """Tests of some kinds, in the order in which they ran."""
         return [test for test in self.tests if test.kind in kinds]
+
+    def slide_to(self, test: Test) -> Test:
+        """The slide that led to the state from which a hold, a slide after it or a first step branched off."""
+        mine = (test.part, test.branch, test.before)
+        return next(t for t in self.of("slide") if (t.part, t.branch, t.velocity) == mine)
 
 
 class Engine(NamedTuple):
@@ -77,13 +112,12 @@ class Engine(NamedTuple):
     start: Callable[[GougeScenario, Gouge], Any]  # -> place
     leg: Callable[[GougeScenario, Any, float, int], tuple[Any, Series]]  # place, velocity, steps -> place, series
     state: Callable[[Any], Any]  # place -> State
+    elastic: Callable[[Any], float]  # place -> energy stored in the contacts [J], NaN if it is not known
     nouns: tuple[type, ...]  # classes of NamedTuples in a place
 
 
-def realization(
-    scenario: GougeScenario, seed: int, engine: Engine, tell: Tell, kept: Kept | None = None
-) -> Realization:
-    """Prepare one sample and take it through the protocol.
+def trunk(scenario: GougeScenario, seed: int, engine: Engine, tell: Tell, kept: Kept | None = None) -> Trunk:
+    """Prepare one sample and take it through the slides of the protocol.
 
     Parameters
     ----------
@@ -95,119 +129,148 @@ def realization(
     RuntimeError
         with one sentence, if the sample does not settle, does not become steady, or blows up.
     """
-    done, total = 0.1 * scenario.steps, 1.1 * scenario.steps
     kept = kept and kept._replace(nouns=(Gouge, Series, *engine.nouns))
-
-    def say(stage, share, words):
-        tell(share / 33, f"{stage}: {words}")
-
-    gouge = piece(kept, "settled", lambda: settled(scenario, seed, report=say))
-    runner = _Runner(scenario, engine, tell, kept, done, total)
-    place = engine.start(scenario, gouge)
-    states = {"settled": gouge.state}
-    place = runner.steady(place)
-    states["steady"] = engine.state(place)
-    for part in scenario.protocol:
-        place = runner.part(place, part)
+    gouge = piece(
+        kept, "settled", lambda: settled(scenario, seed, report=lambda stage, _, words: tell(0.0, f"{stage}: {words}"))
+    )
+    legs = _Legs(scenario, engine, tell, kept, scenario.trunk_duration)
+    place, tests, found = engine.start(scenario, gouge), [], []
+    states, velocity = {"settled": gouge.state}, 0.0
+    place, test = _steadied(legs, place)
+    tests.append(test)
+    states["steady"], velocity = engine.state(place), test.velocity
+    for number, part in enumerate(scenario.protocol):
+        for new in part.starts:
+            for k, seconds in enumerate(part.trunk(new, scenario.grains.mean)):
+                place, series, elastic = _slid(legs, place, part, new, seconds)
+                tests.append(Test("slide", velocity, new, 0.0, series, number, k, elastic))
+                velocity = new
+                if part.branches:
+                    found.append(Branch(number, k, new, place))
     states["end"] = engine.state(place)
-    fastest = max(test.velocity for test in runner.tests)
-    state = states["steady"]
-    overlap, thickness = _mean_overlap(state) / scenario.grains.mean, float(runner.tests[0].series.thickness[-1])
-    found = range_of(scenario, fastest, thickness, overlap, stable_time_step(state, gouge.law))
     counted = scenario.ledger_steps and engine is OURS  # states of other engines have no memory of contacts
     ledger = _ledger(scenario, gouge._replace(state=states["end"])) if counted else {}
-    return Realization(seed, found, tuple(runner.tests), states, ledger)
+    return Trunk(tuple(tests), tuple(found), states, ledger)
 
 
-class _Runner:
-    """The protocol of one realization, with what it has measured so far."""
+def branch(
+    scenario: GougeScenario, start: Branch, engine: Engine, tell: Tell, kept: Kept | None = None
+) -> tuple[Test, ...]:
+    """Run the tests that start from one state of the trunk; arguments as in `trunk`.
 
-    def __init__(self, scenario: GougeScenario, engine: Engine, tell: Tell, kept: Kept | None, done, total):
+    Raises
+    ------
+    RuntimeError
+        with one sentence, if the sample blows up.
+    """
+    kept = kept and kept._replace(nouns=(Gouge, Series, *engine.nouns))
+    part = scenario.protocol[start.part]
+    legs = _Legs(scenario, engine, tell, kept, sum(part.branch(start.before, scenario.grains.mean)))
+    make = _stepped if isinstance(part, VelocitySteps) else _held
+    return tuple(test._replace(part=start.part, branch=start.number) for test in make(legs, start, part))
+
+
+def realization(scenario: GougeScenario, seed: int, found: Trunk, tests) -> Realization:
+    """A trunk and the tests of its branches, branch after branch."""
+    everything = (*found.tests, *(test for one in tests for test in one))
+    fastest = max(test.velocity for test in everything)
+    state, thickness = found.states["steady"], float(found.tests[0].series.thickness[-1])
+    overlap = _mean_overlap(state) / scenario.grains.mean
+    law = gouge_law(scenario, scenario.law.mu)
+    good = range_of(scenario, fastest, thickness, overlap, stable_time_step(state, law))
+    return Realization(seed, good, everything, found.states, found.ledger)
+
+
+def _steadied(legs: "_Legs", place):
+    """Slide until two windows of friction agree."""
+    chosen = legs.scenario.preparation
+    found = _until_steady(legs, place, chosen.velocity, chosen.slip, chosen.longest)
+    if found is None:
+        raise RuntimeError(
+            f"the sample was not steady after a slip of {chosen.longest:g} D: allow more change or a longer slip"
+        )
+    place, series, elastic = found
+    return place, Test("steady", 0.0, chosen.velocity, 0.0, series, elastic=elastic)
+
+
+def _until_steady(legs: "_Legs", place, velocity: float, least: float, longest: float):
+    """Place, series and elastic energy once steady, or None; slips in D."""
+    chosen, size = legs.scenario.preparation, legs.scenario.grains.mean
+    parts, slid, wanted = [], 0.0, max(least, 2 * chosen.window)
+    while slid < longest:
+        place, part, elastic = legs.run(place, velocity, wanted * size / velocity, "to steady sliding")
+        parts.append(part)
+        slid, wanted = slid + wanted, 0.5 * chosen.window
+        series = _joined(parts)
+        if _is_steady(series, chosen.window * size, chosen.change):
+            return place, series, elastic
+    return None
+
+
+def _slid(legs: "_Legs", place, part, velocity: float, seconds: float):
+    """One slide of the trunk."""
+    if isinstance(part, Slide) and part.steady:
+        found = _until_steady(legs, place, velocity, 0.0, part.slip)
+        if found is None:
+            raise RuntimeError(f"a slide at {velocity:g} m/s was not steady after {part.slip:g} D")
+        return found
+    return legs.run(place, velocity, seconds, f"slide at {velocity:g} m/s")
+
+
+def _stepped(legs: "_Legs", start: Branch, part: VelocitySteps):
+    """Yield the tests of one sequence of velocity steps."""
+    size, place, old = legs.scenario.grains.mean, start.place, start.before
+    for velocity in part.velocities[1:]:
+        words = f"step from {old:g} to {velocity:g} m/s"
+        if part.twin:
+            _, series, elastic = legs.run(place, old, part.twin * size / old, f"{words}, twin")
+            yield Test("twin", old, old, 0.0, series, elastic=elastic)
+        place, series, elastic = legs.run(place, velocity, part.slip * size / velocity, words)
+        yield Test("step", old, velocity, 0.0, series, elastic=elastic)
+        old = velocity
+
+
+def _held(legs: "_Legs", start: Branch, part: SlideHoldSlide):
+    """Yield the tests of one hold, and of the slides from each of its times."""
+    size, interval, before = legs.scenario.grains.mean, legs.scenario.interval, start.before
+    if part.twin:
+        _, series, elastic = legs.run(start.place, before, part.twin * size / before, f"slide at {before:g} m/s, twin")
+        yield Test("twin", before, before, 0.0, series, elastic=elastic)
+    place, parts, last = start.place, [], 0
+    for hold in sorted(part.holds):
+        until = round(hold / interval)
+        place, series, elastic = legs.run(place, 0.0, (until - last) * interval, f"hold after {before:g} m/s")
+        parts.append(series)
+        last = until
+        for after in part.reslides(before):
+            words = f"slide at {after:g} m/s after a hold of {hold:g} s"
+            _, series, stored = legs.run(place, after, part.slip * size / after, words)
+            yield Test("reslide", before, after, hold, series, elastic=stored)
+    yield Test("hold", before, 0.0, 0.0, _thinned(_joined(parts)), elastic=elastic)
+
+
+def _thinned(series: Series) -> Series:
+    """Means over intervals of time held that grow with it, `DECADE` of them in each decade."""
+    count = len(series.time)
+    edges = np.unique(np.round(np.geomspace(1, count + 1, max(2, round(DECADE * np.log10(count + 1)) + 1))).astype(int))
+    starts = edges[:-1] - 1
+    sizes = np.diff(np.append(starts, count))
+    means = [np.add.reduceat(column, starts) / sizes.reshape(-1, *[1] * (column.ndim - 1)) for column in series]
+    return Series(*means)
+
+
+class _Legs:
+    """Runs legs of a trunk or a branch in pieces that are kept, and tells how far it is."""
+
+    def __init__(self, scenario: GougeScenario, engine: Engine, tell: Tell, kept: Kept | None, duration: float):
         self.scenario, self.engine, self.tell, self.kept = scenario, engine, tell, kept
-        self.done, self.total, self.legs = done, total, 0
-        self.tests: list[Test] = []
-        self.velocity = 0.0
+        self.done, self.total, self.number = 0, duration / scenario.dt, 0
 
-    def part(self, place, part):
-        """One entry of the protocol; returns the place from which the next goes on."""
-        if isinstance(part, Slide):
-            return self._slide(place, part)
-        if isinstance(part, VelocitySteps):
-            return self._steps(place, part)
-        return self._holds(place, part)
-
-    def steady(self, place):
-        """Slide until two windows of friction agree."""
-        chosen = self.scenario.preparation
-        place, series = self._until_steady(place, chosen.velocity, chosen.slip, chosen.longest)
-        if series is None:
-            raise RuntimeError(
-                f"the sample was not steady after a slip of {chosen.longest:g} D: allow more change or a longer slip"
-            )
-        self._keep("steady", 0.0, chosen.velocity, 0.0, series)
-        return place
-
-    def _until_steady(self, place, velocity: float, least: float, longest: float):
-        """Place and series once steady, or series None; slips in D."""
-        chosen, size = self.scenario.preparation, self.scenario.grains.mean
-        parts, slid, wanted = [], 0.0, max(least, 2 * chosen.window)
-        while slid < longest:
-            place, part = self._leg(place, velocity, wanted * size / velocity, "to steady sliding")
-            parts.append(part)
-            slid, wanted = slid + wanted, 0.5 * chosen.window
-            series = _joined(parts)
-            if _is_steady(series, chosen.window * size, chosen.change):
-                return place, series
-        return place, None
-
-    def _slide(self, place, part: Slide):
-        if part.steady:
-            place, series = self._until_steady(place, part.velocity, 0.0, part.slip)
-            if series is None:
-                raise RuntimeError(f"a slide at {part.velocity:g} m/s was not steady after {part.slip:g} D")
-        else:
-            seconds = part.time or part.slip * self.scenario.grains.mean / part.velocity
-            place, series = self._leg(place, part.velocity, seconds, f"slide at {part.velocity:g} m/s")
-        self._keep("slide", self.velocity, part.velocity, 0.0, series)
-        return place
-
-    def _steps(self, place, part: VelocitySteps):
-        size = self.scenario.grains.mean
-        for k, velocity in enumerate(part.velocities):
-            words = f"step from {self.velocity:g} to {velocity:g} m/s"
-            if k and part.twin:
-                _, series = self._leg(place, self.velocity, part.twin * size / self.velocity, f"{words}, twin")
-                self._keep("twin", self.velocity, self.velocity, 0.0, series, went_on=False)
-            place, series = self._leg(place, velocity, part.slip * size / velocity, words)
-            self._keep("step" if k else "slide", self.velocity, velocity, 0.0, series)
-        return place
-
-    def _holds(self, place, part: SlideHoldSlide):
-        size = self.scenario.grains.mean
-        for before in part.before:
-            place, series = self._leg(place, before, part.approach * size / before, f"slide at {before:g} m/s")
-            self._keep("slide", self.velocity, before, 0.0, series)
-            if part.twin:
-                _, series = self._leg(place, before, part.twin * size / before, f"slide at {before:g} m/s, no hold")
-                self._keep("twin", before, before, 0.0, series, went_on=False)
-            held, parts, last, interval = place, [], 0, self.scenario.interval
-            for hold in sorted(part.holds):
-                until = round(hold / interval)
-                held, series = self._leg(held, 0.0, (until - last) * interval, f"hold after {before:g} m/s")
-                parts.append(series)
-                last = until
-                for after in part.after or (before,):
-                    words = f"slide at {after:g} m/s after a hold of {hold:g} s"
-                    _, again = self._leg(held, after, part.slip * size / after, words)
-                    self._keep("reslide", before, after, hold, again, went_on=False)
-            self._keep("hold", before, 0.0, 0.0, _joined(parts), went_on=False)
-        return place
-
-    def _leg(self, place, velocity: float, seconds: float, words: str):
-        """A leg, in pieces between which progress is told; each ends with a sample."""
+    def run(self, place, velocity: float, seconds: float, words: str):
+        """Place, series and elastic energy at the end of a leg; each of its pieces ends with a sample."""
         every = self.scenario.sample_every
         samples = max(1, round(seconds / self.scenario.dt / every))
-        name, self.legs = f"leg-{self.legs:04d}", self.legs + 1
+        name, self.number = f"leg-{self.number:04d}", self.number + 1
         pieces = self.kept and self.kept.of(name)
 
         def run_pieces(place=place):
@@ -226,7 +289,7 @@ class _Runner:
             pieces.clear()
         if self.done == before:  # all of it was kept
             self._went(samples * every, series, words)
-        return place, series
+        return place, series, self.engine.elastic(place)
 
     def _went(self, steps: int, series: Series, words: str) -> None:
         """Tell how far it is, and what the sample does."""
@@ -238,10 +301,6 @@ class _Runner:
             f"kinetic energy {series.kinetic_energy[-1]:.1e} J, thickness {series.thickness[-1] * 1e3:.2f} mm, "
             f"{series.sliding_fraction[-1]:.0%} of contacts slide",
         )
-
-    def _keep(self, kind, before, velocity, hold, series, *, went_on=True):
-        self.tests.append(Test(kind, before, velocity, hold, series))
-        self.velocity = velocity if went_on else self.velocity
 
 
 def _joined(parts: list[Series]) -> Series:
@@ -327,4 +386,4 @@ def _mean_overlap(state: State) -> float:
     return float((radius[i] + radius[j] - distance).mean()) if len(rows) else 0.0
 
 
-OURS = Engine(_start, _leg, lambda place: place.state, (Gouge,))
+OURS = Engine(_start, _leg, lambda place: place.state, lambda place: elastic_energy(place.state, place.law), (Gouge,))

