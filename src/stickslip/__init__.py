@@ -48,7 +48,7 @@ _WHERE = {
     "quasirigid.status": "Choice Verdict status",
     "quasirigid.uniqueness": "Uniqueness certificate",
     "solve.balance": "BALANCED_BELOW imbalance likely_causes",
-    "solve.collision": "Collision collision with_restitution",
+    "solve.collision": "Collision collision eq8_damping with_restitution",
     "solve.damped": "Damped damped_stability",
     "solve.density": "Density density_of_states participation_ratio",
     "solve.equilibrate": "UnstableEquilibriumWarning equilibrate",

@@ -218,10 +218,10 @@ def _just_before(result: GougeResult, one: Realization, hold: Test, column: str)
 
 
 def creep_velocity(result: GougeResult, before: float) -> Curve:
-    """Velocity of the plate in a hold [m/s] against the time held [s], the slope of its slip over half an e-fold."""
+    """Velocity of the plate in a hold [m/s] against the time held [s], the slope of its slip over an e-fold."""
     slip = hold_curve(result, before, "slip")
     x = np.log(slip.x)
-    ahead, back = (np.interp(x + d, x, np.arange(len(x))).round().astype(int) for d in (0.25, -0.25))
+    ahead, back = (np.interp(x + d, x, np.arange(len(x))).round().astype(int) for d in (0.5, -0.5))
     rows = (slip.rows[:, ahead] - slip.rows[:, back]) / (slip.x[ahead] - slip.x[back])
     return slip._replace(rows=rows)
 
