@@ -89,3 +89,102 @@ def test_frames_for_paraview_replace_nothing(here):
     refused("b_0001.vtu exists: give another name, or add --overwrite", "convert", "t.h5", "--to", "b.vtu", cwd=here)
     assert stickslip_here("convert", "t.h5", "--to", "b.vtu", "--overwrite", cwd=here).returncode == 0
     assert (here / "b_0001.vtu").stat().st_size > 1000
+
+
+def modes_of(folder):
+    modes = np.ones((1, 50, 3)) * 1j
+    np.savez(folder / "m.npz", eigenvalue=[1j], exponent=[1j], translation=modes, rotation=modes, rattlers=[])
+
+
+@pytest.mark.parametrize(("command", "name"), [("report", "b.html"), ("movie", "b.gif")])
+@pytest.mark.parametrize("kind", ["file", "link", "loose link", "device", "folder", "default"])
+def test_pages_and_movies_replace_a_file_only_if_asked(here, command, name, kind):
+    modes_of(here)
+    call = (command, "a.npz", "--modes", "m.npz", "--out", name)
+    words = f"{name} exists: give another name, or add --overwrite"
+    if kind == "default":
+        name, call = f"a-{'report.html' if command == 'report' else 'movie.gif'}", call[:-2]
+        words = f"{name} exists: give another name, or add --overwrite"
+    if kind in ("file", "default"):
+        (here / name).write_bytes(b"mine")
+    elif kind == "folder":
+        (here / name).mkdir()
+        run = stickslip_here(*call, "--overwrite", cwd=here)
+        assert (run.returncode, run.stderr) == (2, f"stickslip: {name} is a folder: give the name of a file\n")
+        return
+    else:
+        (here / name).symlink_to({"link": "a.npz", "loose link": "absent", "device": "/dev/full"}[kind])
+    if kind == "link":
+        refused("would replace the file that it is made from", *call, "--overwrite", cwd=here)
+        return
+    refused(words, *call, cwd=here)
+    if kind in ("file", "default"):
+        few = ("--frames", "2") if command == "movie" else ()
+        assert stickslip_here(*call, *few, "--overwrite", cwd=here).returncode == 0
+        assert stickslip_here(*call, *few, cwd=here).returncode == 0  # its own earlier one
+        assert (here / name).stat().st_size > 1000
+
+
+def test_in_the_folder_of_a_run_its_own_page_is_replaced_and_no_other(here):
+    (here / "s.toml").write_text('experiment = "rate-state"\nsamples.number = 10\n')
+    assert stickslip_here("run", "s.toml", "--out", "out", cwd=here).returncode == 0
+    for words in ((), (), ("--out", "out/report.html")):
+        assert stickslip_here("report", "out", *words, cwd=here).returncode == 0
+    (here / "out" / "report.html").write_text("mine")
+    run = stickslip_here("report", "out", cwd=here)
+    assert (run.returncode, "was not written by stickslip" in run.stderr) == (2, True)
+    assert (here / "out" / "report.html").read_text() == "mine"
+    assert stickslip_here("report", "out", "--overwrite", cwd=here).returncode == 0
+    assert stickslip_here("report", "out", cwd=here).returncode == 0
+    (here / "out" / "manifest.json").unlink()
+    (here / "out" / "report.html").write_text("mine")
+    assert "exists: give another name" in stickslip_here("report", "out", cwd=here).stderr
+
+
+def test_a_movie_in_mp4_is_known_as_one(here):
+    pytest.importorskip("imageio_ffmpeg")
+    modes_of(here)
+    for _ in range(2):
+        run = stickslip_here("movie", "a.npz", "--modes", "m.npz", "--frames", "40", "--out", "b.mp4", cwd=here)
+        assert run.returncode == 0, run.stderr
+    shutil.copy(here / "a.npz", here / "b.mp4")
+    assert "b.mp4 exists" in stickslip_here("movie", "a.npz", "--modes", "m.npz", "--out", "b.mp4", cwd=here).stderr
+
+
+def test_who_is_killed_as_a_page_takes_its_place_leaves_what_is_known(here, monkeypatch):
+    (here / "s.toml").write_text('experiment = "rate-state"\nsamples.number = 10\n')
+    assert stickslip_here("run", "s.toml", "--out", "out", cwd=here).returncode == 0
+
+    def killed(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as now:
+        now.setattr("stickslip.experiments.look_out.note_too", killed)
+        assert stickslip_here("report", "out", cwd=here).returncode == 130
+    assert (here / "out" / "report.html").exists()
+    assert stickslip_here("report", "out", cwd=here).returncode == 0
+    assert stickslip_here("run", "s.toml", "--out", "out", cwd=here).returncode == 0
+
+
+def test_modes_replace_modes_only_also_under_a_name_that_was_given(here):
+    (here / "b.npz").write_bytes(b"mine")
+    (here / "c.npz").symlink_to("absent")
+    (here / "d.npz").mkdir()
+    for name in ("b.npz", "c.npz"):
+        words = f"--modes {name} holds something else than modes: give another name, or move it away"
+        run = stickslip_here("stability", "a.npz", "--modes", name, cwd=here)
+        assert (run.returncode, run.stderr) == (2, f"stickslip: {words}\n")
+    assert (here / "b.npz").read_bytes() == b"mine"
+    assert "d.npz is a folder" in stickslip_here("stability", "a.npz", "--modes", "d.npz", cwd=here).stderr
+    assert "e is no folder: make it" in stickslip_here("stability", "a.npz", "--modes", "e/m.npz", cwd=here).stderr
+    modes_of(here)
+    assert stickslip_here("stability", "a.npz", "--modes", "m.npz", cwd=here).returncode == 0
+
+
+@pytest.mark.parametrize("command", ["movie", "convert"])
+@pytest.mark.parametrize("amplitude", ["1e308", "1e31", "inf", "nan", "0", "-1"])
+def test_amplitudes_that_leave_no_picture_are_refused(here, command, amplitude):
+    modes_of(here)
+    out = ("--out", "b.gif") if command == "movie" else ("--to", "b.xyz")
+    words = "frames of amplitude"
+    refused(words, command, "a.npz", "--modes", "m.npz", "--frames", "2", "--amplitude", amplitude, *out, cwd=here)
