@@ -76,3 +76,46 @@ def test_sizes_that_are_allowed_run_without_a_warning(tmp_path, noise, velocity)
     assert run.returncode in (0, 1)
     assert not caught
     assert run.stderr.count("\n") == run.returncode
+
+
+FLOW = {
+    "experiment": "flow", "grains": {"number": 8, "low": [0.0, 0.5], "high": [4.0, 3.0], "mass": 1.0, "radius": 0.4},
+    "law": {"kn": 1e4}, "cell": {"size": [4.0, 4.0], "periodic": ["x"]},
+    "plates": [{"name": "low", "height": 0.0}],
+    "stages": [{"name": "a", "duration": 1.0}, {"name": "b", "duration": 1.0}],
+}  # fmt: skip
+SHAKEN = {"name": "low", "height": 0.0, "velocity": {"x": {"amplitude": 1.0, "frequency": 1e9}}}
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"cell": {"size": [1e8, 4.0], "periodic": ["x"]}}, "plate 'low' would have 1.04e+08 grains: at most 1000000"),
+        ({"cell": {"size": [1e100, 4.0], "periodic": ["x"]}}, "plate 'low' would have 1.04e+100 grains"),
+        ({"plates": [SHAKEN]}, "low shakes 2e+09 times: at most 1000000 are allowed"),
+        (
+            {"stages": [{"name": "a", "duration": 1.0, "velocity": {"low": SHAKEN["velocity"]}}]},
+            "low shakes 1e+09 times",
+        ),
+        ({"samples": 100_000}, "stage 'a' has 50000 sample(s) in 1e+03 time steps of 0.001"),
+        (
+            {"stages": [{"name": "a", "duration": 1.0}, {"name": "b", "duration": 1e-100}]},
+            "stage 'b' has 1 sample(s) in",
+        ),
+    ],
+)
+def test_sizes_that_would_fill_the_memory_or_take_less_than_a_step(tmp_path, change, words):
+    (tmp_path / "a.json").write_text(json.dumps(FLOW | change))
+    run = stickslip_here("run", "a.json", "--out", "out", cwd=tmp_path)
+    assert (run.returncode, run.stderr.count("\n")) == (2, 1), run.stderr
+    assert words in run.stderr
+
+
+@pytest.mark.parametrize("length", [1e3, 1e20, 1e100])
+def test_plates_of_gouge_have_a_size(tmp_path, length):
+    tables = json.loads(read(EXAMPLES / "gouge.toml").text)
+    tables["cell"]["length"] = length
+    (tmp_path / "a.json").write_text(json.dumps(tables))
+    run = stickslip_here("run", "a.json", "--out", "out", cwd=tmp_path)
+    assert (run.returncode, run.stderr.count("\n")) == (2, 1), run.stderr
+    assert "cell.length and cell.width make plates of" in run.stderr
