@@ -11,7 +11,7 @@ from stickslip.data.gouge_scenario import GougeScenario
 from stickslip.experiments.gouge_report import numbers
 from stickslip.loading import gouge_measures as measures
 from stickslip.loading import gouge_statistics as statistics
-from stickslip.loading.gouge import BOTTOM, TOP, _apart, plate_number, settled, sprung
+from stickslip.loading.gouge import BOTTOM, TOP, _apart, settled, sprung
 from stickslip.loading.gouge_ensemble import MEMBERS, GougeResult, simulate_gouge
 from stickslip.loading.gouge_numbers import (
     Range,
@@ -152,7 +152,7 @@ def test_a_settled_sample_bears_its_load(ran):
     state = result.realizations[0].states["settled"]
     law = ss.hertz_mindlin_reff(*ss.stiffnesses(50e9, 0.3), 0.5)
     group = state.control.group
-    assert [(group == g).sum() for g in (-1, BOTTOM, TOP)] == [70, *[plate_number(result.scenario)] * 2]
+    assert [(group == g).sum() for g in (-1, BOTTOM, TOP)] == [70, *[result.scenario.plate_grains] * 2]
     found, _ = ss.forces(state, law, memory=ss.FROZEN)
     whole = 5e6 * 0.016**2
     assert found.force[group == TOP, 1].sum() == pytest.approx(whole, rel=0.05)  # at rest to `unbalanced`

@@ -49,6 +49,7 @@ Scheduler = Annotated[
     str | None, typer.Option("--scheduler", help="Address or JSON file of a Dask scheduler that runs them instead.")
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace results of another scenario in the folder.")]
+OverwriteFile = Annotated[bool, typer.Option("--overwrite", help="Replace the file, if it is there.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print the result alone: paths, or one sentence.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead, for programs.")]
 

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from .app import AsJson, Quiet, app, ended, examples
+from .app import AsJson, OverwriteFile, Quiet, app, ended, examples
 from .packings import reads_packing
 
 REPORT = examples(
@@ -34,14 +34,15 @@ def report(
     modes: Modes = None,
     settle: Settle = False,
     colour: Annotated[str | None, typer.Option("--colour", help="What grains are coloured by at first.")] = None,
+    overwrite: OverwriteFile = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
     """One page of HTML with everything in it: claims or measures, figures, the packing in three dimensions."""
-    from ..experiments import answers, look, report
+    from ..experiments import answers, look, look_out, report
 
-    path = out or look.default_path(place, report.PAGE)
-    look.ready(path, (".html", ".htm"))
+    path = out or look_out.default_path(place, report.PAGE)
+    look_out.ready(path, (".html", ".htm"), overwrite=overwrite, made_from=_read(place, modes, options))
     with report.speaking(quiet=quiet, as_json=as_json), report.progress(transient=True) as tell:
         found = look.seen(place, modes=modes, options=options, settle=settle, report=tell)
         path, words = look.write_page(found, path, colour=colour)
@@ -80,14 +81,15 @@ def movie(
     fps: Annotated[int, typer.Option("--fps", metavar="N", help="Frames in a second.")] = 15,
     frames: Annotated[int, typer.Option("--frames", min=2, metavar="N", help="Frames of a mode's period.")] = 48,
     amplitude: Annotated[float, typer.Option("--amplitude", help="Largest displacement over the radius.")] = 0.3,
+    overwrite: OverwriteFile = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
     """A movie of a run, or of a mode of a packing, as GIF or MP4."""
-    from ..experiments import answers, look, report
+    from ..experiments import answers, look, look_out, report
 
-    path = out or look.default_path(place, report.FILM)
-    look.ready(path, look.film.ENDINGS)
+    path = out or look_out.default_path(place, report.FILM)
+    look_out.ready(path, look.film.ENDINGS, overwrite=overwrite, made_from=_read(place, modes, options))
     look.film.checked(path, fps)
     with report.speaking(quiet=quiet, as_json=as_json), report.progress(transient=True) as tell:
         found = look.seen(
@@ -105,3 +107,8 @@ def movie(
     ended(
         lambda: answers.common("movie", files=[path]) | {"notes": words}, [path], show, quiet=quiet, as_json=as_json
     )  # fmt: skip
+
+
+def _read(place: Path, modes: Path | None, options: dict) -> tuple:
+    """Files that a command reads."""
+    return place, modes, options["contacts"], options["law"]

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from .app import AsJson, Quiet, app, completes, ended, examples
+from .app import AsJson, OverwriteFile, Quiet, app, completes, ended, examples
 
 LAWS = {
     "hertz_mindlin": "k δ^(3/2), as in papers 000 and 001",
@@ -158,6 +158,7 @@ def convert(
     frames: Annotated[int, typer.Option("--frames", min=2, metavar="N", help="Frames of one period.")] = 48,
     amplitude: Annotated[float, typer.Option("--amplitude", help="Largest displacement over the radius.")] = 0.3,
     grow: Annotated[bool, typer.Option("--grow", help="Let the mode grow as it does.")] = False,
+    overwrite: OverwriteFile = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -166,8 +167,9 @@ def convert(
     from ..experiments import answers, report
 
     (paths, words), said = listened(
-        convert, file, to, modes=modes, mode=mode, count=frames, amplitude=amplitude, grow=grow, **options
-    )
+        convert, file, to, modes=modes, mode=mode, count=frames, amplitude=amplitude, grow=grow, overwrite=overwrite,
+        **options,
+    )  # fmt: skip
     words = [*words, *said]
 
     def show() -> None:

@@ -24,6 +24,7 @@ from numba import njit
 from .judge import judged, where
 from .kinds import FAST, HELP, KNOWN, OWN, ROLES, Kind, Own
 from .laws import COULOMB, DAMPING, MU, NO_TENSION, PARAMETERS, Law, check_parameter, energy_by_quadrature, slopes_of
+from .text import text_of
 
 _DEFAULTS = {"kn": 1.0, "kt": 0.0, "mu": 0.0, "damping_n": 0.0, "damping_t": 0.0}
 
@@ -318,7 +319,7 @@ def law_from_file(path: str | Path, **parameters: float) -> Law:
     path = Path(path)
     if not path.is_file():
         raise ValueError(f"{path} is no file: give a Python file with a function normal_force")
-    return _of_text(path.read_text(encoding="utf-8"), path, parameters)
+    return _of_text(text_of(path, remedy="give a Python file"), path, parameters)
 
 
 def _of_text(text: str, path: Path, parameters: dict) -> Law:

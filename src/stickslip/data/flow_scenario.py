@@ -12,6 +12,7 @@ from .law_file import LawFile
 from .parts import Duration, Finite, Listed, NotNegative, Part, Positive, Seed, Several, Whole
 
 AXES = "xyz"
+MOST = 1_000_000  # grains of a pouring or a plate, and periods of a shaking
 Vector = Annotated[tuple[Finite, ...], Listed, Field(min_length=2, max_length=3)]
 Knot = Annotated[tuple[Finite, Finite], Listed]
 Name = Annotated[str, Field(pattern=r"^[ .]*[\w+-][\w .+-]*$", max_length=40)]  # a word for tables, files and sentences
@@ -67,7 +68,7 @@ class Motion(Part):
 class Pour(Part):
     """Grains, poured onto a loose lattice in a region, without overlap, from its bottom up."""
 
-    number: Annotated[int, Field(ge=1, le=1_000_000)] = Field(description="of grains")
+    number: Annotated[int, Field(ge=1, le=MOST)] = Field(description="of grains")
     low: Vector = Field(description="corner of the region [length]")
     high: Vector = Field(description="opposite corner [length]")
     dim: Literal[2, 3] = Field(2, description="2: disks in the plane, 3: spheres")
@@ -311,6 +312,14 @@ class FlowScenario(Whole):
     def _affordable(self):
         if self.dt is not None and self.duration / self.dt > 1e9:
             raise ValueError(f"dt = {self.dt:g} makes more than 1e9 steps: use shorter stages or a longer dt")
+        motions = [(body.name, body.velocity) for body in (*self.walls, *self.plates)]
+        motions += [item for stage in self.stages for item in stage.velocity.items()]
+        shaken = [(name, way) for name, one in motions for way in one.prescribed.values() if isinstance(way, Shaking)]
+        for name, shaking in shaken:
+            if (times := shaking.frequency * self.duration) > MOST:
+                raise ValueError(
+                    f"{name} shakes {times:.3g} times: at most {MOST} are allowed, lower the frequency or run shorter"
+                )
         return self
 
 

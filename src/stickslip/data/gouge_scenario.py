@@ -10,11 +10,12 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from .parts import Listed, NotNegative, Part, Positive, Seed, Whole
+from .parts import Listed, NotNegative, Part, Positive, Seed, Sized, Whole
 
 Share = Annotated[float, Field(gt=0, lt=1)]
 Number = Annotated[int, Field(ge=1)]
 Many = Annotated[tuple[Positive, ...], Listed, Field(min_length=1)]
+MOST = 200_000  # grains between plates, and in one of them
 LEAST = 8  # samples of a leg, from which a mean with an error can be taken
 FASTEST = 1e7  # grain-steps a second and process, for the estimate before the start
 
@@ -22,7 +23,7 @@ FASTEST = 1e7  # grain-steps a second and process, for the estimate before the s
 class GougeGrains(Part):
     """Spheres, with diameters that are uniformly distributed between two sizes."""
 
-    number: Annotated[int, Field(ge=20, le=200_000)] = Field(500, description="of mobile grains, about")
+    number: Annotated[int, Field(ge=20, le=MOST)] = Field(500, description="of mobile grains, about")
     diameter: Annotated[tuple[Positive, Positive], Listed] = Field((2e-3, 4e-3), description="smallest, largest [m]")
     density: Positive = Field(2500.0, description="paper 003, Table S1 [kg/m³]")
 
@@ -203,7 +204,7 @@ class Branching(Part):
     """Tests that start from states along one steady slide, each from a copy of its state."""
 
     branches: Number = Field(1, description="states from which the test is made, each in a process of its own")
-    spacing: Annotated[float, Field(ge=0.1)] = Field(
+    spacing: Annotated[float, Field(ge=0.1), Sized] = Field(
         0.7, description="slip between these states [D]; friction is correlated over 0.1 to 0.35 D"
     )
     twin: NotNegative = Field(
@@ -312,6 +313,11 @@ class GougeScenario(Whole):
                     f"cell.{name} = {getattr(self.cell, name):g} was given: grains of diameter {largest:g} need at "
                     f"least {4 * largest:g}, or they touch their own images"
                 )
+        if self.plate_grains > MOST:
+            raise ValueError(
+                f"cell.length and cell.width make plates of {self.plate_grains:.3g} grains each: at most {MOST} are "
+                f"allowed, use a smaller cell or larger grains"
+            )
         return self
 
     @model_validator(mode="after")
@@ -388,6 +394,12 @@ class GougeScenario(Whole):
     def area(self) -> float:
         """Of a plate [m²]."""
         return self.cell.length * self.cell.width
+
+    @property
+    def plate_grains(self) -> int:
+        """Grains of one plate: those whose area covers the asked share of it."""
+        low, high = (d / 2 for d in self.grains.diameter)
+        return max(4, round(self.cell.coverage * self.area / (pi * (low * low + low * high + high * high) / 3)))
 
     @property
     def trunk_duration(self) -> float:

@@ -4,16 +4,28 @@ import difflib
 import hashlib
 from typing import Annotated, get_args
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic_core import PydanticCustomError
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Duration = Annotated[float, Field(gt=0, le=1e7, allow_inf_nan=False)]
+LARGEST, SMALLEST = 1e100, 1e-100  # in size, as of parameters of laws: products of two, and of three, do not overflow
+
+
+def _sized(value: float) -> float:
+    if value and not SMALLEST <= abs(value) <= LARGEST:
+        raise PydanticCustomError("size", "it must be 0, or between {small} and {large} in size", SIZES)
+    return value
+
+
+SIZES = {"small": f"{SMALLEST:g}", "large": f"{LARGEST:g}"}
+Sized = AfterValidator(_sized)
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False), Sized]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False), Sized]
+Finite = Annotated[float, Field(allow_inf_nan=False), Sized]
+Duration = Annotated[float, Field(gt=0, le=1e7, allow_inf_nan=False), Sized]
 Listed = BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)  # TOML and JSON have lists
 Several = Annotated[Positive | tuple[Positive, ...], Listed]
 Loads = Annotated[tuple[Finite, ...], Listed]
-Seed = Annotated[int, Field(ge=0, description="of all random numbers: the same seed, the same run")]
+Seed = Annotated[int, Field(ge=0, le=10**18, description="of all random numbers: the same seed, the same run")]
 
 
 class ScenarioError(ValueError):

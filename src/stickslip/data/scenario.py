@@ -1,6 +1,7 @@
 """A scenario: everything that defines a run, validated, hashable, readable from TOML or built in Python."""
 
 import json
+import re
 import tomllib
 from itertools import pairwise
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Annotated, Literal, get_args
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
+from ..core.text import shortened, text_of
 from .flow_scenario import FlowScenario
 from .gouge_scenario import GougeScenario
 from .law_file import LawFile, check_sealed
@@ -264,6 +266,8 @@ class ShearScenario(Whole):
 
 
 AnyScenario = Scenario | ShearScenario | FlowScenario | QuasiScenario | GougeScenario | RateStateScenario
+LARGEST_WHOLE = 2**63 - 1
+WHOLE = "whole numbers are read up to 64 bits, give a smaller one, or write it as 1e30"
 EXPERIMENTS = {kind.model_fields["experiment"].default: kind for kind in get_args(AnyScenario)}
 
 
@@ -313,14 +317,26 @@ def tables_of(path: str | Path) -> dict:
     """
     path = Path(path)
     try:
-        text = path.read_text(encoding="utf-8")
-        tables = json.loads(text) if path.suffix == ".json" else _placed(tomllib.loads(text), path.parent)
+        text = text_of(path, remedy="give the path of a TOML file")
     except OSError as problem:
         raise ScenarioError(
             f"the scenario {path} cannot be read ({problem.strerror}): give the path of a TOML file"
         ) from None
-    except UnicodeDecodeError:
-        raise ScenarioError(f"the scenario {path} is not a text file: give the path of a TOML file") from None
+    except ValueError as problem:
+        raise ScenarioError(str(problem)) from None
+    tables = _parsed(text, path)
+    if not isinstance(tables, dict):
+        raise ScenarioError(f"the scenario {path} holds {type(tables).__name__}, not an object: give that of a run")
+    _check_whole_numbers(tables, path)
+    if path.suffix == ".json":
+        check_sealed(tables, path)
+        return tables
+    return _placed(tables, path.parent)
+
+
+def _parsed(text: str, path: Path):
+    try:
+        return json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
     except tomllib.TOMLDecodeError as problem:
         raise ScenarioError(f"the scenario {path} is not valid TOML: {problem}") from None
     except json.JSONDecodeError as problem:
@@ -329,11 +345,22 @@ def tables_of(path: str | Path) -> dict:
         raise ScenarioError(
             f"the scenario {path} is nested too deeply: tables of a scenario are five deep at most"
         ) from None
-    if not isinstance(tables, dict):
-        raise ScenarioError(f"the scenario {path} holds {type(tables).__name__}, not an object: give that of a run")
-    if path.suffix == ".json":
-        check_sealed(tables, path)
-    return tables
+    except ValueError:  # of all numbers, Python reads whole ones up to some length only
+        found = max(re.finditer(r"\d[\d_]*", text), key=lambda digits: len(digits[0].replace("_", "")))
+        line, digits = text.count("\n", 0, found.start()) + 1, len(found[0].replace("_", ""))
+        raise ScenarioError(
+            f"the scenario {path}, line {line}, holds a whole number of {digits} digits: {WHOLE}"
+        ) from None
+
+
+def _check_whole_numbers(tree, path: Path, above: tuple = ()) -> None:
+    """Refuse what other readers of TOML and JSON, and files of results, do not hold."""
+    items = tree.items() if isinstance(tree, dict) else enumerate(tree, start=1) if isinstance(tree, list) else ()
+    for key, value in items:
+        if isinstance(value, int) and not -LARGEST_WHOLE <= value <= LARGEST_WHOLE:
+            where = shortened(".".join(map(str, (*above, key))))
+            raise ScenarioError(f"the scenario {path} has a whole number beyond 64 bits at {where}: {WHOLE}")
+        _check_whole_numbers(value, path, (*above, key))
 
 
 def _placed(tables: dict, folder: Path) -> dict:

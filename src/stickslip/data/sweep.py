@@ -18,7 +18,7 @@ import numpy as np
 
 from .keys import field_at, put
 from .law_file import sealed
-from .parts import ScenarioError
+from .parts import LARGEST, ScenarioError
 from .scenario import AnyScenario, kind_of, scenario, tables_of
 
 MODES = ("grid", "zip", "sample")
@@ -267,10 +267,12 @@ def _check_numbers(key: str, kind: str, told) -> None:
     if kind == "normal":
         right = isinstance(told, dict) and set(told) == {"mean", "sd"} and all(map(_is_number, told.values()))
         if not (right and told["sd"] > 0):
-            raise ScenarioError(f"sweep.{key}.normal = {told} was given: use {{mean = 0.4, sd = 0.1}} with sd > 0")
+            raise ScenarioError(
+                f"sweep.{key}.normal = {told} was given: use {{mean = 0.4, sd = 0.1}} with sd > 0, up to {LARGEST:g}"
+            )
         return
     if not (isinstance(told, list) and len(told) == 2 and all(map(_is_number, told))):
-        raise ScenarioError(f"sweep.{key}.{kind} = {told} was given: use two numbers, the ends")
+        raise ScenarioError(f"sweep.{key}.{kind} = {told} was given: use two numbers up to {LARGEST:g}, the ends")
     if not told[0] < told[1] and kind in DRAWN:
         raise ScenarioError(f"sweep.{key}.{kind} = {told} was given: the first end must be below the second")
     if kind in ("geomspace", "loguniform") and min(told) <= 0:
@@ -280,7 +282,7 @@ def _check_numbers(key: str, kind: str, told) -> None:
 
 
 def _is_number(value) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST
 
 
 def _whole(name: str, value, least: int, most: int | None = None) -> int:

@@ -2,6 +2,7 @@
 
 import errno
 import os
+from collections.abc import Iterable
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -30,6 +31,29 @@ def beside(path: str | Path):
     finally:
         with suppress(OSError):
             part.unlink(missing_ok=True)
+
+
+def check_free(paths: Iterable[Path], *, overwrite: bool = False, made_from: Iterable[str | Path | None] = ()) -> None:
+    """Make sure that files may be written where a user wants them, before anything is computed.
+
+    Parameters
+    ----------
+    overwrite : whether they may replace what is there
+    made_from : files that they never replace
+
+    Raises
+    ------
+    ValueError
+        with one sentence that names the first file that may not be written.
+    """
+    sources = [Path(path) for path in made_from if path is not None]
+    for path in paths:
+        if any(path.exists() and source.exists() and path.samefile(source) for source in sources):
+            raise ValueError(f"{path} would replace the file that it is made from: give another name")
+        if path.is_dir():
+            raise ValueError(f"{path} is a folder: give the name of a file")
+        if os.path.lexists(path) and not overwrite:
+            raise ValueError(f"{path} exists: give another name, or add --overwrite")
 
 
 def replace(path: str | Path, content: bytes) -> None:

@@ -62,7 +62,7 @@ def connected(address):
 
 def _written(path: str, tries: int = 10):
     """What a JSON file holds; a scheduler that has just started may not have written it to its end."""
-    with open(path, encoding="utf-8") as file:
+    with open(path, encoding="utf-8-sig") as file:
         try:
             return json.load(file)
         except json.JSONDecodeError:

@@ -15,11 +15,9 @@ from ..data.exchange.files import listened, read_sample
 from ..data.exchange.frame import Frame, frame_of
 from ..data.exchange.motion import mode_frames, read_mode
 from ..data.kept import UNFINISHED
-from ..data.manifest import note_too, proven, strange
 from ..data.sample import SampleError
 from ..data.sweep_data import DATASET, is_sweep, open_sweep
 from ..data.units import SI
-from ..data.whole import beside, replace
 from ..extras import MissingExtraError
 from ..figures import film, page, scene
 from ..figures.grains import bare_frame, packing
@@ -28,7 +26,8 @@ from ..figures.style import png
 from ..solve.balance import BALANCED_BELOW, imbalance, unjudged
 from ..solve.damped import Damped
 from . import claims as claims_table
-from .report import CLAIMS, FILM, NUMBERS, PAGE, files_of
+from .look_out import placed
+from .report import CLAIMS, FILM, NUMBERS, files_of
 from .stability_report import Settled, causes, judged, law_in_words, modes_of, settled, verdict
 
 SMALL = 500  # grains, up to which the states of a run are searched for one that is unstable
@@ -65,27 +64,6 @@ def seen(
     if given:
         raise ValueError(f"--{given[0].replace('_', '-')} was given with {place}: only the file of a packing takes it")
     return folder_seen(place, frame=options.get("frame"), search=search, report=report)
-
-
-def default_path(place: Path, name: str) -> Path:
-    """Where a page or movie goes: into the folder of a run, or beside nothing else here.
-
-    Raises
-    ------
-    ValueError
-        with one sentence, if a file of somebody else is there.
-    """
-    if proven(place) and name in strange(place, lambda other: other == name):
-        raise ValueError(f"{place / name} was not written by stickslip, or was changed since: give another --out")
-    return place / name if place.is_dir() else Path(f"{place.stem}-{name}")
-
-
-def ready(path: Path, endings: tuple[str, ...]) -> None:
-    """Raise ValueError if a file cannot be meant, before anything is computed."""
-    if path.suffix.lower() not in endings:
-        raise ValueError(f"--out {path} ends with {path.suffix or 'nothing'!r}: {' or '.join(endings)} is written")
-    if not path.parent.is_dir():
-        raise ValueError(f"{path.parent} is no folder: make it first, or give another --out")
 
 
 def folder_seen(folder: Path, *, frame: str | None = None, search: bool = True, report=None) -> Seen:
@@ -342,15 +320,9 @@ def write_page(shown: Seen, path: Path, *, colour: str | None = None) -> tuple[P
     view = (page.paragraph(warning, kind="warning") if warning else "") + view
     first = [] if not shown.frames and not shown.without else [("View", view)]
     text = page.page(shown.title, shown.about, [*first, *shown.sections])
-    replace(path, text.encode())
-    _note(path)
+    with placed(path) as part:
+        part.write_bytes(text.encode())
     return path, words
-
-
-def _note(path: Path) -> None:
-    """A page or movie in the folder of a run belongs to it: the next run replaces or removes it."""
-    if proven(path.parent) and path.name in (PAGE, FILM):
-        note_too(path.parent, path.name)
 
 
 HELP = (
@@ -390,7 +362,6 @@ def write_movie(
         aside = "; NOT IN EQUILIBRIUM" if shown.unjudged else "; settled packing" if shown.warning else ""
         labels = [f"mode {mode}, s = {chosen[2]:.3g}{aside}"] * len(frames)
     colour = colour or ("speed" if mode is None else DISPLACEMENT)
-    with beside(path) as part:
+    with placed(path) as part:
         film.movie(frames, part, labels=labels, mode=chosen, colour=colour, fps=fps, si=shown.si, report=report)
-    _note(path)
     return path

@@ -1,5 +1,7 @@
 """The stability of a packing, on the terminal, as JSON, and its modes in a file."""
 
+import os
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 from zipfile import BadZipFile
@@ -221,17 +223,21 @@ def _show_pairs(found: Stability) -> None:
 
 
 def check_modes(path: Path, packing: Path, *, asked: bool) -> None:
-    """Raise ValueError if modes would replace the packing, or, under a name that nobody gave, what are no modes."""
+    """Raise ValueError if modes would replace the packing, or what are no modes."""
     if path.exists() and packing.exists() and path.samefile(packing):
         raise ValueError(f"--modes {path} would replace the packing: give another name")
-    if asked or not path.exists():
+    if not path.parent.is_dir():
+        raise ValueError(f"{path.parent} is no folder: make it first, or give another --modes")
+    if path.is_dir():
+        raise ValueError(f"{path} is a folder: give the name of a file")
+    if not os.path.lexists(path):
         return
-    try:
-        with np.load(path) as file:
+    if path.is_file():
+        with suppress(OSError, EOFError, ValueError, AttributeError, BadZipFile), np.load(path) as file:
             if set(_MODES) <= set(file.files):
                 return
-    except (OSError, EOFError, ValueError, AttributeError, BadZipFile):
-        pass
+    if asked:
+        raise ValueError(f"--modes {path} holds something else than modes: give another name, or move it away")
     raise ValueError(f"modes go to {path} here, which holds something else: say where with --modes, or move it away")
 
 

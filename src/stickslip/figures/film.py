@@ -10,6 +10,7 @@ from PIL import Image
 from ..data.exchange.frame import Frame
 from ..extras import needed
 from .grains import draw, legend, look_of
+from .page import MARK
 from .quantities import Mode
 from .style import plt, styled
 
@@ -84,7 +85,8 @@ def _writer(path: Path, fps: int):
     if path.suffix.lower() == ".gif":
         return _Gif(fps=fps)
     plt.rcParams["animation.ffmpeg_path"] = _ffmpeg()
-    return FFMpegWriter(fps=fps, codec="libx264", extra_args=["-pix_fmt", "yuv420p", "-loglevel", "error"])
+    extra = ["-pix_fmt", "yuv420p", "-loglevel", "error"]
+    return FFMpegWriter(fps=fps, codec="libx264", extra_args=extra, metadata={"comment": MARK})
 
 
 class _Gif(PillowWriter):
@@ -94,7 +96,7 @@ class _Gif(PillowWriter):
         """Write the file."""
         frames = [self._kept(frame) for frame in self._frames]
         frames[0].save(
-            self.outfile, save_all=True, append_images=frames[1:], duration=round(1000 / self.fps), loop=0
+            self.outfile, save_all=True, append_images=frames[1:], duration=round(1000 / self.fps), loop=0, comment=MARK
         )  # fmt: skip
 
     @staticmethod

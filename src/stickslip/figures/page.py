@@ -5,12 +5,14 @@ from html import escape
 from importlib.resources import files
 from string import Template
 
+MARK = "written by stickslip"  # in pages and movies, by which they are known as such
+
 
 def page(title: str, about: str, sections: list[tuple[str, str]]) -> str:
     """A page of sections (heading, HTML); `title` and `about` are plain text."""
     body = "\n".join(f"<section>\n<h2>{escape(name)}</h2>\n{text}\n</section>" for name, text in sections)
     template = Template(files(__package__).joinpath("page.html").read_text(encoding="utf-8"))
-    return template.substitute(title=escape(title), about=escape(about), body=body)
+    return template.substitute(mark=MARK, title=escape(title), about=escape(about), body=body)
 
 
 def table(columns: list[str], rows: list[list[str]], *, classes: dict[str, str] | None = None) -> str:

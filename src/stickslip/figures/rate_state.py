@@ -37,7 +37,8 @@ def slid(history, recorded, legs):
     for axes in panels[: 2 if noisy else 1]:
         axes.legend(loc="best")
     panels[1].legend(loc="best")
-    panels[2].set_xlim(x[0], x[-1])
+    if x[-1] > x[0]:
+        panels[2].set_xlim(x[0], x[-1])
     figure.align_ylabels(panels)
     return figure
 

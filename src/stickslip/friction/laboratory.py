@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.text import shortened, text_of
 from .fit import Data
 from .loads import check_times, measured_legs
 
@@ -114,12 +115,7 @@ def data(record: Record, *, before: float | None = None, normal: bool = False) -
 
 def _table(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """The header's fields, and each row's line number and fields."""
-    try:
-        text = path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise ValueError(f"{path} is not a text file in UTF-8: give a CSV file") from None
-    if "\0" in text:
-        raise ValueError(f"{path} is a binary file: give a CSV file")
+    text = text_of(path, remedy="give a CSV file")
     lines = [(k, line) for k, line in enumerate(text.splitlines(), start=1) if line.strip() and line.lstrip()[0] != "#"]
     if not lines:
         raise ValueError(
@@ -156,7 +152,7 @@ def _columns(path: Path, header: list[str]) -> dict[str, tuple[int, float]]:
             raise ValueError(f"{path}: column {word!r} has no unit: write it as '{word} [{next(iter(units))}]'")
         known = unit.lower() if units is STRESS else unit.replace(" ", "")
         if known not in units:
-            raise ValueError(f"{path}: {word} has the unit {unit!r}: use {', '.join(_short(units))}")
+            raise ValueError(f"{path}: {word} has the unit {shortened(unit)!r}: use {', '.join(_short(units))}")
         found[name] = (k, units[known])
     return found
 
@@ -185,8 +181,10 @@ def _number(path: Path, row: tuple[int, list[str]], k: int, name: str) -> float:
         value = float(fields[k])
     except ValueError:
         raise ValueError(
-            f"{path}, line {line}: {name} is {fields[k]!r}, not a number: correct or drop the line"
+            f"{path}, line {line}: {name} is {shortened(fields[k])!r}, not a number: correct or drop the line"
         ) from None
     if not np.isfinite(value):
-        raise ValueError(f"{path}, line {line}: {name} is {fields[k]}: use finite numbers only, drop such lines")
+        raise ValueError(
+            f"{path}, line {line}: {name} is {shortened(fields[k])}: use finite numbers only, drop such lines"
+        )
     return value

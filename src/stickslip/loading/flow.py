@@ -18,7 +18,7 @@ from ..data.archive import ArchiveError
 from ..data.flow_scenario import FlowScenario, Stage
 from ..data.kept import Kept, kept_in
 from .flow_control import controlled, imposed
-from .pouring import Poured, poured
+from .pouring import Poured, poured, samples_of
 
 Report = Callable[[str, float, str], None]
 BINS = 24  # of the profile along y
@@ -137,7 +137,7 @@ def _run_stage(scenario: FlowScenario, start: Poured, number: int, pieces: list[
     """Run what is left of a stage; `keep` adds to the pieces."""
     stage, edges = scenario.stages[number], _edges(start)
     state, begin, done, acts = _entered(scenario, start, number, pieces)
-    count = max(1, round(stage.duration * scenario.samples / scenario.duration))
+    count = samples_of(stage, scenario)
     every = max(1, round(scenario.samples / scenario.frames))
     total, rows, saved = sum(len(piece.rows["time"]) for piece in pieces), [], time.monotonic()
     for k in range(done, count):

@@ -122,17 +122,10 @@ def sprung(gouge: Gouge, stiffness: float, times, displacement) -> Gouge:
     return gouge._replace(state=state._replace(control=control))
 
 
-def plate_number(scenario: GougeScenario) -> int:
-    """Grains of one plate: those whose area covers the asked share of it."""
-    low, high = (d / 2 for d in scenario.grains.diameter)
-    area = np.pi * (low * low + low * high + high * high) / 3
-    return max(4, round(scenario.cell.coverage * scenario.area / area))
-
-
 def _poured(scenario: GougeScenario, rng) -> State:
     """Grains of all sizes on a loose lattice above a flat wall, below another that comes down."""
     cell, chosen = scenario.cell, scenario.grains
-    number = chosen.number + 2 * plate_number(scenario)
+    number = chosen.number + 2 * scenario.plate_grains
     radius = rng.uniform(*chosen.diameter, number) / 2
     wide = ROOM * chosen.diameter[1]
     across = [max(1, int(length / wide)) for length in (cell.length, cell.width)]
@@ -145,7 +138,7 @@ def _poured(scenario: GougeScenario, rng) -> State:
     position += rng.uniform(-1, 1, position.shape) * room
     height = (layer[-1] + 1) * wide
     grains = spheres(position, radius, mass=chosen.density * 4 / 3 * np.pi * radius**3)
-    mass = plate_number(scenario) * float(grains.mass.mean()) * cell.plate_mass
+    mass = scenario.plate_grains * float(grains.mass.mean()) * cell.plate_mass
     walls = flat_walls([[0, 0, 0], [0, height, 0]], [[0, 1, 0], [0, -1, 0]], mass=mass)
     control = driven(loads(number, 2), [number + 1], [0, -scenario.preparation.approach, 0, 0, 0, 0])
     return assembly(grains, walls, box([cell.length, height, cell.width], [True, False, True]), control)
@@ -224,7 +217,7 @@ def _glued(scenario: GougeScenario, state: State) -> State:
 
     Glued grains lose what they overlap, so that they do not touch each other.
     """
-    number, n = plate_number(scenario), len(state.grains.radius)
+    number, n = scenario.plate_grains, len(state.grains.radius)
     order = np.argsort(state.grains.position[:, 1], kind="stable")
     plates = order[:number], order[-number:]
     grains = _apart(state, np.concatenate(plates))

@@ -20,7 +20,7 @@ from ..core.laws import (
     tangents,
 )
 from ..core.state import State, assembly, box, disks, flat_walls, heights, loads, spheres
-from ..data.flow_scenario import AXES, FlowScenario, Plate, Shaking
+from ..data.flow_scenario import AXES, MOST, FlowScenario, Plate, Shaking, Stage
 from ..data.law_file import law_in
 from ..data.parts import ScenarioError
 from ..solve.collision import with_restitution
@@ -81,7 +81,24 @@ def poured(scenario: FlowScenario) -> Poured:
     _refuse_behind(grains.position, walls, names, dim)
     state = assembly(grains, walls, cell, control)
     law = flow_law(scenario, radius, mass[: len(radius)])
-    return Poured(state, law, names, plates, _time_step(scenario, law, radius, mass))
+    start = Poured(state, law, names, plates, _time_step(scenario, law, radius, mass))
+    _refuse_fine_samples(scenario, start.dt)
+    return start
+
+
+def samples_of(stage: Stage, scenario: FlowScenario) -> int:
+    """Rows of the time series that a stage gives."""
+    return max(1, round(stage.duration * scenario.samples / scenario.duration))
+
+
+def _refuse_fine_samples(scenario: FlowScenario, dt: float) -> None:
+    for stage in scenario.stages:
+        count, steps = samples_of(stage, scenario), stage.duration / dt
+        if steps < 0.5 * count:
+            raise ScenarioError(
+                f"stage {stage.name!r} has {count} sample(s) in {steps:.3g} time steps of {dt:.3g}: lower samples, or "
+                f"give a longer stage or a smaller dt"
+            )
 
 
 def flow_law(scenario: FlowScenario, radius, mass) -> Law:
@@ -215,6 +232,11 @@ def _row(plate: Plate, scenario: FlowScenario, radius) -> tuple[np.ndarray, floa
         raise ScenarioError(
             f"plate {plate.name!r} has holes of {wide - 2 * size:.3g} between its grains, through which the smallest "
             f"grain (diameter {2 * radius.min():.3g}) falls: use a smaller spacing or a larger radius"
+        )
+    if (many := float(np.prod(np.array(number, float)))) > MOST:
+        raise ScenarioError(
+            f"plate {plate.name!r} would have {many:.3g} grains: at most {MOST} are allowed, use larger ones or a "
+            f"smaller cell"
         )
     lines = [(np.arange(n) + 0.5) * length / n for n, length in zip(number, lengths, strict=True)]
     mesh = [part.ravel() for part in np.meshgrid(*lines, indexing="ij")]

@@ -5,11 +5,12 @@ import warnings
 from pathlib import Path
 
 from ...core.contact import FROZEN
-from ...core.laws import Law, alike
+from ...core.laws import SHARP, Law, alike
 from ...core.neighbors import updated
 from ...core.state import State
 from ..law_file import law_of_options
 from ..sample import NO_CONTACTS, SampleError, SampleWarning, accepted, law_from, sample
+from ..whole import check_free
 from .arrays import law_given, read_archive, read_npz, write_archive, write_npz
 from .frame import Frame, frame_of
 from .gsd_file import read_gsd, write_gsd
@@ -189,13 +190,14 @@ def write_sample(path: str | Path, states, law: Law | None = None) -> list[str]:
 
 def convert(
     path: str | Path, to: str | Path, *, modes: str | Path | None = None, mode: int = 0, count: int = 48,
-    amplitude: float = 0.3, grow: bool = False, **options,
+    amplitude: float = 0.3, grow: bool = False, overwrite: bool = False, **options,
 ) -> tuple[list[Path], list[str]]:  # fmt: skip
     """Read a packing and write it in another format, all its states or the chosen one; or animate one of its modes.
 
     Parameters
     ----------
     modes : file of modes that `stickslip stability` wrote; `mode`, `count`, `amplitude` and `grow`: see `mode_frames`
+    overwrite : whether files that are there are replaced; those that are read never are
     options : of `read_sample`
 
     Returns
@@ -208,8 +210,6 @@ def convert(
     path, to = Path(path), Path(to)
     if to.suffix.lower() not in WRITTEN:
         raise SampleError(_unknown(to, WRITTEN, "written"))
-    if to.exists() and path.exists() and to.samefile(path):
-        raise SampleError(f"{to} would replace the file that it is made from: give another name")
     if modes is None:
         chosen = {} if options.get("frame") is None else {"frame": options["frame"]}
         found = read_samples(path, **{**options, "frame": "all", **chosen})
@@ -220,17 +220,22 @@ def convert(
         of_mode = read_mode(modes, mode, len(state.grains.radius))
         frames = mode_frames(frame_of(state, law), *of_mode, count=count, amplitude=amplitude, grow=grow)
         words = [*words, f"mode {mode}: s = {of_mode[2]:.4g}, {count} frames of one period"]
+    targets = _targets(to, frames)
+    check_free(targets, overwrite=overwrite, made_from=(path, modes, options.get("contacts"), options.get("law")))
     words += write_sample(to, frames)
     if to.suffix.lower() == ".vtu" and len(frames) > 1:
         words.append(f"{len(frames)} frames: numbered files, which ParaView opens as a series")
-    return _written(to, len(frames)), words
+        targets = targets[:2]
+    return targets, words
 
 
-def _written(to: Path, count: int) -> list[Path]:
+def _targets(to: Path, frames: list[Frame]) -> list[Path]:
+    """All files that a packing becomes, those of its first frame in front."""
     if to.suffix.lower() == ".vtu":
-        return [path for path in vtk_paths(to, count)[0] if path.exists()]
-    beside = contacts_path(to) if to.suffix.lower() in LAMMPS_DATA else None
-    return [to, *([beside] if beside and beside.exists() else [])]
+        pairs = zip(vtk_paths(to, len(frames)), frames, strict=True)
+        return [path for (grains, lines), f in pairs for path in (grains, *([lines] if len(f.contacts["i"]) else []))]
+    holds = to.suffix.lower() in LAMMPS_DATA and frames[0].law.coulomb == SHARP
+    return [to, *([contacts_path(to)] if holds else [])]
 
 
 def _unknown(path: Path, known: tuple[str, ...], done: str) -> str:

@@ -63,7 +63,7 @@ def read_grains(path: Path, *, wanted: str | None = None, boundary: str | None =
     boundary : three letters as in LAMMPS, such as ppf; default: what a dump says, all periodic for a data file
     """
     with path.open("rb") as file:
-        dump = file.read(5) == b"ITEM:"
+        dump = file.read(64).decode("utf-8-sig", errors="ignore").startswith("ITEM:")
     if dump:
         tables, steps = read_dump(path, wanted)
         many = [f"{path.name} has {len(steps)} time steps: the last, {steps[-1]}, was taken; --frame chooses"]
@@ -268,7 +268,7 @@ def contact_law(given: dict) -> dict:
 
 def _boundary(contacts: Path) -> str | None:
     """What the head of a dump says of its box's boundaries: a data file does not know them."""
-    with contacts.open(encoding="utf-8", errors="replace") as file:
+    with contacts.open(encoding="utf-8-sig", errors="replace") as file:
         head = re.search(r"ITEM: BOX BOUNDS.*?([pfsm]{2}) ([pfsm]{2}) ([pfsm]{2})\s*\n", file.read(4096))
     return None if head is None else "".join("p" if mark == "pp" else "f" for mark in head.groups())
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...core.text import text_of, whole_number
 from ..sample import HUGE, SampleError
 
 HEADER = re.compile(r"(?m)^\s*([A-Z][A-Za-z /]*?)\s*(?:#\s*(\S+)\s*)?$")  # of a section in a data file
@@ -42,7 +43,7 @@ def read_dump(path: Path, wanted: str | None = None) -> tuple[list[Table], list[
     if not pieces:
         raise SampleError(f"{path} holds no ITEM: TIMESTEP: give a dump that LAMMPS wrote as text")
     try:
-        steps = [int(piece.split("\n", 2)[1]) for piece in pieces]
+        steps = [whole_number(piece.split("\n", 2)[1]) for piece in pieces]
         if wanted not in (None, "all") and wanted not in map(str, steps):
             some = ", ".join(map(str, steps[:6])) + (" …" if len(steps) > 6 else "")
             raise SampleError(f"{path} has no time step {wanted}: it has {some}")
@@ -56,9 +57,9 @@ def read_dump(path: Path, wanted: str | None = None) -> tuple[list[Table], list[
 
 def _text(path: Path) -> str:
     try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError:
-        raise SampleError(f"{path} is no text: give files of LAMMPS as text, not binary or compressed") from None
+        text = text_of(path, remedy="give files of LAMMPS as text, not binary or compressed")
+    except ValueError as problem:
+        raise SampleError(str(problem)) from None
     if text and not text.endswith("\n"):  # a number that lost its last digits is still a number
         raise SampleError(f"{path} ends in the middle of a line: it is truncated, or its last line has no end")
     return text
@@ -73,7 +74,7 @@ def _table(step: int, piece: str) -> Table:
             head,
             body,
         )
-    rows = int(items["NUMBER"][1].split()[0])
+    rows = whole_number(items["NUMBER"][1].split()[0])
     vectors, corner, periodic = _box(*items["BOX BOUNDS"])
     head, body = items["ATOMS"] if "ATOMS" in items else items["ENTRIES"]
     names, words = head.split()[1:], body.split()
@@ -156,7 +157,7 @@ def read_data(path: Path) -> tuple[np.ndarray, dict, Table, list[str]]:
         if "Atoms" not in sections:
             raise SampleError(f"{path} has no section Atoms: give a data file of LAMMPS, or a dump")
         style, body = sections["Atoms"]
-        count = int(re.search(r"(?m)^\s*(\d+)\s+atoms\b", head)[1])
+        count = whole_number(re.search(r"(?m)^\s*(\d+)\s+atoms\b", head)[1])
         rows = _numbers(body, count, "Atoms")
         if style not in (None, "sphere") or rows.shape[1] not in (7, 10):
             raise SampleError(
@@ -165,7 +166,7 @@ def read_data(path: Path) -> tuple[np.ndarray, dict, Table, list[str]]:
             )
         vectors, corner = _data_box(head)
         step = re.search(r"timestep = (\d+)", first)
-        box = Table(int(step[1]) if step else -1, vectors, corner, None, {})
+        box = Table(whole_number(step[1]) if step else -1, vectors, corner, None, {})
         rows = rows[np.argsort(rows[:, 0], kind="stable")]
         motion = _numbers(sections["Velocities"][1], count, "Velocities") if "Velocities" in sections else None
     except (ValueError, IndexError, TypeError) as problem:

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from ...core.state import State
-from ..sample import SampleError
+from ..sample import HUGE, SampleError
 from .frame import Frame
 
 REQUIRED = ("translation", "rotation", "exponent")
@@ -58,8 +58,10 @@ def mode_frames(
     grow : False leaves the growth out, so that the animation can be repeated; True ends at `amplitude`
     """
     state, radius = frame.state, frame.state.grains.radius[:, None]
-    if count < 2 or not amplitude > 0:
-        raise SampleError(f"{count} frames of amplitude {amplitude:g} were asked for: at least 2, and above 0")
+    if count < 2 or not 0 < amplitude <= HUGE:
+        raise SampleError(
+            f"{count} frames of amplitude {amplitude:g} were asked for: at least 2, and above 0, up to {HUGE:g}"
+        )
     largest = float((np.sqrt((np.abs(translation) ** 2).sum(axis=1, keepdims=True)) / radius).max())
     turning = float((np.abs(rotation) / radius).max())
     if not max(largest, turning) > 0:

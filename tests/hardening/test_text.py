@@ -1,0 +1,135 @@
+"""Text that other editors wrote, and numbers longer than Python reads, end in a reading or in one sentence."""
+
+import json
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.core.laws import alike
+from stickslip.data.exchange.files import read_sample, write_sample
+from stickslip.data.scenario import read, tables_of
+from stickslip.ensemble import cluster
+from tests.conftest import stickslip_here
+
+DIGITS = "7" * 5000
+SLIDER = 'experiment = "rate-state"\n'
+SERIES = "time [s], load_point [um], friction [-]\n" + "".join(f"{k},{10 * k},0.4\n" for k in range(20))
+LAW = "kn = 1.0\ndef normal_force(overlap, kn):\n    return kn * overlap\n"
+DUMP = """ITEM: TIMESTEP
+0
+ITEM: NUMBER OF ATOMS
+2
+ITEM: BOX BOUNDS pp pp pp
+0 3
+0 3
+0 3
+ITEM: ATOMS id radius x y z
+1 0.5 1 1 1
+2 0.5 1.9 1 1
+"""
+
+
+def saved(path, text, encoding="utf-8-sig"):
+    path.write_bytes(text.encode(encoding))
+    return path
+
+
+def data_file(folder):
+    state = ss.sample([[1, 1, 1], [1.9, 1, 1]], [0.5, 0.5], law := ss.linear(), cell=3 * np.eye(3))
+    write_sample(folder / "p.data", state, law)
+    return (folder / "p.data").read_text()
+
+
+def refused(words, *more, cwd=None):
+    run = stickslip_here(*more, cwd=cwd)
+    assert run.returncode == 2
+    assert run.stderr.count("\n") == 1
+    assert words in run.stderr
+    assert "Exceeds the limit" not in run.stderr
+    assert len(run.stderr) < 400
+
+
+def test_a_byte_order_mark_is_no_part_of_a_text(tmp_path):
+    assert tables_of(saved(tmp_path / "a.toml", SLIDER)) == {"experiment": "rate-state"}
+    assert read(saved(tmp_path / "a.json", json.dumps({"experiment": "rate-state"}))) == read(tmp_path / "a.toml")
+    assert ss.read_csv(saved(tmp_path / "a.csv", SERIES)).time[-1] == 19
+    marked = ss.law_from_file(saved(tmp_path / "a.py", LAW))
+    assert alike(marked, ss.law_from_file(saved(tmp_path / "b.py", LAW, "utf-8")))
+    for name, text in (("a.dump", DUMP), ("a.data", data_file(tmp_path))):
+        assert len(read_sample(saved(tmp_path / name, text), law="linear")[0].grains.radius) == 2
+    assert cluster._written(saved(tmp_path / "s.json", '{"address": "tcp://a:1"}')) == {"address": "tcp://a:1"}
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be", "utf-32"])
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("a.toml", SLIDER, ["cite", "a.toml"]),
+        ("a.json", '{"experiment": "rate-state"}', ["cite", "a.json"]),
+        ("a.csv", SERIES, ["fit", "a.csv"]),
+        ("a.dump", DUMP, ["stability", "a.dump", "--json"]),
+        ("a.py", LAW, ["stability", "b.dump", "--law", "a.py", "--modes", "m.npz"]),
+    ],
+)
+def test_text_in_utf_16_is_told(tmp_path, encoding, name, text, words):
+    saved(tmp_path / name, text, encoding)
+    saved(tmp_path / "b.dump", DUMP, "utf-8")
+    run = stickslip_here(*words, cwd=tmp_path)
+    assert run.returncode == 2
+    assert run.stderr == f"stickslip: {name} is text in UTF-16 or UTF-32: save it as UTF-8\n"
+
+
+@pytest.mark.parametrize("name", ["a.toml", "a.json", "sweep.toml", "noise.toml", "parts.toml"])
+def test_whole_numbers_of_thousands_of_digits_in_scenarios(tmp_path, name):
+    text = {
+        "a.toml": f"{SLIDER}seed = {DIGITS}\n",
+        "a.json": f'{{"experiment": "rate-state",\n"seed": {DIGITS}}}',
+        "sweep.toml": f'{SLIDER}sweep."spring.stiffness" = [1, {DIGITS}]\n',
+        "noise.toml": f"{SLIDER}samples.noise = -{DIGITS}\n",
+        "parts.toml": f"{SLIDER}seed = {'_'.join(DIGITS)}\n",
+    }[name]
+    (tmp_path / name).write_text(text)
+    refused(f"the scenario {name}, line 2, holds a whole number of 5000 digits", "cite", name, cwd=tmp_path)
+
+
+@pytest.mark.parametrize("entry", ["seed = X", "samples.number = X", "samples.noise = X", "seed = [X]", "x = X"])
+@pytest.mark.parametrize("value", ["0x" + "f" * 5000, "-" + "9" * 4000, "1" + "0" * 400])
+def test_whole_numbers_that_are_read_and_too_long_for_a_sentence(tmp_path, entry, value):
+    if value.startswith("-") or "x =" not in entry:
+        (tmp_path / "a.toml").write_text(SLIDER + entry.replace("X", value) + "\n")
+        refused("", "cite", "a.toml", cwd=tmp_path)
+
+
+@pytest.mark.parametrize(
+    "entry",
+    [
+        '"spring.stiffness" = [X]', '"spring.stiffness" = {linspace = [1, X], number = 3}', "seed = {count = X}",
+        '"samples.number" = {integers = [1, X], number = 3}', '"surface.a" = {normal = {mean = X, sd = 1}, number = 2}',
+        "draw_seed = X\nseed = [1]", 'mode = "sample"\nnumber = X\nseed = [1]', '"spring.stiffness" = X',
+        '"surface.a" = {linspace = [1e308, -1e308], number = 3}',
+        '"surface.a" = {normal = {mean = 1e308, sd = 1e308}, number = 9}',
+        '"surface.a" = {loguniform = [1e-300, 1e300], number = 3}', '"seed" = {linspace = [0, X], number = 3}',
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("value", ["0x" + "f" * 5000, "1" + "0" * 400, "1" + "0" * 25])
+def test_huge_numbers_in_sweeps(tmp_path, entry, value):
+    (tmp_path / "a.toml").write_text(f"{SLIDER}[sweep]\n{entry.replace('X', value)}\n")
+    refused("", "run", "a.toml", "--out", "out", cwd=tmp_path)
+    assert not (tmp_path / "out").exists()
+
+
+def test_whole_numbers_of_thousands_of_digits_in_tables(tmp_path):
+    (tmp_path / "a.csv").write_text(SERIES + f"{DIGITS},200,0.4\n")
+    refused("line 22: time is 7777", "fit", "a.csv", cwd=tmp_path)
+    refused("use finite numbers only", "fit", "a.csv", cwd=tmp_path)
+    (tmp_path / "a.csv").write_text(f"{DIGITS} [s], friction [-], load_point [{DIGITS}]\n" + SERIES)
+    refused("load_point has the unit '7777", "fit", "a.csv", cwd=tmp_path)
+    for old in ("TIMESTEP\n0", "ATOMS\n2"):
+        (tmp_path / "a.dump").write_text(DUMP.replace(old, f"{old[:-1]}{DIGITS}"))
+        refused("has 5000 digits, at most 40 are read", "stability", "a.dump", "--json", cwd=tmp_path)
+    text = data_file(tmp_path)
+    (tmp_path / "p.data").write_text(text.replace("2 atoms", f"{DIGITS} atoms"))
+    refused("has 5000 digits, at most 40 are read", "stability", "p.data", "--json", cwd=tmp_path)
+    (tmp_path / "p.data").write_text(text.replace("timestep = 0", f"timestep = {DIGITS}"))
+    refused("has 5000 digits, at most 40 are read", "stability", "p.data", "--json", cwd=tmp_path)
