@@ -105,7 +105,6 @@ def run(
     as_json: AsJson = False,
 ) -> None:
     """Run your own scenario, or with a table [sweep] many: arrays, packings, tests, flows, gouge, sliders."""
-    from ..data.kept import SWEEP
     from ..data.lock import alone
     from ..data.scenario import scenario as judged
     from ..data.scenario import tables_of
@@ -119,8 +118,6 @@ def run(
     chosen = judged(**tables)
     if engine is not None:
         chosen = _with_engine(chosen, engine)
-    if (out / SWEEP).exists():
-        raise ValueError(f"{out} holds the results of a sweep: choose another --out")
     spread = _spread(workers, scheduler, chosen)
     with report.speaking(**how), alone(out):
         report.claim_folder(out, chosen, overwrite=overwrite)

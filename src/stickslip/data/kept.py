@@ -17,6 +17,8 @@ from .whole import replace
 
 # a folder and two files beside the results to come, and the folder of a sweep's members
 UNFINISHED, SCENARIO, SWEEP, MEMBERS = "unfinished", "scenario.json", "sweep.json", "members"
+# folders for a while: of results that are being written, of a sweep that replaces another, of pieces that go away
+WRITING, ANEW, GONE = ".writing", ".anew", f".{UNFINISHED}"
 _NOTE = "scenario-"  # and its digest: of the run whose pieces these are
 
 
@@ -148,7 +150,7 @@ def hooks(kept: Kept | None, names: list[str]) -> dict[str, Callable]:
 
 def finished(folder: Path) -> None:
     """Remove the pieces of a run that has written its results."""
-    gone = folder / f".{UNFINISHED}"  # renamed first: a kill must not leave some of them
+    gone = folder / GONE  # renamed first: a kill must not leave some of them
     shutil.rmtree(gone, ignore_errors=True)
     if (folder / UNFINISHED).is_dir():
         (folder / UNFINISHED).rename(gone)

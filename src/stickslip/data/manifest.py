@@ -6,16 +6,22 @@ place of another the manifest knows both, so that who is killed meanwhile leaves
 
 import hashlib
 import json
+import os
+import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from . import whole
-from .kept import SCENARIO, UNFINISHED, under_way
+from .kept import ANEW, GONE, MEMBERS, SCENARIO, SWEEP, UNFINISHED, WRITING, under_way
 
 MANIFEST = "manifest.json"
 _ABOUT = "SHA-256 of the files that stickslip wrote here: it replaces no others"
-_FOLDER = "folder"  # what stands for the digest of one
+_FOLDER, _OTHER = "folder", "neither"  # what stands for the digest of one, and of what is no file
 _ADOPTED = "overwritten.json"  # beside the pieces: what --overwrite gave up, until the run has taken its place
+
+_PART = re.compile(r"\..+\.\d+(\.\w+)?")  # of a file that is being written
+_PIECE = re.compile(r".+\.h5|scenario(-\w+)?\.json|reproduce\.json|" + re.escape(_ADOPTED))
+_SWEEPS = (MANIFEST, SWEEP, "sweep-options.json", "sweep.nc", MEMBERS, "ready")
 
 Files = dict[str, list[str]]  # digests by name: one, or two where a file is about to be replaced
 
@@ -48,6 +54,8 @@ def digest(path: Path) -> str:
     """SHA-256 of a file; of a folder that it is one."""
     if path.is_dir():
         return _FOLDER
+    if not path.is_file():
+        return _OTHER  # a pipe or a device, which would be read for ever, or a link to nothing
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -65,12 +73,50 @@ def strange(folder: Path, ours: Callable[[str], bool]) -> list[str]:
     own, adopted, begun = proven(folder), _read(folder / UNFINISHED / _ADOPTED), under_way(folder)
     known = {name: own.get(name, []) + adopted.get(name, []) for name in own | adopted}
     if begun is not None:  # which wrote its scenario before there was a manifest
-        known.setdefault(SCENARIO, [digest(begun)])
+        known[SCENARIO] = [*known.get(SCENARIO, []), digest(begun)]
     trace = bool(own) or begun is not None
     seen = (path for path in folder.iterdir() if not path.name.startswith("."))
     mine = {MANIFEST, UNFINISHED} if trace else set()
     rest = (path for path in seen if path.name not in mine and (ours(path.name) or not trace))
-    return sorted(path.name for path in rest if digest(path) not in known.get(path.name, []))
+    return sorted(path.name for path in rest if path.name not in known or digest(path) not in known[path.name])
+
+
+def check_hidden(folder: Path, ours: Callable[[str], bool]) -> None:
+    """Make sure that folders which runs use for a while, and remove, hold nothing else.
+
+    Parameters
+    ----------
+    ours : whether a run may write a result of a name
+
+    Raises
+    ------
+    ValueError
+        with one sentence that names what somebody else has there.
+    """
+    for name in (WRITING, ANEW, GONE, UNFINISHED):
+        path, piece = folder / name, name in (GONE, UNFINISHED)
+        if not os.path.lexists(path):
+            continue
+        inside = path.rglob("*") if piece else path.iterdir()
+        if path.is_symlink() or not path.is_dir():
+            there = name
+        elif other := next((p for p in inside if not _hidden_ours(p, piece, ours)), None):
+            there = str(other.relative_to(folder))
+        else:
+            continue
+        raise ValueError(
+            f"{folder} holds {there}, where runs keep what is not finished: move it away, or choose another --out"
+        )
+
+
+def _hidden_ours(path: Path, piece: bool, ours: Callable[[str], bool]) -> bool:
+    if path.is_symlink():
+        return False
+    if _PART.fullmatch(path.name):
+        return True
+    if piece:
+        return path.is_dir() or (path.is_file() and _PIECE.fullmatch(path.name) is not None)
+    return ours(path.name) or path.name in _SWEEPS
 
 
 def adopt(folder: Path, names: Iterable[str]) -> None:
@@ -82,7 +128,7 @@ def adopt(folder: Path, names: Iterable[str]) -> None:
 
 def _read(path: Path) -> Files:
     try:
-        files = json.loads(path.read_text(encoding="utf-8"))["files"]
+        files = json.loads(path.read_text(encoding="utf-8"))["files"] if path.is_file() else {}
         return {str(name): [str(one) for one in digests] for name, digests in files.items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return {}

@@ -18,9 +18,9 @@ from rich.text import Text
 from .. import __version__
 from ..core.state import State
 from ..data import archive
-from ..data.kept import SCENARIO, SWEEP, UNFINISHED, finished, kept_in, under_way
+from ..data.kept import SCENARIO, SWEEP, UNFINISHED, WRITING, finished, kept_in, under_way
 from ..data.law_file import check_sealed
-from ..data.manifest import adopt, digest, note, proven, strange
+from ..data.manifest import adopt, check_hidden, digest, note, proven, strange
 from ..data.parts import Whole
 from ..data.scenario import read as read_scenario
 from ..data.units import SI
@@ -29,7 +29,7 @@ from ..data.whole import replace
 console = Console(soft_wrap=False, markup=False, highlight=False)  # paths and names are shown as they are
 WIDE = 110  # columns from which on a stage and its words share a line
 LINES = 30.0  # between two lines where there is no terminal [s]
-NUMBERS, MOVIE, WRITING = "results.h5", "transition.gif", ".writing"
+NUMBERS, MOVIE = "results.h5", "transition.gif"
 CLAIMS, NOTES, CHART = "claims.json", "claims.md", "claims.png"
 REPRODUCTION, OPTIONS = "reproduce.json", "sweep-options.json"  # what a call was given, for `stickslip resume`
 PAGE, FILM = "report.html", "movie.gif"  # of stickslip report and movie
@@ -65,6 +65,7 @@ def begun(folder: Path) -> Begun | None:
     """
     if not folder.is_dir():
         raise ValueError(f"{folder} is no folder: give the one of a run that was stopped")
+    check_hidden(folder, is_ours)
     if (folder / SWEEP).is_file():
         options = folder / OPTIONS
         figures = noted(options).get("figures", False) if options.is_file() else False
@@ -108,6 +109,8 @@ def claim_folder(folder: Path, scenario, *, overwrite: bool = False) -> None:
     checked(folder)
     if not folder.is_dir():
         return
+    if (folder / SWEEP).exists():
+        raise ValueError(f"{folder} holds the results of a sweep: choose another --out")
     _settle(folder)
     others, known = strange(folder, is_ours), under_way(folder) or folder / SCENARIO
     if overwrite:
@@ -123,6 +126,8 @@ def checked(folder: Path) -> None:
     """Raise ValueError with one sentence if nothing can be written to a folder."""
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder} is a file, not a folder: choose another --out")
+    if folder.is_dir():
+        check_hidden(folder, is_ours)
     try:
         _probe(folder)
     except OSError as problem:

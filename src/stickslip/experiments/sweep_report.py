@@ -9,7 +9,7 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from ..data.kept import MEMBERS, SCENARIO, SWEEP
+from ..data.kept import ANEW, MEMBERS, SCENARIO, SWEEP
 from ..data.manifest import note, proven, strange
 from ..data.sweep import Sweep, differences, member
 from ..data.sweep_data import DATASET
@@ -19,7 +19,7 @@ from .sweep import MANY, Swept, estimate, finished, judged, run_sweep
 
 OURS = (SWEEP, OPTIONS, DATASET, MEMBERS)
 LISTED = 10  # failures that are listed
-ANEW, READY = ".anew", "ready"  # where a sweep that replaces another is run, and what says that it has ended
+READY = "ready"  # what says that a sweep which replaces another has ended
 
 
 def simulate(
