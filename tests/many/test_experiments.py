@@ -9,6 +9,7 @@ from stickslip.data.sweep_data import open_sweep
 from stickslip.experiments.rooms import REPORTS
 from stickslip.experiments.sweep import run_sweep
 from tests.unit.test_flow import flow
+from tests.unit.test_measures import UNITS
 
 FLOW = {k: v for k, v in flow().items() if k != "experiment"}
 GOUGE = {
@@ -60,6 +61,9 @@ def test_a_member_leaves_numbers_with_units(experiment, tmp_path):
     found = open_sweep(tmp_path)
     assert found[name].attrs["units"] == unit
     assert np.isfinite(found[name].values).all()
+    left = {key.partition("@")[0]: found[key].attrs["units"] for key in found if "units" in found[key].attrs}
+    assert left.pop("seconds") == "s"
+    assert left.items() <= UNITS[experiment].items()
 
 
 @pytest.mark.slow

@@ -31,7 +31,7 @@ def holds(axes, x, y, **about):
     points = np.stack(np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float)), axis=-1).reshape(-1, 2)
     for line in axes.lines:
         found = line.get_xydata()
-        alike = found.shape == points.shape and np.allclose(found, points, rtol=1e-12, equal_nan=True)
+        alike = found.shape == points.shape and np.allclose(found, points, rtol=1e-12, atol=0, equal_nan=True)
         if alike and all(getattr(line, f"get_{name}")() == value for name, value in about.items()):
             return True
     return False

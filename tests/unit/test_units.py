@@ -5,7 +5,6 @@ import pytest
 
 import stickslip as ss
 from stickslip.data import units
-from stickslip.experiments import ratestate_report
 from stickslip.figures.quantities import quantities
 
 # exponents of mass, length and time, as (M, L, T); stresses in d dimensions as their own word
@@ -110,12 +109,3 @@ def test_the_pressure_of_a_grain_is_force_times_lever_over_its_volume():
     levers = [at_wall * (small - overlap) + between * branch * small / (small + large), between * branch * 2 / 3]
     volumes = [4 / 3 * np.pi * r**3 for r in (small, large)]
     np.testing.assert_allclose(found, np.array(levers) / volumes / 3, rtol=1e-11)  # round-off of an overlap of 0.01
-
-
-def test_measures_of_a_slider_have_units():
-    chosen = ss.scenario(experiment="rate-state")
-    found = ratestate_report.simulate(chosen, folder=None, workers=1, report=lambda *words: None)
-    assert {name: unit for name, (_, unit) in ratestate_report.scalars(found).items()} == {
-        "final_friction": "1", "final_velocity": "m/s", "least_friction": "1", "greatest_friction": "1",
-        "steady_friction": "1", "critical_stiffness": "1/m", "growth_rate": "1/s", "stable": "1", "reached": "s",
-    }  # fmt: skip

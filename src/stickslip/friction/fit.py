@@ -144,17 +144,27 @@ def _with_memory(task: Task, start) -> tuple[np.ndarray, tuple, bool, int]:
     least = float(rest @ rest)
     if np.sqrt(least / len(rest)) < EXACT * task.scatter:
         return start, WHITE, True, 0
-    first = filters = autoregression([rest[piece] for piece in pieces(task)])
+    runs = pieces(task)
+    first = filters = autoregression([rest[run] for run in runs])
     for _ in range(ROUNDS):
         if effective(filters, len(rest)) < SLOW * len(x):
             return start, first, False, evaluations
         solved = solve(task, x, filters)
         x, evaluations = solved.x, evaluations + solved.nfev
         rest = residual(task, x)
-        filters = autoregression([rest[piece] for piece in pieces(task)])
+        taken = [[column[run] for run in runs] for column in _taken(task, x, filters)]
+        filters = autoregression([rest[run] for run in runs], taken=taken)
     if (float(rest @ rest) / max(least, TINY) - 1) * effective(filters, len(rest)) / len(x) > LED_AWAY:
         return start, first, False, evaluations
     return x, filters, True, evaluations
+
+
+def _taken(task: Task, x, filters) -> np.ndarray:
+    """(m, N) rows g with Σ g gᵀ = J C Jᵀ: how far the model follows the noise, for C = (JᵀΣ⁻¹J)⁻¹ of the parameters."""
+    rest, rows = filtered(task, x, filters), jacobian(task, x)
+    size, vectors = np.linalg.eigh(spread(whitened(rows, filters, pieces(task)))[0])
+    variance = float(rest @ rest) / (len(rest) - len(x))
+    return (rows @ (vectors * np.sqrt(variance * np.maximum(size, 0.0)))).T
 
 
 def _chosen(cases, law: str, fixed: dict, free, noise: str) -> tuple[dict, tuple[str, ...]]:

@@ -15,14 +15,17 @@ def autocovariance(pieces, lags: int) -> np.ndarray:
     )
 
 
-def autoregression(pieces, most: int = MOST) -> tuple[np.ndarray, np.ndarray]:
+def autoregression(pieces, most: int = MOST, *, taken=()) -> tuple[np.ndarray, np.ndarray]:
     """Coefficients φ of r_i = Σ φ_m r_{i−m} + e_i, of the order that BIC prefers, and the head of the whitening.
 
-    By Levinson's recursion from the autocovariance (Yule and Walker).
+    By Levinson's recursion from the autocovariance (Yule and Walker). What a fit has taken out of the noise is added:
+    residuals of generalised least squares have the covariance Σ − J C Jᵀ, with C that of the parameters, so that noise
+    looks faster than it is.
 
     Parameters
     ----------
     pieces : residuals without gaps, each (n_i,)
+    taken : columns g, each in the same pieces, with Σ_k g_k g_kᵀ = J C Jᵀ; none if the pieces are the noise itself
 
     Returns
     -------
@@ -30,7 +33,8 @@ def autoregression(pieces, most: int = MOST) -> tuple[np.ndarray, np.ndarray]:
     head : (p, p) lower triangular; it makes the first p values white, L⁻¹ with LLᵀ their covariance over e's variance
     """
     total = sum(len(r) for r in pieces)
-    gamma = autocovariance(pieces, min(most, max(total // 20, 0)))
+    lags = min(most, max(total // 20, 0))
+    gamma = sum((autocovariance(column, lags) for column in taken), autocovariance(pieces, lags))
     if gamma[0] <= 1e-300:
         return np.zeros(0), np.zeros((0, 0))
     phi, variance = np.zeros(0), gamma[0]

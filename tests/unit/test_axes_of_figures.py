@@ -1,0 +1,247 @@
+"""Figures whose data are worked out before they are drawn: every point, mark and label, against its own arithmetic."""
+
+from types import SimpleNamespace as Made
+
+import numpy as np
+import pytest
+from matplotlib import pyplot as plt
+from matplotlib.collections import EllipseCollection, LineCollection
+from matplotlib.colors import to_rgba_array
+from matplotlib.lines import AxLine
+
+from stickslip.figures import disk_array, flow, gouge, quasi_rigid, sphere_shear
+from stickslip.loading.gouge_measures import Curve
+from stickslip.solve.spectrum import Spectrum
+from tests.unit.test_figures import holds, rising
+
+TIME = r"time $t$ [$\sqrt{m/(k_n\sqrt{2R})}$]"
+IM = r"$\mathrm{Im}\,\lambda$ [$k_n\sqrt{2\sigma_1}/m$]"
+ROOT = r"\sqrt{m/(k_n\sqrt{2R})}"
+
+
+@pytest.fixture(autouse=True)
+def _closed():
+    yield
+    plt.close("all")
+
+
+def labels(axes):
+    return axes.get_xlabel(), axes.get_ylabel()
+
+
+def bars(container):
+    """Middles and heights of the errors that a container of `errorbar` has along y."""
+    ends = np.array([segment[:, 1] for segment in container[2][0].get_segments()])
+    return np.diff(ends, axis=1)[:, 0] / 2
+
+
+def test_the_path_of_a_disk_before_and_after_the_first_limit():
+    """Two disks spiral about places of their own; the second is asked for, in units in which it is of order one."""
+    time, center = np.arange(0.0, 1000.0, 2.0), np.array([[1.0, 0.4], [7.0, 0.5]])
+    size = 1e-5 * np.exp(time / 100)
+    spiral = np.stack([size * np.cos(time / 7), 0.6 * size * np.sin(time / 7)], axis=1)
+    position = center + np.stack([np.zeros_like(spiral), spiral], axis=1)
+    data = Made(load=0.083, time=time, position=position, first_limit=600.0, breach=np.array([np.nan, 850.0]))
+    figure = disk_array.trajectory(Made(trajectory=data), 1)
+    before, after, *colors = figure.axes
+    for axes, start, stop, power in ((before, 450, 600, 3), (after, 600, 850, 2)):
+        shown = (time >= start) & (time <= stop)
+        assert 1 <= 10.0**power * np.ptp(spiral[shown], axis=0).max() < 10  # of order one
+        moved = 10.0**power * (spiral[shown] - spiral[shown].mean(axis=0))
+        (lines,) = (found for found in axes.collections if isinstance(found, LineCollection))
+        parts = np.array(lines.get_segments())
+        np.testing.assert_allclose(parts[:, 0], moved[:-1], atol=1e-9)  # round-off of places of order ten
+        np.testing.assert_allclose(parts[:, 1], moved[1:], atol=1e-9)
+        np.testing.assert_array_equal(lines.get_array(), time[shown][1:])
+        assert labels(axes) == (rf"$10^{{{power}}}\,\Delta x$ [$2R$]", rf"$10^{{{power}}}\,\Delta y$ [$2R$]")
+    assert before.get_title().startswith("disk 2, $F_x$ = 0.083, before")
+    assert [bar.get_ylabel() for bar in colors] == [TIME, TIME]
+
+
+@pytest.mark.parametrize("phase", [0.0, 2.0])
+def test_the_shape_of_a_mode_by_coordinate(phase):
+    """Components times √m, disk by disk: x, y, R·angle; the phase in which the largest is real and positive."""
+    part = np.array([[0.1, 2.0, 0.3], [-0.2, 1.5, -0.4], [0.15, -1.0j, 0.5]])  # rows are disks
+    mass = np.outer([1.0, 2.0, 3.0], [1.0, 1.0, 0.5])
+    norm = np.sqrt((mass * np.abs(part) ** 2).sum())
+    mode = np.exp(1j * phase) * part.ravel() / norm
+    free = Made(mass=mass.ravel(), axis=np.tile([0, 1, 5], 3))
+    modes = np.eye(9, dtype=complex)
+    modes[:, 4] = mode
+    eigenvalues = np.arange(9.0) + 0j
+    eigenvalues[4] = 0.25
+    (axes,) = disk_array.mode_shape(Spectrum(eigenvalues, modes, free, 0.0), 4).axes
+    drawn = {box.get_label(): [(r.get_x() + r.get_width() / 2, r.get_height()) for r in box] for box in axes.containers}
+    height = part.real * np.sqrt(mass) / norm
+    assert list(drawn) == ["$x$", "$y$", r"$R\,\theta$"]
+    for k, found in enumerate(drawn.values()):
+        np.testing.assert_allclose(found, np.stack([3 * k + np.arange(1.0, 4.0), height[:, k]], axis=1), atol=1e-12)
+    share = (mass * np.abs(part) ** 2)[:, 1].sum() / norm**2
+    assert axes.get_title() == rf"$\omega$ = 0.5000, share in $y$ {100 * share:.1f}%"
+    assert labels(axes) == (r"degree of freedom $q_\ell$", "mass-weighted component")
+
+
+def test_forces_in_the_cone_are_over_their_mean_at_the_start():
+    """Of eight contacts, six go far across the cone and stay closed; one opens, and one hardly moves."""
+    mu, load = 0.5, np.linspace(0, 1, 5)[:, None]
+    normal = np.array([2.0, 4.0, 3.0, 5.0, 1.0, 6.0, 2.0, 9.0]) * (1 - load * np.array([0, 0, 0, 0, 0, 0, 1, 0]))
+    share = load * np.array([0.9, -0.8, 0.7, -0.6, 0.5, 0.4, 1.0, 0.1])  # of Coulomb's limit
+    pairs = np.array([[k, k + 10] for k in range(8)])
+    one = Made(forces=np.stack([normal, share * mu * normal], axis=-1), pairs=pairs, seed=7)
+    (axes,) = quasi_rigid.cone(one, mu).axes
+    unit = 4.0  # mean normal force of all eight at the start
+    for k in range(6):
+        x, y = normal[:, k] / unit, share[:, k] * mu * normal[:, k] / unit
+        assert holds(axes, x, y, label=f"{k}–{k + 10}", linestyle="-")
+        assert holds(axes, x[:1], y[:1], marker="o") and holds(axes, x[-1:], y[-1:], marker="x")
+    far = 1.1 * 6 / unit
+    for side in (1, -1):
+        assert holds(axes, [0, far], [0, side * mu * far])
+    assert len(axes.lines) == 6 * 3 + 2
+    assert axes.get_xlim() == pytest.approx((0, far))
+    assert labels(axes) == (r"$F_n/\langle F_n\rangle_0$", r"$F_t/\langle F_n\rangle_0$")
+    assert axes.get_title() == "sample 7: start ●, end ×"
+
+
+def test_slides_after_holds_collapse_over_the_ratio_of_velocities():
+    ratios, offset = np.array([0.0068, 1.0, 10.0]), 5.0  # C + ln 0.0068 is next to nothing
+    curves = [Curve(rising(6), np.stack([rising(6) for _ in range(3)]), "") for _ in ratios]
+    peaks = [Made(value=v, half=h) for v, h in ((0.01, 0.002), (0.02, np.nan), (0.06, 0.004))]
+    panels = gouge.reslides(curves, ratios, peaks, Made(value=0.008, half=0.001), offset).axes
+    above, below, peak = panels
+    for curve, ratio, words in zip(curves, ratios, ("0.0068", "1", "10"), strict=True):
+        mean = curve.rows.sum(axis=0) / 3
+        assert holds(above, curve.x, mean, label=f"$V_r/V_i$ = {words}")
+        assert holds(below, curve.x, mean / (5.0 + np.log(ratio))) == (ratio > 0.01)
+    deviation = np.sqrt(((curves[1].rows - curves[1].rows.mean(axis=0)) ** 2).sum(axis=0) / 2)
+    corners = above.collections[1].get_paths()[0].vertices
+    at = np.isclose(corners[:, 0], curves[1].x[3])
+    assert np.ptp(corners[at, 1]) == pytest.approx(4 * deviation[3] / np.sqrt(3))  # two errors to either side
+    x = np.log(ratios)
+    assert holds(peak, x, [0.01, 0.02, 0.06], marker="o")
+    assert holds(peak, x, 0.03 + 0.008 * (x - x.mean()), label="slope 0.008 ± 0.001")
+    np.testing.assert_allclose(bars(peak.containers[0]), [0.002, 0.0, 0.004], atol=1e-12)
+    assert above.get_ylabel() == r"$\mu - \mu_{ss}$"
+    assert labels(below) == ("slip of the load point / $D$", r"$(\mu - \mu_{ss})/(5 + \ln V_r/V_i)$")
+    assert labels(peak) == (r"$\ln V_r/V_i$", r"peak of $\mu - \mu_{ss}$")
+    assert len(gouge.reslides(curves[1:2], ratios[1:2], peaks[1:2], None, offset).axes) == 2
+
+
+def released(**more):
+    """A run whose M is e^{2 ω_i t} [A + B cos 2ω_r t + C sin 2ω_r t] from a time on that is sampled closely."""
+    time = np.linspace(0.0, 400.0, 81)
+    run = {"time": time, "msd": 1e-18 * (1 + rising(81)), "strain": 0.0123, "pairs": 2, "growth_rate": 2.5e-2}
+    return Made(**run | more)
+
+
+def test_growth_beside_prediction_and_fit():
+    fit, first = Made(growth_rate=0.026, frequency=0.3, start=100.0, stop=300.0), 210.0
+
+    def shape(x):
+        return 4e-14 * np.exp(2 * 0.026 * x) * (1 + 0.3 * np.cos(0.6 * x) + 0.2 * np.sin(0.6 * x))
+
+    x = np.linspace(0, 25, 60)
+    run = released(growth=fit, corrected_rate=0.024, close_time=first + x, close_msd=shape(x))
+    top, bottom = sphere_shear.growth(run).axes
+    assert holds(top, run.time[1:], run.msd[1:])
+    t = np.linspace(100, 300, 200)  # twice the predicted rate, through the mean of ln M of the close samples
+    rise = np.exp(np.mean(np.log(shape(x))) + 2 * 0.024 * (t - np.mean(first + x)))
+    assert holds(top, t, rise, linestyle="--", label=r"predicted $e^{2\omega_i t}$, $\omega_i$ = 2.500e-02")
+    assert 1e-13 < shape(x).max() < 1e-12
+    assert holds(bottom, x, 1e13 * shape(x), marker="o", label="$M$")
+    (fitted,) = (line for line in bottom.lines if line.get_label() == "fit")
+    np.testing.assert_array_equal(fitted.get_xdata(), np.linspace(0, 25, 600))
+    np.testing.assert_allclose(fitted.get_ydata(), 1e13 * shape(np.linspace(0, 25, 600)), rtol=1e-9)
+    assert top.get_yscale() == "log" and top.get_title() == r"$\gamma$ = 0.0123"
+    assert labels(top) == (TIME, r"$M$ [$(2\sigma_1)^2$]")
+    assert labels(bottom) == (f"$t$ − 210 [${ROOT}$]", r"$10^{13}\,M$ [$(2\sigma_1)^2$]")
+
+
+def test_growth_that_was_never_fitted_says_so():
+    run = released(growth=None, close_time=np.zeros(0))
+    top, bottom = sphere_shear.growth(run).axes
+    assert holds(top, run.time[1:], run.msd[1:]) and len(top.lines) == 1
+    assert not bottom.lines and bottom.texts[0].get_text() == "M did not cross the window of the fit"
+
+
+@pytest.mark.parametrize("constant", [3e-13, np.nan])
+def test_all_eigenvalues_in_time_above_the_motion(constant):
+    when, moved = rising(4), 1e-15 * rising(4)
+    snapshots = (2 + rising(12) + 1j * rising(12, -4.0)).reshape(4, 3)
+    run = released(snapshot_time=when, snapshot_msd=moved, snapshots=snapshots, eigenvalue=0.5 + 2e-4j,
+                   constant=(constant, 9e-13))  # fmt: skip
+    top, bottom = sphere_shear.spectrum_in_time(run).axes
+    points = [(t, value.imag) for t, row in zip(when, snapshots, strict=True) for value in row]
+    assert holds(top, *np.transpose(points), marker=".")
+    assert holds(bottom, run.time[1:], run.msd[1:])
+    assert holds(bottom, when, moved, marker=".", label="spectrum taken")
+    assert holds(bottom, [0, 1], [constant] * 2, label="spectrum constant below") == np.isfinite(constant)
+    assert (top.get_yscale(), bottom.get_yscale()) == ("symlog", "log")
+    assert top.get_title() == r"$\gamma$ = 0.012, 2 pair(s) at the start" and top.get_ylabel() == IM
+    assert labels(bottom) == (TIME, r"$M$ [$(2\sigma_1)^2$]")
+
+
+LENGTH, RADIUS = 10.0, np.array([0.5, 0.4, 0.3, 0.6])
+PLACE = np.array([[11.0, 2.0, 0.8], [3.0, 4.0, 0.2], [6.0, 1.0, 0.5], [5.0, 0.5, 0.0]])  # the first outside of the cell
+SEEN = np.array([[1.0, 2.0], [3.0, 4.0], [6.0, 1.0], [5.0, 0.5]])
+LOOSE, ORDER, GLUED = np.array([0, 1, 2]), [1, 2, 0], [3]  # those nearest to the eye come last
+
+
+def moment(time):
+    """Three grains that fall faster and faster beside a glued one; a floor, a slope, and a wall that faces the eye."""
+    velocity = np.outer([1.0, 2.0, 3.0, 99.0], [0.6, -0.8, 0.0]) * time / 8
+    grains = Made(position=PLACE - [0, 0.01 * time, 0], velocity=velocity, radius=RADIUS)
+    cell = Made(vectors=np.diag([LENGTH, 20.0, 2.0]), periodic=np.array([True, False, False]))
+    normal = np.array([[0.0, 1.0, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
+    walls = Made(point=np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 0.0], [0.0, 0.0, 0.0]]), normal=normal)
+    return Made(time=time, grains=grains, cell=cell, walls=walls)
+
+
+@pytest.fixture
+def panels():
+    """Axes of snapshots, those with a picture, and that of the colours."""
+    frames = [moment(t) for t in (0.0, 3.0, 4.0, 4.2, 4.4, 5.0, 5.7, 6.5, 7.1, 8.0)]
+    stages = [Made(name="settle", start=0.0), Made(name="flow", start=3.0)]
+    *found, bar = flow.snapshots(Made(frames=frames, stages=stages, poured=Made(loose=LOOSE))).axes
+    return [axes for axes in found if axes.axison], bar
+
+
+SHOWN = (3.0, 4.0, 5.0, 5.7, 7.1, 8.0)  # of the last stage, nearest to 3, 4, 5, 6, 7 and 8
+
+
+def test_snapshots_show_where_grains_are_and_how_fast(panels):
+    for axes, t in zip(panels[0], SHOWN, strict=True):
+        found = [one for one in axes.collections if isinstance(one, EllipseCollection)]
+        left = []
+        for one in found:
+            loose = len(one.get_offsets()) == 3
+            rows = ORDER if loose else GLUED
+            moved = one.get_offsets() - SEEN[rows] + [0, 0.01 * t]
+            left.append((loose, round(float(moved[0, 0]))))
+            np.testing.assert_allclose(moved, [[left[-1][1], 0]] * len(rows), atol=1e-12)
+            for size in (one.get_widths(), one.get_heights()):
+                np.testing.assert_allclose(size, 2 * RADIUS[rows])
+            if loose:
+                np.testing.assert_allclose(one.get_array(), np.array([2.0, 3.0, 1.0]) * t / 8)
+                assert one.get_clim() == pytest.approx((0, 2.98))  # of speeds 1, 2, 3 at the end, 99 % are below
+            else:
+                np.testing.assert_allclose(one.get_facecolor(), to_rgba_array("0.6"))
+        # once where they are, and once a cell to either side, as grains at an edge are seen at both
+        assert sorted(left) == [(kind, shift) for kind in (False, True) for shift in (-10, 0, 10)]
+
+
+def test_snapshots_have_walls_times_and_units(panels):
+    for axes in panels[0]:
+        walls = [(line.get_xy1(), line.get_xy2()) for line in axes.lines if isinstance(line, AxLine)]
+        assert len(walls) == 2  # not that which faces the eye
+        for (start, end), point, normal in zip(walls, ([0, 0], [1, 2]), ([0, 1], [0.6, 0.8]), strict=True):
+            np.testing.assert_allclose(start, point)
+            assert np.hypot(*np.subtract(end, start)) > 0.1
+            assert np.subtract(end, start) @ normal == pytest.approx(0, abs=1e-12)
+        assert (axes.get_aspect(), axes.get_xlim()) == (1, (0, LENGTH))
+        assert axes.get_ylim()[0] < -0.2 and axes.get_ylim()[1] > 4.4  # all of every grain
+    shown, bar = panels
+    assert [axes.get_title() for axes in shown] == [f"$t$ = {t:g}" for t in SHOWN]
+    assert {labels(axes) for axes in shown} <= {(x, y) for x in ("", "$x$ [length]") for y in ("", "$y$ [length]")}
+    assert labels(shown[0])[1] == "$y$ [length]" and labels(shown[-1])[0] == "$x$ [length]"
+    assert bar.get_xlabel() == "speed [length/time]"

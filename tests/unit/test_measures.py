@@ -1,0 +1,171 @@
+"""Measures that runs leave (`scalars`), experiment by experiment: values and units, against tables of their own."""
+
+from importlib import import_module
+from types import SimpleNamespace as Made
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.data.scenario import EXPERIMENTS
+from stickslip.experiments import ratestate_report
+from stickslip.experiments.rooms import REPORTS
+from stickslip.loading import gouge_run
+from tests.unit.test_units import ENERGY, LENGTH, NUMBER, STRESS, TIME, VELOCITY, WRITTEN
+
+RATE, RATE_SQUARED, PER_LENGTH = (0, 0, -1), (0, 0, -2), (0, -1, 0)
+SI = ("gouge", "rate-state")
+# what each measure is, without what stands behind an @; "load" is the scenario's `load.unit`
+MEANT = {
+    "disk-array": {
+        NUMBER: "pairs", "load": "first_birth last_birth first_load_that_slides", RATE_SQUARED: "largest_im_lambda",
+        RATE: "largest_growth_rate fitted_growth_rate", VELOCITY: "sliding_velocity",
+    },
+    "sphere-shear": {
+        NUMBER: "packing_fraction coordination rattlers onset_strain onset_exponent pairs_at_last_strain "
+        "fitted_over_predicted_growth stress_drop_over_pressure contacts_lost",
+        STRESS: "packing_pressure shear_stress_at_last_strain", RATE: "largest_growth_rate",
+    },
+    "quasi-rigid": {
+        NUMBER: "last_load stress_ratio strain events sliding_share error_of_slowest_dynamics collapse_load",
+    },
+    "flow": {
+        TIME: "end", ENERGY: "kinetic_energy", STRESS: "plane_pressure", RATE: "plane_shear_rate",
+        LENGTH: "deposit_top deposit_length run_out plane_height",
+        NUMBER: "coordination grains_in_deposit plane_friction plane_friction_deviation plane_inertial_number "
+        "plane_packing_fraction",
+    },
+    "gouge": {
+        "mean diameters": "thickness",
+        NUMBER: "inertial_number stiffness_over_b steady_friction steady_friction_half peak",
+    },
+    "rate-state": {
+        NUMBER: "final_friction least_friction greatest_friction steady_friction stable", VELOCITY: "final_velocity",
+        PER_LENGTH: "critical_stiffness", RATE: "growth_rate", TIME: "reached",
+    },
+}  # fmt: skip
+WORDS = WRITTEN | {"load": ("load",) * 2, "mean diameters": ("mean diameters",) * 2, PER_LENGTH: ("1/length", "1/m")}
+UNITS = {
+    experiment: {name: WORDS[kind][experiment in SI] for kind, names in kinds.items() for name in names.split()}
+    for experiment, kinds in MEANT.items()
+}
+
+
+def disks():
+    """Two pairs are born, and one of three runs slides, whose growth could not be fitted."""
+
+    def family(load, *values):
+        return Made(eigenvalues=5 + 1j * np.array(values), birth=Made(load=load) if load else None)
+
+    def free(slid, rate):
+        return Made(slid=slid, growth=Made(growth_rate=rate) if rate else None)
+
+    path = [Made(spectrum=Made(growth_rate=np.array(rates))) for rates in ([], [0.0, 0.03], [0.02])]
+    runs = {0.02: free(False, 0.011), 0.04: free(False, 0.012), 0.08: free(True, None)}
+    families = [family(0.06, 2e-3, 4e-3), family(0.05, 3e-3), family(None, 1e-3)]
+    sliding = {0.08: Made(velocity=np.array([0.1, np.nan, 0.3]))}
+    return Made(families=families, path=path, free_runs=runs, sliding=sliding), {
+        "pairs": 3, "first_birth": 0.05, "last_birth": 0.06, "largest_im_lambda": 4e-3, "largest_growth_rate": 0.03,
+        "first_load_that_slides": 0.08, "fitted_growth_rate": 0.012, "sliding_velocity@0.08": 0.2,
+    }  # fmt: skip
+
+
+def spheres():
+    """Three packings: medians are those of the middle one, or half-way between the two that have the measure."""
+
+    def path(k):
+        packed = Made(packing_fraction=0.6 + k / 100, pressure=1e-3 * k, coordination=5.0 + k, rattlers=10 * k)
+        onset = Made(strain=1e-4 * k, exponent=0.5 + k) if k < 3 else None
+        return Made(packed=packed, onset=onset, pairs=np.array([9, k]), growth_rate=np.array([0.01, 0.1]) * k,
+                    shear_stress=np.array([9.0, 2e-3 * k]))  # fmt: skip
+
+    single = [Made(growth=Made(growth_rate=0.3), corrected_rate=0.2), Made(growth=None, corrected_rate=1.0), None]
+    later = [Made(drop=0.1, pressure=np.array([0.5, 9.0]), contacts_lost=7), None, None]
+    return Made(paths=[path(k) for k in (1, 2, 3)], single=single, later=later), {
+        "packing_fraction": 0.62, "packing_pressure": 2e-3, "coordination": 7.0, "rattlers": 20, "onset_strain": 1.5e-4,
+        "onset_exponent": 2.0, "pairs_at_last_strain": 2, "largest_growth_rate": 0.2,
+        "shear_stress_at_last_strain": 4e-3, "fitted_over_predicted_growth": 1.5, "stress_drop_over_pressure": 0.2,
+        "contacts_lost": 7,
+    }  # fmt: skip
+
+
+def rigid():
+    """Three samples; two have dynamics, and in one of them stability was lost."""
+
+    def sample(k):
+        points = [Made(sliding=0, contacts=1), Made(sliding=k, contacts=10)]
+        path = Made(load=np.array([0.0, 0.1 * k]), events=[None] * k, points=points)
+        slow = [Made(time=1.0, error=9.0), Made(time=1e4, error=0.01 * k), Made(time=1e3, error=9.0)] if k < 3 else []
+        curve = Made(ratio=np.array([0.0, 0.2 * k]), strain=np.array([0.0, 1e-3 * k]))
+        return Made(path=path, curve=curve, slow=slow, collapse=0.9 if k == 1 else None)
+
+    return Made(tested=[sample(k) for k in (1, 2, 3)]), {
+        "last_load": 0.2, "stress_ratio": 0.4, "strain": 2e-3, "events": 2, "sliding_share": 0.2,
+        "error_of_slowest_dynamics": 0.015, "collapse_load": 0.9,
+    }  # fmt: skip
+
+
+def poured():
+    """Three disks in a row and one that flies, between two plates of one grain each, the upper one moving."""
+    place = np.array([[1.0, 2.0], [2.0, 2.0], [3.0, 2.0], [3.0, 9.0], [4.0, 0.0], [4.0, 12.0]])
+    state = ss.assembly(ss.disks(place, 0.5, mass=1.5, velocity=np.array([[0.0, 0, 0]] * 5 + [[3.0, 0, 0]])))
+    time = np.arange(1.0, 5.0)
+    height, force = np.zeros((4, 2, 3)), np.zeros((4, 2, 3))
+    height[:, 1, 1] = 12.0
+    force[:, 1, :2] = [[0, 9], [0, 9], [-2.0, 8.0], [-4.0, 12.0]]
+    series = Made(time=time, kinetic_energy=time**2, coordination=time / 2, plate_position=height, plate_force=force)
+    scenario = Made(cell=Made(periodic=(), size=(5.0, 12.0)), grains=Made(dim=2))
+    plates = {"bottom": np.array([4]), "top": np.array([5])}
+    found = Made(series=series, frames=[state], scenario=scenario, poured=Made(loose=np.arange(4), plates=plates),
+                 stages=[Made(start=0.0, end=4.0)])  # fmt: skip
+    gap, pressure = 11.0, 10.0 / 5.0
+    return found, {
+        "end": 4.0, "kinetic_energy": 16.0, "coordination": 2.0, "deposit_top": 2.5, "grains_in_deposit": 3,
+        "deposit_length": 3.0, "run_out": 3.5, "plane_friction": 0.3, "plane_friction_deviation": 0.1,
+        "plane_pressure": pressure, "plane_shear_rate": 3 / gap, "plane_height": gap,
+        "plane_inertial_number": 3 / gap * np.sqrt(1.5 / (np.pi / 4) / pressure),
+        "plane_packing_fraction": np.pi / (5.0 * gap),
+    }  # fmt: skip
+
+
+def crushed():
+    """Two samples at two levels of friction, and slides after a hold whose peak is 0.05 above either level."""
+    parts = [{"kind": "slide", "velocity": 0.3, "slip": 1.0}]
+    load = {"stiffness": 200.0, "definition": "per_stress"}
+    scenario = ss.scenario(experiment="gouge", protocol=parts, load=load)
+    place = np.arange(1, 401) / 200
+
+    def sample(level):
+        calm = Made(load_point=place * scenario.grains.mean, friction=np.full(400, level))
+        peak = Made(load_point=calm.load_point, friction=level + 0.05 * (np.abs(place - 1) < 0.1))
+        rows = ("slide", 0.3, 0.3, 0.0, calm), ("reslide", 0.3, 0.3, 1e-3, peak)
+        tests = tuple(gouge_run.Test(*row) for row in rows)
+        return gouge_run.Realization(0, Made(thickness=21.0, inertial_number=2e-4), tests, {}, {})
+
+    return Made(scenario=scenario, realizations=[sample(0.4), sample(0.5)]), {
+        "thickness": 21.0, "inertial_number": 2e-4, "steady_friction@0.3": 0.45, "peak@0.3,0.001s,0.3": 0.05,
+        "stiffness_over_b": 200.0 * scenario.scales.dc / scenario.scales.b,
+    }  # fmt: skip
+
+
+def slid():
+    """The spring-slider's own example."""
+    chosen = ss.scenario(experiment="rate-state")
+    return ratestate_report.simulate(chosen, folder=None, workers=1, report=lambda *words: None), {}
+
+
+MADE = {"disk-array": disks, "sphere-shear": spheres, "quasi-rigid": rigid, "flow": poured, "gouge": crushed,
+        "rate-state": slid}  # fmt: skip
+
+
+def test_every_experiment_has_a_table():
+    assert set(UNITS) == set(MADE) == set(EXPERIMENTS)
+
+
+@pytest.mark.parametrize("experiment", MADE)
+def test_measures_have_their_values_and_units(experiment):
+    """Every branch is taken, so that the tables have all that a run can leave, and nothing else."""
+    result, values = MADE[experiment]()
+    found = import_module(f"stickslip.experiments.{REPORTS[experiment]}").scalars(result)
+    assert {name.partition("@")[0]: unit for name, (_, unit) in found.items()} == UNITS[experiment]
+    assert {name: found[name][0] for name in values} == {name: pytest.approx(v) for name, v in values.items()}
