@@ -1,6 +1,6 @@
 """Restitution of two spheres under both readings of paper 003's damping: by our equation of motion and by LAMMPS.
 
-    python -m benchmarks.collisions
+python -m benchmarks.collisions
 """
 
 import sys
