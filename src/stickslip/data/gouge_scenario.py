@@ -434,7 +434,7 @@ class GougeScenario(Whole):
 
     def cost(self, duration: float) -> str:
         """How long it takes one core to follow the sample for some time [s], about."""
-        seconds = duration / self.dt * self.grains.number / FASTEST
+        seconds = duration / self.dt * (self.grains.number + 2 * self.plate_grains) / FASTEST
         for size, unit in ((86400, "days"), (3600, "hours"), (60, "minutes")):
             if seconds >= 2 * size:
                 return f"some {seconds / size:.2g} {unit} on one core"
