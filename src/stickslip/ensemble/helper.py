@@ -134,7 +134,8 @@ def serve() -> None:
         try:
             version, pause, packed = asked.get(timeout=IDLE)
         except queue.Empty:
-            return
+            sys.stdout.flush()
+            os._exit(0)  # who listens holds stdin, and an interpreter that shuts down would abort
         if version == __version__:
             answer = _answer(packed, () if pause is None else (_teller(out, pause),))
         else:
