@@ -8,6 +8,17 @@ from pathlib import Path
 
 
 @contextmanager
+def named(path: str | Path):
+    """Errors of the system within, as of a full disk, name a path: some libraries do not say which file it was."""
+    try:
+        yield
+    except OSError as problem:
+        if problem.strerror and not problem.filename:
+            problem.filename = str(path)
+        raise
+
+
+@contextmanager
 def beside(path: str | Path):
     """A path in the same folder, with the same ending, that takes the place of `path` if all went well.
 

@@ -24,7 +24,7 @@ from ..data.manifest import adopt, check_hidden, digest, note, proven, strange
 from ..data.parts import Whole
 from ..data.scenario import read as read_scenario
 from ..data.units import SI
-from ..data.whole import replace
+from ..data.whole import named, replace
 
 console = Console(soft_wrap=False, markup=False, highlight=False)  # paths and names are shown as they are
 WIDE = 110  # columns from which on a stage and its words share a line
@@ -298,7 +298,8 @@ def complete(folder: Path, *, failures=()):
     shutil.rmtree(room, ignore_errors=True)
     room.mkdir()
     try:
-        yield room
+        with named(folder):
+            yield room
         files = {path.name: [digest(path)] for path in room.iterdir()}
         if others := strange(folder, lambda name: is_ours(name) or name in files):
             raise RuntimeError(

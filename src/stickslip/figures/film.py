@@ -1,8 +1,10 @@
 """A movie of a packing, GIF or MP4: frames of a run, or one period of a mode."""
 
 from collections.abc import Callable
+from contextlib import contextmanager
 from pathlib import Path
 from shutil import which
+from subprocess import CalledProcessError
 
 from matplotlib.animation import FFMpegWriter, PillowWriter
 from PIL import Image
@@ -41,6 +43,8 @@ def movie(
         if the ending or the colour is not known.
     MissingExtraError
         if there is no ffmpeg for an MP4.
+    RuntimeError
+        if ffmpeg ends before its time.
     """
     checked(path, fps)
     look = look_of(frames, colour=colour, mode=mode, si=si)
@@ -54,7 +58,7 @@ def movie(
         axes = figure.add_axes([0.01, below, 0.98, 1 - below - above])
         bar = None
         writer = _writer(path, fps)
-        with writer.saving(figure, str(path), 100):
+        with _encoding(), writer.saving(figure, str(path), 100):
             for k, frame in enumerate(frames):
                 axes.clear()
                 drawn = draw(axes, frame, look, mode=mode, first=frames[0], si=si, near=False)
@@ -79,6 +83,18 @@ def checked(path: Path, fps: int) -> None:
         raise ValueError(f"{fps} frames in a second were asked for: give 1 to 100")
     if path.suffix.lower() == ".mp4":
         _ffmpeg()
+
+
+@contextmanager
+def _encoding():
+    """Where ffmpeg ends before its time, as on a full disk, there is a sentence."""
+    try:
+        yield
+    except (CalledProcessError, BrokenPipeError) as problem:
+        how = f"exit code {problem.returncode}" if isinstance(problem, CalledProcessError) else "it closed its pipe"
+        raise RuntimeError(
+            f"ffmpeg ended before the movie was whole ({how}): make room, if the disk is full, or write a .gif"
+        ) from None
 
 
 def _writer(path: Path, fps: int):

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...extras import needed
 from ..sample import SampleError
+from ..whole import named
 from .frame import Frame, unheld, wrapped_into
 
 
@@ -28,7 +29,7 @@ def write_vtk(path: str | Path, frames: list[Frame]) -> list[str]:
     if not path.parent.is_dir():
         raise SampleError(f"the folder {path.parent} does not exist: make it first")
     pairs = vtk_paths(path, len(frames))
-    with TemporaryDirectory(prefix=f".{path.stem}.", dir=path.parent) as folder:
+    with named(path), TemporaryDirectory(prefix=f".{path.stem}.", dir=path.parent) as folder:
         made = []
         for frame, targets in zip(frames, pairs, strict=True):
             for target, write in zip(targets, (_grains, _lines), strict=True):

@@ -1,0 +1,57 @@
+"""Disks that are full, as a limit on the size of files: a sentence names the place, and the same call goes on."""
+
+import os
+import resource
+import shutil
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.conftest import stickslip_here
+
+PACKING = Path(__file__).parents[2] / "examples" / "sheared_spheres.npz"
+SLIDER = 'experiment = "rate-state"\nsamples.number = 10\n'
+
+
+@contextmanager
+def at_most(size):
+    """No file of this process becomes larger, as on a disk with so little room."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.parametrize("size", [100, 1000, 3000, 50_000])
+def test_a_disk_that_is_full_when_results_are_written_is_named(tmp_path, size):
+    (tmp_path / "s.toml").write_text(SLIDER)
+    with at_most(size):
+        run = stickslip_here("run", "s.toml", "--out", "out", cwd=tmp_path)
+    assert (run.returncode, run.stderr.count("\n")) == (2, 1), run.stderr
+    assert run.stderr.startswith("stickslip: out")
+    assert "make room, then a run's own call goes on" in run.stderr
+    assert stickslip_here("run", "s.toml", "--out", "out", cwd=tmp_path).returncode == 0
+    assert (tmp_path / "out" / "fig1_history.png").exists()
+
+
+@pytest.mark.parametrize("name", ["b.npz", "b.h5", "b.gsd", "b.vtu", "b.xyz", "b.data", "b.html", "b.gif", "b.mp4"])
+def test_what_cannot_be_written_leaves_nothing(tmp_path, name):
+    needed = {".gsd": "gsd", ".vtu": "pyevtk", ".mp4": "imageio_ffmpeg"}
+    pytest.importorskip(needed.get(name[1:], "numpy"))
+    shutil.copy(PACKING, tmp_path / "a.npz")
+    modes = np.ones((1, 50, 3)) * 1j
+    np.savez(tmp_path / "m.npz", eigenvalue=[1j], exponent=[1j], translation=modes, rotation=modes, rattlers=[])
+    (tmp_path / name).write_text("mine")
+    before = {path: os.stat(path).st_size for path in tmp_path.iterdir()}
+    how = {"b.html": ["report"], "b.gif": ["movie", "--frames", "2"], "b.mp4": ["movie", "--frames", "2"]}
+    words = [*how[name], "--modes", "m.npz", "--out"] if name in how else ["convert", "--coulomb", "sharp", "--to"]
+    with at_most(2000):
+        run = stickslip_here(*words[:1], "a.npz", *words[1:], name, "--overwrite", cwd=tmp_path)
+    assert (run.returncode, run.stderr.count("\n")) == (1 if name == "b.mp4" else 2, 1), run.stderr
+    assert run.stderr.startswith("stickslip: ffmpeg ended" if name == "b.mp4" else f"stickslip: {name}: file too large")
+    assert "make room" in run.stderr
+    assert {path: os.stat(path).st_size for path in tmp_path.iterdir()} == before
