@@ -16,7 +16,18 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .contact import FREE, damped, in_one_go, needs_mass, needs_radius, return_mapping, tangential_force, with_dashpot
+from .contact import (
+    FREE,
+    damped,
+    fade_of,
+    in_one_go,
+    needs_mass,
+    needs_radius,
+    return_mapping,
+    same_length,
+    tangential_force,
+    with_dashpot,
+)
 from .frame import AHEAD, RATE, SLIDE_BACK, VECTORS
 from .geometry import at_contact, mid_normal, onto_plane, slip_increment, touching_fraction
 from .lanes import (
@@ -44,6 +55,7 @@ from .laws import (
     masked,
     normal_force,
     reach,
+    rescales,
     row,
     tangential_stiffness,
 )
@@ -245,6 +257,10 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
             part, whole = touching_fraction(nx, ny, nz, inverse, overlap - edge, dx, dy, dz)
             part, whole = part if before == OPEN else 1.0, whole if before == OPEN else 1.0
         sx, sy, sz = onto_plane(nx, ny, nz, mx, my, mz, ox, oy, oz)
+        fade = fade_of(kind, overlap, nx, ny, nz, inverse, dx, dy, dz)
+        if rate and rescales(kind):
+            sx, sy, sz = same_length(sx, sy, sz, ox, oy, oz)
+        sx, sy, sz = fade * sx, fade * sy, fade * sz
         dx, dy, dz = slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, wx, wy, wz)
         if hold:
             sx, sy, sz, dx, dy, dz = ox, oy, oz, 0.0, 0.0, 0.0
@@ -273,7 +289,9 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
         else:
             limit = masked(kind, touches, cap(kind, q, r_eff, overlap, fn))
             slid = SLIDE if not rate and before in (SLIDE, LOOSE) else STICK
-            cx, cy, cz, after = return_mapping(dim, stiffness, limit, sx, sy, sz, dx, dy, dz, part, whole, slid, FREE)
+            cx, cy, cz, after = return_mapping(
+                dim, stiffness, limit, sx, sy, sz, dx, dy, dz, part, whole, slid, FREE, fade
+            )
             slides = after == SLIDE
             sx, sy, sz = (sx, sy, sz) if hold else (cx, cy, cz)
             tx, ty, tz = tangential_force(coulomb, stiffness, limit, sx, sy, sz)

@@ -6,7 +6,8 @@ Sweeps over few contacts and vectorised blocks of many call these functions, so 
 import numpy as np
 from numba import njit
 
-from .laws import MASS, NO_TENSION, SMOOTH, VISCOELASTIC, asks_radius, mobilised, reach, reaches, row
+from .geometry import overlap_gained
+from .laws import MASS, NO_TENSION, SMOOTH, VISCOELASTIC, asks_radius, mobilised, reach, reaches, rescales, row
 from .state import SLIDE, STICK
 
 # what an evaluation does with the memory: carry it along, but keep to the last bit what has not moved since it was
@@ -70,28 +71,53 @@ def with_dashpot(viscous, elastic, damping, vn, least=0.0):
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def turned_weight(stiffness, limit, ax, ay, az, dx, dy, dz):
+def kept_share(overlap, gained):
+    """√(δ/δ_old) where the overlap has fallen, else 1: a/a_old of the contact's radius a."""
+    falls = gained < 0.0 and overlap > 0.0
+    root = np.sqrt((overlap if falls else 1.0) / (overlap - gained if falls else 1.0))
+    return root if falls else 1.0
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def fade_of(kind, overlap, nx, ny, nz, inverse, dx, dy, dz):
+    """Factor on the slip that the law asks for after a displacement dr of the pair that ends at n."""
+    return kept_share(overlap, overlap_gained(nx, ny, nz, inverse, dx, dy, dz)) if rescales(kind) else 1.0
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def same_length(ax, ay, az, bx, by, bz):
+    """The vector a with the length of b, as LAMMPS `granular` turns its memory."""
+    square = ax * ax + ay * ay + az * az
+    factor = np.sqrt((bx * bx + by * by + bz * bz) / (square if square > 0.0 else 1.0))
+    return factor * ax, factor * ay, factor * az
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def turned_weight(stiffness, limit, ax, ay, az, dx, dy, dz, fade=1.0):
     """Factor κ on the increment d for which a + κ d points where the slip `a` of a sliding contact turns to.
 
     A slip of length R turns towards d by dψ = −sin ψ |d|/R, and its direction at the end is that of a + κ d with
     κ = 1 + a·d/(2R²) + (a² − R²)/(4R²) to second order: the last term takes the mean of R before and after. Returns κ
     as a numerator and a denominator.
 
+    A slip that was shortened by a factor `fade` turns as if it had not been: κ is then `fade` times that of a/fade.
+
     Source: Krieg and Krieg, doi:10.1115/1.3454568, for the exact turn.
     """
     scale, square = stiffness * stiffness, limit * limit
-    change = scale * (ax * (ax + 2.0 * dx) + ay * (ay + 2.0 * dy) + az * (az + 2.0 * dz))
+    change = scale * (ax * (ax / fade + 2.0 * dx) + ay * (ay / fade + 2.0 * dy) + az * (az / fade + 2.0 * dz))
     # a contact that is sheared to the other side must not keep its direction for a correction of small steps
-    return max(0.75 * square + 0.25 * change, LEAST_WEIGHT * square), square
+    return max(0.75 * fade * square + 0.25 * change, LEAST_WEIGHT * fade * square), square
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def return_mapping(dim, stiffness, limit, ax, ay, az, dx, dy, dz, part, whole, mode, memory):
+def return_mapping(dim, stiffness, limit, ax, ay, az, dx, dy, dz, part, whole, mode, memory, fade=1.0):
     """Slip a + d part/whole cut at Coulomb's limit, and the mode that follows; with memory HELD the mode decides.
 
-    `a` is the slip before, turned with the contact, d the increment, and part/whole the share of it that counts. In
-    three dimensions the slip of a contact that goes on sliding turns, see `turned_weight`; one that begins to slide is
-    cut along a + d part/whole. One division serves all cases: vectors take as long for it as for ten products.
+    `a` is the slip before, turned with the contact and shortened by `fade`, d the increment, and part/whole the share
+    of it that counts. In three dimensions the slip of a contact that goes on sliding turns, see `turned_weight`; one
+    that begins to slide is cut along a + d part/whole. One division serves all cases: vectors take as long for it as
+    for ten products.
     """
     bx, by, bz = whole * ax + part * dx, whole * ay + part * dy, whole * az + part * dz
     scale, bound = stiffness * stiffness, whole * limit
@@ -100,7 +126,7 @@ def return_mapping(dim, stiffness, limit, ax, ay, az, dx, dy, dz, part, whole, m
     held = mode == SLIDE and (ax != 0.0 or ay != 0.0 or az != 0.0)
     slides = limit == 0.0 or (held if memory == HELD else pull > bound * bound)
     if dim == 3:
-        some, unit = turned_weight(stiffness, limit, ax, ay, az, dx, dy, dz)
+        some, unit = turned_weight(stiffness, limit, ax, ay, az, dx, dy, dz, fade)
         turns = slides and mode == SLIDE and limit > 0.0
         some, unit = some if turns else part, unit if turns else whole
         bx, by, bz = unit * ax + some * dx, unit * ay + some * dy, unit * az + some * dz

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .contact import FREE, FROZEN, apart, damped, effective, return_mapping, tangential_force, with_dashpot
+from .contact import FREE, FROZEN, apart, damped, effective, fade_of, return_mapping, tangential_force, with_dashpot
 from .control import spring_forces
 from .geometry import (
     at_contact,
@@ -163,7 +163,7 @@ def sweep(
         kept = memory == FROZEN and before != OPEN and rests(dim, pair, roll, c, rx, ry, rz, ax, ay, az)
         # slip before, turned with the contact, what is added to it, and the normal halfway
         sx = sy = sz = dx = dy = dz = 0.0
-        mx, my, mz, part, whole = nx, ny, nz, 1.0, 1.0
+        mx, my, mz, part, whole, fade = nx, ny, nz, 1.0, 1.0, 1.0
         if kept:
             sx, sy, sz = slip[c, 0], slip[c, 1], slip[c, 2] if dim == 3 else 0.0
         elif before != OPEN:
@@ -172,6 +172,8 @@ def sweep(
             mx, my, mz = mid_normal(nx, ny, nz, inverse, dx, dy, dz)
             sx, sy, sz = slip[c, 0], slip[c, 1], slip[c, 2] if dim == 3 else 0.0
             sx, sy, sz = onto_plane(nx, ny, nz, mx, my, mz, sx, sy, sz)
+            fade = fade_of(kind, overlap, nx, ny, nz, inverse, dx, dy, dz)
+            sx, sy, sz = fade * sx, fade * sy, fade * sz
             dx, dy, dz = slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, wx, wy, az - roll[c, 2])
         elif step[2] > 0.0:
             dt, v, w = step[2], step[0], step[1]
@@ -192,7 +194,7 @@ def sweep(
         after = before
         if not kept:
             sx, sy, sz, after = return_mapping(
-                dim, stiffness, limit, sx, sy, sz, dx, dy, dz, part, whole, before, memory
+                dim, stiffness, limit, sx, sy, sz, dx, dy, dz, part, whole, before, memory, fade
             )
             slip[c, 0], slip[c, 1], pair[c, 0], pair[c, 1], roll[c, 2] = sx, sy, rx, ry, az
             if dim == 3:

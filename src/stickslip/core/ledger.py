@@ -7,7 +7,8 @@ and L Coulomb's limit,
     −F_t·v_t dt = dU − ∂U/∂k_t dk_t − ∂U/∂L dL + |F_t| d(slid distance):
 
 F_t has no potential, and the terms with ∂U are what a contact creates or destroys when it is sheared at one overlap
-and released at another. They have a column of their own.
+and released at another. They have a column of their own. What a law destroys that shortens the slip as the overlap
+falls, −|F_t| |s| d ln f with f the factor on the slip, goes there, too.
 """
 
 from typing import NamedTuple
@@ -15,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .contact import damped, effective, tangential_force, with_dashpot
+from .contact import damped, effective, kept_share, tangential_force, with_dashpot
 from .control import spring_forces
 from .forces import Bodies, approach
 from .geometry import mid_normal, normal_and_overlap, onto_plane, pair_vector, rolled, shifts, slip_increment
@@ -31,6 +32,7 @@ from .laws import (
     normal_energy,
     normal_force,
     reach,
+    rescales,
     row,
     tangential_stiffness,
 )
@@ -52,7 +54,8 @@ class Ledger(NamedTuple):
     coulomb: np.ndarray  # (T,) dissipated by sliding
     viscous: np.ndarray  # (T,) dissipated by dashpots
     drag: np.ndarray  # (T,) dissipated by drag
-    nonpotential: np.ndarray  # (T,) created (negative: destroyed) by tangential springs whose stiffness changed
+    # (T,) created (negative: destroyed) by tangential springs whose stiffness changed or whose slip was rescaled
+    nonpotential: np.ndarray
 
     @property
     def defect(self) -> np.ndarray:
@@ -106,6 +109,11 @@ def _end(kind, coulomb, dim, viscous, rate, p, b, i, j, shift, c, slip, known):
     return overlap + edge, (nx, ny, nz, inverse), stored, energy, spends, spring, power, force, turn
 
 
+@njit(cache=True)
+def _size(s):
+    return np.sqrt(s[0] * s[0] + s[1] * s[1] + s[2] * s[2])
+
+
 @njit(cache=True, fastmath=False, error_model="numpy")
 def _contacts(
     kind, coulomb, dim, viscous, p, old, new, before, after, shift0, shift, way, strain, free, dt, first, rate, row
@@ -141,6 +149,10 @@ def _contacts(
         )  # fmt: skip
         if first:
             continue
+        fade = 1.0
+        if rescales(kind) and known and closed:
+            fade = kept_share(depth, depth - depth0)
+            row[_NONPOTENTIAL] += 0.5 * (spring * _size(after.slip[c]) + spring0 * _size(mine)) * np.log(fade)
         for k in range(2):
             row[_NONPOTENTIAL] += 0.5 * (spends[2 + k] + spends0[2 + k]) * (spends[k] - spends0[k])
         row[_VISCOUS] += 0.5 * dt * (power + power0)
@@ -152,7 +164,8 @@ def _contacts(
             sx, sy, sz = onto_plane(*normals, mine[0], mine[1], mine[2])
             dx, dy, dz = slip_increment(*normals, dx, dy, dz, w1[0] - w0[0], w1[1] - w0[1], w1[2] - w0[2])
             s = after.slip[c]
-            sx, sy, sz = sx + fraction * dx - s[0], sy + fraction * dy - s[1], sz + fraction * dz - s[2]
+            sx, sy, sz = fade * sx + fraction * dx, fade * sy + fraction * dy, fade * sz + fraction * dz
+            sx, sy, sz = sx - s[0], sy - s[1], sz - s[2]
             row[_COULOMB] += 0.5 * (spring + spring0) * np.sqrt(sx * sx + sy * sy + sz * sz)
         for end in range(2):
             a, sign = (i, 1.0) if end == 0 else (j, -1.0)

@@ -5,6 +5,9 @@ tangential part, the mid-step normal is m = n − g/(2|r|), see `geometry`. A ve
 
     dn = P dr/|r|,   dg = P dr − dn (n·Δr) − n (dn·Δr),   dm = dn − dg/(2|r|) + g (n·dr)/(2|r|²),
     d(T w) = dw − m (dn·w + n·dw) − (n·w) dm.
+
+Of laws that rescale, the memory before is multiplied with f = √(δ/δ_old) where δ < δ_old: df = −f/(2δ) n·dr. At
+δ = δ_old this has a kink, where f = 1 and df = 0 are taken: the tangent of an overlap that grows.
 """
 
 from typing import NamedTuple
@@ -65,8 +68,10 @@ def projected(turn: Turn, w: np.ndarray, by_w: np.ndarray) -> tuple[np.ndarray, 
     return w - along[:, None] * turn.mid, out
 
 
-def memory(turn: Turn, before, way, by_way, reach, by_overlap, weighted) -> tuple[np.ndarray, np.ndarray]:
-    """Memory a + κ d (C, 3) and its derivative (C, 3, K), a = T (memory before), d = T (way).
+def memory(
+    turn: Turn, before, way, by_way, reach, by_overlap, weighted, fade=None, fading=None
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Memory f a + κ d (C, 3) and its derivative (C, 3, K), a = T (memory before), d = T (way).
 
     Parameters
     ----------
@@ -74,6 +79,7 @@ def memory(turn: Turn, before, way, by_way, reach, by_overlap, weighted) -> tupl
     way, by_way : (C, 3) and (C, 3, K) what has been added to it, and its derivative
     reach, by_overlap : (C,) length at Coulomb's limit, and its derivative with respect to the overlap
     weighted : (C,) bool, where κ is not 1: see `contact.turned_weight`
+    fade, fading : (C,) f, by which a falling overlap shortens the memory, and df/dδ; 1 and 0 unless given
     """
     a, by_a = projected(turn, before, np.zeros_like(by_way))
     d, by_d = projected(turn, way, by_way)
@@ -87,6 +93,12 @@ def memory(turn: Turn, before, way, by_way, reach, by_overlap, weighted) -> tupl
         small = weight <= LEAST_WEIGHT
         kappa = np.where(weighted, np.where(small, LEAST_WEIGHT, weight), 1.0)
         by_kappa = np.where((weighted & ~small)[:, None], 0.25 * by_change / square[:, None], 0.0)
+    if fade is not None:  # what goes on sliding turns as if it had not been shortened
+        by_fade = np.zeros_like(by_kappa)
+        by_fade[:, :3] = -fading[:, None] * turn.normal
+        by_a = column(fade) * by_a + a[:, :, None] * by_fade[:, None, :]
+        by_kappa = np.where(weighted[:, None], fade[:, None] * by_kappa + kappa[:, None] * by_fade, 0.0)
+        a, kappa = fade[:, None] * a, np.where(weighted, fade, 1.0) * kappa
     return a + kappa[:, None] * d, by_a + column(kappa) * by_d + d[:, :, None] * by_kappa[:, None, :]
 
 
