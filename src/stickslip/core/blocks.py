@@ -19,7 +19,7 @@ from numba import njit
 from .contact import (
     FREE,
     damped,
-    fade_of,
+    faded,
     in_one_go,
     needs_mass,
     needs_radius,
@@ -55,7 +55,6 @@ from .laws import (
     masked,
     normal_force,
     reach,
-    rescales,
     row,
     tangential_stiffness,
 )
@@ -218,7 +217,7 @@ def _flowed(dim, predict, blocks, flow, b, scratch):
 
 
 @njit(fastmath=True, **BARE)
-def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, scratch):
+def _responded(kind, coulomb, dim, viscous, rate, rescaled, wall, q, blocks, b, dt, hold, scratch):
     """Forces and memory of one block, all lanes alike: what does not touch gets zeros. With `hold`, memory stays."""
     in_widest_vectors()
     predict = viscous > 0 and not rate
@@ -257,10 +256,10 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
             part, whole = touching_fraction(nx, ny, nz, inverse, overlap - edge, dx, dy, dz)
             part, whole = part if before == OPEN else 1.0, whole if before == OPEN else 1.0
         sx, sy, sz = onto_plane(nx, ny, nz, mx, my, mz, ox, oy, oz)
-        fade = fade_of(kind, overlap, nx, ny, nz, inverse, dx, dy, dz)
-        if rate and rescales(kind):
-            sx, sy, sz = same_length(sx, sy, sz, ox, oy, oz)
-        sx, sy, sz = fade * sx, fade * sy, fade * sz
+        if rescaled is not None:
+            if rate:
+                sx, sy, sz = same_length(sx, sy, sz, ox, oy, oz)
+            fade, sx, sy, sz = faded(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz)
         dx, dy, dz = slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, wx, wy, wz)
         if hold:
             sx, sy, sz, dx, dy, dz = ox, oy, oz, 0.0, 0.0, 0.0
@@ -289,9 +288,14 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
         else:
             limit = masked(kind, touches, cap(kind, q, r_eff, overlap, fn))
             slid = SLIDE if not rate and before in (SLIDE, LOOSE) else STICK
-            cx, cy, cz, after = return_mapping(
-                dim, stiffness, limit, sx, sy, sz, dx, dy, dz, part, whole, slid, FREE, fade
-            )
+            if rescaled is not None:
+                cx, cy, cz, after = return_mapping(
+                    dim, stiffness, limit, sx, sy, sz, dx, dy, dz, part, whole, slid, FREE, fade
+                )
+            else:
+                cx, cy, cz, after = return_mapping(
+                    dim, stiffness, limit, sx, sy, sz, dx, dy, dz, part, whole, slid, FREE
+                )
             slides = after == SLIDE
             sx, sy, sz = (sx, sy, sz) if hold else (cx, cy, cz)
             tx, ty, tz = tangential_force(coulomb, stiffness, limit, sx, sy, sz)
@@ -317,8 +321,8 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
 
 @njit(fastmath=True, **BARE)
 def evaluated(
-    kind, coulomb, dim, viscous, rate, first, last, crossing, begin, end, blocks, body, ahead, p, dt, hold, flow,
-    scratch,
+    kind, coulomb, dim, viscous, rate, rescaled, first, last, crossing, begin, end, blocks, body, ahead, p, dt, hold,
+    flow, scratch,
 ):  # fmt: skip
     """Loads and memory of a stretch of blocks; compiled into its callers.
 
@@ -344,7 +348,7 @@ def evaluated(
                 )  # fmt: skip
         q = row(kind, p, blocks.material[b, 0], blocks.material[b, 1])
         if blocks.wall[b]:
-            _responded(kind, coulomb, dim, viscous, rate, True, q, blocks, b, dt, hold, scratch)
+            _responded(kind, coulomb, dim, viscous, rate, rescaled, True, q, blocks, b, dt, hold, scratch)
         else:
-            _responded(kind, coulomb, dim, viscous, rate, False, q, blocks, b, dt, hold, scratch)
+            _responded(kind, coulomb, dim, viscous, rate, rescaled, False, q, blocks, b, dt, hold, scratch)
         scattered(np.int64(place), scratch, load)

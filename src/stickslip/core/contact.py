@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 
 from .geometry import overlap_gained
-from .laws import MASS, NO_TENSION, SMOOTH, VISCOELASTIC, asks_radius, mobilised, reach, reaches, rescales, row
+from .laws import MASS, NO_TENSION, SMOOTH, VISCOELASTIC, asks_radius, mobilised, reach, reaches, row
 from .state import SLIDE, STICK
 
 # what an evaluation does with the memory: carry it along, but keep to the last bit what has not moved since it was
@@ -79,9 +79,10 @@ def kept_share(overlap, gained):
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def fade_of(kind, overlap, nx, ny, nz, inverse, dx, dy, dz):
-    """Factor on the slip that the law asks for after a displacement dr of the pair that ends at n."""
-    return kept_share(overlap, overlap_gained(nx, ny, nz, inverse, dx, dy, dz)) if rescales(kind) else 1.0
+def faded(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz):
+    """Factor f on the slip s of laws that rescale, after a displacement dr of the pair that ends at n; and f s."""
+    fade = kept_share(overlap, overlap_gained(nx, ny, nz, inverse, dx, dy, dz))
+    return fade, fade * sx, fade * sy, fade * sz
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
@@ -93,7 +94,7 @@ def same_length(ax, ay, az, bx, by, bz):
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def turned_weight(stiffness, limit, ax, ay, az, dx, dy, dz, fade=1.0):
+def turned_weight(stiffness, limit, ax, ay, az, dx, dy, dz, fade=None):
     """Factor κ on the increment d for which a + κ d points where the slip `a` of a sliding contact turns to.
 
     A slip of length R turns towards d by dψ = −sin ψ |d|/R, and its direction at the end is that of a + κ d with
@@ -105,13 +106,16 @@ def turned_weight(stiffness, limit, ax, ay, az, dx, dy, dz, fade=1.0):
     Source: Krieg and Krieg, doi:10.1115/1.3454568, for the exact turn.
     """
     scale, square = stiffness * stiffness, limit * limit
-    change = scale * (ax * (ax / fade + 2.0 * dx) + ay * (ay / fade + 2.0 * dy) + az * (az / fade + 2.0 * dz))
+    if fade is not None:
+        change = scale * (ax * (ax / fade + 2.0 * dx) + ay * (ay / fade + 2.0 * dy) + az * (az / fade + 2.0 * dz))
+        return max(0.75 * fade * square + 0.25 * change, LEAST_WEIGHT * fade * square), square
+    change = scale * (ax * (ax + 2.0 * dx) + ay * (ay + 2.0 * dy) + az * (az + 2.0 * dz))
     # a contact that is sheared to the other side must not keep its direction for a correction of small steps
-    return max(0.75 * fade * square + 0.25 * change, LEAST_WEIGHT * fade * square), square
+    return max(0.75 * square + 0.25 * change, LEAST_WEIGHT * square), square
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def return_mapping(dim, stiffness, limit, ax, ay, az, dx, dy, dz, part, whole, mode, memory, fade=1.0):
+def return_mapping(dim, stiffness, limit, ax, ay, az, dx, dy, dz, part, whole, mode, memory, fade=None):
     """Slip a + d part/whole cut at Coulomb's limit, and the mode that follows; with memory HELD the mode decides.
 
     `a` is the slip before, turned with the contact and shortened by `fade`, d the increment, and part/whole the share

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .contact import HELD, apart, effective, fade_of, return_mapping, turned_weight
+from .contact import HELD, apart, effective, faded, return_mapping, turned_weight
 from .forces import bodies, check_materials
 from .geometry import mid_normal, normal_and_overlap, onto_plane, pair_vector, rolled, shifts, slip_increment
 from .laws import (
@@ -26,10 +26,10 @@ from .laws import (
     cap_slopes,
     damping_of,
     dashpots,
+    fades,
     mobilised,
     mobilised_tangent,
     normal_force,
-    rescales,
     row,
     tangential_stiffness,
     tangents,
@@ -87,7 +87,7 @@ def _friction_tangent(coulomb, stiffness, slope_k, limit, mu, by_overlap, slope_
 
 
 @njit(cache=True, error_model="numpy")
-def _linearise(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, out):
+def _linearise(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, rescaled, out):
     position, angle, _, _, radius, material, inverse_mass, wall_normal, _ = bodies
     n_grains = len(radius) - len(wall_normal)
     for c in range(contacts.count[0]):
@@ -118,13 +118,18 @@ def _linearise(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, 
             out.turn[c, 0], out.turn[c, 1], out.turn[c, 2] = ax, ay, az
             mx, my, mz = mid_normal(nx, ny, nz, inverse, dx, dy, dz)
             sx, sy, sz = onto_plane(nx, ny, nz, mx, my, mz, sx, sy, sz)
-            fade = fade_of(kind, overlap, nx, ny, nz, inverse, dx, dy, dz)
-            sx, sy, sz = fade * sx, fade * sy, fade * sz
+            if rescaled is not None:
+                fade, sx, sy, sz = faded(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz)
             dx, dy, dz = slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, ax, ay, az)
-        _, _, _, mode = return_mapping(dim, stiffness, limit, sx, sy, sz, dx, dy, dz, 1.0, 1.0, before, memory, fade)
+        spring = (stiffness, limit, sx, sy, sz, dx, dy, dz)
+        if rescaled is not None:
+            mode = return_mapping(dim, *spring, 1.0, 1.0, before, memory, fade)[3]
+            top, below = turned_weight(*spring, fade)
+        else:
+            mode = return_mapping(dim, *spring, 1.0, 1.0, before, memory)[3]
+            top, below = turned_weight(*spring)
         weighted, weight = dim == 3 and mode == SLIDE and before == SLIDE and limit > 0.0, 1.0
         if weighted:
-            top, below = turned_weight(stiffness, limit, sx, sy, sz, dx, dy, dz, fade)
             weight = top / below
         ux, uy, uz = sx + weight * dx, sy + weight * dy, sz + weight * dz
         out.secant[c], out.along[c], out.by_overlap[c], out.by_force[c] = _friction_tangent(
@@ -160,6 +165,7 @@ def linearised(state: State, law: Law, *, memory: int = HELD) -> Linear:
         shifts(state.contacts, state.cell.vectors),
         law.table,
         memory,
+        fades(law.kind),
         out,
     )
     if memory == HELD and (out.closed > out.remembers).any():
@@ -209,7 +215,7 @@ def contact_blocks(state: State, law: Law, *, memory: int = HELD):
     by_way[:, :, 3:] = cross_matrix(turn.mid)
     soft = np.where(c.stiffness_t > 0, c.stiffness_t, 1.0)
     reach = np.where(c.stiffness_t > 0, c.limit / soft, 0.0)
-    fading = (c.fade, c.fading) if rescales(law.kind) else ()
+    fading = (c.fade, c.fading) if fades(law.kind) else ()
     slip, by_slip = memory_tangent(
         turn, c.before, c.way + np.cross(turn.mid, c.turn), by_way, reach, (c.by_overlap - reach * c.slope_t) / soft,
         c.weighted > 0, *fading,

@@ -230,6 +230,14 @@ def rescales(kind):
     return kind in (HERTZ_MINDLIN_RESCALED, HERTZ_MINDLIN_REFF_RESCALED)
 
 
+def fades(kind: int) -> bool | None:
+    """True of laws that rescale, None of others: of None Numba leaves branches out before anything is optimised.
+
+    Kernels of all other laws are so to the bit what they would be without rescaled ones.
+    """
+    return True if rescales(kind) else None
+
+
 @by_kind
 def reaches(kind):
     """True if grains may act on each other across a gap."""

@@ -28,11 +28,11 @@ from .laws import (
     cap,
     damping_of,
     dashpots,
+    fades,
     least_force,
     normal_energy,
     normal_force,
     reach,
-    rescales,
     row,
     tangential_stiffness,
 )
@@ -116,8 +116,9 @@ def _size(s):
 
 @njit(cache=True, fastmath=False, error_model="numpy")
 def _contacts(
-    kind, coulomb, dim, viscous, p, old, new, before, after, shift0, shift, way, strain, free, dt, first, rate, row
-):
+    kind, coulomb, dim, viscous, p, old, new, before, after, shift0, shift, way, strain, free, dt, first, rate,
+    rescaled, row,
+):  # fmt: skip
     """Add one step of all contacts to the row; with `first`, only what they store; `rate`: see `integrate.run`."""
     m, nothing = 0, np.zeros(3)
     for c in range(after.count[0]):
@@ -149,9 +150,8 @@ def _contacts(
         )  # fmt: skip
         if first:
             continue
-        fade = 1.0
-        if rescales(kind) and known and closed:
-            fade = kept_share(depth, depth - depth0)
+        fade = kept_share(depth, depth - depth0) if known and closed else 1.0
+        if rescaled is not None:
             row[_NONPOTENTIAL] += 0.5 * (spring * _size(after.slip[c]) + spring0 * _size(mine)) * np.log(fade)
         for k in range(2):
             row[_NONPOTENTIAL] += 0.5 * (spends[2 + k] + spends0[2 + k]) * (spends[k] - spends0[k])
@@ -164,8 +164,9 @@ def _contacts(
             sx, sy, sz = onto_plane(*normals, mine[0], mine[1], mine[2])
             dx, dy, dz = slip_increment(*normals, dx, dy, dz, w1[0] - w0[0], w1[1] - w0[1], w1[2] - w0[2])
             s = after.slip[c]
-            sx, sy, sz = fade * sx + fraction * dx, fade * sy + fraction * dy, fade * sz + fraction * dz
-            sx, sy, sz = sx - s[0], sy - s[1], sz - s[2]
+            if rescaled is not None:
+                sx, sy, sz = fade * sx, fade * sy, fade * sz
+            sx, sy, sz = sx + fraction * dx - s[0], sy + fraction * dy - s[1], sz + fraction * dz - s[2]
             row[_COULOMB] += 0.5 * (spring + spring0) * np.sqrt(sx * sx + sy * sy + sz * sz)
         for end in range(2):
             a, sign = (i, 1.0) if end == 0 else (j, -1.0)
@@ -234,7 +235,7 @@ def entered(books: Books, law, state, plan: Plan, here: Bodies, contacts, step: 
     _contacts(
         law.kind, law.coulomb, state.cell.dim, viscous, law.table, old, here, books.contacts, contacts,
         shifts(contacts, books.vectors), shifts(contacts, vectors), way, strain, free, plan.dt, first,
-        books.rate, row,
+        books.rate, fades(law.kind), row,
     )  # fmt: skip
     if step % every == 0:
         books.rows[step // every] = row
