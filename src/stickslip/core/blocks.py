@@ -261,6 +261,9 @@ def _responded(kind, coulomb, dim, viscous, rate, rescaled, wall, q, blocks, b, 
                 sx, sy, sz = same_length(sx, sy, sz, ox, oy, oz)
             fade, sx, sy, sz = faded(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz)
         dx, dy, dz = slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, wx, wy, wz)
+        if rescaled is not None and not rate:
+            half = 0.5 * (1.0 + fade)
+            dx, dy, dz = half * dx, half * dy, half * dz
         if hold:
             sx, sy, sz, dx, dy, dz = ox, oy, oz, 0.0, 0.0, 0.0
         m_eff = mass[l] if needs_mass(viscous) else 1.0

@@ -101,14 +101,16 @@ def turned_weight(stiffness, limit, ax, ay, az, dx, dy, dz, fade=None):
     κ = 1 + a·d/(2R²) + (a² − R²)/(4R²) to second order: the last term takes the mean of R before and after. Returns κ
     as a numerator and a denominator.
 
-    A slip that was shortened by a factor `fade` turns as if it had not been: κ is then `fade` times that of a/fade.
+    A slip that was shortened by a factor f, `fade`, turns as if it had not been: with d shortened by (1 + f)/2, κ is
+    2f/(1 + f) times that of a/f.
 
     Source: Krieg and Krieg, doi:10.1115/1.3454568, for the exact turn.
     """
     scale, square = stiffness * stiffness, limit * limit
     if fade is not None:
-        change = scale * (ax * (ax / fade + 2.0 * dx) + ay * (ay / fade + 2.0 * dy) + az * (az / fade + 2.0 * dz))
-        return max(0.75 * fade * square + 0.25 * change, LEAST_WEIGHT * fade * square), square
+        bx, by, bz, share = ax / fade, ay / fade, az / fade, 2.0 * fade / (1.0 + fade)
+        change = scale * (bx * (bx + 2.0 * dx) + by * (by + 2.0 * dy) + bz * (bz + 2.0 * dz))
+        return share * max(0.75 * square + 0.25 * change, LEAST_WEIGHT * square), square
     change = scale * (ax * (ax + 2.0 * dx) + ay * (ay + 2.0 * dy) + az * (az + 2.0 * dz))
     # a contact that is sheared to the other side must not keep its direction for a correction of small steps
     return max(0.75 * square + 0.25 * change, LEAST_WEIGHT * square), square

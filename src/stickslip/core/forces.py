@@ -177,6 +177,9 @@ def sweep(
             if rescaled is not None:
                 fade, sx, sy, sz = faded(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz)
             dx, dy, dz = slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, wx, wy, az - roll[c, 2])
+            if rescaled is not None:  # what was added before the overlap fell has faded, too
+                half = 0.5 * (1.0 + fade)
+                dx, dy, dz = half * dx, half * dy, half * dz
         elif step[2] > 0.0:
             dt, v, w = step[2], step[0], step[1]
             dx, dy = dt * (v[i, 0] - v[j, 0]), dt * (v[i, 1] - v[j, 1])

@@ -121,6 +121,9 @@ def _linearise(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, 
             if rescaled is not None:
                 fade, sx, sy, sz = faded(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz)
             dx, dy, dz = slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, ax, ay, az)
+            if rescaled is not None:
+                half = 0.5 * (1.0 + fade)
+                dx, dy, dz = half * dx, half * dy, half * dz
         spring = (stiffness, limit, sx, sy, sz, dx, dy, dz)
         if rescaled is not None:
             mode = return_mapping(dim, *spring, 1.0, 1.0, before, memory, fade)[3]

@@ -54,9 +54,10 @@ def hertz_mindlin(
         "viscoelastic", m_eff and the contact's radius √(δ R_eff), R_eff = R_i R_j/(R_i + R_j). Walls and what `Control`
         does not let move count as infinitely heavy, walls as flat.
     tension : False clips F_n at zero where the dashpot would make the contact pull
-    rescaled : True shortens the slip as the contact's radius √(δ R_eff) shrinks, s ← s √(δ/δ_old) before it turns and
-        grows, so that a falling overlap takes k_t s² along; as it grows nothing happens. Forces are then only
-        directionally differentiable where the memory was committed; tangents there are those of a growing overlap
+    rescaled : True shortens the slip as the contact's radius √(δ R_eff) shrinks, ds = (s/2δ) dδ where dδ < 0; as the
+        overlap grows nothing happens. Over an increment s ← f s before it turns, f = √(δ/δ_old), and grows by (1 + f)/2
+        of its displacement (by all of it with `memory="rate"`). Forces are only directionally differentiable where the
+        memory was committed; tangents there are those of a growing overlap
 
     Source
     ------
@@ -253,11 +254,11 @@ def reach(kind, q, r_eff):
 @by_kind
 def normal_force(kind, q, r_eff, overlap):
     """Elastic normal force [force], positive for repulsion; q from `parameters`, overlap > 0."""
-    if kind == LINEAR:
-        return q[KN] * overlap
-    if asks_radius(kind):
+    if kind in (HERTZ_MINDLIN, HERTZ_MINDLIN_RESCALED):
+        return q[KN] * overlap * np.sqrt(overlap)
+    if kind in (HERTZ_MINDLIN_REFF, HERTZ_MINDLIN_REFF_RESCALED):
         return q[KN] * overlap * np.sqrt(overlap * r_eff)
-    return q[KN] * overlap * np.sqrt(overlap)
+    return q[KN] * overlap
 
 
 @by_kind
@@ -270,11 +271,11 @@ def normal_energy(kind, q, r_eff, overlap):
 @by_kind
 def tangential_stiffness(kind, q, r_eff, overlap):
     """Stiffness of the unmobilised tangential spring [force/length]; overlap > 0."""
-    if kind == LINEAR:
-        return q[KT] + 0.0 * overlap
-    if asks_radius(kind):
+    if kind in (HERTZ_MINDLIN, HERTZ_MINDLIN_RESCALED):
+        return q[KT] * np.sqrt(overlap)
+    if kind in (HERTZ_MINDLIN_REFF, HERTZ_MINDLIN_REFF_RESCALED):
         return q[KT] * np.sqrt(overlap * r_eff)
-    return q[KT] * np.sqrt(overlap)
+    return q[KT] + 0.0 * overlap
 
 
 @by_kind

@@ -134,7 +134,7 @@ def _contacts(
         )
         row[_NORMAL] += stored
         row[_TANGENTIAL] += energy
-        depth0, _, _, _, spends0, spring0, power0, force0, turn0 = _end(
+        depth0, _, _, energy0, spends0, spring0, power0, force0, turn0 = _end(
             kind, coulomb, dim, viscous, rate, p, old, i, j, shift0, c, mine, known
         )
         # of the step in which a contact closes or opens, the fraction for which it has touched; LAMMPS counts it whole
@@ -150,9 +150,11 @@ def _contacts(
         )  # fmt: skip
         if first:
             continue
-        fade = kept_share(depth, depth - depth0) if known and closed else 1.0
         if rescaled is not None:
+            fade = kept_share(depth, depth - depth0) if known and closed else 1.0
             row[_NONPOTENTIAL] += 0.5 * (spring * _size(after.slip[c]) + spring0 * _size(mine)) * np.log(fade)
+            if known and not closed:  # all of it has faded: in place of the terms that follow
+                row[_NONPOTENTIAL] += 0.5 * (spends0[0] * spends0[2] + spends0[1] * spends0[3]) - energy0
         for k in range(2):
             row[_NONPOTENTIAL] += 0.5 * (spends[2 + k] + spends0[2 + k]) * (spends[k] - spends0[k])
         row[_VISCOUS] += 0.5 * dt * (power + power0)
@@ -165,9 +167,13 @@ def _contacts(
             dx, dy, dz = slip_increment(*normals, dx, dy, dz, w1[0] - w0[0], w1[1] - w0[1], w1[2] - w0[2])
             s = after.slip[c]
             if rescaled is not None:
-                sx, sy, sz = fade * sx, fade * sy, fade * sz
+                half = 1.0 if rate else 0.5 * (1.0 + fade)
+                sx, sy, sz, dx, dy, dz = fade * sx, fade * sy, fade * sz, half * dx, half * dy, half * dz
             sx, sy, sz = sx + fraction * dx - s[0], sy + fraction * dy - s[1], sz + fraction * dz - s[2]
-            row[_COULOMB] += 0.5 * (spring + spring0) * np.sqrt(sx * sx + sy * sy + sz * sz)
+            slid = np.sqrt(sx * sx + sy * sy + sz * sz)
+            if rescaled is not None:
+                slid = slid / half if closed else 0.0  # what has slid faded on its way, as what has not
+            row[_COULOMB] += 0.5 * (spring + spring0) * slid
         for end in range(2):
             a, sign = (i, 1.0) if end == 0 else (j, -1.0)
             for k in range(3):
