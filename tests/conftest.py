@@ -17,8 +17,9 @@ from hypothesis import settings
 from numba.core import event
 
 from stickslip.core.forces import accept, forces
-from stickslip.core.laws import between, hertz_mindlin, hertz_mindlin_reff, linear
+from stickslip.core.laws import between
 from stickslip.core.state import assembly, box, disks, flat_walls, loads, spheres
+from stickslip.data.sample import LAWS
 
 settings.register_profile("ci", deadline=None, max_examples=40, derandomize=True)
 settings.load_profile("ci")
@@ -59,8 +60,7 @@ def _loud_floating_point():
 
 def make_law(name, coulomb, mu=0.4, **more):
     """A law whose grain–wall friction differs from its grain–grain friction."""
-    kind = {"hertz_mindlin": hertz_mindlin, "linear": linear, "hertz_mindlin_reff": hertz_mindlin_reff}[name]
-    return between(kind(1.0, 2 / 7, mu, coulomb=coulomb, **more), 0, 1, mu=0.7 * mu, kn=1.3, kt=0.5)
+    return between(LAWS[name](1.0, 2 / 7, mu, coulomb=coulomb, **more), 0, 1, mu=0.7 * mu, kn=1.3, kt=0.5)
 
 
 def make_packing(dim, seed=0, n=7, wall=True, overlap=0.05):

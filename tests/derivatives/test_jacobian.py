@@ -77,8 +77,15 @@ def test_jacobian_of_an_accepted_state(law_name, coulomb, dim, seed):
     np.testing.assert_allclose(exact, numeric, atol=1e-8 * np.abs(exact).max(), rtol=0)
 
 
+RESCALED = [
+    ("hertz_mindlin_rescaled", "smooth", 2),
+    ("hertz_mindlin_rescaled", "sharp", 3),
+    ("hertz_mindlin_reff_rescaled", "smooth", 3),
+]
+
+
 @pytest.mark.parametrize("size", [3e-4, 1e-2])
-@pytest.mark.parametrize(("law_name", "coulomb", "dim"), CASES)
+@pytest.mark.parametrize(("law_name", "coulomb", "dim"), CASES + RESCALED)
 def test_jacobian_of_a_trial_state_with_pending_increments(law_name, coulomb, dim, size):
     """Large increments turn contacts by a hundredth and sliding slips by a radian on the way."""
     state, law = sample(law_name, coulomb, dim, seed=5)

@@ -119,6 +119,28 @@ def test_a_law_that_lammps_does_not_run_is_refused():
         lammps.start(whole, gouge._replace(law=ss.hertz_mindlin(1.0)))
 
 
+def rescaled(gouge):
+    """The gouge under the rescaled law with the same numbers."""
+    kind = ss.hertz_mindlin_reff(rescaled=True).kind
+    return gouge._replace(law=gouge.law._replace(kind=kind))
+
+
+def test_the_rescaled_law_is_granular_with_mindlin_rescale():
+    whole, gouge = six_grains()
+    gouge = rescaled(gouge._replace(law=gouge.law._replace(damping=gouge.law.damping | 4)))
+    script = lammps.mechanics(whole, lammps.start(whole, gouge), 0.1)
+    words = re.search(
+        r"pair_style granular\npair_coeff \* \* hertz (\S+) (\S+) tangential mindlin_rescale (\S+) (\S+) (\S+) "
+        r"damping viscoelastic limit_damping\n",
+        script,
+    )
+    kn, kt, mu, damping_n, damping_t = gouge.law.table[0, 0]
+    assert [float(word) for word in words.groups()] == [kn, damping_n, kt, damping_t / damping_n, mu]
+    gouge.law.table[0, 0, 3] = 0.0
+    with pytest.raises(ScenarioError, match="damping_t and without damping_n"):
+        lammps.start(whole, gouge)
+
+
 def test_output_that_is_missing_is_one_sentence(tmp_path):
     whole, gouge = six_grains()
     with pytest.raises(RuntimeError, match="LAMMPS did not finish a leg of 1000 steps"):
@@ -236,3 +258,31 @@ def test_steady_sliding_agrees_with_lammps(peer):
         print(name, a, b)
         # three combined standard errors, and a floor where errors of short series are too small
         assert abs(a.mean - b.mean) < 3 * np.hypot(a.error, b.error) + 0.01 * abs(a.mean), name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("steps", [1, 50])
+def test_first_steps_of_the_rescaled_law_agree_with_lammps(peer, steps):
+    """From zero memory. LAMMPS `granular` has lever arms R − δ/2: torques and what follows from them miss δ/2R."""
+    whole, gouge = stirred()
+    whole, gouge = whole.model_copy(update={"sample_every": steps}), rescaled(gouge)
+    place, theirs = peer.leg(whole, peer.start(whole, gouge), 0.3, steps)
+    seconds = steps * whole.dt
+    here = sprung(
+        gouge, stiffness(whole) * whole.area, [gouge.state.time, gouge.state.time + seconds], [0, 0.3 * seconds]
+    )
+    end, record, _ = ss.run(here.state, here.law, steps, whole.dt, every=steps, memory="rate")
+    ours = _series(record, here, np.array([0, 0.3 * seconds]))[1:]
+    reached, start, r = peer.state(place).grains, gouge.state.grains, end.grains.radius
+    c, rows = end.contacts, np.flatnonzero(end.contacts.mode[: end.contacts.count[0]] != ss.OPEN)
+    rows = rows[np.isin(c.i[rows], gouge.loose) | np.isin(c.j[rows], gouge.loose)]  # grains of a plate overlap more
+    overlap = r[c.i[rows]] + r[c.j[rows]] - np.linalg.norm(c.pair[rows], axis=1)
+    arm = overlap.max() / (2 * r.min())
+    assert record.touching[-1] > 150 and 0 < arm < 0.1
+    for name in ("velocity", "spin"):
+        ours_now, theirs_now, before = (getattr(g, name) for g in (end.grains, reached, start))
+        assert np.abs(ours_now - theirs_now).max() < arm * np.abs(ours_now - before).max(), name
+    for name in ("time", "load_point", "thickness"):  # a step moves grains by 1e-8 of where they are
+        assert differ(getattr(ours, name), getattr(theirs, name)) < 1e-8 * steps, name
+    for name in ("friction", "contact_friction", "normal", "kinetic_energy"):
+        assert differ(getattr(ours, name), getattr(theirs, name)) < arm, name

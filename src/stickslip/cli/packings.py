@@ -14,6 +14,8 @@ LAWS = {
     "hertz_mindlin": "k δ^(3/2), as in papers 000 and 001",
     "linear": "k δ, as in paper 002",
     "hertz_mindlin_reff": "k √R δ^(3/2), as in LAMMPS",
+    "hertz_mindlin_rescaled": "k δ^(3/2), slips shorten as overlaps fall",
+    "hertz_mindlin_reff_rescaled": "as LAMMPS mindlin_rescale",
 }
 COULOMB = {"smooth": "friction approaches its limit", "sharp": "friction is cut at its limit"}
 DAMPING = {"velocity": "by velocity", "mass_velocity": "by mass and velocity", "viscoelastic": "by overlap, too"}
@@ -46,7 +48,8 @@ def _packing(
     law: Annotated[
         str | None,
         typer.Option(
-            help="hertz_mindlin, linear, hertz_mindlin_reff or a Python file of yours; wins over the file.",
+            help="hertz_mindlin, linear, hertz_mindlin_reff (Hertzian ones also …_rescaled) or a Python file of yours; "
+            "wins over the file.",
             autocompletion=completes(LAWS),
         ),
     ] = None,

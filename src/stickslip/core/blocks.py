@@ -16,7 +16,18 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .contact import FREE, damped, in_one_go, needs_mass, needs_radius, return_mapping, tangential_force, with_dashpot
+from .contact import (
+    FREE,
+    damped,
+    faded,
+    in_one_go,
+    needs_mass,
+    needs_radius,
+    return_mapping,
+    same_length,
+    tangential_force,
+    with_dashpot,
+)
 from .frame import AHEAD, RATE, SLIDE_BACK, VECTORS
 from .geometry import at_contact, mid_normal, onto_plane, slip_increment, touching_fraction
 from .lanes import (
@@ -206,7 +217,7 @@ def _flowed(dim, predict, blocks, flow, b, scratch):
 
 
 @njit(fastmath=True, **BARE)
-def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, scratch):
+def _responded(kind, coulomb, dim, viscous, rate, rescaled, wall, q, blocks, b, dt, hold, scratch):
     """Forces and memory of one block, all lanes alike: what does not touch gets zeros. With `hold`, memory stays."""
     in_widest_vectors()
     predict = viscous > 0 and not rate
@@ -245,7 +256,14 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
             part, whole = touching_fraction(nx, ny, nz, inverse, overlap - edge, dx, dy, dz)
             part, whole = part if before == OPEN else 1.0, whole if before == OPEN else 1.0
         sx, sy, sz = onto_plane(nx, ny, nz, mx, my, mz, ox, oy, oz)
+        if rescaled is not None:
+            if rate:
+                sx, sy, sz = same_length(sx, sy, sz, ox, oy, oz)
+            fade, sx, sy, sz = faded(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz)
         dx, dy, dz = slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, wx, wy, wz)
+        if rescaled is not None and not rate:
+            half = 0.5 * (1.0 + fade)
+            dx, dy, dz = half * dx, half * dy, half * dz
         if hold:
             sx, sy, sz, dx, dy, dz = ox, oy, oz, 0.0, 0.0, 0.0
         m_eff = mass[l] if needs_mass(viscous) else 1.0
@@ -273,7 +291,14 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
         else:
             limit = masked(kind, touches, cap(kind, q, r_eff, overlap, fn))
             slid = SLIDE if not rate and before in (SLIDE, LOOSE) else STICK
-            cx, cy, cz, after = return_mapping(dim, stiffness, limit, sx, sy, sz, dx, dy, dz, part, whole, slid, FREE)
+            if rescaled is not None:
+                cx, cy, cz, after = return_mapping(
+                    dim, stiffness, limit, sx, sy, sz, dx, dy, dz, part, whole, slid, FREE, fade
+                )
+            else:
+                cx, cy, cz, after = return_mapping(
+                    dim, stiffness, limit, sx, sy, sz, dx, dy, dz, part, whole, slid, FREE
+                )
             slides = after == SLIDE
             sx, sy, sz = (sx, sy, sz) if hold else (cx, cy, cz)
             tx, ty, tz = tangential_force(coulomb, stiffness, limit, sx, sy, sz)
@@ -299,8 +324,8 @@ def _responded(kind, coulomb, dim, viscous, rate, wall, q, blocks, b, dt, hold, 
 
 @njit(fastmath=True, **BARE)
 def evaluated(
-    kind, coulomb, dim, viscous, rate, first, last, crossing, begin, end, blocks, body, ahead, p, dt, hold, flow,
-    scratch,
+    kind, coulomb, dim, viscous, rate, rescaled, first, last, crossing, begin, end, blocks, body, ahead, p, dt, hold,
+    flow, scratch,
 ):  # fmt: skip
     """Loads and memory of a stretch of blocks; compiled into its callers.
 
@@ -326,7 +351,7 @@ def evaluated(
                 )  # fmt: skip
         q = row(kind, p, blocks.material[b, 0], blocks.material[b, 1])
         if blocks.wall[b]:
-            _responded(kind, coulomb, dim, viscous, rate, True, q, blocks, b, dt, hold, scratch)
+            _responded(kind, coulomb, dim, viscous, rate, rescaled, True, q, blocks, b, dt, hold, scratch)
         else:
-            _responded(kind, coulomb, dim, viscous, rate, False, q, blocks, b, dt, hold, scratch)
+            _responded(kind, coulomb, dim, viscous, rate, rescaled, False, q, blocks, b, dt, hold, scratch)
         scattered(np.int64(place), scratch, load)

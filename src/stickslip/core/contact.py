@@ -6,6 +6,7 @@ Sweeps over few contacts and vectorised blocks of many call these functions, so 
 import numpy as np
 from numba import njit
 
+from .geometry import overlap_gained
 from .laws import MASS, NO_TENSION, SMOOTH, VISCOELASTIC, asks_radius, mobilised, reach, reaches, row
 from .state import SLIDE, STICK
 
@@ -70,28 +71,59 @@ def with_dashpot(viscous, elastic, damping, vn, least=0.0):
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def turned_weight(stiffness, limit, ax, ay, az, dx, dy, dz):
+def kept_share(overlap, gained):
+    """√(δ/δ_old) where the overlap has fallen, else 1: a/a_old of the contact's radius a."""
+    falls = gained < 0.0 and overlap > 0.0
+    root = np.sqrt((overlap if falls else 1.0) / (overlap - gained if falls else 1.0))
+    return root if falls else 1.0
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def faded(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz):
+    """Factor f on the slip s of laws that rescale, after a displacement dr of the pair that ends at n; and f s."""
+    fade = kept_share(overlap, overlap_gained(nx, ny, nz, inverse, dx, dy, dz))
+    return fade, fade * sx, fade * sy, fade * sz
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def same_length(ax, ay, az, bx, by, bz):
+    """The vector a with the length of b, as LAMMPS `granular` turns its memory."""
+    square = ax * ax + ay * ay + az * az
+    factor = np.sqrt((bx * bx + by * by + bz * bz) / (square if square > 0.0 else 1.0))
+    return factor * ax, factor * ay, factor * az
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def turned_weight(stiffness, limit, ax, ay, az, dx, dy, dz, fade=None):
     """Factor κ on the increment d for which a + κ d points where the slip `a` of a sliding contact turns to.
 
     A slip of length R turns towards d by dψ = −sin ψ |d|/R, and its direction at the end is that of a + κ d with
     κ = 1 + a·d/(2R²) + (a² − R²)/(4R²) to second order: the last term takes the mean of R before and after. Returns κ
     as a numerator and a denominator.
 
+    A slip that was shortened by a factor f, `fade`, turns as if it had not been: with d shortened by (1 + f)/2, κ is
+    2f/(1 + f) times that of a/f.
+
     Source: Krieg and Krieg, doi:10.1115/1.3454568, for the exact turn.
     """
     scale, square = stiffness * stiffness, limit * limit
+    if fade is not None:
+        bx, by, bz, share = ax / fade, ay / fade, az / fade, 2.0 * fade / (1.0 + fade)
+        change = scale * (bx * (bx + 2.0 * dx) + by * (by + 2.0 * dy) + bz * (bz + 2.0 * dz))
+        return share * max(0.75 * square + 0.25 * change, LEAST_WEIGHT * square), square
     change = scale * (ax * (ax + 2.0 * dx) + ay * (ay + 2.0 * dy) + az * (az + 2.0 * dz))
     # a contact that is sheared to the other side must not keep its direction for a correction of small steps
     return max(0.75 * square + 0.25 * change, LEAST_WEIGHT * square), square
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def return_mapping(dim, stiffness, limit, ax, ay, az, dx, dy, dz, part, whole, mode, memory):
+def return_mapping(dim, stiffness, limit, ax, ay, az, dx, dy, dz, part, whole, mode, memory, fade=None):
     """Slip a + d part/whole cut at Coulomb's limit, and the mode that follows; with memory HELD the mode decides.
 
-    `a` is the slip before, turned with the contact, d the increment, and part/whole the share of it that counts. In
-    three dimensions the slip of a contact that goes on sliding turns, see `turned_weight`; one that begins to slide is
-    cut along a + d part/whole. One division serves all cases: vectors take as long for it as for ten products.
+    `a` is the slip before, turned with the contact and shortened by `fade`, d the increment, and part/whole the share
+    of it that counts. In three dimensions the slip of a contact that goes on sliding turns, see `turned_weight`; one
+    that begins to slide is cut along a + d part/whole. One division serves all cases: vectors take as long for it as
+    for ten products.
     """
     bx, by, bz = whole * ax + part * dx, whole * ay + part * dy, whole * az + part * dz
     scale, bound = stiffness * stiffness, whole * limit
@@ -100,7 +132,7 @@ def return_mapping(dim, stiffness, limit, ax, ay, az, dx, dy, dz, part, whole, m
     held = mode == SLIDE and (ax != 0.0 or ay != 0.0 or az != 0.0)
     slides = limit == 0.0 or (held if memory == HELD else pull > bound * bound)
     if dim == 3:
-        some, unit = turned_weight(stiffness, limit, ax, ay, az, dx, dy, dz)
+        some, unit = turned_weight(stiffness, limit, ax, ay, az, dx, dy, dz, fade)
         turns = slides and mode == SLIDE and limit > 0.0
         some, unit = some if turns else part, unit if turns else whole
         bx, by, bz = unit * ax + some * dx, unit * ay + some * dy, unit * az + some * dz

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .contact import FREE, FROZEN, apart, damped, effective, return_mapping, tangential_force, with_dashpot
+from .contact import FREE, FROZEN, apart, damped, effective, faded, return_mapping, tangential_force, with_dashpot
 from .control import spring_forces
 from .geometry import (
     at_contact,
@@ -31,6 +31,7 @@ from .laws import (
     cap,
     damping_of,
     dashpots,
+    fades,
     least_force,
     normal_force,
     reach,
@@ -132,12 +133,13 @@ def record_event(events, event_count, kind, time, i, j, image, c, place, at):
 
 @njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
 def sweep(
-    kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, step, force, torque, time, events, event_count
+    kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, step, force, torque, time, events, event_count,
+    rescaled,
 ):  # fmt: skip
     """Add the loads of all contacts and update their memory in place; compiled into its callers.
 
     `step`: velocities and spins of the step that ends here, and its length, which decide for what fraction of it a
-    contact that closes has touched; with a length of zero it starts without slip.
+    contact that closes has touched; with a length of zero it starts without slip. `rescaled`: see `laws.fades`.
     """
     position, angle, velocity, spin, radius, material, inverse_mass, wall_normal, rate = bodies
     n_grains = len(radius) - len(wall_normal)
@@ -163,7 +165,7 @@ def sweep(
         kept = memory == FROZEN and before != OPEN and rests(dim, pair, roll, c, rx, ry, rz, ax, ay, az)
         # slip before, turned with the contact, what is added to it, and the normal halfway
         sx = sy = sz = dx = dy = dz = 0.0
-        mx, my, mz, part, whole = nx, ny, nz, 1.0, 1.0
+        mx, my, mz, part, whole, fade = nx, ny, nz, 1.0, 1.0, 1.0
         if kept:
             sx, sy, sz = slip[c, 0], slip[c, 1], slip[c, 2] if dim == 3 else 0.0
         elif before != OPEN:
@@ -172,7 +174,12 @@ def sweep(
             mx, my, mz = mid_normal(nx, ny, nz, inverse, dx, dy, dz)
             sx, sy, sz = slip[c, 0], slip[c, 1], slip[c, 2] if dim == 3 else 0.0
             sx, sy, sz = onto_plane(nx, ny, nz, mx, my, mz, sx, sy, sz)
+            if rescaled is not None:
+                fade, sx, sy, sz = faded(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz)
             dx, dy, dz = slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, wx, wy, az - roll[c, 2])
+            if rescaled is not None:  # what was added before the overlap fell has faded, too
+                half = 0.5 * (1.0 + fade)
+                dx, dy, dz = half * dx, half * dy, half * dz
         elif step[2] > 0.0:
             dt, v, w = step[2], step[0], step[1]
             dx, dy = dt * (v[i, 0] - v[j, 0]), dt * (v[i, 1] - v[j, 1])
@@ -191,9 +198,14 @@ def sweep(
         stiffness = tangential_stiffness(kind, q, r_eff, overlap)
         after = before
         if not kept:
-            sx, sy, sz, after = return_mapping(
-                dim, stiffness, limit, sx, sy, sz, dx, dy, dz, part, whole, before, memory
-            )
+            if rescaled is not None:
+                sx, sy, sz, after = return_mapping(
+                    dim, stiffness, limit, sx, sy, sz, dx, dy, dz, part, whole, before, memory, fade
+                )
+            else:
+                sx, sy, sz, after = return_mapping(
+                    dim, stiffness, limit, sx, sy, sz, dx, dy, dz, part, whole, before, memory
+                )
             slip[c, 0], slip[c, 1], pair[c, 0], pair[c, 1], roll[c, 2] = sx, sy, rx, ry, az
             if dim == 3:
                 slip[c, 2], pair[c, 2], roll[c, 0], roll[c, 1] = sz, rz, ax, ay
@@ -261,14 +273,14 @@ def evaluation(kind: int, coulomb: int, dim: int, viscous: int):
 
     Numba's disk cache hits for closures over integers, and the compiler drops the branches that they decide.
     """
-    kind, coulomb = plain(kind, coulomb)
+    rescaled, (kind, coulomb) = fades(kind), plain(kind, coulomb)
 
     @njit(cache=True, fastmath=True, error_model="numpy")
     def evaluate(bodies, contacts, shift, p, memory, force, torque, events, event_count):
         still = (bodies.velocity, bodies.spin, 0.0)
         sweep(
             kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, still, force, torque, 0.0, events,
-            event_count,
+            event_count, rescaled,
         )  # fmt: skip
 
     return evaluate

@@ -85,6 +85,16 @@ def slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, ax, ay, az):
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
+def overlap_gained(nx, ny, nz, inverse, dx, dy, dz):
+    """What a displacement dr that ends at n has added to the overlap: |r − dr| − |r|, zero to the bit without dr.
+
+    With `inverse` zero, as at walls, it is −n·dr.
+    """
+    twice = inverse * (dx * dx + dy * dy + dz * dz) - 2.0 * (nx * dx + ny * dy + nz * dz)
+    return twice / (1.0 + np.sqrt(max(1.0 + inverse * twice, 0.0)))
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
 def touching_fraction(nx, ny, nz, inverse, depth, dx, dy, dz):
     """Fraction of a step for which a contact that closes in it has touched, as a numerator and a denominator.
 

@@ -11,7 +11,7 @@ from .frame import imposes
 from .geometry import shifts
 from .instant import bodies_at_start, known_instant, with_mark
 from .kinds import Kind, plain
-from .laws import SMOOTH, Law, dashpots
+from .laws import SMOOTH, Law, dashpots, fades
 from .ledger import entered, opened_books
 from .many import MANY, marched
 from .neighbors import TOO_FAR, grid_of, rebuilt, updated
@@ -67,7 +67,7 @@ def moved(x, origin, limit):
 @cache
 def stepper(kind: int, coulomb: int, dim: int, viscous: int):
     """Compiled loop over time steps for one law and dimension, with or without dashpots."""
-    kind, coulomb = plain(kind, coulomb)
+    rescaled, (kind, coulomb) = fades(kind), plain(kind, coulomb)
 
     @njit(cache=True, fastmath=True, error_model="numpy")
     def advance(
@@ -124,7 +124,7 @@ def stepper(kind: int, coulomb: int, dim: int, viscous: int):
                     flat_f[q], flat_t[q] = load[q], load_t[q]
                 sweep(
                     kind, coulomb, dim, seen, contacts, shift, p, viscous, FROZEN if fresh else FREE,
-                    (v, spin, 0.0 if fresh else dt), force, torque, time + step * dt, events, event_count,
+                    (v, spin, 0.0 if fresh else dt), force, torque, time + step * dt, events, event_count, rescaled,
                 )  # fmt: skip
             if not (fresh or known):
                 second_half(flat_v, flat_f, kick, slow)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .contact import HELD, apart, effective, return_mapping, turned_weight
+from .contact import HELD, apart, effective, faded, return_mapping, turned_weight
 from .forces import bodies, check_materials
 from .geometry import mid_normal, normal_and_overlap, onto_plane, pair_vector, rolled, shifts, slip_increment
 from .laws import (
@@ -26,6 +26,7 @@ from .laws import (
     cap_slopes,
     damping_of,
     dashpots,
+    fades,
     mobilised,
     mobilised_tangent,
     normal_force,
@@ -66,6 +67,8 @@ class Linear(NamedTuple):
     slope_t: np.ndarray  # (C,) dk_t/dδ
     limit: np.ndarray  # (C,) of the tangential force
     mu: np.ndarray  # (C,) its derivative with respect to F_n
+    fade: np.ndarray  # (C,) by which the law shortens the slip as the overlap falls
+    fading: np.ndarray  # (C,) its derivative with respect to the overlap
 
 
 @njit(cache=True, error_model="numpy")
@@ -84,7 +87,7 @@ def _friction_tangent(coulomb, stiffness, slope_k, limit, mu, by_overlap, slope_
 
 
 @njit(cache=True, error_model="numpy")
-def _linearise(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, out):
+def _linearise(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, rescaled, out):
     position, angle, _, _, radius, material, inverse_mass, wall_normal, _ = bodies
     n_grains = len(radius) - len(wall_normal)
     for c in range(contacts.count[0]):
@@ -103,6 +106,7 @@ def _linearise(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, 
         mu, by_overlap = cap_slopes(kind, q, r_eff, overlap, force_n)
         before = contacts.mode[c]
         sx = sy = sz = dx = dy = dz = 0.0
+        fade = 1.0
         if before != OPEN:
             sx, sy, sz = contacts.slip[c, 0], contacts.slip[c, 1], contacts.slip[c, 2]
             ax, ay, az = rolled(dim, angle, radius, i, j)
@@ -114,11 +118,21 @@ def _linearise(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, 
             out.turn[c, 0], out.turn[c, 1], out.turn[c, 2] = ax, ay, az
             mx, my, mz = mid_normal(nx, ny, nz, inverse, dx, dy, dz)
             sx, sy, sz = onto_plane(nx, ny, nz, mx, my, mz, sx, sy, sz)
+            if rescaled is not None:
+                fade, sx, sy, sz = faded(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz)
             dx, dy, dz = slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, ax, ay, az)
-        _, _, _, mode = return_mapping(dim, stiffness, limit, sx, sy, sz, dx, dy, dz, 1.0, 1.0, before, memory)
+            if rescaled is not None:
+                half = 0.5 * (1.0 + fade)
+                dx, dy, dz = half * dx, half * dy, half * dz
+        spring = (stiffness, limit, sx, sy, sz, dx, dy, dz)
+        if rescaled is not None:
+            mode = return_mapping(dim, *spring, 1.0, 1.0, before, memory, fade)[3]
+            top, below = turned_weight(*spring, fade)
+        else:
+            mode = return_mapping(dim, *spring, 1.0, 1.0, before, memory)[3]
+            top, below = turned_weight(*spring)
         weighted, weight = dim == 3 and mode == SLIDE and before == SLIDE and limit > 0.0, 1.0
         if weighted:
-            top, below = turned_weight(stiffness, limit, sx, sy, sz, dx, dy, dz)
             weight = top / below
         ux, uy, uz = sx + weight * dx, sy + weight * dy, sz + weight * dz
         out.secant[c], out.along[c], out.by_overlap[c], out.by_force[c] = _friction_tangent(
@@ -129,6 +143,7 @@ def _linearise(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, 
         out.closed[c], out.remembers[c], out.slides[c] = 1.0, before != OPEN, mode == SLIDE
         out.force_n[c], out.slope_n[c] = force_n, slope_n
         out.stiffness_t[c], out.slope_t[c], out.mu[c], out.limit[c] = stiffness, slope_k, mu, limit
+        out.fade[c], out.fading[c] = fade, 0.5 * fade / overlap if fade < 1.0 else 0.0
         factor = damping_of(kind, viscous, r_eff, m_eff, overlap)
         out.damping_n[c], out.damping_t[c] = factor * q[DAMPING_N], factor * q[DAMPING_T]
 
@@ -153,6 +168,7 @@ def linearised(state: State, law: Law, *, memory: int = HELD) -> Linear:
         shifts(state.contacts, state.cell.vectors),
         law.table,
         memory,
+        fades(law.kind),
         out,
     )
     if memory == HELD and (out.closed > out.remembers).any():
@@ -169,6 +185,9 @@ def cross_matrix(v: np.ndarray) -> np.ndarray:
 
 def contact_blocks(state: State, law: Law, *, memory: int = HELD):
     """Derivatives of (F, T/R) on body i with respect to (r, ρ) and to their rates, at rest.
+
+    Exact at any state. Where the memory was committed, a law with `rescaled=True` has only directional derivatives:
+    there it is the one of an overlap that grows.
 
     Parameters
     ----------
@@ -199,9 +218,10 @@ def contact_blocks(state: State, law: Law, *, memory: int = HELD):
     by_way[:, :, 3:] = cross_matrix(turn.mid)
     soft = np.where(c.stiffness_t > 0, c.stiffness_t, 1.0)
     reach = np.where(c.stiffness_t > 0, c.limit / soft, 0.0)
+    fading = (c.fade, c.fading) if fades(law.kind) else ()
     slip, by_slip = memory_tangent(
         turn, c.before, c.way + np.cross(turn.mid, c.turn), by_way, reach, (c.by_overlap - reach * c.slope_t) / soft,
-        c.weighted > 0,
+        c.weighted > 0, *fading,
     )  # fmt: skip
     spring, hat = spring_of(slip, c.remembers, c.secant, c.along)
     force = c.force_n[:, None] * c.normal - c.secant[:, None] * slip

@@ -13,8 +13,8 @@ from numba import njit
 
 from .kinds import Kind, by_kind, known
 
-HERTZ_MINDLIN, LINEAR, HERTZ_MINDLIN_REFF = 0, 1, 2
-KINDS = ("hertz_mindlin", "linear", "hertz_mindlin_reff")
+HERTZ_MINDLIN, LINEAR, HERTZ_MINDLIN_REFF, HERTZ_MINDLIN_RESCALED, HERTZ_MINDLIN_REFF_RESCALED = range(5)
+KINDS = ("hertz_mindlin", "linear", "hertz_mindlin_reff", "hertz_mindlin_rescaled", "hertz_mindlin_reff_rescaled")
 SHARP, SMOOTH = 0, 1
 COULOMB = {"sharp": SHARP, "smooth": SMOOTH}
 VELOCITY, MASS, VISCOELASTIC = 1, 2, 3
@@ -36,8 +36,9 @@ class Law(NamedTuple):
 
 
 def hertz_mindlin(
-    kn=1.0, kt=2 / 7, mu=0.5, *, coulomb="sharp", damping="velocity", damping_n=0.0, damping_t=0.0, tension=True
-) -> Law:
+    kn=1.0, kt=2 / 7, mu=0.5, *, coulomb="sharp", damping="velocity", damping_n=0.0, damping_t=0.0, tension=True,
+    rescaled=False,
+) -> Law:  # fmt: skip
     """F_n = k_n δ^{3/2} − c_n v_n; F_t = −k_t √δ s − c_t v_t, truncated at |F_t| = μ max(F_n, 0).
 
     The model force of the papers, without R_eff. With `coulomb="smooth"`, F_t = −k_t √δ (1 + x − x²) s with
@@ -53,10 +54,15 @@ def hertz_mindlin(
         "viscoelastic", m_eff and the contact's radius √(δ R_eff), R_eff = R_i R_j/(R_i + R_j). Walls and what `Control`
         does not let move count as infinitely heavy, walls as flat.
     tension : False clips F_n at zero where the dashpot would make the contact pull
+    rescaled : True shortens the slip as the contact's radius √(δ R_eff) shrinks, ds = (s/2δ) dδ where dδ < 0; as the
+        overlap grows nothing happens. Over an increment s ← f s before it turns, f = √(δ/δ_old), and grows by (1 + f)/2
+        of its displacement (by all of it with `memory="rate"`). Forces are only directionally differentiable where the
+        memory was committed; tangents there are those of a growing overlap
 
     Source
     ------
-    Charan et al., doi:10.48550/arXiv.1908.11724, Eqs 1, 3, 5.
+    Charan et al., doi:10.48550/arXiv.1908.11724, Eqs 1, 3, 5; rescaling: LAMMPS, `pair_style granular` with
+    `tangential mindlin_rescale`.
 
     Examples
     --------
@@ -64,7 +70,8 @@ def hertz_mindlin(
     >>> float(normal_force(law.kind, parameters(law.table, 0, 0), 1.0, 0.01))
     0.001
     """
-    return _law(HERTZ_MINDLIN, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
+    kind = HERTZ_MINDLIN_RESCALED if rescaled else HERTZ_MINDLIN
+    return _law(kind, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
 
 
 def linear(
@@ -85,11 +92,13 @@ def linear(
 
 
 def hertz_mindlin_reff(
-    kn=1.0, kt=2 / 7, mu=0.5, *, coulomb="sharp", damping="viscoelastic", damping_n=0.0, damping_t=0.0, tension=True
-) -> Law:
+    kn=1.0, kt=2 / 7, mu=0.5, *, coulomb="sharp", damping="viscoelastic", damping_n=0.0, damping_t=0.0, tension=True,
+    rescaled=False,
+) -> Law:  # fmt: skip
     """F_n = p (k_n δ − m_eff γ_n v_n); F_t = −p (k_t s + m_eff γ_t v_t), p = √(δ R_eff).
 
-    |F_t| ≤ μ max(F_n, 0); run with `memory="rate"` μ |F_n|, as LAMMPS `gran/hertz/history` has it.
+    |F_t| ≤ μ max(F_n, 0); run with `memory="rate"` μ |F_n|, as LAMMPS `gran/hertz/history` has it; with
+    `rescaled=True` the law of `granular hertz` with `damping viscoelastic tangential mindlin_rescale`.
 
     Parameters are those of `hertz_mindlin`, with k_n, k_t in [force/length²] and γ in [1/(time length)]; `stiffnesses`
     gives k_n and k_t of elastic grains.
@@ -98,7 +107,8 @@ def hertz_mindlin_reff(
     ------
     Silbert et al., doi:10.1103/PhysRevE.64.051302, Eqs 2–3; Zhang & Makse, doi:10.1103/PhysRevE.72.011301.
     """
-    return _law(HERTZ_MINDLIN_REFF, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
+    kind = HERTZ_MINDLIN_REFF_RESCALED if rescaled else HERTZ_MINDLIN_REFF
+    return _law(kind, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
 
 
 def stiffnesses(young: float, poisson: float) -> tuple[float, float]:
@@ -212,7 +222,21 @@ def row(kind, p, a, b):
 @by_kind
 def asks_radius(kind):
     """True if the law's functions ask for R_eff."""
-    return kind == HERTZ_MINDLIN_REFF
+    return kind in (HERTZ_MINDLIN_REFF, HERTZ_MINDLIN_REFF_RESCALED)
+
+
+@by_kind
+def rescales(kind):
+    """True if a falling overlap shortens the slip: see `hertz_mindlin`."""
+    return kind in (HERTZ_MINDLIN_RESCALED, HERTZ_MINDLIN_REFF_RESCALED)
+
+
+def fades(kind: int) -> bool | None:
+    """True of laws that rescale, None of others: of None Numba leaves branches out before anything is optimised.
+
+    Kernels of all other laws are so to the bit what they would be without rescaled ones.
+    """
+    return True if rescales(kind) else None
 
 
 @by_kind
@@ -230,9 +254,9 @@ def reach(kind, q, r_eff):
 @by_kind
 def normal_force(kind, q, r_eff, overlap):
     """Elastic normal force [force], positive for repulsion; q from `parameters`, overlap > 0."""
-    if kind == HERTZ_MINDLIN:
+    if kind in (HERTZ_MINDLIN, HERTZ_MINDLIN_RESCALED):
         return q[KN] * overlap * np.sqrt(overlap)
-    if kind == HERTZ_MINDLIN_REFF:
+    if kind in (HERTZ_MINDLIN_REFF, HERTZ_MINDLIN_REFF_RESCALED):
         return q[KN] * overlap * np.sqrt(overlap * r_eff)
     return q[KN] * overlap
 
@@ -247,9 +271,9 @@ def normal_energy(kind, q, r_eff, overlap):
 @by_kind
 def tangential_stiffness(kind, q, r_eff, overlap):
     """Stiffness of the unmobilised tangential spring [force/length]; overlap > 0."""
-    if kind == HERTZ_MINDLIN:
+    if kind in (HERTZ_MINDLIN, HERTZ_MINDLIN_RESCALED):
         return q[KT] * np.sqrt(overlap)
-    if kind == HERTZ_MINDLIN_REFF:
+    if kind in (HERTZ_MINDLIN_REFF, HERTZ_MINDLIN_REFF_RESCALED):
         return q[KT] * np.sqrt(overlap * r_eff)
     return q[KT] + 0.0 * overlap
 

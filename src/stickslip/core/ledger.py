@@ -7,7 +7,8 @@ and L Coulomb's limit,
     −F_t·v_t dt = dU − ∂U/∂k_t dk_t − ∂U/∂L dL + |F_t| d(slid distance):
 
 F_t has no potential, and the terms with ∂U are what a contact creates or destroys when it is sheared at one overlap
-and released at another. They have a column of their own.
+and released at another. They have a column of their own. What a law destroys that shortens the slip as the overlap
+falls, −|F_t| |s| d ln f with f the factor on the slip, goes there, too.
 """
 
 from typing import NamedTuple
@@ -15,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .contact import damped, effective, tangential_force, with_dashpot
+from .contact import damped, effective, kept_share, tangential_force, with_dashpot
 from .control import spring_forces
 from .forces import Bodies, approach
 from .geometry import mid_normal, normal_and_overlap, onto_plane, pair_vector, rolled, shifts, slip_increment
@@ -27,6 +28,7 @@ from .laws import (
     cap,
     damping_of,
     dashpots,
+    fades,
     least_force,
     normal_energy,
     normal_force,
@@ -52,7 +54,8 @@ class Ledger(NamedTuple):
     coulomb: np.ndarray  # (T,) dissipated by sliding
     viscous: np.ndarray  # (T,) dissipated by dashpots
     drag: np.ndarray  # (T,) dissipated by drag
-    nonpotential: np.ndarray  # (T,) created (negative: destroyed) by tangential springs whose stiffness changed
+    # (T,) created (negative: destroyed) by tangential springs whose stiffness changed or whose slip was rescaled
+    nonpotential: np.ndarray
 
     @property
     def defect(self) -> np.ndarray:
@@ -106,10 +109,16 @@ def _end(kind, coulomb, dim, viscous, rate, p, b, i, j, shift, c, slip, known):
     return overlap + edge, (nx, ny, nz, inverse), stored, energy, spends, spring, power, force, turn
 
 
+@njit(cache=True)
+def _size(s):
+    return np.sqrt(s[0] * s[0] + s[1] * s[1] + s[2] * s[2])
+
+
 @njit(cache=True, fastmath=False, error_model="numpy")
 def _contacts(
-    kind, coulomb, dim, viscous, p, old, new, before, after, shift0, shift, way, strain, free, dt, first, rate, row
-):
+    kind, coulomb, dim, viscous, p, old, new, before, after, shift0, shift, way, strain, free, dt, first, rate,
+    rescaled, row,
+):  # fmt: skip
     """Add one step of all contacts to the row; with `first`, only what they store; `rate`: see `integrate.run`."""
     m, nothing = 0, np.zeros(3)
     for c in range(after.count[0]):
@@ -125,7 +134,7 @@ def _contacts(
         )
         row[_NORMAL] += stored
         row[_TANGENTIAL] += energy
-        depth0, _, _, _, spends0, spring0, power0, force0, turn0 = _end(
+        depth0, _, _, energy0, spends0, spring0, power0, force0, turn0 = _end(
             kind, coulomb, dim, viscous, rate, p, old, i, j, shift0, c, mine, known
         )
         # of the step in which a contact closes or opens, the fraction for which it has touched; LAMMPS counts it whole
@@ -141,6 +150,11 @@ def _contacts(
         )  # fmt: skip
         if first:
             continue
+        if rescaled is not None:
+            fade = kept_share(depth, depth - depth0) if known and closed else 1.0
+            row[_NONPOTENTIAL] += 0.5 * (spring * _size(after.slip[c]) + spring0 * _size(mine)) * np.log(fade)
+            if known and not closed:  # all of it has faded: in place of the terms that follow
+                row[_NONPOTENTIAL] += 0.5 * (spends0[0] * spends0[2] + spends0[1] * spends0[3]) - energy0
         for k in range(2):
             row[_NONPOTENTIAL] += 0.5 * (spends[2 + k] + spends0[2 + k]) * (spends[k] - spends0[k])
         row[_VISCOUS] += 0.5 * dt * (power + power0)
@@ -152,8 +166,14 @@ def _contacts(
             sx, sy, sz = onto_plane(*normals, mine[0], mine[1], mine[2])
             dx, dy, dz = slip_increment(*normals, dx, dy, dz, w1[0] - w0[0], w1[1] - w0[1], w1[2] - w0[2])
             s = after.slip[c]
+            if rescaled is not None:
+                half = 1.0 if rate else 0.5 * (1.0 + fade)
+                sx, sy, sz, dx, dy, dz = fade * sx, fade * sy, fade * sz, half * dx, half * dy, half * dz
             sx, sy, sz = sx + fraction * dx - s[0], sy + fraction * dy - s[1], sz + fraction * dz - s[2]
-            row[_COULOMB] += 0.5 * (spring + spring0) * np.sqrt(sx * sx + sy * sy + sz * sz)
+            slid = np.sqrt(sx * sx + sy * sy + sz * sz)
+            if rescaled is not None:
+                slid = slid / half if closed else 0.0  # what has slid faded on its way, as what has not
+            row[_COULOMB] += 0.5 * (spring + spring0) * slid
         for end in range(2):
             a, sign = (i, 1.0) if end == 0 else (j, -1.0)
             for k in range(3):
@@ -221,7 +241,7 @@ def entered(books: Books, law, state, plan: Plan, here: Bodies, contacts, step: 
     _contacts(
         law.kind, law.coulomb, state.cell.dim, viscous, law.table, old, here, books.contacts, contacts,
         shifts(contacts, books.vectors), shifts(contacts, vectors), way, strain, free, plan.dt, first,
-        books.rate, row,
+        books.rate, fades(law.kind), row,
     )  # fmt: skip
     if step % every == 0:
         books.rows[step // every] = row

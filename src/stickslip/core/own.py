@@ -183,6 +183,7 @@ def _as_called(functions: dict, asks: dict, names: tuple[str, ...]) -> dict:
     radius = any("r_eff" in asked for asked in asks.values())
     out["asks_radius"] = _called("kind", str(radius))
     out["reaches"] = _called("kind", str(has("contact_range")))
+    out["rescales"] = _called("kind", "False")
     return out
 
 

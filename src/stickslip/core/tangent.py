@@ -5,6 +5,10 @@ tangential part, the mid-step normal is m = n − g/(2|r|), see `geometry`. A ve
 
     dn = P dr/|r|,   dg = P dr − dn (n·Δr) − n (dn·Δr),   dm = dn − dg/(2|r|) + g (n·dr)/(2|r|²),
     d(T w) = dw − m (dn·w + n·dw) − (n·w) dm.
+
+Of laws that rescale, the memory before is multiplied with f = √(δ/δ_old) where δ < δ_old, and what is added with
+(1 + f)/2: df = −f/(2δ) n·dr. At
+δ = δ_old this has a kink, where f = 1 and df = 0 are taken: the tangent of an overlap that grows.
 """
 
 from typing import NamedTuple
@@ -65,8 +69,10 @@ def projected(turn: Turn, w: np.ndarray, by_w: np.ndarray) -> tuple[np.ndarray, 
     return w - along[:, None] * turn.mid, out
 
 
-def memory(turn: Turn, before, way, by_way, reach, by_overlap, weighted) -> tuple[np.ndarray, np.ndarray]:
-    """Memory a + κ d (C, 3) and its derivative (C, 3, K), a = T (memory before), d = T (way).
+def memory(
+    turn: Turn, before, way, by_way, reach, by_overlap, weighted, fade=None, fading=None
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Memory f a + κ d (C, 3) and its derivative (C, 3, K), a = T (memory before), d = (1 + f)/2 T (way).
 
     Parameters
     ----------
@@ -74,9 +80,16 @@ def memory(turn: Turn, before, way, by_way, reach, by_overlap, weighted) -> tupl
     way, by_way : (C, 3) and (C, 3, K) what has been added to it, and its derivative
     reach, by_overlap : (C,) length at Coulomb's limit, and its derivative with respect to the overlap
     weighted : (C,) bool, where κ is not 1: see `contact.turned_weight`
+    fade, fading : (C,) f, by which a falling overlap shortens the memory, and df/dδ; 1 and 0 unless given
     """
     a, by_a = projected(turn, before, np.zeros_like(by_way))
     d, by_d = projected(turn, way, by_way)
+    if fade is not None:
+        by_fade = np.zeros((len(a), by_way.shape[2]))
+        by_fade[:, :3] = -fading[:, None] * turn.normal
+        half = 0.5 * (1.0 + fade)
+        by_d = column(half) * by_d + 0.5 * d[:, :, None] * by_fade[:, None, :]
+        d = half[:, None] * d
     kappa, by_kappa = np.ones(len(a)), np.zeros((len(a), by_way.shape[2]))
     if weighted.any():
         square = np.where(weighted, reach, 1.0) ** 2
@@ -87,6 +100,11 @@ def memory(turn: Turn, before, way, by_way, reach, by_overlap, weighted) -> tupl
         small = weight <= LEAST_WEIGHT
         kappa = np.where(weighted, np.where(small, LEAST_WEIGHT, weight), 1.0)
         by_kappa = np.where((weighted & ~small)[:, None], 0.25 * by_change / square[:, None], 0.0)
+    if fade is not None:  # what goes on sliding turns as if it had not been shortened
+        share, by_share = np.where(weighted, fade / half, 1.0), np.where(weighted, 0.5 / half**2, 0.0)
+        by_a = column(fade) * by_a + a[:, :, None] * by_fade[:, None, :]
+        by_kappa = share[:, None] * by_kappa + (kappa * by_share)[:, None] * by_fade
+        a, kappa = fade[:, None] * a, share * kappa
     return a + kappa[:, None] * d, by_a + column(kappa) * by_d + d[:, :, None] * by_kappa[:, None, :]
 
 

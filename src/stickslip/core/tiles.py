@@ -19,6 +19,7 @@ from .forces import CLOSED, OPENED, REACHED_LIMIT, record_event
 from .frame import STRETCH, TURN, begun, course_at, finished
 from .kinds import plain
 from .lanes import KICK, KICK_T, LANES, RADIUS, SCRATCH, SPIN, SPIN_AHEAD, VELOCITY, VELOCITY_AHEAD, aligned
+from .laws import fades
 from .plan import DONE, FULL, MOVED, pooled
 from .state import OPEN, SLIDE
 from .sums import IS_FIRST, IS_I, ROW, WIDTH, summed_rows
@@ -293,7 +294,7 @@ def _counted(spent, k, since):
 @cache
 def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel: bool):
     """Compiled loop over time steps for one law and dimension, on one thread or several; with None for a frame, too."""
-    kind, coulomb, axes, predict = plain(kind, coulomb, dim, viscous > 0 and not rate)
+    rescaled, (kind, coulomb, axes, predict) = fades(kind), plain(kind, coulomb, dim, viscous > 0 and not rate)
 
     @njit(cache=True, fastmath=False, error_model="numpy", parallel=parallel)
     def march(
@@ -324,8 +325,8 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
                     for k in prange(workers):
                         first, last = cross[tiles] + between * k // workers, cross[tiles] + between * (k + 1) // workers
                         evaluated(
-                            kind, coulomb, dim, viscous, rate, first, last, True, 0, 0, blocks, body, ahead, p, dt,
-                            fresh, flow, scratches[k],
+                            kind, coulomb, dim, viscous, rate, rescaled, first, last, True, 0, 0, blocks, body, ahead,
+                            p, dt, fresh, flow, scratches[k],
                         )  # fmt: skip
                 for k in prange(workers):
                     scratch, total, since = scratches[k], sums[k * CHUNK : (k + 1) * CHUNK], ticks()
@@ -334,8 +335,8 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
                         for within in range(2):
                             first, last = (inner[t], inner[t + 1]) if within else (cross[t], cross[t + 1])
                             evaluated(
-                                kind, coulomb, dim, viscous, rate, first, last, not within, begin, end, blocks, body,
-                                ahead, p, dt, fresh, flow, scratch,
+                                kind, coulomb, dim, viscous, rate, rescaled, first, last, not within, begin, end,
+                                blocks, body, ahead, p, dt, fresh, flow, scratch,
                             )  # fmt: skip
                         far[t] = _ended(
                             axes, predict, tile[t], tile[t + 1], moving, blocks, pace, flow, fresh, go_on, total

@@ -100,9 +100,12 @@ class Pour(Part):
 class FlowLaw(LawFile):
     """Contact law: stiffness by k_n and k_t or by elastic constants, damping by coefficients or by a restitution."""
 
-    kind: Literal["hertz_mindlin", "hertz_mindlin_reff", "linear"] = Field(
-        "linear", description="F_n = k_n δ^(3/2), k_n √R_eff δ^(3/2), or k_n δ"
-    )
+    kind: Literal[
+        "hertz_mindlin", "hertz_mindlin_reff", "linear", "hertz_mindlin_rescaled", "hertz_mindlin_reff_rescaled"
+    ] = Field(
+        "linear",
+        description="F_n = k_n δ^(3/2), k_n √R_eff δ^(3/2), or k_n δ; rescaled: slips shorten as overlaps fall",
+    )  # fmt: skip
     coulomb: Literal["smooth", "sharp"] = Field("sharp", description="how F_t comes to Coulomb's limit μ F_n")
     kn: Positive | None = Field(
         None, description="k_n; Hertz: over length^(1/2), with R_eff over length, too [force/length]"
@@ -134,7 +137,7 @@ class FlowLaw(LawFile):
             )
         if len(elastic) == 1:
             raise ValueError(f"law.{elastic[0]} was given alone: give young and poisson")
-        if elastic and self.kind != "hertz_mindlin_reff":
+        if elastic and not self.kind.startswith("hertz_mindlin_reff"):
             raise ValueError(f'law.young was given with law.kind = {self.kind!r}: use kind = "hertz_mindlin_reff"')
         if not elastic and self.kn is None:
             raise ValueError("law.kn is missing: give it, or young and poisson")

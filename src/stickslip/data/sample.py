@@ -1,6 +1,7 @@
 """A packing from elsewhere, as arrays, into an accepted state; `exchange.files` reads them from files."""
 
 import warnings
+from functools import partial
 
 import numpy as np
 
@@ -15,7 +16,13 @@ from ..core.state import OPEN, SLIDE, STICK, State, assembly, box, disks, loads,
 AT_LIMIT = 1e-3  # share of Coulomb's limit by which a slip with few digits may miss it and still slide
 HUGE = 1e30  # beyond which products of numbers overflow
 NO_CONTACTS = "no contacts were given: found from positions, without memory (zero slip)"
-LAWS = {"hertz_mindlin": hertz_mindlin, "linear": linear, "hertz_mindlin_reff": hertz_mindlin_reff}
+LAWS = {
+    "hertz_mindlin": hertz_mindlin,
+    "linear": linear,
+    "hertz_mindlin_reff": hertz_mindlin_reff,
+    "hertz_mindlin_rescaled": partial(hertz_mindlin, rescaled=True),
+    "hertz_mindlin_reff_rescaled": partial(hertz_mindlin_reff, rescaled=True),
+}
 
 
 class SampleError(ValueError):
@@ -116,7 +123,7 @@ def law_from(
             raise SampleError(f"{name} {value!r} is not known: use {' or '.join(known)}")
     if (young is None) != (poisson is None):
         raise SampleError("only one of young and poisson was given: give both, or kn and kt")
-    if young is not None and (law != "hertz_mindlin_reff" or kn is not None or kt is not None):
+    if young is not None and (not law.startswith("hertz_mindlin_reff") or kn is not None or kt is not None):
         raise SampleError("young and poisson stand for kn and kt of hertz_mindlin_reff: give them with that law alone")
     model = {} if damping is None else {"damping": damping}
     try:

@@ -22,6 +22,7 @@ CONTACT = {
     "hertz_mindlin_reff": ("Hertz1882", "Mindlin1953", "Silbert2001"),
     "linear": ("Cundall1979",),
 }
+CONTACT |= {f"{name}_rescaled": (*CONTACT[name], "LAMMPS") for name in ("hertz_mindlin", "hertz_mindlin_reff")}
 STATE = {"aging": ("Dieterich1979", "Ruina1983"), "slip": ("Ruina1983",)}
 HERE, CFF = Path(__file__).parent, "CITATION.cff"
 
@@ -95,7 +96,7 @@ def _gouge(scenario: GougeScenario) -> dict:
 
 def _flow(scenario: FlowScenario) -> dict:
     law = scenario.law
-    dashpots = law.damping or ("viscoelastic" if law.kind == "hertz_mindlin_reff" else "mass_velocity")
+    dashpots = law.damping or ("viscoelastic" if law.kind.startswith("hertz_mindlin_reff") else "mass_velocity")
     damped = law.restitution is not None or law.damping_n or law.damping_t
     more = ("Silbert2001",) if damped and dashpots != "velocity" else ()
     contact = _contact(law)

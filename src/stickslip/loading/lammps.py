@@ -19,7 +19,19 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.forces import accept, forces
-from ..core.laws import HERTZ_MINDLIN_REFF, MU, NO_TENSION, SHARP, VISCOELASTIC, dashpots
+from ..core.laws import (
+    DAMPING_N,
+    DAMPING_T,
+    HERTZ_MINDLIN_REFF,
+    HERTZ_MINDLIN_REFF_RESCALED,
+    MU,
+    NO_TENSION,
+    SHARP,
+    VISCOELASTIC,
+    Law,
+    dashpots,
+    rescales,
+)
 from ..core.measure import coordination, fabric
 from ..core.state import State, empty_contacts
 from ..data.gouge_scenario import GougeScenario
@@ -86,14 +98,22 @@ def start(scenario: GougeScenario, gouge: Gouge) -> Place:
     Raises
     ------
     ScenarioError
-        with one sentence, if its contact law is not that of `pair_style gran/hertz/history`.
+        with one sentence, if its contact law is neither that of `pair_style gran/hertz/history` nor, rescaled, that of
+        `pair_style granular`.
     """
     law = gouge.law
-    same = law.kind == HERTZ_MINDLIN_REFF and law.coulomb == SHARP and len(law.table) == 1
+    same = (
+        law.kind in (HERTZ_MINDLIN_REFF, HERTZ_MINDLIN_REFF_RESCALED) and law.coulomb == SHARP and len(law.table) == 1
+    )
     if not same or dashpots(law) & ~NO_TENSION not in (0, VISCOELASTIC):
         raise ScenarioError(
             "LAMMPS was given a contact law that it does not run: use hertz_mindlin_reff with one material, sharp "
             "Coulomb friction and viscoelastic dashpots"
+        )
+    if rescales(law.kind) and law.table[0, 0, DAMPING_T] > 0 and not law.table[0, 0, DAMPING_N] > 0:
+        raise ScenarioError(
+            "LAMMPS was given a rescaled law with damping_t and without damping_n, of which it takes multiples: give "
+            "damping_n, too, or neither"
         )
     ahead = lead(gouge) if gouge.state.control.spring[gouge.top, 0].any() else 0.0
     attached = sprung(gouge, stiffness(scenario) * scenario.area, [gouge.state.time], [ahead])
@@ -213,8 +233,6 @@ def _digits(*numbers: float) -> str:
 def mechanics(scenario: GougeScenario, place: Place, velocity: float, skin: float = SKIN) -> str:
     """LAMMPS commands of a leg without its end and its output; `skin` of neighbour lists in mean diameters."""
     gouge = place.gouge
-    kn, kt, mu, damping_n, damping_t = gouge.law.table[0, 0]
-    clipped = " limit_damping" if gouge.law.damping & NO_TENSION else ""
     number = len(gouge.top)
     anchor = _digits(gouge.state.control.anchor[gouge.top, 0].mean())
     begin = (
@@ -228,8 +246,7 @@ reset_timestep 0
 comm_modify vel yes
 neighbor {_digits(skin * gouge.diameter)} bin
 neigh_modify delay 0 every 1 check yes exclude type {BOTTOM_TYPE} {BOTTOM_TYPE} exclude type {TOP_TYPE} {TOP_TYPE}
-pair_style gran/hertz/history {_digits(kn, kt, damping_n, damping_t, mu)} 1{clipped}
-pair_coeff * *
+{_pair_style(gouge.law)}
 group loose type {LOOSE_TYPE}
 group bottom type {BOTTOM_TYPE}
 group top type {TOP_TYPE}
@@ -245,6 +262,19 @@ fix push top addforce v_share {_digits(-gouge.normal_stress * gouge.area / numbe
 fix plate top rigid single force 1 on on off torque 1 off off off
 thermo 0
 """
+
+
+def _pair_style(law: Law) -> str:
+    """`gran/hertz/history`, or of a rescaled law `granular`, in which γ_t is told as a multiple of γ_n."""
+    kn, kt, mu, damping_n, damping_t = law.table[0, 0]
+    clipped = " limit_damping" if law.damping & NO_TENSION else ""
+    if not rescales(law.kind):
+        return f"pair_style gran/hertz/history {_digits(kn, kt, damping_n, damping_t, mu)} 1{clipped}\npair_coeff * *"
+    share = damping_t / damping_n if damping_n > 0 else 0.0
+    return (
+        f"pair_style granular\npair_coeff * * hertz {_digits(kn, damping_n)} tangential mindlin_rescale "
+        f"{_digits(kt, share, mu)} damping viscoelastic{clipped}"
+    )
 
 
 def _script(scenario: GougeScenario, place: Place, velocity: float, steps: int) -> str:

@@ -7,22 +7,12 @@ import numpy as np
 from ..core.control import rigid
 from ..core.judge import stiffest
 from ..core.kinds import Kind
-from ..core.laws import (
-    Law,
-    between,
-    hertz_mindlin,
-    hertz_mindlin_reff,
-    linear,
-    normal_energy,
-    normal_force,
-    stiffnesses,
-    tangential_stiffness,
-    tangents,
-)
+from ..core.laws import LINEAR, Law, between, normal_energy, normal_force, stiffnesses, tangential_stiffness, tangents
 from ..core.state import State, assembly, box, disks, flat_walls, heights, loads, spheres
 from ..data.flow_scenario import AXES, MOST, FlowScenario, Plate, Shaking, Stage
 from ..data.law_file import law_in
 from ..data.parts import ScenarioError
+from ..data.sample import LAWS
 from ..solve.collision import with_restitution
 
 SAFETY = 0.1  # of √(m/k): a twentieth of a collision's π √(m/2k), a sixth of what a grain with six contacts bears
@@ -110,9 +100,8 @@ def flow_law(scenario: FlowScenario, radius, mass) -> Law:
         kn, kt = stiffnesses(chosen.young, chosen.poisson)
     else:
         kn, kt = chosen.kn, 2 / 7 * chosen.kn if chosen.kt is None else chosen.kt
-    make = {"hertz_mindlin": hertz_mindlin, "hertz_mindlin_reff": hertz_mindlin_reff, "linear": linear}[chosen.kind]
-    damping = chosen.damping or ("viscoelastic" if chosen.kind == "hertz_mindlin_reff" else "mass_velocity")
-    law = make(
+    damping = chosen.damping or ("viscoelastic" if chosen.kind.startswith("hertz_mindlin_reff") else "mass_velocity")
+    law = LAWS[chosen.kind](
         kn, kt, chosen.mu, coulomb=chosen.coulomb, damping=damping, damping_n=chosen.damping_n or 0.0,
         damping_t=chosen.damping_t or 0.0, tension=chosen.tension,
     )  # fmt: skip
@@ -307,7 +296,7 @@ def _deepest(scenario: FlowScenario, law: Law, q, r_eff: float, heaviest: float)
         if isinstance(law.kind, Kind):
             stored = float(normal_energy(law.kind, q, r_eff, middle))
         else:
-            stored = force * middle / (2.0 if law.kind == 1 else 2.5)
+            stored = force * middle / (2.0 if law.kind == LINEAR else 2.5)
         low, high = (middle, high) if stored < energy or force < static else (low, middle)
     return max(high, 1e-12 * r_eff)
 

@@ -12,7 +12,7 @@ from ..core.laws import Law
 from ..core.state import State
 from .balance import under, unjudged
 from .freedom import ZERO_BELOW, Freedom, restricted, stiffness
-from .stability import MIXED, PAIR_ABOVE, Stability, at_limit, in_both, stability, stable_if, sticking
+from .stability import MIXED, PAIR_ABOVE, Stability, at_limit, in_both, stability, stable_if, sticking, unloaded
 
 DENSE_UP_TO = 1_250  # coordinates, within seconds: the first-order form has twice as many
 DENSE_AT_MOST = 4_000  # minutes
@@ -152,7 +152,7 @@ def _judged(state: State, law: Law, undamped: Stability, method: str, report) ->
     unit = np.sqrt(np.abs(pull.data).max())  # [1/time]: in it both blocks are of order one
     pull, drag = pull / unit**2, drag / unit
     if method == "dense" or (method == "auto" and size <= DENSE_UP_TO):
-        values, vectors, slowest, scope = *_dense(pull, drag), ""
+        values, vectors, slowest, scope = *_dense(pull, drag), unloaded(law)
     else:
         starts = np.concatenate([-1j * np.sqrt(undamped.pairs), np.sqrt(-undamped.negative.astype(complex))]) / unit
         values, vectors, slowest, scope = *_near(pull, drag, starts, report), None, _scope(undamped, starts)

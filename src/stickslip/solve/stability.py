@@ -7,7 +7,7 @@ import numpy as np
 from scipy.linalg import eig
 
 from ..core.jacobian import linearised
-from ..core.laws import SHARP, Law
+from ..core.laws import SHARP, Law, rescales
 from ..core.measure import touching
 from ..core.state import SLIDE, STICK, State
 from .balance import BALANCED_BELOW, imbalance, likely_causes, swing, under, unjudged
@@ -18,6 +18,7 @@ from .spectrum import SOFTEST, softest
 
 PAIR_ABOVE = 1e-9  # of the largest |λ|
 MIXED = "contacts at Coulomb's limit were taken to stick all, and to slide all; not some of each"
+UNLOADED = "overlaps that fall, with which this law shortens slips: contacts were taken as if overlaps grew"
 DENSE_UP_TO, PAIRS_UP_TO = 2_500, 12_000  # coordinates
 
 
@@ -128,7 +129,8 @@ def stability(state: State, law: Law, *, method: str = "auto", report=None) -> S
     so and `causes` name what may be missing. Contacts are in the modes that their slip has under this law, which may be
     another than the one they were committed under. With sharp friction a contact at Coulomb's limit slides or sticks,
     whichever way it is pushed: the spectrum is that of all such contacts sliding, `if_stuck` that of all sticking, and
-    the verdict says both where they differ.
+    the verdict says both where they differ. Under a law with `rescaled=True` the spectrum is that of contacts that are
+    not being unloaded, and `scope` says so.
 
     Parameters
     ----------
@@ -154,6 +156,11 @@ def stability(state: State, law: Law, *, method: str = "auto", report=None) -> S
     scope = f"{found.scope}; {MIXED}" if found.scope else MIXED
     stuck = _judged(sticking(state, rows), law, method, report)
     return found._replace(at_limit=len(rows), if_stuck=stuck, scope=scope)
+
+
+def unloaded(law: Law) -> str:
+    """What no spectrum of a law looks at whose forces have a kink where the memory was committed."""
+    return UNLOADED if rescales(law.kind) else ""
 
 
 def at_limit(state: State, law: Law) -> np.ndarray:
@@ -195,6 +202,7 @@ def _judged(state: State, law: Law, method: str, report) -> Stability:
         negative, zero_modes, soft = softest(matrix)
         modes = np.hstack([modes, soft / np.sqrt(free.mass)[:, None]])
         scope += f"; negative and zero λ were looked for among the {SOFTEST} smallest"
+    scope = "; ".join(filter(None, [scope, unloaded(law)]))
     residual, moves = imbalance(state, law), swing(state, law)
     causes = () if max(residual, moves) <= BALANCED_BELOW else likely_causes(state, law)
     rigid = int(state.control.free[: len(loose), : state.cell.dim].all()) * translations(matrix, free).shape[1]
