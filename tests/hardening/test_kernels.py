@@ -1,4 +1,4 @@
-"""Compiled kernels on the disk: damaged ones are compiled again, temporary folders of them go away."""
+"""Compiled kernels on the disk: damaged ones are compiled again, temporary folders go away, full disks are no matter."""
 
 import os
 import subprocess
@@ -50,3 +50,15 @@ def test_a_temporary_folder_of_kernels_goes_away(tmp_path):
     done = said(tmp_path, XDG_CACHE_HOME=str(tmp_path / "file"), TMPDIR=str(tmp_path / "tmp"))
     assert done.stdout == "42 0\n", done.stderr
     assert not list((tmp_path / "tmp").glob("stickslip-kernels-*"))
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs a limit on the size of files")
+def test_a_kernel_that_cannot_be_kept_is_used_all_the_same(tmp_path):
+    """A disk that is full ends no run that could do without its cache."""
+    (tmp_path / "kernel.py").write_text(KERNEL)
+    limited = "import resource\nresource.setrlimit(resource.RLIMIT_FSIZE, (200, 200))\n" + CODE
+    env = {k: v for k, v in os.environ.items() if k != "STICKSLIP_KERNELS"}
+    env["NUMBA_CACHE_DIR"] = str(tmp_path / "cache")
+    done = subprocess.run([sys.executable, "-c", limited, str(tmp_path)], capture_output=True, text=True, env=env)
+    assert (done.stdout, done.stderr) == ("42 0\n", "")
+    assert said(tmp_path, NUMBA_CACHE_DIR=env["NUMBA_CACHE_DIR"]).stdout == "42 0\n"

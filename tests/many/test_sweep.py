@@ -43,7 +43,7 @@ def small(**table):
         ({"law.mu": {"logspace": [0, 1], "number": 2}}, "did you mean 'geomspace', whose ends are values"),
         ({"law.mu": {"uniform": [0, 1]}}, "sweep.law.mu has no number of values"),
         ({"law.mu": {"uniform": [1, 0], "number": 2}}, "the first end must be below the second"),
-        ({"law.mu": {"uniform": [0, 1, 2], "number": 2}}, "use two numbers, the ends"),
+        ({"law.mu": {"uniform": [0, 1, 2], "number": 2}}, r"use two numbers up to 1e\+100, the ends"),
         ({"law.mu": {"loguniform": [0, 1], "number": 2}}, "both ends must be positive"),
         ({"law.mu": {"normal": {"mean": 1}, "number": 2}}, "use {mean = 0.4, sd = 0.1}"),
         ({"law.mu": {"uniform": [0, 1], "number": 0}}, "sweep.law.mu.number = 0 was given"),

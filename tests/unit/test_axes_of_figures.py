@@ -105,7 +105,7 @@ def test_forces_in_the_cone_are_over_their_mean_at_the_start():
 
 def test_slides_after_holds_collapse_over_the_ratio_of_velocities():
     ratios, offset = np.array([0.0068, 1.0, 10.0]), 5.0  # C + ln 0.0068 is next to nothing
-    curves = [Curve(rising(6), np.stack([rising(6) for _ in range(3)]), "") for _ in ratios]
+    curves = [Curve(rising(6), np.stack([rising(6) for _ in range(3)]), np.arange(3), "") for _ in ratios]
     peaks = [Made(value=v, half=h) for v, h in ((0.01, 0.002), (0.02, np.nan), (0.06, 0.004))]
     panels = gouge.reslides(curves, ratios, peaks, Made(value=0.008, half=0.001), offset).axes
     above, below, peak = panels

@@ -136,14 +136,14 @@ def test_gouge_is_drawn_in_diameters():
 
 
 def test_bands_of_gouge_are_two_errors_or_two_deviations():
-    curve = Curve(rising(5), np.stack([rising(5), rising(5), rising(5)]), "words")
+    curve = Curve(rising(5), np.stack([rising(5), rising(5), rising(5)]), np.arange(3), "words")
 
     def width(axes):
         corners = axes.collections[0].get_paths()[0].vertices
         return np.ptp(corners[np.isclose(corners[:, 0], curve.x[2]), 1])
 
     (steps,) = gouge.velocity_steps([curve]).axes
-    (held,) = gouge.holds([curve], [{"aging": (curve.x, 2 * curve.x)}]).axes
+    (held,) = gouge.holds([([curve], {"aging": (curve.x, 2 * curve.x)})]).axes
     deviation = curve.rows[:, 2].std(ddof=1)
     assert width(steps) == pytest.approx(4 * deviation / np.sqrt(3))
     assert width(held) == pytest.approx(4 * deviation)
@@ -154,9 +154,28 @@ def test_bands_of_gouge_are_two_errors_or_two_deviations():
     assert steps.get_xlabel() == "slip of the load point / $D$"
 
 
+def test_grains_in_a_hold_are_drawn_with_their_energy_and_the_plates_creep():
+    """What creeps backwards has no logarithm and is left out."""
+    ratios, creep = (
+        [Curve(1 + rising(5), np.stack([rising(5), rising(5)]), np.arange(2), words) for words in ("weak", "strong")]
+        for _ in range(2)
+    )
+    creep[1] = creep[1]._replace(rows=creep[1].rows * np.array([1, -1, 1, 1, 1]))
+    above, below = gouge.rest(ratios, creep, 0.3).axes
+    for curve in ratios:
+        assert holds(above, curve.x, curve.rows.mean(axis=0), label=curve.label)
+    assert holds(above, [0, 1], [0.3, 0.3], label="steady sliding")
+    assert holds(below, creep[0].x, creep[0].rows.mean(axis=0))
+    seen = below.lines[1].get_ydata()
+    assert np.isnan(seen[1]) and (seen[[0, 2, 3, 4]] > 0).all()
+    assert (above.get_xscale(), above.get_yscale(), below.get_yscale()) == ("log",) * 3
+    assert (below.get_xlabel(), below.get_ylabel()) == ("time held [s]", "creep of the plate [m/s]")
+    assert above.get_ylabel() == "kinetic / elastic energy"
+
+
 def test_healing_has_peaks_and_slopes_through_their_mean():
     times, peaks = np.array([1.0, 10.0, 100.0]), [Made(value=v, half=0.1) for v in (0.2, 0.5, 0.6)]
-    curve = Curve(rising(5), np.stack([rising(5), rising(5)]), "")
+    curve = Curve(rising(5), np.stack([rising(5), rising(5)]), np.arange(2), "")
     above, below = gouge.healing(times, peaks, Made(value=0.08, half=0.01), 0.05, curve).axes
     assert holds(above, times, [0.2, 0.5, 0.6])
     for rate, label in ((0.08, "fit"), (0.05, "$b$"), (0.025, "$b/2$")):

@@ -214,7 +214,12 @@ def test_bash_completes_names_engines_laws_and_leaves_files_to_itself(tmp_path):
         "stickslip reproduce s": ["sphere-shear"],
         "stickslip run s.toml --engine l": ["lammps"],
         "stickslip fit s.csv --law s": ["slip"],
-        "stickslip stability s.npz --law hertz": ["hertz_mindlin", "hertz_mindlin_reff"],
+        "stickslip stability s.npz --law hertz": [
+            "hertz_mindlin",
+            "hertz_mindlin_reff",
+            "hertz_mindlin_rescaled",
+            "hertz_mindlin_reff_rescaled",
+        ],
         "stickslip run examples/": [""],
     }
     for words, found in expected.items():

@@ -4,6 +4,7 @@ Numba unpickles what it finds. Every kernel that is kept therefore ends with its
 over; one that does not fit it, or cannot be unpickled, counts as missing, and is written anew.
 """
 
+import contextlib
 import hashlib
 import warnings
 
@@ -57,7 +58,14 @@ def _save_data(self, name, data):
         file.write(body + _MARK + hashlib.sha256(body).digest())
 
 
+def _save(self, key, data, whole=IndexDataCacheFile.save):
+    """Keep a kernel if the disk lets it be kept; a run does not end for want of room for what it has compiled."""
+    with contextlib.suppress(OSError):
+        whole(self, key, data)
+
+
 def heal() -> None:
     """Let Numba's cache heal in this process."""
+    IndexDataCacheFile.save = _save
     IndexDataCacheFile._load_index, IndexDataCacheFile._load_data = _load_index, _load_data
     IndexDataCacheFile._save_data = _save_data
