@@ -1,4 +1,4 @@
-"""Compiled kernels on the disk: damaged ones are compiled again, temporary folders go away, full disks are no matter."""
+"""Compiled kernels on the disk: damaged ones are compiled again, temporary folders go, full disks do not matter."""
 
 import os
 import subprocess
