@@ -1,5 +1,6 @@
 """Disks that are full, as a limit on the size of files: a sentence names the place, and the same call goes on."""
 
+import json
 import os
 import resource
 import shutil
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from tests.conftest import stickslip_here
+from tests.hardening.test_sizes import FLOW
 
 PACKING = Path(__file__).parents[2] / "examples" / "sheared_spheres.npz"
 SLIDER = 'experiment = "rate-state"\nsamples.number = 10\n'
@@ -55,3 +57,28 @@ def test_what_cannot_be_written_leaves_nothing(tmp_path, name):
     assert run.stderr.startswith("stickslip: ffmpeg ended" if name == "b.mp4" else f"stickslip: {name}: file too large")
     assert "make room" in run.stderr
     assert {path: os.stat(path).st_size for path in tmp_path.iterdir()} == before
+
+
+@pytest.mark.parametrize("size", [0, 10, 300, 600, 800, 1200])
+@pytest.mark.parametrize("kind", ["sweep", "flow", "paper"])
+def test_the_same_call_goes_on_wherever_a_disk_was_full_at_the_start(tmp_path, size, kind, monkeypatch):
+    """Folders that were made before the first file could not be written are no strangers to the next call."""
+    (tmp_path / "sweep.toml").write_text(SLIDER + "[sweep]\nseed = [0, 1]\n")
+    (tmp_path / "flow.json").write_text(json.dumps(FLOW))
+    words = (
+        ["reproduce", "quasi-rigid", "--quick"] if kind == "paper" else ["run", str(min(tmp_path.glob(f"{kind}.*")))]
+    )
+    words += ["--workers", "1", "--out", "out"]
+    with monkeypatch.context() as now:
+        now.setattr("stickslip.experiments.quasi_rigid.reproduce", stopped)
+        now.setattr("stickslip.experiments.sweep.run_members", stopped)
+        now.setattr("stickslip.loading.flow._run_stage", stopped)
+        with at_most(size):
+            run = stickslip_here(*words, cwd=tmp_path)
+        assert run.returncode in (2, 130), run.stderr
+        again = stickslip_here(*words, cwd=tmp_path)
+        assert again.returncode == 130, again.stderr
+
+
+def stopped(*_, **__):
+    raise KeyboardInterrupt

@@ -75,10 +75,17 @@ def strange(folder: Path, ours: Callable[[str], bool]) -> list[str]:
     if begun is not None:  # which wrote its scenario before there was a manifest
         known[SCENARIO] = [*known.get(SCENARIO, []), digest(begun)]
     trace = bool(own) or begun is not None
-    seen = (path for path in folder.iterdir() if not path.name.startswith("."))
+    seen = (path for path in folder.iterdir() if not path.name.startswith(".") and not _just_made(path))
     mine = {MANIFEST, UNFINISHED} if trace else set()
     rest = (path for path in seen if path.name not in mine and (ours(path.name) or not trace))
     return sorted(path.name for path in rest if path.name not in known or digest(path) not in known[path.name])
+
+
+def _just_made(path: Path) -> bool:
+    """Whether it is one of the folders with which runs begin, and holds no file yet: who made it was stopped then."""
+    if path.name not in (UNFINISHED, MEMBERS) or path.is_symlink() or not path.is_dir():
+        return False
+    return all(inner.is_dir() and not inner.is_symlink() for inner in path.rglob("*"))
 
 
 def check_hidden(folder: Path, ours: Callable[[str], bool]) -> None:
