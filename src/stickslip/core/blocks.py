@@ -39,7 +39,8 @@ from .lanes import (
     RADII,
     ROLL,
     ROLL_AHEAD,
-    gathered,
+    gathered_motion,
+    gathered_places,
     in_widest_vectors,
     scattered,
     soon,
@@ -69,6 +70,7 @@ TILE = 1024  # grains, at most
 # modes of a block's contact besides OPEN, STICK and SLIDE: it sticks but was at Coulomb's limit since it closed; it
 # slides because nothing presses it, and has not been at a limit
 STUCK_AGAIN, LOOSE = 3, 4
+_NEARLY = 1.0 + 1e-9  # squares of distances beyond which nothing can touch, whatever the rounding
 
 
 class Moving(NamedTuple):
@@ -105,7 +107,7 @@ class Blocks(NamedTuple):
     size: np.ndarray  # (K LANES,) R_eff, or (0,) if the law does not ask for it
     mass: np.ndarray  # (K LANES,) m_eff, or (0,) if the law does not ask for it
     slip: np.ndarray  # (K · 3 · LANES,)
-    mode: np.ndarray  # (K LANES,) int8: OPEN, STICK, SLIDE, STUCK_AGAIN or LOOSE
+    mode: np.ndarray  # (K LANES,) int64: OPEN, STICK, SLIDE, STUCK_AGAIN or LOOSE; as wide as numbers beside it
     place: np.ndarray  # (K,) first row of a block's loads
     cross: np.ndarray  # (T + 2,) bounds of the blocks that reach from a tile to later ones; then those between threads
     inner: np.ndarray  # (T + 2,) bounds of the blocks within each tile
@@ -121,7 +123,7 @@ def no_blocks() -> Blocks:
     pairs, numbers, bounds = np.zeros(0, np.uint32), np.zeros(0), np.zeros(1, np.int64)
     return Blocks(
         pairs, pairs, np.zeros(0, np.int32), whole, flag, np.zeros(0, np.int32), numbers, numbers, numbers, numbers,
-        np.zeros(0, np.int8), bounds[:0], bounds, bounds, np.zeros((0, WIDTH)), np.zeros((0, 3)), pairs, pairs,
+        bounds[:0], bounds[:0], bounds, bounds, np.zeros((0, WIDTH)), np.zeros((0, 3)), pairs, pairs,
     )  # fmt: skip
 
 
@@ -177,36 +179,40 @@ def _bodies_soon(body, first, last):
 
 
 @njit(fastmath=True, **BARE)
-def _seen(dim, predict, flow, blocks, body, ahead, b, scratch):
-    """What the contacts of block b see of their two bodies, plane by plane."""
-    gathered(np.int64(dim), np.int64(predict), np.int64(b * LANES), blocks.i, blocks.j, body, ahead, scratch)
-    if blocks.at[b] >= 0 and not blocks.wall[b] and flow is None:
-        at = np.uint64(blocks.at[b])
+def _apart(dim, flow, blocks, body, b, scratch):
+    """Pair vectors and sums of radii of block b, plane by plane."""
+    gathered_places(np.int64(dim), np.int64(b * LANES), blocks.i, blocks.j, body, scratch)
+    if blocks.at[b] < 0 or blocks.wall[b]:
+        return
+    at = np.uint64(blocks.at[b])
+    if flow is None:
         for k in range(dim):
             for lane in range(LANES):
                 l = np.uint64(lane)
                 scratch[PAIR + k * LANES + l] += blocks.vector[at + k * LANES + l]
+    else:
+        h = flow.matrix[VECTORS]
+        for lane in range(LANES):
+            l = np.uint64(lane)
+            p, q, r = blocks.vector[at + l], blocks.vector[at + 64 + l], blocks.vector[at + 128 + l]
+            scratch[PAIR + l] += p * h[0, 0] + q * h[1, 0] + r * h[2, 0]
+            scratch[PAIR + 64 + l] += p * h[0, 1] + q * h[1, 1] + r * h[2, 1]
+            if dim == 3:
+                scratch[PAIR + 128 + l] += p * h[0, 2] + q * h[1, 2] + r * h[2, 2]
 
 
 @njit(fastmath=True, **BARE)
-def _flowed(dim, predict, blocks, flow, b, scratch):
-    """What a deforming cell adds: the shift across the boundary, and L r to relative velocities.
+def _flowed(dim, predict, flow, scratch):
+    """What a deforming cell adds to relative velocities: L r.
 
     (1 + ½ dt L)⁻¹ (Δv + L r), r at the end of the step, is the change of r in the step over dt.
     """
-    h, rate, back, ahead = flow.matrix[VECTORS], flow.matrix[RATE], flow.matrix[SLIDE_BACK], flow.matrix[AHEAD]
-    shifted, at = blocks.at[b] >= 0 and not blocks.wall[b], np.uint64(max(blocks.at[b], 0))
+    rate, back, ahead = flow.matrix[RATE], flow.matrix[SLIDE_BACK], flow.matrix[AHEAD]
     for lane in range(LANES):
         l = np.uint64(lane)
         if dim == 2:
             scratch[PAIR + 128 + l] = scratch[MOTION + 128 + l] = 0.0
         x, y, z = scratch[PAIR + l], scratch[PAIR + 64 + l], scratch[PAIR + 128 + l]
-        if shifted:
-            p, q, r = blocks.vector[at + l], blocks.vector[at + 64 + l], blocks.vector[at + 128 + l]
-            x += p * h[0, 0] + q * h[1, 0] + r * h[2, 0]
-            y += p * h[0, 1] + q * h[1, 1] + r * h[2, 1]
-            z += p * h[0, 2] + q * h[1, 2] + r * h[2, 2]
-            scratch[PAIR + l], scratch[PAIR + 64 + l], scratch[PAIR + 128 + l] = x, y, z
         u = scratch[MOTION + l] + rate[0, 0] * x + rate[0, 1] * y + rate[0, 2] * z
         v = scratch[MOTION + 64 + l] + rate[1, 0] * x + rate[1, 1] * y + rate[1, 2] * z
         w = scratch[MOTION + 128 + l] + rate[2, 0] * x + rate[2, 1] * y + rate[2, 2] * z
@@ -323,6 +329,26 @@ def _responded(kind, coulomb, dim, viscous, rate, rescaled, wall, q, blocks, b, 
 
 
 @njit(fastmath=True, **BARE)
+def _idle(kind, dim, viscous, wall, q, blocks, b, scratch):
+    """True if no contact of a block touches or has touched before; may be false where one nearly does."""
+    lanes = slice(LANES * b, LANES * b + LANES)
+    size = blocks.size[lanes] if needs_radius(kind, viscous) else blocks.load[np.uint64(0)]
+    mode, vector = blocks.mode[lanes], blocks.vector[blocks.at[b] :]
+    least, held = 1.0, 0
+    for l in range(LANES):
+        rx, ry, rz = scratch[PAIR + l], scratch[PAIR + 64 + l], scratch[PAIR + 128 + l] if dim == 3 else 0.0
+        ranged = scratch[RADII + l] + reach(kind, q, size[l] if needs_radius(kind, viscous) else 1.0)
+        if wall:
+            square = rx * vector[l] + ry * vector[64 + l] + (rz * vector[128 + l] if dim == 3 else 0.0)
+            square, ranged = square * abs(square), ranged * abs(ranged)
+        else:
+            square, ranged = rx * rx + ry * ry + rz * rz, ranged * ranged
+        least = min(least, square - _NEARLY * ranged)
+        held |= mode[l]
+    return least > 0.0 and held == 0
+
+
+@njit(fastmath=True, **BARE)
 def evaluated(
     kind, coulomb, dim, viscous, rate, rescaled, first, last, crossing, begin, end, blocks, body, ahead, p, dt, hold,
     flow, scratch,
@@ -340,16 +366,26 @@ def evaluated(
         else:
             _bodies_soon(body, min(begin, end), min(begin + each, end))
             begin += each
-        _seen(dim, predict, flow, blocks, body, ahead, b, scratch)
-        place = blocks.place[b]
+        _apart(dim, flow, blocks, body, b, scratch)
+        place, q = blocks.place[b], row(kind, p, blocks.material[b, 0], blocks.material[b, 1])
+        if _idle(kind, dim, viscous, blocks.wall[b], q, blocks, b, scratch):
+            for s in range(np.uint64(place), np.uint64(place + LANES)):
+                for m in range(np.uint64(WIDTH)):
+                    load[s, m] = 0.0
+                if flow is not None:
+                    for m in range(np.uint64(3)):
+                        blocks.pair[s, m] = 0.0
+            continue
+        gathered_motion(
+            np.int64(dim), np.int64(predict), np.int64(b * LANES), blocks.i, blocks.j, body, ahead, scratch
+        )  # fmt: skip
         if flow is not None:
-            _flowed(dim, predict, blocks, flow, b, scratch)
+            _flowed(dim, predict, flow, scratch)
             for lane in range(LANES):
                 l, s = np.uint64(lane), np.uint64(place + lane)
                 blocks.pair[s, 0], blocks.pair[s, 1], blocks.pair[s, 2] = (
                     scratch[PAIR + l], scratch[PAIR + 64 + l], scratch[PAIR + 128 + l],
                 )  # fmt: skip
-        q = row(kind, p, blocks.material[b, 0], blocks.material[b, 1])
         if blocks.wall[b]:
             _responded(kind, coulomb, dim, viscous, rate, rescaled, True, q, blocks, b, dt, hold, scratch)
         else:

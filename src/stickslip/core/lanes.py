@@ -98,11 +98,73 @@ def in_widest_vectors(typingctx):
     return types.none(), generated
 
 
-@intrinsic
-def gathered(typingctx, dim, predict, first, i, j, body, ahead, scratch):
-    """What a block's pairs see of their bodies, into the planes of `scratch`.
+class _Rows:
+    """What four pairs at a time read of both bodies of each, and the planes that they write."""
 
-    x_i − x_j, v_i − v_j, R_i ω_i + R_j ω_j, R_i + R_j, and if `predict` the same of the velocities predicted.
+    def __init__(self, builder, solid, first, at, i, j, scratch):
+        self.builder, self.solid, self.at, self.scratch = builder, solid, at, scratch
+        slots = [builder.add(builder.add(first, at), _WHOLE(q)) for q in range(4)]
+        self.pairs = [[builder.zext(builder.load(builder.gep(n, [s])), _WHOLE) for n in (i, j)] for s in slots]
+
+    def of_both(self, data, width, offset):
+        """Four numbers of both bodies of each pair."""
+        one = self.builder
+        starts = [[one.add(one.mul(n, _WHOLE(width)), _WHOLE(offset)) for n in pair] for pair in self.pairs]
+        return [[_load(one, data, n) for n in pair] for pair in starts]
+
+    def apart(self, rows):
+        """Planes of differences."""
+        return _turned(self.builder, *(self.builder.fsub(*row) for row in rows))
+
+    def together(self, levers, rows):
+        """Planes of Σ R ω."""
+        return _turned(self.builder, *(_rolled(self.builder, *both) for both in zip(levers, rows, strict=True)))
+
+    def store(self, value, plane):
+        """Store one plane."""
+        to = _four(self.builder, self.scratch, self.builder.add(self.at, _WHOLE(plane)))
+        self.builder.store(value, to, align=8)
+
+    def write(self, planes, plane, in_plane):
+        """Store three planes, in two dimensions only those that lie in the plane."""
+        for k in in_plane:
+            self.store(planes[k], plane + LANES * k)
+        with self.builder.if_then(self.solid):
+            for k in {0, 1, 2} - set(in_plane):
+                self.store(planes[k], plane + LANES * k)
+
+
+def _each_four(builder):
+    return cgutils.for_range_slice(builder, _WHOLE(0), _WHOLE(LANES), _WHOLE(4), intp=_WHOLE)
+
+
+@intrinsic
+def gathered_places(typingctx, dim, first, i, j, body, scratch):
+    """Where a block's pairs see their bodies, into the planes of `scratch`: x_i − x_j and R_i + R_j.
+
+    Parameters
+    ----------
+    dim, first : int64, the latter the block's first slot; i, j : (…,) uint32
+    body : (B, BODY); scratch : (SCRATCH,); all contiguous
+    """
+
+    def generated(context, builder, signature, args):
+        i, j, body, scratch = (_data(context, builder, signature, args, k) for k in range(2, 6))
+        solid = builder.icmp_signed("==", args[0], _WHOLE(3))
+        with _each_four(builder) as (at, _):
+            rows = _Rows(builder, solid, args[1], at, i, j, scratch)
+            sums = [(mine, _negative_fourth(builder, other)) for mine, other in rows.of_both(body, BODY, 0)]
+            planes = rows.apart(sums)
+            rows.write(planes[:3], PAIR, (0, 1))
+            rows.store(planes[RADIUS], RADII)
+        return context.get_dummy_value()
+
+    return types.none(types.int64, types.int64, i, j, body, scratch), generated
+
+
+@intrinsic
+def gathered_motion(typingctx, dim, predict, first, i, j, body, ahead, scratch):
+    """What else a block's pairs see: v_i − v_j, R_i ω_i + R_j ω_j, and if `predict` the same of what is predicted.
 
     Parameters
     ----------
@@ -114,45 +176,17 @@ def gathered(typingctx, dim, predict, first, i, j, body, ahead, scratch):
         i, j, body, ahead, scratch = (_data(context, builder, signature, args, k) for k in range(3, 8))
         solid = builder.icmp_signed("==", args[0], _WHOLE(3))
         predicted = builder.icmp_signed("!=", args[1], _WHOLE(0))
-
-        def written(planes, plane, at, in_plane):
-            """Store three planes, in two dimensions only those that lie in the plane."""
-
-            def stored(which):
-                for k in which:
-                    to = _four(builder, scratch, builder.add(at, _WHOLE(plane + LANES * k)))
-                    builder.store(planes[k], to, align=8)
-
-            stored(in_plane)
-            with builder.if_then(solid):
-                stored({0, 1, 2} - set(in_plane))
-
-        with cgutils.for_range_slice(builder, _WHOLE(0), _WHOLE(LANES), _WHOLE(4), intp=_WHOLE) as (at, _):
-            slots = [builder.add(builder.add(args[2], at), _WHOLE(q)) for q in range(4)]
-            pairs = [[builder.zext(builder.load(builder.gep(n, [s])), _WHOLE) for n in (i, j)] for s in slots]
-
-            def of_both(data, width, offset):
-                """Four numbers of both bodies of each pair."""
-                starts = [[builder.add(builder.mul(n, _WHOLE(width)), _WHOLE(offset)) for n in pair] for pair in pairs]
-                return [[_load(builder, data, n) for n in pair] for pair in starts]
-
-            def apart(rows):
-                return _turned(builder, *(builder.fsub(*row) for row in rows))
-
-            def together(levers, rows):
-                return _turned(builder, *(_rolled(builder, *both) for both in zip(levers, rows, strict=True)))
-
-            places, spins = of_both(body, BODY, 0), of_both(body, BODY, SPIN)
+        with _each_four(builder) as (at, _):
+            rows = _Rows(builder, solid, args[2], at, i, j, scratch)
+            places, spins = rows.of_both(body, BODY, 0), rows.of_both(body, BODY, SPIN)
             levers = [[_shuffled(builder, row, row, [RADIUS] * 4) for row in pair] for pair in places]
-            sums = [(mine, _negative_fourth(builder, other)) for mine, other in places]
-            planes = apart(sums)
-            written(planes[:3], PAIR, at, (0, 1))
-            builder.store(planes[RADIUS], _four(builder, scratch, builder.add(at, _WHOLE(RADII))), align=8)
-            written(apart(of_both(body, BODY, VELOCITY))[:3], MOTION, at, (0, 1))
-            written(together(levers, spins)[:3], ROLL, at, (2,))
+            rows.write(rows.apart(rows.of_both(body, BODY, VELOCITY))[:3], MOTION, (0, 1))
+            rows.write(rows.together(levers, spins)[:3], ROLL, (2,))
             with builder.if_then(predicted):
-                written(apart(of_both(ahead, BODY_AHEAD, VELOCITY_AHEAD))[:3], MOTION_AHEAD, at, (0, 1))
-                written(together(levers, of_both(ahead, BODY_AHEAD, SPIN_AHEAD))[:3], ROLL_AHEAD, at, (2,))
+                moved = rows.apart(rows.of_both(ahead, BODY_AHEAD, VELOCITY_AHEAD))
+                rows.write(moved[:3], MOTION_AHEAD, (0, 1))
+                turned = rows.together(levers, rows.of_both(ahead, BODY_AHEAD, SPIN_AHEAD))
+                rows.write(turned[:3], ROLL_AHEAD, (2,))
         return context.get_dummy_value()
 
     return types.none(types.int64, types.int64, types.int64, i, j, body, ahead, scratch), generated

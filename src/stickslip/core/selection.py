@@ -11,10 +11,11 @@ from .lanes import LANES, RADIUS, aligned
 from .state import OPEN, SLIDE, STICK
 from .sums import AHEAD, IS_FIRST, IS_I, ROW, WIDTH
 
-# what is known of a pair picked: its row in the list, its bodies in memory, and its bucket times _BUCKET, plus _FAR if
-# its block needs vectors, plus its mode in a block
-_ROW, _I, _J, _WHAT, _COLUMNS = range(5)
+# what is known of a pair picked: its row in the list, its bodies in memory, its bucket times _BUCKET, plus _FAR if its
+# block needs vectors, plus its mode in a block, and its class: 0 if it touches, else by how far apart it is
+_ROW, _I, _J, _WHAT, _CLASS, _COLUMNS = range(6)
 _FAR, _BUCKET = 8, 16
+_CLASSES = 8
 
 
 def layered(x, rows, parts):
@@ -78,6 +79,14 @@ def _first_rows(contacts, bodies):
     return first
 
 
+@njit(error_model="numpy", forceinline=True)
+def _class(mode, left, most):
+    """Class of a pair: 0 if it touches, else the higher, the further apart; `left` is what is left of room `most`."""
+    if mode != OPEN:
+        return 0
+    return _CLASSES - 1 - min(np.int64((_CLASSES - 1) * max(left, 0.0) / most), _CLASSES - 2)
+
+
 @njit(cache=True, error_model="numpy", _nrt=False)
 def _chosen(
     begin, end, contacts, moving, first, internal, tile_of, worker, normal, vectors, room, gap, materials, material,
@@ -98,16 +107,17 @@ def _chosen(
             z = np.uint64(contacts.j[c])
             h = np.uint64(internal[z])
             dx, dy, dz = body[g, 0] - body[h, 0], body[g, 1] - body[h, 1], body[g, 2] - body[h, 2]
-            near = gap + room[g] + room[h] + body[g, RADIUS] + body[h, RADIUS]
+            touch = body[g, RADIUS] + body[h, RADIUS]
+            near = gap + room[g] + room[h] + touch
             if z >= n:
-                close = dx * normal[z - n, 0] + dy * normal[z - n, 1] + dz * normal[z - n, 2] < near
+                square = max(dx * normal[z - n, 0] + dy * normal[z - n, 1] + dz * normal[z - n, 2], 0.0) ** 2
             else:
                 if image[c, 0] != 0 or image[c, 1] != 0 or image[c, 2] != 0:
                     dx += image[c, 0] * vectors[0, 0] + image[c, 1] * vectors[1, 0] + image[c, 2] * vectors[2, 0]
                     dy += image[c, 0] * vectors[0, 1] + image[c, 1] * vectors[1, 1] + image[c, 2] * vectors[2, 1]
                     dz += image[c, 0] * vectors[0, 2] + image[c, 1] * vectors[1, 2] + image[c, 2] * vectors[2, 2]
-                close = dx * dx + dy * dy + dz * dz < near * near
-            if close or mode[c] != OPEN:
+                square = dx * dx + dy * dy + dz * dz
+            if square < near * near or mode[c] != OPEN:
                 group, later = min(tile_of[g], tile_of[h]), max(tile_of[g], tile_of[h])
                 if group == later and later < last:
                     group += last + 1
@@ -120,6 +130,7 @@ def _chosen(
                 now = LOOSE if mode[c] == SLIDE and not contacts.reached[c] else now
                 picked[number, _ROW], picked[number, _I], picked[number, _J] = c, g, h
                 picked[number, _WHAT] = bucket * _BUCKET + (_FAR if moved or z >= n else 0) + now
+                picked[number, _CLASS] = _class(now, near * near - square, near * near - touch * touch)
                 held[np.uint64(bucket)] += 1
                 start[h + np.uint64(2)] += 1
                 start[g + np.uint64(2)] += 1
@@ -245,9 +256,10 @@ def _order_of_summation(contacts, slot, place, internal, start, code, nothing):
 
 @njit(cache=True, _nrt=False)
 def _last_tile(picked, p, tile_of, crossing):
-    """The last tile that a pair reaches, if it is one between tiles of a thread."""
+    """The last tile that a pair reaches, if it is one between tiles of a thread; then its class."""
     g, h = np.uint64(picked[p, _I]), np.uint64(picked[p, _J])
-    return np.uint64(max(tile_of[g], tile_of[h]) if picked[p, _WHAT] < crossing * _BUCKET else 0)
+    last = max(tile_of[g], tile_of[h]) if picked[p, _WHAT] < crossing * _BUCKET else 0
+    return np.uint64(_CLASSES * last + picked[p, _CLASS])
 
 
 @njit(cache=True)
@@ -256,10 +268,10 @@ def _in_turn(picked, tile_of, tiles, crossing):
 
     `crossing`: the number of buckets of such pairs.
     """
-    first, turn = np.zeros(tiles + 1, np.int64), np.empty(len(picked), np.int32)
+    first, turn = np.zeros(_CLASSES * tiles + 1, np.int64), np.empty(len(picked), np.int32)
     for p in range(np.uint64(len(picked))):
         first[_last_tile(picked, p, tile_of, crossing) + np.uint64(1)] += 1
-    for t in range(tiles):
+    for t in range(_CLASSES * tiles):
         first[t + 1] += first[t]
     for p in range(np.uint64(len(picked))):
         t = _last_tile(picked, p, tile_of, crossing)

@@ -310,7 +310,7 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
         # whether this is parallel must stand in its body: what is kept compiled is known by that alone
         workers = len(share) - 1 if parallel else 1
         tiles, dt, watch, limit = len(tile) - 1, pace.dt, len(events) > 0, 1.0
-        far, before = np.zeros(tiles + 1), np.zeros(inner[tiles] * LANES if watch else 0, np.int8)
+        far, before = np.zeros(tiles + 1), np.zeros(inner[tiles] * LANES if watch else 0, np.int64)
         sums, scratches = aligned((workers + 1) * CHUNK, WIDTH), aligned(workers, SCRATCH)
         between = cross[tiles + 1] - cross[tiles]  # blocks between threads, and within the last tile
         while True:
