@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -56,6 +57,36 @@ def test_a_process_that_nobody_listens_to_ends_quietly(capfd):
     assert helper.process.wait(50) == 0
     helper.process.stdin.close()
     assert capfd.readouterr().err == ""
+
+
+ASKS = """
+import pickle, sys
+from stickslip.ensemble.helper import Helper
+from tests.hardening.test_processes import tells_on
+
+def heard(share, words):
+    if share == 0.0:
+        print("heard", flush=True)
+
+Helper().call(pickle.dumps((tells_on, (1_000_000,))), 0.0, heard)
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs signals")
+def test_whoever_asked_is_killed_and_the_process_ends_quietly():
+    """While it told how far it was it mostly aborted, with a core dump."""
+    root = Path(__file__).parents[2]
+    asks = subprocess.Popen(
+        [sys.executable, "-c", ASKS], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=root
+    )
+    assert asks.stdout.readline() == "heard\n"
+    asks.kill()
+    assert asks.communicate(timeout=50)[1] == ""  # to the end of the other process, which has the same stderr
+
+
+def tells_on(times, tell):
+    for k in range(times):
+        tell(k / times, "on " * 100)
 
 
 def _tells_and_sleeps(seconds, tell):

@@ -23,10 +23,14 @@ from .. import __version__
 DONE, FAILED, SAID = 0, 1, 2
 ONE_CORE = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 IDLE = 60.0  # a process that nobody asks for so long ends [s]
-# SIGINT ends it as other signals do: an exception in the middle of a task has nobody to go to
-START = (
-    "import signal; signal.signal(signal.SIGINT, signal.SIG_DFL); from stickslip.ensemble.helper import serve; serve()"
-)
+# SIGINT, unless it is ignored, ends it as other signals do: an exception in the middle of a task has nobody to go to
+START = """
+import signal as s
+if s.getsignal(s.SIGINT) != s.SIG_IGN:
+    s.signal(s.SIGINT, s.SIG_DFL)
+from stickslip.ensemble.helper import serve
+serve()
+"""
 
 
 class WorkerDiedError(RuntimeError):
