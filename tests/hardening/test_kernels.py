@@ -124,3 +124,11 @@ _CacheLocator.ensure_cache_path = once
     env = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     done = subprocess.run([sys.executable, "-c", full + CODE, str(tmp_path)], capture_output=True, text=True, env=env)
     assert (done.stdout, done.stderr) == ("42 0\n", "")
+
+
+def test_a_law_of_ones_own_that_cannot_be_noted_as_compiled_is_used_all_the_same(tmp_path):
+    code = "import stickslip as ss; ss.contact_law(normal_force=lambda overlap, kn: kn * overlap); print('made')"
+    (tmp_path / "laws").write_text("")  # where a folder cannot be made
+    env = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env)
+    assert done.stdout == "made\n", done.stderr
