@@ -40,6 +40,20 @@ def test_a_disk_that_is_full_when_results_are_written_is_named(tmp_path, size):
     assert (tmp_path / "out" / "fig1_history.png").exists()
 
 
+def test_a_fit_is_replaced_whole_and_the_same_call_goes_on(tmp_path):
+    (tmp_path / "s.toml").write_text(SLIDER)
+    assert stickslip_here("run", "s.toml", "--out", "out", cwd=tmp_path).returncode == 0
+    words = ["fit", "out/series.csv", "--stiffness", "200", "--law", "slip", "--out", "fit"]
+    for again in ([], ["--overwrite"]):
+        before = (tmp_path / "fit" / "fit.png").read_bytes() if again else None
+        with at_most(20_000):  # room for the numbers, none for the figure
+            run = stickslip_here(*words, *again, cwd=tmp_path)
+        assert (run.returncode, run.stderr.count("\n")) == (2, 1), run.stderr
+        assert run.stderr.startswith("stickslip: fit/fit.png: file too large")
+        assert before is None or (tmp_path / "fit" / "fit.png").read_bytes() == before
+        assert stickslip_here(*words, *again, cwd=tmp_path).returncode == 0
+
+
 @pytest.mark.parametrize("name", ["b.npz", "b.h5", "b.gsd", "b.vtu", "b.xyz", "b.data", "b.html", "b.gif", "b.mp4"])
 def test_what_cannot_be_written_leaves_nothing(tmp_path, name):
     needed = {".gsd": "gsd", ".vtu": "pyevtk", ".mp4": "imageio_ffmpeg"}

@@ -1,7 +1,16 @@
 """Processes of runs: those that nobody needs end quietly."""
 
+import os
+import pickle
+import signal
 import subprocess
 import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from stickslip.ensemble.helper import Helper, WorkerDiedError
 
 IDLES = "from stickslip.ensemble import helper; helper.IDLE = 0.2; helper.serve()"
 
@@ -14,3 +23,72 @@ def test_a_process_that_nobody_asks_ends_quietly():
     with process:  # its stdin stays open, as while another one works
         code = process.wait(50)
         assert (code, process.stderr.read()) == (0, b"")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs signals")
+def test_an_interrupted_process_ends_by_the_signal(capfd):
+    """It aborted in the interpreter's shutdown, with a core dump and words of Python's on the terminal."""
+    helper = Helper()
+    packed = pickle.dumps((_tells_and_sleeps, (50.0,)))
+    with pytest.raises(WorkerDiedError, match="interrupt"):
+        helper.call(packed, 0.0, lambda *_: helper.process.send_signal(signal.SIGINT))
+    helper.end()
+    assert helper.process.returncode == -signal.SIGINT
+    assert capfd.readouterr().err == ""
+
+
+def test_a_process_that_cannot_answer_ends_with_one_reason(capfd):
+    """So did one whose main thread met with an error of its own."""
+    helper = Helper()
+    with pytest.raises(WorkerDiedError, match="exit code 1"):
+        helper.call(pickle.dumps((sys.exit, (3,))), None, None)
+    helper.end()
+    said = capfd.readouterr().err
+    assert said.count("SystemExit: 3") == 1
+    assert "Fatal Python error" not in said
+
+
+def test_a_process_that_nobody_listens_to_ends_quietly(capfd):
+    helper = Helper()
+    packed = pickle.dumps(("0", None, pickle.dumps((time.sleep, (0.0,)))))
+    helper.process.stdout.close()
+    helper.process.stdin.write(len(packed).to_bytes(8, "little") + packed)
+    helper.process.stdin.flush()
+    assert helper.process.wait(50) == 0
+    helper.process.stdin.close()
+    assert capfd.readouterr().err == ""
+
+
+ASKS = """
+import pickle, sys
+from stickslip.ensemble.helper import Helper
+from tests.hardening.test_processes import tells_on
+
+def heard(share, words):
+    if share == 0.0:
+        print("heard", flush=True)
+
+Helper().call(pickle.dumps((tells_on, (1_000_000,))), 0.0, heard)
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs signals")
+def test_whoever_asked_is_killed_and_the_process_ends_quietly():
+    """While it told how far it was it mostly aborted, with a core dump."""
+    root = Path(__file__).parents[2]
+    asks = subprocess.Popen(
+        [sys.executable, "-c", ASKS], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=root
+    )
+    assert asks.stdout.readline() == "heard\n"
+    asks.kill()
+    assert asks.communicate(timeout=50)[1] == ""  # to the end of the other process, which has the same stderr
+
+
+def tells_on(times, tell):
+    for k in range(times):
+        tell(k / times, "on " * 100)
+
+
+def _tells_and_sleeps(seconds, tell):
+    tell(0.0, "asleep")
+    time.sleep(seconds)

@@ -29,3 +29,15 @@ def test_a_pipe_that_is_closed_is_no_traceback():
     )
     os.close(write)
     assert (done.returncode, done.stderr) == (1, "")
+
+
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
+def test_closed_streams_change_nothing_but_what_is_said(tmp_path, closed):
+    (tmp_path / "s.toml").write_text('experiment = "rate-state"\nsamples.number = 10\n')
+    shell = 'exec "$@" ' + closed
+    words = [sys.executable, "-m", "stickslip", "run", "s.toml", "--out", "out"]
+    done = subprocess.run(["sh", "-c", shell, "sh", *words], cwd=tmp_path, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (tmp_path / "out" / "results.h5").exists()
+    done = subprocess.run(["sh", "-c", shell, "sh", *words[:4], "none.toml"], cwd=tmp_path, capture_output=True)
+    assert done.returncode == 2

@@ -44,6 +44,7 @@ def working():
 def main() -> None:
     """Entry point: bad input ends with one sentence and exit code 2, a failed run with one and exit code 1."""
     codecs.register_error("spelled", _spelled)
+    _open_closed()
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="spelled")
@@ -66,6 +67,14 @@ def main() -> None:
     if code == STOPPED:
         _fail("stopped by the user: stickslip resume FOLDER goes on with what is kept", STOPPED)
     sys.exit(code or 0)
+
+
+def _open_closed() -> None:
+    """What goes to a closed stream goes nowhere; a file of results would otherwise take its number."""
+    for name in ("stdin", "stdout", "stderr"):
+        if getattr(sys, name) is None:
+            number = os.open(os.devnull, os.O_RDWR)
+            setattr(sys, name, os.fdopen(number, "r" if name == "stdin" else "w", encoding="utf-8"))
 
 
 def _spelled(problem: UnicodeError) -> tuple[str, int]:

@@ -6,9 +6,10 @@ over; one that does not fit it, or cannot be unpickled, counts as missing, and i
 
 import contextlib
 import hashlib
+import os
 import warnings
 
-from numba.core.caching import IndexDataCacheFile
+from numba.core.caching import Cache, IndexDataCacheFile
 
 _MARK = b"\0stickslip, SHA-256:\0"
 _told = False
@@ -52,20 +53,32 @@ def _load_data(self, name, whole=IndexDataCacheFile._load_data):
         raise OSError(f"{path} is damaged") from problem  # which Numba takes for a kernel that is not there
 
 
-def _save_data(self, name, data):
+def _save(self, key, data):
+    """Keep a kernel in a file that is named by what is in it, and is there before the index tells of it.
+
+    Numba numbers its files, and writes the index first. A disk that is full in between, or another process that
+    compiles the same function for other types meanwhile, would leave an index that names somebody else's kernel.
+    """
     body = self._dump(data)
+    digest = hashlib.sha256(body).digest()
+    name = self._data_name(int.from_bytes(digest[:6]))
     with self._open_for_write(self._data_path(name)) as file:
-        file.write(body + _MARK + hashlib.sha256(body).digest())
+        file.write(body + _MARK + digest)
+    overloads = self._load_index()
+    before, overloads[key] = overloads.get(key), name
+    self._save_index(overloads)
+    if before and before not in overloads.values():
+        with contextlib.suppress(OSError):
+            os.unlink(self._data_path(before))
 
 
-def _save(self, key, data, whole=IndexDataCacheFile.save):
+def _save_overload(self, sig, data, whole=Cache.save_overload):
     """Keep a kernel if the disk lets it be kept; a run does not end for want of room for what it has compiled."""
     with contextlib.suppress(OSError):
-        whole(self, key, data)
+        whole(self, sig, data)
 
 
 def heal() -> None:
     """Let Numba's cache heal in this process."""
-    IndexDataCacheFile.save = _save
+    Cache.save_overload, IndexDataCacheFile.save = _save_overload, _save
     IndexDataCacheFile._load_index, IndexDataCacheFile._load_data = _load_index, _load_data
-    IndexDataCacheFile._save_data = _save_data

@@ -1,5 +1,6 @@
 """A user's law is judged when it is made: on a grid of overlaps and radii, in Python, and then by compiling it."""
 
+import contextlib
 import re
 import traceback
 import warnings
@@ -186,8 +187,9 @@ def _compiled(kind, own: Own, values: dict) -> None:
             except NumbaError as problem:
                 raise ValueError(f"{role} cannot be compiled, {_told(str(problem), own)}; {HELP}") from None
     if numba.config.CACHE_DIR:
-        folder.mkdir(parents=True, exist_ok=True)
-        mark.touch()
+        with contextlib.suppress(OSError):  # a full disk: the next process compiles them again
+            folder.mkdir(parents=True, exist_ok=True)
+            mark.touch()
 
 
 def _told(message: str, own: Own) -> str:

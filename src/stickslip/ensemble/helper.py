@@ -15,6 +15,7 @@ import subprocess
 import sys
 import threading
 import time
+import traceback
 from contextlib import suppress
 
 from .. import __version__
@@ -22,6 +23,14 @@ from .. import __version__
 DONE, FAILED, SAID = 0, 1, 2
 ONE_CORE = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 IDLE = 60.0  # a process that nobody asks for so long ends [s]
+# SIGINT, unless it is ignored, ends it as other signals do: an exception in the middle of a task has nobody to go to
+START = """
+import signal as s
+if s.getsignal(s.SIGINT) != s.SIG_IGN:
+    s.signal(s.SIGINT, s.SIG_DFL)
+from stickslip.ensemble.helper import serve
+serve()
+"""
 
 
 class WorkerDiedError(RuntimeError):
@@ -52,7 +61,7 @@ class Helper:
         # a folder that someone works in may hold a random.py: it comes last, for functions of an interactive session
         here = [os.getcwd()] if "" in sys.path else []
         self.process = subprocess.Popen(
-            [sys.executable, "-P", "-c", "from stickslip.ensemble.helper import serve; serve()", *here],
+            [sys.executable, "-P", "-c", START, *here],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env=environment,
@@ -123,8 +132,25 @@ def _exactly(stream, size: int) -> bytes:
 def serve() -> None:
     """Do tasks until there is nobody left to ask for them; what they print goes to stderr.
 
-    Arguments of the process are folders to import from, after all others.
+    Arguments of the process are folders to import from, after all others. The process ends here, whatever happens: the
+    thread that listens holds stdin, and an interpreter that shuts down would abort.
     """
+    code = 1
+    try:
+        _serve()
+        code = 0
+    except BrokenPipeError:
+        code = 0  # nobody is left to be told
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        with suppress(OSError, ValueError):
+            sys.stdout.flush()
+            sys.stderr.flush()
+        os._exit(code)
+
+
+def _serve() -> None:
     sys.path += sys.argv[1:]
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
@@ -134,8 +160,7 @@ def serve() -> None:
         try:
             version, pause, packed = asked.get(timeout=IDLE)
         except queue.Empty:
-            sys.stdout.flush()
-            os._exit(0)  # who listens holds stdin, and an interpreter that shuts down would abort
+            return
         if version == __version__:
             answer = _answer(packed, () if pause is None else (_teller(out, pause),))
         else:

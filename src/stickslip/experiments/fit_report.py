@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from rich.table import Table
 
-from ..data.manifest import note_too, put, strange
+from ..data.manifest import put, strange
 from ..figures import rate_state as figures
-from ..figures.style import save as save_figure
+from ..figures.style import png
 from ..friction.evidence import Comparison, compare
 from ..friction.fit import Fit, fit
 from ..friction.laboratory import data, read_csv
@@ -137,7 +137,6 @@ def _cells(value: float, low: float, high: float) -> tuple[str, str]:
 def write(out: Path, found: Fitted) -> list[Path]:
     """JSON and figure; returns their paths."""
     out.mkdir(parents=True, exist_ok=True)
-    put(out, NUMBERS, f"{as_json(found)}\n".encode())
-    save_figure(figures.fitted(found.data, found.fits), out / FIGURE)
-    note_too(out, FIGURE)
+    put(out, FIGURE, png(figures.fitted(found.data, found.fits)))
+    put(out, NUMBERS, f"{as_json(found)}\n".encode())  # last: with it the fit is there
     return [out / NUMBERS, out / FIGURE]
