@@ -159,6 +159,7 @@ def test_a_folder_with_other_results_is_left_alone(folder):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(3600)  # the module's limit is for the quick one
 def test_statistics_of_the_full_experiment():
     """Fronts and sliding velocity of some thousand transitions, against an independent trial implementation.
 

