@@ -10,7 +10,8 @@ from stickslip.core.lanes import LANES, MOTION, MOTION_AHEAD, PAIR, RADII, ROLL,
 
 @njit
 def gathered(dim, predict, first, i, j, body, ahead, scratch):
-    lanes.gathered(dim, predict, first, i, j, body, ahead, scratch)
+    lanes.gathered_places(dim, first, i, j, body, scratch)
+    lanes.gathered_motion(dim, predict, first, i, j, body, ahead, scratch)
 
 
 @njit
