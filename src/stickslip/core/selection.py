@@ -84,7 +84,8 @@ def _class(mode, left, most):
     """Class of a pair: 0 if it touches, else the higher, the further apart; `left` is what is left of room `most`."""
     if mode != OPEN:
         return 0
-    return _CLASSES - 1 - min(np.int64((_CLASSES - 1) * max(left, 0.0) / most), _CLASSES - 2)
+    # bounded as a float: without a skin, the room is zero and the quotient infinite
+    return _CLASSES - 1 - np.int64(min((_CLASSES - 1) * max(left, 0.0) / most, _CLASSES - 2.0))
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)
@@ -255,8 +256,8 @@ def _order_of_summation(contacts, slot, place, internal, start, code, nothing):
 
 
 @njit(cache=True, _nrt=False)
-def _last_tile(picked, p, tile_of, crossing):
-    """The last tile that a pair reaches, if it is one between tiles of a thread; then its class."""
+def _rank(picked, p, tile_of, crossing):
+    """Rank by the last tile that a pair reaches, if it is one between tiles of a thread; then by its class."""
     g, h = np.uint64(picked[p, _I]), np.uint64(picked[p, _J])
     last = max(tile_of[g], tile_of[h]) if picked[p, _WHAT] < crossing * _BUCKET else 0
     return np.uint64(_CLASSES * last + picked[p, _CLASS])
@@ -264,17 +265,17 @@ def _last_tile(picked, p, tile_of, crossing):
 
 @njit(cache=True)
 def _in_turn(picked, tile_of, tiles, crossing):
-    """Pairs between tiles of a thread in the order of the last that they reach, after all others, which keep theirs.
+    """Pairs between tiles of a thread by the last that they reach, after all others; those of a tile by their class.
 
     `crossing`: the number of buckets of such pairs.
     """
     first, turn = np.zeros(_CLASSES * tiles + 1, np.int64), np.empty(len(picked), np.int32)
     for p in range(np.uint64(len(picked))):
-        first[_last_tile(picked, p, tile_of, crossing) + np.uint64(1)] += 1
+        first[_rank(picked, p, tile_of, crossing) + np.uint64(1)] += 1
     for t in range(_CLASSES * tiles):
         first[t + 1] += first[t]
     for p in range(np.uint64(len(picked))):
-        t = _last_tile(picked, p, tile_of, crossing)
+        t = _rank(picked, p, tile_of, crossing)
         turn[np.uint64(first[t])] = p
         first[t] += 1
     return turn
