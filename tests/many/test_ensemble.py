@@ -162,3 +162,25 @@ def test_without_dask_one_sentence_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ValueError, match=r'pip install .*"stickslip\[cluster\]"'):
         run_members(tasks.square, [(1,)], workers="tcp://127.0.0.1:8786")
+
+
+SCRIPT = """
+from stickslip.ensemble import run_members
+
+def square(x):
+    return x * x
+
+if __name__ == "__main__":
+    print([member.result for member in run_members(square, [(3,), (4,)], workers=2)])
+"""
+
+
+@pytest.mark.parametrize("as_module", [True, False])
+def test_functions_of_a_script_run_as_a_module_or_are_refused_with_the_remedy(tmp_path, as_module):
+    (tmp_path / "squares.py").write_text(SCRIPT, encoding="utf-8")
+    how = ["-m", "squares"] if as_module else ["squares.py"]
+    said = subprocess.run([sys.executable, *how], cwd=tmp_path, capture_output=True, text=True, timeout=50)
+    if as_module:
+        assert said.stdout.strip() == "[9, 16]", said.stderr
+    else:
+        assert "square is defined in a script or notebook" in said.stderr and "python -m" in said.stderr

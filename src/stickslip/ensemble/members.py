@@ -2,8 +2,11 @@
 
 import os
 import pickle
+import sys
 from collections.abc import Callable, Iterable
 from functools import partial
+from importlib import import_module
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 from . import local
@@ -80,6 +83,8 @@ def run_members(
 
     Raises
     ------
+    ValueError
+        if `function` is defined in a script or notebook and more than one process is asked for.
     RuntimeError
         with one sentence that counts the members that were not finished, if a cluster's scheduler is gone.
 
@@ -150,8 +155,22 @@ def _spread(function, tasks: dict[int, tuple], workers: Workers, keep, heard) ->
 
 def _packed(function, tasks: dict[int, tuple]):
     """Yield (k, bytes of a task), each when it is needed."""
+    function = _importable(function)
     for k, task in tasks.items():
         yield k, pickle.dumps((function, task), protocol=5)
+
+
+def _importable(function: Callable) -> Callable:
+    """The same function from a module that other processes can import."""
+    if getattr(function, "__module__", None) != "__main__":
+        return function
+    spec = getattr(sys.modules["__main__"], "__spec__", None)
+    if spec is None:
+        raise ValueError(
+            f"{function.__qualname__} is defined in a script or notebook, where worker processes cannot import it: "
+            f"move it to a module of its own, run the script with python -m, or use workers=1"
+        )
+    return attrgetter(function.__qualname__)(import_module(spec.name))
 
 
 def _unpacked(keep, k: int, packed: bytes | None, failure: str | None) -> None:
