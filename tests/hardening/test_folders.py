@@ -7,8 +7,10 @@ from types import SimpleNamespace
 
 import pytest
 
+import stickslip as ss
 from stickslip.cli import main
 from stickslip.data import manifest
+from stickslip.data.kept import kept_in, under_way
 from stickslip.experiments import ratestate_report, report, sweep_report
 from stickslip.experiments.sweep import Swept
 
@@ -163,6 +165,26 @@ def test_who_is_killed_while_results_are_moved_in_is_followed_by_the_next_call(c
     assert set(now) == {*told, "manifest.json"}
     assert all(told[name] == [manifest.digest(tmp_path / "out" / name)] for name in told)
     assert json.loads(now["scenario.json"])["seed"] == 1
+
+
+@pytest.mark.parametrize("seeds", [(0, 1, 2, 3), (3, 2, 1, 0), (2, 0, 3, 1)])
+@pytest.mark.parametrize("older", [False, True])
+def test_the_scenario_of_a_run_of_several_is_its_first(tmp_path, seeds, older):
+    """Papers run several scenarios in one folder, whose digests are in any order; `resume` goes on with the first."""
+    ones = [ss.scenario(experiment="rate-state", seed=seed) for seed in seeds]
+    for one in ones:
+        kept = kept_in(tmp_path, one)
+        kept.of("some").save("piece", 1.0)
+        assert kept.seen() is not None
+    if older:  # version 0.1
+        for path in (tmp_path / "unfinished").glob("part-*.json"):
+            path.rename(path.with_name(path.name.replace("part-", "scenario-")))
+    assert under_way(tmp_path).read_text() == ones[0].text
+    assert manifest.strange(tmp_path, report.is_ours) == []
+    report.claim_folder(tmp_path, ones[0])
+    with report.complete(tmp_path) as room:
+        report.save(room, ones[0], {})
+    assert report.begun(tmp_path) is None
 
 
 def test_sweeps_prove_their_files_too(call, tmp_path):

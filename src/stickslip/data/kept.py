@@ -19,7 +19,7 @@ from .whole import replace
 UNFINISHED, SCENARIO, SWEEP, MEMBERS = "unfinished", "scenario.json", "sweep.json", "members"
 # folders for a while: of results that are being written, of a sweep that replaces another, of pieces that go away
 WRITING, ANEW, GONE = ".writing", ".anew", f".{UNFINISHED}"
-_NOTE = "scenario-"  # and its digest: of the run whose pieces these are
+_NOTE, _PART = "scenario-", "part-"  # and a digest: scenario of the run whose pieces these are, and of parts of it
 
 
 class Kept(NamedTuple):
@@ -55,14 +55,16 @@ class Kept(NamedTuple):
         Where results of an earlier run stand, theirs stays beside them.
         """
         self.folder.mkdir(parents=True, exist_ok=True)
-        if not self._note.exists():
-            replace(self._note, self.scenario.encode())
+        if (
+            not self._noted
+        ):  # a reproduction runs several scenarios: the first stands for the run, others for parts of it
+            replace(self._part_note if under_way(self.run) else self._note, self.scenario.encode())
         if not (self.run / SCENARIO).exists():
             replace(self.run / SCENARIO, self.scenario.encode())
 
     def seen(self) -> "Kept | None":
         """The same, if this process sees the run's folder; a worker on another machine may not."""
-        return self if self._note.is_file() else None
+        return self if self._noted else None
 
     def check(self) -> None:
         """Raise ArchiveError if a piece of this part, or of parts of it, cannot be used."""
@@ -73,7 +75,19 @@ class Kept(NamedTuple):
 
     @property
     def _note(self) -> Path:
-        return self.run / UNFINISHED / f"{_NOTE}{hashlib.sha256(self.scenario.encode()).hexdigest()[:16]}.json"
+        return self.run / UNFINISHED / f"{_NOTE}{self._digest}.json"
+
+    @property
+    def _part_note(self) -> Path:
+        return self.run / UNFINISHED / f"{_PART}{self._digest}.json"
+
+    @property
+    def _noted(self) -> bool:
+        return self._note.is_file() or self._part_note.is_file()
+
+    @property
+    def _digest(self) -> str:
+        return hashlib.sha256(self.scenario.encode()).hexdigest()[:16]
 
     def save(self, name: str, value: Any) -> None:
         """Write a piece, all or nothing; from here on it is there whatever happens to this process."""
@@ -119,7 +133,11 @@ class Kept(NamedTuple):
 
 def under_way(folder: Path) -> Path | None:
     """The scenario of the run that was begun in a folder and is not finished."""
-    return next(iter(sorted((folder / UNFINISHED).glob(f"{_NOTE}*.json"))), None)
+    notes = sorted((folder / UNFINISHED).glob(f"{_NOTE}*.json"))
+    if len(notes) > 1 and (folder / SCENARIO).is_file():  # versions before 0.2 gave parts the same kind of note
+        first = (folder / SCENARIO).read_bytes()
+        notes = [path for path in notes if path.read_bytes() == first] or notes
+    return notes[0] if notes else None
 
 
 def kept_in(folder: Path | None, scenario, *nouns: type) -> Kept | None:

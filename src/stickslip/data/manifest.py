@@ -20,7 +20,7 @@ _FOLDER, _OTHER = "folder", "neither"  # what stands for the digest of one, and 
 _ADOPTED = "overwritten.json"  # beside the pieces: what --overwrite gave up, until the run has taken its place
 
 _PART = re.compile(r"\..+\.\d+(\.\w+)?")  # of a file that is being written
-_PIECE = re.compile(r".+\.h5|scenario(-\w+)?\.json|reproduce\.json|" + re.escape(_ADOPTED))
+_PIECE = re.compile(r".+\.h5|(scenario|part)(-\w+)?\.json|reproduce\.json|" + re.escape(_ADOPTED))
 _SWEEPS = (MANIFEST, SWEEP, "sweep-options.json", "sweep.nc", MEMBERS, "ready")
 
 Files = dict[str, list[str]]  # digests by name: one, or two where a file is about to be replaced
