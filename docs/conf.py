@@ -27,7 +27,7 @@ extensions = [
     "sphinx-mathjax-offline",  # equations need no network
     "sphinx_copybutton",
 ]
-exclude_patterns = ["_build", "figures"]
+exclude_patterns = ["_build", "figures", "reference"]
 nitpicky = True  # a cross-reference that leads nowhere is an error
 nitpick_ignore_regex = [("py:exc", r"\w+Error")]  # those of other packages, and of inner rooms
 

@@ -74,12 +74,14 @@ def rest(ratios, creep, sliding: float):
     figure, (above, below) = axes_of(2, 3.6, sharex=True)
     for number, (ratio, velocity) in enumerate(zip(ratios, creep, strict=True)):
         color = (BLUE, ORANGE, RED)[number % 3]
-        above.plot(ratio.x, ratio.mean, color=color, label=ratio.label)
-        below.plot(velocity.x, np.where(velocity.mean > 0, velocity.mean, np.nan), color=color)
-    above.axhline(sliding, color=BLACK, lw=0.7, ls=":", label="steady sliding")
+        above.plot(ratio.x, ratio.mean, color=color)
+        below.plot(velocity.x, np.where(velocity.mean > 0, velocity.mean, np.nan), color=color, label=ratio.label)
+    above.axhline(sliding, color=BLACK, lw=0.7, ls=":")
+    above.text(1, sliding, "steady sliding ", ha="right", va="top", transform=above.get_yaxis_transform())
     above.set(xscale="log", yscale="log", ylabel="kinetic / elastic energy")
-    above.legend()
     below.set(xscale="log", yscale="log", xlabel="time held [s]", ylabel="creep of the plate [m/s]")
+    below.set_ylim(top=100 * below.get_ylim()[1])  # room for the legend
+    below.legend(loc="upper right")
     return figure
 
 
