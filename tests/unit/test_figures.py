@@ -163,9 +163,11 @@ def test_grains_in_a_hold_are_drawn_with_their_energy_and_the_plates_creep():
     creep[1] = creep[1]._replace(rows=creep[1].rows * np.array([1, -1, 1, 1, 1]))
     above, below = gouge.rest(ratios, creep, 0.3).axes
     for curve in ratios:
-        assert holds(above, curve.x, curve.rows.mean(axis=0), label=curve.label)
-    assert holds(above, [0, 1], [0.3, 0.3], label="steady sliding")
-    assert holds(below, creep[0].x, creep[0].rows.mean(axis=0))
+        assert holds(above, curve.x, curve.rows.mean(axis=0))
+    assert holds(above, [0, 1], [0.3, 0.3])
+    assert [text.get_text().strip() for text in above.texts] == ["steady sliding"]
+    assert holds(below, creep[0].x, creep[0].rows.mean(axis=0), label="weak")
+    assert [text.get_text() for text in below.get_legend().get_texts()] == ["weak", "strong"]
     seen = below.lines[1].get_ydata()
     assert np.isnan(seen[1]) and (seen[[0, 2, 3, 4]] > 0).all()
     assert (above.get_xscale(), above.get_yscale(), below.get_yscale()) == ("log",) * 3
