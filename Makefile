@@ -18,6 +18,7 @@ lint: $(STAMP)  ## style and the layers of the architecture
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
+	$(BIN)/mypy
 
 bench: $(STAMP)  ## ratios against peers and references, measured in this run; writes bench.json
 	$(BIN)/python -m benchmarks

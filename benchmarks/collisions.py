@@ -8,8 +8,8 @@ import sys
 import numpy as np
 
 import stickslip as ss
-from stickslip.data.gouge_scenario import GougeScenario
-from stickslip.loading.gouge import damping, gouge_law
+from stickslip.experiments.gouge.sample import damping, gouge_law
+from stickslip.experiments.gouge.scenario import GougeScenario
 
 from . import __main__ as bench
 
@@ -57,7 +57,7 @@ def rows():
             gamma, law = damping(chosen), gouge_law(chosen, 0.5)
             kn, kt, _, _, gamma_t = law.table[0, 0]
             mass = DENSITY * np.pi / 6 * SIZE**3
-            ours = ss.collision(law, radius=SIZE / 2, mass=mass, speed=SPEED).restitution
+            ours = ss.laws.collision(law, radius=SIZE / 2, mass=mass, speed=SPEED).restitution
             apart = SIZE * (1 + 1e-6)
             script = LAMMPS.format(
                 left=-apart / 2, right=apart / 2, size=SIZE, density=DENSITY, speed=SPEED, kn=kn, kt=kt, gamma_n=gamma,

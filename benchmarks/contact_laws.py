@@ -53,8 +53,8 @@ def main() -> None:
     """Print both ratios."""
     own = {"normal_force": normal_force, "tangential_stiffness": tangential_stiffness}
     rolls = {"rolling_stiffness": rolling_stiffness, "rolling_cap": rolling_cap}
-    built_in, copy = ss.hertz_mindlin(**HERTZ), ss.contact_law(**own, parameters=HERTZ)
-    rolling = ss.contact_law(**own, **rolls, parameters=HERTZ | {"kr": 0.01, "mu_r": 0.1})
+    built_in, copy = ss.laws.hertz_mindlin(**HERTZ), ss.laws.custom(**own, parameters=HERTZ)
+    rolling = ss.laws.custom(**own, **rolls, parameters=HERTZ | {"kr": 0.01, "mu_r": 0.1})
     for side, law, name in ((14, copy, "a copy of hertz_mindlin"), (10, rolling, "with rolling resistance")):
         state = gas(side)
         for one in (built_in, law):

@@ -1,4 +1,4 @@
-"""The status of 400 critical contacts of 3000 disks: `status` cold and warm, beside slower ways to the same answer.
+"""Status of 400 critical contacts of 3000 disks: `contact_status` cold and warm, beside slower solutions.
 
 The disks fill a periodic box at packing fraction 0.83 and come to rest with friction 0.2, two seconds of damped
 dynamics. They are then in balance with friction 0.5, too, with no contact at the limit: which ones are critical, and
@@ -12,9 +12,9 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 import stickslip as ss
-from stickslip.quasirigid.complementarity import complementarity, lemke, pivoted
-from stickslip.quasirigid.matrices import Matrices, matrices, stiffness_matrix
-from stickslip.quasirigid.status import status
+from stickslip.quasirigid.lcp import complementarity, lemke, pivoted
+from stickslip.quasirigid.matrices import LinearSystem, linear_system, stiffness_matrix
+from stickslip.quasirigid.status import contact_status
 from stickslip.quasirigid.system import pins
 from stickslip.quasirigid.uniqueness import certificate
 from stickslip.solve.linear import one_thread
@@ -32,15 +32,15 @@ def packing(n: int = DISKS):
     cells = rng.permutation(across**2)[:n]
     place = (np.stack([cells % across, cells // across], axis=1) + 0.5) * side / across
     grains = ss.disks(place + rng.normal(0, 0.1, place.shape), radius, mass=4 * radius**2)
-    state = ss.assembly(grains, cell=ss.box([side, side, 1.0], [True, True, False], dim=2), control=ss.loads(n))
-    slippery = ss.linear(1.0, 0.5, 0.2, coulomb="sharp", damping="mass_velocity", damping_n=0.2, damping_t=0.2)
+    state = ss.assembly(grains, cell=ss.box([side, side, 1.0], [True, True, False], dim=2), control=ss.control.loads(n))
+    slippery = ss.laws.linear(1.0, 0.5, 0.2, coulomb="sharp", damping="mass_velocity", damping_n=0.2, damping_t=0.2)
     state, outcome = relax(state, slippery, tolerance=1e-10, drag=0.02, dt=0.2, steps=400_000)
     if not outcome.ok:
         raise RuntimeError(str(outcome))
-    return state, ss.linear(1.0, 0.5, 0.5, coulomb="sharp")
+    return state, ss.laws.linear(1.0, 0.5, 0.5, coulomb="sharp")
 
 
-def drawn(state, matrix: Matrices, seed: int) -> tuple[Matrices, np.ndarray]:
+def drawn(state, matrix: LinearSystem, seed: int) -> tuple[LinearSystem, np.ndarray]:
     """Signs of all contacts, and contacts that are critical: no two at one disk, none at a disk with two contacts."""
     rng = np.random.default_rng(seed)
     ends = np.stack([state.contacts.i[matrix.rows], state.contacts.j[matrix.rows]], axis=1)
@@ -52,15 +52,15 @@ def drawn(state, matrix: Matrices, seed: int) -> tuple[Matrices, np.ndarray]:
     return matrix._replace(sign=rng.choice([-1.0, 1.0], matrix.count)), np.sort(found)
 
 
-def sheared(state, matrix: Matrices) -> np.ndarray:
+def sheared(state, matrix: LinearSystem) -> np.ndarray:
     """Load rate that shears the packing: minus the contact forces of an affine shear at unit rate."""
-    branch = ss.branches(state)[matrix.rows]
+    branch = ss.measure.branch_vectors(state)[matrix.rows]
     normal = branch / np.linalg.norm(branch, axis=1, keepdims=True)
     relative = branch[:, 1:2] * np.stack([normal[:, 0], normal[:, 1]], axis=1)
     return matrix.c @ np.einsum("mab,mb->ma", matrix.springs, relative).ravel()
 
 
-def directly(matrix: Matrices, load, critical, sliding) -> tuple[np.ndarray, int]:
+def directly(matrix: LinearSystem, load, critical, sliding) -> tuple[np.ndarray, int]:
     """What slides, by flipping all inconsistent contacts and SciPy's `spsolve` in each round; and the rounds."""
     kept = np.setdiff1d(np.arange(len(matrix.free)), pins(matrix))
     sliding, v = sliding.copy(), np.zeros(len(load))
@@ -78,13 +78,13 @@ def directly(matrix: Matrices, load, critical, sliding) -> tuple[np.ndarray, int
 def problem():
     """The first draw in which no minor of A of one or two contacts says that the status is not unique."""
     state, law = packing()
-    seconds, plain = timed(lambda: matrices(state, law))
+    seconds, plain = timed(lambda: linear_system(state, law))
     for seed in range(20):
         matrix, critical = drawn(state, plain, seed)
         load = sheared(state, matrix)
         if certificate(complementarity(matrix, load, critical=critical)).unique is not False:
             return (
-                min(seconds, *(timed(lambda: matrices(state, law))[0] for _ in range(ROUNDS))),
+                min(seconds, *(timed(lambda: linear_system(state, law))[0] for _ in range(ROUNDS))),
                 matrix,
                 critical,
                 load,
@@ -103,7 +103,7 @@ def rows() -> list[dict]:
     """Every row: best of several rounds, the sides in turn, on one thread."""
     made, matrix, critical, load = problem()
     all_slide = np.isin(np.arange(matrix.count), critical)
-    truth = status(matrix, load, critical=critical)
+    truth = contact_status(matrix, load, critical=critical)
     near = truth.sliding.copy()
     near[np.random.default_rng(0).choice(critical, CHANGED, replace=False)] ^= True
 
@@ -113,8 +113,8 @@ def rows() -> list[dict]:
         return sliding
 
     sides = {
-        "cold": lambda: status(matrix, load, critical=critical).sliding,
-        "warm": lambda: status(matrix, load, critical=critical, start=near).sliding,
+        "cold": lambda: contact_status(matrix, load, critical=critical).sliding,
+        "warm": lambda: contact_status(matrix, load, critical=critical, start=near).sliding,
         "principal pivoting": lambda: by(lambda a: pivoted(a)[0]),
         "Lemke": lambda: by(lambda a: lemke(a) > 0),
         "flips and spsolve": lambda: directly(matrix, load, critical, all_slide)[0],

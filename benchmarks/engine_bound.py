@@ -11,12 +11,12 @@ import numpy as np
 from numba import njit
 
 import stickslip as ss
-from stickslip.core import many
-from stickslip.core.blocks import LANES
+from stickslip.core.dynamics import driver as many
+from stickslip.core.simd.blocks import LANES
 
 from .engine import GRAIN_STEPS, SIZE_STEPS, scene
 
-LAW, DT = ss.hertz_mindlin_reff(2.0, 4 / 7, 0.5), 0.1
+LAW, DT = ss.laws.hertz_mindlin_reff(2.0, 4 / 7, 0.5), 0.1
 
 
 @njit

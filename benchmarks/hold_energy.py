@@ -18,13 +18,13 @@ import numpy as np
 
 import stickslip as ss
 from stickslip.core.measure import elastic_energy
-from stickslip.data.gouge_scenario import GougeScenario
 from stickslip.ensemble import run_members
-from stickslip.loading import gouge_measures as measures
-from stickslip.loading.gouge import gouge_law, sprung
-from stickslip.loading.gouge_ensemble import simulate_gouge
-from stickslip.loading.gouge_numbers import stiffness
-from stickslip.loading.gouge_run import OURS, lead, trunk
+from stickslip.experiments.gouge import measures
+from stickslip.experiments.gouge.dimensionless import stiffness
+from stickslip.experiments.gouge.protocol import OURS, lead, trunk
+from stickslip.experiments.gouge.sample import gouge_law, sprung
+from stickslip.experiments.gouge.scenario import GougeScenario
+from stickslip.experiments.gouge.simulate import simulate_gouge
 
 VELOCITY, HOLD, STATES = 0.03, 0.01, 2
 DAMPINGS = (0.0, 1e4, 6.2e5, 6e7)

@@ -1,14 +1,14 @@
 """Run every kernel of the disk array once; prints how many were loaded from disk and how many were compiled."""
 
 import stickslip as ss
-from stickslip.core.forces import evaluation
-from stickslip.core.integrate import stepper
+from stickslip.core.contacts.forces import evaluation
+from stickslip.core.dynamics.run import stepper
 
 
 def main() -> None:
     """One short run of the paper's law."""
-    law = ss.between(ss.hertz_mindlin(mu=10.0, coulomb="smooth"), 0, 1)
-    state = ss.disk_array(10, press=5e-5, push=1e-5)
+    law = ss.laws.for_pair(ss.laws.hertz_mindlin(mu=10.0, coulomb="smooth"), 0, 1)
+    state = ss.packings.disk_array(10, press=5e-5, push=1e-5)
     ss.forces(state, law)
     ss.run(state, law, 10, 0.1)
     kernels = [make(law.kind, law.coulomb, 2, 0).stats for make in (stepper, evaluation)]

@@ -8,8 +8,8 @@ import stickslip as ss
 
 def main(steps: int) -> None:
     """Relax the array as the peer does, run once to warm, then time one run."""
-    law = ss.between(ss.hertz_mindlin(kn=1.0, kt=2 / 7, mu=10.0, coulomb="sharp"), 0, 1)
-    state = ss.disk_array(10, press=5e-5, push=1.5e-5)
+    law = ss.laws.for_pair(ss.laws.hertz_mindlin(kn=1.0, kt=2 / 7, mu=10.0, coulomb="sharp"), 0, 1)
+    state = ss.packings.disk_array(10, press=5e-5, push=1.5e-5)
     state, _, _ = ss.run(state, law, 20_000, 0.1, drag=0.05, spin_drag=0.0)
     state, _, _ = ss.run(state, law, 1000, 0.1)
     start = time.perf_counter()

@@ -17,9 +17,9 @@ import numpy as np
 
 import stickslip as ss
 from stickslip.core.state import Control, State
-from stickslip.loading.biaxial import RIGHT, TOP, at_rest, biaxial_box, raised
-from stickslip.loading.slow import slowly
-from stickslip.quasirigid.path import Path, quasirigid_path
+from stickslip.loading.biaxial import RIGHT, TOP, at_rest, biaxial_box, with_load
+from stickslip.loading.slow import slow_dynamics
+from stickslip.quasirigid.path import LoadPath, load_path
 
 INCREMENTS = (0.01, 0.005, 0.002, 0.0005)
 DIRECTIONS = {"lid down": (TOP, 3.0), "side in": (RIGHT, 3.0), "lid up": (TOP, 0.1), "side out": (RIGHT, 0.1)}
@@ -69,10 +69,10 @@ def samples(sizes: dict[int, int] = SIZES) -> list[Sample]:
 def prepared(sample: Sample) -> tuple[State, ss.Law, Control]:
     """State, law and the control at the end of the leg."""
     state, law = biaxial_box(sample.n, seed=sample.seed, pressure=PRESSURE)
-    while not sample.whole and (loose := ss.rattlers(state, 2)).any():
+    while not sample.whole and (loose := ss.measure.rattlers(state, 2)).any():
         state = at_rest(without(state, loose), law, 1e-9 * PRESSURE)
     wall, factor = DIRECTIONS[sample.direction]
-    return state, law, raised(state.control, len(state.grains.radius) + wall, factor)
+    return state, law, with_load(state.control, len(state.grains.radius) + wall, factor)
 
 
 def without(state: State, loose: np.ndarray) -> State:
@@ -81,15 +81,15 @@ def without(state: State, loose: np.ndarray) -> State:
     grains = ss.disks(g.position[kept, :2], g.radius[kept], mass=g.mass[kept])
     bodies = np.append(kept, np.ones(len(walls.mass), bool))
     control = state.control
-    changed = ss.loads(int(kept.sum()), len(walls.mass))
+    changed = ss.control.loads(int(kept.sum()), len(walls.mass))
     parts = {name: getattr(control, name)[bodies] for name in ("free", "force", "torque", "group")}
     return ss.assembly(grains, walls, state.cell, changed._replace(**parts))
 
 
-def ended(state: State, law, end: Control, increment: float) -> tuple[Ended, Path]:
+def ended(state: State, law, end: Control, increment: float) -> tuple[Ended, LoadPath]:
     """How the path with one increment ends."""
     begin = time.perf_counter()
-    path = quasirigid_path(state, law, end, increment=increment)
+    path = load_path(state, law, end, increment=increment)
     seconds = time.perf_counter() - begin
     undecided = path.verdict.name in ("NO_PROGRESS", "NOT_FOUND")
     out = Ended(path.points[-1].load, path.verdict.name, len(path.alternatives), path.unchecked, seconds, undecided)
@@ -124,7 +124,7 @@ def shift(states, sample: Sample) -> np.ndarray:
     return at - at[0]
 
 
-def slow_end(sample: Sample, state: State, law, end: Control, path: Path) -> float | None:
+def slow_end(sample: Sample, state: State, law, end: Control, path: LoadPath) -> float | None:
     """Load at which slow dynamics begins to move by itself, None if it did not up to 1.3 times the path's last load.
 
     Slow motion has a kinetic energy that falls with the square of the rate. A step of the load in which the slower of
@@ -133,7 +133,7 @@ def slow_end(sample: Sample, state: State, law, end: Control, path: Path) -> flo
     """
     last = path.points[-1].load
     until = min(1.0, BEYOND * last)
-    faster, slower = (slowly(state, law, end, time=whole, until=until, drag=DRAG) for whole in TIMES)
+    faster, slower = (slow_dynamics(state, law, end, time=whole, until=until, drag=DRAG) for whole in TIMES)
     there = shift(path.states, sample)
     moved = shift([state, *slower.states], sample)[1:]
     off = np.abs(moved - np.interp(slower.load, path.load, there)) / np.abs(there).max()

@@ -9,17 +9,17 @@ import numpy as np
 from scipy.linalg import eigvals
 
 import stickslip as ss
-from stickslip.core.integrate import run
+from stickslip.core.dynamics.run import run
 from stickslip.core.measure import mean_normal_force
 from stickslip.data.archive import SCHEMA
 from stickslip.loading.packing import jammed
 from stickslip.loading.shear import aqs, sheared
 from stickslip.solve.equilibrate import equilibrate
-from stickslip.solve.freedom import freedom, stiffness
+from stickslip.solve.freedom import dynamical_matrix, freedom
 from stickslip.solve.linear import has_pardiso
-from stickslip.solve.newton import Kept
+from stickslip.solve.newton import Factorisation
 
-LAW = ss.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth")
+LAW = ss.laws.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth")
 TOLERANCE, STEP = 5e-14, 1e-5
 STORE = Path("results") / "benchmark-packings"  # packings of thousands of grains take minutes: kept between runs
 
@@ -46,7 +46,7 @@ def damped(state, *, drag, spin_drag, dt):
         here, _, _ = run(here, LAW, 200, dt, drag=drag, spin_drag=spin_drag)
         evaluations += 200
         rest = here._replace(grains=here.grains._replace(velocity=0 * here.grains.velocity, spin=0 * here.grains.spin))
-        if ss.residual(rest, LAW)[0] <= TOLERANCE and np.abs(here.grains.velocity).max() * drag <= TOLERANCE:
+        if ss.measure.residual(rest, LAW)[0] <= TOLERANCE and np.abs(here.grains.velocity).max() * drag <= TOLERANCE:
             return evaluations, time.perf_counter() - start
         if evaluations >= 2_000_000:
             return np.inf, np.inf
@@ -54,7 +54,7 @@ def damped(state, *, drag, spin_drag, dt):
 
 def newton_steps(state, count: int, check: str = "buckling", step: float = STEP):
     """Seconds a strain step once warm, the largest residual, and factorisations a step."""
-    keep, worst = Kept(), 0.0
+    keep, worst = Factorisation(), 0.0
     state, _ = equilibrate(sheared(state, step), LAW, keep=keep, check=check)
     start, before = time.perf_counter(), keep.factorisations
     for _ in range(count):
@@ -146,7 +146,7 @@ def pairs_at_size() -> list[dict]:
     start = time.perf_counter()
     found = complex_pairs(state, LAW)
     mine = time.perf_counter() - start
-    matrix = stiffness(state, LAW, freedom(state)).toarray()
+    matrix = dynamical_matrix(state, LAW, freedom(state)).toarray()
     start = time.perf_counter()
     values = eigvals(matrix, overwrite_a=True)
     lapack = time.perf_counter() - start
@@ -179,7 +179,7 @@ def robustness(n: int, steps: int, seeds) -> list[dict]:
     rows = []
     for seed, fraction in seeds:
         state, _ = jammed(n, packing_fraction=fraction, seed=seed)
-        keep, helped, worst, start = Kept(), 0, 0.0, time.perf_counter()
+        keep, helped, worst, start = Factorisation(), 0, 0.0, time.perf_counter()
         for _ in range(steps):
             state, outcome = equilibrate(sheared(state, 1e-3), LAW, keep=keep, check="nothing")
             if not outcome.ok:

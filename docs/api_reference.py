@@ -1,4 +1,4 @@
-"""Writes docs/api: the public names of stickslip, room by room, and mends docstrings for Sphinx."""
+"""Write docs/api, one page for each public namespace, and adapt docstrings for Sphinx."""
 
 import ast
 import inspect
@@ -11,50 +11,70 @@ from pathlib import Path
 
 from pydantic import BaseModel
 
-import stickslip
+NAMESPACES = (
+    "stickslip", "laws", "packings", "control", "protocols", "measure", "modes", "quasirigid", "friction",
+    "experiments", "experiments.disk_array", "experiments.sphere_shear", "experiments.quasi_rigid", "experiments.gouge",
+    "experiments.flow", "experiments.rate_state", "io", "figures", "results", "ensemble",
+)  # fmt: skip
+CONSTANTS = {
+    "OPEN": "core.state", "STICK": "core.state", "SLIDE": "core.state", "FREE": "core.contacts.mechanics",
+    "HELD": "core.contacts.mechanics", "FROZEN": "core.contacts.mechanics", "BALANCED_BELOW": "solve.balance",
+    "EXPERIMENTS": "experiments.registry",
+}  # fmt: skip
 
-ROOMS = {
-    "core": "Grains, contacts, laws, forces, dynamics",
-    "solve": "Equilibrium and stability",
-    "quasirigid": "Quasi-rigidity: contact status, load paths",
-    "loading": "Samples and what is done to them",
-    "friction": "Rate-and-state friction",
-    "data": "Scenarios, files, exchange",
-    "ensemble": "Many runs at once",
-    "experiments": "Sweeps",
-}
-PUBLIC = {name: where for name, where in stickslip._ROOM.items() if name in stickslip.__all__}
+
+def full(namespace: str) -> str:
+    """Dotted name of a namespace."""
+    return namespace if namespace == "stickslip" else f"stickslip.{namespace}"
+
+
+def names(namespace: str) -> list[str]:
+    """Public names of a namespace, without modules."""
+    module = import_module(full(namespace))
+    found = sorted(name for name in module.__all__ if name != "__version__")
+    return [name for name in found if not inspect.ismodule(getattr(module, name))]
+
+
+def _links() -> dict[str, str]:
+    """Dotted name of every public name that stands in one namespace only."""
+    out, twice = {}, set()
+    for namespace in NAMESPACES:
+        for name in names(namespace):
+            (twice.add(name) if name in out else None)
+            out[name] = f"{full(namespace)}.{name}"
+    return {name: where for name, where in out.items() if name not in twice}
+
+
+PUBLIC = _links()
 
 
 def write(folder: Path) -> None:
-    """One page for every room."""
+    """One page for every namespace."""
     folder.mkdir(exist_ok=True)
-    for place in dict.fromkeys(where.partition(".")[0] for where in PUBLIC.values()):
-        path, text = folder / f"{place}.rst", page(place)
+    for namespace in NAMESPACES:
+        path, text = folder / f"{namespace}.rst", page(namespace)
         if not path.exists() or path.read_text(encoding="utf-8") != text:
             path.write_text(text, encoding="utf-8")
 
 
-def page(place: str) -> str:
-    """Modules of a room with their first sentence, and their public names."""
-    title = f"{ROOMS.get(place, place)}: ``{place}``"
-    parts = [title, "=" * len(title), ".. py:currentmodule:: stickslip", ""]
-    for module in (where for where in stickslip._WHERE if where.partition(".")[0] == place):
-        head = module.partition(".")[2] or module
-        said = import_module(f"stickslip.{module}").__doc__ or ""
-        parts += [f"``{head}``", "-" * (len(head) + 4), "", marked(said.split("\n\n")[0].replace("\n", " ")), ""]
-        parts += [entry(name) for name, where in PUBLIC.items() if where == module]
-    return "\n".join(parts)
+def page(namespace: str) -> str:
+    """Table of contents of a namespace, from its docstring, and its names."""
+    title = f"``{full(namespace)}``"
+    head, _, rest = (import_module(full(namespace)).__doc__ or "").partition("\n\n")
+    contents = ["::", "", *(f"    {line}" for line in rest.rstrip().splitlines()), ""] if rest.strip() else []
+    parts = [title, "=" * len(title), "", marked(head.replace("\n", " ")), "", *contents]
+    return "\n".join(parts + [entry(namespace, name) for name in names(namespace)])
 
 
-def entry(name: str) -> str:
+def entry(namespace: str, name: str) -> str:
     """What Sphinx is to document of a public name."""
-    thing = getattr(stickslip, name)
+    thing, where = getattr(import_module(full(namespace)), name), f"{full(namespace)}.{name}"
     if inspect.isclass(thing):
-        return f".. autoclass:: stickslip.{name}\n   :members:\n" + ("   :undoc-members:\n" if is_enum(thing) else "")
+        return f".. autoclass:: {where}\n   :members:\n" + ("   :undoc-members:\n" if is_enum(thing) else "")
     if callable(thing):
-        return f".. autofunction:: stickslip.{name}\n"
-    return f".. py:data:: {name}\n   :value: {thing!r}\n\n   {marked(above(name))}\n"
+        return f".. autofunction:: {where}\n"
+    value = "" if isinstance(thing, dict) else f"   :value: {thing!r}\n"
+    return f".. py:data:: {where}\n{value}\n   {marked(above(name))}\n"
 
 
 def is_enum(thing) -> bool:
@@ -64,7 +84,7 @@ def is_enum(thing) -> bool:
 
 def above(name: str) -> str:
     """The comment at a constant."""
-    source = inspect.getsource(import_module(f"stickslip.{PUBLIC[name]}"))
+    source = inspect.getsource(import_module(f"stickslip.{CONSTANTS[name]}"))
     found = re.search(rf"((?:^#.*\n)*)^[A-Z, ]*\b{name}\b.* = [^#\n]*(#.*)?$", source, flags=re.M)
     return " ".join(line.strip("# ") for line in (found[1] + (found[2] or "")).splitlines()) if found else ""
 
@@ -94,7 +114,7 @@ def marked(text: str) -> str:
 
     def role(found):
         word = found[1]
-        return f":py:obj:`~stickslip.{word}`" if word in PUBLIC else f"``{word}``"
+        return f":py:obj:`~{PUBLIC[word]}`" if word in PUBLIC else f"``{word}``"
 
     text = re.sub(r"(?<![`:])`([^`\n]+)`(?!`)", role, text)
     return re.sub(r"(?<![\w\\`*|])\|(?=\S)", r"\\|", text)

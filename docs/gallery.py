@@ -10,16 +10,15 @@ import shutil
 import sys
 import tempfile
 from contextlib import redirect_stdout
-from importlib import import_module
 from pathlib import Path
 
 from PIL import Image
 
 import stickslip as ss
-from stickslip.data.scenario import read
-from stickslip.experiments.fit_report import fitted, write
-from stickslip.experiments.look import packing_seen
-from stickslip.experiments.rooms import REPORTS
+from stickslip.experiments.packing.page import packing_seen
+from stickslip.experiments.rate_state.fit_report import fitted, write
+from stickslip.experiments.registry import experiment_of, read_scenario
+from stickslip.experiments.writer import write_result
 from stickslip.figures import grains, style
 
 ROOT = Path(__file__).parents[1]
@@ -54,15 +53,15 @@ def kept(name: str, make):
 
 
 def simulated(name: str, example: str):
-    """The result of an example, and the module that reports it."""
-    chosen = read(ROOT / "examples" / example)
-    report = import_module(f"stickslip.experiments.{REPORTS[chosen.experiment]}")
+    """The result of an example, and its experiment."""
+    chosen = read_scenario(ROOT / "examples" / example)
+    experiment = experiment_of(chosen)
 
     def make():
         with tempfile.TemporaryDirectory() as folder:
-            return report.simulate(chosen, folder=Path(folder), workers=None, report=lambda *words: None)
+            return experiment.simulate(chosen, folder=Path(folder))
 
-    return kept(name, make), report
+    return kept(name, make), experiment
 
 
 def shrunk(path: Path, to: Path) -> None:
@@ -76,10 +75,10 @@ def shrunk(path: Path, to: Path) -> None:
 def of_example(name: str) -> list[tuple[str, str]]:
     """Draw an example's figures; (function, file) of each."""
     _, example, functions = SHOWN[name]
-    found, report = simulated(name, example)
+    found, experiment = simulated(name, example)
     out = []
     with tempfile.TemporaryDirectory() as folder, redirect_stdout(io.StringIO()):
-        paths = [path for path in report.write_result(Path(folder), found) if path.suffix == ".png"]
+        paths = [path for path in write_result(Path(folder), experiment, found) if path.suffix == ".png"]
         names = functions.split()
         for path in paths:
             number = len(out)
@@ -97,7 +96,7 @@ def of_packings() -> list[tuple[str, str]]:
     state, law = unstable(spheres)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "packing.h5"
-        ss.write_sample(file, state, law)
+        ss.io.write_packing(file, state, law)
         seen = packing_seen(file, options={})
     last = flow.frames[-1]
     figures = {
@@ -114,9 +113,9 @@ def of_packings() -> list[tuple[str, str]]:
 
 def of_fit() -> list[tuple[str, str]]:
     """Both laws beside a record that one of them made."""
-    slid, report = simulated("rate-state", SHOWN["rate-state"][1])
+    slid, experiment = simulated("rate-state", SHOWN["rate-state"][1])
     with tempfile.TemporaryDirectory() as folder:
-        records = [path for path in report.write_result(Path(folder), slid) if path.suffix == ".csv"]
+        records = [path for path in write_result(Path(folder), experiment, slid) if path.suffix == ".csv"]
         fit = Path(folder) / "fit"
         found = fitted(
             records[0], laws=("aging", "slip"), stiffness=slid.scenario.spring.stiffness, free_stiffness=False,

@@ -7,9 +7,9 @@ import json
 import re
 from pathlib import Path
 
-from stickslip.data.parts import Whole
-from stickslip.data.scenario import EXPERIMENTS
-from stickslip.data.sweep import DRAWN, KINDS, MODES, MOST, OPTIONS, SPACED
+from stickslip.data.schema import Whole
+from stickslip.experiments.registry import EXPERIMENTS
+from stickslip.experiments.sweep.definition import DRAWN, KINDS, MODES, MOST, OPTIONS, SPACED
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 TITLES = {
@@ -40,7 +40,7 @@ VALUES = {
 def write(folder: Path) -> None:
     """One page for every experiment, one for [sweep], and what leads to them; unchanged pages are left alone."""
     texts = {"README": start(), "sweep": sweep_page()}
-    texts |= {name: page(name, kind) for name, kind in EXPERIMENTS.items()}
+    texts |= {name: page(name, one.scenario) for name, one in EXPERIMENTS.items()}
     folder.mkdir(exist_ok=True)
     for name, text in texts.items():
         path = folder / f"{name}.md"

@@ -9,10 +9,10 @@ import numpy as np
 
 import stickslip as ss
 
-law = ss.hertz_mindlin(kn=1.0, kt=2 / 7, mu=10.0, coulomb="smooth")
-packing, _ = ss.jammed(50, packing_fraction=0.68, seed=1)
-state = ss.ramp(packing, np.arange(0, 2.1e-3, 1e-4), ss.aqs(law))[-1].state
-c, touch = state.contacts, ss.touching(state)
+law = ss.laws.hertz_mindlin(kn=1.0, kt=2 / 7, mu=10.0, coulomb="smooth")
+packing, _ = ss.packings.jammed(50, packing_fraction=0.68, seed=1)
+state = ss.protocols.ramp(packing, np.arange(0, 2.1e-3, 1e-4), ss.protocols.aqs(law))[-1].state
+c, touch = state.contacts, ss.measure.touching(state)
 np.savez_compressed(
     Path(__file__).with_suffix(".npz"), position=state.grains.position, radius=state.grains.radius,
     cell=state.cell.vectors, pair_i=c.i[touch], pair_j=c.j[touch], image=c.image[touch], slip=c.slip[touch],

@@ -16,8 +16,8 @@ import pytest
 from hypothesis import settings
 from numba.core import event
 
-from stickslip.core.forces import accept, forces
-from stickslip.core.laws import between
+from stickslip.core.contacts.forces import accept, forces
+from stickslip.core.laws.builtin import for_pair
 from stickslip.core.state import assembly, box, disks, flat_walls, loads, spheres
 from stickslip.data.sample import LAWS
 
@@ -60,7 +60,7 @@ def _loud_floating_point():
 
 def make_law(name, coulomb, mu=0.4, **more):
     """A law whose grain–wall friction differs from its grain–grain friction."""
-    return between(LAWS[name](1.0, 2 / 7, mu, coulomb=coulomb, **more), 0, 1, mu=0.7 * mu, kn=1.3, kt=0.5)
+    return for_pair(LAWS[name](1.0, 2 / 7, mu, coulomb=coulomb, **more), 0, 1, mu=0.7 * mu, kn=1.3, kt=0.5)
 
 
 def make_packing(dim, seed=0, n=7, wall=True, overlap=0.05):

@@ -7,16 +7,16 @@ import pytest
 
 import stickslip as ss
 
-LAW = ss.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth")
+LAW = ss.laws.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth")
 OVERLAP = 1e-8  # of lattices: so small that it bears no pressure to speak of
 
 
 def sheared(n, dim, fraction, strain, *, seed, law=LAW, steps=3):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        state, _ = ss.jammed(n, packing_fraction=fraction, dim=dim, seed=seed, tolerance=1e-12)
+        state, _ = ss.packings.jammed(n, packing_fraction=fraction, dim=dim, seed=seed, tolerance=1e-12)
         for _ in range(steps):
-            state, outcome = ss.equilibrate(ss.strained(state, strain / steps * np.eye(dim, k=1)), law)
+            state, outcome = ss.equilibrate(ss.packings.strained(state, strain / steps * np.eye(dim, k=1)), law)
             assert outcome.ok
     return state
 
@@ -26,7 +26,9 @@ def triangular(law, across=4):
     site = np.array([[0, 0], [1, 0], [0.5, 0.75**0.5], [1.5, 0.75**0.5]])
     steps = np.array([[2 * i, 3**0.5 * j] for i in range(across // 2) for j in range(across // 2)])
     place = (steps[:, None] + site).reshape(-1, 2)
-    return ss.sample(place, np.full(len(place), 0.5 + OVERLAP / 2), law, cell=[across, across / 2 * 3**0.5], dim=2)
+    return ss.packings.from_arrays(
+        place, np.full(len(place), 0.5 + OVERLAP / 2), law, cell=[across, across / 2 * 3**0.5], dim=2
+    )
 
 
 @pytest.fixture(scope="session")

@@ -6,13 +6,13 @@ import pytest
 import stickslip as ss
 from tests.beyond.conftest import LAW
 
-CHAIN = ss.linear(1.0, 0.0, 0.5)
+CHAIN = ss.laws.linear(1.0, 0.0, 0.5)
 
 
 def chain(n):
     """Equal disks in a periodic row that move along it only: ω = 2√(k/m) |sin(π k/n)|."""
     place = np.stack([0.99 * np.arange(n), np.zeros(n)], axis=1)
-    state = ss.sample(place, np.full(n, 0.5), CHAIN, cell=[0.99 * n, 3.0], dim=2)
+    state = ss.packings.from_arrays(place, np.full(n, 0.5), CHAIN, cell=[0.99 * n, 3.0], dim=2)
     free = state.control.free.copy()
     free[:, 1:] = False
     return state._replace(control=state.control._replace(free=free))
@@ -20,7 +20,7 @@ def chain(n):
 
 def test_a_chain_has_the_frequencies_of_its_closed_form():
     n = 11
-    found = ss.density_of_states(chain(n), CHAIN, bins=4)
+    found = ss.modes.density_of_states(chain(n), CHAIN, bins=4)
     truth = np.sort(2 * np.abs(np.sin(np.pi * np.arange(n) / n)))[1:]
     np.testing.assert_allclose(found.frequency, truth, rtol=1e-12)
     assert (found.n, found.zero, found.negative) == (n, 1, 0)
@@ -30,7 +30,7 @@ def test_a_chain_has_the_frequencies_of_its_closed_form():
 
 def test_the_estimate_of_a_long_chain_is_the_closed_form():
     """D = (2/π)/√(ω_max² − ω²), integrated over bins."""
-    found = ss.density_of_states(chain(1500), CHAIN, bins=10, method="polynomials")
+    found = ss.modes.density_of_states(chain(1500), CHAIN, bins=10, method="polynomials")
     truth = np.diff(2 / np.pi * np.arcsin(np.minimum(found.edges / 2, 1))) / np.diff(found.edges)
     # the two highest bins hold the singularity, which the resolution smears; in the others D'' Δω²/2 is below 1 %
     deviation = np.abs(found.density - truth)[:-2]
@@ -40,14 +40,14 @@ def test_the_estimate_of_a_long_chain_is_the_closed_form():
 
 
 def test_the_estimate_agrees_with_the_count_of_a_packing(swinging):
-    exact = ss.density_of_states(swinging, LAW, bins=8)
-    found = ss.density_of_states(swinging, LAW, bins=exact.edges, method="polynomials", probes=64)
+    exact = ss.modes.density_of_states(swinging, LAW, bins=8)
+    found = ss.modes.density_of_states(swinging, LAW, bins=exact.edges, method="polynomials", probes=64)
     width = np.diff(exact.edges)
     assert exact.of_pairs.sum() * width[0] == pytest.approx(2 / exact.n)  # one pair, two modes
     # the estimate's share of neighbouring bins is at most what lies within its resolution of the edges
     smear = 0.5 * found.resolution / width * (exact.density + np.roll(exact.density, 1) + np.roll(exact.density, -1))
     assert (np.abs(found.density - exact.density) < 4 * found.error + smear).all()
-    whole = ss.density_of_states(swinging, LAW, method="polynomials")
+    whole = ss.modes.density_of_states(swinging, LAW, method="polynomials")
     assert (whole.density * np.diff(whole.edges)).sum() == pytest.approx((exact.n - 3) / exact.n, rel=1e-12)
     # translations are left out: without them nothing moves as slowly
     assert exact.frequency[0] > whole.edges[1] + 3 * whole.resolution
@@ -62,19 +62,19 @@ def test_participation_of_waves_grains_and_groups():
     one = np.zeros(n)
     one[3] = 2.0
     modes = np.stack([np.exp(2j * np.pi * 3 * place / n), np.cos(2 * np.pi * 3 * place / n), one], axis=1)
-    np.testing.assert_allclose(ss.participation_ratio(modes, free), [1, 2 / 3, 1 / n], rtol=1e-12)
-    glued = state._replace(control=ss.rigid(state.control, [0, 1, 2, 3]))
+    np.testing.assert_allclose(ss.modes.participation_ratio(modes, free), [1, 2 / 3, 1 / n], rtol=1e-12)
+    glued = state._replace(control=ss.control.rigid(state.control, [0, 1, 2, 3]))
     free = ss.freedom(glued)
     alike = np.ones((len(free), 1))
     # seven bodies, one of them four times as heavy: (4 + 6)²/(7 (16 + 6))
-    assert ss.participation_ratio(alike, free)[0] == pytest.approx(100 / 154)
+    assert ss.modes.participation_ratio(alike, free)[0] == pytest.approx(100 / 154)
 
 
 def test_bad_input_is_told():
     state = chain(5)
     with pytest.raises(ValueError, match="use auto, dense or polynomials"):
-        ss.density_of_states(state, CHAIN, method="kpm")
+        ss.modes.density_of_states(state, CHAIN, method="kpm")
     with pytest.raises(ValueError, match="at least 1"):
-        ss.density_of_states(state, CHAIN, bins=0)
+        ss.modes.density_of_states(state, CHAIN, bins=0)
     with pytest.raises(ValueError, match="n = 5"):
-        ss.participation_ratio(np.ones((4, 1)), ss.freedom(state))
+        ss.modes.participation_ratio(np.ones((4, 1)), ss.freedom(state))

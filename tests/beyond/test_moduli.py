@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.neighbors import updated
+from stickslip.core.contacts.neighbors import updated
 from stickslip.solve.moduli import isotropic, isotropic_tensor, symmetrised, voigt
 from tests.beyond.conftest import LAW, OVERLAP, sheared, triangular
 
@@ -14,14 +14,14 @@ def cubic(law, across=3):
     site = np.array([[0, 0, 0], [0, 1, 1], [1, 0, 1], [1, 1, 0]]) / 2**0.5
     steps = 2**0.5 * np.stack(np.meshgrid(*[np.arange(across)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     place = (steps[:, None] + site).reshape(-1, 3)
-    return ss.sample(place, np.full(len(place), 0.5 + OVERLAP / 2), law, cell=[across * 2**0.5] * 3)
+    return ss.packings.from_arrays(place, np.full(len(place), 0.5 + OVERLAP / 2), law, cell=[across * 2**0.5] * 3)
 
 
 @pytest.mark.parametrize("kt", [0.0, 0.4])
 def test_triangular_lattice(kt):
     """Three bonds a site: λ = (√3/4)(k_n − k_t), G = (√3/4)(k_n + k_t), no non-affine motion."""
-    law = ss.linear(1.3, kt, 0.5)
-    found = ss.elastic_moduli(triangular(law), law)
+    law = ss.laws.linear(1.3, kt, 0.5)
+    found = ss.modes.elastic_moduli(triangular(law), law)
     bulk, shear = 3**0.5 / 2 * 1.3, 3**0.5 / 4 * (1.3 + kt)
     # an overlap of 1e-8 bears a pressure that changes C by as much
     np.testing.assert_allclose([found.bulk, found.shear], [bulk, shear], rtol=1e-7)
@@ -34,8 +34,8 @@ def test_triangular_lattice(kt):
 
 def test_face_centred_cubic():
     """Central springs k of length 1: C_11 = 2k/a, C_12 = C_44 = k/a, a = √2."""
-    law = ss.linear(1.0, 0.0, 0.5)
-    found = ss.elastic_moduli(cubic(law), law)
+    law = ss.laws.linear(1.0, 0.0, 0.5)
+    found = ss.modes.elastic_moduli(cubic(law), law)
     unit = 1 / 2**0.5
     truth = unit * np.diag([2.0, 2, 2, 1, 1, 1])
     truth[:3, :3] += unit * (1 - np.eye(3))
@@ -46,17 +46,17 @@ def test_face_centred_cubic():
 @pytest.mark.parametrize(("dim", "n", "fraction"), [(2, 16, 0.88), (3, 20, 0.68)])
 def test_differences_of_equilibria(dim, n, fraction):
     state = sheared(n, dim, fraction, 2e-3, seed=3)
-    found = ss.elastic_moduli(state, LAW)
+    found = ss.modes.elastic_moduli(state, LAW)
     h, size, part = 1e-7, np.abs(found.tensor).max(), slice(0, dim)
     for c, d in [(0, 0), (0, 1), (1, 0), (dim - 1, 1)]:
         gradient, stresses, carried = np.zeros((dim, dim)), [], []
         gradient[c, d] = h
         for sign in (1, -1):
-            moved = updated(ss.strained(state, sign * gradient))
-            carried.append(ss.stress(moved, LAW)[part, part])
+            moved = updated(ss.packings.strained(state, sign * gradient))
+            carried.append(ss.measure.stress(moved, LAW)[part, part])
             end, outcome = ss.newton(moved, LAW, tolerance=1e-15)
             assert outcome.ok
-            stresses.append(ss.stress(end, LAW)[part, part])
+            stresses.append(ss.measure.stress(end, LAW)[part, part])
         # residuals of 1e-15 over steps of 1e-7
         np.testing.assert_allclose(-(stresses[0] - stresses[1]) / 2 / h, found.tensor[:, :, c, d], atol=1e-7 * size)
         np.testing.assert_allclose(-(carried[0] - carried[1]) / 2 / h, found.affine[:, :, c, d], atol=1e-7 * size)
@@ -66,15 +66,15 @@ def test_differences_of_equilibria(dim, n, fraction):
 
 
 def test_a_rattler_changes_nothing():
-    law = ss.linear(1.0, 0.4, 0.5)
+    law = ss.laws.linear(1.0, 0.4, 0.5)
     lattice = triangular(law)
     keep = np.arange(16) != 5
     place, radius = lattice.grains.position, lattice.grains.radius
     cell = np.diag(lattice.cell.vectors)[:2]
-    without = ss.sample(place[keep, :2], radius[keep], law, cell=cell, dim=2)
+    without = ss.packings.from_arrays(place[keep, :2], radius[keep], law, cell=cell, dim=2)
     small = np.where(keep, radius, 0.3)
-    loose = ss.sample(place[:, :2], small, law, cell=cell, dim=2)
-    a, b = ss.elastic_moduli(without, law), ss.elastic_moduli(loose, law)
+    loose = ss.packings.from_arrays(place[:, :2], small, law, cell=cell, dim=2)
+    a, b = ss.modes.elastic_moduli(without, law), ss.modes.elastic_moduli(loose, law)
     np.testing.assert_allclose(a.voigt, b.voigt, rtol=1e-12)
     assert len(a.free) == len(b.free) == 45
     assert np.abs(a.non_affine).max() > 0.01
@@ -89,8 +89,8 @@ def test_isotropic_parts_of_an_isotropic_tensor():
 
 def test_what_has_no_moduli_is_told():
     with pytest.raises(ValueError, match="periodic in all its dimensions"):
-        ss.elastic_moduli(ss.disk_array(4, press=5e-5), LAW)
-    law = ss.linear()
-    far = ss.sample([[0, 0], [3, 0]], [0.5, 0.5], law, cell=[6.0, 6.0], dim=2)
+        ss.modes.elastic_moduli(ss.packings.disk_array(4, press=5e-5), LAW)
+    law = ss.laws.linear()
+    far = ss.packings.from_arrays([[0, 0], [3, 0]], [0.5, 0.5], law, cell=[6.0, 6.0], dim=2)
     with pytest.raises(ValueError, match="nothing but rattlers"):
-        ss.elastic_moduli(far, law)
+        ss.modes.elastic_moduli(far, law)

@@ -20,7 +20,7 @@ OPTIONS = ["--law", "hertz_mindlin", "--coulomb", "smooth", "--kn", "1", "--kt",
 
 
 def written(state, path):
-    ss.write_sample(path, state, LAW)
+    ss.io.write_packing(path, state, LAW)
     return path
 
 
@@ -29,7 +29,7 @@ def test_a_stable_packing_has_moduli_and_transient_growth(calm, tmp_path):
     done = stickslip_here("stability", file, *OPTIONS, "--more", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     more = json.loads(done.stdout)["more"]
-    moduli, transient = ss.elastic_moduli(calm, LAW), ss.transient_growth(calm, LAW)
+    moduli, transient = ss.modes.elastic_moduli(calm, LAW), ss.modes.transient_growth(calm, LAW)
     assert more["participation_ratio"] == [] and more["reasons"] == {}
     assert more["moduli"]["shear"] == pytest.approx(moduli.shear, rel=1e-9)
     np.testing.assert_allclose(more["moduli"]["voigt"], moduli.voigt, atol=1e-12)
@@ -44,7 +44,7 @@ def test_an_unstable_packing_says_who_takes_part_and_which_contact_decides(swing
     done = stickslip_here("stability", file, *OPTIONS, "--more", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     words = " ".join(done.stdout.split())
-    ratio = ss.participation_ratio(ss.stability(swinging, LAW).modes, ss.backbone(swinging, LAW))[0]
+    ratio = ss.modes.participation_ratio(ss.stability(swinging, LAW).modes, ss.modes.backbone(swinging, LAW))[0]
     assert f"participation ratios of what grows, in this order: {ratio:.3g}" in words
     assert "transient growth: none, as something grows exponentially" in words
     assert re.search(r"contacts that decide: \d+ of \d+ changes", words)
@@ -53,8 +53,8 @@ def test_an_unstable_packing_says_who_takes_part_and_which_contact_decides(swing
 
 def test_what_cannot_be_told_has_a_reason(tmp_path):
     place, radius = [[0, 0, 0], [0.99, 0, 0], [0.5, 0.85, 0]], [0.5] * 3
-    outwards = ss.forces(ss.sample(place, radius, LAW), LAW)[0].force
-    file = written(ss.sample(place, radius, LAW, external_force=-outwards), tmp_path / "three.npz")
+    outwards = ss.forces(ss.packings.from_arrays(place, radius, LAW), LAW)[0].force
+    file = written(ss.packings.from_arrays(place, radius, LAW, external_force=-outwards), tmp_path / "three.npz")
     done = stickslip_here("stability", file, *OPTIONS, "--more", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     more = json.loads(done.stdout)["more"]
@@ -62,7 +62,7 @@ def test_what_cannot_be_told_has_a_reason(tmp_path):
     assert more["transient"] is None and more["reasons"]["transient"]
     done = stickslip_here("stability", file, *OPTIONS, "--more", cwd=tmp_path)
     assert done.returncode == 0 and "elastic moduli: none" in " ".join(done.stdout.split())
-    file = written(ss.sample(place, radius, LAW), tmp_path / "apart.npz")
+    file = written(ss.packings.from_arrays(place, radius, LAW), tmp_path / "apart.npz")
     done = stickslip_here("stability", file, *OPTIONS, "--more", "--json", cwd=tmp_path)
     assert done.returncode == 3, done.stderr
     more = json.loads(done.stdout)["more"]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.jacobian import linearised
+from stickslip.core.contacts.jacobian import linearised
 from stickslip.solve import sensitivity as module
 from tests.beyond.conftest import LAW, sheared, triangular
 
@@ -13,13 +13,13 @@ def between_two(state, i, j, **parameters):
     """The packing with its own materials for bodies i and j, whose contact alone has other parameters."""
     material = state.grains.material.copy()
     material[i], material[j] = 1, 2
-    law = ss.between(LAW, 1, 2, **parameters)
+    law = ss.laws.for_pair(LAW, 1, 2, **parameters)
     return state._replace(grains=state.grains._replace(material=material)), law
 
 
 def alone(state, found):
     """Changes of contacts whose two grains touch once, and which neither needs: no rattler is made."""
-    rows = ss.touching(state)
+    rows = ss.measure.touching(state)
     pairs = [tuple(p) for p in zip(state.contacts.i[rows], state.contacts.j[rows], strict=True)]
     number = np.bincount(np.array(pairs).ravel(), minlength=state.n_bodies)
     return [
@@ -30,7 +30,7 @@ def alone(state, found):
 
 
 def test_derivatives_add_up_and_are_those_of_differences(swinging):
-    found = ss.contact_sensitivity(swinging, LAW, most=0)
+    found = ss.modes.contact_sensitivity(swinging, LAW, most=0)
     assert found.verdict == "oscillates"
     # −J is the sum over contacts of their blocks: scaling all of them scales λ
     assert found.derivative.sum() == pytest.approx(found.eigenvalue, rel=1e-10)
@@ -71,7 +71,7 @@ def assert_twins_agree(state, found, chosen):
 
 
 def test_every_change_is_that_of_an_independent_twin(calm):
-    found = ss.contact_sensitivity(calm, LAW)
+    found = ss.modes.contact_sensitivity(calm, LAW)
     assert found.verdict == "stable" and found.eigenvalue is None and found.verified.all() and not found.scope
     chosen = alone(calm, found)
     assert {str(found.what[k]) for k in chosen} == {"slides", "opens"}
@@ -82,7 +82,7 @@ def test_every_change_is_that_of_an_independent_twin(calm):
 def test_changes_of_spheres():
     """In three dimensions the direction of sliding matters, and how far the slip is from Coulomb's limit."""
     state = sheared(12, 3, 0.7, 2e-3, seed=2)
-    found = ss.contact_sensitivity(state, LAW)
+    found = ss.modes.contact_sensitivity(state, LAW)
     chosen = alone(state, found)
     slides, opens = ([k for k in chosen if found.what[k] == what] for what in ("slides", "opens"))
     assert len(slides) > 3 and len(opens) > 3
@@ -90,13 +90,13 @@ def test_changes_of_spheres():
 
 
 def test_rows_are_sorted_and_the_unverified_are_last(calm):
-    found = ss.contact_sensitivity(calm, LAW, most=5)
+    found = ss.modes.contact_sensitivity(calm, LAW, most=5)
     assert found.verified.sum() == 5
     assert found.verified[:5].all() and not found.turns[5:].any()
     assert list(found.turns[:5]) == sorted(found.turns[:5], reverse=True)
     assert (found.verdict_after[5:] == "").all()
     assert "first-order shifts only" in found.scope
-    whole = ss.contact_sensitivity(calm, LAW)
+    whole = ss.modes.contact_sensitivity(calm, LAW)
     key = {(c, w): a for c, w, a in zip(whole.contact, whole.what, whole.after, strict=True)}
     for c, w, a in zip(found.contact[:5], found.what[:5], found.after[:5], strict=True):
         assert key[c, w] == a
@@ -104,19 +104,19 @@ def test_rows_are_sorted_and_the_unverified_are_last(calm):
 
 def test_a_grain_that_is_let_go_is_left_out():
     """A small disk between two of a lattice: without one of its contacts it is as if it were not there."""
-    law, overlap = ss.linear(1.0, 0.02, 0.5), 0.06
+    law, overlap = ss.laws.linear(1.0, 0.02, 0.5), 0.06
     lattice = triangular(law)
     keep, hole = np.arange(16) != 3, lattice.grains.position[3, :2]
     ends = np.array([[0.5, -(0.75**0.5)], [1.0, 0.0]]) + hole
     inwards = (hole - ends.mean(axis=0)) / np.linalg.norm(hole - ends.mean(axis=0))
     small = ends.mean(axis=0) + inwards * (0.69**2 - 0.25) ** 0.5
     place, radius, cell = lattice.grains.position[keep, :2], np.full(15, 0.5 + overlap / 2), [4, 2 * 3**0.5]
-    without = ss.sample(place, radius, law, cell=cell, dim=2)
-    state = ss.sample(np.vstack([place, small]), np.append(radius, 0.17), law, cell=cell, dim=2)
-    truth = np.sort(np.linalg.eigvals(ss.stiffness(without, law, ss.freedom(without)).toarray()).real)
-    free = ss.backbone(state, law)
+    without = ss.packings.from_arrays(place, radius, law, cell=cell, dim=2)
+    state = ss.packings.from_arrays(np.vstack([place, small]), np.append(radius, 0.17), law, cell=cell, dim=2)
+    truth = np.sort(np.linalg.eigvals(ss.modes.dynamical_matrix(without, law, ss.freedom(without)).toarray()).real)
+    free = ss.modes.backbone(state, law)
     modes = module._modes(state, law, free)
-    opened = [c for c in module._changes(state, law, modes, ss.touching(state)) if c[1] == "opens"]
+    opened = [c for c in module._changes(state, law, modes, ss.measure.touching(state)) if c[1] == "opens"]
     mine = [change for change in opened if 15 in (state.contacts.i[change[0]], state.contacts.j[change[0]])]
     assert len(mine) == 2 and len(free) == len(truth) + 3
     for change in mine:
@@ -127,7 +127,7 @@ def test_a_grain_that_is_let_go_is_left_out():
 @pytest.mark.slow
 def test_how_good_first_order_shifts_are():
     """What the page says of them."""
-    found = ss.contact_sensitivity(sheared(30, 3, 0.68, 3e-3, seed=3), LAW, most=1000)
+    found = ss.modes.contact_sensitivity(sheared(30, 3, 0.68, 3e-3, seed=3), LAW, most=1000)
     order = np.argsort(found.predicted, kind="stable")
     assert np.corrcoef(found.predicted, found.after)[0, 1] == pytest.approx(0.70, abs=0.02)
     assert (found.turns.sum(), found.turns[order][:20].sum()) == (26, 4)
@@ -135,17 +135,17 @@ def test_how_good_first_order_shifts_are():
 
 def test_a_cell_that_follows_the_stress_is_changed_with_its_contact(calm):
     """Without a contact the cell's rows of J are those of the packing in which its force has vanished."""
-    (xx, _, _), (_, yy, _), _ = ss.stress(calm, LAW)
-    state = calm._replace(control=ss.stress_controlled(calm.control, {"xx": xx, "yy": yy}))
-    found, free = ss.contact_sensitivity(state, LAW), ss.backbone(state, LAW)
+    (xx, _, _), (_, yy, _), _ = ss.measure.stress(calm, LAW)
+    state = calm._replace(control=ss.control.stress_controlled(calm.control, {"xx": xx, "yy": yy}))
+    found, free = ss.modes.contact_sensitivity(state, LAW), ss.modes.backbone(state, LAW)
     assert (free.axis == 6).sum() == 2
     modes = module._modes(state, LAW, free)
-    changes = {c[0]: c for c in module._changes(state, LAW, modes, ss.touching(state)) if c[1] == "opens"}
+    changes = {c[0]: c for c in module._changes(state, LAW, modes, ss.measure.touching(state)) if c[1] == "opens"}
     opened = [k for k in alone(state, found) if found.what[k] == "opens"]
     assert len(opened) > 5
     for k in opened:
         twin, law = between_two(state, found.i[k], found.j[k], kn=1e-14, kt=0.0)
-        truth = np.sort(np.linalg.eigvals(ss.stiffness(twin, law, free).toarray()).real)
+        truth = np.sort(np.linalg.eigvals(ss.modes.dynamical_matrix(twin, law, free).toarray()).real)
         values = module._values_after(state, LAW, modes, free, *changes[found.contact[k]])
         # the twin's contact bears 1e-14 still; nearly equal eigenvalues of J amplify round-off
         np.testing.assert_allclose(np.sort(values.real), truth, atol=1e-10 * truth.max())
@@ -153,23 +153,23 @@ def test_a_cell_that_follows_the_stress_is_changed_with_its_contact(calm):
 
 def test_bad_input_is_told(calm, swinging):
     with pytest.raises(ValueError, match="at least 0"):
-        ss.contact_sensitivity(calm, LAW, most=-1)
+        ss.modes.contact_sensitivity(calm, LAW, most=-1)
     with pytest.raises(ValueError, match="this packing has 1, counted from 0"):
-        ss.contact_sensitivity(swinging, LAW, pair=1, most=0)
-    law = ss.linear()
+        ss.modes.contact_sensitivity(swinging, LAW, pair=1, most=0)
+    law = ss.laws.linear()
     with pytest.raises(ValueError, match="nothing but rattlers"):
-        ss.contact_sensitivity(ss.sample([[0, 0, 0], [3, 0, 0]], [0.5, 0.5], law), law)
+        ss.modes.contact_sensitivity(ss.packings.from_arrays([[0, 0, 0], [3, 0, 0]], [0.5, 0.5], law), law)
 
 
 def test_off_equilibrium_no_contact_decides(calm):
-    moved = calm._replace(control=ss.stress_controlled(calm.control, {"xx": 0.1, "yy": 0.1}))
+    moved = calm._replace(control=ss.control.stress_controlled(calm.control, {"xx": 0.1, "yy": 0.1}))
     with pytest.raises(ValueError, match=r"not in equilibrium .* no contact decides it: equilibrate first"):
-        ss.contact_sensitivity(moved, LAW)
+        ss.modes.contact_sensitivity(moved, LAW)
 
 
 def test_a_frictionless_packing_can_only_open():
-    law = ss.hertz_mindlin(1.0, 0.0, 0.0)
+    law = ss.laws.hertz_mindlin(1.0, 0.0, 0.0)
     state = sheared(16, 2, 0.9, 0.0, seed=1, law=law, steps=1)
-    found = ss.contact_sensitivity(state, law, most=3)
+    found = ss.modes.contact_sensitivity(state, law, most=3)
     assert set(found.what) == {"opens"}
     assert np.isnan(found.mobilised).all()

@@ -5,17 +5,17 @@ import pytest
 from scipy.linalg import expm
 
 import stickslip as ss
-from stickslip.core.jacobian import contact_blocks
+from stickslip.core.contacts.jacobian import contact_blocks
 from stickslip.solve import transient as module
-from stickslip.solve.freedom import restricted
+from stickslip.solve.freedom import assembled
 from tests.beyond.conftest import LAW, sheared
 
 
 def propagator(state, law, free, t):
     """exp(Bt) of (√M q, √M q̇), and the metric of its energy."""
     root, n = np.sqrt(free.mass), len(free)
-    pull = ss.stiffness(state, law, free).toarray()
-    drag = restricted(state, contact_blocks(state, law)[1], free).toarray() / root / root[:, None]
+    pull = ss.modes.dynamical_matrix(state, law, free).toarray()
+    drag = assembled(state, contact_blocks(state, law)[1], free).toarray() / root / root[:, None]
     metric = np.zeros((2 * n, 2 * n))
     metric[:n, :n], metric[n:, n:] = (pull + pull.T) / 2, np.eye(n)
     return expm(t * np.block([[np.zeros((n, n)), np.eye(n)], [-pull, drag]])), metric
@@ -51,7 +51,7 @@ def test_two_modes_in_closed_form(near):
 
 
 def test_it_is_the_matrix_exponential_and_nothing_exceeds_it(calm):
-    found = ss.transient_growth(calm, LAW)
+    found = ss.modes.transient_growth(calm, LAW)
     before, after = energies(found, calm, LAW)
     assert before == pytest.approx(1, rel=1e-9)
     assert np.sqrt(after) == pytest.approx(found.amplitude, rel=1e-9)
@@ -70,7 +70,7 @@ def test_it_is_the_matrix_exponential_and_nothing_exceeds_it(calm):
 
 
 def test_displacements_grow_likewise_and_lanczos_agrees(calm, monkeypatch):
-    found = ss.transient_growth(calm, LAW, norm="displacement", samples=20)
+    found = ss.modes.transient_growth(calm, LAW, norm="displacement", samples=20)
     root, n = np.sqrt(found.free.mass), len(found.free)
     assert np.linalg.norm(found.start[0] * root) == pytest.approx(1)
     assert not found.start[1].any()
@@ -79,21 +79,21 @@ def test_displacements_grow_likewise_and_lanczos_agrees(calm, monkeypatch):
     assert np.linalg.norm(found.end[0] * root) == pytest.approx(found.amplitude, rel=1e-9)
     assert 1 < found.amplitude <= found.bound
     monkeypatch.setattr(module, "SMALL", 0)
-    other = ss.transient_growth(calm, LAW, norm="displacement", samples=20)
+    other = ss.modes.transient_growth(calm, LAW, norm="displacement", samples=20)
     assert other.amplitude == pytest.approx(found.amplitude, rel=1e-6)
 
 
 def test_without_curl_nothing_grows():
-    law = ss.hertz_mindlin(1.0, 0.0, 0.0)
+    law = ss.laws.hertz_mindlin(1.0, 0.0, 0.0)
     state = sheared(16, 2, 0.9, 0.0, seed=1, law=law, steps=1)
-    found = ss.transient_growth(state, law, samples=10)
+    found = ss.modes.transient_growth(state, law, samples=10)
     np.testing.assert_allclose(found.amplitudes, 1, rtol=1e-9)
     assert found.bound == pytest.approx(1, rel=1e-9)
 
 
 def test_dashpots_take_from_it(calm):
-    law = ss.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth", damping_n=1e-3, damping_t=1e-3)
-    free, found = ss.transient_growth(calm, LAW, samples=40), ss.transient_growth(calm, law, samples=40)
+    law = ss.laws.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth", damping_n=1e-3, damping_t=1e-3)
+    free, found = ss.modes.transient_growth(calm, LAW, samples=40), ss.modes.transient_growth(calm, law, samples=40)
     before, after = energies(found, calm, law)
     assert np.sqrt(after / before) == pytest.approx(found.amplitude, rel=1e-8)
     assert 1 <= found.amplitude < free.amplitude
@@ -101,8 +101,8 @@ def test_dashpots_take_from_it(calm):
 
 def test_what_has_no_transient_is_told(swinging, calm):
     with pytest.raises(ValueError, match="unstable packing"):
-        ss.transient_growth(swinging, LAW)
+        ss.modes.transient_growth(swinging, LAW)
     with pytest.raises(ValueError, match="use energy or displacement"):
-        ss.transient_growth(calm, LAW, norm="power")
+        ss.modes.transient_growth(calm, LAW, norm="power")
     with pytest.raises(ValueError, match="a positive time"):
-        ss.transient_growth(calm, LAW, duration=-1.0)
+        ss.modes.transient_growth(calm, LAW, duration=-1.0)

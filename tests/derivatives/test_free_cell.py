@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import expm
 
 import stickslip as ss
-from stickslip.core.neighbors import updated
+from stickslip.core.contacts.neighbors import updated
 from stickslip.solve.freedom import jacobian
 from tests.conftest import make_law, stirred
 from tests.derivatives.test_jacobian import differences, overlaps
@@ -14,9 +14,9 @@ EVERYTHING = {2: ["xx", "xy", "yx", "yy"], 3: [a + b for a in "xyz" for b in "xy
 
 
 def packed(dim, n=20, pressure=1e-2, seed=3):
-    state, _ = ss.jammed(n, packing_fraction=0.7 if dim == 3 else 0.9, dim=dim, seed=seed)
+    state, _ = ss.packings.jammed(n, packing_fraction=0.7 if dim == 3 else 0.9, dim=dim, seed=seed)
     components = dict.fromkeys(["xx", "yy", "zz"][:dim], pressure)
-    return state._replace(control=ss.stress_controlled(state.control, components))
+    return state._replace(control=ss.control.stress_controlled(state.control, components))
 
 
 @pytest.mark.parametrize("memory", [ss.HELD, ss.FREE])
@@ -24,16 +24,16 @@ def packed(dim, n=20, pressure=1e-2, seed=3):
 @pytest.mark.parametrize("dim", [2, 3])
 def test_jacobian_with_a_free_cell_against_differences(dim, coulomb, memory):
     law = make_law("hertz_mindlin", coulomb)
-    control = ss.stress_controlled(packed(dim).control, dict.fromkeys(EVERYTHING[dim], 0.01) | {"xy": 3e-3})
+    control = ss.control.stress_controlled(packed(dim).control, dict.fromkeys(EVERYTHING[dim], 0.01) | {"xy": 3e-3})
     for seed in range(100):
         state = stirred(packed(dim)._replace(control=control), law, np.random.default_rng(seed), size=5e-3)
-        rows = ss.touching(state)
+        rows = ss.measure.touching(state)
         slip = np.linalg.norm(state.contacts.slip[rows], axis=1)
         if np.abs(overlaps(state)).min() > 1e-3 and slip.min() > 1e-3:  # a contact that grazes, or (with the smooth
             break  # law) has no slip, has no second derivative
     free = ss.freedom(state)
     if memory == ss.FREE:  # at rest a sliding contact is on the edge between stick and slide
-        state = updated(ss.displaced(state, free, np.random.default_rng(0).normal(0, 3e-4, len(free))))
+        state = updated(ss.modes.displaced(state, free, np.random.default_rng(0).normal(0, 3e-4, len(free))))
     assert (free.axis == 6).sum() == dim**2
     free = ss.freedom(state)
     assert free.length == pytest.approx(np.linalg.det(state.cell.vectors[:dim, :dim]) ** (1 / dim))
@@ -52,13 +52,13 @@ def test_newton_and_dynamics_find_the_wanted_stress():
     assert outcome.ok
     solved, outcome = ss.newton(calm, law, tolerance=1e-13)
     assert outcome.ok
-    np.testing.assert_allclose(np.diag(ss.stress(solved, law))[:dim], 1e-2, rtol=1e-9)
+    np.testing.assert_allclose(np.diag(ss.measure.stress(solved, law))[:dim], 1e-2, rtol=1e-9)
     np.testing.assert_allclose(solved.cell.vectors, calm.cell.vectors, atol=1e-5)
-    more = ss.stress_controlled(solved.control, dict.fromkeys(["xx", "yy", "zz"][:dim], 1.02e-2))
+    more = ss.control.stress_controlled(solved.control, dict.fromkeys(["xx", "yy", "zz"][:dim], 1.02e-2))
     end, outcome = ss.equilibrate(solved._replace(control=more), law)
     assert outcome.ok
-    np.testing.assert_allclose(np.diag(ss.stress(end, law))[:dim], 1.02e-2, rtol=1e-9)
-    assert ss.packing_fraction(end) > ss.packing_fraction(solved)
+    np.testing.assert_allclose(np.diag(ss.measure.stress(end, law))[:dim], 1.02e-2, rtol=1e-9)
+    assert ss.measure.packing_fraction(end) > ss.measure.packing_fraction(solved)
 
 
 def test_the_spectrum_says_how_a_pressed_packing_rings():
@@ -69,7 +69,7 @@ def test_the_spectrum_says_how_a_pressed_packing_rings():
     free = ss.freedom(state)
     size, bodies = len(free), state.n_bodies
     pull = jacobian(state, law, free).toarray() / free.mass[:, None]
-    rub = ss.restricted(state, ss.contact_blocks(state, law)[1], free).toarray() / free.mass[:, None]
+    rub = ss.modes.assembled(state, ss.modes.contact_blocks(state, law)[1], free).toarray() / free.mass[:, None]
     rate = np.random.default_rng(0).normal(0, 1e-9, size)
     rate[free.axis == 6] *= 10
     full = free.spread(rate)
@@ -87,4 +87,4 @@ def test_the_spectrum_says_how_a_pressed_packing_rings():
     assert np.abs(predicted[free.axis == 6]).max() > 1e-9
     # second order in the time step; what is not linear is far below
     np.testing.assert_allclose(measured, predicted, atol=1e-3 * np.abs(predicted).max(), rtol=0)
-    assert len(ss.damped_growth(state, law)) == 2 * size
+    assert len(ss.modes.damped_growth(state, law)) == 2 * size

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from stickslip.core.contact import FREE, HELD
-from stickslip.core.forces import bodies, forces
-from stickslip.core.geometry import normal_and_overlap, pair_vector, shifts
-from stickslip.core.jacobian import contact_blocks
-from stickslip.core.neighbors import updated
+from stickslip.core.contacts.forces import bodies, forces
+from stickslip.core.contacts.geometry import normal_and_overlap, pair_vector, shifts
+from stickslip.core.contacts.jacobian import contact_blocks
+from stickslip.core.contacts.mechanics import FREE, HELD
+from stickslip.core.contacts.neighbors import updated
 from stickslip.core.state import SLIDE, STICK
-from stickslip.solve.freedom import displaced, freedom, residual_vector, restricted
+from stickslip.solve.freedom import assembled, displaced, freedom, residual_vector
 from tests.conftest import make_law, make_packing, stirred
 
 CASES = [
@@ -71,7 +71,7 @@ def test_jacobian_of_an_accepted_state(law_name, coulomb, dim, seed):
     state, law = sample(law_name, coulomb, dim, seed)
     modes = state.contacts.mode[: state.contacts.count[0]]
     free = freedom(state)
-    exact = restricted(state, contact_blocks(state, law)[0], free).toarray()
+    exact = assembled(state, contact_blocks(state, law)[0], free).toarray()
     numeric = differences(state, law, free, HELD, h=1e-4 * overlaps(state)[modes > 0].min() ** 0.5)
     # h⁴ and round-off/h balance near 1e-10 of the largest entry; 1e-8 is what the project promises
     np.testing.assert_allclose(exact, numeric, atol=1e-8 * np.abs(exact).max(), rtol=0)
@@ -92,7 +92,7 @@ def test_jacobian_of_a_trial_state_with_pending_increments(law_name, coulomb, di
     free = freedom(state)
     rng = np.random.default_rng(0)
     pending = updated(displaced(state, free, rng.normal(0, size, len(free))))
-    exact = restricted(pending, contact_blocks(pending, law, memory=FREE)[0], free).toarray()
+    exact = assembled(pending, contact_blocks(pending, law, memory=FREE)[0], free).toarray()
     numeric = differences(pending, law, free, FREE, h=1e-6)
     # a contact on the edge between stick and slide would be off by its whole stiffness, not by round-off
     np.testing.assert_allclose(exact, numeric, atol=1e-8 * np.abs(exact).max(), rtol=0)
@@ -106,7 +106,7 @@ def test_jacobian_of_a_free_wall(dim):
     state = state._replace(control=state.control._replace(free=free_wall))
     free = freedom(state)
     assert (free.body == state.n_bodies - 1).sum() == dim
-    exact = restricted(state, contact_blocks(state, law)[0], free).toarray()
+    exact = assembled(state, contact_blocks(state, law)[0], free).toarray()
     numeric = differences(state, law, free, HELD, h=1e-6)
     np.testing.assert_allclose(exact, numeric, atol=1e-8 * np.abs(exact).max(), rtol=0)
 
@@ -115,7 +115,7 @@ def test_jacobian_is_symmetric_without_friction():
     law = make_law("hertz_mindlin", "sharp", mu=0.0)
     state = stirred(make_packing(3), law, np.random.default_rng(1))
     free = freedom(state)
-    jacobian = restricted(state, contact_blocks(state, law)[0], free).toarray()
+    jacobian = assembled(state, contact_blocks(state, law)[0], free).toarray()
     # equal up to the order of additions
     np.testing.assert_allclose(jacobian, jacobian.T, atol=1e-14 * np.abs(jacobian).max())
 
@@ -130,7 +130,7 @@ def test_dashpot_matrix_against_differences_in_velocity(dim, law_name, damping):
     stick_only = state.contacts.mode[:count] != SLIDE
     assert stick_only.all(), "the dashpot of a sliding contact has two one-sided derivatives"
     free = freedom(state)
-    exact = restricted(state, contact_blocks(state, law)[1], free).toarray()
+    exact = assembled(state, contact_blocks(state, law)[1], free).toarray()
     numeric = np.zeros_like(exact)
     h, n = 1e-6, len(state.grains.radius)
     for k in range(len(free)):

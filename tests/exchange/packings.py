@@ -5,7 +5,7 @@ import numpy as np
 import stickslip as ss
 from stickslip.core.state import OPEN
 
-SHARP = ss.hertz_mindlin_reff(2.0, 1.5, 0.2, damping_n=0.3, damping_t=0.2)
+SHARP = ss.laws.hertz_mindlin_reff(2.0, 1.5, 0.2, damping_n=0.3, damping_t=0.2)
 
 
 def spheres(seed=0, *, law=SHARP, motion=True) -> ss.State:
@@ -18,7 +18,7 @@ def spheres(seed=0, *, law=SHARP, motion=True) -> ss.State:
     given = {"radius": rng.uniform(0.45, 0.55, n), "mass": rng.uniform(0.5, 2, n), "cell": cell}
     if motion:
         given |= dict(zip(("velocity", "spin"), rng.normal(0, 1e-3, (2, n, 3)), strict=True))
-    return with_slip(ss.sample(place, law=law, **given), law, rng)
+    return with_slip(ss.packings.from_arrays(place, law=law, **given), law, rng)
 
 
 def disks(seed=0, *, law=SHARP, motion=True) -> ss.State:
@@ -31,13 +31,13 @@ def disks(seed=0, *, law=SHARP, motion=True) -> ss.State:
     given = {"cell": [5.7, 5.7], "angle": turn[1], "dim": 2}
     if motion:
         given |= {"velocity": rng.normal(0, 1e-3, place.shape), "spin": turn[0]}
-    return with_slip(ss.sample(place, rng.uniform(0.48, 0.55, len(place)), law, **given), law, rng)
+    return with_slip(ss.packings.from_arrays(place, rng.uniform(0.48, 0.55, len(place)), law, **given), law, rng)
 
 
 def walled() -> tuple[ss.State, ss.Law]:
     """Ten disks between walls, pushed: walls, loads, two materials, nothing periodic."""
-    law = ss.between(ss.hertz_mindlin(kn=1.0, kt=2 / 7, mu=10.0, coulomb="smooth"), 0, 1)
-    state, _ = ss.relax(ss.disk_array(10, press=5e-5), law)
+    law = ss.laws.for_pair(ss.laws.hertz_mindlin(kn=1.0, kt=2 / 7, mu=10.0, coulomb="smooth"), 0, 1)
+    state, _ = ss.relax(ss.packings.disk_array(10, press=5e-5), law)
     return state, law
 
 

@@ -12,12 +12,12 @@ from stickslip.data.exchange.files import convert
 from stickslip.loading.packing import jammed
 from stickslip.loading.protocols import ramp
 from stickslip.loading.shear import aqs
-from stickslip.solve.freedom import stiffness
+from stickslip.solve.freedom import dynamical_matrix
 from tests.conftest import stickslip_here as run
 
 from .packings import SHARP, assert_same, disks, spheres, walled
 
-SMOOTH = ss.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth")
+SMOOTH = ss.laws.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth")
 
 
 @pytest.fixture(scope="module")
@@ -31,8 +31,8 @@ def unstable():
 @pytest.mark.parametrize("make", [spheres, disks])
 def test_npz_keeps_state_motion_and_law(make, tmp_path):
     state = make()
-    assert ss.write_sample(tmp_path / "p.npz", state, SHARP) == []
-    back, law, words = ss.read_sample(tmp_path / "p.npz")
+    assert ss.io.write_packing(tmp_path / "p.npz", state, SHARP) == []
+    back, law, words = ss.io.read_packing(tmp_path / "p.npz")
     assert not words
     assert np.array_equal(law.table, SHARP.table)
     assert law[:2] == SHARP[:2]
@@ -41,7 +41,7 @@ def test_npz_keeps_state_motion_and_law(make, tmp_path):
         assert np.array_equal(getattr(back.grains, name), getattr(state.grains, name))
     np.testing.assert_allclose(back.grains.inertia, state.grains.inertia, rtol=1e-15)
     c, d = back.contacts, state.contacts
-    mine, theirs = ss.touching(back), ss.touching(state)
+    mine, theirs = ss.measure.touching(back), ss.measure.touching(state)
     assert np.array_equal(c.key[mine], d.key[theirs])
     assert np.array_equal(c.mode[mine], d.mode[theirs])
     np.testing.assert_allclose(c.slip[mine], d.slip[theirs], atol=1e-17)
@@ -51,9 +51,9 @@ def test_npz_keeps_state_motion_and_law(make, tmp_path):
 @pytest.mark.parametrize("name", ["b.h5", "b.gsd"])
 def test_whole_formats_keep_everything(name, tmp_path):
     state, law = walled()
-    ss.write_sample(tmp_path / "a.gsd", state, law)
+    ss.io.write_packing(tmp_path / "a.gsd", state, law)
     convert(tmp_path / "a.gsd", tmp_path / name)
-    back, its_law, _ = ss.read_sample(tmp_path / name)
+    back, its_law, _ = ss.io.read_packing(tmp_path / name)
     assert np.array_equal(its_law.table, law.table)
     for noun in ("grains", "walls", "cell", "control"):
         for field, x in getattr(state, noun)._asdict().items():
@@ -65,18 +65,18 @@ def test_all_states_of_an_archive_become_a_trajectory(tmp_path):
     states = [spheres(k) for k in range(3)]
     archive.write(tmp_path / "a.h5", {"law": SHARP, "frames": {f"{k}": s for k, s in enumerate(states)}})
     convert(tmp_path / "a.h5", tmp_path / "t.gsd")
-    back = ss.read_samples(tmp_path / "t.gsd")
+    back = ss.io.read_packings(tmp_path / "t.gsd")
     assert len(back) == 3
     for state, (_, again, _, _) in zip(states, back, strict=True):
         assert np.array_equal(state.grains.position, again.grains.position)
     convert(tmp_path / "a.h5", tmp_path / "one.npz", frame="frames/1")
-    with pytest.raises(ss.SampleError, match=r"3 states cannot be written as \.npz"):
+    with pytest.raises(ss.packings.PackingError, match=r"3 states cannot be written as \.npz"):
         convert(tmp_path / "a.h5", tmp_path / "all.npz")
     assert not (tmp_path / "all.npz").exists()
 
 
 def test_three_commands_make_an_animation(unstable, tmp_path):
-    ss.write_sample(tmp_path / "p.npz", unstable, SMOOTH)
+    ss.io.write_packing(tmp_path / "p.npz", unstable, SMOOTH)
     done = run("convert", str(tmp_path / "p.npz"), "--to", str(tmp_path / "p.gsd"))
     assert done.returncode == 0, done.stderr
     done = run("stability", str(tmp_path / "p.gsd"), "--modes", str(tmp_path / "m.npz"))
@@ -108,8 +108,8 @@ def test_the_animation_is_what_the_linearised_motion_does(unstable):
     full = free.spread(mode)
     s = complex(-1j * np.sqrt(found.pairs[0]))
     assert s.real > 0
-    frames = ss.mode_frames(
-        ss.frame_of(unstable, SMOOTH), full[:, :3], full[:, 3:], s, count=400, amplitude=1e-3, grow=True
+    frames = ss.io.mode_frames(
+        ss.io.frame_of(unstable, SMOOTH), full[:, :3], full[:, 3:], s, count=400, amplitude=1e-3, grow=True
     )
     q = np.array(
         [np.hstack([f.grains["displacement"], f.grains["rotation"] * unstable.grains.radius[:, None]]) for f in frames]
@@ -117,19 +117,19 @@ def test_the_animation_is_what_the_linearised_motion_does(unstable):
     dt = frames[1].state.time - frames[0].state.time
     bend = (q[2:] - 2 * q[1:-1] + q[:-2]) / dt**2
     root = np.sqrt(free.mass)
-    pull = -(stiffness(unstable, SMOOTH, free) @ (root * q[1:-1].reshape(398, -1)[:, free.component]).T).T / root
+    pull = -(dynamical_matrix(unstable, SMOOTH, free) @ (root * q[1:-1].reshape(398, -1)[:, free.component]).T).T / root
     np.testing.assert_allclose(bend.reshape(398, -1)[:, free.component], pull, atol=2e-4 * np.abs(pull).max())
 
 
 def test_with_dashpots_the_damped_spectrum_answers(unstable, tmp_path):
-    ss.write_sample(tmp_path / "p.npz", unstable, SMOOTH)
+    ss.io.write_packing(tmp_path / "p.npz", unstable, SMOOTH)
     options = ["stability", str(tmp_path / "p.npz"), "--law", "hertz_mindlin", "--coulomb", "smooth", "--kn", "1"]
     options += ["--kt", str(2 / 7), "--mu", "10", "--damping-n", "1e-3", "--damping-t", "5e-4"]
     done = run(*options, "--modes", str(tmp_path / "m.npz"))
     assert done.returncode == 0, done.stderr
     assert "spectrum: damped" in done.stdout
-    law = ss.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth", damping_n=1e-3, damping_t=5e-4)
-    truth = ss.damped_growth(unstable, law)
+    law = ss.laws.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth", damping_n=1e-3, damping_t=5e-4)
+    truth = ss.modes.damped_growth(unstable, law)
     fastest = truth[truth.real.argmax()]
     done = run(*options, "--json")
     found = json.loads(done.stdout)
@@ -155,7 +155,7 @@ def test_with_dashpots_the_damped_spectrum_answers(unstable, tmp_path):
 )
 def test_bad_input_ends_with_code_2_and_one_sentence(words, said, tmp_path):
     path = tmp_path / "p.npz"
-    ss.write_sample(path, disks(), SHARP)
+    ss.io.write_packing(path, disks(), SHARP)
     done = run(*(word.format(p=path, d=tmp_path) for word in words))
     assert done.returncode == 2
     assert said in done.stderr
@@ -165,43 +165,43 @@ def test_bad_input_ends_with_code_2_and_one_sentence(words, said, tmp_path):
 
 def test_modes_of_another_packing_are_refused(unstable, tmp_path):
     np.savez(tmp_path / "m.npz", exponent=np.ones(1), translation=np.ones((1, 3, 3)), rotation=np.ones((1, 3, 3)))
-    with pytest.raises(ss.SampleError, match="modes of 3 grains, the packing has 30"):
-        ss.read_mode(tmp_path / "m.npz", 0, 30)
-    with pytest.raises(ss.SampleError, match="mode 5 was asked for"):
-        ss.read_mode(tmp_path / "m.npz", 5, 3)
+    with pytest.raises(ss.packings.PackingError, match="modes of 3 grains, the packing has 30"):
+        ss.io.read_mode(tmp_path / "m.npz", 0, 30)
+    with pytest.raises(ss.packings.PackingError, match="mode 5 was asked for"):
+        ss.io.read_mode(tmp_path / "m.npz", 5, 3)
 
 
 def test_nothing_is_executed(tmp_path):
     """Pickles in numpy files are refused before they are looked at."""
     np.savez(tmp_path / "p.npz", position=np.array([print], object), radius=np.ones(1))
-    with pytest.raises(ss.SampleError, match=r"cannot be read as \.npz"):
-        ss.read_sample(tmp_path / "p.npz")
-    with pytest.raises(ss.SampleError, match="holds no modes"):
-        ss.read_mode(tmp_path / "p.npz", 0, 1)
+    with pytest.raises(ss.packings.PackingError, match=r"cannot be read as \.npz"):
+        ss.io.read_packing(tmp_path / "p.npz")
+    with pytest.raises(ss.packings.PackingError, match="holds no modes"):
+        ss.io.read_mode(tmp_path / "p.npz", 0, 1)
 
 
 @pytest.mark.parametrize("name", ["p.npz", "p.h5", "p.gsd", "p.data", "m.npz"])
 @pytest.mark.parametrize("share", [0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 0.999])
 def test_truncated_files_end_with_one_sentence(name, share, tmp_path):
-    ss.write_sample(tmp_path / name.replace("m.", "p."), spheres(), SHARP)
+    ss.io.write_packing(tmp_path / name.replace("m.", "p."), spheres(), SHARP)
     modes = {"exponent": np.ones(1), "translation": np.ones((1, 64, 3)), "rotation": np.ones((1, 64, 3))}
     np.savez_compressed(tmp_path / "m.npz", **modes)
     path = tmp_path / name
     whole = path.read_bytes()
     path.write_bytes(whole[: int(share * len(whole))])
     with pytest.raises(ValueError, match=name) as problem:
-        ss.read_mode(path, 0, 64) if name == "m.npz" else ss.read_sample(path, law="linear")
+        ss.io.read_mode(path, 0, 64) if name == "m.npz" else ss.io.read_packing(path, law="linear")
     assert "\n" not in str(problem.value)
 
 
 def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
     path = tmp_path / "p.gsd"
-    ss.write_sample(path, disks(), SHARP)
+    ss.io.write_packing(path, disks(), SHARP)
     before = path.read_bytes()
-    broken = ss.frame_of(disks(1), SHARP)
+    broken = ss.io.frame_of(disks(1), SHARP)
     broken.grains["force"] = np.zeros((2, 2, 2, 2))
     with pytest.raises(ValueError, match="GSD"):
-        ss.write_sample(path, [broken])
+        ss.io.write_packing(path, [broken])
     assert path.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == ["p.gsd"]
 
@@ -210,7 +210,7 @@ def test_a_state_keeps_its_sliding_contacts(tmp_path):
     """Read again, a contact at Coulomb's limit is still there, whatever round-off says."""
     state = spheres()
     for name in ("p.npz", "p.h5", "p.gsd"):
-        ss.write_sample(tmp_path / name, state, SHARP)
-        back, _, _ = ss.read_sample(tmp_path / name)
+        ss.io.write_packing(tmp_path / name, state, SHARP)
+        back, _, _ = ss.io.read_packing(tmp_path / name)
         assert (back.contacts.mode == ss.SLIDE).sum() == (state.contacts.mode == ss.SLIDE).sum() > 5
     assert_same(state, back)

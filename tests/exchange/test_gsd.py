@@ -19,8 +19,8 @@ from .packings import SHARP, assert_same, disks, spheres, walled
 @pytest.mark.parametrize("make", [lambda: (spheres(), SHARP), lambda: (disks(), SHARP), walled])
 def test_our_own_file_is_read_to_the_last_bit(make, tmp_path):
     state, law = make()
-    ss.write_sample(tmp_path / "p.gsd", state, law)
-    back, its_law, words = ss.read_sample(tmp_path / "p.gsd")
+    ss.io.write_packing(tmp_path / "p.gsd", state, law)
+    back, its_law, words = ss.io.read_packing(tmp_path / "p.gsd")
     assert not words
     assert_same(state, back)
     assert its_law[:2] == law[:2]
@@ -33,21 +33,21 @@ def test_our_own_file_is_read_to_the_last_bit(make, tmp_path):
 def test_any_packing_comes_back(seed, flat, time, tmp_path_factory):
     state = (disks if flat else spheres)(seed)._replace(time=time)
     path = tmp_path_factory.mktemp("gsd") / "p.gsd"
-    ss.write_sample(path, state, SHARP)
-    assert_same(state, ss.read_sample(path)[0])
+    ss.io.write_packing(path, state, SHARP)
+    assert_same(state, ss.io.read_packing(path)[0])
 
 
 def test_what_other_programs_see(tmp_path):
     state = spheres()
-    assert ss.write_sample(tmp_path / "p.gsd", state, SHARP) == []
+    assert ss.io.write_packing(tmp_path / "p.gsd", state, SHARP) == []
     with gsd.hoomd.open(tmp_path / "p.gsd") as file:
         (frame,) = list(file)
-    rows, c = ss.touching(state), state.contacts
+    rows, c = ss.measure.touching(state), state.contacts
     assert np.array_equal(frame.bonds.group, np.stack([c.i[rows], c.j[rows]], axis=1))
     assert [frame.bonds.types[k] for k in frame.bonds.typeid] == [
         "sliding" if m == ss.SLIDE else "sticking" for m in c.mode[rows]
     ]
-    force, branch = ss.contact_forces(state, SHARP)[rows], ss.branches(state)[rows]
+    force, branch = ss.measure.contact_forces(state, SHARP)[rows], ss.measure.branch_vectors(state)[rows]
     normal = branch / np.linalg.norm(branch, axis=1)[:, None]
     np.testing.assert_allclose(frame.log["bonds/force_n"], np.einsum("ck,ck->c", force, normal), rtol=1e-12)
     along = frame.log["bonds/force_n"][:, None] * normal + frame.log["bonds/tangential"]
@@ -68,8 +68,8 @@ def test_tilts_are_over_the_edge_that_they_lean_along(make, tmp_path):
     """HOOMD's box: a₂ = (xy L_y, L_y, 0), a₃ = (xz L_z, yz L_z, L_z), with edges that all differ."""
     vectors = np.array([[4.0, 0, 0], [0.9, 5.0, 0], [-0.7, 1.1, 6.0]])
     told = [4.0, 5.0, 6.0, 0.9 / 5.0, -0.7 / 6.0, 1.1 / 6.0]
-    state = ss.sample([[1, 1, 1], [1.99, 1, 1]], [0.5, 0.5], SHARP, cell=vectors)
-    ss.write_sample(tmp_path / "p.gsd", state, SHARP)
+    state = ss.packings.from_arrays([[1, 1, 1], [1.99, 1, 1]], [0.5, 0.5], SHARP, cell=vectors)
+    ss.io.write_packing(tmp_path / "p.gsd", state, SHARP)
     with gsd.hoomd.open(tmp_path / "p.gsd") as file:
         frame = file[0]
     np.testing.assert_allclose(frame.configuration.box, told, rtol=1e-6)  # single precision
@@ -77,19 +77,19 @@ def test_tilts_are_over_the_edge_that_they_lean_along(make, tmp_path):
         frame.log.clear()
         with gsd.hoomd.open(tmp_path / "f.gsd", "w") as file:
             file.append(frame)
-        back, _, _ = ss.read_sample(tmp_path / "f.gsd")
+        back, _, _ = ss.io.read_packing(tmp_path / "f.gsd")
         np.testing.assert_allclose(back.cell.vectors, vectors, rtol=1e-6)
 
 
 def test_a_foreign_file_gives_what_it_has(tmp_path):
     """Without our chunks: positions, radii, masses, velocities and spins in single precision; no slip, no law."""
     state = disks()
-    ss.write_sample(tmp_path / "p.gsd", state, SHARP)
+    ss.io.write_packing(tmp_path / "p.gsd", state, SHARP)
     with gsd.hoomd.open(tmp_path / "p.gsd") as ours, gsd.hoomd.open(tmp_path / "f.gsd", "w") as file:
         frame = ours[0]
         frame.log.clear()
         file.append(frame)
-    back, _, words = ss.read_sample(tmp_path / "f.gsd", law="linear")
+    back, _, words = ss.io.read_packing(tmp_path / "f.gsd", law="linear")
     assert any("was not written by stickslip" in word for word in words)
     shift = back.grains.position - state.grains.position
     shift -= shift[0]
@@ -98,7 +98,7 @@ def test_a_foreign_file_gives_what_it_has(tmp_path):
         np.testing.assert_allclose(getattr(back.grains, name), getattr(state.grains, name), rtol=1e-5, atol=1e-9)
     assert back.cell.dim == 2
     assert not back.contacts.slip.any()
-    _, _, words = ss.read_sample(tmp_path / "f.gsd")
+    _, _, words = ss.io.read_packing(tmp_path / "f.gsd")
     assert any("no contact law" in word for word in words)
 
 
@@ -116,19 +116,19 @@ def test_spins_of_turned_grains_are_read(tmp_path):
     p.angmom = 2 * gsd_file.multiplied(turn, inertia * body)
     with gsd.hoomd.open(tmp_path / "f.gsd", "w") as file:
         file.append(frame)
-    back, _, _ = ss.read_sample(tmp_path / "f.gsd")
+    back, _, _ = ss.io.read_packing(tmp_path / "f.gsd")
     np.testing.assert_allclose(back.grains.spin, spin, rtol=1e-5)
 
 
 def test_frames_are_chosen(tmp_path):
     states = [spheres(k) for k in range(3)]
-    ss.write_sample(tmp_path / "p.gsd", [ss.frame_of(state, SHARP) for state in states])
-    assert_same(states[1], ss.read_sample(tmp_path / "p.gsd", frame="1")[0])
-    assert_same(states[2], ss.read_sample(tmp_path / "p.gsd")[0])
-    for state, (_, back, _, _) in zip(states, ss.read_samples(tmp_path / "p.gsd"), strict=True):
+    ss.io.write_packing(tmp_path / "p.gsd", [ss.io.frame_of(state, SHARP) for state in states])
+    assert_same(states[1], ss.io.read_packing(tmp_path / "p.gsd", frame="1")[0])
+    assert_same(states[2], ss.io.read_packing(tmp_path / "p.gsd")[0])
+    for state, (_, back, _, _) in zip(states, ss.io.read_packings(tmp_path / "p.gsd"), strict=True):
         assert_same(state, back)
-    with pytest.raises(ss.SampleError, match=r"no frame '7': it has 0 to 2"):
-        ss.read_sample(tmp_path / "p.gsd", frame="7")
+    with pytest.raises(ss.packings.PackingError, match=r"no frame '7': it has 0 to 2"):
+        ss.io.read_packing(tmp_path / "p.gsd", frame="7")
 
 
 CUT = """
@@ -139,16 +139,16 @@ for share in range(0, 100, 5):
     path = sys.argv[1] + "-cut.gsd"
     open(path, "wb").write(whole[: len(whole) * share // 100])
     try:
-        ss.read_sample(path)
+        ss.io.read_packing(path)
         print("read", share)
-    except ss.SampleError as problem:
+    except ss.packings.PackingError as problem:
         assert "\\n" not in str(problem)
 """
 
 
 def test_truncated_files_are_refused_politely(tmp_path):
     """In a process of its own: a reader in C could end it."""
-    ss.write_sample(tmp_path / "p.gsd", spheres(), SHARP)
+    ss.io.write_packing(tmp_path / "p.gsd", spheres(), SHARP)
     done = subprocess.run([sys.executable, "-c", CUT, str(tmp_path / "p.gsd")], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert not done.stdout
@@ -182,15 +182,15 @@ def rewritten(path, change):
     ],
 )
 def test_files_of_another_kind_are_refused_politely(change, words, tmp_path):
-    ss.write_sample(tmp_path / "p.gsd", spheres(), SHARP)
+    ss.io.write_packing(tmp_path / "p.gsd", spheres(), SHARP)
     rewritten(tmp_path / "p.gsd", change)
-    with pytest.raises(ss.SampleError, match=words) as problem:
-        ss.read_sample(tmp_path / "p.gsd")
+    with pytest.raises(ss.packings.PackingError, match=words) as problem:
+        ss.io.read_packing(tmp_path / "p.gsd")
     assert "\n" not in str(problem.value)
 
 
 @pytest.mark.parametrize("content", [b"", b"no gsd at all", b"\xdf\x65\xdf\x65\xdf\x65\xdf\x65" + bytes(300)])
 def test_what_is_no_gsd_is_refused(content, tmp_path):
     (tmp_path / "p.gsd").write_bytes(content)
-    with pytest.raises(ss.SampleError, match="cannot be read as GSD"):
-        ss.read_sample(tmp_path / "p.gsd")
+    with pytest.raises(ss.packings.PackingError, match="cannot be read as GSD"):
+        ss.io.read_packing(tmp_path / "p.gsd")

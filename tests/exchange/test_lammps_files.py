@@ -17,14 +17,14 @@ GIVEN = {"law": "hertz_mindlin_reff", "kn": 2.0, "kt": 1.5, "mu": 0.2, "damping_
 
 
 def back(path, **options):
-    return ss.read_sample(path, contacts=path.with_name(f"{path.stem}.contacts.dump"), **(GIVEN | options))
+    return ss.io.read_packing(path, contacts=path.with_name(f"{path.stem}.contacts.dump"), **(GIVEN | options))
 
 
 @pytest.mark.parametrize("make", [spheres, disks])
 def test_data_and_contacts_come_back(make, tmp_path):
     """Slip comes back through the force: to round-off of its division by overlaps."""
     state = make(motion=False)
-    words = ss.write_sample(tmp_path / "p.data", state, SHARP)
+    words = ss.io.write_packing(tmp_path / "p.data", state, SHARP)
     assert any("p.contacts.dump, for --contacts" in word for word in words)
     again, law, _ = back(tmp_path / "p.data", boundary="ppp")
     for name in ("radius", "velocity", "spin"):
@@ -32,7 +32,7 @@ def test_data_and_contacts_come_back(make, tmp_path):
     np.testing.assert_allclose(again.grains.mass, state.grains.mass, rtol=1e-14)
     np.testing.assert_allclose(again.grains.position, state.grains.position, atol=1e-13)
     np.testing.assert_allclose(again.cell.vectors, state.cell.vectors, rtol=1e-14)
-    mine, theirs = ss.touching(state), ss.touching(again)
+    mine, theirs = ss.measure.touching(state), ss.measure.touching(again)
     assert len(mine) == len(theirs)
     scale = np.abs(state.contacts.slip).max()
     np.testing.assert_allclose(branches_and_slip(again, theirs), branches_and_slip(state, mine), atol=1e-9 * scale)
@@ -43,7 +43,7 @@ def test_data_and_contacts_come_back(make, tmp_path):
 def branches_and_slip(state, rows):
     """Contacts in an order that does not depend on which periods positions are counted in."""
     c = state.contacts
-    table = np.column_stack([c.i[rows], c.j[rows], ss.branches(state)[rows], c.slip[rows]])
+    table = np.column_stack([c.i[rows], c.j[rows], ss.measure.branch_vectors(state)[rows], c.slip[rows]])
     return table[np.lexsort((np.round(table[:, 2], 6), table[:, 1], table[:, 0]))][:, 2:]
 
 
@@ -52,7 +52,7 @@ def branches_and_slip(state, rows):
 def test_any_packing_keeps_its_forces(seed, tmp_path_factory):
     state = spheres(seed, motion=False)
     path = tmp_path_factory.mktemp("data") / "p.data"
-    ss.write_sample(path, state, SHARP)
+    ss.io.write_packing(path, state, SHARP)
     again, law, _ = back(path)
     np.testing.assert_allclose(ss.forces(again, law)[0].force, ss.forces(state, SHARP)[0].force, atol=1e-11)
 
@@ -60,12 +60,12 @@ def test_any_packing_keeps_its_forces(seed, tmp_path_factory):
 def test_in_motion_what_sticks_comes_back_and_what_slides_is_said(tmp_path):
     """A sliding contact's force says how far its spring is stretched only up to what its dashpot bears."""
     state = spheres()
-    words = ss.write_sample(tmp_path / "p.data", state, SHARP)
+    words = ss.io.write_packing(tmp_path / "p.data", state, SHARP)
     assert any("9 sliding contact(s) in motion" in word for word in words)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ss.SampleWarning)
+        warnings.simplefilter("ignore", ss.packings.PackingWarning)
         again, _, _ = back(tmp_path / "p.data")
-    mine, theirs = ss.touching(state), ss.touching(again)
+    mine, theirs = ss.measure.touching(state), ss.measure.touching(again)
     miss = np.abs(branches_and_slip(again, theirs) - branches_and_slip(state, mine)).max(axis=1)
     assert (miss > 1e-11).sum() <= 9
     assert miss.max() < 1e-4
@@ -105,7 +105,7 @@ def test_positions_in_all_their_columns(kind, tmp_path):
     rows = np.hstack([n, *chosen, 2 * g.radius[:, None], g.mass[:, None]])
     order = np.random.default_rng(0).permutation(64)
     dump(tmp_path / "g.dump", state, columns=f"id {kind} diameter mass", rows=rows, order=order)
-    again, _, words = ss.read_sample(tmp_path / "g.dump", **GIVEN)
+    again, _, words = ss.io.read_packing(tmp_path / "g.dump", **GIVEN)
     np.testing.assert_allclose(again.cell.vectors, state.cell.vectors, atol=1e-14)
     known = "u" in kind or "ix" in kind
     expected = g.position if known else wrapped @ state.cell.vectors
@@ -122,7 +122,7 @@ def test_a_general_triclinic_box(tmp_path):
     assert table.vectors.tolist() == [[0, 5, 0], [-6, 0, 0], [0, 0, 7]]
     assert table.corner.tolist() == [-1, -2, -3]
     assert table.periodic.tolist() == [True, False, True]
-    state, _, words = ss.read_sample(tmp_path / "g.dump", **GIVEN)
+    state, _, words = ss.io.read_packing(tmp_path / "g.dump", **GIVEN)
     assert state.cell.periodic.tolist() == [True, False, True]
     assert any("walls are in no file of LAMMPS" in word for word in words)
 
@@ -132,21 +132,21 @@ def test_time_steps_are_chosen_and_said(tmp_path):
     for step in (0, 10, 20):
         rows = np.column_stack([np.arange(1, 65), state.grains.position + step, state.grains.radius])
         dump(tmp_path / "g.dump", state, columns="id xu yu zu radius", rows=rows, step=step)
-    last, _, words = ss.read_sample(tmp_path / "g.dump", **GIVEN)
+    last, _, words = ss.io.read_packing(tmp_path / "g.dump", **GIVEN)
     np.testing.assert_allclose(last.grains.position, state.grains.position + 20)
     assert any("has 3 time steps: the last, 20, was taken" in word for word in words)
     assert any("all masses are taken as 1" in word for word in words)
-    chosen, _, words = ss.read_sample(tmp_path / "g.dump", frame="10", **GIVEN)
+    chosen, _, words = ss.io.read_packing(tmp_path / "g.dump", frame="10", **GIVEN)
     np.testing.assert_allclose(chosen.grains.position, state.grains.position + 10)
     assert not any("time steps" in word for word in words)
-    assert len(ss.read_samples(tmp_path / "g.dump", **GIVEN)) == 3
-    with pytest.raises(ss.SampleError, match="no time step 7: it has 0, 10, 20"):
-        ss.read_sample(tmp_path / "g.dump", frame="7", **GIVEN)
+    assert len(ss.io.read_packings(tmp_path / "g.dump", **GIVEN)) == 3
+    with pytest.raises(ss.packings.PackingError, match="no time step 7: it has 0, 10, 20"):
+        ss.io.read_packing(tmp_path / "g.dump", frame="7", **GIVEN)
 
 
 def test_flat_packings_are_two_dimensional(tmp_path):
     state = disks(motion=False)
-    ss.write_sample(tmp_path / "p.data", state, SHARP)
+    ss.io.write_packing(tmp_path / "p.data", state, SHARP)
     again, _, words = back(tmp_path / "p.data", i0=0.5)
     assert again.cell.dim == 2
     assert any("two-dimensional" in word for word in words)
@@ -154,22 +154,24 @@ def test_flat_packings_are_two_dimensional(tmp_path):
 
 
 def test_a_grain_that_touches_two_images_of_another(tmp_path):
-    law = ss.linear(1.0, 0.5, 0.5, coulomb="sharp")
+    law = ss.laws.linear(1.0, 0.5, 0.5, coulomb="sharp")
     arrays = {"position": [[0.5, 0.5, 0.5], [1.45, 0.5, 0.5]], "radius": [0.5, 0.5], "cell": [1.9, 3, 3]}
     slip, image = [[0, 1e-3, 0], [0, -2e-3, 1e-3]], [[0, 0, 0], [1, 0, 0]]
-    state = ss.sample(law=law, pair_i=[0, 0], pair_j=[1, 1], image=image, slip=slip, **arrays)
-    ss.write_sample(tmp_path / "p.data", state, law)
+    state = ss.packings.from_arrays(law=law, pair_i=[0, 0], pair_j=[1, 1], image=image, slip=slip, **arrays)
+    ss.io.write_packing(tmp_path / "p.data", state, law)
     given = {"law": "linear", "kn": 1.0, "kt": 0.5, "mu": 0.5, "damping_n": 0.0, "damping_t": 0.0}
-    again, _, _ = ss.read_sample(tmp_path / "p.data", contacts=tmp_path / "p.contacts.dump", **given)
-    rows = ss.touching(again)
+    again, _, _ = ss.io.read_packing(tmp_path / "p.data", contacts=tmp_path / "p.contacts.dump", **given)
+    rows = ss.measure.touching(again)
     assert len(rows) == 2
-    np.testing.assert_allclose(branches_and_slip(again, rows), branches_and_slip(state, ss.touching(state)), atol=1e-15)
+    np.testing.assert_allclose(
+        branches_and_slip(again, rows), branches_and_slip(state, ss.measure.touching(state)), atol=1e-15
+    )
 
 
 @pytest.mark.parametrize("name", ["law", "kn", "kt", "mu", "damping_n", "damping_t"])
 def test_every_parameter_of_the_law_is_needed(name, tmp_path):
-    ss.write_sample(tmp_path / "p.data", spheres(), SHARP)
-    with pytest.raises(ss.SampleError, match=f"give --{name.replace('_', '-')} as in its pair_style"):
+    ss.io.write_packing(tmp_path / "p.data", spheres(), SHARP)
+    with pytest.raises(ss.packings.PackingError, match=f"give --{name.replace('_', '-')} as in its pair_style"):
         back(tmp_path / "p.data", **{name: None})
 
 
@@ -184,8 +186,8 @@ def test_every_parameter_of_the_law_is_needed(name, tmp_path):
     ],
 )
 def test_what_does_not_fit_is_one_sentence(change, words, tmp_path):
-    ss.write_sample(tmp_path / "p.data", spheres(), SHARP)
-    with pytest.raises(ss.SampleError, match=words) as problem:
+    ss.io.write_packing(tmp_path / "p.data", spheres(), SHARP)
+    with pytest.raises(ss.packings.PackingError, match=words) as problem:
         back(tmp_path / "p.data", **change)
     assert "\n" not in str(problem.value)
 
@@ -212,9 +214,9 @@ def edited(path, old, new, count=1):
     ],
 )
 def test_broken_files_are_one_sentence(name, old, new, words, tmp_path):
-    ss.write_sample(tmp_path / "p.data", spheres(), SHARP)
+    ss.io.write_packing(tmp_path / "p.data", spheres(), SHARP)
     edited(tmp_path / name, old, new)
-    with pytest.raises(ss.SampleError, match=words) as problem:
+    with pytest.raises(ss.packings.PackingError, match=words) as problem:
         back(tmp_path / "p.data")
     assert "\n" not in str(problem.value)
 
@@ -222,20 +224,20 @@ def test_broken_files_are_one_sentence(name, old, new, words, tmp_path):
 @pytest.mark.parametrize("share", [0.1, 0.3, 0.5, 0.7, 0.9, 0.99])
 @pytest.mark.parametrize("name", ["p.data", "p.contacts.dump"])
 def test_truncated_files_are_one_sentence(name, share, tmp_path):
-    ss.write_sample(tmp_path / "p.data", spheres(), SHARP)
+    ss.io.write_packing(tmp_path / "p.data", spheres(), SHARP)
     whole = (tmp_path / name).read_bytes()
     (tmp_path / name).write_bytes(whole[: int(len(whole) * share)])
-    with pytest.raises(ss.SampleError) as problem:
+    with pytest.raises(ss.packings.PackingError) as problem:
         back(tmp_path / "p.data")
     assert "\n" not in str(problem.value)
 
 
 def test_dashpots_need_velocities(tmp_path):
     state = spheres()
-    ss.write_sample(tmp_path / "p.data", state, SHARP)
+    ss.io.write_packing(tmp_path / "p.data", state, SHARP)
     rows = np.column_stack([np.arange(1, 65), state.grains.position, state.grains.radius, state.grains.mass])
     dump(tmp_path / "p.dump", state, columns="id xu yu zu radius mass", rows=rows, step=0)
-    with pytest.raises(ss.SampleError, match="needs every grain's spin and velocity"):
+    with pytest.raises(ss.packings.PackingError, match="needs every grain's spin and velocity"):
         back(tmp_path / "p.dump")
 
 
@@ -243,9 +245,9 @@ def test_dashpots_need_velocities(tmp_path):
 def test_a_hundred_thousand_grains_are_read_in_seconds(tmp_path):
     side = 47
     place = np.stack(np.meshgrid(*[np.arange(side)] * 3, indexing="ij"), axis=-1).reshape(-1, 3) * 1.0
-    state = ss.sample(place, np.full(len(place), 0.51), SHARP, cell=[side] * 3)
+    state = ss.packings.from_arrays(place, np.full(len(place), 0.51), SHARP, cell=[side] * 3)
     start = time.perf_counter()
-    ss.write_sample(tmp_path / "p.data", state, SHARP)
-    again, _, _ = ss.read_sample(tmp_path / "p.data", **GIVEN)
+    ss.io.write_packing(tmp_path / "p.data", state, SHARP)
+    again, _, _ = ss.io.read_packing(tmp_path / "p.data", **GIVEN)
     assert len(again.grains.radius) == side**3
     assert time.perf_counter() - start < 30  # 6 seconds here

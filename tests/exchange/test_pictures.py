@@ -36,10 +36,10 @@ def vtk_arrays(path) -> dict[str, np.ndarray]:
 @pytest.mark.parametrize("make", [lambda: (spheres(), SHARP), lambda: (disks(), SHARP), walled])
 def test_vtk_holds_grains_and_contact_lines(make, tmp_path):
     state, law = make()
-    words = ss.write_sample(tmp_path / "p.vtu", state, law)
+    words = ss.io.write_packing(tmp_path / "p.vtu", state, law)
     assert "VTK does not hold" in words[0]
     grains, lines = vtk_arrays(tmp_path / "p.vtu"), vtk_arrays(tmp_path / "p-contacts.vtu")
-    g, rows = state.grains, ss.touching(state)
+    g, rows = state.grains, ss.measure.touching(state)
     for name in ("radius", "mass", "velocity", "spin", "angle"):
         assert np.array_equal(grains[name], getattr(g, name))
     assert np.array_equal(grains["diameter"], 2 * g.radius)  # what a glyph of a sphere of diameter 1 is scaled by
@@ -49,8 +49,8 @@ def test_vtk_holds_grains_and_contact_lines(make, tmp_path):
         np.testing.assert_allclose(shares, np.round(shares), atol=1e-12)
     ends = lines["points"].reshape(-1, 2, 3)
     np.testing.assert_allclose(ends[:, 0], grains["points"][state.contacts.i[rows]], atol=1e-12)
-    np.testing.assert_allclose(ends[:, 0] - ends[:, 1], ss.branches(state)[rows], atol=1e-12)
-    force, branch = ss.contact_forces(state, law)[rows], ss.branches(state)[rows]
+    np.testing.assert_allclose(ends[:, 0] - ends[:, 1], ss.measure.branch_vectors(state)[rows], atol=1e-12)
+    force, branch = ss.measure.contact_forces(state, law)[rows], ss.measure.branch_vectors(state)[rows]
     along = np.einsum("ck,ck->c", force, branch) / np.linalg.norm(branch, axis=1)
     np.testing.assert_allclose(lines["force_n"], along, rtol=1e-12)
     assert lines["connectivity"].tolist() == list(range(2 * len(rows)))
@@ -58,7 +58,7 @@ def test_vtk_holds_grains_and_contact_lines(make, tmp_path):
 
 def test_a_series_has_numbered_files(tmp_path):
     states = [spheres(k) for k in range(3)]
-    ss.write_sample(tmp_path / "p.vtu", [ss.frame_of(state, SHARP) for state in states])
+    ss.io.write_packing(tmp_path / "p.vtu", [ss.io.frame_of(state, SHARP) for state in states])
     names = sorted(path.name for path in tmp_path.iterdir())
     assert names == sorted(path.name for pair in vtk_paths(tmp_path / "p.vtu", 3) for path in pair)
     assert names[:2] == ["p-contacts_0000.vtu", "p-contacts_0001.vtu"]
@@ -66,17 +66,17 @@ def test_a_series_has_numbered_files(tmp_path):
 
 
 def test_a_packing_without_contacts_is_written(tmp_path):
-    apart = ss.sample([[0, 0, 0], [3, 0, 0]], [0.5, 0.5], SHARP)
+    apart = ss.packings.from_arrays([[0, 0, 0], [3, 0, 0]], [0.5, 0.5], SHARP)
     for name in ("p.vtu", "p.gsd", "p.xyz", "p.npz", "p.data", "p.h5"):
-        ss.write_sample(tmp_path / name, apart, SHARP)
-    assert len(ss.read_sample(tmp_path / "p.gsd")[0].grains.radius) == 2
+        ss.io.write_packing(tmp_path / name, apart, SHARP)
+    assert len(ss.io.read_packing(tmp_path / "p.gsd")[0].grains.radius) == 2
     assert not (tmp_path / "p-contacts.vtu").exists()
 
 
 @pytest.mark.parametrize("make", [lambda: (spheres(), SHARP), walled])
 def test_ase_reads_extended_xyz_to_the_last_bit(make, tmp_path):
     state, law = make()
-    ss.write_sample(tmp_path / "p.xyz", [ss.frame_of(state, law)] * 2)
+    ss.io.write_packing(tmp_path / "p.xyz", [ss.io.frame_of(state, law)] * 2)
     atoms = ase.io.read(tmp_path / "p.xyz", index=":", format="extxyz")
     assert len(atoms) == 2
     assert np.array_equal(atoms[1].positions, state.grains.position)
@@ -96,5 +96,5 @@ def test_a_missing_library_is_one_sentence(name, library, tmp_path, monkeypatch)
         monkeypatch.setitem(sys.modules, module, None)
     monkeypatch.setitem(sys.modules, library, None)
     with pytest.raises(MissingExtraError, match=r'pip install "stickslip\[exchange\]"'):
-        ss.write_sample(tmp_path / name, disks(), SHARP)
+        ss.io.write_packing(tmp_path / name, disks(), SHARP)
     assert not list(tmp_path.iterdir())

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stickslip.friction.fit import fit
+from stickslip.friction.fitting import fit
 from stickslip.friction.noise import WHITE, autoregression, whitened
 from tests.friction.test_fit import HOLDS, PAPER, STEPS, STIFFNESS, TRUE, correlated, record
 

@@ -6,13 +6,13 @@ from scipy.signal import lfilter
 from scipy.stats import binom, norm
 from scipy.stats import t as student
 
-from stickslip.friction.evidence import compare
-from stickslip.friction.fit import fit
-from stickslip.friction.loads import Leg, measured_legs, slide_hold_slide, velocity_steps
+from stickslip.friction.fitting import fit
+from stickslip.friction.loads import LoadStep, load_steps, slide_hold_slide, velocity_steps
 from stickslip.friction.model import Data, prepared
+from stickslip.friction.model_comparison import compare_laws
 from stickslip.friction.noise import autoregression, effective, whitened
 from stickslip.friction.problem import Task, jacobian, residual
-from stickslip.friction.ratestate import RateState, Spring, slide
+from stickslip.friction.ratestate import RateState, Spring, spring_slider
 
 PAPER = RateState(0.0247, 0.0178, 5.3e-3, 0.4, 0.02, "slip")  # paper 003
 STIFFNESS = 100.0
@@ -39,7 +39,7 @@ def samples(legs, number):
 
 def record(legs, rs=PAPER, noise=0.0, rho=0.0, seed=0, number=100, **options):
     time = samples(legs, number)
-    clean = slide(rs, Spring(STIFFNESS), legs, times=time, **options).friction
+    clean = spring_slider(rs, Spring(STIFFNESS), legs, times=time, **options).friction
     return Data(time, clean + noise * correlated(seed, len(time), rho), legs)
 
 
@@ -125,7 +125,7 @@ def test_a_comparison_is_made_of_likelihoods_sample_by_sample():
     """ΔAIC, exp(ΔAIC/2), and Vuong's z = Σd/(√N s_d), with d from normal densities of the residuals."""
     data = record(HOLDS, noise=1e-3)
     fits = [fit(data, law=law, fixed={"stiffness": STIFFNESS}, noise="white") for law in ("slip", "aging")]
-    found = compare(*fits)
+    found = compare_laws(*fits)
     each = [norm.logpdf(f.residuals[0], scale=np.sqrt(np.mean(f.residuals[0] ** 2))) for f in fits]
     apart = each[0] - each[1]
     gap = -2 * apart.sum()  # as many parameters in both
@@ -180,10 +180,10 @@ def test_intervals_that_ignore_correlation_fail():
 def test_the_right_law_is_preferred(law):
     data = record(HOLDS, PAPER._replace(law=law), noise=1e-3, rho=0.4)
     fits = [fit(data, law=name, fixed={"stiffness": STIFFNESS}) for name in ("aging", "slip")]
-    found = compare(*fits)
+    found = compare_laws(*fits)
     assert found.preferred == law
     assert found.evidence > 1e3
-    assert compare(*fits[::-1]).vuong == pytest.approx(-found.vuong)
+    assert compare_laws(*fits[::-1]).vuong == pytest.approx(-found.vuong)
 
 
 def test_a_noisy_short_hold_does_not_discriminate():
@@ -191,7 +191,7 @@ def test_a_noisy_short_hold_does_not_discriminate():
     fits = [
         fit(data, law=name, fixed={"stiffness": STIFFNESS, "b": 0.0178, "dc": 5.3e-3}) for name in ("aging", "slip")
     ]
-    found = compare(*fits)
+    found = compare_laws(*fits)
     assert found.preferred is None
     assert "do not discriminate" in found.sentence
 
@@ -224,8 +224,13 @@ def test_steady_parts_tell_only_the_difference():
 @pytest.mark.parametrize(
     ("legs", "options", "lost", "words"),
     [
-        ((Leg(2.0, 0.02), Leg(0.03, 0.0)), {"fixed": {"stiffness": STIFFNESS}}, {"b", "dc"}, "b and dc trade off"),
-        ((Leg(5.0, 0.02),), {"fixed": {"stiffness": STIFFNESS}}, {"a", "b", "dc"}, "do not tell a, b, dc"),
+        (
+            (LoadStep(2.0, 0.02), LoadStep(0.03, 0.0)),
+            {"fixed": {"stiffness": STIFFNESS}},
+            {"b", "dc"},
+            "b and dc trade off",
+        ),
+        ((LoadStep(5.0, 0.02),), {"fixed": {"stiffness": STIFFNESS}}, {"a", "b", "dc"}, "do not tell a, b, dc"),
         (STEPS, {"fixed": {"a": 0.0247}, "free": ("stiffness", "theta")}, {"theta"}, "theta hardly changes"),
     ],
     ids=["short-hold", "one-velocity", "steady-start"],
@@ -250,7 +255,7 @@ def test_what_trades_off_exactly_is_named_without_any_noise():
 
 def test_a_stiffness_beyond_the_data_is_only_bounded():
     time = samples(STEPS, 100)
-    clean = slide(PAPER, Spring(1e6), STEPS, times=time).friction
+    clean = spring_slider(PAPER, Spring(1e6), STEPS, times=time).friction
     found = fit(Data(time, clean + 1e-3 * correlated(0, len(time), 0.0), STEPS), law="slip", free=("stiffness",))
     assert np.isnan(found.values["stiffness"])
     assert found.sentence.startswith("these data do not tell stiffness: ")
@@ -275,7 +280,7 @@ def test_records_share_parameters_and_keep_their_own_level():
 
 def test_measured_slip_velocity_needs_no_spring():
     time = np.linspace(0, 5.5, 1500)
-    h = slide(PAPER, Spring(STIFFNESS), STEPS, times=time)
+    h = spring_slider(PAPER, Spring(STIFFNESS), STEPS, times=time)
     noise = 1e-3 * correlated(1, len(time), 0.3)
     found = fit(Data(time, h.friction + noise, velocity=h.velocity), law="slip")
     assert "stiffness" not in found.fixed
@@ -293,7 +298,7 @@ def test_the_state_is_carried_through_what_is_not_fitted():
 
 def test_normal_stress_and_start_are_fitted_too():
     rs = PAPER._replace(alpha=0.25, law="aging")
-    legs = (Leg(2.0, 0.02), Leg(2.5, 0.02, 1.2), Leg(2.5, 0.02, 0.9), Leg(0.5, 0.1, 0.9))
+    legs = (LoadStep(2.0, 0.02), LoadStep(2.5, 0.02, 1.2), LoadStep(2.5, 0.02, 0.9), LoadStep(0.5, 0.1, 0.9))
     found = fit(record(legs, rs, noise=5e-4), law="aging", fixed={"stiffness": STIFFNESS}, free=("alpha",))
     assert found.values["alpha"] == pytest.approx(0.25, abs=4 * found.errors["alpha"])
     data = record(STEPS, noise=5e-4, theta=3 * 5.3e-3 / 0.02)
@@ -340,14 +345,14 @@ def test_noise_is_recognised_and_whitened():
 def test_measured_histories_become_legs():
     time = np.linspace(0, 10, 101)
     place = np.where(time < 4, time, np.where(time < 6, 4.0, 4 + 3 * (time - 6)))
-    legs = measured_legs(time, place)
+    legs = load_steps(time, place)
     assert [leg.velocity for leg in legs] == pytest.approx([1, 0, 3], abs=1e-12)
     assert [leg.duration for leg in legs] == pytest.approx([4, 2, 4])
-    rough = measured_legs(time, place + 0.01 * np.sin(50 * time))
+    rough = load_steps(time, place + 0.01 * np.sin(50 * time))
     made = np.cumsum([leg.duration * leg.velocity for leg in rough])[-1]
     assert made == pytest.approx(place[-1] + 0.01 * np.sin(500), abs=1e-3)
     slack = 0.5 * np.median(np.abs(np.diff(place))[np.diff(place) > 0])
-    few = measured_legs(time, place + 0.02 * np.sin(50 * time), roughness=0.5)
+    few = load_steps(time, place + 0.02 * np.sin(50 * time), roughness=0.5)
     line = np.interp(
         time,
         np.r_[0, np.cumsum([g.duration for g in few])],
@@ -355,7 +360,7 @@ def test_measured_histories_become_legs():
     )
     assert len(few) < 10
     assert np.abs(line - place - 0.02 * np.sin(50 * time)).max() <= slack * (1 + 1e-9)
-    assert [leg.normal for leg in measured_legs(time, time, np.where(time < 5, 1.0, 2.0))] == [1.0, 2.0]
+    assert [leg.normal for leg in load_steps(time, time, np.where(time < 5, 1.0, 2.0))] == [1.0, 2.0]
 
 
 GOOD = Data(np.linspace(0, 5.5, 50), np.linspace(0.4, 0.5, 50), STEPS)
@@ -379,7 +384,7 @@ GOOD = Data(np.linspace(0, 5.5, 50), np.linspace(0.4, 0.5, 50), STEPS)
         (GOOD._replace(time=GOOD.time[::-1]), {}, "sort the samples"),
         (GOOD._replace(time=GOOD.time * 2), {}, "must cover the data"),
         (GOOD._replace(legs=()), {}, "give one of them"),
-        (GOOD._replace(legs=(Leg(6.0, 0.0),)), {}, "give `before`"),
+        (GOOD._replace(legs=(LoadStep(6.0, 0.0),)), {}, "give `before`"),
         (GOOD._replace(legs=(), velocity=np.zeros(50)), {}, "must be positive at every sample"),
         (GOOD._replace(sigma=np.zeros(50)), {}, "sigma must be 50 positive"),
         (GOOD, {"fixed": {"a": 1, "b": 1, "dc": 1, "mu0": 1, "stiffness": 1}}, "nothing is left to fit"),
@@ -395,4 +400,4 @@ def test_bad_input_is_one_sentence(data, options, sentence):
 def test_fits_of_different_data_are_not_compared():
     found = [fit(record(STEPS, noise=1e-3, seed=k), law="slip", fixed={"stiffness": STIFFNESS}) for k in (0, 1)]
     with pytest.raises(ValueError, match="different data"):
-        compare(*found)
+        compare_laws(*found)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from stickslip.friction.fit import fit
-from stickslip.friction.laboratory import Record, data, read_csv, write_csv
+from stickslip.friction.fitting import fit
+from stickslip.friction.laboratory import LabRecord, read_csv, record_data, write_csv
 from stickslip.friction.loads import velocity_steps
-from stickslip.friction.ratestate import RateState, Spring, slide
+from stickslip.friction.ratestate import RateState, Spring, spring_slider
 
 HEAD = "time [s], load_point [um], friction [-]"
 ROWS = [f"{k}, {10 * k}, 0.6{k % 10}" for k in range(12)]
@@ -34,16 +34,16 @@ def test_units_separators_and_comments(tmp_path):
 def test_what_is_written_is_read_and_fitted(tmp_path):
     legs = velocity_steps([1e-6, 1e-5, 1e-6], distance=2e-4)
     rs, times = RateState(0.010, 0.006, 1e-5, 0.6, 1e-6), np.unique(np.r_[np.linspace(0, 420, 2001), 200.0, 220.0])
-    h = slide(rs, Spring(1e4), legs, times=times)
-    record = Record(h.time, h.friction, h.load_point, np.full(len(times), 5e6), h.slip, h.velocity, h.theta)
+    h = spring_slider(rs, Spring(1e4), legs, times=times)
+    record = LabRecord(h.time, h.friction, h.load_point, np.full(len(times), 5e6), h.slip, h.velocity, h.theta)
     again = read_csv(write_csv(tmp_path / "a.csv", record, ("made by a test",)))
     for one, other in zip(record, again, strict=True):
         assert np.allclose(one, other, rtol=1e-11, atol=0)
-    lab = data(again, normal=True)
+    lab = record_data(again, normal=True)
     assert [leg.velocity for leg in lab.legs] == pytest.approx([1e-6, 1e-5, 1e-6])
     found = fit(lab, law="aging", fixed={"stiffness": 1e4})
     assert [found.values[name] for name in ("a", "b", "dc")] == pytest.approx([0.010, 0.006, 1e-5], rel=1e-4)
-    measured = data(again._replace(load_point=None))
+    measured = record_data(again._replace(load_point=None))
     assert measured.legs == ()
     assert np.array_equal(measured.velocity, again.velocity)
 
@@ -89,6 +89,6 @@ def test_binary_files_and_rest_at_the_start(tmp_path):
         read_csv(tmp_path / "b.csv")
     resting = read_csv(written(tmp_path / "c.csv", rows=[f"{k}, 0, 0.5" for k in range(12)]))
     with pytest.raises(ValueError, match="does not start with sliding"):
-        data(resting)
+        record_data(resting)
     with pytest.raises(ValueError, match="no normal_stress"):
-        data(resting, normal=True)
+        record_data(resting, normal=True)

@@ -6,9 +6,9 @@ from scipy.signal import lfilter
 from scipy.stats import linregress
 from scipy.stats import t as student
 
-from stickslip.friction.loads import Leg, slide_hold_slide
-from stickslip.friction.measure import healing, held, steady, steady_from
-from stickslip.friction.ratestate import RateState, Spring, slide
+from stickslip.friction.loads import LoadStep, slide_hold_slide
+from stickslip.friction.measure import healing, hold_response, steady_mean, steady_start
+from stickslip.friction.ratestate import RateState, Spring, spring_slider
 
 
 def memory(seed, number, rho):
@@ -17,7 +17,7 @@ def memory(seed, number, rho):
 
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
 def test_the_error_of_a_mean_is_that_of_repetitions(rho):
-    found = [steady(memory(seed, 2000, rho)) for seed in range(200)]
+    found = [steady_mean(memory(seed, 2000, rho)) for seed in range(200)]
     scatter = np.std([one.mean for one in found])
     # 200 repetitions tell a standard deviation to 5 %; the estimate is some per cent low for slow noise
     assert np.mean([one.error for one in found]) == pytest.approx(scatter, rel=0.2)
@@ -26,18 +26,18 @@ def test_the_error_of_a_mean_is_that_of_repetitions(rho):
 
 
 def test_a_constant_has_no_error():
-    assert steady(np.full(20, 0.3))[:2] == (pytest.approx(0.3), 0.0)
+    assert steady_mean(np.full(20, 0.3))[:2] == (pytest.approx(0.3), 0.0)
 
 
 def test_where_a_series_gets_steady():
     cuts = []
     for seed in range(20):
         series = 0.4 + 0.01 * memory(seed, 3000, 0.5) + 0.3 * np.exp(-np.arange(3000) / 100)
-        cut = steady_from(series)
+        cut = steady_start(series)
         cuts.append(cut)
-        assert abs(steady(series[cut:]).mean - 0.4) < 5 * steady(series[cut:]).error + 1e-3
+        assert abs(steady_mean(series[cut:]).mean - 0.4) < 5 * steady_mean(series[cut:]).error + 1e-3
     assert 200 < np.median(cuts) < 900  # the transient is down to the noise after some 340
-    assert steady_from(memory(0, 3000, 0.0)) <= 1500
+    assert steady_start(memory(0, 3000, 0.0)) <= 1500
 
 
 def test_healing_is_a_straight_line_in_ln_t():
@@ -65,34 +65,37 @@ def test_the_error_of_healing_is_that_of_a_regression(count):
 def test_the_error_of_few_uncorrelated_values_is_the_textbook_one():
     """s/√n with n − 1 in s: values whose neighbours differ more than by chance count as independent."""
     values = np.array([0.4, 0.1] * 4)
-    assert steady(values).effective == 8
-    assert steady(values).error == pytest.approx(values.std(ddof=1) / np.sqrt(8))
+    assert steady_mean(values).effective == 8
+    assert steady_mean(values).error == pytest.approx(values.std(ddof=1) / np.sqrt(8))
 
 
 def test_holds_of_a_stiff_slider_heal_as_the_aging_law_says():
     rs = RateState(0.0247, 0.0178, 5.3e-3, 0.4, 0.02)
     holds = [1.0, 10.0, 100.0, 1000.0]
     legs = slide_hold_slide(holds, velocity=0.02, distance=0.1)
-    h = slide(rs, Spring(1e6), legs)
-    found = held(h.time, h.friction, legs)
+    h = spring_slider(rs, Spring(1e6), legs)
+    found = hold_response(h.time, h.friction, legs)
     assert found.hold.tolist() == holds
     assert found.steady == pytest.approx(0.4, abs=1e-6)
     assert (np.diff(found.drop) > 0).all()
     late = healing(found.hold[1:], found.excess[1:])
     assert late.slope == pytest.approx(rs.b, rel=0.05)  # ln(1 + V t/D_c), less what slips before the peak
-    slip = slide(rs._replace(law="slip"), Spring(1e6), legs)
-    assert np.abs(held(slip.time, slip.friction, legs).excess).max() < 0.1 * rs.b
+    slip = spring_slider(rs._replace(law="slip"), Spring(1e6), legs)
+    assert np.abs(hold_response(slip.time, slip.friction, legs).excess).max() < 0.1 * rs.b
 
 
 @pytest.mark.parametrize(
     ("call", "sentence"),
     [
-        (lambda: steady([1.0, 2.0]), "at least 8"),
-        (lambda: steady([1.0] * 9 + [np.nan]), "not finite"),
+        (lambda: steady_mean([1.0, 2.0]), "at least 8"),
+        (lambda: steady_mean([1.0] * 9 + [np.nan]), "not finite"),
         (lambda: healing([1, 1, 2], [0, 0, 0]), "2 different holds"),
         (lambda: healing([0, 1, 2], [0, 0, 0]), "positive and finite"),
-        (lambda: held([0, 1, 2], [0, 0, 0], (Leg(2, 1),)), "no hold"),
-        (lambda: held([0, 2.9], [0, 0], (Leg(1, 1), Leg(1, 0), Leg(1, 1))), "no samples before"),
+        (lambda: hold_response([0, 1, 2], [0, 0, 0], (LoadStep(2, 1),)), "no hold"),
+        (
+            lambda: hold_response([0, 2.9], [0, 0], (LoadStep(1, 1), LoadStep(1, 0), LoadStep(1, 1))),
+            "no samples before",
+        ),
     ],
 )
 def test_bad_input_is_one_sentence(call, sentence):

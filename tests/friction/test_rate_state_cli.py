@@ -7,7 +7,7 @@ import pytest
 
 from stickslip.cli import app
 from stickslip.data import archive
-from stickslip.data.scenario import ScenarioError, read, scenario
+from stickslip.experiments.registry import ScenarioError, read_scenario, scenario
 from tests.published.test_disk_array import stickslip
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "rate_state.toml"
@@ -27,7 +27,7 @@ def test_the_example_writes_what_it_says(folder):
     assert names == {"fig1_history.png", "manifest.json", "results.h5", "scenario.json", "series.csv"}
     numbers = archive.read(folder / "results.h5")
     assert numbers["history"]["friction"].shape == numbers["recorded"].shape
-    assert read(folder / "scenario.json") == read(EXAMPLE)
+    assert read_scenario(folder / "scenario.json") == read_scenario(EXAMPLE)
 
 
 def test_the_series_fitted_again_gives_the_parameters(folder, tmp_path):

@@ -7,9 +7,10 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 from scipy.linalg import expm
 
-from stickslip.friction import closed, kernel
-from stickslip.friction.loads import Leg, slide_hold_slide, velocity_steps
-from stickslip.friction.ratestate import End, RateState, Spring, numbers, prescribed, slide
+from stickslip.friction import closed_forms as closed
+from stickslip.friction import kernel
+from stickslip.friction.loads import LoadStep, slide_hold_slide, velocity_steps
+from stickslip.friction.ratestate import End, RateState, Spring, numbers, prescribed, spring_slider
 from stickslip.friction.stability import critical_stiffness, steady_sliding
 
 PAPER = RateState(0.0247, 0.0178, 5.3e-3, 0.4, 0.02, "slip")  # paper 003
@@ -22,7 +23,7 @@ STIFF = 1e10  # stiffness in units of 1/D_c: its slip is then wrong by 1e-11 D_c
 @pytest.mark.parametrize("law", LAWS)
 def test_steady_friction(law):
     rs = PAPER._replace(law=law)
-    h = slide(rs, Spring(200.0), velocity_steps([0.02, 0.2, 0.002], distance=0.2))
+    h = spring_slider(rs, Spring(200.0), velocity_steps([0.02, 0.2, 0.002], distance=0.2))
     for velocity, end in ((0.02, 10.0), (0.2, 11.0), (0.002, 111.0)):
         row = np.argmin(np.abs(h.time - end))
         assert h.friction[row] == pytest.approx(float(closed.steady_friction(rs, velocity)), rel=CLOSE)
@@ -34,8 +35,8 @@ def test_steady_friction(law):
 def test_a_step_of_an_infinitely_stiff_slider(law, new):
     rs = PAPER._replace(law=law)
     slip = rs.dc * np.r_[0.01, 0.3, 1.0, 3.0, 6.0]
-    legs = (Leg(1.0, 0.02), Leg(7 * rs.dc / new, new))
-    h = slide(rs, Spring(STIFF / rs.dc), legs, times=1.0 + slip / new)
+    legs = (LoadStep(1.0, 0.02), LoadStep(7 * rs.dc / new, new))
+    h = spring_slider(rs, Spring(STIFF / rs.dc), legs, times=1.0 + slip / new)
     expected = closed.stiff_step(rs, 0.02, new, slip)
     jump = rs.a * np.log(new / 0.02)
     assert closed.stiff_step(rs, 0.02, new, 0.0) == pytest.approx(
@@ -64,10 +65,10 @@ def test_stationary_hold_and_reslide(law):
 def test_a_hold_in_which_the_state_does_nothing(law):
     rs, k, v = PAPER._replace(law=law, b=0.0), 200.0, 0.02
     times = np.geomspace(1e-6, 1e6, 30)
-    h = slide(rs, Spring(k), (Leg(1e6, 0.0),), before=v, times=times)
+    h = spring_slider(rs, Spring(k), (LoadStep(1e6, 0.0),), before=v, times=times)
     assert np.allclose(h.velocity, closed.frozen_hold(rs.a, k, v, times), rtol=CLOSE, atol=0)
-    early = slide(
-        PAPER._replace(law=law, dc=1e6), Spring(k), (Leg(1.0, 0.0),), before=v, times=np.geomspace(1e-4, 1, 9)
+    early = spring_slider(
+        PAPER._replace(law=law, dc=1e6), Spring(k), (LoadStep(1.0, 0.0),), before=v, times=np.geomspace(1e-4, 1, 9)
     )
     assert np.allclose(early.velocity, closed.frozen_hold(rs.a, k, v, early.time), rtol=CLOSE, atol=0)
 
@@ -75,7 +76,7 @@ def test_a_hold_in_which_the_state_does_nothing(law):
 @pytest.mark.parametrize("b", [0.0178, 0.0247, 0.03, 0.0247 * (1 + 1e-7)])
 def test_a_hold_by_the_slip_law(b):
     rs, k, v = PAPER._replace(b=b), 800.0, 0.02
-    h = slide(rs, Spring(k), (Leg(1e4, 0.0),), before=v, times=np.geomspace(1e-4, 1e4, 40))
+    h = spring_slider(rs, Spring(k), (LoadStep(1e4, 0.0),), before=v, times=np.geomspace(1e-4, 1e4, 40))
     assert np.allclose(h.velocity, closed.slip_law_hold(rs, k, v, h.slip), rtol=CLOSE, atol=0)
     time, _ = quad(lambda x: 1 / closed.slip_law_hold(rs, k, v, x), 0, h.slip[25], epsrel=1e-11, limit=500)
     assert time == pytest.approx(h.time[25], rel=CLOSE)
@@ -121,7 +122,7 @@ def test_against_radau_of_scipy(law, damping):
             method="Radau", rtol=1e-9, atol=1e-9,
         )  # fmt: skip
         y, began = made.y[:, -1], began + leg.duration
-        h = slide(rs, Spring(k, damping), legs, times=[began])
+        h = spring_slider(rs, Spring(k, damping), legs, times=[began])
         assert h.friction[0] == pytest.approx(rs.mu0 + rs.a * y[0] + rs.b * y[1], abs=1e-8)
         assert np.log(h.velocity[0] / rs.v0) == pytest.approx(y[0], abs=1e-6)
 
@@ -129,23 +130,25 @@ def test_against_radau_of_scipy(law, damping):
 @pytest.mark.parametrize("law", LAWS)
 def test_the_force_balances_and_tolerance_tells_the_error(law):
     rs, spring = PAPER._replace(law=law, alpha=0.3), Spring(170.0, 0.01)
-    legs = (Leg(2.0, 0.02), Leg(1.0, 0.1, 1.4), Leg(3.0, 0.0, 1.4), Leg(2.0, 0.02, 0.8))
+    legs = (LoadStep(2.0, 0.02), LoadStep(1.0, 0.1, 1.4), LoadStep(3.0, 0.0, 1.4), LoadStep(2.0, 0.02, 0.8))
     times = np.linspace(0, 8, 301)
-    best = slide(rs, spring, legs, times=times, tolerance=1e-13)
+    best = spring_slider(rs, spring, legs, times=times, tolerance=1e-13)
     force = best.normal * best.friction + spring.damping * best.velocity
     assert np.allclose(force - force[0], spring.stiffness * (best.load_point - best.slip), rtol=0, atol=1e-12)
     rate = np.gradient(best.slip, best.time)  # slip comes from the spring, velocity from the law
     inside = (np.abs(times - 2) > 0.2) & (np.abs(times - 3) > 0.5) & (np.abs(times - 6) > 0.5)
     assert np.allclose(rate[inside], best.velocity[inside], rtol=0.03, atol=1e-6)
     for tolerance in (1e-6, 1e-8, 1e-10):
-        h = slide(rs, spring, legs, times=times, tolerance=tolerance)
+        h = spring_slider(rs, spring, legs, times=times, tolerance=tolerance)
         assert np.abs(h.friction - best.friction).max() < 2 * tolerance  # steps' errors add up, times a or b
 
 
 def test_a_jump_of_normal_stress():
     rs, k = PAPER._replace(alpha=0.3, law="aging"), 200.0
     for damping in (0.0, 2.0):
-        h = slide(rs, Spring(k, damping), (Leg(1.0, 0.02), Leg(1.0, 0.02, 1.5)), times=[1.0, 1.0 + 1e-12])
+        h = spring_slider(
+            rs, Spring(k, damping), (LoadStep(1.0, 0.02), LoadStep(1.0, 0.02, 1.5)), times=[1.0, 1.0 + 1e-12]
+        )
         assert h.theta[1] / h.theta[0] == pytest.approx(1.5 ** (-0.3 / 0.0178), rel=1e-8)
         force = h.normal * h.friction + damping * h.velocity
         assert force[1] == pytest.approx(force[0], rel=1e-9)
@@ -162,7 +165,7 @@ def test_small_disturbances_grow_as_the_eigenvalues_say(law, ratio, damping):
     assert found.stable == (ratio > 1)
     assert ("unstable" in found.sentence) == (ratio <= 1)
     size, t = 1e-7, np.linspace(0, 60.0, 13)
-    h = slide(rs, spring, (Leg(60.0, v),), theta=rs.dc / v * (1 + size), times=t, tolerance=1e-14)
+    h = spring_slider(rs, spring, (LoadStep(60.0, v),), theta=rs.dc / v * (1 + size), times=t, tolerance=1e-14)
     ww, wf, fw, ff = kernel.slopes(0.0, 0.0, numbers(rs, spring), v, 1.0)
     linear = np.array([expm(np.array([[ww, wf], [fw, ff]]) * s) @ [0, size] for s in t])
     off = np.stack([np.log(h.velocity / v), np.log(h.theta * v / rs.dc)], axis=1)
@@ -176,15 +179,15 @@ def test_small_disturbances_grow_as_the_eigenvalues_say(law, ratio, damping):
 
 def test_below_the_critical_stiffness_slip_runs_away_and_damping_holds_it():
     assert critical_stiffness(WEAK) == pytest.approx(500.0)
-    legs = (Leg(1e3, 1e-6), Leg(3e3, 1.5e-6))
-    lost = slide(WEAK, Spring(200.0), legs)
+    legs = (LoadStep(1e3, 1e-6), LoadStep(3e3, 1.5e-6))
+    lost = spring_slider(WEAK, Spring(200.0), legs)
     assert lost.end is End.RUNAWAY
     assert not lost.ok
     assert 1e3 < lost.reached < 4e3
     assert len(lost.time) == len(lost.friction)
     assert np.isfinite(lost.friction).all()
-    assert slide(WEAK, Spring(600.0), legs).ok
-    assert slide(WEAK, Spring(200.0, 1.0), legs).ok
+    assert spring_slider(WEAK, Spring(600.0), legs).ok
+    assert spring_slider(WEAK, Spring(200.0, 1.0), legs).ok
 
 
 def test_published_parameters_strengthen_with_velocity():
@@ -197,17 +200,17 @@ def test_published_parameters_strengthen_with_velocity():
 @pytest.mark.parametrize(
     ("call", "sentence"),
     [
-        (lambda: slide(PAPER._replace(a=0.0), Spring(1.0), (Leg(1, 1),)), "a = 0.0 was given"),
-        (lambda: slide(PAPER._replace(law="slow"), Spring(1.0), (Leg(1, 1),)), "use 'aging' or 'slip'"),
-        (lambda: slide(PAPER, Spring(-1.0), (Leg(1, 1),)), "stiffness = -1.0"),
-        (lambda: slide(PAPER, Spring(1.0, -1.0), (Leg(1, 1),)), "damping = -1.0"),
-        (lambda: slide(PAPER, Spring(1.0), ()), "no legs"),
-        (lambda: slide(PAPER, Spring(1.0), (Leg(1, 1), Leg(0, 1))), "leg 2 lasts 0"),
-        (lambda: slide(PAPER, Spring(1.0), (Leg(1, np.nan),)), "leg 1 has the velocity nan"),
-        (lambda: slide(PAPER, Spring(1.0), (Leg(1, 0.0),)), "give `before`"),
-        (lambda: slide(PAPER, Spring(1.0), (Leg(1, 1),), times=[0, 2]), "legs go from 0 to 1"),
-        (lambda: slide(PAPER, Spring(1.0), (Leg(1, 1),), times=[0.5, 0.2]), "sort the samples"),
-        (lambda: slide(PAPER, Spring(1.0), (Leg(1, 1),), theta=-1.0), "theta = -1.0"),
+        (lambda: spring_slider(PAPER._replace(a=0.0), Spring(1.0), (LoadStep(1, 1),)), "a = 0.0 was given"),
+        (lambda: spring_slider(PAPER._replace(law="slow"), Spring(1.0), (LoadStep(1, 1),)), "use 'aging' or 'slip'"),
+        (lambda: spring_slider(PAPER, Spring(-1.0), (LoadStep(1, 1),)), "stiffness = -1.0"),
+        (lambda: spring_slider(PAPER, Spring(1.0, -1.0), (LoadStep(1, 1),)), "damping = -1.0"),
+        (lambda: spring_slider(PAPER, Spring(1.0), ()), "no legs"),
+        (lambda: spring_slider(PAPER, Spring(1.0), (LoadStep(1, 1), LoadStep(0, 1))), "leg 2 lasts 0"),
+        (lambda: spring_slider(PAPER, Spring(1.0), (LoadStep(1, np.nan),)), "leg 1 has the velocity nan"),
+        (lambda: spring_slider(PAPER, Spring(1.0), (LoadStep(1, 0.0),)), "give `before`"),
+        (lambda: spring_slider(PAPER, Spring(1.0), (LoadStep(1, 1),), times=[0, 2]), "legs go from 0 to 1"),
+        (lambda: spring_slider(PAPER, Spring(1.0), (LoadStep(1, 1),), times=[0.5, 0.2]), "sort the samples"),
+        (lambda: spring_slider(PAPER, Spring(1.0), (LoadStep(1, 1),), theta=-1.0), "theta = -1.0"),
         (lambda: prescribed(PAPER, [0, 1, 2], [1.0, -1.0]), "not negative"),
         (lambda: prescribed(PAPER, [0, 1, 2], [0.0, 1.0]), "give theta"),
         (lambda: velocity_steps([1.0, 0.0], distance=1.0), "velocity = 0.0"),

@@ -4,16 +4,11 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.neighbors import updated
+from stickslip.core.contacts.neighbors import updated
 from stickslip.data import archive
 from stickslip.data.archive import ArchiveError
-from stickslip.data.gouge_scenario import GougeScenario
-from stickslip.experiments.gouge_report import numbers
-from stickslip.loading import gouge_measures as measures
-from stickslip.loading import gouge_statistics as statistics
-from stickslip.loading.gouge import BOTTOM, TOP, _apart, settled, sprung
-from stickslip.loading.gouge_ensemble import MEMBERS, GougeResult, simulate_gouge
-from stickslip.loading.gouge_numbers import (
+from stickslip.experiments.gouge import measures, statistics
+from stickslip.experiments.gouge.dimensionless import (
     Range,
     inertial_numbers,
     normalised_hold,
@@ -21,7 +16,11 @@ from stickslip.loading.gouge_numbers import (
     range_of,
     stiffness,
 )
-from stickslip.loading.gouge_run import Realization, Series, Test, _mean_overlap, _thinned
+from stickslip.experiments.gouge.protocol import Realization, Series, Test, _mean_overlap, _thinned
+from stickslip.experiments.gouge.report import numbers
+from stickslip.experiments.gouge.sample import BOTTOM, TOP, _apart, settled, sprung
+from stickslip.experiments.gouge.scenario import GougeScenario
+from stickslip.experiments.gouge.simulate import MEMBERS, GougeResult, simulate_gouge
 
 LAW = {"gamma_n": 1e4}
 SLIDE = [{"kind": "slide", "velocity": 0.3, "slip": 1.0}]
@@ -82,7 +81,7 @@ def ran(tmp_path_factory):
     ],
 )
 def test_bad_scenarios_are_refused_in_one_sentence(tables, words):
-    with pytest.raises(ss.ScenarioError, match=words):
+    with pytest.raises(ss.experiments.ScenarioError, match=words):
         ss.scenario(**{"experiment": "gouge", "law": LAW} | tables)
 
 
@@ -96,10 +95,10 @@ def test_the_estimate_counts_every_leg():
 
 
 def test_a_time_step_that_is_too_long_is_refused_with_the_number():
-    with pytest.raises(ss.ScenarioError, match=r"stable up to some 9.9e-07 only: give about 2e-07"):
+    with pytest.raises(ss.experiments.ScenarioError, match=r"stable up to some 9.9e-07 only: give about 2e-07"):
         small(dt=3e-6)
     ran = settled(small(), 0)
-    assert 0.5 < small().longest_step / ss.stable_time_step(ran.state, ran.law) < 2
+    assert 0.5 < small().longest_step / ss.measure.stable_time_step(ran.state, ran.law) < 2
 
 
 # --- numbers ---------------------------------------------------------------------------------------------------------
@@ -150,14 +149,14 @@ def test_a_settled_sample_bears_its_load(ran):
     """The plates are rigid and glued without contacts of their own; the contacts carry the normal stress."""
     result, _ = ran
     state = result.realizations[0].states["settled"]
-    law = ss.hertz_mindlin_reff(*ss.stiffnesses(50e9, 0.3), 0.5)
+    law = ss.laws.hertz_mindlin_reff(*ss.laws.elastic_constants(50e9, 0.3), 0.5)
     group = state.control.group
     assert [(group == g).sum() for g in (-1, BOTTOM, TOP)] == [70, *[result.scenario.plate_grains] * 2]
     found, _ = ss.forces(state, law, memory=ss.FROZEN)
     whole = 5e6 * 0.016**2
     assert found.force[group == TOP, 1].sum() == pytest.approx(whole, rel=0.05)  # at rest to `unbalanced`
     assert found.force[group == BOTTOM, 1].sum() == pytest.approx(-whole, rel=0.05)
-    rows = ss.touching(state)
+    rows = ss.measure.touching(state)
     own = group[state.contacts.i[rows]] == group[state.contacts.j[rows]]
     assert not (own & (group[state.contacts.i[rows]] >= 0)).any()
 
@@ -228,7 +227,7 @@ def test_a_killed_realization_goes_on_from_its_branches(tmp_path, monkeypatch):
     """What a branch has finished is not run again, and the result is that of a run that was not stopped."""
     hold = {"kind": "slide-hold-slide", "before": (0.3,), "holds": (4e-4,), "after": (), "approach": 0.1}
     chosen = small(protocol=[hold | {"branches": 2, "spacing": 0.2}], ledger_steps=0)
-    from stickslip.loading import gouge_ensemble
+    from stickslip.experiments.gouge import simulate as gouge_ensemble
 
     whole, calls = gouge_ensemble.branch, []
 
@@ -257,7 +256,7 @@ def test_a_branch_that_fails_is_told_with_its_sample(monkeypatch):
     def fails(scenario, start, *_):
         raise RuntimeError("it blew up")
 
-    monkeypatch.setattr("stickslip.loading.gouge_ensemble.branch", fails)
+    monkeypatch.setattr("stickslip.experiments.gouge.simulate.branch", fails)
     with pytest.raises(RuntimeError, match="no realization succeeded; realization 0 failed: it blew up"):
         simulate_gouge(small(ledger_steps=0), workers=1)
 
@@ -289,7 +288,7 @@ def test_the_energies_of_sliding_balance(ran):
 def test_a_finished_realization_is_not_run_again(ran, monkeypatch, tmp_path):
     """Neither by the same scenario nor by one that asks for more of them; what cannot be used stops the run."""
     result, folder = ran
-    monkeypatch.setattr("stickslip.loading.gouge_ensemble.trunk", refuse)
+    monkeypatch.setattr("stickslip.experiments.gouge.simulate.trunk", refuse)
     again = simulate_gouge(small(realizations=2), folder=folder, workers=1)
     assert again.reused == 2
     for name, found in (("ran", result), ("read", again)):
@@ -307,7 +306,7 @@ def test_a_finished_realization_is_not_run_again(ran, monkeypatch, tmp_path):
     with pytest.raises(ArchiveError, match="damaged"):
         simulate_gouge(small(realizations=2), folder=folder, workers=1)
     file.write_bytes(whole)
-    monkeypatch.setattr("stickslip.loading.gouge_ensemble.__version__", "99.0")
+    monkeypatch.setattr("stickslip.experiments.gouge.simulate.__version__", "99.0")
     with pytest.raises(ArchiveError, match=r"computed by stickslip .*, and this is 99.0.*: move it away"):
         simulate_gouge(small(realizations=2), folder=folder, workers=1)
 
@@ -317,7 +316,7 @@ def refuse(*_):
 
 
 def test_if_all_fail_the_first_reason_is_told(monkeypatch):
-    monkeypatch.setattr("stickslip.loading.gouge_ensemble.trunk", refuse)
+    monkeypatch.setattr("stickslip.experiments.gouge.simulate.trunk", refuse)
     with pytest.raises(RuntimeError, match="no realization succeeded; realization 0 failed: not again"):
         simulate_gouge(small(), workers=1)
 
@@ -325,7 +324,7 @@ def test_if_all_fail_the_first_reason_is_told(monkeypatch):
 def test_a_spring_pulls_the_plate_from_where_it_is():
     gouge = settled(small(), 5)
     pulled = sprung(gouge, 1e6, [gouge.state.time], [1e-6])
-    forces = ss.spring_forces(pulled.state.control, pulled.state.grains.position, pulled.state.time)
+    forces = ss.control.spring_forces(pulled.state.control, pulled.state.grains.position, pulled.state.time)
     assert forces[pulled.top, 0].sum() == pytest.approx(1.0)
 
 
@@ -439,7 +438,7 @@ def test_plates_and_overlaps_see_the_nearest_images():
     distance = np.hypot(0.3, 0.4)
     shrunk = _apart(state, np.arange(4)).radius
     np.testing.assert_allclose(shrunk, np.array([0.5, 0.5, 0.4, 0.4]) * distance / 1.0, rtol=1e-8)  # less 1e-9, told
-    law = ss.linear(kn=1.0, kt=0.5)
+    law = ss.laws.linear(kn=1.0, kt=0.5)
     touched = ss.accept(state, ss.forces(state, law)[1])
     assert _mean_overlap(touched) == pytest.approx(1.0 - distance, rel=1e-12)
 

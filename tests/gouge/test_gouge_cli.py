@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 
 from stickslip.data import archive
-from stickslip.data.scenario import read, scenario
-from stickslip.experiments import gouge as paper
-from stickslip.experiments import gouge_claims, gouge_report, report
-from stickslip.loading.gouge_ensemble import simulate_gouge
+from stickslip.experiments import run_folder as report
+from stickslip.experiments.gouge import EXPERIMENT, paper
+from stickslip.experiments.gouge import claims as gouge_claims
+from stickslip.experiments.gouge import report as gouge_report
+from stickslip.experiments.gouge.simulate import simulate_gouge
+from stickslip.experiments.registry import read_scenario, scenario
+from stickslip.experiments.writer import write_reproduction
 from tests.gouge.test_gouge import small
 from tests.published.test_disk_array import stickslip
 
@@ -86,8 +89,8 @@ def test_a_wrong_engine_is_refused(words, sentence, tmp_path):
 
 
 def test_examples_are_scenarios_of_their_own_scale():
-    assert read(EXAMPLES / "gouge.toml").steps < 2e6
-    whole = read(EXAMPLES / "gouge_paper.toml")
+    assert read_scenario(EXAMPLES / "gouge.toml").steps < 2e6
+    whole = read_scenario(EXAMPLES / "gouge_paper.toml")
     assert whole.dt == 2e-8
     assert whole.realizations == 8
     assert set(whole.protocol[1].before) == {2e-4, 2e-3, 2e-2, 0.1}  # Fig S1
@@ -118,7 +121,7 @@ def test_the_papers_claims_are_all_judged(tmp_path, ran, full):
     assert all(claims[name].verdict == "undecided" for name in missing & PRINTED)
     folder, main = tmp_path / "out", holds[paper.MAIN]
     report.claim_folder(folder, main.scenario)
-    gouge_report.write_reproduction(folder, paper.Reproduction(holds, more, list(claims.values())))
+    write_reproduction(folder, EXPERIMENT.paper, paper.Reproduction(holds, more, list(claims.values())))
     told = json.loads((folder / "claims.json").read_text())
     assert [c["id"] for c in told] == list(claims)
     assert "fault gouge" in (folder / "claims.md").read_text()
@@ -147,6 +150,6 @@ def test_a_full_run_of_what_has_none_is_refused(words, sentence, tmp_path):
 
 def test_a_long_hold_is_told_before_it_starts(capsys):
     """Its steps, and how long they take, where it is more than a tenth of a realization."""
-    gouge_report.foretell(paper.paper_scenario())
+    gouge_report.announce(paper.paper_scenario())
     words = " ".join(capsys.readouterr().out.split())
     assert "each hold of 1 s takes 2.5e+06 steps, some 2.6 minutes on one core" in words

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.laws import DAMPING_N, DAMPING_T
-from stickslip.loading.gouge import damping, gouge_law
+from stickslip.core.laws.builtin import DAMPING_N, DAMPING_T
+from stickslip.experiments.gouge.sample import damping, gouge_law
 from stickslip.solve.collision import eq8_damping
 
 SLIDE = [{"kind": "slide", "velocity": 0.3, "slip": 1.0}]
@@ -34,12 +34,12 @@ def of(**law):
     ],
 )  # fmt: skip
 def test_damping_that_is_not_said_one_way_is_refused(law, words):
-    with pytest.raises(ss.ScenarioError, match=words):
+    with pytest.raises(ss.experiments.ScenarioError, match=words):
         of(**law)
 
 
 def test_a_scenario_without_a_law_is_refused():
-    with pytest.raises(ss.ScenarioError, match="law is missing"):
+    with pytest.raises(ss.experiments.ScenarioError, match="law is missing"):
         ss.scenario(experiment="gouge", protocol=SLIDE)
 
 
@@ -51,7 +51,9 @@ def test_gamma_is_taken_as_it_is():
 @pytest.mark.parametrize("restitution", [0.98, 0.3])
 def test_collision_reads_the_restitution_that_a_collision_has(restitution):
     law = gouge_law(of(restitution=restitution, reading="collision", **MEETING), 0.0)
-    assert ss.collision(law, radius=1.5e-3, mass=MASS, speed=25.0).restitution == pytest.approx(restitution, abs=1e-6)
+    assert ss.laws.collision(law, radius=1.5e-3, mass=MASS, speed=25.0).restitution == pytest.approx(
+        restitution, abs=1e-6
+    )
 
 
 def restitution_of_eq8(gamma, young, poisson, size, density, speed, ratio) -> float:

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from stickslip.loading import gouge_measures as measures
-from stickslip.loading.gouge_statistics import Curve, apart, combined, read_off, similarity
+from stickslip.experiments.gouge import measures
+from stickslip.experiments.gouge.statistics import Curve, apart, combined, read_off, similarity
 
 
 def level(values, seeds):

@@ -10,9 +10,13 @@ import pytest
 import stickslip as ss
 from stickslip.cli import main
 from stickslip.data import manifest
-from stickslip.data.kept import kept_in, under_way
-from stickslip.experiments import ratestate_report, report, sweep_report
-from stickslip.experiments.sweep import Swept
+from stickslip.data.checkpoint import kept_in, under_way
+from stickslip.experiments import run_folder as report
+from stickslip.experiments import writer
+from stickslip.experiments.rate_state import simulate as slider
+from stickslip.experiments.resume import begun
+from stickslip.experiments.sweep import report as sweep_report
+from stickslip.experiments.sweep.run import Swept
 
 SLIDER = """
 experiment = "rate-state"
@@ -110,13 +114,13 @@ def test_results_that_were_changed_are_somebodys(call, tmp_path):
 
 
 def test_what_appears_while_a_run_goes_on_is_not_replaced(call, tmp_path, monkeypatch):
-    simulate = ratestate_report.simulate
+    simulate = slider.simulate_slider
 
     def slowly(chosen, *, folder, **more):
         (folder / "series.csv").write_text("mine")
         return simulate(chosen, folder=folder, **more)
 
-    monkeypatch.setattr(ratestate_report, "simulate", slowly)
+    monkeypatch.setattr(slider, "simulate_slider", slowly)
     done = call("run", "0.toml", "--out", "out")
     assert done.code == 1
     assert "what another program wrote there meanwhile (series.csv): move it away" in done.err
@@ -124,7 +128,7 @@ def test_what_appears_while_a_run_goes_on_is_not_replaced(call, tmp_path, monkey
     assert not (tmp_path / "out" / "results.h5").exists()
 
 
-@pytest.mark.parametrize("step", ["simulate", "save"])
+@pytest.mark.parametrize("step", ["simulate_slider", "save"])
 def test_overwriting_keeps_the_old_results_until_the_new_ones_are_complete(call, tmp_path, monkeypatch, step):
     """The run stops while it computes, or while the new files are written: the old ones stand as they were."""
     assert call("run", "0.toml", "--out", "out").code == 0
@@ -134,7 +138,7 @@ def test_overwriting_keeps_the_old_results_until_the_new_ones_are_complete(call,
         raise KeyboardInterrupt
 
     with monkeypatch.context() as now:
-        now.setattr(ratestate_report, step, stopped)
+        now.setattr(slider if step == "simulate_slider" else writer, step, stopped)
         assert call("run", "1.toml", "--out", "out", "--overwrite").code == 130
     after = contents(tmp_path / "out")
     assert {name: after[name] for name in before} == before
@@ -146,7 +150,7 @@ def test_overwriting_keeps_the_old_results_until_the_new_ones_are_complete(call,
 
 def test_who_is_killed_while_results_are_moved_in_is_followed_by_the_next_call(call, tmp_path, monkeypatch):
     assert call("run", "0.toml", "--out", "out").code == 0
-    settle = report._settle
+    settle = report.settle
 
     def killed(folder):
         """Some files are in their places, others are not."""
@@ -157,9 +161,9 @@ def test_who_is_killed_while_results_are_moved_in_is_followed_by_the_next_call(c
             raise KeyboardInterrupt
 
     with monkeypatch.context() as now:
-        now.setattr(report, "_settle", killed)
+        now.setattr(report, "settle", killed)
         assert call("run", "1.toml", "--out", "out", "--overwrite").code == 130
-    assert report._settle is settle
+    assert report.settle is settle
     assert call("resume", "out").code == 0
     now, told = contents(tmp_path / "out"), manifest.proven(tmp_path / "out")
     assert set(now) == {*told, "manifest.json"}
@@ -184,7 +188,7 @@ def test_the_scenario_of_a_run_of_several_is_its_first(tmp_path, seeds, older):
     report.claim_folder(tmp_path, ones[0])
     with report.complete(tmp_path) as room:
         report.save(room, ones[0], {})
-    assert report.begun(tmp_path) is None
+    assert begun(tmp_path) is None
 
 
 def test_sweeps_prove_their_files_too(call, tmp_path):

@@ -6,9 +6,9 @@ import sys
 
 import pytest
 
-from stickslip.data.scenario import ScenarioError, tables_of
-from stickslip.ensemble.helper import Helper
-from stickslip.experiments.report import begun
+from stickslip.ensemble.worker import Helper
+from stickslip.experiments.registry import ScenarioError, tables_of
+from stickslip.experiments.resume import begun
 
 LAW = "open('was-run', 'w').close()\n"
 

@@ -150,7 +150,7 @@ def check_packings(count, tmp_path, capsys):
     state, _ = jammed(12, packing_fraction=0.66, seed=2)
     np.savez(tmp_path / "whole.npz", **whole)
     for suffix in DAMAGED[1:]:
-        ss.write_sample(tmp_path / f"whole{suffix}", state, ss.hertz_mindlin())
+        ss.io.write_packing(tmp_path / f"whole{suffix}", state, ss.laws.hertz_mindlin())
     for _ in range(count):
         way = rng.integers(8)
         path = tmp_path / f"p{DAMAGED[way] if way < len(DAMAGED) else '.npz'}"

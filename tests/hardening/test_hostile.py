@@ -109,7 +109,7 @@ def test_what_bears_the_names_of_hidden_folders_stays(here, name, kind, words):
 def test_nothing_else_is_run_in_the_folder_of_a_sweep(here, words, more, monkeypatch):
     assert stickslip_here("run", "b.toml", "--out", "out", cwd=here).returncode == 0
     before = listing(here)
-    monkeypatch.setattr("stickslip.experiments.quasi_rigid.reproduce", lambda **_: pytest.fail("it runs"))
+    monkeypatch.setattr("stickslip.experiments.quasi_rigid.paper.reproduce", lambda **_: pytest.fail("it runs"))
     run = stickslip_here(*words, "--out", "out", *more, cwd=here)
     assert (run.returncode, run.stderr.count("\n")) == (2, 1)
     assert "out holds the results of a sweep: choose another --out" in run.stderr

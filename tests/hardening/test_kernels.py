@@ -127,7 +127,7 @@ _CacheLocator.ensure_cache_path = once
 
 
 def test_a_law_of_ones_own_that_cannot_be_noted_as_compiled_is_used_all_the_same(tmp_path):
-    code = "import stickslip as ss; ss.contact_law(normal_force=lambda overlap, kn: kn * overlap); print('made')"
+    code = "import stickslip as ss; ss.laws.custom(normal_force=lambda overlap, kn: kn * overlap); print('made')"
     (tmp_path / "laws").write_text("")  # where a folder cannot be made
     env = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env)

@@ -83,8 +83,8 @@ def test_a_folder_by_the_name_of_a_conversion_is_told(here):
 def test_frames_for_paraview_replace_nothing(here):
     pytest.importorskip("pyevtk")
     files.convert(here / "a.npz", here / "a.h5")
-    state, law, _ = files.read_sample(here / "a.npz")
-    files.write_sample(here / "t.h5", [files.frame_of(state, law)] * 2)
+    state, law, _ = files.read_packing(here / "a.npz")
+    files.write_packing(here / "t.h5", [files.frame_of(state, law)] * 2)
     (here / "b_0001.vtu").write_bytes(b"mine")
     refused("b_0001.vtu exists: give another name, or add --overwrite", "convert", "t.h5", "--to", "b.vtu", cwd=here)
     assert stickslip_here("convert", "t.h5", "--to", "b.vtu", "--overwrite", cwd=here).returncode == 0
@@ -159,7 +159,7 @@ def test_who_is_killed_as_a_page_takes_its_place_leaves_what_is_known(here, monk
         raise KeyboardInterrupt
 
     with monkeypatch.context() as now:
-        now.setattr("stickslip.experiments.look_out.note_too", killed)
+        now.setattr("stickslip.experiments.packing.page_output.note_too", killed)
         assert stickslip_here("report", "out", cwd=here).returncode == 130
     assert (here / "out" / "report.html").exists()
     assert stickslip_here("report", "out", cwd=here).returncode == 0

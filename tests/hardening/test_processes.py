@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from stickslip.ensemble.helper import Helper, WorkerDiedError
+from stickslip.ensemble.worker import Helper, WorkerDiedError
 
-IDLES = "from stickslip.ensemble import helper; helper.IDLE = 0.2; helper.serve()"
+IDLES = "from stickslip.ensemble import worker; worker.IDLE = 0.2; worker.serve()"
 
 
 def test_a_process_that_nobody_asks_ends_quietly():
@@ -61,7 +61,7 @@ def test_a_process_that_nobody_listens_to_ends_quietly(capfd):
 
 ASKS = """
 import pickle, sys
-from stickslip.ensemble.helper import Helper
+from stickslip.ensemble.worker import Helper
 from tests.hardening.test_processes import tells_on
 
 def heard(share, words):

@@ -6,7 +6,7 @@ import warnings
 
 import pytest
 
-from stickslip.data.scenario import EXPERIMENTS, ScenarioError, read, scenario
+from stickslip.experiments.registry import EXPERIMENTS, ScenarioError, read_scenario, scenario
 from tests.conftest import stickslip_here
 from tests.unit.test_scenario import EXAMPLES
 
@@ -28,7 +28,7 @@ def floats(tree, above=()):
 def scenarios():
     """The tables of all examples that are one scenario, with their defaults."""
     texts = [path for path in sorted(EXAMPLES.glob("*.toml")) if "\n[sweep]" not in path.read_text(encoding="utf-8")]
-    found = {path.stem: json.loads(read(path).text) for path in texts}
+    found = {path.stem: json.loads(read_scenario(path).text) for path in texts}
     assert {tables["experiment"] for tables in found.values()} == set(EXPERIMENTS)
     return found
 
@@ -113,7 +113,7 @@ def test_sizes_that_would_fill_the_memory_or_take_less_than_a_step(tmp_path, cha
 
 @pytest.mark.parametrize("length", [1e3, 1e20, 1e100])
 def test_plates_of_gouge_have_a_size(tmp_path, length):
-    tables = json.loads(read(EXAMPLES / "gouge.toml").text)
+    tables = json.loads(read_scenario(EXAMPLES / "gouge.toml").text)
     tables["cell"]["length"] = length
     (tmp_path / "a.json").write_text(json.dumps(tables))
     run = stickslip_here("run", "a.json", "--out", "out", cwd=tmp_path)

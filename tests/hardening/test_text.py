@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.laws import alike
-from stickslip.data.exchange.files import read_sample, write_sample
-from stickslip.data.scenario import read, tables_of
+from stickslip.core.laws.builtin import alike
+from stickslip.data.exchange.files import read_packing, write_packing
 from stickslip.ensemble import cluster
+from stickslip.experiments.registry import read_scenario, tables_of
 from tests.conftest import stickslip_here
 
 DIGITS = "7" * 5000
@@ -36,8 +36,8 @@ def saved(path, text, encoding="utf-8-sig"):
 
 
 def data_file(folder):
-    state = ss.sample([[1, 1, 1], [1.9, 1, 1]], [0.5, 0.5], law := ss.linear(), cell=3 * np.eye(3))
-    write_sample(folder / "p.data", state, law)
+    state = ss.packings.from_arrays([[1, 1, 1], [1.9, 1, 1]], [0.5, 0.5], law := ss.laws.linear(), cell=3 * np.eye(3))
+    write_packing(folder / "p.data", state, law)
     return (folder / "p.data").read_text()
 
 
@@ -52,12 +52,14 @@ def refused(words, *more, cwd=None):
 
 def test_a_byte_order_mark_is_no_part_of_a_text(tmp_path):
     assert tables_of(saved(tmp_path / "a.toml", SLIDER)) == {"experiment": "rate-state"}
-    assert read(saved(tmp_path / "a.json", json.dumps({"experiment": "rate-state"}))) == read(tmp_path / "a.toml")
-    assert ss.read_csv(saved(tmp_path / "a.csv", SERIES)).time[-1] == 19
-    marked = ss.law_from_file(saved(tmp_path / "a.py", LAW))
-    assert alike(marked, ss.law_from_file(saved(tmp_path / "b.py", LAW, "utf-8")))
+    assert read_scenario(saved(tmp_path / "a.json", json.dumps({"experiment": "rate-state"}))) == read_scenario(
+        tmp_path / "a.toml"
+    )
+    assert ss.friction.read_csv(saved(tmp_path / "a.csv", SERIES)).time[-1] == 19
+    marked = ss.laws.from_file(saved(tmp_path / "a.py", LAW))
+    assert alike(marked, ss.laws.from_file(saved(tmp_path / "b.py", LAW, "utf-8")))
     for name, text in (("a.dump", DUMP), ("a.data", data_file(tmp_path))):
-        assert len(read_sample(saved(tmp_path / name, text), law="linear")[0].grains.radius) == 2
+        assert len(read_packing(saved(tmp_path / name, text), law="linear")[0].grains.radius) == 2
     assert cluster._written(saved(tmp_path / "s.json", '{"address": "tcp://a:1"}')) == {"address": "tcp://a:1"}
 
 

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.laws import alike
+from stickslip.core.laws.builtin import alike
 from stickslip.data import archive
-from stickslip.data.kept import Kept
+from stickslip.data.checkpoint import Kept
 
 DATES = np.array(["2020-01-01", "2020-01-02"], "datetime64[D]")
 PAIR = [[0.0, 0.0], [0.99, 0.0]]
@@ -34,13 +34,13 @@ def test_complex_positions_cells_and_walls_are_refused():
     for make in (lambda: ss.disks(bad, 0.5), lambda: ss.box(bad[1]), lambda: ss.flat_walls([0, 0], bad[1])):
         with pytest.raises(ValueError, match="complex numbers were given"):
             make()
-    with pytest.raises(ss.SampleError, match="position holds something else than numbers"):
-        ss.sample(bad, np.full(2, 0.5), law="linear", dim=2)
-    with pytest.raises(ss.SampleError, match="mass holds something else than numbers"):
-        ss.sample(np.array(PAIR), np.full(2, 0.5), law="linear", mass=DATES, dim=2)
+    with pytest.raises(ss.packings.PackingError, match="position holds something else than numbers"):
+        ss.packings.from_arrays(bad, np.full(2, 0.5), law="linear", dim=2)
+    with pytest.raises(ss.packings.PackingError, match="mass holds something else than numbers"):
+        ss.packings.from_arrays(np.array(PAIR), np.full(2, 0.5), law="linear", mass=DATES, dim=2)
 
 
-@pytest.mark.parametrize("make", [ss.linear, ss.hertz_mindlin, ss.hertz_mindlin_reff])
+@pytest.mark.parametrize("make", [ss.laws.linear, ss.laws.hertz_mindlin, ss.laws.hertz_mindlin_reff])
 @pytest.mark.parametrize(
     ("more", "words"),
     [
@@ -60,13 +60,13 @@ def test_parameters_of_laws(make, more, words):
 
 
 def test_scalars_of_numpy_are_parameters():
-    assert alike(ss.linear(np.float32(2), np.int64(1), np.array(0.5)), ss.linear(2.0, 1.0, 0.5))
+    assert alike(ss.laws.linear(np.float32(2), np.int64(1), np.array(0.5)), ss.laws.linear(2.0, 1.0, 0.5))
 
 
 @pytest.mark.filterwarnings("ignore")
 def test_a_range_beyond_all_pairs_is_refused():
     with pytest.raises(ValueError, match=r"contact_range is 1e\+06 for a grain of radius 1: at most 100 radii are"):
-        ss.contact_law(
+        ss.laws.custom(
             normal_force=lambda overlap, kn: kn * overlap,
             contact_range=lambda r_eff: 1e6 + r_eff,
             parameters={"kn": 1.0},
@@ -86,7 +86,7 @@ def test_cells_that_are_none_are_refused(gradient, words):
     cell = ss.box([3.0, 3.0, 1.0], periodic=[True, True, False], dim=2)
     state = ss.assembly(ss.disks(PAIR, 0.5), cell=cell)
     with pytest.raises(ValueError, match=words):
-        ss.strained(state, gradient)
+        ss.packings.strained(state, gradient)
 
 
 def test_grains_on_top_of_each_other_are_refused_before_all_pairs_are_listed():

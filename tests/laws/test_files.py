@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core import kinds
-from stickslip.core.laws import names_of
+from stickslip.core.laws import dispatch as kinds
+from stickslip.core.laws.builtin import names_of
 from stickslip.data import archive
-from stickslip.data.sample import SampleError
-from stickslip.data.scenario import scenario, tables_of
+from stickslip.data.sample import PackingError
+from stickslip.experiments.registry import scenario, tables_of
 from tests.conftest import make_packing, stickslip_here, stirred
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -69,15 +69,15 @@ def test_a_scenario_names_a_file_beside_it_and_knows_its_text(folder):
     assert Path(chosen.law.file) == folder / "mine.py" and len(chosen.law.checksum) == 16
     again = scenario(**json.loads(chosen.text))
     assert again == chosen and again.digest == chosen.digest
-    law = ss.poured(chosen).law
+    law = ss.packings.poured(chosen).law
     assert law.table[0, 0, 0] == 2e4 and law.table[0, 1, 2] == 0.1 and law.table[0, 0, 5] == 0.1
     (folder / "mine.py").write_text((folder / "mine.py").read_text() + "\n# changed\n")
     assert scenario(**json.loads(chosen.text)) == chosen  # reading what was written runs nothing …
-    with pytest.raises(ss.ScenarioError, match=r"mine\.py has changed since the run began"):
-        ss.poured(chosen)  # … and nothing else than what was named is run
+    with pytest.raises(ss.experiments.ScenarioError, match=r"mine\.py has changed since the run began"):
+        ss.packings.poured(chosen)  # … and nothing else than what was named is run
     (folder / "mine.py").unlink()
-    with pytest.raises(ss.ScenarioError, match="is not there any more"):
-        ss.poured(chosen)
+    with pytest.raises(ss.experiments.ScenarioError, match="is not there any more"):
+        ss.packings.poured(chosen)
 
 
 def test_scenarios_without_a_file_are_what_they_were():
@@ -113,15 +113,15 @@ def test_results_never_run_code(tmp_path, monkeypatch):
     trap = tmp_path / "trap.py"
     trap.write_text(f"open({str(tmp_path / 'sprung')!r}, 'w')\n")
     np.savez(tmp_path / "pair.npz", position=[[0, 0, 0], [0.99, 0, 0]], radius=[0.5, 0.5], law=str(trap))
-    with pytest.raises(SampleError, match="is not known: use hertz_mindlin"):
-        ss.read_sample(tmp_path / "pair.npz")
-    law = ss.law_from_file(EXAMPLES / "rolling_law.py")
+    with pytest.raises(PackingError, match="is not known: use hertz_mindlin"):
+        ss.io.read_packing(tmp_path / "pair.npz")
+    law = ss.laws.from_file(EXAMPLES / "rolling_law.py")
     archive.write(tmp_path / "state.h5", {"state": make_packing(3), "law": law})
     assert archive.read(tmp_path / "state.h5")["law"].kind == law.kind
     forget(law, monkeypatch)
     with pytest.raises(archive.ArchiveError, match=r"'rolling_law', a contact law of a user .* make that law first"):
         archive.read(tmp_path / "state.h5")
-    ss.law_from_file(EXAMPLES / "rolling_law.py")
+    ss.laws.from_file(EXAMPLES / "rolling_law.py")
     assert archive.read(tmp_path / "state.h5")["law"].kind == law.kind
     assert not (tmp_path / "sprung").exists()
 
@@ -130,17 +130,17 @@ def test_results_never_run_code(tmp_path, monkeypatch):
 def test_files_keep_the_memory_of_rolling_and_know_the_law_again(ending, tmp_path):
     if ending == ".gsd":
         pytest.importorskip("gsd")
-    law = ss.law_from_file(EXAMPLES / "rolling_law.py", mu_r=1.5)
-    law = ss.between(law, 0, 1, mu_r=1.0)
+    law = ss.laws.from_file(EXAMPLES / "rolling_law.py", mu_r=1.5)
+    law = ss.laws.for_pair(law, 0, 1, mu_r=1.0)
     state = stirred(make_packing(3, wall=False), law, np.random.default_rng(0), size=0.05)
     assert state.contacts.rolling[:, 6].any()
-    ss.write_sample(tmp_path / f"state{ending}", state, law)
-    back, its_law, _ = ss.read_sample(tmp_path / f"state{ending}")
+    ss.io.write_packing(tmp_path / f"state{ending}", state, law)
+    back, its_law, _ = ss.io.read_packing(tmp_path / f"state{ending}")
     count = int(state.contacts.count[0])
     np.testing.assert_array_equal(back.contacts.rolling[:count], state.contacts.rolling[:count])
     assert its_law.kind == law.kind and isinstance(its_law.kind, kinds.Kind)
     np.testing.assert_array_equal(its_law.table, law.table)
-    assert "the memory of rolling" in ss.write_sample(tmp_path / "state.npz", state, law)[-1]
+    assert "the memory of rolling" in ss.io.write_packing(tmp_path / "state.npz", state, law)[-1]
 
 
 def test_archives_without_rolling_memory_still_read(tmp_path):
@@ -155,9 +155,9 @@ def test_archives_without_rolling_memory_still_read(tmp_path):
 
 @pytest.mark.slow
 def test_the_command_line_asks_a_packing_with_a_law_of_ones_own(tmp_path):
-    dry = ss.hertz_mindlin(coulomb="sharp")
-    state, _ = ss.equilibrate(ss.jammed(12, packing_fraction=0.9, dim=2, seed=1)[0], dry, tolerance=1e-12)
-    ss.write_sample(tmp_path / "packing.npz", state, dry)
+    dry = ss.laws.hertz_mindlin(coulomb="sharp")
+    state, _ = ss.equilibrate(ss.packings.jammed(12, packing_fraction=0.9, dim=2, seed=1)[0], dry, tolerance=1e-12)
+    ss.io.write_packing(tmp_path / "packing.npz", state, dry)
     law = EXAMPLES / "cohesive_law.py"
     said = stickslip_here("stability", "packing.npz", "--law", law, "--mu", "0.3", cwd=tmp_path)
     assert said.returncode == 3, said.stderr
@@ -181,10 +181,10 @@ def test_the_command_line_lets_a_packing_settle_under_another_law():
 
 
 def test_a_law_from_a_file_travels_to_other_processes(tmp_path):
-    law = ss.law_from_file(EXAMPLES / "cohesive_law.py", tension=2e-4)
+    law = ss.laws.from_file(EXAMPLES / "cohesive_law.py", tension=2e-4)
     (tmp_path / "law").write_bytes(pickle.dumps(law))
     asked = "law = pickle.load(open('law', 'rb')); print(law.kind, names_of(law), law.table[0, 0, -3])"
-    words = f"import pickle; from stickslip.core.laws import names_of; {asked}"
+    words = f"import pickle; from stickslip.core.laws.builtin import names_of; {asked}"
     said = subprocess.run([sys.executable, "-c", words], cwd=tmp_path, capture_output=True, text=True)
     assert said.stdout.strip() == f"{law.kind} {names_of(law)} 0.0002", said.stderr
 

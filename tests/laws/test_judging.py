@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core import kinds
+from stickslip.core.laws import dispatch as kinds
 
 SCALE = 2.0
 TABLE = [1.0, 2.0]
@@ -66,7 +66,7 @@ def uses_a_list(overlap):
 )
 def test_a_bad_law_is_refused_in_one_sentence(functions, words):
     with pytest.raises(ValueError, match=words) as told:
-        ss.contact_law(**functions)
+        ss.laws.custom(**functions)
     assert "\n" not in str(told.value)
 
 
@@ -75,43 +75,43 @@ def test_what_only_the_compiler_refuses_is_one_sentence():
         return {"one": kn, 2: kn}["one"] * overlap
 
     with pytest.raises(ValueError, match="normal_force cannot be compiled") as told:
-        ss.contact_law(normal_force=dictionary)
+        ss.laws.custom(normal_force=dictionary)
     assert "\n" not in str(told.value)
 
 
 def test_a_force_that_jumps_is_told_and_one_that_does_not_is_not():
-    with pytest.warns(ss.LawWarning, match="jumps from 0 to 0.5 where grains begin to touch"):
-        ss.contact_law(normal_force=lambda overlap: overlap + 0.5)
-    with pytest.warns(ss.LawWarning, match=r"at the end of its range \(a gap of 0.1\)"):
-        ss.contact_law(normal_force=lambda overlap: overlap, contact_range=lambda r_eff: 0.1)
+    with pytest.warns(ss.laws.LawWarning, match="jumps from 0 to 0.5 where grains begin to touch"):
+        ss.laws.custom(normal_force=lambda overlap: overlap + 0.5)
+    with pytest.warns(ss.laws.LawWarning, match=r"at the end of its range \(a gap of 0.1\)"):
+        ss.laws.custom(normal_force=lambda overlap: overlap, contact_range=lambda r_eff: 0.1)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        ss.contact_law(normal_force=hertz)
+        ss.laws.custom(normal_force=hertz)
 
 
 def test_the_kind_is_a_digest_of_what_decides_the_machine_code():
     global SCALE
-    first = ss.contact_law(normal_force=hertz)
-    assert ss.contact_law(normal_force=hertz, parameters={"kn": 3.0}).kind == first.kind  # values are in the table
+    first = ss.laws.custom(normal_force=hertz)
+    assert ss.laws.custom(normal_force=hertz, parameters={"kn": 3.0}).kind == first.kind  # values are in the table
     assert isinstance(first.kind, int) and first.kind not in (0, 1, 2) and first.kind < 2**62
     SCALE = 3.0
     try:
-        assert ss.contact_law(normal_force=hertz).kind != first.kind  # a constant, which is in the machine code
+        assert ss.laws.custom(normal_force=hertz).kind != first.kind  # a constant, which is in the machine code
     finally:
         SCALE = 2.0
-    assert ss.contact_law(normal_force=lambda overlap, kn: kn * overlap).kind != first.kind
-    assert ss.contact_law(normal_force=hertz, parameters={"extra": 1.0}).kind != first.kind  # another column
+    assert ss.laws.custom(normal_force=lambda overlap, kn: kn * overlap).kind != first.kind
+    assert ss.laws.custom(normal_force=hertz, parameters={"extra": 1.0}).kind != first.kind  # another column
 
 
 def test_parameters_by_pair_of_materials():
-    law = ss.contact_law(normal_force=lambda overlap, kn, well: kn * overlap * (1 - well), parameters={"well": 0.1})
-    law = ss.between(law, 0, 1, well=-0.2, mu=0.3)
+    law = ss.laws.custom(normal_force=lambda overlap, kn, well: kn * overlap * (1 - well), parameters={"well": 0.1})
+    law = ss.laws.for_pair(law, 0, 1, well=-0.2, mu=0.3)
     names = kinds.known(law.kind).names
     assert names == ("kn", "kt", "mu", "damping_n", "damping_t", "well")
     assert law.table[0, 1, 5] == law.table[1, 0, 5] == -0.2 and law.table[0, 0, 5] == law.table[1, 1, 5] == 0.1
     with pytest.raises(ValueError, match=r"no parameter 'wall': it has .*well"):
-        ss.between(law, 0, 1, wall=1.0)
-    assert ss.contact_law(normal_force=hertz, cap=lambda overlap: overlap).table[0, 0, 2] == 1.0  # has friction
+        ss.laws.for_pair(law, 0, 1, wall=1.0)
+    assert ss.laws.custom(normal_force=hertz, cap=lambda overlap: overlap).table[0, 0, 2] == 1.0  # has friction
 
 
 @pytest.mark.parametrize(
@@ -133,7 +133,7 @@ def test_a_bad_file_is_refused_with_its_line(text, words, tmp_path):
     path = tmp_path / "mine.py"
     path.write_text(text)
     with pytest.raises(ValueError, match=words) as told:
-        ss.law_from_file(path)
+        ss.laws.from_file(path)
     assert "mine.py" in str(told.value) and "\n" not in str(told.value)
 
 
@@ -142,8 +142,8 @@ def test_a_file_takes_values_and_refuses_names(tmp_path):
     path.write_text(
         'parameters = {"well": 0.1}\ndef normal_force(overlap, kn, well):\n    return kn * overlap * well\n'
     )
-    assert ss.law_from_file(path, well=0.2, mu=0.3).table[0, 0].tolist() == [1.0, 0.0, 0.3, 0.0, 0.0, 0.2]
+    assert ss.laws.from_file(path, well=0.2, mu=0.3).table[0, 0].tolist() == [1.0, 0.0, 0.3, 0.0, 0.0, 0.2]
     with pytest.raises(ValueError, match="no parameter 'wel': it has well, kn"):
-        ss.law_from_file(path, wel=0.2)
+        ss.laws.from_file(path, wel=0.2)
     with pytest.raises(ValueError, match="is no file"):
-        ss.law_from_file(tmp_path / "other.py")
+        ss.laws.from_file(tmp_path / "other.py")

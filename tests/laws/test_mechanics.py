@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core import integrate
-from stickslip.core.contact import FREE, HELD
-from stickslip.core.neighbors import updated
+from stickslip.core.contacts.mechanics import FREE, HELD
+from stickslip.core.contacts.neighbors import updated
+from stickslip.core.dynamics import run as integrate
 from tests.conftest import make_packing, stirred
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -24,7 +24,7 @@ def example(name, **parameters):
     """
     more = {"cohesive": {"tension": 5e-3}, "rolling": {"mu_r": 1.5}}[name]
     given = more | {"damping_n": 0.1} | parameters
-    return ss.between(ss.law_from_file(EXAMPLES / f"{name}_law.py", **given), 0, 1, mu=0.3, kn=1.3)
+    return ss.laws.for_pair(ss.laws.from_file(EXAMPLES / f"{name}_law.py", **given), 0, 1, mu=0.3, kn=1.3)
 
 
 def packed(name, dim):
@@ -53,7 +53,7 @@ def packed(name, dim):
 def overlaps(state):
     count, radius = int(state.contacts.count[0]), np.append(state.grains.radius, np.zeros(len(state.walls.mass)))
     reach = radius[state.contacts.i[:count]] + radius[state.contacts.j[:count]]
-    return reach - np.linalg.norm(ss.branches(state), axis=1)
+    return reach - np.linalg.norm(ss.measure.branch_vectors(state), axis=1)
 
 
 def differences(state, law, free, memory, step):
@@ -63,8 +63,8 @@ def differences(state, law, free, memory, step):
     for k in range(len(free)):
         sides = []
         for sign in (1, -1):
-            moved = ss.displaced(state, free, sign * step * np.eye(len(free))[k])
-            sides.append(ss.residual_vector(moved, ss.forces(moved, law, memory=memory)[0], free))
+            moved = ss.modes.displaced(state, free, sign * step * np.eye(len(free))[k])
+            sides.append(ss.modes.residual_vector(moved, ss.forces(moved, law, memory=memory)[0], free))
         columns.append((sides[0] - sides[1]) / (2 * step))
     return np.stack(columns, axis=1)
 
@@ -81,7 +81,7 @@ def rate_differences(state, law, free, step):
                 grains=state.grains._replace(velocity=v[:n, :3], spin=spin),
                 walls=state.walls._replace(velocity=v[n:, :3]),
             )
-            sides.append(ss.residual_vector(moving, ss.forces(moving, law, memory=HELD)[0], free))
+            sides.append(ss.modes.residual_vector(moving, ss.forces(moving, law, memory=HELD)[0], free))
         columns.append((sides[0] - sides[1]) / (2 * step))
     return np.stack(columns, axis=1)
 
@@ -95,13 +95,13 @@ def test_jacobian_and_damping_matrix_are_exact(name, dim):
     free = ss.freedom(state)
     for memory, step in ((HELD, 1e-6), (FREE, 1e-7)):
         if memory == FREE:  # as in a solver: what is not committed moves on
-            state = updated(ss.displaced(state, free, np.random.default_rng(3).normal(0, 3e-4, len(free))))
-        exact = ss.restricted(state, ss.contact_blocks(state, law, memory=memory)[0], free).toarray()
+            state = updated(ss.modes.displaced(state, free, np.random.default_rng(3).normal(0, 3e-4, len(free))))
+        exact = ss.modes.assembled(state, ss.modes.contact_blocks(state, law, memory=memory)[0], free).toarray()
         found = differences(state, law, free, memory, step)
         # h² f''' with lengths of 0.02 and round-off over h are both of order 1e-9
         np.testing.assert_allclose(exact, found, atol=3e-8 * np.abs(exact).max())
     state, _ = packed(name, dim)
-    rub = ss.restricted(state, ss.contact_blocks(state, law)[1], free).toarray()
+    rub = ss.modes.assembled(state, ss.modes.contact_blocks(state, law)[1], free).toarray()
     np.testing.assert_allclose(rub, rate_differences(state, law, free, 1e-7), atol=1e-8 * np.abs(rub).max())
 
 
@@ -141,7 +141,7 @@ def test_lists_know_pairs_across_gaps_and_say_when_they_do_not():
     law = example("cohesive")
     narrow = updated(make_packing(2))
     with pytest.raises(ValueError, match="the list of contacts is not that of these positions"):
-        ss.contact_blocks(narrow, law, memory=FREE)
+        ss.modes.contact_blocks(narrow, law, memory=FREE)
     wide = updated(narrow, law)
     assert wide.contacts.skin.tolist() == [narrow.contacts.skin[0], 0.05]
     slack = wide.contacts.skin.sum()
@@ -188,15 +188,15 @@ def test_a_run_goes_on_to_the_last_bit_through_an_archive(tmp_path):
 @SLOW
 @pytest.mark.parametrize(("name", "dim", "more"), [("cohesive", 2, {}), ("rolling", 3, {"mu_r": 0.5})])
 def test_a_run_swings_as_the_spectrum_says(name, dim, more):
-    law = ss.law_from_file(EXAMPLES / f"{name}_law.py", mu=10.0, **more)  # no contact slides
-    state, _ = ss.jammed(8, dim=dim, packing_fraction={2: 0.95, 3: 0.75}[dim], seed=3, law=law)
+    law = ss.laws.from_file(EXAMPLES / f"{name}_law.py", mu=10.0, **more)  # no contact slides
+    state, _ = ss.packings.jammed(8, dim=dim, packing_fraction={2: 0.95, 3: 0.75}[dim], seed=3, law=law)
     state, _ = ss.equilibrate(state, law, tolerance=1e-13, check="nothing")
     modes = ss.spectrum(state, law)
     real = (modes.eigenvalues.imag == 0) & (modes.eigenvalues.real > 1e-3 * modes.eigenvalues.real.max())
     k = np.flatnonzero(real)[np.argmin(modes.eigenvalues.real[real])]
     shape, omega = modes.modes[:, k].real, np.sqrt(modes.eigenvalues[k].real)
     size = 1e-7 / np.abs(shape).max()
-    start, quarter = ss.displaced(state, modes.free, size * shape), 0.5 * np.pi / omega
+    start, quarter = ss.modes.displaced(state, modes.free, size * shape), 0.5 * np.pi / omega
     start = start._replace(grains=start.grains._replace(velocity=0 * start.grains.velocity))
     end, _, _ = ss.run(start, law, 2000, 2 * quarter / 2000)
     turn = state.grains.radius[:, None] * (end.grains.angle - state.grains.angle)
@@ -242,28 +242,28 @@ def test_many_grains_in_blocks_move_as_in_the_plain_sweep_on_any_number_of_threa
 
 def test_what_rolling_laws_cannot_do_is_said():
     state, law = packed("rolling", 3)
-    with pytest.raises(ValueError, match="memory='rate' was given with a user's law"):
-        ss.run(state, law, 1, 1e-3, memory="rate")
+    with pytest.raises(ValueError, match="slip_update='rate' was given with a user's law"):
+        ss.run(state, law, 1, 1e-3, slip_update="rate")
     sheared = make_packing(3, wall=False)
     control = sheared.control._replace(cell_rate=np.array([[0, 0.1, 0], [0, 0, 0], [0, 0, 0]], float))
     with pytest.raises(ValueError, match="a law with rolling resistance was given with a deforming cell"):
         ss.run(sheared._replace(control=control), law, 1, 1e-3)
     with pytest.raises(ValueError, match="only built-in laws have one"):
-        ss.collision(law, radius=0.5, mass=1.0, speed=0.1)
+        ss.laws.collision(law, radius=0.5, mass=1.0, speed=0.1)
 
 
 @SLOW
 def test_a_copy_of_a_built_in_law_is_that_law_to_the_bit():
     import math
 
-    law = ss.contact_law(
+    law = ss.laws.custom(
         normal_force=lambda overlap, kn: kn * overlap * math.sqrt(overlap),
         tangential_stiffness=lambda overlap, kt: kt * math.sqrt(overlap),
         parameters={"kn": 1.0, "kt": 2 / 7, "mu": 0.4},
     )
     ends = [
         ss.run(stirred(make_packing(3, wall=False), one, np.random.default_rng(1)), one, 200, 0.02)[0]
-        for one in (law, ss.hertz_mindlin(1.0, 2 / 7, 0.4))
+        for one in (law, ss.laws.hertz_mindlin(1.0, 2 / 7, 0.4))
     ]
     np.testing.assert_array_equal(ends[0].grains.position, ends[1].grains.position)
 
@@ -272,8 +272,8 @@ def test_a_copy_of_a_built_in_law_is_that_law_to_the_bit():
 def test_kernels_of_a_law_are_found_on_disk_by_another_process():
     code = (
         "import numpy as np, stickslip as ss\n"
-        "from stickslip.core.forces import evaluation\n"
-        f"law = ss.law_from_file({str(EXAMPLES / 'cohesive_law.py')!r})\n"
+        "from stickslip.core.contacts.forces import evaluation\n"
+        f"law = ss.laws.from_file({str(EXAMPLES / 'cohesive_law.py')!r})\n"
         "ss.forces(ss.assembly(ss.disks([[0, 0], [1.01, 0]], 0.5), cell=ss.box(dim=2)), law)\n"
         "found = evaluation(law.kind, law.coulomb, 2, 0).stats\n"
         "print(sum(found.cache_hits.values()), sum(found.cache_misses.values()))\n"

@@ -14,7 +14,7 @@ from PIL import Image
 
 import stickslip as ss
 from stickslip.figures import page
-from stickslip.figures.scene import page_view
+from stickslip.figures.view3d import page_view
 from tests.exchange.packings import SHARP
 
 from .test_look import swinging
@@ -49,14 +49,14 @@ def packing(number: int):
     side = int(np.ceil(number ** (1 / 3)))
     place = np.stack(np.meshgrid(*[np.arange(side)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)[:number] + 0.5
     place = 0.97 * place + rng.normal(0, 0.02, place.shape)
-    state = ss.sample(place, rng.uniform(0.45, 0.55, number), SHARP, cell=[0.97 * side] * 3)
+    state = ss.packings.from_arrays(place, rng.uniform(0.45, 0.55, number), SHARP, cell=[0.97 * side] * 3)
     return state, swinging(number)
 
 
 def opened(browser, path, number: int):
     """Open a page with a view of so many grains, and go into the view."""
     state, mode = packing(number)
-    inside = page_view([ss.frame_of(state, SHARP)], [mode], labels=["one"])
+    inside = page_view([ss.io.frame_of(state, SHARP)], [mode], labels=["one"])
     path.write_text(page.page("a packing", "", [("View", page.inner(inside, "view"))]), encoding="utf-8")
     browser.get(path.as_uri())
     browser.switch_to.frame(browser.find_element("tag name", "iframe"))
@@ -132,7 +132,7 @@ def test_ten_thousand_grains_stay_fluid(browser, tmp_path):
 
 def test_a_browser_without_webgl_says_so(browser, tmp_path):
     state, mode = packing(8)
-    inside = page_view([ss.frame_of(state, SHARP)], [mode], labels=["one"])
+    inside = page_view([ss.io.frame_of(state, SHARP)], [mode], labels=["one"])
     path = tmp_path / "page.html"
     without = "<head><script>HTMLCanvasElement.prototype.getContext = () => null</script>"
     path.write_text(inside.replace("<head>", without, 1), encoding="utf-8")

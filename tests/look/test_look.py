@@ -121,28 +121,28 @@ def test_the_view_holds_grains_contacts_and_frames(folder):
     assert run("report", folder, "--colour", "pressure").returncode == 0
     data, state = view_of(page(folder / "report.html")), disks()
     assert [frame["label"] for frame in data["frames"]] == ["0000, time 0", "0001, time 1", "0002, time 2"]
-    frame, rows = data["frames"][1], ss.touching(state)
-    place = ss.wrapped(state)
+    frame, rows = data["frames"][1], ss.measure.touching(state)
+    place = ss.measure.wrapped(state)
     np.testing.assert_allclose(array(frame["position"]).reshape(-1, 3), place, atol=1e-6)  # float32
     assert array(frame["i"], np.int32).tolist() == state.contacts.i[rows].tolist()
-    np.testing.assert_allclose(array(frame["branch"]).reshape(-1, 3), ss.branches(state)[rows], atol=1e-6)
+    np.testing.assert_allclose(array(frame["branch"]).reshape(-1, 3), ss.measure.branch_vectors(state)[rows], atol=1e-6)
     assert array(frame["mode"], np.uint8).tolist() == (state.contacts.mode[rows] == SLIDE).tolist()
     assert data["quantities"][data["shown"]]["name"] == "pressure"
-    found = quantities(ss.frame_of(state, SHARP))
+    found = quantities(ss.io.frame_of(state, SHARP))
     np.testing.assert_allclose(array(frame["values"]["pressure"]), found["pressure"][0], rtol=1e-6)
 
 
 def test_the_mode_in_the_view_moves_as_the_exported_one(tmp_path):
     state = spheres()
     mode = swinging(len(state.grains.radius))
-    ss.write_sample(tmp_path / "p.npz", state, SHARP)
+    ss.io.write_packing(tmp_path / "p.npz", state, SHARP)
     write_modes(tmp_path / "m.npz", mode)
     out = run("report", "p.npz", "--modes", "m.npz", cwd=tmp_path)
     assert out.returncode == 0, out.stderr
     shown = page(tmp_path / "p-report.html")
-    data, frame = view_of(shown), ss.frame_of(state, SHARP)
+    data, frame = view_of(shown), ss.io.frame_of(state, SHARP)
     re_, im = (array(data["modes"][0][part]).reshape(-1, 3) for part in ("re", "im"))
-    moved = ss.mode_frames(frame, *mode, count=8, amplitude=0.3)
+    moved = ss.io.mode_frames(frame, *mode, count=8, amplitude=0.3)
     for k in (0, 2, 5):  # as view.js does: re cos + im sin
         phase = 2 * np.pi * k / 8
         shift = 0.3 * (re_ * np.cos(phase) + im * np.sin(phase))
@@ -206,8 +206,8 @@ def test_pressures_of_grains_add_up_to_that_of_the_packing():
         dim, radius = state.cell.dim, state.grains.radius
         own = np.pi * radius**2 if dim == 2 else 4 / 3 * np.pi * radius**3
         size = np.linalg.det(state.cell.vectors) if dim == 3 else np.linalg.det(state.cell.vectors[:2, :2])
-        found = quantities(ss.frame_of(state, SHARP))["pressure"][0]
-        trace = np.trace(ss.stress(state, SHARP)[:dim, :dim]) / dim
+        found = quantities(ss.io.frame_of(state, SHARP))["pressure"][0]
+        trace = np.trace(ss.measure.stress(state, SHARP)[:dim, :dim]) / dim
         assert found @ own == pytest.approx(size * trace, rel=1e-10)
 
 
@@ -215,7 +215,7 @@ def test_pressures_of_grains_add_up_to_that_of_the_packing():
 def test_the_packing_figure_draws_every_grain_and_contact_once(make):
     state, law = make()
     figure = ss.figures.packing(state, law)
-    axes, rows, dim = figure.axes[0], ss.touching(state), state.cell.dim
+    axes, rows, dim = figure.axes[0], ss.measure.touching(state), state.cell.dim
     balls = [c for c in axes.collections if isinstance(c, EllipseCollection)]
     sizes = np.sort(np.concatenate([2 * np.ravel(c._widths) for c in balls]))  # matplotlib keeps half of them
     np.testing.assert_allclose(sizes, np.sort(2 * BALL[dim] * state.grains.radius), rtol=1e-12)
@@ -228,7 +228,7 @@ def test_the_packing_figure_draws_every_grain_and_contact_once(make):
                     colours[name].append(width)
     slides = int((state.contacts.mode[rows] == SLIDE).sum())
     assert (len(colours[BLUE]), len(colours[RED])) == (len(rows) - slides, slides)
-    force = np.sort(ss.frame_of(state, law).contacts["force_n"])
+    force = np.sort(ss.io.frame_of(state, law).contacts["force_n"])
     width = np.sort(colours[BLUE] + colours[RED])
     share = np.clip(force / force.mean(), 0.12, 6.0)
     np.testing.assert_allclose(width / width.max(), share / share.max(), rtol=1e-9)
@@ -268,7 +268,7 @@ def test_a_movie_has_as_many_frames_as_the_run(ending, folder):
 
 def test_a_mode_becomes_a_movie(tmp_path):
     state = disks()
-    ss.write_sample(tmp_path / "p.npz", state, SHARP)
+    ss.io.write_packing(tmp_path / "p.npz", state, SHARP)
     write_modes(tmp_path / "m.npz", swinging(len(state.grains.radius)))
     out = run("movie", "p.npz", "--modes", "m.npz", "--frames", "4", cwd=tmp_path)
     assert out.returncode == 0, out.stderr
@@ -279,7 +279,7 @@ def test_a_mode_becomes_a_movie(tmp_path):
 
 def test_the_view_shows_itself_in_a_notebook():
     state = spheres()
-    plot = ss.figures.view([ss.frame_of(state, SHARP)], [swinging(len(state.grains.radius))])
+    plot = ss.figures.view([ss.io.frame_of(state, SHARP)], [swinging(len(state.grains.radius))])
     balls = next(item for item in plot.objects if item.name == "grains")
     assert len(balls.positions) == 25
     assert "_repr_mimebundle_" in dir(plot)

@@ -50,7 +50,7 @@ def test_programs_are_told_what_is_known(without, tmp_path):
     assert done.returncode == 3, done.stderr
     found = json.loads(done.stdout)
     assert found["balanced"] is False and found["stable"] is None and found["settled"] is None
-    assert found["residual"] > found["tolerance"] == ss.BALANCED_BELOW
+    assert found["residual"] > found["tolerance"] == ss.measure.BALANCED_BELOW
     assert [cause.partition(" ")[0] + " " + cause.split()[1].rstrip(":") for cause in found["causes"]] == [
         "no slips", "no cell", "another law",
     ]  # fmt: skip
@@ -122,7 +122,7 @@ def test_a_mode_off_equilibrium_is_filmed_only_if_given_and_says_so(without, tmp
         labels.extend(more["labels"])
         path.write_bytes(b"GIF89a")
 
-    monkeypatch.setattr("stickslip.figures.film.movie", film)
+    monkeypatch.setattr("stickslip.figures.animation.movie", film)
     done = run("movie", file, "--modes", tmp_path / "m.npz", "--frames", "2", cwd=tmp_path)
     assert SENTENCE in words_of(done.stdout)
     assert len(labels) == 2 and all(label.endswith("NOT IN EQUILIBRIUM") for label in labels)
@@ -131,9 +131,9 @@ def test_a_mode_off_equilibrium_is_filmed_only_if_given_and_says_so(without, tmp
 def test_a_frame_of_a_run_that_is_not_at_rest_has_no_modes(tmp_path):
     (tmp_path / "run").mkdir()
     arrays = dict(np.load(EXAMPLE))
-    law = ss.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth")
+    law = ss.laws.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth")
     names = ("position", "radius", "cell", *MEMORY)
-    rest = ss.sample(**{name: arrays[name] for name in names}, law=law)
+    rest = ss.packings.from_arrays(**{name: arrays[name] for name in names}, law=law)
     moved = rest._replace(contacts=rest.contacts._replace(slip=0.5 * rest.contacts.slip))
     tree = {"law": law, "frames": {"0000": rest, "0001": moved._replace(time=1.0)}}
     archive.write(tmp_path / "run" / "results.h5", tree, scenario='{"experiment": "flow"}', version="9")

@@ -10,7 +10,7 @@ import time
 import pytest
 
 from stickslip.ensemble import reach, run_members, trial
-from stickslip.ensemble.helper import Helper, WorkerDiedError
+from stickslip.ensemble.worker import Helper, WorkerDiedError
 from tests.many import tasks
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals are those of POSIX")
@@ -128,7 +128,7 @@ def test_a_trial_ends_in_time():
 
 def test_a_worker_of_another_version_says_so(monkeypatch):
     helper = Helper()
-    monkeypatch.setattr("stickslip.ensemble.helper.__version__", "0.0.1")
+    monkeypatch.setattr("stickslip.ensemble.worker.__version__", "0.0.1")
     answer, failure = helper.call(b"", None, None)
     helper.end()
     assert answer is None

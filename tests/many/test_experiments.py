@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.data.scenario import EXPERIMENTS
-from stickslip.data.sweep_data import open_sweep
-from stickslip.experiments.rooms import REPORTS
-from stickslip.experiments.sweep import run_sweep
+from stickslip.experiments.registry import EXPERIMENTS
+from stickslip.experiments.sweep.dataset import open_sweep
+from stickslip.experiments.sweep.run import run_sweep
 from tests.unit.test_flow import flow
 from tests.unit.test_measures import UNITS
 
@@ -48,7 +47,7 @@ TINY = {
 
 
 def test_all_experiments_are_here():
-    assert set(TINY) == set(EXPERIMENTS) == set(REPORTS)
+    assert set(TINY) == set(EXPERIMENTS)
 
 
 @pytest.mark.parametrize(
@@ -73,11 +72,13 @@ def test_realizations_of_papers_are_the_same_on_a_cluster(cluster):
     np.testing.assert_array_equal(here.velocity, there.velocity)
     np.testing.assert_array_equal(here.center, there.center)
     packings = ss.scenario(experiment="sphere-shear", **SHEAR | {"packings": 2})
-    here, there = (ss.simulate_shear(packings, workers=workers) for workers in (2, cluster.address))
+    here, there = (
+        ss.experiments.sphere_shear.simulate_shear(packings, workers=workers) for workers in (2, cluster.address)
+    )
     for a, b in zip(here.paths, there.paths, strict=True):
         np.testing.assert_array_equal(a.growth_rate, b.growth_rate)
         np.testing.assert_array_equal(a.last.grains.position, b.last.grains.position)
     gouge = ss.scenario(experiment="gouge", **GOUGE | {"realizations": 2})
-    here, there = (ss.simulate_gouge(gouge, workers=workers) for workers in (2, cluster.address))
+    here, there = (ss.experiments.gouge.simulate_gouge(gouge, workers=workers) for workers in (2, cluster.address))
     for a, b in zip(here.realizations, there.realizations, strict=True):
         np.testing.assert_array_equal(a.tests[0].series.friction, b.tests[0].series.friction)

@@ -9,13 +9,13 @@ import pytest
 import xarray as xr
 
 from stickslip.data import archive
-from stickslip.data.kept import SWEEP
-from stickslip.data.scenario import EXPERIMENTS, ScenarioError, read, scenario
-from stickslip.data.sweep import OPTIONS, members, read_sweep, sweep
-from stickslip.data.sweep_data import DATASET, is_sweep, open_sweep
-from stickslip.experiments.report import OPTIONS as REMEMBERED
-from stickslip.experiments.report import begun
-from stickslip.experiments.sweep import MEASURES, MEMBERS, run_sweep
+from stickslip.data.checkpoint import SWEEP
+from stickslip.experiments.registry import EXPERIMENTS, ScenarioError, read_scenario, scenario
+from stickslip.experiments.resume import begun
+from stickslip.experiments.run_folder import OPTIONS as REMEMBERED
+from stickslip.experiments.sweep.dataset import DATASET, is_sweep, open_sweep
+from stickslip.experiments.sweep.definition import OPTIONS, members, read_sweep, sweep
+from stickslip.experiments.sweep.run import MEASURES, MEMBERS, run_sweep
 from tests.conftest import stickslip_here
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "rate_state_sweep.toml"
@@ -132,13 +132,13 @@ def test_points_that_go_side_by_side_are_repeated_with_every_seed():
 
 
 def test_no_key_of_a_scenario_is_an_option_of_a_sweep():
-    for kind in EXPERIMENTS.values():
-        assert not set(OPTIONS) & set(kind.model_fields)
+    for one in EXPERIMENTS.values():
+        assert not set(OPTIONS) & set(one.scenario.model_fields)
 
 
 def test_a_scenario_with_a_sweep_is_not_one_scenario():
     with pytest.raises(ScenarioError, match=r"holds a \[sweep\], which is many scenarios"):
-        read(EXAMPLE)
+        read_scenario(EXAMPLE)
     assert read_sweep(EXAMPLE).shape == (2, 5, 4)
 
 
@@ -154,7 +154,7 @@ def test_the_dataset_is_labelled_and_members_are_where_it_says(tmp_path):
     for mu0 in (0.3, 0.5, 0.7):
         one = found.sel({"surface.mu0": mu0, "seed": 1})
         folder = tmp_path / MEMBERS / str(one.member.values)
-        left = read(folder / "scenario.json")
+        left = read_scenario(folder / "scenario.json")
         assert (left.surface.mu0, left.seed) == (mu0, 1)
         assert archive.read(folder / "results.h5")["history"]["friction"][-1] == one.final_friction
     with xr.open_dataset(tmp_path / DATASET) as again:
@@ -171,7 +171,7 @@ def test_the_dataset_does_not_depend_on_how_members_were_run(tmp_path, cluster):
 
 
 def test_files_of_a_member_travel_when_its_worker_does_not_see_the_folder(tmp_path, monkeypatch):
-    monkeypatch.setattr("stickslip.experiments.sweep._sees", lambda path, text: False)
+    monkeypatch.setattr("stickslip.experiments.sweep.run._sees", lambda path, text: False)
     swept = run_sweep(small(), tmp_path, workers=1)
     for name in swept.names:
         here = {path.name for path in (tmp_path / MEMBERS / name).iterdir()}
@@ -243,17 +243,17 @@ def test_members_that_fail_are_named_and_tried_again(tmp_path):
 
 def test_pieces_that_cannot_be_used_do_not_stop_a_member(tmp_path, monkeypatch):
     from stickslip.data.archive import ArchiveError
-    from stickslip.data.kept import UNFINISHED
-    from stickslip.experiments import ratestate_report as room
+    from stickslip.data.checkpoint import UNFINISHED
+    from stickslip.experiments.rate_state import simulate as room
 
-    simulate = room.simulate
+    simulate = room.simulate_slider
 
     def picky(one, *, folder, **more):
         if (folder / UNFINISHED).exists():
             raise ArchiveError("pieces of another version")
         return simulate(one, folder=folder, **more)
 
-    monkeypatch.setattr(room, "simulate", picky)
+    monkeypatch.setattr(room, "simulate_slider", picky)
     chosen = small(**{"surface.mu0": [0.3]})
     (tmp_path / MEMBERS / next(members(chosen)).name / UNFINISHED).mkdir(parents=True)
     assert run_sweep(chosen, tmp_path, workers=1).failures == [""]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from stickslip.data.sweep_data import open_sweep
+from stickslip.experiments.sweep.dataset import open_sweep
 from tests.many.test_ensemble import until
 from tests.published.test_disk_array import stickslip
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core import many
+from stickslip.core.dynamics import driver as many
 from tests.conftest import make_law
 from tests.derivatives.test_free_cell import packed
 from tests.properties.test_determinism import flowing, same_bits
@@ -16,7 +16,9 @@ RATE = 2e-3
 
 def sheared(dim=3, n=60, rate=RATE, seed=0):
     state = flowing(n=n, dim=dim, seed=seed)
-    return state._replace(control=ss.deformed(state.control, rate * np.eye(3, k=1) * [1, 1, 0] * [[1], [0], [0]]))
+    return state._replace(
+        control=ss.control.strained_at(state.control, rate * np.eye(3, k=1) * [1, 1, 0] * [[1], [0], [0]])
+    )
 
 
 def laboratory(state, law, steps, dt, rate):
@@ -51,7 +53,9 @@ def test_simple_shear_is_newton_in_lees_edwards_conditions():
     law, state = make_law("hertz_mindlin", "sharp", mu=0.0), sheared(n=60)
     x, velocity, _ = laboratory(state, law, 100, 0.05, RATE)
     end, _, _ = ss.run(state, law, 100, 0.05)
-    still, _, _ = ss.run(state._replace(control=ss.deformed(state.control, np.zeros((3, 3)))), law, 100, 0.05)
+    still, _, _ = ss.run(
+        state._replace(control=ss.control.strained_at(state.control, np.zeros((3, 3)))), law, 100, 0.05
+    )
     np.testing.assert_allclose(end.grains.velocity, velocity, atol=1e-12)
     np.testing.assert_allclose(end.grains.position, x, atol=1e-12)
     assert np.abs(still.grains.position - end.grains.position).max() > 1e-3
@@ -71,7 +75,7 @@ def test_friction_sees_the_flow_as_the_laboratory_does():
 def test_a_deforming_cell_gives_the_same_bits_on_any_number_of_threads_and_in_any_order(n, monkeypatch):
     law = make_law("hertz_mindlin_reff", "sharp", damping_n=0.3, damping_t=0.15)
     state = sheared(n=n)
-    state = state._replace(control=ss.stress_controlled(state.control, {"yy": 0.02}))
+    state = state._replace(control=ss.control.stress_controlled(state.control, {"yy": 0.02}))
     one, record, _ = ss.run(state, law, 200, 0.05, threads=1, every=20)
     assert np.abs(record.cell[-1] - record.cell[0])[:2].max() > 1e-3
     two, _, _ = ss.run(state, law, 200, 0.05, threads=2)
@@ -86,8 +90,8 @@ def test_a_deforming_cell_gives_the_same_bits_on_any_number_of_threads_and_in_an
 
 def test_a_continued_run_in_a_deforming_cell_gives_the_same_bits():
     law, state = make_law("hertz_mindlin", "sharp"), sheared()
-    state = state._replace(control=ss.stress_controlled(state.control, {"yy": 0.02, "zz": 0.02}))
-    state = state._replace(control=ss.following(state.control, "cell", [0.0, 3.0, 9.0], [0.0, 1.0, -1.0]))
+    state = state._replace(control=ss.control.stress_controlled(state.control, {"yy": 0.02, "zz": 0.02}))
+    state = state._replace(control=ss.control.time_dependent(state.control, "cell", [0.0, 3.0, 9.0], [0.0, 1.0, -1.0]))
     whole, _, _ = ss.run(state, law, 160, 0.05)
     half, _, _ = ss.run(state, law, 70, 0.05)
     rest, _, _ = ss.run(half, law, 90, 0.05)
@@ -99,9 +103,9 @@ def test_the_ledger_closes_in_a_deforming_cell_to_second_order():
     """In a packing whose contacts stick and stay: one that begins to slide within a step would make it first order."""
     law = make_law("hertz_mindlin_reff", "smooth", mu=5.0, damping="viscoelastic", damping_n=0.4, damping_t=0.3)
     (state, _), found = ss.equilibrate(packed(3, n=40), law), []
-    control = ss.deformed(state.control, [[0, 1e-5, 0], [0, 0, 0], [0, 0, 0]])
-    control = ss.stress_controlled(control, {"yy": 0.01001, "zz": 0.01})
-    state = state._replace(control=ss.following(control, "cell", [0, 5, 10], [0.0, 1.0, 0.5]))
+    control = ss.control.strained_at(state.control, [[0, 1e-5, 0], [0, 0, 0], [0, 0, 0]])
+    control = ss.control.stress_controlled(control, {"yy": 0.01001, "zz": 0.01})
+    state = state._replace(control=ss.control.time_dependent(control, "cell", [0, 5, 10], [0.0, 1.0, 0.5]))
     for steps in (100, 200, 400):
         _, record, _ = ss.run(state, law, steps, 10.0 / steps, every=steps // 8, ledger=True)
         found.append(np.abs(record.ledger.defect).max())
@@ -112,9 +116,9 @@ def test_the_ledger_closes_in_a_deforming_cell_to_second_order():
 def test_shear_at_constant_pressure():
     """The mean normal stress is the wanted one, the shear stress is borne by friction, and the strain is as imposed."""
     law = make_law("hertz_mindlin_reff", "sharp", damping_n=0.3, damping_t=0.15)
-    state, _ = ss.jammed(80, packing_fraction=0.68, dim=3, seed=1)
-    control = ss.deformed(state.control, [[0, 1e-3, 0], [0, 0, 0], [0, 0, 0]])
-    control = ss.stress_controlled(control, {"yy": 0.01})
+    state, _ = ss.packings.jammed(80, packing_fraction=0.68, dim=3, seed=1)
+    control = ss.control.strained_at(state.control, [[0, 1e-3, 0], [0, 0, 0], [0, 0, 0]])
+    control = ss.control.stress_controlled(control, {"yy": 0.01})
     end, record, outcome = ss.run(state._replace(control=control), law, 10_000, 0.1, every=100)
     assert outcome.ok
     cell = record.cell
@@ -122,7 +126,7 @@ def test_shear_at_constant_pressure():
     late = record.time > 200
     assert stress[late, 1, 1].mean() == pytest.approx(0.01, rel=0.05)
     assert 0.1 < -stress[late, 0, 1].mean() / 0.01 < 0.6
-    assert ss.shear_strain(end) == pytest.approx(1.0, rel=0.05)  # the height changes on the way
+    assert ss.measure.shear_strain(end) == pytest.approx(1.0, rel=0.05)  # the height changes on the way
     assert np.ptp(cell[late, 1, 1]) > 0
     assert (cell[:, 0, 0] == cell[0, 0, 0]).all()
 
@@ -136,10 +140,10 @@ def test_a_floor_follows_its_course(n):
     """
     law = make_law("linear", "sharp", mu=5.0, damping="velocity", damping_n=0.1, damping_t=0.1)
     grains = ss.disks(np.stack([1.1 * np.arange(n), np.full(n, 0.5 - 1e-2 / 1.3)], axis=1), 0.5)
-    control = ss.driven(ss.loads(n, 1, force=[0, -1e-2, 0]), [n], [0.02, 0, 0, 0, 0, 0])
+    control = ss.control.driven(ss.control.loads(n, 1, force=[0, -1e-2, 0]), [n], [0.02, 0, 0, 0, 0, 0])
     times = np.array([0.0, 5.0, 8.0, 20.0])
     factors = np.array([0.0, 1.0, -0.5, 0.25])
-    control = ss.following(control, [n], times, factors)
+    control = ss.control.time_dependent(control, [n], times, factors)
     state = ss.assembly(grains, ss.flat_walls([0, 0, 0], [0, 1, 0], material=1), ss.box(dim=2), control)
     end, _, _ = ss.run(state, law, 230, 0.1)
     path = 0.02 * (np.sum(0.5 * (factors[1:] + factors[:-1]) * np.diff(times)) + 3.0 * factors[-1])
@@ -155,10 +159,10 @@ def test_a_plate_follows_its_course_on_two_threads_as_on_one():
     law = make_law("hertz_mindlin_reff", "sharp", damping_n=0.3, damping_t=0.15)
     state = flowing(n=300, walls=True)
     top = np.flatnonzero(state.grains.position[:, 2] > np.quantile(state.grains.position[:, 2], 0.9))
-    control = ss.rigid(state.control, top)
+    control = ss.control.rigid(state.control, top)
     control.free[top, 0], control.rate[top, 0] = False, 1e-2
     times = np.linspace(0, 10, 101)
-    state = state._replace(control=ss.following(control, top, times, np.sin(times)))
+    state = state._replace(control=ss.control.time_dependent(control, top, times, np.sin(times)))
     one, _, _ = ss.run(state, law, 200, 0.05, threads=1)
     two, _, _ = ss.run(state, law, 200, 0.05, threads=2)
     assert same_bits(one, two)
@@ -169,7 +173,7 @@ def test_a_plate_follows_its_course_on_two_threads_as_on_one():
 
 WRONG = {
     "not periodic": lambda s: s._replace(cell=s.cell._replace(periodic=np.array([True, False, True]))),
-    "walls or rigid groups": lambda s: s._replace(control=ss.rigid(s.control, [0, 1])),
+    "walls or rigid groups": lambda s: s._replace(control=ss.control.rigid(s.control, [0, 1])),
     "mass of -1": lambda s: s._replace(control=s.control._replace(cell_mass=-1.0)),
     "knots must increase": lambda s: s._replace(
         control=s.control._replace(knots=np.array([1.0, 1.0]), course=np.ones((2, 1)))
@@ -183,16 +187,16 @@ WRONG = {
 @pytest.mark.parametrize("words", WRONG)
 def test_contradictory_cells_are_refused(words):
     with pytest.raises(ValueError, match=words):
-        ss.check(WRONG[words](sheared(n=20)))
+        ss.packings.check(WRONG[words](sheared(n=20)))
 
 
 def test_wrong_arguments_of_control_are_refused():
-    control = ss.loads(2)
+    control = ss.control.loads(2)
     with pytest.raises(ValueError, match="'yq' was given: use two letters"):
-        ss.stress_controlled(control, {"yq": 1.0})
+        ss.control.stress_controlled(control, {"yq": 1.0})
     with pytest.raises(ValueError, match=r"shape \(3,\)"):
-        ss.deformed(control, [1, 2, 3])
+        ss.control.strained_at(control, [1, 2, 3])
     with pytest.raises(ValueError, match="3 times and 2 values"):
-        ss.following(control, [0], [0, 1, 2], [1, 1])
+        ss.control.time_dependent(control, [0], [0, 1, 2], [1, 1])
     with pytest.raises(ValueError, match="'box' was given"):
-        ss.following(control, "box", [0, 1], [1, 1])
+        ss.control.time_dependent(control, "box", [0, 1], [1, 1])

@@ -18,9 +18,9 @@ def between_plates(n=60, dim=3, seed=0, speed=2e-3):
     cell = state.cell._replace(periodic=np.array([True, dim == 3, False]))
     gravity = np.zeros(3)
     gravity[up] = -1e-4
-    control = ss.loads(n, 0, gravity=gravity)
+    control = ss.control.loads(n, 0, gravity=gravity)
     high, low = np.flatnonzero(position[:, up] > 0.8 * size), np.flatnonzero(position[:, up] < 0.2 * size)
-    control = ss.frozen(ss.driven(control, high, [speed, 0, 0, 0, 0, 0]), low)
+    control = ss.control.fixed(ss.control.driven(control, high, [speed, 0, 0, 0, 0, 0]), low)
     return ss.assembly(state.grains._replace(position=position), None, cell, control)
 
 
@@ -98,12 +98,12 @@ def cycle(law, corners, steps=400):
 def test_closed_cycles_of_a_linear_contact_never_create_energy(corners, mu):
     """From a fresh contact around a closed path: springs that were not stretched cannot give."""
     # trapezia over four hundred steps a leg miss a corner of Coulomb's law by the square of a step
-    assert cycle(ss.linear(1.0, 0.8, mu), corners) > -2e-8
+    assert cycle(ss.laws.linear(1.0, 0.8, mu), corners) > -2e-8
 
 
 def test_a_cycle_of_a_hertz_mindlin_contact_creates_energy():
     """Sheared at a small overlap and released at a large one: the tangential force has no potential."""
-    law = ss.hertz_mindlin(1.0, 0.8, 100.0)
+    law = ss.laws.hertz_mindlin(1.0, 0.8, 100.0)
     corners = [(1e-3, 0.0), (1e-3, 5e-3), (2e-2, 5e-3), (2e-2, 0.0)]
     gained, back = cycle(law, corners), cycle(law, corners[:1] + corners[:0:-1])
     assert gained < -5e-7

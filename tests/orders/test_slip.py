@@ -7,7 +7,7 @@ import pytest
 
 import stickslip as ss
 
-LAWS = {"hertz": ss.hertz_mindlin, "linear": ss.linear}
+LAWS = {"hertz": ss.laws.hertz_mindlin, "linear": ss.laws.linear}
 CASES = [(law, coulomb, dim) for law in LAWS for coulomb in ("sharp", "smooth") for dim in (2, 3)]
 LOADS = {"hertz": 2e-3, "linear": 2e-2}
 REST = {"hertz": 2e-3 ** (2 / 3), "linear": 2e-2}  # overlaps under these loads
@@ -33,7 +33,7 @@ def on_a_grain(dim, law_name):
     force = np.zeros((2, 3))
     force[1, up] = -LOADS[law_name]
     both = grains(dim, position, 0.5, velocity=velocity, spin=spin)
-    return ss.assembly(both, None, ss.box(dim=dim), ss.frozen(ss.loads(2, force=force), [0]), skin=0.6)
+    return ss.assembly(both, None, ss.box(dim=dim), ss.control.fixed(ss.control.loads(2, force=force), [0]), skin=0.6)
 
 
 def on_a_floor(dim, law_name, heights, speed=0.0):
@@ -46,7 +46,7 @@ def on_a_floor(dim, law_name, heights, speed=0.0):
         velocity[:, 1], spin[:], force[:, 1] = 0.008, [0.06, 0.02, 0.04], 0.2 * load
     every = grains(dim, position, 0.5, velocity=velocity, spin=spin)
     floor = ss.flat_walls(np.zeros(3), np.eye(3)[up])
-    return ss.assembly(every, floor, ss.box(dim=dim), ss.loads(len(heights), 1, force=force), skin=0.6)
+    return ss.assembly(every, floor, ss.box(dim=dim), ss.control.loads(len(heights), 1, force=force), skin=0.6)
 
 
 def dragged(dim, law_name):
@@ -99,7 +99,7 @@ def test_blocks_of_many_contacts_carry_slip_as_single_ones_do(law_name, coulomb,
     position = np.concatenate([one.grains.position + np.array([20.0 * k, 0, 0]) for k in range(60)])
     more = {name: np.tile(getattr(one.grains, name), (60, 1)) for name in ("velocity", "spin")}
     force = np.tile(one.control.force, (60, 1))
-    control = ss.frozen(ss.loads(120, force=force), np.arange(0, 120, 2))
+    control = ss.control.fixed(ss.control.loads(120, force=force), np.arange(0, 120, 2))
     many = ss.assembly(grains(dim, position, 0.5, **more), None, ss.box(dim=dim), control, skin=0.6)
     duration = {"hertz": 60.0, "linear": 19.2}[law_name]  # long enough for the contact to open
     alone, _ = ended(one, law, duration / 600, duration, slice(1, 2))
@@ -116,7 +116,7 @@ def turned(vector, axis, angle):
 @pytest.mark.parametrize("dim", [2, 3])
 def test_slip_turns_with_a_pair_that_turns_as_one_body(dim):
     """Two grains that turn as one about their centre keep their slip in the frame of the contact, to second order."""
-    law = ss.linear(kn=1.0, kt=0.8, mu=100.0)
+    law = ss.laws.linear(kn=1.0, kt=0.8, mu=100.0)
     axis = np.array([0.0, 0.0, 1.0]) if dim == 2 else np.array([0.4, -0.5, 0.7681145747868608])
     branch = np.array([1.0, 0.0, 0.0])
     branch -= (axis @ branch) * axis
@@ -124,7 +124,7 @@ def test_slip_turns_with_a_pair_that_turns_as_one_body(dim):
     slip = 0.01 * np.cross(axis, branch) + (0.0 if dim == 2 else 0.004) * axis
 
     def missed(steps):
-        state = ss.sample(
+        state = ss.packings.from_arrays(
             [0.5 * branch, -0.5 * branch],
             [0.5, 0.5],
             law,
@@ -148,7 +148,7 @@ def test_slip_turns_with_a_pair_that_turns_as_one_body(dim):
 
 def test_the_direction_of_sliding_turns_as_the_exact_solution_does():
     """tan(ψ/2) falls as exp(−distance/reach) where ψ is the angle between the slip and the direction of motion."""
-    law, depth, distance = ss.linear(kn=1.0, kt=0.8, mu=0.4), 0.01, 0.006
+    law, depth, distance = ss.laws.linear(kn=1.0, kt=0.8, mu=0.4), 0.01, 0.006
     reach = 0.4 * depth / 0.8
 
     def missed(steps):
@@ -199,7 +199,7 @@ def test_grains_that_hit_a_floor_and_leave_it(law_name, dim, speed, duration, co
 
 @pytest.mark.parametrize(("damping", "expected"), [("velocity", 1.0), ("mass_velocity", 1.0), ("viscoelastic", 2.0)])
 def test_dashpots_that_act_from_the_first_touch_leave_first_order(damping, expected):
-    law = ss.linear(kn=1.0, kt=0.8, mu=0.5, damping=damping, damping_n=0.1)
+    law = ss.laws.linear(kn=1.0, kt=0.8, mu=0.5, damping=damping, damping_n=0.1)
     state = on_a_floor(2, "linear", np.linspace(0.02, 0.03, 60), 0.02)
     slope, _ = order(state, law, 6.4, 128)
     assert slope == pytest.approx(expected, abs=0.15)

@@ -4,20 +4,20 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.contact import HELD
-from stickslip.core.jacobian import contact_blocks
-from stickslip.core.measure import branches, touching
-from stickslip.core.neighbors import updated
+from stickslip.core.contacts.jacobian import contact_blocks
+from stickslip.core.contacts.mechanics import HELD
+from stickslip.core.contacts.neighbors import updated
+from stickslip.core.measure import branch_vectors, touching
+from stickslip.experiments.sphere_shear.simulate import find_onset
 from stickslip.loading.packing import frictionless, jammed
 from stickslip.loading.protocols import ramp
 from stickslip.loading.release import release
 from stickslip.loading.shear import aqs, sheared
-from stickslip.loading.shear_run import find_onset
 from stickslip.solve.equilibrate import equilibrate
-from stickslip.solve.freedom import freedom, restricted, stiffness
+from stickslip.solve.freedom import assembled, dynamical_matrix, freedom
 from tests.derivatives.test_jacobian import differences
 
-LAW = ss.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth")
+LAW = ss.laws.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth")
 
 
 def committed(state, law=LAW):
@@ -35,7 +35,7 @@ def leaning(seed, law=LAW, strain=0.25):
         rows = touching(state)
         radius, c = state.grains.radius, state.contacts
         gap = radius[c.i] + radius[c.j]
-        overlap = gap[: c.count[0]] - np.linalg.norm(branches(state), axis=1)
+        overlap = gap[: c.count[0]] - np.linalg.norm(branch_vectors(state), axis=1)
         if np.abs(overlap).min() > 1e-3 and np.linalg.norm(c.slip[rows], axis=1).min() > 1e-3:
             return state
     raise AssertionError("no suitable packing in 200 attempts")
@@ -44,11 +44,11 @@ def leaning(seed, law=LAW, strain=0.25):
 @pytest.mark.parametrize("coulomb", ["smooth", "sharp"])
 @pytest.mark.parametrize("seed", range(2))
 def test_jacobian_in_a_sheared_cell_against_differences(coulomb, seed):
-    law = ss.hertz_mindlin(1.0, 2 / 7, 0.6, coulomb=coulomb)
+    law = ss.laws.hertz_mindlin(1.0, 2 / 7, 0.6, coulomb=coulomb)
     state = leaning(seed, law)
     assert {ss.STICK, ss.SLIDE} <= set(state.contacts.mode[touching(state)])
     free = freedom(state)
-    analytic = restricted(state, contact_blocks(state, law)[0], free).toarray()
+    analytic = assembled(state, contact_blocks(state, law)[0], free).toarray()
     numeric = min(
         (differences(state, law, free, HELD, h) for h in (1e-6, 2e-6, 4e-6)), key=lambda d: np.abs(d - analytic).max()
     )
@@ -58,7 +58,7 @@ def test_jacobian_in_a_sheared_cell_against_differences(coulomb, seed):
 def test_translations_are_in_the_null_space():
     state = leaning(3)
     free = freedom(state)
-    matrix = stiffness(state, LAW, free)
+    matrix = dynamical_matrix(state, LAW, free)
     for axis in range(3):
         move = np.where(free.axis == axis, np.sqrt(free.mass), 0.0)
         assert np.abs(matrix @ move).max() <= 1e-13 * np.abs(matrix.data).max()
@@ -68,7 +68,7 @@ def test_without_friction_the_jacobian_is_symmetric_and_with_it_is_not():
     state = leaning(4)
     free = freedom(state)
     for law, symmetric in ((frictionless(LAW), True), (LAW, False)):
-        matrix = stiffness(committed(state, law), law, free).toarray()
+        matrix = dynamical_matrix(committed(state, law), law, free).toarray()
         skew = np.abs(matrix - matrix.T).max() / np.abs(matrix).max()
         assert (skew <= 1e-15) == symmetric
         assert symmetric or skew > 1e-3

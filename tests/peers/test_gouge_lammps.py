@@ -10,14 +10,14 @@ import pytest
 
 import stickslip as ss
 from stickslip.core.state import empty_contacts
-from stickslip.data.parts import ScenarioError
+from stickslip.data.schema import ScenarioError
+from stickslip.experiments.gouge import lammps
+from stickslip.experiments.gouge.dimensionless import stiffness
+from stickslip.experiments.gouge.protocol import OURS, _series, lead
+from stickslip.experiments.gouge.sample import BOTTOM, TOP, Gouge, gouge_law, settled, sprung
+from stickslip.experiments.gouge.simulate import engine_of
 from stickslip.extras import MissingExtraError
-from stickslip.friction.measure import steady
-from stickslip.loading import lammps
-from stickslip.loading.gouge import BOTTOM, TOP, Gouge, gouge_law, settled, sprung
-from stickslip.loading.gouge_ensemble import engine_of
-from stickslip.loading.gouge_numbers import stiffness
-from stickslip.loading.gouge_run import OURS, _series, lead
+from stickslip.friction.measure import steady_mean
 
 SOFT = {"young": 5e9, "gamma_n": 6e7}
 FEW = {"grains": {"number": 100}, "law": SOFT, "cell": {"length": 0.016, "width": 0.016}, "dt": 2e-7}
@@ -37,10 +37,10 @@ def six_grains():
                          [0.002, y[4], 0.004], [0.0147, y[5], 0.004]])  # fmt: skip
     grains = ss.spheres(position, np.full(6, 0.00136), mass=np.linspace(1e-5, 2e-5, 6))
     grains.mass[4:] = 3e-5
-    control = ss.rigid(ss.rigid(ss.loads(6), [0, 1]), [4, 5])
-    control = ss.driven(control, [0, 1], 0.0)
+    control = ss.control.rigid(ss.control.rigid(ss.control.loads(6), [0, 1]), [4, 5])
+    control = ss.control.driven(control, [0, 1], 0.0)
     control.free[4:, 0] = control.free[4:, 2] = False
-    control = ss.pressed(control, [4, 5], [0, -whole.load.normal_stress * size**2 / 2])
+    control = ss.control.force_controlled(control, [4, 5], [0, -whole.load.normal_stress * size**2 / 2])
     cell = ss.box([size, 0.0054, size], [True, False, True])
     state = ss.assembly(grains, cell=cell, control=control)
     return whole, Gouge(state, gouge_law(whole, 0.5), whole.area, whole.load.normal_stress, whole.grains.mean)
@@ -81,7 +81,10 @@ def test_without_mpi_one_sentence_says_what_is_missing(monkeypatch):
 
 
 def test_importing_the_module_does_not_import_lammps():
-    words = "import sys, stickslip.loading.lammps, stickslip.loading.gouge_ensemble; print('lammps' in sys.modules)"
+    words = (
+        "import sys, stickslip.experiments.gouge.lammps, stickslip.experiments.gouge.simulate; "
+        "print('lammps' in sys.modules)"
+    )
     assert subprocess.run([sys.executable, "-c", words], capture_output=True, text=True).stdout.strip() == "False"
 
 
@@ -116,12 +119,12 @@ def test_dashpots_that_do_not_pull_are_asked_for(tmp_path):
 def test_a_law_that_lammps_does_not_run_is_refused():
     whole, gouge = six_grains()
     with pytest.raises(ScenarioError, match="use hertz_mindlin_reff"):
-        lammps.start(whole, gouge._replace(law=ss.hertz_mindlin(1.0)))
+        lammps.start(whole, gouge._replace(law=ss.laws.hertz_mindlin(1.0)))
 
 
 def rescaled(gouge):
     """The gouge under the rescaled law with the same numbers."""
-    kind = ss.hertz_mindlin_reff(rescaled=True).kind
+    kind = ss.laws.hertz_mindlin_reff(rescaled=True).kind
     return gouge._replace(law=gouge.law._replace(kind=kind))
 
 
@@ -179,7 +182,7 @@ def test_first_steps_agree_with_lammps(peer, steps, tension):
     seconds = steps * whole.dt
     course = [gouge.state.time, gouge.state.time + seconds], [0, 0.3 * seconds]
     here = sprung(gouge, stiffness(whole) * whole.area, *course)
-    end, record, _ = ss.run(here.state, here.law, steps, whole.dt, every=steps, memory="rate")
+    end, record, _ = ss.run(here.state, here.law, steps, whole.dt, every=steps, slip_update="rate")
     ours, start = _series(record, here, np.array([0, 0.3 * seconds]))[1:], gouge.state.grains.position
     assert record.touching[-1] > 150 and (steps < 50 or record.sliding[-1] > 5)
     # the same arithmetic in another order: round-off of 1e-16 of a position, and what fifty steps make of it
@@ -254,7 +257,7 @@ def test_steady_sliding_agrees_with_lammps(peer):
         control = engine.state(place).control
         assert (control.group == gouge.state.control.group).all() and {BOTTOM, TOP} <= set(control.group)
     for name in ("friction", "contact_friction", "normal", "thickness", "coordination", "sliding_fraction"):
-        a, b = (steady(getattr(series, name)) for series in found)
+        a, b = (steady_mean(getattr(series, name)) for series in found)
         print(name, a, b)
         # three combined standard errors, and a floor where errors of short series are too small
         assert abs(a.mean - b.mean) < 3 * np.hypot(a.error, b.error) + 0.01 * abs(a.mean), name
@@ -271,7 +274,7 @@ def test_first_steps_of_the_rescaled_law_agree_with_lammps(peer, steps):
     here = sprung(
         gouge, stiffness(whole) * whole.area, [gouge.state.time, gouge.state.time + seconds], [0, 0.3 * seconds]
     )
-    end, record, _ = ss.run(here.state, here.law, steps, whole.dt, every=steps, memory="rate")
+    end, record, _ = ss.run(here.state, here.law, steps, whole.dt, every=steps, slip_update="rate")
     ours = _series(record, here, np.array([0, 0.3 * seconds]))[1:]
     reached, start, r = peer.state(place).grains, gouge.state.grains, end.grains.radius
     c, rows = end.contacts, np.flatnonzero(end.contacts.mode[: end.contacts.count[0]] != ss.OPEN)

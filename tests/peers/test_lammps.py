@@ -72,11 +72,11 @@ def test_a_few_steps_agree_with_lammps(law_name, steps):
     velocity, spin = rng.normal(0, 0.05, (2, n, 3))
     dt, kt = 0.05, 0.4
     if law_name == "linear":
-        law = ss.between(ss.linear(1.0, kt, mu), 0, 1)
+        law = ss.laws.for_pair(ss.laws.linear(1.0, kt, mu), 0, 1)
         style = f"gran/hooke/history 1.0 {kt} 0.0 0.0 {mu} 0"
         wall = f"granular hooke 1.0 0.0 tangential linear_history {kt} 0.0 {mu} damping velocity"
     else:
-        law = ss.between(ss.hertz_mindlin(1.0, kt, mu), 0, 1)
+        law = ss.laws.for_pair(ss.laws.hertz_mindlin(1.0, kt, mu), 0, 1)
         style = f"gran/hertz/history 2.0 {2 * kt} 0.0 0.0 {mu} 0"
         wall = f"granular hertz {2**0.5} 0.0 tangential mindlin {kt * 2**0.5} 0.0 {mu} damping velocity"
     theirs = peer({
@@ -87,7 +87,7 @@ def test_a_few_steps_agree_with_lammps(law_name, steps):
     grains = ss.spheres(position, radius, mass=mass, velocity=velocity, spin=spin)
     cell = ss.box([size, size, 10.0], [True, True, False])
     state = ss.assembly(grains, ss.flat_walls([0, 0, 0], [0, 0, 1], material=1), cell)
-    end, record, _ = ss.run(state, law, steps, dt, every=1, memory="rate")
+    end, record, _ = ss.run(state, law, steps, dt, every=1, slip_update="rate")
     assert record.touching[-1] > 100
     ours = end.grains
     moved = ours.position - theirs["x"]
@@ -123,11 +123,13 @@ def test_ten_thousand_spheres_agree_with_lammps(ten_thousand, style, steps):
         "velocity": velocity.tolist(), "spin": spin.tolist(), "dt": dt, "steps": steps, "skin": 0.1,
         "style": f"{style} {kn} {kt} {gamma_n} {gamma_t} {mu} 1", "boundary": "p", "low": 0, "wall": "",
     })  # fmt: skip
-    make, damping = (ss.hertz_mindlin_reff, "viscoelastic") if "hertz" in style else (ss.linear, "mass_velocity")
+    make, damping = (
+        (ss.laws.hertz_mindlin_reff, "viscoelastic") if "hertz" in style else (ss.laws.linear, "mass_velocity")
+    )
     law = make(kn, kt, mu, damping=damping, damping_n=gamma_n, damping_t=gamma_t)
     grains = ss.spheres(position, radius, mass=mass, velocity=velocity, spin=spin)
     state = ss.assembly(grains, cell=ss.box([size] * 3, [True] * 3))
-    end, record, _ = ss.run(state, law, steps, dt, every=1, memory="rate")
+    end, record, _ = ss.run(state, law, steps, dt, every=1, slip_update="rate")
     assert record.touching[-1] > 25_000
     assert 0.02 < record.sliding[-1] / record.touching[-1] < 0.98
     moved = end.grains.position - theirs["x"]
@@ -158,7 +160,7 @@ def rescaled(turns, steps, law, *, kt=0.4, gamma_t=0.0, gamma_n=0.0, mu=0.5):
     grains = ss.spheres(position, radius, mass=mass, velocity=velocity, spin=spin)
     start = ss.assembly(grains, cell=ss.box([size] * 3, [True] * 3))
     start.control.free[:, 3:], start.control.rate[:, 3:] = turns, spin
-    end, record, _ = ss.run(start, law, steps, dt, every=1, memory="rate")
+    end, record, _ = ss.run(start, law, steps, dt, every=1, slip_update="rate")
     moved = end.grains.position - theirs["x"]
     moved -= size * np.round(moved / size)  # LAMMPS wraps
     pushed, turned = np.abs(end.grains.velocity - velocity).max(), np.abs(end.grains.spin - spin).max()
@@ -171,7 +173,7 @@ def rescaled(turns, steps, law, *, kt=0.4, gamma_t=0.0, gamma_n=0.0, mu=0.5):
 @pytest.mark.parametrize("steps", [1, 20, 200])
 def test_rescaled_slip_agrees_with_lammps_mindlin_rescale(steps, damped):
     """Spins are held, as torques differ: LAMMPS `granular` has lever arms R − δ/2 for our R."""
-    law = ss.hertz_mindlin_reff(1.0, 0.4, 0.5, damping_n=0.3 * damped, damping_t=0.15 * damped, rescaled=True)
+    law = ss.laws.hertz_mindlin_reff(1.0, 0.4, 0.5, damping_n=0.3 * damped, damping_t=0.15 * damped, rescaled=True)
     given = {"gamma_n": 0.3, "gamma_t": 0.15} if damped else {}
     position, velocity, _, record, _ = rescaled(False, steps, law, **given)
     assert record.touching[-1] > 400
@@ -180,13 +182,13 @@ def test_rescaled_slip_agrees_with_lammps_mindlin_rescale(steps, damped):
     assert velocity < 1e-11
     if steps == 200:
         assert 100 < record.sliding[-1] < record.touching[-1] - 100
-        plain = rescaled(False, steps, law._replace(kind=ss.hertz_mindlin_reff().kind), **given)
+        plain = rescaled(False, steps, law._replace(kind=ss.laws.hertz_mindlin_reff().kind), **given)
         assert plain[1] > 1e-3
 
 
 @pytest.mark.slow
 def test_torques_differ_from_those_of_lammps_granular_by_its_lever_arms():
-    _, _, spin, _, end = rescaled(True, 5, ss.hertz_mindlin_reff(1.0, 0.4, 0.5, rescaled=True))
+    _, _, spin, _, end = rescaled(True, 5, ss.laws.hertz_mindlin_reff(1.0, 0.4, 0.5, rescaled=True))
     c, r = end.contacts, end.grains.radius
     closed = np.flatnonzero(c.mode[: c.count[0]] != ss.OPEN)
     overlap = r[c.i[closed]] + r[c.j[closed]] - np.linalg.norm(c.pair[closed], axis=1)

@@ -102,11 +102,11 @@ def their_loads(path) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["grains.dump", "packing.data"])
 def test_forces_agree_with_lammps(packing, name):
-    state, law, words = ss.read_sample(packing / name, contacts=packing / "contacts.dump", **LAW)
+    state, law, words = ss.io.read_packing(packing / name, contacts=packing / "contacts.dump", **LAW)
     force, torque = their_loads(packing / "grains.dump")
     loads = ss.forces(state, law)[0]
-    scale = np.abs(ss.contact_forces(state, law)).max()
-    assert len(ss.touching(state)) > 300
+    scale = np.abs(ss.measure.contact_forces(state, law)).max()
+    assert len(ss.measure.touching(state)) > 300
     assert np.abs(state.contacts.slip).max() > 1e-3
     # fifteen digits of positions of order 10, over overlaps of order 0.01: 1e-13; a slip is as exact as that
     assert np.abs(loads.force - force).max() < 1e-11 * scale
@@ -117,18 +117,21 @@ def test_forces_agree_with_lammps(packing, name):
 @pytest.mark.slow
 def test_without_contacts_the_forces_are_others(packing):
     """The memory matters: without it, tangential forces are missing and nothing balances."""
-    state, law, words = ss.read_sample(packing / "grains.dump", **LAW)
+    state, law, words = ss.io.read_packing(packing / "grains.dump", **LAW)
     force, _ = their_loads(packing / "grains.dump")
-    assert np.abs(ss.forces(state, law)[0].force - force).max() > 1e-3 * np.abs(ss.contact_forces(state, law)).max()
+    assert (
+        np.abs(ss.forces(state, law)[0].force - force).max()
+        > 1e-3 * np.abs(ss.measure.contact_forces(state, law)).max()
+    )
     assert any("without memory" in word for word in words)
 
 
 @pytest.mark.slow
 def test_stability_is_answered_by_the_damped_spectrum(packing):
-    state, law, _ = ss.read_sample(packing / "grains.dump", contacts=packing / "contacts.dump", **LAW)
-    found = ss.damped_stability(state, law)
+    state, law, _ = ss.io.read_packing(packing / "grains.dump", contacts=packing / "contacts.dump", **LAW)
+    found = ss.modes.damped_stability(state, law)
     assert found.undamped.residual < 1e-6  # it rests
-    exponents = ss.damped_growth(state, law)
+    exponents = ss.modes.damped_growth(state, law)
     # LAMMPS rests there after 20000 time units, so nothing grows; rattlers are what the whole spectrum has besides
     assert found.stable, found.verdict
     assert exponents.real.max() < 1e-6 * np.abs(exponents).max()
@@ -151,9 +154,9 @@ def test_the_command_answers(packing, tmp_path):
 def test_a_packing_in_motion_agrees_where_contacts_stick(packing):
     """Where a contact slides, LAMMPS truncates spring and dashpot together, we the spring first: they differ by c v."""
     grains = packing / "moving-grains.dump"
-    state, law, _ = ss.read_sample(grains, contacts=packing / "moving-contacts.dump", **LAW)
+    state, law, _ = ss.io.read_packing(grains, contacts=packing / "moving-contacts.dump", **LAW)
     force, _ = their_loads(grains)
-    c, scale = state.contacts, np.abs(ss.contact_forces(state, law)).max()
+    c, scale = state.contacts, np.abs(ss.measure.contact_forces(state, law)).max()
     slides = c.mode == ss.SLIDE
     loose = np.ones(len(force), bool)
     loose[c.i[slides]] = loose[c.j[slides]] = False
@@ -170,9 +173,9 @@ def test_a_packing_in_motion_agrees_where_contacts_stick(packing):
 def test_the_linear_law_agrees_too(tmp_path):
     made(tmp_path, 100_000, "gran/hooke/history")
     given = LAW | {"law": "linear"}
-    state, law, _ = ss.read_sample(tmp_path / "packing.data", contacts=tmp_path / "contacts.dump", **given)
+    state, law, _ = ss.io.read_packing(tmp_path / "packing.data", contacts=tmp_path / "contacts.dump", **given)
     force, torque = their_loads(tmp_path / "grains.dump")
-    loads, scale = ss.forces(state, law)[0], np.abs(ss.contact_forces(state, law)).max()
-    assert len(ss.touching(state)) > 300
+    loads, scale = ss.forces(state, law)[0], np.abs(ss.measure.contact_forces(state, law)).max()
+    assert len(ss.measure.touching(state)) > 300
     assert np.abs(loads.force - force).max() < 1e-11 * scale
     assert np.abs(loads.torque - torque).max() < 1e-11 * scale

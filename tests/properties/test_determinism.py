@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core import integrate, many
+from stickslip.core.dynamics import driver as many
+from stickslip.core.dynamics import run as integrate
 from stickslip.loading.packing import jammed
 from tests.conftest import make_law
 
@@ -36,7 +37,7 @@ def flowing(n=150, dim=3, seed=0, walls=False):
     floor = ss.flat_walls([0 * up, size * up], [up, -up], material=1)
     force = np.zeros((n, 3))
     force[:, dim - 1] = -1e-3
-    return ss.assembly(grains, floor, cell, ss.loads(n, 2, force=force), skin=0.1)
+    return ss.assembly(grains, floor, cell, ss.control.loads(n, 2, force=force), skin=0.1)
 
 
 def same_bits(one, two):
@@ -201,7 +202,7 @@ def test_the_skin_changes_no_bit(skin):
 @pytest.mark.parametrize("memory", ["difference", pytest.param("rate", marks=pytest.mark.slow)])
 def test_a_run_continued_is_the_run(memory):
     law, state = make_law("hertz_mindlin", "sharp"), flowing()
-    whole, _, _ = ss.run(state, law, 160, 0.05, memory=memory)
-    half, _, _ = ss.run(state, law, 63, 0.05, memory=memory)
-    rest, _, _ = ss.run(half, law, 97, 0.05, memory=memory)
+    whole, _, _ = ss.run(state, law, 160, 0.05, slip_update=memory)
+    half, _, _ = ss.run(state, law, 63, 0.05, slip_update=memory)
+    rest, _, _ = ss.run(half, law, 97, 0.05, slip_update=memory)
     assert same_bits(whole, rest)

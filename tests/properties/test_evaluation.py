@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from stickslip.core.forces import accept, forces
-from stickslip.core.laws import dashpots
+from stickslip.core.contacts.forces import accept, forces
+from stickslip.core.laws.builtin import dashpots
 from stickslip.core.state import OPEN, SLIDE
 from stickslip.solve.freedom import displaced, freedom
 from tests.conftest import make_law, make_packing, stirred

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.laws import DAMPING_N, DAMPING_T
+from stickslip.core.laws.builtin import DAMPING_N, DAMPING_T
 
 with Path(__file__).with_name("chung_ooi.csv").open() as file:
     ROWS = list(csv.DictReader(line for line in file if not line.startswith("#")))
-REFF, HERTZ, LINEAR = ss.hertz_mindlin_reff, ss.hertz_mindlin, ss.linear
+REFF, HERTZ, LINEAR = ss.laws.hertz_mindlin_reff, ss.laws.hertz_mindlin, ss.laws.linear
 HERTZIAN, ALL = [REFF, HERTZ], [REFF, HERTZ, LINEAR]
 
 
@@ -45,7 +45,7 @@ class Pair:
         self.other, self.heavy, self.speed = other, heavy, n["speed"]
         self.mu, self.e = n["friction"], n.get("restitution", 1.0)
         # against a rigid body E* and G* are twice those of two alike spheres
-        self.kn, self.kt = np.multiply(ss.stiffnesses(n["young"], n["poisson"]), 1 if alike else 2)
+        self.kn, self.kt = np.multiply(ss.laws.elastic_constants(n["young"], n["poisson"]), 1 if alike else 2)
 
     def elastic(self, speed=None):
         """Depth, duration, peak force: δ = (5 m v²/(4 k_n √R))^{2/5}, 2.9432 δ/v, k_n √R δ^{3/2}; k_n = 4/3 E*."""
@@ -68,7 +68,9 @@ class Pair:
 
     def damped(self, law, e, ratio=0.5):
         """Two spheres of twice R_eff and m_eff meet like this pair."""
-        return ss.with_restitution(law, e, radius=2 * self.r_eff, mass=2 * self.m_eff, speed=self.speed, ratio=ratio)
+        return ss.laws.with_restitution(
+            law, e, radius=2 * self.r_eff, mass=2 * self.m_eff, speed=self.speed, ratio=ratio
+        )
 
 
 def spheres(pair, law, normal, tangential=0.0, spin=0.0, *, steps=2000, every=0, longer=1.2, materials=(0, 0)):
@@ -152,11 +154,11 @@ def test_3_restitution_asked_is_restitution_found(case, kind):
     law = pair.law(kind)
     for material, e in enumerate(asked):
         row = pair.damped(law, e).table[0, 0]
-        law = ss.between(law, material, material, damping_n=row[DAMPING_N], damping_t=row[DAMPING_T])
+        law = ss.laws.for_pair(law, material, material, damping_n=row[DAMPING_N], damping_t=row[DAMPING_T])
     wall = len(asked)
     for material in range(wall):
         q = law.table[material, material]
-        law = ss.between(law, material, wall, damping_n=q[DAMPING_N], damping_t=q[DAMPING_T])
+        law = ss.laws.for_pair(law, material, wall, damping_n=q[DAMPING_N], damping_t=q[DAMPING_T])
     grains, _, _ = spheres(pair, law, np.full(wall, pair.speed), longer=4.0, materials=(range(wall), wall))
     # of `linear` the dashpot acts from the first touch: first order in a time step of a two-thousandth
     np.testing.assert_allclose(grains.velocity[:, 2] / pair.speed, published, rtol=2e-3 if kind is LINEAR else 5e-5)

@@ -15,7 +15,9 @@ from PIL import Image
 from stickslip.core.state import State
 from stickslip.data import archive
 from stickslip.experiments import claims as table
-from stickslip.experiments import disk_array, disk_claims, disk_measures
+from stickslip.experiments.disk_array import claims as disk_claims
+from stickslip.experiments.disk_array import measures as disk_measures
+from stickslip.experiments.disk_array import paper as disk_array
 
 pytestmark = pytest.mark.timeout(300)  # another process compiles
 FORWARD = [f"forward-front-speed-{f}" for f in ("0.083", "0.087", "0.090")]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stickslip.data import archive
-from stickslip.data.scenario import ScenarioError, scenario
+from stickslip.experiments.registry import ScenarioError, scenario
 from tests.published.test_disk_array import stickslip
 
 SMALL = """
@@ -90,7 +90,7 @@ def test_a_wrong_shear_scenario_is_one_sentence(tables, words):
 
 
 def test_an_unknown_experiment_is_one_sentence():
-    with pytest.raises(ScenarioError, match="use 'disk-array', 'sphere-shear', 'flow'"):
+    with pytest.raises(ScenarioError, match="use 'disk-array', 'sphere-shear', 'quasi-rigid'"):
         scenario(experiment="sphere")
 
 

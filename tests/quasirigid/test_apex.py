@@ -8,9 +8,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import stickslip as ss
-from stickslip.experiments.quasi_cases import counterexample
-from stickslip.quasirigid import apex as room
-from stickslip.quasirigid.apex import (
+from stickslip.experiments.quasi_rigid.cases import counterexample
+from stickslip.quasirigid import cone_apex as room
+from stickslip.quasirigid.cone_apex import (
     OPENS,
     SLIDES,
     SLIDES_BACK,
@@ -22,7 +22,7 @@ from stickslip.quasirigid.apex import (
     consistent_statuses,
     statuses_at_apex,
 )
-from stickslip.quasirigid.matrices import matrices, statuses, stiffness_matrix
+from stickslip.quasirigid.matrices import linear_system, statuses, stiffness_matrix
 from stickslip.quasirigid.opening import decided, reduced
 from tests.quasirigid.test_status import jammed_disks
 
@@ -156,13 +156,13 @@ def chain(gap):
     """A disk between two walls that are pushed together (gap < 0) or pulled apart: two contacts, nothing else."""
     grains = ss.disks([[0, 0.5]], 0.5)
     walls = ss.flat_walls([[0, 1e-9], [0, 1 - 1e-9]], [[0, 1], [0, -1]])
-    law = ss.linear(1.0, 0.5, 0.4, coulomb="sharp")
-    state = ss.assembly(grains, walls, ss.box(dim=2), ss.loads(1, 2))
+    law = ss.laws.linear(1.0, 0.5, 0.4, coulomb="sharp")
+    state = ss.assembly(grains, walls, ss.box(dim=2), ss.control.loads(1, 2))
     free = state.control.free.copy()
     free[2, 1] = True
     state = state._replace(control=state.control._replace(free=free))
     state = ss.accept(state, ss.forces(state, law)[1])
-    m = matrices(state, law)
+    m = linear_system(state, law)
     load = np.zeros(len(m.free))
     load[(m.free.body == 2) & (m.free.axis == 1)] = gap
     return m, load

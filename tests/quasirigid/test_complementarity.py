@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from stickslip.quasirigid.absence import farkas
-from stickslip.quasirigid.complementarity import Complementarity, lemke, pivoted, scaled
 from stickslip.quasirigid.enumeration import gone_through, solved, status_map
+from stickslip.quasirigid.lcp import Complementarity, lemke, pivoted, scaled
 from stickslip.quasirigid.uniqueness import Known, certificate
 from tests.quasirigid import brute_force as brute
 

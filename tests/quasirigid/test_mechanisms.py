@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.quasirigid.matrices import matrices, stiffness_matrix
-from stickslip.quasirigid.mechanisms import DRIVEN, IDLE, RATTLER, RIGID, mechanisms
+from stickslip.quasirigid.matrices import linear_system, stiffness_matrix
+from stickslip.quasirigid.null_modes import DRIVEN, IDLE, RATTLER, RIGID, mechanisms
 from tests.conftest import make_law
 
 
@@ -15,10 +15,10 @@ def boxed(free_walls=True):
     grains = ss.disks([[-d, -d], [d, -d], [d, d], [-d, d], [0, 0]], [0.5, 0.5, 0.5, 0.5, 0.1])
     side = 2 * d - 0.01
     walls = ss.flat_walls([[-side, 0], [side, 0], [0, -side], [0, side]], [[1, 0], [-1, 0], [0, 1], [0, -1]])
-    control = ss.loads(5, 4)
+    control = ss.control.loads(5, 4)
     control.free[5:, :2] = free_walls
     state = ss.assembly(grains, walls, ss.box(dim=2), control)
-    law = ss.linear(1.0, 0.5, 0.4)
+    law = ss.laws.linear(1.0, 0.5, 0.4)
     return ss.accept(state, ss.forces(state, law)[1]), law
 
 
@@ -26,7 +26,7 @@ def test_walls_that_translate_and_a_rattler():
     state, law = boxed()
     found = mechanisms(state, law)
     assert [m.kind for m in found] == [RIGID] * 2 + [RATTLER] * 3
-    k = stiffness_matrix(matrices(state, law, rattlers=True), geometric=False)
+    k = stiffness_matrix(linear_system(state, law, rattlers=True), geometric=False)
     for mode in found:
         assert np.linalg.norm(k @ mode.vector) < 1e-12
         assert np.linalg.norm(mode.vector) == pytest.approx(1)
@@ -35,11 +35,11 @@ def test_walls_that_translate_and_a_rattler():
 
 
 def test_a_disk_that_rolls_is_driven_by_a_push_and_not_by_a_press():
-    law = ss.linear(1.0, 0.5, 0.5)
+    law = ss.laws.linear(1.0, 0.5, 0.5)
     grains = ss.disks([[0, 0.49]], 0.5)
-    state = ss.assembly(grains, ss.flat_walls([0, 0, 0], [0, 1, 0]), ss.box(dim=2), ss.loads(1, 1))
+    state = ss.assembly(grains, ss.flat_walls([0, 0, 0], [0, 1, 0]), ss.box(dim=2), ss.control.loads(1, 1))
     state = ss.accept(state, ss.forces(state, law)[1])
-    assert len(matrices(state, law).free) == 0  # one contact: a rattler
+    assert len(linear_system(state, law).free) == 0  # one contact: a rattler
     pushed, pressed = (mechanisms(state, law, np.array(load)) for load in ([1.0, 0, 0], [0, -1.0, 0]))
     assert {m.kind for m in pushed} == {RATTLER}
     assert [m.power for m in pushed] == pytest.approx([1, 0, 0])
@@ -48,10 +48,10 @@ def test_a_disk_that_rolls_is_driven_by_a_push_and_not_by_a_press():
 
 def test_sliding_contacts_make_a_mechanism_that_some_loads_drive():
     """A disk between two floors whose both contacts slide moves along them freely."""
-    law = ss.linear(1.0, 0.5, 0.5)
+    law = ss.laws.linear(1.0, 0.5, 0.5)
     grains = ss.disks([[0, 0.5]], 0.5)
     walls = ss.flat_walls([[0, 0.01], [0, 0.99]], [[0, 1], [0, -1]])
-    state = ss.assembly(grains, walls, ss.box(dim=2), ss.loads(1, 2))
+    state = ss.assembly(grains, walls, ss.box(dim=2), ss.control.loads(1, 2))
     state = ss.accept(state, ss.forces(state, law)[1])
     stuck = mechanisms(state, law, np.array([1.0, 0, 0]), sliding=[False, False])
     assert not stuck
@@ -74,8 +74,8 @@ def test_bad_loads_are_refused():
 
 
 def test_a_free_periodic_packing_translates():
-    state, _ = ss.jammed(30, packing_fraction=0.88, dim=2, seed=1)
+    state, _ = ss.packings.jammed(30, packing_fraction=0.88, dim=2, seed=1)
     law = make_law("linear", "sharp")
     state = ss.accept(state, ss.forces(state, law)[1])
-    loose = ss.rattlers(state, 2).sum()
+    loose = ss.measure.rattlers(state, 2).sum()
     assert [m.kind for m in mechanisms(state, law)] == [RIGID] * 2 + [RATTLER] * (3 * loose)

@@ -5,15 +5,15 @@ import pytest
 
 import stickslip as ss
 from benchmarks.quasi_paths import Sample, prepared, samples
-from stickslip.core.control import between_controls
-from stickslip.loading.biaxial import RIGHT, TOP, biaxial_box, raised, sheared_box
-from stickslip.loading.slow import slowly
-from stickslip.quasirigid import piece
+from stickslip.core.control import between
+from stickslip.loading.biaxial import RIGHT, TOP, biaxial_box, sheared_box, with_load
+from stickslip.loading.slow import slow_dynamics
+from stickslip.quasirigid import increment as piece
 from stickslip.quasirigid.events import Event
+from stickslip.quasirigid.increment import CROWD, OUT_OF_BALANCE, Piece, Place
 from stickslip.quasirigid.opening import decided
-from stickslip.quasirigid.path import quasirigid_path
-from stickslip.quasirigid.piece import CROWD, OUT_OF_BALANCE, Piece, Place
-from stickslip.quasirigid.status import Alternative, Verdict, status
+from stickslip.quasirigid.path import load_path
+from stickslip.quasirigid.status import Alternative, Verdict, contact_status
 from stickslip.quasirigid.uniqueness import Known, certificate
 
 
@@ -33,8 +33,8 @@ def block():
     """One disk between a floor and a lid: neither can turn it, both hold it by friction."""
     grains = ss.disks([[0, 0.5]], 0.5)
     walls = ss.flat_walls([[0, 0.001], [0, 0.999]], [[0, 1], [0, -1]])
-    control = ss.loads(1, 2)
-    law = ss.linear(1.0, 0.5, 0.4, coulomb="sharp")
+    control = ss.control.loads(1, 2)
+    law = ss.laws.linear(1.0, 0.5, 0.4, coulomb="sharp")
     state = ss.assembly(grains, walls, ss.box(dim=2), control)
     return ss.accept(state, ss.forces(state, law)[1]), law
 
@@ -43,25 +43,25 @@ def test_a_pushed_block_slides_at_twice_mu_times_the_normal_force():
     state, law = block()
     push = state.control._replace(force=state.control.force.copy())
     push.force[0, 0] = 2 * 0.4 * 0.001 * 1.25  # a quarter more than friction bears
-    path = quasirigid_path(state, law, push, increment=0.1)
+    path = load_path(state, law, push, increment=0.1)
     assert path.verdict is Verdict.MECHANISM
     reached = [e for e in path.events if e.kind == "reaches the cone"]
     assert [e.load for e in reached[:2]] == pytest.approx([0.8, 0.8])
     assert path.points[-1].load == pytest.approx(0.8)
-    before = quasirigid_path(state, law, between_controls(state.control, push, 0.5), increment=0.25)
+    before = load_path(state, law, between(state.control, push, 0.5), increment=0.25)
     assert before.verdict is Verdict.CONSISTENT
     assert [p.load for p in before.points] == pytest.approx([0, 0.25, 0.5, 0.75, 1])
     # two tangential springs of 0.5 side by side
     assert before.points[-1].state.grains.position[0, 0] == pytest.approx(0.5 * push.force[0, 0], rel=1e-9)
-    back = quasirigid_path(state, law, between_controls(state.control, push, 0.5), state.control, increment=0.25)
+    back = load_path(state, law, between(state.control, push, 0.5), state.control, increment=0.25)
     assert back.points[-1].load == 2
     assert back.points[-1].state.grains.position[0, 0] == pytest.approx(0, abs=1e-15)
 
 
 def test_the_path_converges_with_the_increment(boxed):
     state, law = boxed
-    end = raised(state.control, 60 + TOP, 2.5)
-    coarse, fine, finest = (quasirigid_path(state, law, end, increment=h) for h in (0.02, 0.01, 0.0025))
+    end = with_load(state.control, 60 + TOP, 2.5)
+    coarse, fine, finest = (load_path(state, law, end, increment=h) for h in (0.02, 0.01, 0.0025))
     assert finest.verdict in (Verdict.UNSTABLE, Verdict.CONSISTENT)
     for path in (coarse, fine):
         assert path.points[-1].load == pytest.approx(finest.points[-1].load, rel=1e-3)
@@ -82,12 +82,12 @@ def test_the_path_converges_with_the_increment(boxed):
 def test_slow_dynamics_follow_the_path():
     """Without rattlers, and before a first choice: dynamics has its own rattlers' places and its own choices."""
     state, law, end = prepared(Sample(60, 115, False, "lid up"))
-    path, errors = quasirigid_path(state, law, end, increment=0.005), []
+    path, errors = load_path(state, law, end, increment=0.005), []
     until = min([0.2, 0.8 * path.points[-1].load, *(0.95 * fork.load for fork in path.alternatives)])
     for step in (until / 50, until / 200):
         here, off = state, []
         for load in np.arange(1, round(until / step) + 1) * step:
-            here = here._replace(control=between_controls(state.control, end, load))
+            here = here._replace(control=between(state.control, end, load))
             here, _, outcome = ss.run(here, law, 600, 0.2, drag=0.05)
             assert outcome.ok
             moved = here.walls.point[TOP, 1] - state.walls.point[TOP, 1]
@@ -99,7 +99,7 @@ def test_slow_dynamics_follow_the_path():
 
 def test_forces_stay_in_the_cone_and_balance_along_the_path(boxed):
     state, law = boxed
-    path = quasirigid_path(state, law, raised(state.control, 60 + TOP, 2.0), increment=0.02)
+    path = load_path(state, law, with_load(state.control, 60 + TOP, 2.0), increment=0.02)
     assert "reaches the cone" in {e.kind for e in path.events}
     holds_everywhere(path)
 
@@ -107,11 +107,11 @@ def test_forces_stay_in_the_cone_and_balance_along_the_path(boxed):
 def test_what_is_not_known_of_uniqueness_is_counted_and_told(boxed, monkeypatch):
     """Every decision whose certificate, or search at the apex, leaves it open, once."""
     state, law = boxed
-    less, more = (raised(state.control, 60 + TOP, factor) for factor in (1.6, 1.8))
+    less, more = (with_load(state.control, 60 + TOP, factor) for factor in (1.6, 1.8))
     open_ = []
 
     def no_answer(*given, **how):
-        return status(*given, **how)._replace(uniqueness=None)
+        return contact_status(*given, **how)._replace(uniqueness=None)
 
     def undecided(problem):
         open_.append("certificate")
@@ -121,13 +121,13 @@ def test_what_is_not_known_of_uniqueness_is_counted_and_told(boxed, monkeypatch)
         open_.append("apex")
         return decided(*given, **how)._replace(complete=False)
 
-    sure = quasirigid_path(state, law, less, increment=0.05)
+    sure = load_path(state, law, less, increment=0.05)
     assert sure.unchecked == 0
     assert "not known" not in sure.summary
-    monkeypatch.setattr(piece, "status", no_answer)
+    monkeypatch.setattr(piece, "contact_status", no_answer)
     monkeypatch.setattr(piece, "certificate", undecided)
     monkeypatch.setattr(piece, "decided", cut_short)
-    path = quasirigid_path(state, law, more, increment=0.05)
+    path = load_path(state, law, more, increment=0.05)
     assert path.complete
     assert {"certificate", "apex"} <= set(open_)
     assert path.unchecked == len(open_)
@@ -136,8 +136,8 @@ def test_what_is_not_known_of_uniqueness_is_counted_and_told(boxed, monkeypatch)
 
 def test_loading_the_other_wall_and_back(boxed):
     state, law = boxed
-    up = raised(state.control, 60 + RIGHT, 1.03)
-    path = quasirigid_path(state, law, up, state.control, increment=0.02)
+    up = with_load(state.control, 60 + RIGHT, 1.03)
+    path = load_path(state, law, up, state.control, increment=0.02)
     assert path.verdict is Verdict.CONSISTENT
     assert path.points[-1].load == 2
     there = path.states[len(path.points) // 2].walls.point[RIGHT, 0]
@@ -146,22 +146,22 @@ def test_loading_the_other_wall_and_back(boxed):
 
 def test_wrong_starts_are_one_sentence(boxed):
     state, law = boxed
-    up = raised(state.control, 60 + TOP, 1.5)
+    up = with_load(state.control, 60 + TOP, 1.5)
     with pytest.raises(ValueError, match="no leg of the load"):
-        quasirigid_path(state, law)
+        load_path(state, law)
     with pytest.raises(ValueError, match="increment = 0 was given"):
-        quasirigid_path(state, law, up, increment=0)
+        load_path(state, law, up, increment=0)
     with pytest.raises(ValueError, match=r"out of balance by .* bring it to rest"):
-        quasirigid_path(state._replace(control=up), law, up)
+        load_path(state._replace(control=up), law, up)
     freed = up._replace(free=up.free.copy())
     freed.free[60, 0] = True
     with pytest.raises(ValueError, match="free other components"):
-        quasirigid_path(state, law, freed)
-    rattler = int(np.flatnonzero(ss.rattlers(state, 2))[0])
+        load_path(state, law, freed)
+    rattler = int(np.flatnonzero(ss.measure.rattlers(state, 2))[0])
     pulled = up._replace(force=up.force.copy())
     pulled.force[rattler, 0] = 1e-3
     with pytest.raises(ValueError, match=f"body {rattler} is loaded but holds nothing"):
-        quasirigid_path(state, law, pulled)
+        load_path(state, law, pulled)
 
 
 def holds_everywhere(path):
@@ -169,7 +169,7 @@ def holds_everywhere(path):
     loads = [e.load for e in path.events]
     assert loads == sorted(loads)
     for point in path.points:
-        m = ss.matrices(point.state, path.law)
+        m = ss.quasirigid.linear_system(point.state, path.law)
         # the cone is left by what turns within an increment, and by the forces of contacts at the apex
         assert (m.margin > -OUT_OF_BALANCE * m.force[:, 0].mean()).all()
         assert (m.force[:, 0] >= 0).all()
@@ -192,10 +192,10 @@ def test_ends_do_not_depend_on_the_increment_nor_on_round_off():
     alike, kinds = [], set()
     for seed, wall, factor in CASES:
         state, law = biaxial_box(60, seed=seed)
-        end, rng = raised(state.control, 60 + wall, factor), np.random.default_rng(seed)
+        end, rng = with_load(state.control, 60 + wall, factor), np.random.default_rng(seed)
         blurred = end._replace(force=end.force * (1 + 1e-12 * rng.normal(size=end.force.shape)))
-        paths = [quasirigid_path(state, law, *leg) for leg in ((end,), (blurred,))]
-        paths.append(quasirigid_path(state, law, end, increment=0.004))
+        paths = [load_path(state, law, *leg) for leg in ((end,), (blurred,))]
+        paths.append(load_path(state, law, end, increment=0.004))
         alike.append(ends_alike(paths))
         for path in paths:
             assert len(path.points) < 2000
@@ -217,7 +217,7 @@ def test_a_path_without_progress_ends_after_a_stated_number_of_events(boxed, mon
         return self.place, 0.0, Verdict.CONSISTENT
 
     monkeypatch.setattr(Piece, "run", stuck)
-    path = quasirigid_path(state, law, raised(state.control, 60 + TOP, 2.5))
+    path = load_path(state, law, with_load(state.control, 60 + TOP, 2.5))
     assert path.verdict is Verdict.NO_PROGRESS
     assert path.verdict.value.startswith(f"{CROWD} events")
     assert not path.complete
@@ -231,17 +231,17 @@ def test_other_consistent_choices_are_reported(boxed, monkeypatch):
     state, law = boxed
 
     def with_another(matrix, load, **options):
-        choice = status(matrix, load, **options)
+        choice = contact_status(matrix, load, **options)
         if not choice.sliding.any() or options.get("unique") is False:
             return choice
         sticks = Alternative(np.zeros_like(choice.sliding), choice.velocity, choice.rate, True)
         return choice._replace(verdict=Verdict.NOT_UNIQUE, others=(sticks,))
 
-    end = raised(state.control, 60 + TOP, 3.0)
-    plain = quasirigid_path(state, law, end)
+    end = with_load(state.control, 60 + TOP, 3.0)
+    plain = load_path(state, law, end)
     first = next(e for e in plain.events if e.kind == "reaches the cone")
-    monkeypatch.setattr(piece, "status", with_another)
-    path = quasirigid_path(state, law, end)
+    monkeypatch.setattr(piece, "contact_status", with_another)
+    path = load_path(state, law, end)
     fork = path.alternatives[0]
     assert fork.load == pytest.approx(first.load)
     assert fork.contacts == ((first.i, first.j),)
@@ -259,7 +259,7 @@ def test_ends_of_larger_samples_do_not_depend_on_the_increment():
     alike = []
     for sample in some:
         state, law, end = prepared(sample)
-        alike.append(ends_alike([quasirigid_path(state, law, end, increment=h) for h in (0.01, 0.005, 0.002)]))
+        alike.append(ends_alike([load_path(state, law, end, increment=h) for h in (0.01, 0.005, 0.002)]))
     assert sum(alike) >= len(some) - 1
 
 
@@ -269,11 +269,11 @@ def test_slow_dynamics_follow_paths_on_which_rattlers_return():
     off = []
     for seed in range(1, 20):
         state, law = biaxial_box(60, seed=seed)
-        end = raised(state.control, 60 + TOP, 3.0)
-        path = quasirigid_path(state, law, end)
+        end = with_load(state.control, 60 + TOP, 3.0)
+        path = load_path(state, law, end)
         until = min([1.5 * e.load for e in path.events if e.kind == "is wedged and carries again"], default=np.inf)
         if until < path.points[-1].load and len(off) < 2:
-            run = slowly(state, law, end, time=1e5 / until, until=until, drag=0.02)
+            run = slow_dynamics(state, law, end, time=1e5 / until, until=until, drag=0.02)
             lid = np.array([s.walls.point[TOP, 1] for s in run.states]) - state.walls.point[TOP, 1]
             predicted = np.interp(run.load, path.load, shift_of_lid(path))
             off.append(np.abs(lid - predicted).max() / np.abs(predicted[-1]))
@@ -283,12 +283,19 @@ def test_slow_dynamics_follow_paths_on_which_rattlers_return():
 
 def test_geometric_stiffness_keeps_the_balance(boxed):
     state, law = boxed
-    end = raised(state.control, 60 + TOP, 1.5)
+    end = with_load(state.control, 60 + TOP, 1.5)
     quiet = np.zeros(len(state.contacts.mode), bool)
     residual = []
     for geometric in (True, False):
         one = Piece(
-            Place(state, ss.rattlers(state, 2), quiet, quiet, True, 0.0), law, state.control, end, 0, 0.05, geometric, 1
+            Place(state, ss.measure.rattlers(state, 2), quiet, quiet, True, 0.0),
+            law,
+            state.control,
+            end,
+            0,
+            0.05,
+            geometric,
+            1,
         )
         one.run(0.0)
         residual.append(one.missed)
@@ -300,15 +307,15 @@ def test_geometric_stiffness_keeps_the_balance(boxed):
 def test_simple_shear_of_a_periodic_packing(seed):
     """Where no other choice was consistent the slow dynamics strain as the path does, event by event."""
     state, law = sheared_box(60, seed=seed)
-    end = ss.stress_controlled(state.control, {"xy": -0.05 * 1e-4})
-    path = quasirigid_path(state, law, end, increment=0.1)
+    end = ss.control.stress_controlled(state.control, {"xy": -0.05 * 1e-4})
+    path = load_path(state, law, end, increment=0.1)
     assert path.verdict is Verdict.CONSISTENT
     assert path.events
     assert not path.alternatives
     strain = np.array([p.state.cell.vectors[1, 0] / p.state.cell.vectors[1, 1] for p in path.points])
     assert (np.diff(strain) > 0).all()
-    assert ss.stress(path.states[-1], law)[0, 1] == pytest.approx(-0.05e-4, rel=1e-3)
-    run = slowly(state, law, end, time=1e5, until=1.0, drag=0.02)
+    assert ss.measure.stress(path.states[-1], law)[0, 1] == pytest.approx(-0.05e-4, rel=1e-3)
+    run = slow_dynamics(state, law, end, time=1e5, until=1.0, drag=0.02)
     slow = np.array([s.cell.vectors[1, 0] / s.cell.vectors[1, 1] for s in run.states])
     late = path.load > 0.05
     np.testing.assert_allclose(
@@ -318,16 +325,16 @@ def test_simple_shear_of_a_periodic_packing(seed):
 
 def test_an_unstable_start_and_other_laws_are_refused(boxed):
     state, _ = boxed
-    hertz = ss.hertz_mindlin(1.0, 0.5, 0.5, coulomb="sharp")
+    hertz = ss.laws.hertz_mindlin(1.0, 0.5, 0.5, coulomb="sharp")
     with pytest.raises(ValueError, match="piecewise linear for `linear` only"):
-        quasirigid_path(state, hertz, state.control)
+        load_path(state, hertz, state.control)
     column = ss.disks([[0, 0.4995], [0.0, 1.499]], 0.5)
     walls = ss.flat_walls([[0, 0], [0, 1.9985]], [[0, 1], [0, -1]])
-    tower = ss.assembly(column, walls, ss.box(dim=2), ss.loads(2, 2))
-    slippery = ss.linear(1.0, 1e-5, 0.5, coulomb="sharp")
+    tower = ss.assembly(column, walls, ss.box(dim=2), ss.control.loads(2, 2))
+    slippery = ss.laws.linear(1.0, 1e-5, 0.5, coulomb="sharp")
     tower = ss.accept(tower, ss.forces(tower, slippery)[1])
     with pytest.raises(ValueError, match=r"not stable: k has the eigenvalue -.* let it come to rest"):
-        quasirigid_path(tower, slippery, tower.control)
+        load_path(tower, slippery, tower.control)
 
 
 def test_legs_that_change_more_than_loads_are_refused(boxed):
@@ -337,58 +344,61 @@ def test_legs_that_change_more_than_loads_are_refused(boxed):
         ({"stress": state.control.stress + 1e-4}, "a component of the cell that is not free"),
     ):
         with pytest.raises(ValueError, match=words):
-            quasirigid_path(state, law, state.control._replace(**change))
+            load_path(state, law, state.control._replace(**change))
     with pytest.raises(ValueError, match="a leg of float was given"):
-        quasirigid_path(state, law, 1.0)
+        load_path(state, law, 1.0)
     with pytest.raises(ValueError, match="body 3 has no force that could be raised"):
-        raised(state.control, 3, 2.0)
+        with_load(state.control, 3, 2.0)
     with pytest.raises(ValueError, match=r"pressure = -0.0001 was given: it must be above 0"):
         biaxial_box(30, pressure=-1e-4)
-    sliding = ss.linear(1.0, 0.0, 0.5, coulomb="sharp")
+    sliding = ss.laws.linear(1.0, 0.0, 0.5, coulomb="sharp")
     with pytest.raises(ValueError, match="kt = 0"):
-        quasirigid_path(state, sliding, state.control)
+        load_path(state, sliding, state.control)
 
 
 def test_a_net_force_that_nothing_holds_is_refused():
     state, law = sheared_box(40, seed=1)
     force = state.control.force.copy()
-    held = int(np.flatnonzero(~ss.rattlers(state, 2))[0])
+    held = int(np.flatnonzero(~ss.measure.rattlers(state, 2))[0])
     force[held, 0] = 1e-6
     with pytest.raises(ValueError, match="net force along x, which nothing holds"):
-        quasirigid_path(state, law, state.control._replace(force=force))
-    m = ss.matrices(state, law)
-    assert ss.status(m, (np.arange(len(m.free)) == 0).astype(float)).verdict is Verdict.MECHANISM
+        load_path(state, law, state.control._replace(force=force))
+    m = ss.quasirigid.linear_system(state, law)
+    assert ss.quasirigid.contact_status(m, (np.arange(len(m.free)) == 0).astype(float)).verdict is Verdict.MECHANISM
 
 
 def test_critical_contacts_are_numbers_or_a_mask(boxed):
     state, law = boxed
-    m = ss.matrices(state, law)
+    m = ss.quasirigid.linear_system(state, law)
     load = np.zeros(len(m.free))
     load[m.free.body == 60 + TOP] = -1.0
     mask = np.zeros(m.count, bool)
     mask[[3, 8]] = True
-    by_mask, by_number = (ss.status(m, load, critical=c) for c in (mask, [3, 8]))
+    by_mask, by_number = (ss.quasirigid.contact_status(m, load, critical=c) for c in (mask, [3, 8]))
     assert by_mask.critical.tolist() == by_number.critical.tolist() == [3, 8]
     for wrong in ([1, 1], mask[:5], [0.5]):
         with pytest.raises(ValueError, match="takes different numbers of contacts"):
-            ss.status(m, load, critical=wrong)
+            ss.quasirigid.contact_status(m, load, critical=wrong)
     with pytest.raises(ValueError, match=r"critical contacts -1 to 9999 .* numbers 0 to"):
-        ss.status(m, load, critical=[-1, 9999])
+        ss.quasirigid.contact_status(m, load, critical=[-1, 9999])
     with pytest.raises(ValueError, match="start has the shape"):
-        ss.status(m, load, critical=[1], start=[True])
+        ss.quasirigid.contact_status(m, load, critical=[1], start=[True])
 
 
 def test_contacts_that_slide_along_the_cone_do_not_flip_to_and_fro():
     """In a triangular lattice all bonds of one direction are alike: rates that should vanish are round-off."""
-    apart, law = 1 - 1e-4, ss.linear(1.0, 0.5, 0.5, coulomb="sharp")
+    apart, law = 1 - 1e-4, ss.laws.linear(1.0, 0.5, 0.5, coulomb="sharp")
     place = [[(i + 0.5 * (j % 2)) * apart, j * apart * np.sqrt(0.75)] for j in range(4) for i in range(4)]
     size = [4 * apart, 4 * apart * np.sqrt(0.75)]
-    state = ss.sample(place, np.full(16, 0.5), law, dim=2, cell=size)
-    force, branch = (f(*a)[ss.touching(state)] for f, a in ((ss.contact_forces, (state, law)), (ss.branches, (state,))))
+    state = ss.packings.from_arrays(place, np.full(16, 0.5), law, dim=2, cell=size)
+    force, branch = (
+        f(*a)[ss.measure.touching(state)]
+        for f, a in ((ss.measure.contact_forces, (state, law)), (ss.measure.branch_vectors, (state,)))
+    )
     stress = force.T @ branch / np.prod(size)
-    control = ss.stress_controlled(state.control, {"xx": stress[0, 0], "yy": stress[1, 1], "xy": 0.0})
-    end = ss.stress_controlled(control, {"yy": 0.2 * stress[0, 0]})
-    path = quasirigid_path(state._replace(control=control), law, end, increment=0.05)
+    control = ss.control.stress_controlled(state.control, {"xx": stress[0, 0], "yy": stress[1, 1], "xy": 0.0})
+    end = ss.control.stress_controlled(control, {"yy": 0.2 * stress[0, 0]})
+    path = load_path(state._replace(control=control), law, end, increment=0.05)
     assert path.verdict is Verdict.CONSISTENT
     assert path.points[-1].load == 1
     assert len(path.events) < 100

@@ -5,11 +5,11 @@ import pytest
 
 import stickslip as ss
 from stickslip.core.measure import mean_normal_force
+from stickslip.quasirigid.increment import Place
 from stickslip.quasirigid.path import _carrying
-from stickslip.quasirigid.piece import Place
 from stickslip.quasirigid.rattling import as_loose, gaps, moved_aside
 
-LAW = ss.linear(1.0, 0.5, 0.5, coulomb="sharp")
+LAW = ss.laws.linear(1.0, 0.5, 0.5, coulomb="sharp")
 
 
 def between(*others, law=LAW):
@@ -26,7 +26,7 @@ def test_a_pressed_rattler_gives_way_along_the_normal():
     assert not len(wedge)
     assert moved.grains.position[0] == pytest.approx([-0.01, 0, 0], abs=1e-11)
     assert moved.grains.position[1] == pytest.approx([0.99, 0, 0])
-    assert not len(ss.touching(moved))
+    assert not len(ss.measure.touching(moved))
 
 
 def test_two_at_right_angles_push_it_into_the_free_quarter():
@@ -51,7 +51,7 @@ def test_friction_holds_what_would_slip_out_without():
     place = 0.99 * np.array([np.cos(turn), np.sin(turn)])
     state, loose = between(place, place * [-1, 1])
     assert len(moved_aside(state, LAW, loose)[1]) == 2
-    slippery = ss.linear(1.0, 0.5, 0.1, coulomb="sharp")
+    slippery = ss.laws.linear(1.0, 0.5, 0.1, coulomb="sharp")
     moved, wedge = moved_aside(state, slippery, loose)
     assert not len(wedge)
     assert moved.grains.position[0, 1] < -0.01
@@ -103,5 +103,5 @@ def test_of_rattlers_wedged_at_once_none_is_left_behind():
     after, events = _carrying(place, LAW, first, 0.5)
     assert not after.loose.any()
     assert [(e.kind, e.i) for e in events] == [("is wedged and carries again", 0), ("is wedged and carries again", 3)]
-    assert len(ss.touching(after.state)) == after.fresh.sum() == 4
+    assert len(ss.measure.touching(after.state)) == after.fresh.sum() == 4
     assert mean_normal_force(after.state, LAW) == pytest.approx(0.01)

@@ -12,10 +12,10 @@ import stickslip as ss
 from stickslip.loading.biaxial import TOP
 from stickslip.quasirigid import absence
 from stickslip.quasirigid import status as room
-from stickslip.quasirigid.complementarity import Complementarity, complementarity, lemke
 from stickslip.quasirigid.enumeration import Solution, Solved, solved, status_map
-from stickslip.quasirigid.matrices import force_rates, matrices, stiffness_matrix
-from stickslip.quasirigid.status import Verdict, status
+from stickslip.quasirigid.lcp import Complementarity, complementarity, lemke
+from stickslip.quasirigid.matrices import force_rates, linear_system, stiffness_matrix
+from stickslip.quasirigid.status import Verdict, contact_status
 from stickslip.quasirigid.system import System, pins
 from stickslip.quasirigid.uniqueness import Known, certificate
 from tests.conftest import make_law, stirred
@@ -27,8 +27,8 @@ def jammed_disks(seed, n=24):
     """Matrices of a periodic packing of disks that carry slip; which contacts are critical, and whereto, is drawn."""
     law, rng = make_law("linear", "sharp", mu=0.5), np.random.default_rng(seed)
     state = packed(2, n=n, seed=seed % 4)
-    state = stirred(state._replace(control=ss.loads(n)), law, rng, size=2e-3)
-    m = matrices(state, law)
+    state = stirred(state._replace(control=ss.control.loads(n)), law, rng, size=2e-3)
+    m = linear_system(state, law)
     return m._replace(sign=rng.choice([-1.0, 1.0], m.count)), rng
 
 
@@ -97,7 +97,7 @@ def test_status_of_a_packing_against_enumeration(seed):
     critical = np.sort(rng.choice(m.count, 6, replace=False))
     load = m.c @ rng.normal(size=2 * m.count)
     made = complementarity(m, load, critical=critical)
-    mapped, found = status_map(made), status(m, load, critical=critical)
+    mapped, found = status_map(made), contact_status(m, load, critical=critical)
     if mapped.bijective:
         assert found.ok
         bits = found.sliding[critical] @ (1 << np.arange(6))
@@ -136,25 +136,25 @@ def test_cycles_hand_over_to_pivoting_and_that_to_lemke(monkeypatch):
     critical = np.sort(rng.choice(m.count, 8, replace=False))
     load = m.c @ rng.normal(size=2 * m.count)
     monkeypatch.setattr(room, "MAPPED", 0)  # as for many contacts
-    first = status(m, load, critical=critical)
+    first = contact_status(m, load, critical=critical)
     monkeypatch.setattr(room, "_flipped", lambda *_: None)
-    second = status(m, load, critical=critical)
+    second = contact_status(m, load, critical=critical)
     monkeypatch.setattr(room, "pivoted", lambda *_: (None, 0))
-    third = status(m, load, critical=critical)
+    third = contact_status(m, load, critical=critical)
     assert [c.method for c in (first, second, third)] == ["flip all", "principal pivoting", "Lemke"]
     for other in (second, third):
         assert np.array_equal(other.sliding, first.sliding)
 
 
 def test_a_mechanism_that_the_load_drives_is_said_so():
-    law = ss.linear(1.0, 0.5, 0.5)
+    law = ss.laws.linear(1.0, 0.5, 0.5)
     grains = ss.disks([[0, 0.49], [1.5, 0.49]], 0.5)
-    state = ss.assembly(grains, ss.flat_walls([0, 0, 0], [0, 1, 0]), ss.box(dim=2), ss.loads(2, 1))
+    state = ss.assembly(grains, ss.flat_walls([0, 0, 0], [0, 1, 0]), ss.box(dim=2), ss.control.loads(2, 1))
     state = ss.accept(state, ss.forces(state, law)[1])
-    m = matrices(state, law, rattlers=True)
+    m = linear_system(state, law, rattlers=True)
     load = np.zeros(len(m.free))
     load[0] = 1.0  # rolls
-    assert status(m, load).verdict is Verdict.MECHANISM
+    assert contact_status(m, load).verdict is Verdict.MECHANISM
 
 
 def test_no_consistent_status_is_reported_and_so_are_two():
@@ -172,8 +172,8 @@ def test_too_many_contacts_for_a_map():
 
 def test_two_critical_contacts_of_one_disk_are_singular_and_not_unique():
     """Its rotation is free: it may slip at either contact, or at both; the forces are the same."""
-    state, law = ss.biaxial_box(24, seed=0)
-    m = ss.matrices(state, law)
+    state, law = ss.packings.biaxial_box(24, seed=0)
+    m = ss.quasirigid.linear_system(state, law)
     lid = (m.free.body == 24 + TOP).astype(float)
     turns = [row for row in np.flatnonzero(m.free.axis == 5) if len(np.unique(m.c[[row]].indices // 2)) == 2]
     verdicts = {}
@@ -183,7 +183,7 @@ def test_two_critical_contacts_of_one_disk_are_singular_and_not_unique():
         turned = m._replace(sign=sign)
         a = complementarity(turned, load, critical=pair).matrix
         np.testing.assert_allclose(a, a[0, 0], atol=1e-12)
-        choice = status(turned, load, critical=pair)
+        choice = contact_status(turned, load, critical=pair)
         assert choice.uniqueness.verdict is (Known.SINGULAR if a[0, 0] > 0 else Known.NOT_UNIQUE)
         verdicts[a[0, 0] > 0, choice.verdict] = turned, pair, choice
     assert {v for whole, v in verdicts if whole} == {Verdict.SINGULAR, Verdict.UNIQUE}
@@ -213,11 +213,11 @@ def test_lemke_on_a_ray_does_not_make_a_packing_unstable(monkeypatch):
         if lemke(problem) is not None or not stable:
             continue
         met += 1
-        choice = status(m, load, critical=critical)
+        choice = contact_status(m, load, critical=critical)
         assert choice.ok
         assert choice.stable
         monkeypatch.setattr(room, "MAPPED", 0)  # as for many contacts
-        assert status(m, load, critical=critical).verdict not in (Verdict.UNSTABLE, Verdict.MECHANISM)
+        assert contact_status(m, load, critical=critical).verdict not in (Verdict.UNSTABLE, Verdict.MECHANISM)
         monkeypatch.setattr(room, "MAPPED", 14)
     assert met > 2
 
@@ -233,7 +233,7 @@ def test_beyond_fourteen_contacts_every_verdict_has_its_evidence():
     met = set()
     for seed in range(150):
         m, critical, load = many(seed)
-        choice = status(m, load, critical=critical, unique=True)
+        choice = contact_status(m, load, critical=critical, unique=True)
         met.add(choice.verdict)
         if choice.verdict is Verdict.UNSTABLE:
             problem = complementarity(m, load, critical=critical)
@@ -246,7 +246,7 @@ def test_beyond_fourteen_contacts_every_verdict_has_its_evidence():
         else:
             assert choice.verdict is not Verdict.UNIQUE or choice.uniqueness.verdict is Known.UNIQUE
             assert (choice.stable is False) == (choice.verdict is Verdict.NEGATIVE)
-            cheap = status(m, load, critical=critical)
+            cheap = contact_status(m, load, critical=critical)
             if cheap.method == "flip all":
                 assert (cheap.stable, cheap.uniqueness, cheap.verdict) == (None, None, Verdict.CONSISTENT)
     assert met >= {Verdict.UNIQUE, Verdict.CONSISTENT, Verdict.UNSTABLE, Verdict.NOT_FOUND}
@@ -270,12 +270,12 @@ def test_a_solver_whose_answer_is_not_consistent_is_not_believed(monkeypatch):
     m, rng = jammed_disks(1)
     critical = np.sort(rng.choice(m.count, 8, replace=False))
     load = m.c @ rng.normal(size=2 * m.count)
-    truth = status(m, load, critical=critical).sliding[critical]
+    truth = contact_status(m, load, critical=critical).sliding[critical]
     monkeypatch.setattr(room, "MAPPED", 0)
     monkeypatch.setattr(room, "_flipped", lambda *_: None)
     monkeypatch.setattr(room, "pivoted", lambda *_: (~truth, 1))
     monkeypatch.setattr(room, "lemke", lambda *_: np.where(truth, np.nan, 1.0))
-    found = status(m, load, critical=critical)
+    found = contact_status(m, load, critical=critical)
     assert found.verdict is Verdict.NOT_FOUND
     assert not found.ok
     assert np.isnan(found.velocity).all()
@@ -287,11 +287,11 @@ def test_rattlers_among_the_coordinates_do_not_hide_a_status():
     assert np.linalg.matrix_rank(stiffness_matrix(m, np.zeros(m.count, bool)).toarray()) < len(m.free)
     critical = np.array([2, 11])
     load = without.c @ np.random.default_rng(1).normal(size=2 * m.count)
-    choice = status(m, load, critical=critical)
+    choice = contact_status(m, load, critical=critical)
     assert choice.ok
     np.testing.assert_allclose(stiffness_matrix(m, choice.sliding) @ choice.velocity, load, atol=1e-9)
     load[m.free.body == 15] += 1.0  # a rattler
-    choice = status(m, load, critical=critical)
+    choice = contact_status(m, load, critical=critical)
     assert choice.verdict is Verdict.MECHANISM
     k = stiffness_matrix(m, np.zeros(m.count, bool))
     assert np.abs(k @ choice.proof.velocity).max() < 1e-12
@@ -306,7 +306,7 @@ def test_a_contact_just_on_the_edge_is_marginal_and_its_status_is_still_unique()
     g = c[:, 2 * critical] * m.slope[critical] + c[:, 2 * critical + 1] * m.sign[critical]
     v = np.linalg.lstsq(g.T, [0.0, -1.0], rcond=None)[0]
     load = stiffness_matrix(m, np.zeros(m.count, bool)) @ v
-    choice = status(m, load, critical=critical)
+    choice = contact_status(m, load, critical=critical)
     assert choice.verdict is Verdict.UNIQUE
     assert choice.marginal.tolist() == [True, False]
 
@@ -315,36 +315,36 @@ def tilted(angle, mu=0.3, depth=0.01):
     """One disk that cannot turn, at Coulomb's limit on a tilted floor: nothing resists that it slides on."""
     normal = np.array([np.sin(angle), np.cos(angle), 0])
     down = np.array([normal[1], -normal[0], 0])
-    law = ss.between(ss.linear(1.0, 0.37, mu), 0, 1)
-    control = ss.loads(1, 1, force=[depth * (mu * down - normal)])
+    law = ss.laws.for_pair(ss.laws.linear(1.0, 0.37, mu), 0, 1)
+    control = ss.control.loads(1, 1, force=[depth * (mu * down - normal)])
     control.free[:, 3:] = control.free[1:] = False
     state = ss.assembly(
         ss.disks([(0.5 - depth) * normal], 0.5), ss.flat_walls([0, 0, 0], normal), ss.box(dim=2), control
     )
     state = ss.accept(state, ss.forces(state, law)[1])
     state.contacts.slip[0], state.contacts.mode[0] = mu * depth / 0.37 * down, ss.SLIDE
-    return matrices(state, law, rattlers=True), down[:2]
+    return linear_system(state, law, rattlers=True), down[:2]
 
 
 def test_what_slides_without_resistance_is_a_mechanism_whatever_round_off_does():
     for angle in np.linspace(0.01, 1.5, 30):
         m, down = tilted(angle)
-        choice = status(m, down)
+        choice = contact_status(m, down)
         assert choice.verdict is Verdict.MECHANISM
         assert abs(choice.proof.power) == pytest.approx(np.cos(np.arctan(0.3)), abs=0.02)  # forces turn by δ/R
-        assert status(m, -down).verdict is Verdict.UNIQUE  # it sticks
+        assert contact_status(m, -down).verdict is Verdict.UNIQUE  # it sticks
 
 
 def test_in_a_packing_of_two_contacts_no_status_is_found_that_is_not_consistent():
     """Where sliding needs no load, A has entries of round-off, which must not become units."""
-    state, law = ss.biaxial_box(6, pressure=1e-3, mu=1.0, seed=1000, tolerance=1e-6)
-    whole = matrices(state, law)
+    state, law = ss.packings.biaxial_box(6, pressure=1e-3, mu=1.0, seed=1000, tolerance=1e-6)
+    whole = linear_system(state, law)
     critical, rng, met = np.arange(whole.count)[:4], np.random.default_rng(0), set()
     for _ in range(100):
         m = whole._replace(sign=rng.choice([-1.0, 1.0], whole.count))
         slides = np.isin(np.arange(m.count), critical[rng.random(len(critical)) < 0.5])
         load = stiffness_matrix(m, slides) @ rng.normal(size=len(m.free))
-        choice = status(m, load, critical=critical)
+        choice = contact_status(m, load, critical=critical)
         met.add(choice.verdict)
         for one in [choice, *choice.others] if choice.ok else []:
             normal, along = (m.c.T @ one.velocity).reshape(-1, 2).T[:, critical]
@@ -359,12 +359,12 @@ def test_a_solution_with_huge_error_bounds_is_verified_all_the_same(monkeypatch)
     vague = Solution(np.array([False]), np.zeros(1), np.zeros(1), np.full(1, 1e30), 0)
     monkeypatch.setattr(room, "solved", lambda *_: Solved((vague,), ()))
     monkeypatch.setattr(room, "_flipped", lambda *_: None)
-    assert status(m, down).verdict is Verdict.NOT_FOUND
+    assert contact_status(m, down).verdict is Verdict.NOT_FOUND
 
 
 def test_a_motion_that_is_resisted_or_not_driven_is_no_mechanism():
     m, down = tilted(0.3)
-    found, slides = status(m, down).proof, np.array([True])
+    found, slides = contact_status(m, down).proof, np.array([True])
     system = System(m, down, np.array([0]), True)
     v, u = found.velocity[system.kept], found.balance[system.kept]
     across = np.array([-v[1], v[0]])

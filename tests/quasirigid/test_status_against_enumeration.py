@@ -8,9 +8,9 @@ import pytest
 from scipy.linalg import LinAlgError
 
 from stickslip.quasirigid.absence import Absence, Motion
-from stickslip.quasirigid.complementarity import complementarity
+from stickslip.quasirigid.lcp import complementarity
 from stickslip.quasirigid.matrices import stiffness_matrix
-from stickslip.quasirigid.status import Verdict, status
+from stickslip.quasirigid.status import Verdict, contact_status
 from stickslip.quasirigid.uniqueness import Known, certificate
 from tests.quasirigid import brute_force as brute
 from tests.quasirigid.five_packings import KINDS, sample
@@ -58,13 +58,13 @@ def _at_the_edge(m, critical, rng):
 
 
 def disagreements(number: int, most: int) -> tuple[list[str], str]:
-    """Where `status` and `certificate` differ from the enumeration, and the class of the case."""
+    """Where `contact_status` and `certificate` differ from the enumeration, and the class of the case."""
     m, load, critical = drawn(number, most)
     problem = brute.dense(m, load, critical)
     unit = max(1.0, np.abs(problem.a).max())
     floor = 1e-11 * np.abs(problem.inverse @ load).max()  # rates are differences of velocities
     found = [] if problem.drives else brute.answers(problem.a, problem.q, unit, floor)
-    choice = status(m, load, critical=critical)
+    choice = contact_status(m, load, critical=critical)
     allowed = _allowed(m, problem, critical, found)
     bad = (
         []

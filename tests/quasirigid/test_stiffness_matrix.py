@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.quasirigid.matrices import damping_matrix, matrices, quadratic_form, statuses, stiffness_matrix
+from stickslip.quasirigid.matrices import damping_matrix, linear_system, quadratic_form, statuses, stiffness_matrix
 from stickslip.solve.freedom import jacobian
 from tests.conftest import make_law, make_packing, stirred
 from tests.derivatives.test_free_cell import packed
@@ -15,7 +15,7 @@ from tests.derivatives.test_jacobian import sample
 @pytest.mark.parametrize("seed", range(3))
 def test_stiffness_is_minus_the_jacobian_in_stick_and_in_slip(law_name, seed):
     state, law = sample(law_name, "sharp", 2, seed)
-    m = matrices(state, law, rattlers=True)
+    m = linear_system(state, law, rattlers=True)
     assert 0 < m.limit.sum() < m.count
     k, exact = stiffness_matrix(m).toarray(), jacobian(state, law, m.free).toarray()
     np.testing.assert_allclose(k, -exact, atol=1e-13 * np.abs(exact).max(), rtol=0)
@@ -27,9 +27,9 @@ def test_stiffness_is_minus_the_jacobian_in_stick_and_in_slip(law_name, seed):
 def test_stiffness_of_a_stress_controlled_cell():
     law = make_law("linear", "sharp", mu=0.1)
     state = packed(2, n=30)
-    control = ss.stress_controlled(state.control, {"xx": 0.01, "yy": 0.01, "xy": 2e-3})
+    control = ss.control.stress_controlled(state.control, {"xx": 0.01, "yy": 0.01, "xy": 2e-3})
     state = stirred(state._replace(control=control), law, np.random.default_rng(1), size=3e-3)
-    m = matrices(state, law, rattlers=True)
+    m = linear_system(state, law, rattlers=True)
     exact = jacobian(state, law, m.free).toarray()
     np.testing.assert_allclose(stiffness_matrix(m).toarray(), -exact, atol=1e-13 * np.abs(exact).max(), rtol=0)
 
@@ -38,13 +38,13 @@ def test_stiffness_of_a_stress_controlled_cell():
 def test_table_one_against_the_engine(seed):
     """f = cF from the engine's resultants; dF = −K S cᵀ v dt from its contact forces before and after a small step."""
     state, law = sample("linear", "sharp", 2, seed)
-    m, n = matrices(state, law, rattlers=True), len(state.grains.radius)
+    m, n = linear_system(state, law, rattlers=True), len(state.grains.radius)
     loads, _ = ss.forces(state, law)
     assert len(m.free) == 3 * n
-    np.testing.assert_allclose(m.c @ m.force.ravel(), ss.residual_vector(state, loads, m.free), atol=1e-14)
+    np.testing.assert_allclose(m.c @ m.force.ravel(), ss.modes.residual_vector(state, loads, m.free), atol=1e-14)
     rng, h = np.random.default_rng(seed), 1e-7
     v = rng.normal(size=len(m.free))
-    moved = ss.displaced(state, m.free, h * v)
+    moved = ss.modes.displaced(state, m.free, h * v)
     trial = ss.forces(moved, law, memory=ss.HELD)[1]
     relative = (m.c.T @ v).reshape(-1, 2)
     rate = (_components(moved._replace(contacts=trial), law, m.rows) - _components(state, law, m.rows)) / h
@@ -56,24 +56,24 @@ def test_table_one_against_the_engine(seed):
 
 def _components(state, law, rows):
     """(M, 2) normal and tangential contact forces of the engine."""
-    normal = ss.branches(state)[rows]
+    normal = ss.measure.branch_vectors(state)[rows]
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     along = np.stack([normal[:, 1], -normal[:, 0], np.zeros(len(rows))], axis=1)
-    force = ss.contact_forces(state, law)[rows]
+    force = ss.measure.contact_forces(state, law)[rows]
     return np.stack([(force * normal).sum(axis=1), (force * along).sum(axis=1)], axis=1)
 
 
 def test_damping_matrix_is_that_of_the_jacobian():
     law = make_law("linear", "sharp", damping="mass_velocity", damping_n=0.3, damping_t=0.2)
     state = stirred(make_packing(2, seed=3), law, np.random.default_rng(3), size=0.001)
-    m = matrices(state, law, rattlers=True)
-    exact = ss.restricted(state, ss.contact_blocks(state, law)[1], m.free).toarray()
+    m = linear_system(state, law, rattlers=True)
+    exact = ss.modes.assembled(state, ss.modes.contact_blocks(state, law)[1], m.free).toarray()
     np.testing.assert_allclose(damping_matrix(m).toarray(), -exact, atol=1e-13)
 
 
 def test_quadratic_form_is_a_sum_over_contacts():
     state, law = sample("linear", "sharp", 2, 1)
-    m = matrices(state, law, rattlers=True)
+    m = linear_system(state, law, rattlers=True)
     v = np.random.default_rng(0).normal(size=len(m.free))
     relative = (m.c.T @ v).reshape(-1, 2)
     stuck = m.springs[:, 0, 0] * relative[:, 0] ** 2 + m.springs[:, 1, 1] * relative[:, 1] ** 2
@@ -86,10 +86,10 @@ def test_quadratic_form_is_a_sum_over_contacts():
 def test_three_dimensions_and_smooth_friction_are_refused():
     state, law = sample("linear", "smooth", 3, 0)
     with pytest.raises(ValueError, match="disks in the plane"):
-        matrices(state, law, rattlers=True)
+        linear_system(state, law, rattlers=True)
     state, law = sample("linear", "smooth", 2, 0)
     with pytest.raises(ValueError, match="coulomb='sharp'"):
-        matrices(state, law, rattlers=True)
+        linear_system(state, law, rattlers=True)
     state, law = sample("linear", "sharp", 2, 0)
     with pytest.raises(ValueError, match=r"\(3,\) statuses"):
-        stiffness_matrix(matrices(state, law), [True, False, True])
+        stiffness_matrix(linear_system(state, law), [True, False, True])

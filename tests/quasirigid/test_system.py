@@ -1,4 +1,4 @@
-"""The fast solver behind `status` against dense solutions, and what it refuses to believe."""
+"""The fast solver behind `contact_status` against dense solutions, and what it refuses to believe."""
 
 import numpy as np
 import pytest
@@ -7,10 +7,10 @@ from scipy.linalg import LinAlgError
 import stickslip as ss
 from stickslip.quasirigid import status as room
 from stickslip.quasirigid import system as fast
-from stickslip.quasirigid.complementarity import Complementarity, complementarity, pivoted
 from stickslip.quasirigid.enumeration import status_map
-from stickslip.quasirigid.matrices import matrices, stiffness_matrix
-from stickslip.quasirigid.status import Verdict, status
+from stickslip.quasirigid.lcp import Complementarity, complementarity, pivoted
+from stickslip.quasirigid.matrices import linear_system, stiffness_matrix
+from stickslip.quasirigid.status import Verdict, contact_status
 from stickslip.quasirigid.system import System, elimination, pins
 from tests.conftest import make_law, stirred
 from tests.derivatives.test_free_cell import packed
@@ -20,10 +20,10 @@ def sample(seed, cell_free=False, n=40):
     """Matrices of a packing that carries slip, 14 contacts to be critical, and a load that it bears."""
     law, rng = make_law("linear", "sharp", mu=0.5), np.random.default_rng(seed)
     state = packed(2, n=n, seed=seed % 4)
-    control = ss.loads(n)
+    control = ss.control.loads(n)
     if cell_free:
-        control = ss.stress_controlled(control, {"xx": 0.01, "yy": 0.01, "xy": 2e-3})
-    m = matrices(stirred(state._replace(control=control), law, rng, size=2e-3), law)
+        control = ss.control.stress_controlled(control, {"xx": 0.01, "yy": 0.01, "xy": 2e-3})
+    m = linear_system(stirred(state._replace(control=control), law, rng, size=2e-3), law)
     m = m._replace(sign=rng.choice([-1.0, 1.0], m.count))
     critical = np.sort(rng.choice(m.count, 14, replace=False))
     return m, critical, m.c @ rng.normal(size=2 * m.count), rng
@@ -71,10 +71,10 @@ def test_bodies_in_elimination_order_are_all_coordinates_once():
 
 def between_floors():
     """A disk between two floors: k is singular unless both contacts stick."""
-    law = ss.linear(1.0, 0.5, 0.5)
+    law = ss.laws.linear(1.0, 0.5, 0.5)
     walls = ss.flat_walls([[0, 0.01], [0, 0.99]], [[0, 1], [0, -1]])
-    state = ss.assembly(ss.disks([[0, 0.5]], 0.5), walls, ss.box(dim=2), ss.loads(1, 2))
-    return matrices(ss.accept(state, ss.forces(state, law)[1]), law)
+    state = ss.assembly(ss.disks([[0, 0.5]], 0.5), walls, ss.box(dim=2), ss.control.loads(1, 2))
+    return linear_system(ss.accept(state, ss.forces(state, law)[1]), law)
 
 
 @pytest.mark.parametrize(
@@ -90,7 +90,7 @@ def test_a_singular_status_on_the_way_is_no_verdict(load, verdict):
     both, load = np.array([0, 1]), np.array(load)
     with pytest.raises(LinAlgError):
         System(m, load, both, True).rates(np.array([True, True]))
-    found = status(m, load, critical=both)
+    found = contact_status(m, load, critical=both)
     assert found.verdict is verdict
     mapped = status_map(complementarity(m, load, critical=both))
     assert mapped.consistent.tolist() == ([0] if found.ok else [])
@@ -126,7 +126,7 @@ def test_without_a_p_matrix_lemke_takes_over_at_once(monkeypatch):
     monkeypatch.setattr(room, "may_be_p", lambda a: False)
     monkeypatch.setattr(room, "pivoted", lambda problem: called.append(1))
     m, critical, load, _ = sample(1)
-    found = status(m, load, critical=critical)
+    found = contact_status(m, load, critical=critical)
     assert found.method == "Lemke"
     assert not called
 
@@ -145,7 +145,7 @@ def test_pivoting_that_comes_back_gives_up():
 def test_loads_that_are_no_loads_are_refused():
     m, critical, load, _ = sample(1)
     with pytest.raises(ValueError, match="one for each coordinate"):
-        status(m, load[1:], critical=critical)
+        contact_status(m, load[1:], critical=critical)
     load[3] = np.nan
     with pytest.raises(ValueError, match="not finite"):
-        status(m, load, critical=critical)
+        contact_status(m, load, critical=critical)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.quasirigid.matrices import matrices, stiffness_matrix
-from stickslip.quasirigid.mechanisms import IDLE, RATTLER, RIGID, mechanisms
-from stickslip.quasirigid.status import status
+from stickslip.quasirigid.matrices import linear_system, stiffness_matrix
+from stickslip.quasirigid.null_modes import IDLE, RATTLER, RIGID, mechanisms
+from stickslip.quasirigid.status import contact_status
 from stickslip.quasirigid.system import pins
 from stickslip.quasirigid.walls import rigid_rotation
 
@@ -18,7 +18,7 @@ N, ARM = 60, 3.0  # with 30 disks, walls of which few disks hold turn by mechani
 @cache
 def boxed(pressure):
     """Disks at rest between four walls, which are then all free to translate."""
-    state, law = ss.biaxial_box(N, pressure=pressure, seed=1)
+    state, law = ss.packings.biaxial_box(N, pressure=pressure, seed=1)
     free = state.control.free.copy()
     free[N:, :2] = True
     return state._replace(control=state.control._replace(free=free)), law
@@ -30,19 +30,19 @@ def turned(state, free, step):
     cos, sin = np.cos(angle), np.sin(angle)
     x, y, z = state.walls.normal.T
     normal = np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=1)
-    moved = ss.displaced(state, free, step)
+    moved = ss.modes.displaced(state, free, step)
     return moved._replace(walls=moved.walls._replace(normal=normal))
 
 
 def overlaps(state, rows):
     radius = np.append(state.grains.radius, np.zeros(4))
-    far = np.linalg.norm(ss.branches(state)[rows], axis=1)
+    far = np.linalg.norm(ss.measure.branch_vectors(state)[rows], axis=1)
     return radius[state.contacts.i[rows]] + radius[state.contacts.j[rows]] - far
 
 
 def test_overlaps_change_as_the_columns_of_turning_walls_say():
     state, law = boxed(1e-3)
-    m, h = matrices(state, law, wall_arm=ARM), 1e-6
+    m, h = linear_system(state, law, wall_arm=ARM), 1e-6
     v = np.random.default_rng(0).normal(size=len(m.free))
     v[m.free.axis == 5] *= 3
     before, after = (overlaps(turned(state, m.free, s * h * v), m.rows) for s in (-1, 1))
@@ -54,11 +54,13 @@ def test_overlaps_change_as_the_columns_of_turning_walls_say():
 
 def test_geometric_stiffness_of_turning_walls_is_how_c_turns():
     state, law = boxed(1e-3)
-    m, h = matrices(state, law, wall_arm=ARM), 1e-5
+    m, h = linear_system(state, law, wall_arm=ARM), 1e-5
     assert np.abs(m.force[:, 1]).max() > 0.05 * m.force[:, 0].mean()
     numeric = np.empty((len(m.free),) * 2)
     for k, unit in enumerate(np.eye(len(m.free))):
-        pair = [matrices(turned(state, m.free, s * h * unit), law, wall_arm=ARM).c @ m.force.ravel() for s in (1, -1)]
+        pair = [
+            linear_system(turned(state, m.free, s * h * unit), law, wall_arm=ARM).c @ m.force.ravel() for s in (1, -1)
+        ]
         numeric[:, k] = (pair[1] - pair[0]) / (2 * h)
     # forces of 1e-3 and third derivatives of order 1/R² times the squared step; round-off of 1e-19 over the step
     np.testing.assert_allclose(m.geometric.toarray(), numeric, atol=1e-11)
@@ -67,7 +69,7 @@ def test_geometric_stiffness_of_turning_walls_is_how_c_turns():
 
 def test_without_turning_nothing_changes():
     state, law = boxed(1e-3)
-    plain, more = matrices(state, law), matrices(state, law, wall_arm=ARM)
+    plain, more = linear_system(state, law), linear_system(state, law, wall_arm=ARM)
     size = len(plain.free)
     assert len(more.free) == size + 4
     assert np.array_equal(more.c.toarray()[:size], plain.c.toarray())
@@ -83,7 +85,7 @@ def test_the_rigid_rotation_costs_the_square_of_the_overlap():
     pressures, quotients = np.array([1e-3, 1e-4, 1e-5]), []
     for pressure in pressures:
         state, law = boxed(pressure)
-        m = matrices(state, law, wall_arm=ARM)
+        m = linear_system(state, law, wall_arm=ARM)
         v = rigid_rotation(state, m.free, ARM)
         relative = (m.c.T @ v).reshape(-1, 2)
         assert np.abs(relative[:, 0]).max() < 1e-12
@@ -125,12 +127,12 @@ def test_a_wall_that_stands_still_resists():
 
 def test_status_takes_turning_walls():
     state, law = boxed(1e-3)
-    m, critical = matrices(state, law, wall_arm=ARM), np.array([0, 5, 9])
+    m, critical = linear_system(state, law, wall_arm=ARM), np.array([0, 5, 9])
     velocity = np.random.default_rng(1).normal(size=len(m.free))
     normal, along = (m.c.T @ velocity).reshape(-1, 2).T
     slides = np.isin(np.arange(m.count), critical) & (m.slope * normal + m.sign * along > 0)
     load = stiffness_matrix(m, slides) @ velocity  # which one status balances, at least
-    found = status(m, load, critical=critical)
+    found = contact_status(m, load, critical=critical)
     assert found.ok
     np.testing.assert_allclose(stiffness_matrix(m, found.sliding) @ found.velocity, load, atol=1e-6)
 
@@ -138,12 +140,12 @@ def test_status_takes_turning_walls():
 def test_walls_that_cannot_turn_are_refused():
     state, law = boxed(1e-3)
     with pytest.raises(ValueError, match="half the length"):
-        matrices(state, law, wall_arm=-1.0)
+        linear_system(state, law, wall_arm=-1.0)
     group = state.control.group.copy()
     group[N:] = 0
     with pytest.raises(ValueError, match="rigid group"):
-        matrices(state._replace(control=state.control._replace(group=group)), law, wall_arm=ARM)
-    packing, _ = ss.jammed(30, packing_fraction=0.88, dim=2, seed=1)
-    law = ss.linear(1.0, 0.5, 0.5, coulomb="sharp")
+        linear_system(state._replace(control=state.control._replace(group=group)), law, wall_arm=ARM)
+    packing, _ = ss.packings.jammed(30, packing_fraction=0.88, dim=2, seed=1)
+    law = ss.laws.linear(1.0, 0.5, 0.5, coulomb="sharp")
     with pytest.raises(ValueError, match="without walls"):
-        matrices(ss.accept(packing, ss.forces(packing, law)[1]), law, wall_arm=ARM)
+        linear_system(ss.accept(packing, ss.forces(packing, law)[1]), law, wall_arm=ARM)

@@ -34,7 +34,7 @@ def bounded(state):
     n, size, dim = len(state.grains.radius), state.cell.vectors[1, 1], state.cell.dim
     inside = np.mod(state.grains.position, size)
     walls = ss.flat_walls([[0, 0, 0], [0, size, 0]], [[0, 1, 0], [0, -1, 0]], mass=[1.0, 3.0], material=1)
-    control = ss.pressed(ss.loads(n, 2, gravity=(0, -1e-4, 0)), [n + 1], [0, -1e-3])
+    control = ss.control.force_controlled(ss.control.loads(n, 2, gravity=(0, -1e-4, 0)), [n + 1], [0, -1e-3])
     cell = state.cell._replace(periodic=np.array([True, False, dim == 3]))
     return ss.assembly(state.grains._replace(position=inside), walls, cell, control, skin=0.1)
 
@@ -46,9 +46,9 @@ def free(state):
 def shaken(state):
     state = bounded(state)
     n = len(state.grains.radius)
-    control = ss.driven(state.control, [n], [0.02, 0, 0, 0, 0, 0])
+    control = ss.control.driven(state.control, [n], [0.02, 0, 0, 0, 0, 0])
     times = np.linspace(0, 6, 25)
-    return state._replace(control=ss.following(control, [n], times, np.cos(times), axes=[0]))
+    return state._replace(control=ss.control.time_dependent(control, [n], times, np.cos(times), axes=[0]))
 
 
 def plate(state):
@@ -56,22 +56,22 @@ def plate(state):
     state = bounded(state)
     n, position = len(state.grains.radius), state.grains.position
     members = np.argsort(position[:, 1])[-n // 8 :]
-    control = ss.pressed(ss.rigid(state.control, members), members, [0, -1e-4])
+    control = ss.control.force_controlled(ss.control.rigid(state.control, members), members, [0, -1e-4])
     if state.cell.dim == 3:
         control.free[members, 2] = False
     course = {"times": [0.0, 3.0, 5.0], "displacement": [0.0, 0.3, 0.3]}
-    return state._replace(control=ss.pulled(control, members, position[members], 0.3, **course))
+    return state._replace(control=ss.control.spring_loaded(control, members, position[members], 0.3, **course))
 
 
 def sheared(state):
     gradient = np.zeros((3, 3))
     gradient[0, 1] = 0.01
-    control = ss.deformed(state.control, gradient)
-    return state._replace(control=ss.following(control, "cell", [0.0, 2.0, 4.0], [0.5, 1.0, 0.8]))
+    control = ss.control.strained_at(state.control, gradient)
+    return state._replace(control=ss.control.time_dependent(control, "cell", [0.0, 2.0, 4.0], [0.5, 1.0, 0.8]))
 
 
 def breathing(state):
-    return state._replace(control=ss.stress_controlled(sheared(state).control, {"yy": 2e-3}))
+    return state._replace(control=ss.control.stress_controlled(sheared(state).control, {"yy": 2e-3}))
 
 
 CONTROLS = (
@@ -116,7 +116,7 @@ def there_and_back(state, folder):
 
 @pytest.mark.parametrize(("law", "dim", "n", "control", "memory", "drag"), MATRIX)
 def test_a_run_continued_from_a_file_is_the_run(law, dim, n, control, memory, drag, tmp_path):
-    start, how = control(flowing(n, dim)), {"memory": memory, "drag": drag}
+    start, how = control(flowing(n, dim)), {"slip_update": memory, "drag": drag}
     whole, _, _ = ss.run(start, LAWS[law], 80, 0.05, **how)
     half, _, _ = ss.run(start, LAWS[law], 40, 0.05, **how)
     rest, _, _ = ss.run(there_and_back(half, tmp_path), LAWS[law], 40, 0.05, **how)

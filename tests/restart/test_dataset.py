@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.neighbors import updated
+from stickslip.core.contacts.neighbors import updated
 from stickslip.data import archive
-from stickslip.data.kept import Kept
+from stickslip.data.checkpoint import Kept
 from tests.conftest import make_law, make_packing, stirred
 
 LAW = make_law("hertz_mindlin", "sharp")
@@ -24,43 +24,46 @@ def results(path, si=False):
 
 def test_frames_have_units_and_contacts_are_ragged(tmp_path):
     one, two = results(tmp_path)
-    data = ss.open(tmp_path)
+    tree = ss.io.open_dataset(tmp_path)
+    data, series = tree["frames"], tree["series"]
     assert dict(data.sizes)["frame"] == 2
     assert data.position.dims == ("frame", "grain", "axis")
     assert data.position.units == "length"
     assert data.velocity.units == "length/time"
-    assert data["series.kinetic_energy"].dims == ("series",)
-    assert data["series.kinetic_energy"].units == "energy"
-    assert data["series.center"].dims == ("series", "axis")
+    assert series.kinetic_energy.dims == ("time",)
+    assert series.kinetic_energy.units == "energy"
+    assert series.center.dims == ("time", "axis")
+    assert list(series.center.axis.values) == ["x", "y", "z"]
+    assert float(series.kinetic_energy.sel(time=2.2, method="nearest").time) == 2.0
     np.testing.assert_array_equal(data.position.sel(frame="last"), two.grains.position)
-    counts = [len(ss.touching(state)) for state in (one, two)]
+    counts = [len(ss.measure.touching(state)) for state in (one, two)]
     assert counts[0] != counts[1]
     np.testing.assert_array_equal(data.contact_count, counts)
     assert data.sizes["contact"] == sum(counts)
-    assert data.attrs["scenario"] == "text"
-    assert data.attrs["stickslip"] == "0"
+    assert tree.attrs["scenario"] == "text"
+    assert tree.attrs["stickslip"] == "0"
 
 
 def test_the_table_of_a_frame_holds_its_contacts(tmp_path):
     one, two = results(tmp_path)
-    data = ss.open(tmp_path / "results.h5")
+    data = ss.io.open_dataset(tmp_path / "results.h5")
     for state, frames in ((one, ("first", 0, -2)), (two, ("last", 1, -1))):
-        rows = ss.touching(state)
+        rows = ss.measure.touching(state)
         for frame in frames:
-            table = ss.contact_table(data, frame)
+            table = ss.io.contact_table(data, frame)
             np.testing.assert_array_equal(table.i, state.contacts.i[rows])
             np.testing.assert_array_equal(table[["slip_x", "slip_y", "slip_z"]], state.contacts.slip[rows])
-            force = ss.contact_forces(state, LAW)[rows]
+            force = ss.measure.contact_forces(state, LAW)[rows]
             np.testing.assert_array_equal(table[["force_x", "force_y", "force_z"]], force)
             assert set(table["mode"]) <= {"stick", "slide"}
     for wrong in ("middle", 2, -3):
         with pytest.raises(ValueError, match="the dataset has first, last"):
-            ss.contact_table(data, wrong)
+            ss.io.contact_table(data, wrong)
 
 
 def test_walls_that_are_left_keep_their_number_in_the_whole_run(tmp_path):
     """Contacts name bodies: grains from 0, then walls in the order of the run, also where some were removed before."""
-    law, radius = ss.linear(), 0.5
+    law, radius = ss.laws.linear(), 0.5
     corner = [[radius - 0.01, radius - 0.01, 0], [3.0, radius - 0.02, 0]]
     points, normals = np.array([[0, 0, 0], [9, 0, 0], [0, 0, 0]], float), [[1, 0, 0], [-1, 0, 0], [0, 1, 0]]
     frames = {}
@@ -70,24 +73,26 @@ def test_walls_that_are_left_keep_their_number_in_the_whole_run(tmp_path):
         frames[name] = ss.accept(state, ss.forces(state, law)[1])
     words = {"walls": "west\neast\nfloor", "frame_walls": {"left": "west\nfloor", "floor": "floor"}}
     archive.write(tmp_path / "results.h5", {"law": law, "frames": frames} | words, scenario="", version="0")
-    data = ss.open(tmp_path)
+    data = ss.io.open_dataset(tmp_path)
     expected = {"all": [(0, 2), (0, 4), (1, 4)], "left": [(0, 2), (0, 4), (1, 4)], "floor": [(0, 4), (1, 4)]}
     for name, pairs in expected.items():
-        table = ss.contact_table(data, name)
+        table = ss.io.contact_table(data, name)
         assert sorted(zip(table.i, table.j, strict=True)) == pairs
         ends = table.set_index(["i", "j"])
         # a disk sinks by 0.01 or 0.02, at k_n = 1, and is pushed along the normal of the wall that the index names
         np.testing.assert_allclose(ends.loc[(1, 4), ["force_x", "force_y"]], [0, 0.02], atol=1e-15)
         if (0, 2) in pairs:
             np.testing.assert_allclose(ends.loc[(0, 2), ["force_x", "force_y"]], [0.01, 0], atol=1e-15)
-    np.testing.assert_array_equal(np.isnan(data.wall_point.sel(frame="left").values).any(axis=1), [False, True, False])
+    np.testing.assert_array_equal(
+        np.isnan(data["frames"].wall_point.sel(frame="left").values).any(axis=1), [False, True, False]
+    )
 
 
 def test_units_are_si_where_the_scenario_is(tmp_path):
     results(tmp_path, si=True)
-    data = ss.open(tmp_path)
-    assert data.position.units == "m"
-    assert data["series.kinetic_energy"].units == "J"
+    data = ss.io.open_dataset(tmp_path)
+    assert data["frames"].position.units == "m"
+    assert data["series"].kinetic_energy.units == "J"
 
 
 def test_what_an_unfinished_run_has_kept_can_be_looked_at(tmp_path):
@@ -95,8 +100,8 @@ def test_what_an_unfinished_run_has_kept_can_be_looked_at(tmp_path):
     state = stirred(make_packing(2), LAW, np.random.default_rng(0))
     kept.save("000000", {"state": state, "rows": {"time": np.arange(3.0)}})
     kept.save("000001", {"state": state._replace(time=2.0), "rows": {"time": np.arange(2.0)}})
-    data = ss.open(tmp_path)
-    np.testing.assert_array_equal(data.time, [state.time, 2.0])
+    data = ss.io.open_dataset(tmp_path)
+    np.testing.assert_array_equal(data["frames"].time, [state.time, 2.0])
     assert data.attrs["finished"] == "no"
 
 
@@ -108,4 +113,61 @@ def test_a_foreign_place_is_told(tmp_path, made):
     if made == "file":
         place.write_bytes(b"PK\x03\x04")
     with pytest.raises(ValueError, match=r"give the (folder of a run|results\.h5)"):
-        ss.open(place)
+        ss.io.open_dataset(place)
+
+
+def saved(path, tree, si=False):
+    archive.write(path / "results.h5", tree, scenario="", version="0", si=si)
+    return ss.io.open_dataset(path)
+
+
+def frames(*times):
+    state = stirred(make_packing(2), LAW, np.random.default_rng(0))
+    return [state._replace(time=float(t)) for t in times]
+
+
+def test_frames_are_chosen_by_time(tmp_path):
+    tree = saved(tmp_path, {"law": LAW, "frames": dict(zip("abc", frames(0, 10, 30), strict=True))})
+    data = tree["frames"]
+    assert data.position.dims == ("time", "grain", "axis")
+    near = data.position.sel(time=22, method="nearest")
+    assert (float(near.time), str(near.frame.values)) == (30.0, "c")
+    assert len(ss.io.contact_table(tree, "c")) == len(ss.io.contact_table(tree, 2)) > 0
+
+
+def test_frames_of_a_load_path_are_chosen_by_load(tmp_path):
+    loads = {"0.000000": 0, "0.030000": 0, "0.090000": 0}
+    data = saved(tmp_path, {"frames": dict(zip(loads, frames(*loads.values()), strict=True))})["frames"]
+    assert float(data.position.sel(load=0.08, method="nearest")["load"]) == 0.09
+    assert list(data.frame.values) == list(loads)
+
+
+def test_stages_are_a_named_dimension(tmp_path):
+    stages = {f"{k:02d}": {"name": n, "start": float(k), "end": k + 1.0} for k, n in enumerate(("pour", "rest"))}
+    found = saved(tmp_path, {"stages": stages})["stages"]
+    assert float(found.end.sel(stage="rest")) == 2.0
+    assert found.start.units == "time"
+
+
+def test_no_name_has_a_dot_and_nested_tables_do_not_clash(tmp_path):
+    inner = {"time": np.arange(3.0), "friction": np.ones(3)}
+    outer = {"time": np.arange(5.0), "friction": np.ones(5), "late": inner}
+    tree = saved(tmp_path, {"runs": {"0001": outer, "0002": outer}})
+    assert set(tree["runs"].children) == {"0001", "0002"}
+    assert tree["runs/0001"].friction.sizes == {"time": 5}
+    assert tree["runs/0001/late"].friction.sizes == {"late_time": 3}
+    assert not [name for node in tree.subtree for name in (*node.variables, *node.dims) if "." in str(name)]
+
+
+def test_what_does_not_grow_is_no_coordinate(tmp_path):
+    tree = saved(tmp_path, {"series": {"time": np.array([0.0, 1.0, 1.0]), "friction": np.zeros(3)}})
+    assert tree["series"].friction.dims == ("series",)
+    assert "time" in tree["series"]
+
+
+def test_pint_reads_every_unit_in_si():
+    pint = pytest.importorskip("pint")
+    from stickslip.data.units import _SI, _UNITS
+
+    for name, unit in _UNITS.items():
+        pint.Unit(_SI.get(unit, unit)), name

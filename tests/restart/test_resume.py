@@ -81,7 +81,7 @@ duration = 300.0
 
 def begun(path, words):
     """A process of the command line, in a group of its own with all of its workers."""
-    code = "from stickslip.experiments import report; report.LINES = 0.0; from stickslip.cli import main; main()"
+    code = "from stickslip.experiments import terminal; terminal.LINES = 0.0; from stickslip.cli import main; main()"
     return subprocess.Popen(
         [sys.executable, "-c", code, *map(str, words)], cwd=path, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         text=True, start_new_session=True,
@@ -194,7 +194,7 @@ def test_what_cannot_be_resumed_is_told_in_a_sentence(tmp_path, monkeypatch, cap
 
 
 def test_pieces_of_another_version_are_refused(tmp_path, monkeypatch):
-    from stickslip.data import kept as room
+    from stickslip.data import checkpoint as room
 
     one = room.Kept(tmp_path, "scenario")
     one.save("piece", {"x": 1.0})

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from stickslip.data.parts import tables_in
-from stickslip.data.scenario import EXPERIMENTS
+from stickslip.data.schema import tables_in
+from stickslip.experiments.registry import EXPERIMENTS
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGES = sorted(path for path in DOCS.rglob("*.md") if "_build" not in path.parts)
@@ -45,7 +45,7 @@ def test_the_reference_is_that_of_the_schema(tmp_path):
 def test_every_key_of_a_scenario_has_its_line_and_says_what_it_is(name):
     page = (DOCS / "scenario" / f"{name}.md").read_text(encoding="utf-8")
     sections = page.split("\n## ")
-    for table in tables_of(EXPERIMENTS[name]):
+    for table in tables_of(EXPERIMENTS[name].scenario):
         keys = [f"| `{key}` |" for key in table.model_fields]
         assert any(all(key in section for key in keys) for section in sections), table.__name__
         for key, field in table.model_fields.items():

@@ -11,8 +11,8 @@ from tests.conftest import stickslip_here as run
 
 
 def sheared(seed, dim, kt, mu, damping=0.0):
-    law = ss.hertz_mindlin(1.0, kt, mu, coulomb="sharp", damping_n=damping)
-    state, _ = ss.jammed(12, packing_fraction=0.9 if dim == 2 else 0.7, dim=dim, seed=seed)
+    law = ss.laws.hertz_mindlin(1.0, kt, mu, coulomb="sharp", damping_n=damping)
+    state, _ = ss.packings.jammed(12, packing_fraction=0.9 if dim == 2 else 0.7, dim=dim, seed=seed)
     return ramp(state, np.arange(6) * 2e-3, aqs(law))[-1].state, law
 
 
@@ -21,7 +21,7 @@ def growth(state, law, rate, e_foldings=25):
     dim, n = state.cell.dim, len(state.grains.radius)
     velocity = 1e-11 * np.random.default_rng(1).normal(size=(n, 3)) * [1, 1, dim == 3]
     start = state._replace(grains=state.grains._replace(velocity=velocity - velocity.mean(axis=0)))
-    dt = 0.1 * ss.stable_time_step(state, law)
+    dt = 0.1 * ss.measure.stable_time_step(state, law)
     end, _, _ = ss.run(start, law, int(e_foldings / rate / dt), dt)
     return np.abs(end.grains.position - state.grains.position).max() / 1e-11
 
@@ -48,14 +48,14 @@ def test_what_grows_while_contacts_stick_is_unstable():
 
 def test_with_dashpots_both_are_told_too():
     state, law = sheared(0, 2, 1.2, 0.1, damping=1e-4)
-    found = ss.damped_stability(state, law)
+    found = ss.modes.damped_stability(state, law)
     assert found.stable is None and found.undamped.stable is None
     assert found.if_stuck.stable and found.verdict.startswith("not decided: ") and "not some of each" in found.scope
 
 
 def test_smooth_friction_has_one_stiffness_at_the_limit():
-    law = ss.hertz_mindlin(1.0, 1.2, 0.1, coulomb="smooth")
-    state, _ = ss.jammed(12, packing_fraction=0.9, dim=2, seed=0)
+    law = ss.laws.hertz_mindlin(1.0, 1.2, 0.1, coulomb="smooth")
+    state, _ = ss.packings.jammed(12, packing_fraction=0.9, dim=2, seed=0)
     found = ss.stability(ramp(state, np.arange(6) * 2e-3, aqs(law))[-1].state, law)
     assert (found.at_limit, found.if_stuck) == (0, None)
     assert found.stable is not None
@@ -63,7 +63,7 @@ def test_smooth_friction_has_one_stiffness_at_the_limit():
 
 def test_the_command_line_gives_no_verdict_and_says_why(tmp_path):
     state, law = sheared(0, 2, 1.2, 0.1)
-    ss.write_sample(tmp_path / "p.npz", state, law)
+    ss.io.write_packing(tmp_path / "p.npz", state, law)
     done = run("stability", tmp_path / "p.npz", "--json", cwd=tmp_path)
     assert done.returncode == 3, done.stderr
     found = json.loads(done.stdout)

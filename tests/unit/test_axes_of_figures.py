@@ -9,8 +9,8 @@ from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.colors import to_rgba_array
 from matplotlib.lines import AxLine
 
+from stickslip.experiments.gouge.measures import Curve
 from stickslip.figures import disk_array, flow, gouge, quasi_rigid, sphere_shear
-from stickslip.loading.gouge_measures import Curve
 from stickslip.solve.spectrum import Spectrum
 from tests.unit.test_figures import holds, rising
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.jacobian import linearised
-from stickslip.core.neighbors import updated
+from stickslip.core.contacts.jacobian import linearised
+from stickslip.core.contacts.neighbors import updated
 from stickslip.data.exchange.files import listened
 from stickslip.loading.protocols import ramp
 from stickslip.loading.shear import aqs
@@ -13,15 +13,15 @@ from stickslip.solve.balance import under
 from stickslip.solve.freedom import jacobian
 from tests.derivatives.test_jacobian import differences
 
-SHARP = ss.hertz_mindlin(1.0, 2 / 7, 0.5, coulomb="sharp")
+SHARP = ss.laws.hertz_mindlin(1.0, 2 / 7, 0.5, coulomb="sharp")
 
 
 @pytest.fixture(scope="module")
 def sheared():
     """Twenty-four spheres at rest under friction of 0.5, some contacts at Coulomb's limit."""
-    state, _ = ss.jammed(24, packing_fraction=0.7, seed=3)
+    state, _ = ss.packings.jammed(24, packing_fraction=0.7, seed=3)
     end = ramp(state, np.arange(0, 16) * 1e-3, aqs(SHARP))[-1].state
-    modes = end.contacts.mode[ss.touching(end)]
+    modes = end.contacts.mode[ss.measure.touching(end)]
     assert {ss.STICK, ss.SLIDE} == set(modes)
     return end
 
@@ -37,7 +37,7 @@ def larger(state, share):
 
 def without_cell(state):
     grains = state.grains
-    return ss.sample(ss.wrapped(state), grains.radius, SHARP, mass=grains.mass)
+    return ss.packings.from_arrays(ss.measure.wrapped(state), grains.radius, SHARP, mass=grains.mass)
 
 
 CHANGES = {
@@ -45,10 +45,10 @@ CHANGES = {
     "slips turned round": lambda s: (with_slip(s, -1.0), SHARP),
     "larger grains": lambda s: (larger(s, 1 + 1e-4 * np.arange(24)), SHARP),
     "without a cell": lambda s: (without_cell(s), SHARP),
-    "less friction": lambda s: (s, ss.hertz_mindlin(1.0, 2 / 7, 0.2, coulomb="sharp")),
-    "smooth friction": lambda s: (s, ss.hertz_mindlin(1.0, 2 / 7, 0.5, coulomb="smooth")),
-    "stiffer tangentially": lambda s: (s, ss.hertz_mindlin(1.0, 0.6, 0.5, coulomb="sharp")),
-    "no friction": lambda s: (s, ss.hertz_mindlin(1.0, 2 / 7, 0.0, coulomb="sharp")),
+    "less friction": lambda s: (s, ss.laws.hertz_mindlin(1.0, 2 / 7, 0.2, coulomb="sharp")),
+    "smooth friction": lambda s: (s, ss.laws.hertz_mindlin(1.0, 2 / 7, 0.5, coulomb="smooth")),
+    "stiffer tangentially": lambda s: (s, ss.laws.hertz_mindlin(1.0, 0.6, 0.5, coulomb="sharp")),
+    "no friction": lambda s: (s, ss.laws.hertz_mindlin(1.0, 2 / 7, 0.0, coulomb="sharp")),
     "a load": lambda s: (s._replace(control=s.control._replace(gravity=np.array([0, 0, -1.0]))), SHARP),
 }
 
@@ -57,7 +57,7 @@ CHANGES = {
 def test_a_packing_off_balance_is_neither_stable_nor_unstable(sheared, change):
     assert ss.stability(sheared, SHARP).stable is not None
     found = ss.stability(*CHANGES[change](sheared))
-    assert found.residual > ss.BALANCED_BELOW
+    assert found.residual > ss.measure.BALANCED_BELOW
     assert found.stable is None and not found.balanced
     assert found.verdict.startswith("not in equilibrium (residual") and found.verdict.endswith("cannot be judged")
     assert found.causes[-1].startswith("another law")
@@ -66,8 +66,8 @@ def test_a_packing_off_balance_is_neither_stable_nor_unstable(sheared, change):
 
 
 def test_dashpots_and_the_plain_spectrum_do_not_judge_either(sheared):
-    law = ss.hertz_mindlin(1.0, 2 / 7, 0.5, coulomb="sharp", damping_n=1e-2)
-    calm, off = ss.damped_stability(sheared, law), ss.damped_stability(with_slip(sheared, 0.0), law)
+    law = ss.laws.hertz_mindlin(1.0, 2 / 7, 0.5, coulomb="sharp", damping_n=1e-2)
+    calm, off = ss.modes.damped_stability(sheared, law), ss.modes.damped_stability(with_slip(sheared, 0.0), law)
     assert calm.balanced and calm.motion in calm.verdict and not calm.causes
     assert off.stable is None and off.verdict.startswith("not in equilibrium") and off.causes
     assert ss.spectrum(sheared, SHARP).stable == ss.stability(sheared, SHARP).stable
@@ -75,21 +75,21 @@ def test_dashpots_and_the_plain_spectrum_do_not_judge_either(sheared):
 
 
 def test_causes_are_those_that_the_state_shows(sheared):
-    slips, cell = ss.likely_causes(without_cell(sheared), SHARP)[:2]
+    slips, cell = ss.measure.likely_causes(without_cell(sheared), SHARP)[:2]
     assert slips.startswith("no slips: all ") and "never sheared" in slips
     assert cell.startswith("no cell")
-    (only,) = ss.likely_causes(sheared, SHARP)
+    (only,) = ss.measure.likely_causes(sheared, SHARP)
     assert only.startswith("another law")
     some = sheared.contacts.slip.copy()
-    rows = ss.touching(sheared)
+    rows = ss.measure.touching(sheared)
     some[rows[:5]] = 0.0
     few = sheared._replace(contacts=sheared.contacts._replace(slip=some))
-    assert ss.likely_causes(few, SHARP)[0].startswith(f"no slips: 5 of {len(rows)} contacts")
+    assert ss.measure.likely_causes(few, SHARP)[0].startswith(f"no slips: 5 of {len(rows)} contacts")
     single = (1000 + sheared.grains.position).astype(np.float32).astype(float)
     coarse = updated(sheared._replace(grains=sheared.grains._replace(position=single)))
-    assert "in single precision" in ss.likely_causes(coarse, SHARP)[0]
-    bare = ss.hertz_mindlin(mu=0.0)
-    assert not any(c.startswith("no slips") for c in ss.likely_causes(with_slip(sheared, 0.0), bare))
+    assert "in single precision" in ss.measure.likely_causes(coarse, SHARP)[0]
+    bare = ss.laws.hertz_mindlin(mu=0.0)
+    assert not any(c.startswith("no slips") for c in ss.measure.likely_causes(with_slip(sheared, 0.0), bare))
 
 
 def with_velocity(state, velocity):
@@ -99,7 +99,7 @@ def with_velocity(state, velocity):
 def test_what_moves_is_not_in_equilibrium(sheared):
     shaken = with_velocity(sheared, 0.01 * np.random.default_rng(0).normal(size=(24, 3)))
     found = ss.stability(shaken, SHARP)
-    assert found.residual <= ss.BALANCED_BELOW < found.swing
+    assert found.residual <= ss.measure.BALANCED_BELOW < found.swing
     assert found.stable is None and found.verdict.startswith("not in equilibrium (the grains move, which changes")
     assert found.causes[0].startswith("motion")
     turning = sheared._replace(grains=sheared.grains._replace(spin=0.01 + 0 * shaken.grains.velocity))
@@ -110,7 +110,7 @@ def test_what_moves_is_not_in_equilibrium(sheared):
 
 def test_torques_must_balance(sheared):
     torque = np.zeros((24, 3))
-    grip = np.abs(ss.contact_forces(sheared, SHARP)).mean()
+    grip = np.abs(ss.measure.contact_forces(sheared, SHARP)).mean()
     torque[5, 2] = 0.1 * grip * sheared.grains.radius[5]
     state = sheared._replace(control=sheared.control._replace(torque=torque))
     assert not ss.stability(state, SHARP).balanced
@@ -118,37 +118,37 @@ def test_torques_must_balance(sheared):
 
 def test_a_strong_part_does_not_hide_what_is_missing_in_a_weak_one():
     """Two rows that do not touch, a weak one on a floor and a strong one under a ceiling; the weak one lacks slips."""
-    law = ss.between(ss.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth"), 0, 1)
+    law = ss.laws.for_pair(ss.laws.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth"), 0, 1)
     rows = []
     for press, push in ((5e-6, 1.5e-6), (1e-3, 0.0)):
-        state, _ = ss.relax(ss.disk_array(10, press=press), law)
-        rows.append(ss.relax(ss.pushed(state, push), law)[0])
+        state, _ = ss.relax(ss.packings.disk_array(10, press=press), law)
+        rows.append(ss.relax(ss.packings.with_push(state, push), law)[0])
     weak, strong = rows
     above = np.array([0, 40.0, 0]) + [1, -1, 1] * strong.grains.position
     grains = ss.disks(np.concatenate([weak.grains.position, above]), 0.5, mass=np.tile(weak.grains.mass, 2))
     grains = grains._replace(inertia=np.tile(weak.grains.inertia, 2))
-    control = ss.loads(20, 2, force=np.concatenate([weak.control.force[:10], -strong.control.force[:10]]))
+    control = ss.control.loads(20, 2, force=np.concatenate([weak.control.force[:10], -strong.control.force[:10]]))
     control.free[20:] = False
     walls = ss.flat_walls([[0, 0, 0], [0, 40, 0]], [[0, 1, 0], [0, -1, 0]], material=[1, 1])
     state = ss.assembly(grains, walls, weak.cell, control)
     state = ss.accept(state, ss.forces(state, law)[1])
     bare = weak._replace(contacts=weak.contacts._replace(slip=0 * weak.contacts.slip))
-    assert ss.imbalance(state, law) == pytest.approx(ss.imbalance(bare, law), rel=0.05)
+    assert ss.measure.imbalance(state, law) == pytest.approx(ss.measure.imbalance(bare, law), rel=0.05)
     assert ss.stability(state, law).stable is None
 
 
 def test_the_imbalance_of_packings_with_few_contacts_or_none():
-    law, apart, far = ss.linear(), [[0, 0, 0], [0.99, 0, 0]], [[0, 0, 0], [3.0, 0, 0]]
+    law, apart, far = ss.laws.linear(), [[0, 0, 0], [0.99, 0, 0]], [[0, 0, 0], [3.0, 0, 0]]
     pull = np.array([[1.0, 0, 0], [0, 0, 0]])
-    assert ss.imbalance(ss.sample(apart, [0.5, 0.5], law), law) == pytest.approx(1.0)
-    held = ss.sample(apart, [0.5, 0.5], law, external_force=[[0.01, 0, 0], [-0.01, 0, 0]])
-    assert ss.imbalance(held, law) < 1e-13
-    assert ss.imbalance(ss.sample(far, [0.5, 0.5], law), law) == 0.0
-    assert ss.imbalance(ss.sample(far, [0.5, 0.5], law, external_force=pull), law) == np.inf
+    assert ss.measure.imbalance(ss.packings.from_arrays(apart, [0.5, 0.5], law), law) == pytest.approx(1.0)
+    held = ss.packings.from_arrays(apart, [0.5, 0.5], law, external_force=[[0.01, 0, 0], [-0.01, 0, 0]])
+    assert ss.measure.imbalance(held, law) < 1e-13
+    assert ss.measure.imbalance(ss.packings.from_arrays(far, [0.5, 0.5], law), law) == 0.0
+    assert ss.measure.imbalance(ss.packings.from_arrays(far, [0.5, 0.5], law, external_force=pull), law) == np.inf
     for place in (apart, far):
         with pytest.raises(ValueError, match="nothing but rattlers"):
-            ss.stability(ss.sample(place, [0.5, 0.5], law), law)
-    assert ss.likely_causes(ss.sample(far, [0.5, 0.5], law), law)[0].startswith("no cell")
+            ss.stability(ss.packings.from_arrays(place, [0.5, 0.5], law), law)
+    assert ss.measure.likely_causes(ss.packings.from_arrays(far, [0.5, 0.5], law), law)[0].startswith("no cell")
 
 
 def test_rattlers_are_part_of_the_balance():
@@ -156,23 +156,23 @@ def test_rattlers_are_part_of_the_balance():
     place, radius, law = (
         np.array([[0, 0], [1, 0], [0.5, 0.75**0.5], [5, 5.0]]),
         [0.5 + 1e-6] * 4,
-        ss.linear(1, 0.5, 0.5),
+        ss.laws.linear(1, 0.5, 0.5),
     )
-    out = ss.forces(ss.sample(place, radius, law, dim=2), law)[0].force[:, :2]
-    found = ss.stability(ss.sample(place, radius, law, dim=2, external_force=-out), law)
+    out = ss.forces(ss.packings.from_arrays(place, radius, law, dim=2), law)[0].force[:, :2]
+    found = ss.stability(ss.packings.from_arrays(place, radius, law, dim=2, external_force=-out), law)
     assert found.balanced and found.rattlers.tolist() == [3]
     out[3] = 1e-6, 0
-    assert ss.stability(ss.sample(place, radius, law, dim=2, external_force=-out), law).stable is None
+    assert ss.stability(ss.packings.from_arrays(place, radius, law, dim=2, external_force=-out), law).stable is None
 
 
 def test_a_free_cell_must_bear_its_stress(sheared):
-    stress = ss.stress(sheared, SHARP)
+    stress = ss.measure.stress(sheared, SHARP)
     names = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2)}
     for share, balanced in ((1.0, True), (1.01, False)):
         wanted = {name: share * stress[at] for name, at in names.items()}
-        state = sheared._replace(control=ss.stress_controlled(sheared.control, wanted))
+        state = sheared._replace(control=ss.control.stress_controlled(sheared.control, wanted))
         assert ss.stability(state, SHARP).balanced is balanced
-        assert ss.imbalance(state, SHARP) == pytest.approx(share - 1, abs=1e-3)
+        assert ss.measure.imbalance(state, SHARP) == pytest.approx(share - 1, abs=1e-3)
 
 
 def test_a_wide_tolerance_leaves_nothing_to_judge(sheared):
@@ -185,8 +185,8 @@ def test_a_wide_tolerance_leaves_nothing_to_judge(sheared):
 
 def test_more_friction_lets_what_slid_stick(sheared):
     """Settled under 0.5 and judged under 0.8: the slips hold the packing, and no contact is at its limit."""
-    law = ss.hertz_mindlin(1.0, 2 / 7, 0.8, coulomb="sharp")
-    rows = ss.touching(sheared)
+    law = ss.laws.hertz_mindlin(1.0, 2 / 7, 0.8, coulomb="sharp")
+    rows = ss.measure.touching(sheared)
     here = under(sheared, law)
     assert set(here.contacts.mode[rows]) == {ss.STICK}
     assert np.array_equal(here.contacts.slip, sheared.contacts.slip)
@@ -201,8 +201,8 @@ def test_more_friction_lets_what_slid_stick(sheared):
 
 
 def test_less_friction_lets_what_stuck_slide(sheared):
-    law = ss.hertz_mindlin(1.0, 2 / 7, 0.2, coulomb="sharp")
-    here, rows = under(sheared, law), ss.touching(sheared)
+    law = ss.laws.hertz_mindlin(1.0, 2 / 7, 0.2, coulomb="sharp")
+    here, rows = under(sheared, law), ss.measure.touching(sheared)
     slides = here.contacts.mode[rows] == ss.SLIDE
     assert slides.sum() > (sheared.contacts.mode[rows] == ss.SLIDE).sum()
     line = linearised(here, law)
@@ -218,9 +218,9 @@ def test_round_off_of_text_is_no_reason_to_refuse(sheared, digits):
     def text(values):
         return np.reshape([float(f"{v:.{digits}g}") for v in values.ravel()], values.shape)
 
-    rows, c = ss.touching(sheared), sheared.contacts
+    rows, c = ss.measure.touching(sheared), sheared.contacts
     read, _ = listened(
-        ss.sample,
+        ss.packings.from_arrays,
         text(sheared.grains.position), sheared.grains.radius, SHARP, mass=sheared.grains.mass,
         cell=sheared.cell.vectors, pair_i=c.i[rows], pair_j=c.j[rows], image=c.image[rows], slip=text(c.slip[rows]),
         mode=c.mode[rows],
@@ -240,7 +240,7 @@ def test_verdicts_are_those_of_finite_differences_and_changed_packings_have_none
         state, law = _rest(dim, seed)
         found = ss.stability(state, law)
         assert found.balanced, found.verdict
-        free = ss.backbone(state, law)
+        free = ss.modes.backbone(state, law)
         numeric = differences(state, law, free, ss.HELD, h=1e-6)
         values = np.linalg.eigvals(-numeric / np.sqrt(free.mass[:, None] * free.mass))
         scale = np.abs(values).max()
@@ -263,11 +263,11 @@ def test_verdicts_are_those_of_finite_differences_and_changed_packings_have_none
 def _rest(dim, seed):
     """A packing at rest under friction: sheared in a periodic box, or (every third in the plane) held by walls."""
     coulomb = ("smooth", "sharp")[seed % 2]
-    law = ss.hertz_mindlin(1.0, 2 / 7, 10.0 if seed % 4 < 2 else 0.5, coulomb=coulomb)
+    law = ss.laws.hertz_mindlin(1.0, 2 / 7, 10.0 if seed % 4 < 2 else 0.5, coulomb=coulomb)
     if seed % 3 == 2 and dim == 2 and seed % 2:
-        return ss.biaxial_box(20, seed=seed)
+        return ss.packings.biaxial_box(20, seed=seed)
     if seed % 3 == 2 and dim == 2:
-        law = ss.between(ss.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb=coulomb), 0, 1)
-        return ss.relax(ss.disk_array(8 + seed, press=5e-5, push=1e-4, gap=-1e-3), law)[0], law
-    state, _ = ss.jammed(14, packing_fraction=0.9 if dim == 2 else 0.7, dim=dim, seed=seed)
+        law = ss.laws.for_pair(ss.laws.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb=coulomb), 0, 1)
+        return ss.relax(ss.packings.disk_array(8 + seed, press=5e-5, push=1e-4, gap=-1e-3), law)[0], law
+    state, _ = ss.packings.jammed(14, packing_fraction=0.9 if dim == 2 else 0.7, dim=dim, seed=seed)
     return ramp(state, np.arange(0, 5 + seed) * 1e-3, aqs(law))[-1].state, law

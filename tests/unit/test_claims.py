@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from stickslip.experiments import claims_report, report
+from stickslip.experiments import claims_report, terminal
+from stickslip.experiments import run_folder as report
 from stickslip.experiments.claims import (
     ALWAYS,
     CAN,
@@ -279,8 +280,8 @@ def test_deviations_are_in_tolerances():
 
 def test_the_terminal_shows_two_sentences_and_a_line_for_each_figure(monkeypatch):
     for width in (80, 120):
-        monkeypatch.setattr(report.console, "_width", width)
-        with report.console.capture() as said:
+        monkeypatch.setattr(terminal.console, "_width", width)
+        with terminal.console.capture() as said:
             claims_report.show_claims(ROWS, SHOWS)
         lines = said.get().splitlines()
         text = " ".join(said.get().split())

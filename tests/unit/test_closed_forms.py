@@ -5,16 +5,16 @@ import pytest
 
 import stickslip as ss
 from stickslip.core import measure
-from stickslip.core.contact import in_one_go
-from stickslip.core.frame import room_left
-from stickslip.core.neighbors import updated
+from stickslip.core.contacts.mechanics import in_one_go
+from stickslip.core.contacts.neighbors import updated
+from stickslip.core.dynamics.cell_motion import room_left
 from stickslip.solve.moduli import voigt
 
 
 @pytest.mark.parametrize(("dim", "up"), [(2, 1), (3, 2)])
 def test_the_radius_of_a_contact_is_that_of_the_grain_at_a_wall_and_the_harmonic_one_of_a_pair(dim, up):
     """F_n = k_n δ √(δ R): R = R_i at a flat wall, R_i R_j/(R_i + R_j) between grains."""
-    law, normal, small, large, overlap = ss.hertz_mindlin_reff(2.0, 0.5, 0.4), np.eye(3)[up], 0.3, 0.6, 0.01
+    law, normal, small, large, overlap = ss.laws.hertz_mindlin_reff(2.0, 0.5, 0.4), np.eye(3)[up], 0.3, 0.6, 0.01
     place = np.outer([small - overlap, 2 * small + large - 2 * overlap], normal)
     make = ss.disks if dim == 2 else ss.spheres
     state = ss.assembly(make(place, [small, large]), ss.flat_walls([0, 0, 0], normal), ss.box(dim=dim))
@@ -45,9 +45,9 @@ def test_a_contact_that_slides_is_held_or_let_go_as_lammps_does(hold):
 
 def test_the_stable_time_step_of_a_pair_that_shears_and_turns():
     """ω² = k_t (1/m_i + 1/m_j + R_i²/I_i + R_j²/I_j) = 7 k_t/m of two spheres, above 2 k_n/m."""
-    law = ss.linear(kn=1.0, kt=20.0, mu=1e6)
+    law = ss.laws.linear(kn=1.0, kt=20.0, mu=1e6)
     state = ss.assembly(ss.spheres([[0, 0, 0], [0.999, 0, 0]], 0.5))
-    longest = ss.stable_time_step(state, law)
+    longest = ss.measure.stable_time_step(state, law)
     assert longest == pytest.approx(2 / np.sqrt(7 * 20.0), rel=1e-9)  # power iteration down to round-off
     ss.run(state, law, 1, 0.999 * longest)
     with pytest.raises(ValueError, match="stable up to"):
@@ -56,10 +56,10 @@ def test_the_stable_time_step_of_a_pair_that_shears_and_turns():
 
 def test_a_contact_with_a_wall_counts_once_and_one_of_two_grains_twice():
     walls = ss.flat_walls([[0, 0, 0], [1.997, 0, 0]], [[1, 0, 0], [-1, 0, 0]])
-    law, place = ss.linear(kn=1.0, kt=0.5), np.array([[0.499, 0, 0], [1.498, 0, 0], [1, 5, 5]])
+    law, place = ss.laws.linear(kn=1.0, kt=0.5), np.array([[0.499, 0, 0], [1.498, 0, 0], [1, 5, 5]])
     state, record, _ = ss.run(ss.assembly(ss.spheres(place, 0.5), walls), law, 1, 1e-3, every=1)
-    assert ss.contact_numbers(state).tolist() == [2, 2, 0]
-    assert ss.coordination(state) == 2.0
+    assert ss.measure.contact_numbers(state).tolist() == [2, 2, 0]
+    assert ss.measure.coordination(state) == 2.0
     assert record.rattlers[0] == 1
     assert record.touching[0] == 3
     assert record.coordination[0] == pytest.approx(4 / 3)
@@ -68,14 +68,14 @@ def test_a_contact_with_a_wall_counts_once_and_one_of_two_grains_twice():
 
 def test_a_free_wall_falls_and_a_grain_on_it_rests_on_both_weights():
     """A floor of mass M that is free to move falls by g t²/2; where it is held up, it bears its own weight too."""
-    pull, mass, law = np.array([0.0, 0.0, -0.01]), 3.0, ss.linear(kn=1.0, kt=0.5)
+    pull, mass, law = np.array([0.0, 0.0, -0.01]), 3.0, ss.laws.linear(kn=1.0, kt=0.5)
     walls = ss.flat_walls([0, 0, 0], [0, 0, 1], mass=mass)
     state = ss.assembly(ss.spheres([[0, 0, 5]], 0.5, mass=2.0), walls)
     free = state.control.free.copy()
     free[1, :3] = True
     control = state.control._replace(free=free, gravity=pull)
     state = state._replace(control=control)
-    unbalanced = ss.unbalanced(state, ss.forces(state, law)[0])
+    unbalanced = ss.measure.unbalanced_forces(state, ss.forces(state, law)[0])
     np.testing.assert_allclose(unbalanced[:, :3], np.outer([2.0, mass], pull), rtol=1e-15)
     end, _, _ = ss.run(state, law, 100, 0.1)
     # velocity Verlet is exact under a constant force, up to a hundred roundings
@@ -101,10 +101,10 @@ def test_voigt_notation_is_what_its_order_says():
 @pytest.mark.parametrize("dim", [2, 3])
 def test_the_force_on_the_cell_is_the_virtual_work_of_contacts_and_stress(dim):
     """−∂(E + V σ_ab G_ab)/∂(ℓ G_ab), ℓ = V^(1/dim), by differences of the elastic energy of a strained pair."""
-    law, cell = ss.linear(kn=3.0, kt=0.5, mu=0.4), [1.9, 2.2, 2.5][:dim] + [1.0] * (3 - dim)
+    law, cell = ss.laws.linear(kn=3.0, kt=0.5, mu=0.4), [1.9, 2.2, 2.5][:dim] + [1.0] * (3 - dim)
     wanted = np.zeros((3, 3))
     wanted[:dim, :dim] = np.array([[0.3, -0.1, 0.05], [0.2, 0.7, -0.15], [0.25, 0.35, 0.4]])[:dim, :dim]
-    control = ss.loads(2)
+    control = ss.control.loads(2)
     free = np.zeros((3, 3), bool)
     free[:dim, :dim] = True
     control = control._replace(cell_free=free, stress=wanted)
@@ -113,13 +113,15 @@ def test_the_force_on_the_cell_is_the_virtual_work_of_contacts_and_stress(dim):
     make = ss.disks if dim == 2 else ss.spheres
     state = ss.assembly(make(place, 0.5), cell=ss.box(cell, np.arange(3) < dim, dim), control=control)
     freedom = ss.freedom(state)
-    force = ss.residual_vector(state, ss.forces(state, law)[0], freedom)
+    force = ss.modes.residual_vector(state, ss.forces(state, law)[0], freedom)
     space, step = np.prod(cell[:dim]), 1e-6
     for k in np.flatnonzero(freedom.axis == 6):
         a, b = divmod(int(freedom.component[k]) - 6 * state.n_bodies, 3)
         gradient = np.zeros((3, 3))
         gradient[a, b] = step / space ** (1 / dim)
-        energies = [measure.elastic_energy(updated(ss.strained(state, sign * gradient)), law) for sign in (1, -1)]
+        energies = [
+            measure.elastic_energy(updated(ss.packings.strained(state, sign * gradient)), law) for sign in (1, -1)
+        ]
         work = space * wanted[a, b] * gradient[a, b] / step
         # the third derivative times step², and round-off over step
         assert force[k] == pytest.approx(-(energies[0] - energies[1]) / (2 * step) - work, abs=1e-9)
@@ -127,10 +129,10 @@ def test_the_force_on_the_cell_is_the_virtual_work_of_contacts_and_stress(dim):
 
 def test_a_pressure_on_a_lid_works_along_its_displacement():
     """`pressed`: a lid of a length under p is free along p alone, and p times its length is the force on it."""
-    control = ss.pressed(ss.loads(1, 2), [2], [0, -1e-3 * 1.7])
+    control = ss.control.force_controlled(ss.control.loads(1, 2), [2], [0, -1e-3 * 1.7])
     walls = ss.flat_walls([[0, 0, 0], [0, 1, 0]], [[0, 1, 0], [0, -1, 0]])
     state = ss.assembly(ss.disks([[0, 0.5]], 0.4), walls, ss.box(dim=2), control)
-    unbalanced = ss.unbalanced(state, ss.forces(state, ss.linear(kn=1.0, kt=0.5))[0])
+    unbalanced = ss.measure.unbalanced_forces(state, ss.forces(state, ss.laws.linear(kn=1.0, kt=0.5))[0])
     assert unbalanced[2].tolist() == [0, -1e-3 * 1.7, 0, 0, 0, 0]
     assert ss.freedom(state).component[-1] == 6 * 2 + 1
 
@@ -155,7 +157,7 @@ def test_the_room_that_a_strain_leaves_is_what_the_closest_pair_not_listed_has_l
 
 def test_stress_of_a_pair_in_a_box():
     """Compression positive: σ_xx = F_n r/V, whatever the sign of the normal."""
-    law, overlap = ss.linear(kn=3.0, kt=0.5), 0.02
+    law, overlap = ss.laws.linear(kn=3.0, kt=0.5), 0.02
     cell = ss.box([4.0, 5.0, 6.0], [True, True, True])
     state = ss.assembly(ss.spheres([[1, 1, 1], [2 - overlap, 1, 1]], 0.5), cell=cell)
     state = ss.accept(state, ss.forces(state, law)[1])

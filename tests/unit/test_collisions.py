@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.laws import DAMPING_N
+from stickslip.core.laws.builtin import DAMPING_N
 
 MEMORY = ["difference", "rate"]
 
@@ -20,17 +20,21 @@ def head_on(law, speed, radius=0.5, mass=2.0):
 
 @pytest.mark.parametrize(
     ("kind", "memory"),
-    [(ss.hertz_mindlin, "difference"), (ss.hertz_mindlin_reff, "difference"), (ss.hertz_mindlin, "rate")],
+    [
+        (ss.laws.hertz_mindlin, "difference"),
+        (ss.laws.hertz_mindlin_reff, "difference"),
+        (ss.laws.hertz_mindlin, "rate"),
+    ],
 )
 def test_hertz_contact_time_and_peak_force(kind, memory):
     """t = 2.9432 δ/v, δ = (5 m_eff v²/4k)^{2/5}, F = k δ^{3/2}: Landau & Lifshitz, Theory of Elasticity, § 9."""
     speed, m_eff = 0.02, 1.0
-    k = 1.0 if kind is ss.hertz_mindlin else 0.5  # √R_eff of two spheres of radius 1/2
+    k = 1.0 if kind is ss.laws.hertz_mindlin else 0.5  # √R_eff of two spheres of radius 1/2
     deepest = (5 * m_eff * speed**2 / (4 * k)) ** 0.4
     duration, dt = 2.943275 * deepest / speed, 2.943275 * deepest / speed / 4000
     law = kind(1.0, 0.4, 0.3)
     state, axis = head_on(law, speed)
-    end, record, _ = ss.run(state, law, 5000, dt, every=1, probes=(0, 1), memory=memory)
+    end, record, _ = ss.run(state, law, 5000, dt, every=1, probes=(0, 1), slip_update=memory)
     touching = np.flatnonzero(record.touching)
     assert (touching[-1] - touching[0] + 1) * dt == pytest.approx(duration, abs=2 * dt)
     overlap = 1.0 - np.linalg.norm(record.position[:, 1] - record.position[:, 0], axis=1)
@@ -39,7 +43,7 @@ def test_hertz_contact_time_and_peak_force(kind, memory):
     pull = np.linalg.norm(record.virial[np.argmax(overlap)] @ axis)
     assert pull / (1 - overlap.max()) == pytest.approx(k * deepest**1.5, rel=2e-5)
     np.testing.assert_allclose(end.grains.velocity, state.grains.velocity[::-1], atol=1e-6 * speed)
-    quick = ss.collision(law, radius=0.5, mass=2.0, speed=speed)
+    quick = ss.laws.collision(law, radius=0.5, mass=2.0, speed=speed)
     assert quick.duration == pytest.approx(duration, rel=1e-6)
     assert quick.peak_force == pytest.approx(k * deepest**1.5, rel=1e-6)
 
@@ -49,9 +53,9 @@ def test_restitution_of_the_viscoelastic_law(c, e):
     """x'' = −x^{3/2} − c √x x': the dimensionless collision of which the pairs (c, e) are known."""
     m_eff, r_eff, speed, kn = 1.0, 0.25, 0.02, 1.0
     unit = (m_eff**2 / (kn**2 * r_eff * speed)) ** 0.2
-    law = ss.hertz_mindlin_reff(kn, 0.0, 0.0, damping_n=c * kn * unit / m_eff)
-    assert ss.collision(law, radius=0.5, mass=2.0, speed=speed).restitution == pytest.approx(e, abs=6e-4)
-    back = ss.with_restitution(ss.hertz_mindlin_reff(kn), e, radius=0.5, mass=2.0, speed=speed)
+    law = ss.laws.hertz_mindlin_reff(kn, 0.0, 0.0, damping_n=c * kn * unit / m_eff)
+    assert ss.laws.collision(law, radius=0.5, mass=2.0, speed=speed).restitution == pytest.approx(e, abs=6e-4)
+    back = ss.laws.with_restitution(ss.laws.hertz_mindlin_reff(kn), e, radius=0.5, mass=2.0, speed=speed)
     assert back.table[0, 0, DAMPING_N] == pytest.approx(law.table[0, 0, DAMPING_N], rel=4e-3)
     state, axis = head_on(back, speed)
     dt = 3.2 * unit / 2000
@@ -62,12 +66,12 @@ def test_restitution_of_the_viscoelastic_law(c, e):
 
 
 @pytest.mark.parametrize("damping", ["velocity", "mass_velocity", "viscoelastic"])
-@pytest.mark.parametrize("kind", [ss.hertz_mindlin, ss.hertz_mindlin_reff, ss.linear])
+@pytest.mark.parametrize("kind", [ss.laws.hertz_mindlin, ss.laws.hertz_mindlin_reff, ss.laws.linear])
 def test_a_stated_restitution_is_what_a_collision_gives(kind, damping):
-    law = ss.with_restitution(kind(3.0, damping=damping), 0.7, radius=0.3, mass=0.2, speed=0.05)
-    assert ss.collision(law, radius=0.3, mass=0.2, speed=0.05).restitution == pytest.approx(0.7, abs=1e-7)
-    again = ss.collision(law, radius=0.3, mass=0.2, speed=0.5).restitution
-    constant = kind is ss.linear and damping != "viscoelastic"
+    law = ss.laws.with_restitution(kind(3.0, damping=damping), 0.7, radius=0.3, mass=0.2, speed=0.05)
+    assert ss.laws.collision(law, radius=0.3, mass=0.2, speed=0.05).restitution == pytest.approx(0.7, abs=1e-7)
+    again = ss.laws.collision(law, radius=0.3, mass=0.2, speed=0.5).restitution
+    constant = kind is ss.laws.linear and damping != "viscoelastic"
     assert (abs(again - 0.7) < 1e-7) == constant
 
 
@@ -75,10 +79,10 @@ def test_a_stated_restitution_is_what_a_collision_gives(kind, damping):
 def test_oblique_impact_that_slides_throughout(memory):
     """Friction's impulse is μ times the normal one: Δv_t = −μ (1 + e) v_n, R Δω = 5/2 of it."""
     mu, v_n, v_t, radius = 0.1, 0.02, 0.3, 0.5
-    law = ss.hertz_mindlin(1.0, 0.8, mu)
+    law = ss.laws.hertz_mindlin(1.0, 0.8, mu)
     grains = ss.spheres([[0.0, 0.0, radius + 1e-6]], radius, velocity=[v_t, 0.0, -v_n])
     state = ss.assembly(grains, ss.flat_walls([0, 0, 0], [0, 0, 1]), skin=0.1)
-    end, record, _ = ss.run(state, law, 4000, 0.005, every=1, memory=memory)
+    end, record, _ = ss.run(state, law, 4000, 0.005, every=1, slip_update=memory)
     assert record.touching[-1] == 0
     v, spin = end.grains.velocity[0], end.grains.spin[0]
     assert v[2] == pytest.approx(v_n, rel=1e-5)
@@ -91,14 +95,14 @@ def test_oblique_impact_that_slides_throughout(memory):
 def test_a_sliding_ball_ends_up_rolling_with_five_sevenths_of_its_speed(memory):
     """It slides for 2 v₀/(7 μ g) and then rolls: the ball on a billiard table."""
     speed, mu, g, radius = 0.05, 0.2, 1e-3, 0.5
-    law = ss.hertz_mindlin_reff(1.0, 0.8, mu, damping_n=2.0, damping_t=0.2)
+    law = ss.laws.hertz_mindlin_reff(1.0, 0.8, mu, damping_n=2.0, damping_t=0.2)
     depth = (g / np.sqrt(radius)) ** (2 / 3)
     grains = ss.spheres([[0.0, 0.0, radius - depth]], radius, velocity=[speed, 0.0, 0.0])
-    control = ss.loads(1, 1, gravity=(0.0, 0.0, -g))
+    control = ss.control.loads(1, 1, gravity=(0.0, 0.0, -g))
     state = ss.assembly(grains, ss.flat_walls([0, 0, 0], [0, 0, 1]), control=control, skin=0.1)
     slides = 2 * speed / (7 * mu * g)
     steps = int(1.5 * slides / 0.05)
-    end, record, _ = ss.run(state, law, steps, 0.05, every=10, memory=memory)
+    end, record, _ = ss.run(state, law, steps, 0.05, every=10, slip_update=memory)
     last = record.time[record.sliding > 0][-1]
     assert last == pytest.approx(slides, rel=0.02)  # the spring's stretch is given back while it turns to rolling
     v, spin = end.grains.velocity[0], end.grains.spin[0]
@@ -109,6 +113,6 @@ def test_a_sliding_ball_ends_up_rolling_with_five_sevenths_of_its_speed(memory):
 
 def test_bad_restitution_is_refused_with_a_sentence():
     with pytest.raises(ValueError, match="above 0 and at most 1"):
-        ss.with_restitution(ss.linear(), 1.3, radius=0.5, mass=1.0, speed=0.1)
+        ss.laws.with_restitution(ss.laws.linear(), 1.3, radius=0.5, mass=1.0, speed=0.1)
     with pytest.raises(ValueError, match="speed = 0"):
-        ss.collision(ss.linear(), radius=0.5, mass=1.0, speed=0)
+        ss.laws.collision(ss.laws.linear(), radius=0.5, mass=1.0, speed=0)

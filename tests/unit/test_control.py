@@ -15,7 +15,7 @@ def plated(n, dim=3, seed=0, direction=None):
     up = dim - 1
     height = state.grains.position[:, up]
     high, low = np.flatnonzero(height > np.quantile(height, 0.85)), np.flatnonzero(height < np.quantile(height, 0.15))
-    control = ss.rigid(ss.frozen(state.control, low), high)
+    control = ss.control.rigid(ss.control.fixed(state.control, low), high)
     control.force[high[0], up] = -1e-2
     if direction is not None:
         control.free[high, direction], control.rate[high, direction] = False, 3e-3
@@ -52,7 +52,7 @@ def test_a_plate_does_not_depend_on_threads_or_on_the_way_through_the_list(monke
     one, record, _ = ss.run(state, law, 200, 0.05, every=10, ledger=True)
     two, _, _ = ss.run(state, law, 200, 0.05, threads=2)
     assert np.array_equal(one.grains.position, two.grains.position)
-    monkeypatch.setattr("stickslip.core.integrate.MANY", 10**9)
+    monkeypatch.setattr("stickslip.core.dynamics.run.MANY", 10**9)
     plain, _, _ = ss.run(state, law, 200, 0.05)
     np.testing.assert_allclose(plain.grains.position, one.grains.position, atol=1e-11)
     # walls that cut into grains throw them apart at the start: a step of a fifth of a radius closes to half a per cent
@@ -62,11 +62,11 @@ def test_a_plate_does_not_depend_on_threads_or_on_the_way_through_the_list(monke
 @pytest.mark.parametrize("dim", [2, 3])
 def test_jacobian_of_a_rigid_group_against_differences(dim):
     state, law = sample("hertz_mindlin", "smooth", dim, seed=1)
-    control = ss.rigid(state.control, [1, 3, 4])
+    control = ss.control.rigid(state.control, [1, 3, 4])
     state = state._replace(control=control)
     free = ss.freedom(state)
     assert len(free) == (4 + 1) * dim + 4 * (1 if dim == 2 else 3)
-    exact = ss.restricted(state, ss.contact_blocks(state, law)[0], free).toarray()
+    exact = ss.modes.assembled(state, ss.modes.contact_blocks(state, law)[0], free).toarray()
     numeric = differences(
         state,
         law,
@@ -81,10 +81,10 @@ def test_jacobian_of_a_rigid_group_against_differences(dim):
 def test_a_pressed_plate_comes_to_equilibrium_by_newton_and_by_dynamics_alike():
     """Three disks on a floor under a plate of two: the floor carries the load on the plate."""
     grains = ss.disks([[0, 0.495], [1.0, 0.495], [2.0, 0.495], [0.5, 1.35], [1.5, 1.35]], 0.5)
-    control = ss.rigid(ss.loads(5, 1), [3, 4])
+    control = ss.control.rigid(ss.control.loads(5, 1), [3, 4])
     control.force[3, 1] = -0.01
     state = ss.assembly(grains, ss.flat_walls([0, 0, 0], [0, 1, 0]), ss.box(dim=2), control)
-    law = ss.linear(1.0, 0.5, 1.0)
+    law = ss.laws.linear(1.0, 0.5, 1.0)
     calm, outcome = ss.relax(state, law, drag=0.3)
     assert outcome.ok
     solved, outcome = ss.newton(calm, law, tolerance=1e-14)
@@ -95,7 +95,7 @@ def test_a_pressed_plate_comes_to_equilibrium_by_newton_and_by_dynamics_alike():
 
 
 def test_contradictory_control_is_refused():
-    control = ss.rigid(ss.loads(3), [0, 1])
+    control = ss.control.rigid(ss.control.loads(3), [0, 1])
     control.free[0, 0] = False
     with pytest.raises(ValueError, match="contradictory control"):
         ss.assembly(ss.spheres([[0, 0, 0], [2, 0, 0], [4, 0, 0]], 0.5), control=control)
@@ -110,8 +110,10 @@ def test_a_skin_too_small_is_refused(skin):
 def test_a_servo_controlled_lid_brings_the_floor_under_its_load():
     grains = ss.disks([[0, 0.497], [1.2, 0.497], [2.4, 0.497]], 0.5)
     walls = ss.flat_walls([[0, 0, 0], [0, 1.0, 0]], [[0, 1, 0], [0, -1, 0]], mass=2.0)
-    state = ss.assembly(grains, walls, ss.box(dim=2), ss.pressed(ss.loads(3, 2), [4], [0, -0.03]))
-    law = ss.linear(1.0, 0.5, 1.0)
+    state = ss.assembly(
+        grains, walls, ss.box(dim=2), ss.control.force_controlled(ss.control.loads(3, 2), [4], [0, -0.03])
+    )
+    law = ss.laws.linear(1.0, 0.5, 1.0)
     calm, outcome = ss.relax(state, law, drag=0.3)
     assert outcome.ok
     solved, outcome = ss.newton(calm, law)

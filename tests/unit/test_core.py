@@ -7,22 +7,23 @@ import pytest
 from numba import njit
 
 import stickslip as ss
-from stickslip.core import kinds, laws
-from stickslip.core.neighbors import updated
+from stickslip.core.contacts.neighbors import updated
+from stickslip.core.laws import builtin as laws
+from stickslip.core.laws import dispatch as kinds
 from tests.conftest import make_law, make_packing, stirred
 
 
 def test_disk_on_a_wall_sinks_as_hertz_says():
-    state = ss.disk_array(1, press=5e-5, gap=0.5)
-    state, outcome = ss.relax(state, ss.between(ss.hertz_mindlin(), 0, 1))
+    state = ss.packings.disk_array(1, press=5e-5, gap=0.5)
+    state, outcome = ss.relax(state, ss.laws.for_pair(ss.laws.hertz_mindlin(), 0, 1))
     assert outcome.ok
     assert 0.5 - state.grains.position[0, 1] == pytest.approx((5e-5) ** (2 / 3), rel=1e-9)
 
 
 def disk_that_cannot_turn():
     """One disk pressed by 0.01 on a wall of friction 0.4, at rest: a mass on a spring of 0.5 that slides at 0.004."""
-    law = ss.between(ss.linear(kn=1.0, kt=0.5, mu=0.4), 0, 1)
-    state = ss.disk_array(1, press=0.01, gap=0.5)
+    law = ss.laws.for_pair(ss.laws.linear(kn=1.0, kt=0.5, mu=0.4), 0, 1)
+    state = ss.packings.disk_array(1, press=0.01, gap=0.5)
     free = state.control.free.copy()
     free[:, 3:] = False
     state, _ = ss.relax(state._replace(control=state.control._replace(free=free)), law, drag=0.5)
@@ -31,10 +32,10 @@ def disk_that_cannot_turn():
 
 def test_pushed_disk_that_cannot_turn_slips_by_force_over_stiffness_then_slides():
     state, law = disk_that_cannot_turn()
-    at_rest, outcome = ss.relax(ss.pushed(state, 0.002), law, drag=0.5)
+    at_rest, outcome = ss.relax(ss.packings.with_push(state, 0.002), law, drag=0.5)
     assert outcome.ok
     assert at_rest.grains.position[0, 0] - state.grains.position[0, 0] == pytest.approx(0.002 / 0.5, rel=1e-9)
-    beyond, outcome = ss.relax(ss.pushed(state, 0.0041), law, drag=0.5, steps=4000)
+    beyond, outcome = ss.relax(ss.packings.with_push(state, 0.0041), law, drag=0.5, steps=4000)
     assert not outcome.ok  # Coulomb's limit is 0.004
     assert beyond.grains.velocity[0, 0] == pytest.approx((0.0041 - 0.004) / 0.5, rel=1e-3)  # terminal: force over drag
 
@@ -99,8 +100,8 @@ def test_candidate_pairs_equal_a_slow_twin(make, dim, seed):
 
 
 def test_two_disks_touch_through_two_images():
-    state = ss.disk_array(2, press=5e-5, gap=-0.01)
-    loads, trial = ss.forces(state, ss.between(ss.hertz_mindlin(), 0, 1))
+    state = ss.packings.disk_array(2, press=5e-5, gap=-0.01)
+    loads, trial = ss.forces(state, ss.laws.for_pair(ss.laws.hertz_mindlin(), 0, 1))
     pairs = trial.j[: trial.count[0]] < 2
     assert pairs.sum() == 2
     assert sorted(trial.image[: trial.count[0], 0][pairs]) == [0, 1]
@@ -108,8 +109,8 @@ def test_two_disks_touch_through_two_images():
 
 
 def test_one_disk_that_touches_its_own_image_is_pressed_but_not_moved():
-    state = ss.disk_array(1, press=5e-5, gap=-0.01)
-    loads, trial = ss.forces(state, ss.between(ss.hertz_mindlin(), 0, 1))
+    state = ss.packings.disk_array(1, press=5e-5, gap=-0.01)
+    loads, trial = ss.forces(state, ss.laws.for_pair(ss.laws.hertz_mindlin(), 0, 1))
     assert (trial.mode[: trial.count[0]] > 0).sum() == 1
     assert loads.force[0, 0] == 0
 
@@ -125,13 +126,13 @@ def test_memory_survives_a_rebuild():
 
 
 def test_wall_friction_may_differ():
-    law = ss.between(ss.hertz_mindlin(mu=0.5), 0, 1, mu=0.1)
+    law = ss.laws.for_pair(ss.laws.hertz_mindlin(mu=0.5), 0, 1, mu=0.1)
     assert law.table[0, 1, laws.MU] == law.table[1, 0, laws.MU] == 0.1
     assert law.table[0, 0, laws.MU] == 0.5
 
 
 def test_unlike_disks_start_in_touch():
-    state = ss.disk_array(3, [0.5, 0.3, 0.4], press=1e-5)
+    state = ss.packings.disk_array(3, [0.5, 0.3, 0.4], press=1e-5)
     x, r = state.grains.position, state.grains.radius
     ring = np.vstack([x, x[:1] + state.cell.vectors[0]])
     np.testing.assert_allclose(np.linalg.norm(np.diff(ring, axis=0), axis=1), r + np.roll(r, -1), rtol=1e-14)
@@ -140,37 +141,37 @@ def test_unlike_disks_start_in_touch():
 def test_nan_is_not_an_equilibrium():
     state = ss.assembly(ss.disks([[0, 0], [0, 0], [5, 0]], 0.5), cell=ss.box(dim=2))
     with np.errstate(all="ignore"):
-        for _, outcome in (ss.relax(state, ss.linear()), ss.newton(state, ss.linear())):
+        for _, outcome in (ss.relax(state, ss.laws.linear()), ss.newton(state, ss.laws.linear())):
             assert outcome.status is ss.Status.NOT_A_NUMBER
 
 
 def test_jacobian_refuses_contacts_that_were_never_committed():
-    law = ss.between(ss.hertz_mindlin(), 0, 1)
+    law = ss.laws.for_pair(ss.laws.hertz_mindlin(), 0, 1)
     with pytest.raises(ValueError, match="equilibrate, or accept"):
-        ss.spectrum(ss.disk_array(3, press=5e-5, gap=-0.01), law)
+        ss.spectrum(ss.packings.disk_array(3, press=5e-5, gap=-0.01), law)
 
 
 def test_newton_leaves_alone_what_nothing_resists():
     """Without friction the rotations, and a disk that touches nothing, have no stiffness."""
     grains = ss.disks([[0, 0.499], [5, 3.0]], 0.5)
-    control = ss.loads(2, 1, force=[[0, -1e-3, 0], [0, 0, 0]])
+    control = ss.control.loads(2, 1, force=[[0, -1e-3, 0], [0, 0, 0]])
     state = ss.assembly(grains, ss.flat_walls([0, 0, 0], [0, 1, 0]), ss.box(dim=2), control)
     free = state.control.free.copy()
     free[0, 0] = False  # nothing holds the disk along the wall
     state = state._replace(control=state.control._replace(free=free))
-    end, outcome = ss.newton(state, ss.linear(mu=0.0))
+    end, outcome = ss.newton(state, ss.laws.linear(mu=0.0))
     assert outcome.ok, outcome
     assert end.grains.position[0, 1] == pytest.approx(0.499, rel=1e-12)
-    pulled = state._replace(control=ss.loads(2, 1, force=[[0, -1e-3, 0], [1e-3, 0, 0]]))
-    assert ss.newton(pulled, ss.linear(mu=0.0))[1].status is ss.Status.SINGULAR
+    pulled = state._replace(control=ss.control.loads(2, 1, force=[[0, -1e-3, 0], [1e-3, 0, 0]]))
+    assert ss.newton(pulled, ss.laws.linear(mu=0.0))[1].status is ss.Status.SINGULAR
 
 
 def test_an_equilibrium_forgets_which_contacts_were_at_the_limit_on_the_way():
     state, law = disk_that_cannot_turn()
-    overshot, outcome = ss.relax(ss.pushed(state, 0.003), law, drag=0.05)
+    overshot, outcome = ss.relax(ss.packings.with_push(state, 0.003), law, drag=0.05)
     assert outcome.ok
     assert not overshot.contacts.reached.any()
-    _, record, _ = ss.run(ss.pushed(overshot, 0.01), law, 1000, 0.1, events=True)
+    _, record, _ = ss.run(ss.packings.with_push(overshot, 0.01), law, 1000, 0.1, events=True)
     assert "limit" in record.events["kind"]
 
 
@@ -178,14 +179,14 @@ def test_an_equilibrium_forgets_which_contacts_were_at_the_limit_on_the_way():
 def test_an_equilibrium_found_at_once_forgets_it_too(solve):
     """What slid in a run and sticks where a solver brings it has not reached the limit; what slides there has."""
     state, law = disk_that_cannot_turn()
-    slid, _, _ = ss.run(ss.pushed(state, 0.0045), law, 400, 0.1, drag=0.5)
+    slid, _, _ = ss.run(ss.packings.with_push(state, 0.0045), law, 400, 0.1, drag=0.5)
     assert slid.contacts.reached.any()
-    back, outcome = solve(ss.pushed(slid, 0.0035), law)
+    back, outcome = solve(ss.packings.with_push(slid, 0.0035), law)
     assert outcome.ok
     count = int(back.contacts.count[0])
     assert back.contacts.mode[:count].tolist() == [ss.STICK]
     assert not back.contacts.reached.any()
-    smooth = ss.between(ss.linear(kn=1.0, kt=0.5, mu=0.0), 0, 1)
+    smooth = ss.laws.for_pair(ss.laws.linear(kn=1.0, kt=0.5, mu=0.0), 0, 1)
     free = state.control.free.copy()
     free[0, 0] = False  # nothing holds it along the wall
     end, outcome = solve(state._replace(control=state.control._replace(free=free)), smooth)
@@ -197,26 +198,26 @@ def test_an_equilibrium_found_at_once_forgets_it_too(solve):
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: ss.hertz_mindlin(mu=-0.1), "mu = -0.1"),
-        (lambda: ss.hertz_mindlin(kn=float("nan")), "kn = nan"),
-        (lambda: ss.hertz_mindlin(coulomb="soft"), "'sharp' and 'smooth'"),
-        (lambda: ss.between(ss.linear(), 0, 1, nu=0.3), "no parameter 'nu'"),
+        (lambda: ss.laws.hertz_mindlin(mu=-0.1), "mu = -0.1"),
+        (lambda: ss.laws.hertz_mindlin(kn=float("nan")), "kn = nan"),
+        (lambda: ss.laws.hertz_mindlin(coulomb="soft"), "'sharp' and 'smooth'"),
+        (lambda: ss.laws.for_pair(ss.laws.linear(), 0, 1, nu=0.3), "no parameter 'nu'"),
         (lambda: ss.assembly(ss.disks([[0, 0]], -1.0)), "grain 0 has radius -1"),
         (lambda: ss.assembly(ss.disks([[0, np.nan]], 1.0)), "NaN"),
         (lambda: ss.assembly(ss.disks([[0, 0], [1, 0]], [0.5, 0.5, 0.5])), "shape"),
         (lambda: ss.assembly(ss.disks([[0, 0]], 1.0), cell=ss.box(dim=4)), "4 dimensions"),
         (lambda: ss.flat_walls([0, 0, 0], [0, 0, 0]), "normal of length zero"),
-        (lambda: ss.run(ss.disk_array(1, press=1e-5), ss.linear(), 1, 0.1), "material 1 is used"),
-        (lambda: ss.run(ss.assembly(ss.disks([[0, 0]], 1.0)), ss.linear(), 1, -0.1), "time step must be positive"),
+        (lambda: ss.run(ss.packings.disk_array(1, press=1e-5), ss.laws.linear(), 1, 0.1), "material 1 is used"),
+        (lambda: ss.run(ss.assembly(ss.disks([[0, 0]], 1.0)), ss.laws.linear(), 1, -0.1), "time step must be positive"),
         (lambda: ss.assembly(ss.disks([[0, 0]], 1.0), cell=ss.box([10, 5])), "three lengths"),
-        (lambda: ss.run(ss.assembly(ss.disks([[0, 0]], 1.0)), ss.linear(), 1, 0.1, probes=[9]), "between 0 and 0"),
+        (lambda: ss.run(ss.assembly(ss.disks([[0, 0]], 1.0)), ss.laws.linear(), 1, 0.1, probes=[9]), "between 0 and 0"),
         (
-            lambda: ss.run(ss.assembly(ss.disks([[0, 0]], 1.0)), ss.linear(), 1, 0.1, reference=np.zeros((2, 3))),
+            lambda: ss.run(ss.assembly(ss.disks([[0, 0]], 1.0)), ss.laws.linear(), 1, 0.1, reference=np.zeros((2, 3))),
             "shape",
         ),
-        (lambda: ss.run(ss.assembly(ss.disks([[0, 0]], 1.0)), ss.linear(), 1, 0.1, tolerance=1.0), "without drag"),
-        (lambda: ss.forces(ss.assembly(ss.disks([[0, 0]], 1.0, material=-1)), ss.linear()), "material -1"),
-        (lambda: ss.nonsense, "no name 'nonsense'"),
+        (lambda: ss.run(ss.assembly(ss.disks([[0, 0]], 1.0)), ss.laws.linear(), 1, 0.1, tolerance=1.0), "without drag"),
+        (lambda: ss.forces(ss.assembly(ss.disks([[0, 0]], 1.0, material=-1)), ss.laws.linear()), "material -1"),
+        (lambda: ss.nonsense, "no attribute 'nonsense'"),
     ],
 )
 def test_bad_input_is_one_clear_sentence(make, words):

@@ -11,7 +11,7 @@ def test_bouncing_disk_closes_and_opens_once_after_half_a_period():
     grains = ss.disks([[0.0, 0.6]], 0.5, velocity=[0.0, -0.01, 0.0])
     state = ss.assembly(grains, ss.flat_walls([0, 0, 0], [0, 1, 0]), ss.box(dim=2))
     dt = 0.01
-    end, record, outcome = ss.run(state, ss.linear(kn=1.0, mu=0.0), 3000, dt, events=True)
+    end, record, outcome = ss.run(state, ss.laws.linear(kn=1.0, mu=0.0), 3000, dt, events=True)
     kinds = list(record.events["kind"])
     assert kinds == ["closed", "opened"]
     closed, opened = (record.events["time"][kinds.index(k)] for k in ("closed", "opened"))
@@ -25,17 +25,17 @@ def test_dashpot_gives_the_restitution_of_the_damped_oscillator():
     grains = ss.disks([[0.0, 0.5]], 0.5, velocity=[0.0, -0.01, 0.0])
     state = ss.assembly(grains, ss.flat_walls([0, 0, 0], [0, 1, 0]), ss.box(dim=2))
     gamma = 0.4
-    end, _, _ = ss.run(state, ss.linear(kn=1.0, mu=0.0, damping_n=gamma), 20_000, 0.0005)
+    end, _, _ = ss.run(state, ss.laws.linear(kn=1.0, mu=0.0, damping_n=gamma), 20_000, 0.0005)
     # separation at zero overlap: the rebound is exp(-γπ/2ω) of the impact, ω² = k/m − γ²/4
     omega = np.sqrt(1 - gamma**2 / 4)
     assert end.grains.velocity[0, 1] / 0.01 == pytest.approx(np.exp(-0.5 * gamma * np.pi / omega), rel=2e-3)
 
 
 def test_contact_reaches_the_limit_when_the_spring_does():
-    law = ss.between(ss.linear(kn=1.0, kt=0.5, mu=0.4), 0, 1)
-    state = ss.disk_array(1, press=0.01, gap=0.5)
+    law = ss.laws.for_pair(ss.laws.linear(kn=1.0, kt=0.5, mu=0.4), 0, 1)
+    state = ss.packings.disk_array(1, press=0.01, gap=0.5)
     state, _ = ss.relax(state, law, drag=0.5)
-    moving = state._replace(control=ss.driven(state.control, [0], [1e-3, 0, 0, 0, 0, 0]))
+    moving = state._replace(control=ss.control.driven(state.control, [0], [1e-3, 0, 0, 0, 0, 0]))
     _, record, _ = ss.run(moving, law, 2000, 0.01, events=True)
     limit = record.events[record.events["kind"] == "limit"]
     assert len(limit) == 1  # the first time only
@@ -47,7 +47,7 @@ def test_contact_reaches_the_limit_when_the_spring_does():
 def test_drag_alone_slows_exponentially():
     grains = ss.disks([[0.0, 0.0]], 0.5, velocity=[1.0, 0, 0], spin=[0, 0, 2.0])
     state = ss.assembly(grains, cell=ss.box(dim=2))
-    end, _, _ = ss.run(state, ss.linear(), 1000, 0.01, drag=0.1, spin_drag=0.2)
+    end, _, _ = ss.run(state, ss.laws.linear(), 1000, 0.01, drag=0.1, spin_drag=0.2)
     assert end.grains.velocity[0, 0] == pytest.approx(np.exp(-1.0), rel=1e-6)
     assert end.grains.spin[0, 2] == pytest.approx(2 * np.exp(-2.0), rel=1e-6)
 
@@ -56,7 +56,7 @@ def test_drag_alone_slows_exponentially():
 @pytest.mark.parametrize("coulomb", ["smooth", "sharp"])
 def test_a_run_split_in_two_gives_the_same_bits(dim, coulomb):
     law = make_law("hertz_mindlin", coulomb)
-    state = ss.shaken(stirred(make_packing(dim, 4), law, np.random.default_rng(4), size=0.005), 1, 0.01)
+    state = ss.packings.perturbed(stirred(make_packing(dim, 4), law, np.random.default_rng(4), size=0.005), 1, 0.01)
     whole, _, _ = ss.run(state, law, 400, 0.05)
     half, _, _ = ss.run(state, law, 150, 0.05)
     rest, _, _ = ss.run(half, law, 250, 0.05)
@@ -71,7 +71,7 @@ def test_a_run_split_in_two_gives_the_same_bits(dim, coulomb):
 
 def test_recording_and_events_do_not_change_the_motion():
     law = make_law("hertz_mindlin", "sharp")
-    state = ss.shaken(stirred(make_packing(2, 4), law, np.random.default_rng(4), size=0.005), 1, 0.05)
+    state = ss.packings.perturbed(stirred(make_packing(2, 4), law, np.random.default_rng(4), size=0.005), 1, 0.05)
     quiet, _, _ = ss.run(state, law, 500, 0.05)
     loud, record, _ = ss.run(state, law, 500, 0.05, every=7, probes=[0, 3], events=True)
     assert np.array_equal(quiet.grains.position, loud.grains.position)
@@ -87,9 +87,9 @@ def test_events_beyond_the_first_buffer_are_kept():
         ss.disks([[0.0, 0.52]], 0.5),
         ss.flat_walls([0, 0, 0], [0, 1, 0]),
         ss.box(dim=2),
-        ss.loads(1, 1, gravity=(0, -1.0, 0)),
+        ss.control.loads(1, 1, gravity=(0, -1.0, 0)),
     )
-    law = ss.linear(kn=1e4, mu=0.0)
+    law = ss.laws.linear(kn=1e4, mu=0.0)
     _, record, _ = ss.run(state, law, 400_000, 1e-3, events=True)
     kinds = record.events["kind"]
     assert len(kinds) > 1024
@@ -105,7 +105,7 @@ def test_no_event_is_lost_when_the_list_is_rebuilt_at_every_step():
         walls = ss.flat_walls([[0, 0, 0], [3, 0, 0]], [[1, 0, 0], [-1, 0, 0]])
         grains = ss.disks([[1.0, 0.0], [2.2, 0.0]], 0.5, velocity=[[20.0, 0, 0], [-7.0, 0, 0]])
         state = ss.assembly(grains, walls, ss.box(dim=2), skin=skin)
-        _, record, _ = ss.run(state, ss.linear(kn=1e5, mu=0.0), 40_000, 1e-3, events=True)
+        _, record, _ = ss.run(state, ss.laws.linear(kn=1e5, mu=0.0), 40_000, 1e-3, events=True)
         found[skin] = record.events
     assert len(found[0.01]) > 1024
     few, many = (sorted(zip(e["time"], e["kind"], e["i"], e["j"], strict=True)) for e in found.values())
@@ -113,20 +113,20 @@ def test_no_event_is_lost_when_the_list_is_rebuilt_at_every_step():
 
 
 def test_the_first_step_sees_slip_that_is_not_yet_committed():
-    law = ss.linear(kn=1.0, kt=0.5, mu=10.0)
+    law = ss.laws.linear(kn=1.0, kt=0.5, mu=10.0)
     state = ss.assembly(ss.disks([[0.0, 0.45]], 0.5), ss.flat_walls([0, 0, 0], [0, 1, 0]), ss.box(dim=2))
     state = ss.accept(state, ss.forces(state, law)[1])
     free = ss.freedom(state)
-    moved = ss.displaced(state, free, np.array([1e-3, 0.0, 0.0]))
+    moved = ss.modes.displaced(state, free, np.array([1e-3, 0.0, 0.0]))
     end, _, _ = ss.run(moved, law, 1, 0.1)
     assert end.grains.velocity[0, 0] == pytest.approx(-0.5 * 1e-3 * 0.1, rel=2e-2)  # O(dt²) of the step itself
 
 
 def test_driven_and_frozen_bodies_do_as_told():
-    law = ss.linear(mu=0.3)
-    state = make_packing(2, 1)._replace(control=ss.frozen(make_packing(2, 1).control, [0]))
-    state = state._replace(control=ss.driven(state.control, [1], [0, 1e-3, 0, 0, 0, 2e-3]))
-    law = ss.between(law, 0, 1)
+    law = ss.laws.linear(mu=0.3)
+    state = make_packing(2, 1)._replace(control=ss.control.fixed(make_packing(2, 1).control, [0]))
+    state = state._replace(control=ss.control.driven(state.control, [1], [0, 1e-3, 0, 0, 0, 2e-3]))
+    law = ss.laws.for_pair(law, 0, 1)
     end, _, _ = ss.run(state, law, 200, 0.05)
     assert np.array_equal(end.grains.position[0], state.grains.position[0])
     assert end.grains.position[1, 1] - state.grains.position[1, 1] == pytest.approx(1e-2, rel=1e-12)
@@ -136,25 +136,25 @@ def test_driven_and_frozen_bodies_do_as_told():
 def test_a_free_wall_carries_the_load_as_a_body():
     """A piston pressed on a disk on a floor: the overlaps at both walls are the load over the stiffness."""
     walls = ss.flat_walls([[0, 0, 0], [0, 0.98, 0]], [[0, 1, 0], [0, -1, 0]], mass=2.0)
-    state = ss.assembly(ss.disks([[0.0, 0.49]], 0.5), walls, ss.box(dim=2), ss.loads(1, 2))
+    state = ss.assembly(ss.disks([[0.0, 0.49]], 0.5), walls, ss.box(dim=2), ss.control.loads(1, 2))
     control = state.control
     control.free[2, 1] = True
     control.force[2, 1] = -0.01
-    end, outcome = ss.relax(state, ss.linear(kn=1.0), drag=0.3)
+    end, outcome = ss.relax(state, ss.laws.linear(kn=1.0), drag=0.3)
     assert outcome.ok
     assert 0.5 - end.grains.position[0, 1] == pytest.approx(0.01, rel=1e-9)
     assert end.walls.point[1, 1] == pytest.approx(0.98, rel=1e-9)
-    solved, outcome = ss.newton(state, ss.linear(kn=1.0))
+    solved, outcome = ss.newton(state, ss.laws.linear(kn=1.0))
     assert outcome.ok
     assert solved.walls.point[1, 1] == pytest.approx(0.98, rel=1e-9)
 
 
 def test_a_blow_up_names_the_grain():
     grains = ss.disks([[0.0, 0.6], [5.0, 0.5]], 0.5, mass=1e-3)
-    pull = ss.loads(2, 1, force=[[1e306, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    pull = ss.control.loads(2, 1, force=[[1e306, 0.0, 0.0], [0.0, 0.0, 0.0]])
     state = ss.assembly(grains, ss.flat_walls([0, 0, 0], [0, 1, 0]), ss.box(dim=2), pull)
     with np.errstate(all="ignore"):
-        _, _, outcome = ss.run(state, ss.linear(), 5000, 1.0)
+        _, _, outcome = ss.run(state, ss.laws.linear(), 5000, 1.0)
     assert outcome.status is ss.Status.NOT_A_NUMBER
     assert outcome.where == 0
     assert "grain 1" in str(outcome)

@@ -10,24 +10,24 @@ from stickslip.core.measure import rattlers, touching
 from stickslip.loading.packing import jammed
 from stickslip.loading.shear import sheared
 from stickslip.solve.equilibrate import UnstableEquilibriumWarning, equilibrate
-from stickslip.solve.freedom import freedom, incidence, restricted, stiffness
+from stickslip.solve.freedom import assembled, dynamical_matrix, freedom, incidence
 from stickslip.solve.linear import factorised, has_pardiso
-from stickslip.solve.newton import Kept
+from stickslip.solve.newton import Factorisation
 
-LAW = ss.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth")
+LAW = ss.laws.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth")
 
 
 @pytest.mark.parametrize(("dim", "fraction"), [(3, 0.67), (2, 0.86)])
 def test_large_strain_steps_all_end_in_equilibrium(dim, fraction):
     """Steps of 1e-3, a tenth of an overlap each: rattlers come and go, contacts vanish, Newton alone fails at times."""
     state, _ = jammed(40, packing_fraction=fraction, dim=dim, seed=0)
-    keep, helped = Kept(), 0
+    keep, helped = Factorisation(), 0
     for _ in range(60):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UnstableEquilibriumWarning)
             state, outcome = equilibrate(sheared(state, 1e-3), LAW, keep=keep)
         assert outcome.ok, outcome
-        assert ss.residual(state, LAW)[0] <= 5e-14
+        assert ss.measure.residual(state, LAW)[0] <= 5e-14
         assert outcome.how
         helped += outcome.fallback
     assert helped < 20
@@ -36,7 +36,7 @@ def test_large_strain_steps_all_end_in_equilibrium(dim, fraction):
 
 def test_a_kept_factor_leads_to_the_same_equilibrium():
     state, _ = jammed(40, packing_fraction=0.68, seed=1)
-    keep, a, b = Kept(), state, state
+    keep, a, b = Factorisation(), state, state
     for _ in range(5):
         a, one = equilibrate(sheared(a, 1e-5), LAW, keep=keep)
         b, other = equilibrate(sheared(b, 1e-5), LAW)
@@ -66,9 +66,9 @@ def test_a_loaded_grain_with_one_contact_stays_where_it_is_held():
         ss.disks([[0.0, 0.499]], 0.5),
         ss.flat_walls([0, 0, 0], [0, 1, 0]),
         ss.box(dim=2),
-        ss.loads(1, 1, force=[0, -1e-4, 0]),
+        ss.control.loads(1, 1, force=[0, -1e-4, 0]),
     )
-    end, outcome = equilibrate(state, ss.between(LAW, 0, 1))
+    end, outcome = equilibrate(state, ss.laws.for_pair(LAW, 0, 1))
     assert outcome.ok
     assert end.grains.position[0, 1] == pytest.approx(0.5 - 1e-4 ** (2 / 3), abs=1e-12)
 
@@ -77,11 +77,11 @@ def buckled():
     """A straight column of three disks between frozen ones, without friction: it balances, and the middle buckles."""
     grains = ss.disks([[0, 0], [0, 0.95], [0, 1.9]], 0.5)
     state = ss.assembly(grains, cell=ss.box(dim=2))
-    return state._replace(control=ss.frozen(state.control, [0, 2]))
+    return state._replace(control=ss.control.fixed(state.control, [0, 2]))
 
 
 def test_an_unstable_equilibrium_is_reported():
-    law = ss.hertz_mindlin(mu=0.0)
+    law = ss.laws.hertz_mindlin(mu=0.0)
     with pytest.warns(UnstableEquilibriumWarning, match="negative stiffness"):
         end, outcome = equilibrate(buckled(), law)
     assert outcome.ok
@@ -97,9 +97,9 @@ def test_an_unstable_equilibrium_is_reported():
 def test_an_unstable_equilibrium_is_reported_at_any_size(monkeypatch):
     monkeypatch.setattr("stickslip.solve.equilibrate.DENSE_BELOW", 0)
     monkeypatch.setattr("stickslip.solve.linear.DENSE_BELOW", 0)
-    law = ss.hertz_mindlin(mu=0.0)
+    law = ss.laws.hertz_mindlin(mu=0.0)
     column = ss.assembly(ss.disks([[0, 0.95 * k] for k in range(12)], 0.5), cell=ss.box(dim=2))
-    column = column._replace(control=ss.frozen(column.control, [0, 11]))
+    column = column._replace(control=ss.control.fixed(column.control, [0, 11]))
     with pytest.warns(UnstableEquilibriumWarning, match="10 direction"):
         equilibrate(column, law)
 
@@ -123,12 +123,12 @@ def test_a_check_that_is_none_is_one_sentence():
 def test_incidence_adds_up_to_the_same_matrix():
     state, _ = jammed(30, packing_fraction=0.7, seed=2)
     free = freedom(state)
-    blocks, _ = ss.contact_blocks(state, LAW)
+    blocks, _ = ss.modes.contact_blocks(state, LAW)
     q = incidence(state, len(blocks), free).toarray()
     flat = np.zeros((6 * len(blocks), 6 * len(blocks)))
     for c, block in enumerate(blocks):
         flat[6 * c : 6 * c + 6, 6 * c : 6 * c + 6] = block
-    np.testing.assert_allclose(q @ flat @ q.T, restricted(state, blocks, free).toarray(), atol=1e-14)
+    np.testing.assert_allclose(q @ flat @ q.T, assembled(state, blocks, free).toarray(), atol=1e-14)
 
 
 @pytest.mark.parametrize(
@@ -137,7 +137,7 @@ def test_incidence_adds_up_to_the_same_matrix():
 )
 def test_every_solver_solves(method):
     state, _ = jammed(30, packing_fraction=0.7, seed=2)
-    matrix = stiffness(state, LAW, freedom(state))
+    matrix = dynamical_matrix(state, LAW, freedom(state))
     matrix = (matrix + 0.01 * np.abs(matrix.data).max() * np.eye(len(freedom(state)))).copy()
     from scipy import sparse
 

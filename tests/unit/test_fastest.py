@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from stickslip.core.laws import hertz_mindlin, linear
+from stickslip.core.laws.builtin import hertz_mindlin, linear
 from stickslip.core.state import assembly, box, disks, flat_walls, loads, spheres
 from stickslip.solve.fastest import fastest_pair
-from stickslip.solve.freedom import freedom, stiffness
+from stickslip.solve.freedom import dynamical_matrix, freedom
 from stickslip.solve.spectrum import spectrum
 from tests.conftest import stirred
 
@@ -40,7 +40,7 @@ def test_finds_the_fastest_pair_of_the_dense_spectrum(dim, side, stir, loose):
     free = freedom(state)
     vector = found.mode * np.sqrt(free.mass)
     assert np.linalg.norm(vector) == pytest.approx(1, rel=1e-12)
-    defect = stiffness(state, LAW, free) @ vector - found.eigenvalue * vector
+    defect = dynamical_matrix(state, LAW, free) @ vector - found.eigenvalue * vector
     assert np.linalg.norm(defect) < 1e-12 * np.abs(truth.eigenvalues).max()
 
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from matplotlib import pyplot as plt
 
+from stickslip.experiments.gouge.measures import Curve
 from stickslip.figures import disk_array, flow, gouge, quasi_rigid, rate_state, sphere_shear
 from stickslip.figures.claims import Row, claims_chart
-from stickslip.friction.loads import Leg
+from stickslip.friction.loads import LoadStep
 from stickslip.friction.model import Data
-from stickslip.loading.gouge_measures import Curve
 
 RNG = np.random.default_rng(0)
 
@@ -95,7 +95,7 @@ def test_the_centre_of_mass_moves_from_where_it_began():
 def test_a_slider_is_drawn_against_displacement_or_time():
     n = 12
     columns = {name: rising(n) for name in ("time", "load_point", "friction", "velocity", "theta")}
-    history, legs = Made(**columns), (Leg(2.0, 3.0), Leg(1.0, 5.0))
+    history, legs = Made(**columns), (LoadStep(2.0, 3.0), LoadStep(1.0, 5.0))
     top, middle, bottom = rate_state.slid(history, columns["friction"] + 1, legs).axes
     x = columns["load_point"]
     assert holds(top, x, columns["friction"] + 1, label="recorded")
@@ -106,19 +106,19 @@ def test_a_slider_is_drawn_against_displacement_or_time():
     labels = [axes.get_ylabel() for axes in (top, middle, bottom)]
     assert labels == ["friction", "velocity [m/s]", r"state $\theta$ [s]"]
     assert bottom.get_xlabel() == "displacement [m]"
-    held = rate_state.slid(history, columns["friction"], (Leg(2.0, 3.0), Leg(1.0, 0.0))).axes
+    held = rate_state.slid(history, columns["friction"], (LoadStep(2.0, 3.0), LoadStep(1.0, 0.0))).axes
     assert holds(held[0], columns["time"], columns["friction"]) and held[2].get_xlabel() == "time [s]"
 
 
 def test_short_slips_are_drawn_in_units_that_fit_them():
     """A load point that goes 0.02 m is drawn in millimetres, legs too."""
     columns = {name: rising(9) for name in ("time", "load_point", "friction", "velocity", "theta")}
-    panels = rate_state.slid(Made(**columns), columns["friction"], (Leg(2.0, 5e-3), Leg(1.0, 1e-2))).axes
+    panels = rate_state.slid(Made(**columns), columns["friction"], (LoadStep(2.0, 5e-3), LoadStep(1.0, 1e-2))).axes
     assert holds(panels[0], 1e3 * columns["load_point"], columns["friction"])
     assert holds(panels[1], [0, 10], [5e-3] * 2) and holds(panels[1], [10, 20], [1e-2] * 2)
     assert panels[2].get_xlabel() == "displacement [mm]"
     time, friction, models, left = np.linspace(0, 2, 9), rising(9), rising(9), rising(9)
-    data, one = Data(time, friction, (Leg(2.0, 0.01),)), Made(law="slip", models=(models,), residuals=(left,))
+    data, one = Data(time, friction, (LoadStep(2.0, 0.01),)), Made(law="slip", models=(models,), residuals=(left,))
     top, bottom = rate_state.fitted(data, [one]).axes
     assert holds(top, 10 * time, friction, label="record")
     assert holds(top, 10 * time, models, label="slip law")

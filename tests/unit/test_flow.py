@@ -5,8 +5,8 @@ import pytest
 
 import stickslip as ss
 from stickslip.data import archive
-from stickslip.data.scenario import ScenarioError, read, scenario
-from stickslip.loading.flow_control import knots
+from stickslip.experiments.flow.stages import knots
+from stickslip.experiments.registry import ScenarioError, read_scenario, scenario
 from tests.published.test_disk_array import stickslip
 from tests.unit.test_scenario import EXAMPLES
 
@@ -42,7 +42,7 @@ def test_grains_come_to_rest_and_the_floor_carries_their_weight():
         {"name": "fall", "duration": 6.0},
         {"name": "settle", "duration": 60.0, "until": "rest", "kinetic": 1e-5, "drag": 0.5},
     ]
-    found = ss.simulate_flow(scenario(**flow(stages=stages, samples=100)))
+    found = ss.experiments.flow.simulate_flow(scenario(**flow(stages=stages, samples=100)))
     series, weight = found.series, found.poured.state.grains.mass.sum()
     assert found.stages[1].rested
     assert found.stages[1].end < 66
@@ -50,15 +50,15 @@ def test_grains_come_to_rest_and_the_floor_carries_their_weight():
     np.testing.assert_allclose(series.wall_force[-1, 0, 1], -weight, rtol=0.01)  # the criterion's own accuracy
     np.testing.assert_allclose(series.wall_force[-1, 1:].sum(axis=0)[0] + series.wall_force[-1, 0, 0], 0, atol=0.4)
     assert 2 < series.coordination[-1] < 5
-    assert 0.05 < found.poured.dt / ss.stable_time_step(found.frames[-1], found.law) < 0.3
-    assert ss.heights(found.frames[-1].grains.position, found.frames[-1].walls).min() > 0
+    assert 0.05 < found.poured.dt / ss.measure.stable_time_step(found.frames[-1], found.law) < 0.3
+    assert ss.measure.heights(found.frames[-1].grains.position, found.frames[-1].walls).min() > 0
     assert series.low[:, 1].min() > 0.3
 
 
 def test_grains_pass_where_a_gate_was_and_other_contacts_keep_their_memory():
     stages = [{"name": "settle", "duration": 8.0}, {"name": "open", "duration": 4.0, "remove": ["gate"]}]
     walls = [FLOOR, LEFT, {**GATE, "mu": 0.5}]
-    found = ss.simulate_flow(scenario(**flow(stages=stages, walls=walls)))
+    found = ss.experiments.flow.simulate_flow(scenario(**flow(stages=stages, walls=walls)))
     before, after = (found.series.stage == k for k in (0, 1))
     assert found.series.high[before, 0].max() < 6
     assert found.series.high[after, 0][-1] > 7
@@ -66,9 +66,9 @@ def test_grains_pass_where_a_gate_was_and_other_contacts_keep_their_memory():
     assert np.isnan(found.series.wall_force[after, 2]).all()
     assert found.frame_walls[-1] == ("floor", "left")
     settled = next(f for f in found.frames if f.time == found.stages[0].end)
-    opened, n = ss.without_walls(settled, [1]), 40
+    opened, n = ss.packings.without_walls(settled, [1]), 40
     assert opened.contacts.count[0] < settled.contacts.count[0]
-    ss.check(opened)
+    ss.packings.check(opened)
     rows = slice(0, opened.contacts.count[0])
     assert (np.diff(opened.contacts.key[rows]) > 0).all()
     old = {(i, j): s for i, j, s in zip(settled.contacts.i, settled.contacts.j, settled.contacts.slip, strict=True)}
@@ -85,7 +85,7 @@ def test_a_plate_feels_what_presses_it_and_shears_the_grains():
         {"name": "press", "duration": 30.0, "until": "rest", "kinetic": 1e-5, "force": {"top": 32.0}},
         {"name": "shear", "duration": 30.0, "velocity": {"top": {"x": 1.0}}, "drag": 0.0},
     ]
-    found = ss.simulate_flow(sheared(stages, samples=200))
+    found = ss.experiments.flow.simulate_flow(sheared(stages, samples=200))
     series = found.series
     for stage, force in ((0, 16.0), (1, 32.0)):  # pressure 2 on a length of 8, then a force
         last = np.flatnonzero(series.stage == stage)[-1]
@@ -95,11 +95,11 @@ def test_a_plate_feels_what_presses_it_and_shears_the_grains():
     moved = found.frames[-1].grains.position[top] - found.poured.state.grains.position[top]
     np.testing.assert_allclose(moved[:, 0], found.stages[2].end - found.stages[2].start, rtol=1e-3)
     assert np.ptp(moved[:, 1]) < 1e-9
-    shear = ss.plane_shear(found)
+    shear = ss.experiments.flow.plane_shear(found)
     assert 0.1 < shear.friction < 0.7
     assert shear.pressure == pytest.approx(4.0, rel=0.2)  # few grains, instantaneous forces
     assert shear.inertial_number == pytest.approx(shear.shear_rate * np.sqrt(4 / np.pi / shear.pressure), rel=0.1)
-    profile = ss.velocity_profile(found)[:, 0]
+    profile = ss.experiments.flow.velocity_profile(found)[:, 0]
     known = np.flatnonzero(np.isfinite(profile))
     assert profile[known[-1]] > 0.5 > profile[known[0]]
 
@@ -110,7 +110,7 @@ def test_a_velocity_follows_its_course():
         {"name": "ramp", "duration": 3.0, "velocity": {"bottom": {"x": table}}},
         {"name": "shake", "duration": 2.25, "velocity": {"bottom": {"x": {"amplitude": 1.0, "frequency": 0.8}}}},
     ]
-    found = ss.simulate_flow(sheared(stages, samples=50))
+    found = ss.experiments.flow.simulate_flow(sheared(stages, samples=50))
     time, x = found.series.time, found.series.plate_position[:, 0, 0] - 4.0
     ramp, early = np.where(time < 1, time**2, 2 * time - 1), found.series.stage == 0
     np.testing.assert_allclose(x[early], ramp[early], atol=5e-3)
@@ -132,7 +132,9 @@ def test_courses_become_knots():
 def test_a_wall_with_a_force_presses_the_grains():
     lid = {"name": "lid", "point": [0.0, 16.0], "normal": [0.0, -1.0], "force": 30.0, "mass": 5.0, "mu": 0.0}
     stages = [{"name": "press", "duration": 60.0, "until": "rest", "kinetic": 1e-5, "drag": 0.5}]
-    found = ss.simulate_flow(scenario(**flow(walls=[FLOOR, LEFT, GATE, lid], gravity=None, stages=stages)))
+    found = ss.experiments.flow.simulate_flow(
+        scenario(**flow(walls=[FLOOR, LEFT, GATE, lid], gravity=None, stages=stages))
+    )
     assert found.stages[0].rested
     np.testing.assert_allclose(found.series.wall_force[-1, [0, 3], 1], [-30.0, 30.0], rtol=0.01)
     assert found.series.wall_point[-1, 3, 1] < 16
@@ -146,7 +148,7 @@ def test_pouring_leaves_room_and_is_the_same_for_the_same_seed(dim):
     ]
     grains = pour(dim=dim, low=[-8.0, 0.0, 0.0][:dim], high=[8.0, 12.0, 6.0][:dim], radius=[0.3, 0.5])
     tables = flow(grains=grains, walls=groove, gravity=[0.0, -1.0, 0.0][:dim])
-    one, two, other = (ss.poured(scenario(**tables, seed=seed)) for seed in (3, 3, 4))
+    one, two, other = (ss.packings.poured(scenario(**tables, seed=seed)) for seed in (3, 3, 4))
     assert np.array_equal(one.state.grains.position, two.state.grains.position)
     assert not np.array_equal(one.state.grains.position, other.state.grains.position)
     position, radius = one.state.grains.position, one.state.grains.radius
@@ -155,7 +157,9 @@ def test_pouring_leaves_room_and_is_the_same_for_the_same_seed(dim):
     height = (position[:, None] - one.state.walls.point) @ one.state.walls.normal.T
     assert (height > radius[:, None, None]).all()
     if dim == 2:
-        ends = [ss.simulate_flow(scenario(**tables, seed=3), threads=t).frames[-1].grains for t in (1, 2)]
+        ends = [
+            ss.experiments.flow.simulate_flow(scenario(**tables, seed=3), threads=t).frames[-1].grains for t in (1, 2)
+        ]
         assert np.array_equal(ends[0].position, ends[1].position)
         assert np.array_equal(ends[0].spin, ends[1].spin)
 
@@ -219,18 +223,18 @@ def test_a_bad_flow_is_one_sentence(changes, words):
 )
 def test_grains_that_cannot_be_poured_are_one_sentence(changes, words):
     if words is None:  # a region that a wall cuts is filled in front of the wall
-        state = ss.poured(scenario(**flow(**changes))).state
-        assert ss.heights(state.grains.position, state.walls).min() > 0
+        state = ss.packings.poured(scenario(**flow(**changes))).state
+        assert ss.measure.heights(state.grains.position, state.walls).min() > 0
         return
     with pytest.raises(ScenarioError, match=words) as caught:
-        ss.poured(scenario(**flow(**changes)))
+        ss.packings.poured(scenario(**flow(**changes)))
     assert "\n" not in str(caught.value)
 
 
 def test_grains_behind_a_wall_are_named_with_it():
     grains, cell = pour(low=[0.0, 2.0], high=[6.0, 18.0]), {"size": [9.0, 18.0]}
     with pytest.raises(ScenarioError, match=r"grain 46 at \(7.071, 0.5\) lies behind wall 'gate': move the wall"):
-        ss.poured(scenario(**flow(grains=grains, cell=cell, plates=[{"name": "bed", "height": 0.5}])))
+        ss.packings.poured(scenario(**flow(grains=grains, cell=cell, plates=[{"name": "bed", "height": 0.5}])))
     row = ss.disks([[0.5, 0.5], [7.0, 0.5]], 0.5)
     with pytest.raises(ValueError, match=r"grain 1 at \(7, 0.5, 0\) lies behind wall 1"):
         ss.assembly(row, ss.flat_walls([[0, 0], [6, 0]], [[0, 1], [-1, 0]]))
@@ -248,31 +252,33 @@ def test_grains_behind_a_wall_are_named_with_it():
 def test_plates_that_cannot_be_built_are_one_sentence(plate, words):
     stage = [{"name": "a", "duration": 1.0}]
     with pytest.raises(ScenarioError, match=words):
-        ss.poured(sheared(stage, plates=[{"name": "top", "height": 11.7, "radius": 0.5, **plate}]))
+        ss.packings.poured(sheared(stage, plates=[{"name": "top", "height": 11.7, "radius": 0.5, **plate}]))
 
 
 def test_the_time_step_follows_the_stiffness_that_contacts_will_have():
     hertz = {"kind": "hertz_mindlin_reff", "young": 1e6, "poisson": 0.3, "mu": 0.5}
-    soft = ss.poured(scenario(**flow(law=hertz)))
-    hard = ss.poured(scenario(**flow(law=hertz | {"young": 1e8})))
+    soft = ss.packings.poured(scenario(**flow(law=hertz)))
+    hard = ss.packings.poured(scenario(**flow(law=hertz | {"young": 1e8})))
     assert hard.dt == pytest.approx(soft.dt * 100**-0.4, rel=0.01)  # t ~ E^(-2/5) at a given speed, by Hertz
     again = scenario(**flow(law=hertz, dt=soft.dt / 2))
-    assert ss.poured(again).dt == soft.dt / 2
+    assert ss.packings.poured(again).dt == soft.dt / 2
 
 
 def test_a_run_that_blows_up_ends_with_one_sentence():
     fast = {**FLOOR, "velocity": {"y": 1e4}}
     with pytest.raises((RuntimeError, ValueError)) as caught:
-        ss.simulate_flow(scenario(**flow(walls=[fast, LEFT, GATE], dt=1e-3, law={"kn": 1.0, "mu": 0.5})))
+        ss.experiments.flow.simulate_flow(
+            scenario(**flow(walls=[fast, LEFT, GATE], dt=1e-3, law={"kn": 1.0, "mu": 0.5}))
+        )
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("name", ["column_collapse", "plane_shear"])
 def test_examples_are_scenarios_that_survive_a_round_trip(name, tmp_path):
-    example = read(EXAMPLES / f"{name}.toml")
+    example = read_scenario(EXAMPLES / f"{name}.toml")
     (tmp_path / "scenario.json").write_text(example.text)
-    assert read(tmp_path / "scenario.json") == example
-    assert ss.poured(example).dt > 0
+    assert read_scenario(tmp_path / "scenario.json") == example
+    assert ss.packings.poured(example).dt > 0
 
 
 TOML = """
@@ -318,7 +324,7 @@ def test_the_command_line_from_end_to_end(tmp_path):
     table = np.genfromtxt(tmp_path / "out" / "series.csv", delimiter=",", names=True)
     np.testing.assert_allclose(table["kinetic_energy"], numbers["series"]["kinetic_energy"], rtol=1e-8)
     assert {"floor_force_y", "gate_force_x", "center_x"} <= set(table.dtype.names)
-    again = ss.simulate_flow(read(tmp_path / "s.toml"))
+    again = ss.experiments.flow.simulate_flow(read_scenario(tmp_path / "s.toml"))
     last = numbers["frames"][sorted(numbers["frames"])[-1]]
     assert np.array_equal(last.grains.position, again.frames[-1].grains.position)  # same scenario, same bits
     for wrong, words in (({"number": 400, "gate": "gate"}, "room for"), ({"number": 30, "gate": "gaet"}, "gaet")):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numba import njit
 
-from stickslip.core import lanes
-from stickslip.core.lanes import LANES, MOTION, MOTION_AHEAD, PAIR, RADII, ROLL, ROLL_AHEAD, SCRATCH
+from stickslip.core.simd import transpose as lanes
+from stickslip.core.simd.transpose import LANES, MOTION, MOTION_AHEAD, PAIR, RADII, ROLL, ROLL_AHEAD, SCRATCH
 
 
 @njit

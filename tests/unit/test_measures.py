@@ -1,16 +1,14 @@
-"""Measures that runs leave (`scalars`), experiment by experiment: values and units, against tables of their own."""
+"""Measures that runs leave , experiment by experiment: values and units, against tables of their own."""
 
-from importlib import import_module
 from types import SimpleNamespace as Made
 
 import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.data.scenario import EXPERIMENTS
-from stickslip.experiments import ratestate_report
-from stickslip.experiments.rooms import REPORTS
-from stickslip.loading import gouge_run
+from stickslip.experiments.gouge import protocol as gouge_run
+from stickslip.experiments.rate_state.simulate import simulate_slider
+from stickslip.experiments.registry import EXPERIMENTS
 from tests.unit.test_units import ENERGY, LENGTH, NUMBER, STRESS, TIME, VELOCITY, WRITTEN
 
 RATE, RATE_SQUARED, PER_LENGTH = (0, 0, -1), (0, 0, -2), (0, -1, 0)
@@ -46,7 +44,11 @@ MEANT = {
 }  # fmt: skip
 WORDS = WRITTEN | {"load": ("load",) * 2, "mean diameters": ("mean diameters",) * 2, PER_LENGTH: ("1/length", "1/m")}
 UNITS = {
-    experiment: {name: WORDS[kind][experiment in SI] for kind, names in kinds.items() for name in names.split()}
+    experiment: {
+        name: WORDS[kind][EXPERIMENTS[experiment].scenario.si]
+        for kind, names in kinds.items()
+        for name in names.split()
+    }
     for experiment, kinds in MEANT.items()
 }
 
@@ -151,7 +153,7 @@ def crushed():
 def slid():
     """The spring-slider's own example."""
     chosen = ss.scenario(experiment="rate-state")
-    return ratestate_report.simulate(chosen, folder=None, workers=1, report=lambda *words: None), {}
+    return simulate_slider(chosen), {}
 
 
 MADE = {"disk-array": disks, "sphere-shear": spheres, "quasi-rigid": rigid, "flow": poured, "gouge": crushed,
@@ -166,6 +168,6 @@ def test_every_experiment_has_a_table():
 def test_measures_have_their_values_and_units(experiment):
     """Every branch is taken, so that the tables have all that a run can leave, and nothing else."""
     result, values = MADE[experiment]()
-    found = import_module(f"stickslip.experiments.{REPORTS[experiment]}").scalars(result)
+    found = EXPERIMENTS[experiment].measures(result)
     assert {name.partition("@")[0]: unit for name, (_, unit) in found.items()} == UNITS[experiment]
     assert {name: found[name][0] for name in values} == {name: pytest.approx(v) for name, v in values.items()}

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.jacobian import linearised
+from stickslip.core.contacts.jacobian import linearised
 from stickslip.core.state import SLIDE, STICK
-from stickslip.solve.freedom import restricted
+from stickslip.solve.freedom import assembled
 from tests.conftest import make_law, make_packing
 from tests.derivatives.test_jacobian import CASES, differences
 
-SMOOTH = ss.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth")
+SMOOTH = ss.laws.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth")
 
 
 def pressed(dim, law_name="hertz_mindlin", coulomb="smooth"):
@@ -22,11 +22,11 @@ def pressed(dim, law_name="hertz_mindlin", coulomb="smooth"):
 @pytest.mark.parametrize(("law_name", "coulomb", "dim"), CASES)
 def test_the_jacobian_from_zero_slip_is_that_of_contacts_that_stick(law_name, coulomb, dim):
     state, law = pressed(dim, law_name, coulomb), make_law(law_name, coulomb)
-    rows = ss.touching(state)
+    rows = ss.measure.touching(state)
     assert (state.contacts.mode[rows] == SLIDE).all()
     assert not linearised(state, law).slides.any()
     free = ss.freedom(state)
-    exact = restricted(state, ss.contact_blocks(state, law)[0], free).toarray()
+    exact = assembled(state, ss.modes.contact_blocks(state, law)[0], free).toarray()
     for memory in (ss.FREE, ss.HELD):
         numeric = differences(state, law, free, memory, h=1e-8)
         # the smooth law has k²|s|s/(μF_n) beside k s, a share of h/(μδ) = 1e-8/0.01; round-off over h is 1e-8, too
@@ -37,10 +37,10 @@ def test_the_jacobian_from_zero_slip_is_that_of_contacts_that_stick(law_name, co
 @pytest.mark.parametrize("coulomb", ["smooth", "sharp"])
 def test_one_contact_has_the_stiffness_of_its_closed_form(dim, coulomb):
     """λ = 2 k_n/m along the normal, and k_t (2/m + 2R²/I) across it, but for terms of F_n/|r|."""
-    bare, law = (ss.linear(1.0, 0.7, mu, coulomb=coulomb) for mu in (0.0, 0.5))
-    pair = ss.sample([[0, 0], [1 - 1e-9, 0]], [0.5, 0.5], bare, mass=1.5, dim=2)
+    bare, law = (ss.laws.linear(1.0, 0.7, mu, coulomb=coulomb) for mu in (0.0, 0.5))
+    pair = ss.packings.from_arrays([[0, 0], [1 - 1e-9, 0]], [0.5, 0.5], bare, mass=1.5, dim=2)
     if dim == 3:
-        pair = ss.sample([[0, 0, 0], [1 - 1e-9, 0, 0]], [0.5, 0.5], bare, mass=1.5)
+        pair = ss.packings.from_arrays([[0, 0, 0], [1 - 1e-9, 0, 0]], [0.5, 0.5], bare, mass=1.5)
     inertia = 0.5 if dim == 2 else 0.4
     across = 0.7 * (2 + 2 / inertia) / 1.5
     frictional, slippery = (ss.spectrum(pair, one).eigenvalues for one in (law, bare))
@@ -53,8 +53,8 @@ def test_one_contact_has_the_stiffness_of_its_closed_form(dim, coulomb):
 @pytest.mark.parametrize("rolls", [False, True])
 def test_nothing_depends_on_whether_contacts_slid_without_friction(rolls):
     """Runs, equilibria and spectra of the same packing whose contacts were committed under either law."""
-    law = ss.law_from_file("examples/rolling_law.py") if rolls else SMOOTH
-    slid, _ = ss.jammed(20, packing_fraction=0.7, seed=4)
+    law = ss.laws.from_file("examples/rolling_law.py") if rolls else SMOOTH
+    slid, _ = ss.packings.jammed(20, packing_fraction=0.7, seed=4)
     count = int(slid.contacts.count[0])
     stuck = slid._replace(contacts=slid.contacts._replace(mode=np.minimum(slid.contacts.mode, STICK)))
     assert (slid.contacts.mode[:count] == SLIDE).any()
@@ -80,8 +80,8 @@ def test_a_law_without_friction_takes_tangential_forces_away(coulomb):
     state, law, bare = pressed(3), make_law("linear", coulomb), make_law("linear", coulomb, mu=0.0)
     turned = state._replace(grains=state.grains._replace(angle=state.grains.angle + 0.01))
     sheared = ss.accept(turned, ss.forces(turned, law)[1])
-    assert set(sheared.contacts.mode[ss.touching(sheared)]) == {STICK}
+    assert set(sheared.contacts.mode[ss.measure.touching(sheared)]) == {STICK}
     for memory in (ss.FREE, ss.HELD):
         assert not ss.forces(sheared, bare, memory=memory)[0].torque.any()
-    stiff = ss.contact_blocks(sheared, bare)[0]
+    stiff = ss.modes.contact_blocks(sheared, bare)[0]
     assert not stiff[:, 3:, 3:].any()

@@ -11,11 +11,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from stickslip.data.kept import UNFINISHED
-from stickslip.data.scenario import scenario
-from stickslip.data.sweep import differences
-from stickslip.experiments import answers, ratestate_report, report
+from stickslip.data.checkpoint import UNFINISHED
+from stickslip.experiments import json_output as answers
+from stickslip.experiments import terminal
 from stickslip.experiments.claims import claim
+from stickslip.experiments.rate_state.simulate import simulate_slider
+from stickslip.experiments.registry import scenario
+from stickslip.experiments.sweep.definition import differences
 from tests.conftest import stickslip_here
 
 SLIDER = 'experiment = "rate-state"\n[samples]\nnumber = 12\n'
@@ -46,14 +48,14 @@ def test_a_run_as_one_object_and_as_paths(tmp_path):
     again, _ = object_of("resume", "out", cwd=tmp_path)
     assert again["files"] == found["files"]
     assert again["scenario"] == found["scenario"]
-    assert not report.console.quiet
-    assert not report.console.stderr
+    assert not terminal.console.quiet
+    assert not terminal.console.stderr
 
 
 def test_a_run_some_of_whose_realizations_failed_is_incomplete(tmp_path):
     """`resume` can try these again as long as pieces are kept; then it is finished."""
     chosen = scenario(experiment="rate-state")
-    found = ratestate_report.simulate(chosen, folder=None, workers=1, report=lambda *words: None)
+    found = simulate_slider(chosen)
     several = SimpleNamespace(**found._asdict(), failures=("realization 2 failed: not again",))
     made = claim("a", "Fig 1: text", 1.0, float("nan"), "1", 0.1)
 
@@ -164,17 +166,17 @@ def test_colours_and_live_lines_are_for_terminals(monkeypatch):
             return True
 
     # a pipe with FORCE_COLOR
-    console = report.Console(file=io.StringIO(), force_terminal=True, width=60, markup=False, highlight=False)
-    monkeypatch.setattr(report, "console", console)
-    monkeypatch.setattr(report, "LINES", 0.0)
-    with report.progress() as tell:
+    console = terminal.Console(file=io.StringIO(), force_terminal=True, width=60, markup=False, highlight=False)
+    monkeypatch.setattr(terminal, "console", console)
+    monkeypatch.setattr(terminal, "LINES", 0.0)
+    with terminal.progress() as tell:
         for k in range(3):
             tell("ramp", k / 3, f"push {k}, [unbalanced] 1e-9")
     assert console.file.getvalue() == "ramp …\n  33%: push 1, [unbalanced] 1e-9\n  67%: push 2, [unbalanced] 1e-9\n"
     for term, drawn in (("xterm", True), ("dumb", False)):
-        screen = report.Console(file=Terminal(), width=60, legacy_windows=False, _environ={"TERM": term})
-        monkeypatch.setattr(report, "console", screen)
-        with report.progress() as tell:
+        screen = terminal.Console(file=Terminal(), width=60, legacy_windows=False, _environ={"TERM": term})
+        monkeypatch.setattr(terminal, "console", screen)
+        with terminal.progress() as tell:
             tell("births and deaths of pairs (quarter)", 0.5, "push 0.0850, unbalanced 1e-9, growth rate 1.2e-04")
         said = screen.file.getvalue()
         assert ("\x1b[" in said) == drawn
@@ -184,7 +186,7 @@ def test_colours_and_live_lines_are_for_terminals(monkeypatch):
 
 @pytest.mark.parametrize("encoding", ["ascii", "cp1252"])
 def test_code_pages_without_greek_get_words(encoding, tmp_path):
-    code = "import sys; from stickslip.cli.ending import main; from stickslip.cli import app\n"
+    code = "import sys; from stickslip.cli.entry_point import main; from stickslip.cli import app\n"
     code += "@app.command()\ndef greek(): print('λ ± 2 Å'); raise ValueError('φ → ∞')\nmain()"
     env = os.environ | {"PYTHONIOENCODING": encoding, "NO_COLOR": "1"}
     run = subprocess.run([sys.executable, "-c", code, "greek"], capture_output=True, env=env)

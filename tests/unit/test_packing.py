@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.measure import branches, coordination, packing_fraction, pressure, rattlers, stress, touching
-from stickslip.core.neighbors import updated
+from stickslip.core.contacts.neighbors import updated
+from stickslip.core.measure import branch_vectors, coordination, packing_fraction, pressure, rattlers, stress, touching
 from stickslip.loading.packing import frictionless, jammed
 from stickslip.loading.shear import reduced_cell, shear_strain, sheared, strained
 from tests.conftest import make_law, make_packing, stirred
@@ -38,7 +38,7 @@ def test_a_packing_is_the_same_for_the_same_seed():
 def test_a_packing_reaches_a_wanted_pressure():
     state, report = jammed(40, pressure=2e-3, seed=0)
     assert report.pressure == pytest.approx(2e-3, rel=1e-6)
-    assert pressure(state, frictionless(ss.hertz_mindlin())) == pytest.approx(2e-3, rel=1e-6)
+    assert pressure(state, frictionless(ss.laws.hertz_mindlin())) == pytest.approx(2e-3, rel=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -60,7 +60,7 @@ def test_an_impossible_packing_is_one_sentence(options, words):
 def test_stress_of_one_contact_is_force_times_branch_over_volume():
     grains = ss.spheres([[0, 0, 0], [0.9, 0, 0]], 0.5)
     state = ss.assembly(grains, cell=ss.box([5.0, 4.0, 3.0], [True] * 3))
-    law = ss.linear(kn=2.0)
+    law = ss.laws.linear(kn=2.0)
     _, trial = ss.forces(state, law)
     found = stress(ss.accept(updated(state), trial), law)
     assert found[0, 0] == pytest.approx(2.0 * 0.1 * 0.9 / 60)  # compression is positive
@@ -72,7 +72,7 @@ def test_rattlers_are_found_through_each_other():
     """A triangle holds itself; a chain of two hangs on it: the end is loose, then its neighbour."""
     position = [[0, 0], [0.99, 0], [0.495, 0.85], [-0.9, -0.3], [-1.8, -0.6]]
     state = ss.assembly(ss.disks(position, 0.5), cell=ss.box(dim=2))
-    _, trial = ss.forces(state, ss.linear())
+    _, trial = ss.forces(state, ss.laws.linear())
     state = ss.accept(updated(state), trial)
     assert len(touching(state)) == 5
     assert rattlers(state).tolist() == [False] * 3 + [True] * 2
@@ -85,18 +85,18 @@ def test_affine_strain_moves_grains_and_cell_alike():
     moved = strained(state, gradient)
     deformation = np.eye(3) + gradient
     np.testing.assert_allclose(moved.grains.position, state.grains.position @ deformation.T)
-    np.testing.assert_allclose(branches(moved), branches(state) @ deformation.T, atol=1e-14)
+    np.testing.assert_allclose(branch_vectors(moved), branch_vectors(state) @ deformation.T, atol=1e-14)
     assert shear_strain(sheared(state, 0.07)) == pytest.approx(0.07)
 
 
 @pytest.mark.parametrize("slip", [True, False])
 def test_the_affine_displacement_enters_the_slip_if_wanted(slip):
     state = jammed(30, packing_fraction=0.7, seed=1)[0]
-    law = ss.hertz_mindlin(mu=10.0)
+    law = ss.laws.hertz_mindlin(mu=10.0)
     moved = sheared(state, 1e-4, slip=slip)
     loads, trial = ss.forces(moved, law)
     rows = np.flatnonzero(trial.mode[: trial.count[0]] == ss.STICK)
-    after = branches(ss.accept(updated(moved), trial))[rows]
+    after = branch_vectors(ss.accept(updated(moved), trial))[rows]
     normal = after / np.linalg.norm(after, axis=1)[:, None]
     affine = np.zeros_like(after)
     affine[:, 0] = 1e-4 * after[:, 1]  # displacement of i relative to j: simple shear leaves y as it is
@@ -136,4 +136,4 @@ def test_an_impossible_strain_is_one_sentence(gradient, words):
 
 def test_walls_cannot_be_strained():
     with pytest.raises(ValueError, match="walls"):
-        sheared(ss.disk_array(3, press=1e-4), 0.1)
+        sheared(ss.packings.disk_array(3, press=1e-4), 0.1)

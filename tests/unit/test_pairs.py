@@ -13,12 +13,12 @@ from stickslip.solve import pairs as module
 from stickslip.solve import windows
 from stickslip.solve.certificate import _discs, certificate_of
 from stickslip.solve.equilibrate import equilibrate
-from stickslip.solve.freedom import freedom, stiffness
+from stickslip.solve.freedom import dynamical_matrix, freedom
 from stickslip.solve.pairs import complex_pairs
 from stickslip.solve.spectrum import overlap, spectrum
 from tests.conftest import make_law, make_packing, stirred
 
-LAW = ss.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth")
+LAW = ss.laws.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth")
 
 
 def sheared_packing(n, dim, fraction, strain, steps, seed=3):
@@ -97,7 +97,7 @@ def test_certificate_accounts_for_every_eigenvalue(packing):
 
 def test_certificate_notices_a_missing_and_an_invented_pair(packing):
     state, full = packing
-    matrix = stiffness(state, LAW, freedom(state))
+    matrix = dynamical_matrix(state, LAW, freedom(state))
     held = np.flatnonzero(abs(matrix).sum(axis=1))
     matrix = matrix[held][:, held]
     values = full.eigenvalues[full.pairs]
@@ -154,7 +154,7 @@ def test_discs_of_a_small_matrix_hold_its_eigenvalues(seed):
 
 def test_a_poor_subspace_is_recovered_by_a_sparse_factor(packing):
     state, full = packing
-    matrix = stiffness(state, LAW, freedom(state))
+    matrix = dynamical_matrix(state, LAW, freedom(state))
     vector = full.modes[:, full.pairs[0]] * np.sqrt(full.free.mass)
     scale = np.abs(full.eigenvalues).max()
     rough = np.stack([vector.real, vector.imag], axis=1) + 1e-5 * np.random.default_rng(0).normal(size=(len(vector), 2))
@@ -184,7 +184,7 @@ def test_progress_is_told_in_order(packing):
 def test_thousand_spheres_agree_with_lapack(seed):
     state = sheared_packing(1000, 3, 0.68, 6e-4, steps=8, seed=seed)
     found = complex_pairs(state, LAW)
-    values = eigvals(stiffness(state, LAW, freedom(state)).toarray(order="F"), overwrite_a=True)
+    values = eigvals(dynamical_matrix(state, LAW, freedom(state)).toarray(order="F"), overwrite_a=True)
     scale = np.abs(values).max()
     expected = values[values.imag > 1e-9 * scale]
     assert len(found.eigenvalues) == len(expected) > 0

@@ -5,11 +5,14 @@ from types import SimpleNamespace as Made
 import numpy as np
 import pytest
 
-from stickslip.experiments import disk_claims, disk_measures, quasi_claims, shear_claims
 from stickslip.experiments.claims import NO_REFERENCE, NOT_REPRODUCED, REFUTED, REPRODUCED, UNDECIDED, for_quick_run
-from stickslip.loading.fronts import front
+from stickslip.experiments.disk_array import claims as disk_claims
+from stickslip.experiments.disk_array import measures as disk_measures
+from stickslip.experiments.disk_array.fronts import front
+from stickslip.experiments.quasi_rigid import claims as quasi_claims
+from stickslip.experiments.sphere_shear import claims as shear_claims
 from stickslip.loading.protocols import Growth
-from stickslip.quasirigid.path import Path
+from stickslip.quasirigid.path import LoadPath
 from stickslip.quasirigid.status import Verdict
 
 RATE, FREQUENCY = 1e-3, 0.5
@@ -93,7 +96,7 @@ def test_a_run_that_still_grows_has_lost_nothing_yet():
 
 
 def sample(end: float, verdict: str, collapse: float | None):
-    path = Path((Made(load=end),), (), Verdict[verdict], (), 0, None)
+    path = LoadPath((Made(load=end),), (), Verdict[verdict], (), 0, None)
     return Made(path=path, collapse=collapse)
 
 

@@ -7,8 +7,10 @@ import pytest
 
 import stickslip as ss
 from stickslip.data import archive
-from stickslip.experiments import quasi_claims, quasi_report
-from stickslip.experiments.quasi_test import Curve, Slowly, collapse, difference, simulate_quasi, table_one
+from stickslip.experiments.quasi_rigid import EXPERIMENT
+from stickslip.experiments.quasi_rigid import claims as quasi_claims
+from stickslip.experiments.quasi_rigid.simulate import Curve, Slowly, collapse, difference, simulate_quasi, table_one
+from stickslip.experiments.writer import write_result
 from stickslip.loading.biaxial import LEFT, RIGHT, TOP
 from tests.published.test_disk_array import stickslip
 
@@ -37,7 +39,7 @@ def test_curve_is_what_the_walls_say(small):
 
 def test_contact_forces_start_and_end_as_the_packing_has_them(small):
     one = small.tested[0]
-    m = ss.matrices(one.path.states[0], one.law)
+    m = ss.quasirigid.linear_system(one.path.states[0], one.law)
     contacts = one.path.states[0].contacts
     ours = {(int(i), int(j)): f for i, j, f in zip(contacts.i[m.rows], contacts.j[m.rows], m.force, strict=True)}
     for pair, force in zip(one.pairs, one.forces[0], strict=True):
@@ -86,7 +88,7 @@ def test_difference_and_collapse_of_made_up_curves():
 
 
 def test_run_leaves_curves_figures_numbers(small, tmp_path):
-    paths = quasi_report.write_result(tmp_path / "out", small)
+    paths = write_result(tmp_path / "out", EXPERIMENT, small)
     names = [p.name for p in paths]
     assert names == [
         "fig1_curves.png", "fig2_statuses.png", "fig3_cone.png", "fig4_stiffness.png", "fig5_dynamics.png",
@@ -128,7 +130,7 @@ def test_shear_from_the_command_line(tmp_path):
     ],
 )
 def test_wrong_scenarios_are_one_sentence(tables, words):
-    with pytest.raises(ss.ScenarioError) as problem:
+    with pytest.raises(ss.experiments.ScenarioError) as problem:
         ss.scenario(experiment="quasi-rigid", **tables)
     assert words in str(problem.value)
     assert "\n" not in str(problem.value)

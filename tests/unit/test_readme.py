@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -41,7 +42,52 @@ def test_links_and_commands_exist():
         assert re.search(rf"^{word}:", makefile, flags=re.M) or word == "demo", word
 
 
-@pytest.mark.parametrize("name", stickslip.__all__)
-def test_every_public_name_loads_and_is_documented(name):
-    thing = getattr(stickslip, name)
-    assert name == "__version__" or name.isupper() or thing.__doc__
+TOP = [getattr(stickslip, name) for name in stickslip.__all__]
+NAMESPACES = [thing for thing in TOP if isinstance(thing, ModuleType)]
+NAMESPACES += [getattr(stickslip.experiments, name) for name in stickslip.experiments.__all__ if name.islower()]
+
+
+@pytest.mark.parametrize("space", [stickslip, *NAMESPACES], ids=lambda space: space.__name__)
+def test_every_public_name_loads_and_is_documented(space):
+    assert space.__doc__
+    assert set(dir(space)) >= set(space.__all__)
+    for name in space.__all__:
+        thing = getattr(space, name)
+        assert name == "__version__" or name.isupper() or thing.__doc__, name
+
+
+@pytest.mark.parametrize("space", [stickslip, *NAMESPACES[: len(NAMESPACES) - 6]], ids=lambda space: space.__name__)
+def test_help_is_a_table_of_contents(space):
+    """`help` of a namespace has a line for each of its names."""
+    missing = [n for n in space.__all__ if not n.startswith("_") and not re.search(rf"\b{n}\b", space.__doc__)]
+    assert not missing or space.__name__ in ("stickslip.ensemble", "stickslip.figures"), missing
+
+
+def test_the_top_level_is_small_and_names_differ_by_more_than_case():
+    assert len(stickslip.__all__) <= 50
+    for space in (stickslip, *NAMESPACES):
+        low = [name.lower() for name in space.__all__ if not isinstance(getattr(space, name), ModuleType)]
+        assert len(set(low)) == len(low), space.__name__
+
+
+def test_every_function_has_one_path():
+    """No function is public in two namespaces."""
+    seen = {}
+    for space in (stickslip, *NAMESPACES):
+        for name in space.__all__:
+            thing = getattr(space, name)
+            if callable(thing):
+                assert seen.setdefault(thing, space) is space, f"{name} is in {seen[thing].__name__}, {space.__name__}"
+
+
+@pytest.mark.parametrize(
+    ("space", "wrong", "near"),
+    [
+        (stickslip, "spectrun", "spectrum"),
+        (stickslip.friction, "healings", "healing"),
+        (stickslip.figures, "muvie", "movie"),
+    ],
+)
+def test_an_attribute_that_does_not_exist_names_the_nearest_one(space, wrong, near):
+    with pytest.raises(AttributeError, match=rf"did you mean {space.__name__}\.{near}\?"):
+        getattr(space, wrong)

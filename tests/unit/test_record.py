@@ -18,23 +18,23 @@ def test_samples_are_what_the_states_say(n, dim):
     end, record, _ = ss.run(state, law, 60, 0.05, every=20)
     assert len(record.time) == 4
     moving = end.grains
-    np.testing.assert_allclose(record.virial[-1] / measure.volume(end), ss.stress(end, law), atol=1e-13)
-    np.testing.assert_allclose(record.fabric[-1], ss.fabric(end), atol=1e-13)
+    np.testing.assert_allclose(record.virial[-1] / measure.volume(end), ss.measure.stress(end, law), atol=1e-13)
+    np.testing.assert_allclose(record.fabric[-1], ss.measure.fabric(end), atol=1e-13)
     assert np.trace(record.fabric[-1]) == pytest.approx(1)
     np.testing.assert_allclose(
         record.momentum_flux[-1], np.einsum("a,ab,ac->bc", moving.mass, moving.velocity, moving.velocity), rtol=1e-12
     )
-    assert record.rattlers[-1] == ss.rattlers(end).sum()
-    assert record.held_coordination[-1] == pytest.approx(ss.coordination(end))
-    assert record.coordination[-1] == pytest.approx(ss.contact_numbers(end).mean())
+    assert record.rattlers[-1] == ss.measure.rattlers(end).sum()
+    assert record.held_coordination[-1] == pytest.approx(ss.measure.coordination(end))
+    assert record.coordination[-1] == pytest.approx(ss.measure.contact_numbers(end).mean())
     assert 0 < record.sliding_fraction[-1] < 1
     half, _, _ = ss.run(state, law, 20, 0.05)
-    assert record.coordination[1] == pytest.approx(ss.contact_numbers(half).mean())
+    assert record.coordination[1] == pytest.approx(ss.measure.contact_numbers(half).mean())
 
 
 def test_inertial_number_refuses_what_makes_no_sense():
     with pytest.raises(ValueError, match="pressure = -1"):
-        ss.inertial_number(0.1, -1, diameter=1.0, density=1.0)
+        ss.measure.inertial_number(0.1, -1, diameter=1.0, density=1.0)
 
 
 @pytest.mark.parametrize(("law_name", "damping"), [("linear", "mass_velocity"), ("hertz_mindlin_reff", "viscoelastic")])
@@ -45,8 +45,8 @@ def test_a_small_perturbation_decays_as_the_linearised_form_says(law_name, dampi
     state, outcome = ss.equilibrate(packed, law)
     assert outcome.ok
     free = ss.freedom(state)
-    springs, dashpots = ss.contact_blocks(state, law)
-    pull, rub = (ss.restricted(state, b, free).toarray() / free.mass[:, None] for b in (springs, dashpots))
+    springs, dashpots = ss.modes.contact_blocks(state, law)
+    pull, rub = (ss.modes.assembled(state, b, free).toarray() / free.mass[:, None] for b in (springs, dashpots))
     size = len(free)
     rate = np.random.default_rng(0).normal(0, 1e-9, size)
     full = np.zeros(6 * state.n_bodies)

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core import laws
-from stickslip.core.contact import FREE
-from stickslip.core.jacobian import contact_blocks
+from stickslip.core.contacts.jacobian import contact_blocks
+from stickslip.core.contacts.mechanics import FREE
+from stickslip.core.laws import builtin as laws
 from stickslip.data.exchange.frame import law_of, law_words
-from stickslip.data.parts import ScenarioError
 from stickslip.data.sample import LAWS
+from stickslip.data.schema import ScenarioError
 from stickslip.data.sound import sound_law
+from stickslip.experiments.flow.pouring import flow_law
 from stickslip.loading.packing import jammed
-from stickslip.loading.pouring import flow_law
 from stickslip.solve.damped import damped_stability
 from stickslip.solve.stability import UNLOADED, stability
 from tests.conftest import make_law, make_packing, stirred
@@ -23,7 +23,7 @@ KT, MU = 0.8, 100.0
 
 def one_contact(overlap=1e-2, wall=False, rescaled=True):
     """A grain above another, or on a wall, sheared by a hundredth of its diameter; z is along the normal."""
-    law = ss.hertz_mindlin(1.0, KT, MU, rescaled=rescaled)
+    law = ss.laws.hertz_mindlin(1.0, KT, MU, rescaled=rescaled)
     places = [[0, 0, 0.5 - overlap]] if wall else [[0, 0, 1.0 - overlap], [0, 0, 0]]
     walls = ss.flat_walls([0, 0, 0], [0, 0, 1]) if wall else ss.flat_walls()
     state = ss.assembly(ss.spheres(places, 0.5), walls, skin=0.5)
@@ -96,7 +96,7 @@ def test_a_step_in_blocks_shortens_as_one_evaluation_does(cell, walls):
         floor = ss.flat_walls([[0, 0, 0], [0, 0, size]], [[0, 0, 1], [0, 0, -1]], material=1)
     state = ss.assembly(grains, floor, box, skin=0.1)
     if cell == "flowing":
-        state = state._replace(control=ss.deformed(state.control, [[0, 2e-2, 0], [0, 0, 0], [0, 0, -1e-2]]))
+        state = state._replace(control=ss.control.strained_at(state.control, [[0, 2e-2, 0], [0, 0, 0], [0, 0, -1e-2]]))
     state, _, _ = ss.run(state, law, 40, 0.05)
     end, _, _ = ss.run(state, law, 1, 0.05)
     trial = ss.forces(end._replace(contacts=state.contacts), law)[1]
@@ -114,7 +114,7 @@ def test_a_step_in_blocks_shortens_as_one_evaluation_does(cell, walls):
 def test_the_tangent_is_that_of_a_growing_overlap():
     """At an accepted state the Jacobian is that of the plain law, and of a falling one it has k_t s nᵀ/(2δ) more."""
     state, law = one_contact()
-    plain = ss.hertz_mindlin(1.0, KT, MU)
+    plain = ss.laws.hertz_mindlin(1.0, KT, MU)
     exact = contact_blocks(state, law)[0]
     assert np.array_equal(exact, contact_blocks(state, plain)[0])
     h, at_rest = 1e-7, ss.forces(state, law)[0].force[0]
@@ -129,8 +129,8 @@ def test_the_tangent_is_that_of_a_growing_overlap():
 def test_what_rescaling_takes_stands_under_nonpotential(rescaled):
     """U = ½ k_t s² falls with δ^(3/2) as s does with √δ, and with √δ at constant s; nothing slides."""
     state, law = one_contact(rescaled=rescaled)
-    control = ss.driven(state.control, [0], [0, 0, 1e-3, 0, 0, 0])
-    state = state._replace(control=ss.frozen(control, [1]))
+    control = ss.control.driven(state.control, [0], [0, 0, 1e-3, 0, 0, 0])
+    state = state._replace(control=ss.control.fixed(control, [1]))
     start = 0.5 * KT * np.sqrt(1e-2) * slip(state.contacts) ** 2
     _, record, _ = ss.run(state, law, 700, 1e-2, every=700, ledger=True)
     left = 0.3**1.5 if rescaled else 0.3**0.5
@@ -151,7 +151,7 @@ def test_other_scalars_are_those_of_the_plain_law(name, plain):
     assert laws.rescales(one.kind) and not laws.rescales(other.kind)
     assert not laws.alike(one, other)
     at = {"radius": 0.5, "mass": 1.0, "speed": 0.1}
-    assert ss.collision(one, **at) == ss.collision(other, **at)
+    assert ss.laws.collision(one, **at) == ss.laws.collision(other, **at)
 
 
 @pytest.mark.parametrize("name", laws.KINDS)
@@ -179,4 +179,4 @@ def test_spectra_say_that_unloading_was_not_looked_at():
     assert all(UNLOADED in one.scope for one in found)
     law = LAWS["hertz_mindlin_rescaled"](1.0, 0.5, 10.0, coulomb="smooth", damping_n=0.1)
     assert UNLOADED in damped_stability(state, law).scope
-    assert UNLOADED not in stability(state, ss.hertz_mindlin(1.0, 0.5, 10.0, coulomb="smooth")).scope
+    assert UNLOADED not in stability(state, ss.laws.hertz_mindlin(1.0, 0.5, 10.0, coulomb="smooth")).scope

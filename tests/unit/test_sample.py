@@ -8,15 +8,15 @@ import pytest
 import stickslip as ss
 from stickslip.core.measure import touching
 from stickslip.data import archive
-from stickslip.data.exchange.files import read_sample
-from stickslip.data.sample import SampleError, SampleWarning, accepted, sample
+from stickslip.data.exchange.files import read_packing
+from stickslip.data.sample import PackingError, PackingWarning, accepted, from_arrays
 from stickslip.loading.packing import jammed
 from stickslip.loading.protocols import ramp
 from stickslip.loading.shear import aqs
 from stickslip.solve.stability import stability
 from tests.conftest import stickslip_here as run
 
-LAW = ss.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth")
+LAW = ss.laws.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth")
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +37,7 @@ def arrays_of(state):
 
 def test_a_packing_comes_back_with_the_same_forces_and_spectrum(unstable, tmp_path):
     np.savez(tmp_path / "p.npz", **arrays_of(unstable))
-    state, law, words = read_sample(tmp_path / "p.npz", mu=10.0, i0=0.4)
+    state, law, words = read_packing(tmp_path / "p.npz", mu=10.0, i0=0.4)
     assert not words
     before, after = ss.forces(unstable, LAW)[0], ss.forces(state, law)[0]
     np.testing.assert_allclose(after.force, before.force, atol=1e-15)
@@ -58,7 +58,7 @@ def test_pairs_may_be_given_the_other_way_round_and_in_any_order(unstable):
         "image": (sign * given["image"])[order],
         "slip": (sign * given["slip"])[order],
     }
-    a, b = (ss.forces(sample(law=LAW, **arrays), LAW)[0] for arrays in (given, other))
+    a, b = (ss.forces(from_arrays(law=LAW, **arrays), LAW)[0] for arrays in (given, other))
     assert np.array_equal(a.force, b.force)
 
 
@@ -71,21 +71,21 @@ def test_positions_may_lie_in_other_boxes(unstable):
         "position": given["position"] + boxes @ given["cell"],
         "image": given["image"] - boxes[i] + boxes[j],
     }
-    a, b = (stability(sample(law=LAW, **arrays), LAW).pairs for arrays in (given, other))
+    a, b = (stability(from_arrays(law=LAW, **arrays), LAW).pairs for arrays in (given, other))
     np.testing.assert_allclose(a, b, rtol=1e-7)
 
 
 def test_contacts_may_be_left_out(unstable):
     given = {k: v for k, v in arrays_of(unstable).items() if k in ("position", "radius", "cell")}
-    state = sample(law=LAW, **given)
+    state = from_arrays(law=LAW, **given)
     assert len(touching(state)) == len(touching(unstable))
     assert not state.contacts.slip.any()
 
 
 def test_slip_that_is_not_tangential_is_projected_and_said(unstable):
     given = arrays_of(unstable)
-    with pytest.warns(SampleWarning, match="normal part was up to"):
-        state = sample(law=LAW, **given | {"slip": given["slip"] + 1e-3})
+    with pytest.warns(PackingWarning, match="normal part was up to"):
+        state = from_arrays(law=LAW, **given | {"slip": given["slip"] + 1e-3})
     c, rows = state.contacts, touching(state)
     normal = c.pair[rows] / np.linalg.norm(c.pair[rows], axis=1)[:, None]
     assert np.abs(np.einsum("ck,ck->c", c.slip[rows], normal)).max() < 1e-17
@@ -95,17 +95,17 @@ def test_slip_that_is_too_long_for_a_number_is_refused(unstable):
     """As in a damaged file: its square would overflow."""
     slip = unstable.contacts.slip.copy()
     slip[touching(unstable)[0]] = 1e200
-    with pytest.raises(SampleError, match=r"a slip of 1e\+200 was given: at most 1e\+30 is allowed"):
+    with pytest.raises(PackingError, match=r"a slip of 1e\+200 was given: at most 1e\+30 is allowed"):
         accepted(unstable._replace(contacts=unstable.contacts._replace(slip=slip)), LAW, memory=ss.FROZEN)
 
 
 def test_slip_beyond_the_limit_and_missing_pairs_are_said(unstable):
     given = arrays_of(unstable)
-    with pytest.warns(SampleWarning, match="exceed Coulomb's limit"):
-        sample(law=ss.hertz_mindlin(mu=1e-3), **given)
+    with pytest.warns(PackingWarning, match="exceed Coulomb's limit"):
+        from_arrays(law=ss.laws.hertz_mindlin(mu=1e-3), **given)
     fewer = {k: v[1:] if k in ("pair_i", "pair_j", "image", "slip") else v for k, v in given.items()}
-    with pytest.warns(SampleWarning, match="1 touching pair"):
-        sample(law=LAW, **fewer)
+    with pytest.warns(PackingWarning, match="1 touching pair"):
+        from_arrays(law=LAW, **fewer)
 
 
 def wrong(given, **changes):
@@ -141,8 +141,8 @@ def wrong(given, **changes):
 )
 def test_what_cannot_be_taken_is_one_sentence(unstable, change, words):
     given = arrays_of(unstable)
-    with pytest.raises(SampleError, match=words) as problem:
-        sample(law=LAW, **wrong(given, **change(given)))
+    with pytest.raises(PackingError, match=words) as problem:
+        from_arrays(law=LAW, **wrong(given, **change(given)))
     assert "\n" not in str(problem.value)
 
 
@@ -211,21 +211,23 @@ def test_a_file_that_is_none_ends_with_code_2(tmp_path, content):
 
 
 def test_vectors_in_the_plane_may_have_two_components():
-    law = ss.linear(1.0, 0.5, 0.5, coulomb="sharp")
+    law = ss.laws.linear(1.0, 0.5, 0.5, coulomb="sharp")
     flat = {"radius": [0.5, 0.5], "law": law, "dim": 2, "pair_i": [0], "pair_j": [1]}
-    two = ss.sample([[0.1, 0.2], [1.09, 0.2]], slip=[[0, 1e-3]], image=[[0, 0]], cell=[[4, 0], [1, 4]], **flat)
-    three = ss.sample(
+    two = ss.packings.from_arrays(
+        [[0.1, 0.2], [1.09, 0.2]], slip=[[0, 1e-3]], image=[[0, 0]], cell=[[4, 0], [1, 4]], **flat
+    )
+    three = ss.packings.from_arrays(
         [[0.1, 0.2, 0], [1.09, 0.2, 0]], slip=[[0, 1e-3, 0]], image=[[0, 0, 0]],
         cell=[[4, 0, 0], [1, 4, 0], [0, 0, 1]], **flat,
     )  # fmt: skip
     for name in ("position", "velocity"):
         assert np.array_equal(getattr(two.grains, name), getattr(three.grains, name))
     assert np.array_equal(two.cell.vectors, three.cell.vectors)
-    assert np.array_equal(ss.contact_forces(two, law), ss.contact_forces(three, law))
-    assert ss.sample([[0, 0]], [0.5], law, dim=2, cell=[4, 5]).cell.vectors.tolist() == [
+    assert np.array_equal(ss.measure.contact_forces(two, law), ss.measure.contact_forces(three, law))
+    assert ss.packings.from_arrays([[0, 0]], [0.5], law, dim=2, cell=[4, 5]).cell.vectors.tolist() == [
         [4, 0, 0],
         [0, 5, 0],
         [0, 0, 1],
     ]
-    with pytest.raises(ss.SampleError, match=r"position has shape \(1, 2\)"):
-        ss.sample([[0, 0]], [0.5], law)
+    with pytest.raises(ss.packings.PackingError, match=r"position has shape \(1, 2\)"):
+        ss.packings.from_arrays([[0, 0]], [0.5], law)

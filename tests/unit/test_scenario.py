@@ -7,7 +7,7 @@ import pytest
 
 import stickslip as ss
 from stickslip.data import archive
-from stickslip.data.scenario import ScenarioError, read, scenario
+from stickslip.experiments.registry import ScenarioError, read_scenario, scenario
 from tests.conftest import make_law, make_packing, stirred
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -57,29 +57,29 @@ def test_a_bad_file_is_one_sentence(tmp_path, text, words):
     path = tmp_path / "bad.toml"
     path.write_text(text)
     with pytest.raises(ScenarioError, match=words):
-        read(path)
+        read_scenario(path)
     (tmp_path / "bad.json").write_text("{not json")
     with pytest.raises(ScenarioError, match="not valid JSON"):
-        read(tmp_path / "bad.json")
+        read_scenario(tmp_path / "bad.json")
     with pytest.raises(ScenarioError, match="cannot be read"):
-        read(tmp_path / "absent.toml")
+        read_scenario(tmp_path / "absent.toml")
 
 
 def test_the_example_is_the_paper_and_survives_a_round_trip(tmp_path):
-    from stickslip.experiments.disk_array import paper_scenario
+    from stickslip.experiments.disk_array.paper import paper_scenario
 
-    example, paper = read(EXAMPLES / "disk_array.toml"), paper_scenario()
+    example, paper = read_scenario(EXAMPLES / "disk_array.toml"), paper_scenario()
     assert example.array == paper.array
     assert example.law == paper.law
     assert example.load.press == paper.load.press
     (tmp_path / "scenario.json").write_text(example.text)
-    again = read(tmp_path / "scenario.json")
+    again = read_scenario(tmp_path / "scenario.json")
     assert again == example
     assert again.digest == example.digest != paper_scenario(seed=1).digest
 
 
 def test_path_passes_through_turning_points_and_wanted_loads():
-    path = ss.path_of([0.0, 0.03, 0.01], 0.01, through=[0.015, 0.012])
+    path = ss.protocols.load_path([0.0, 0.03, 0.01], 0.01, through=[0.015, 0.012])
     np.testing.assert_allclose(path, [0, 0.01, 0.012, 0.015, 0.02, 0.03, 0.02, 0.01], atol=1e-15)
 
 

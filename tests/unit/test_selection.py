@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stickslip.core.selection import layered, shared_out
+from stickslip.core.simd.partition import layered, shared_out
 
 
 @pytest.mark.parametrize(

@@ -6,14 +6,14 @@ import pytest
 import stickslip as ss
 from stickslip.solve.freedom import jacobian
 
-LAW = ss.hertz_mindlin_reff(1.0, 0.5, 0.3, damping_n=0.3, damping_t=0.15)  # as other tests: one kernel
+LAW = ss.laws.hertz_mindlin_reff(1.0, 0.5, 0.3, damping_n=0.3, damping_t=0.15)  # as other tests: one kernel
 
 
 def slider(stiffness=2.0, velocity=0.1, until=20.0):
     """A free grain on a spring whose load point moves, then stands."""
     state = ss.assembly(ss.spheres([[0, 0, 0]], 0.5))
     course = {"times": [0, until], "displacement": [0, velocity * until]}
-    return state._replace(control=ss.pulled(state.control, [0], [[0, 0, 0]], stiffness, **course))
+    return state._replace(control=ss.control.spring_loaded(state.control, [0], [[0, 0, 0]], stiffness, **course))
 
 
 def plate(normal=1.0, stiffness=0.4):
@@ -22,11 +22,13 @@ def plate(normal=1.0, stiffness=0.4):
     high = low + np.array([0.3, 0.92, 0.1])
     grains = ss.spheres(np.concatenate([low, high]), 0.5)
     state = ss.assembly(grains, cell=ss.box([3.0, 5.0, 5.0], [True, False, False]))
-    control = ss.frozen(ss.rigid(state.control, [3, 4, 5]), [0, 1, 2])
+    control = ss.control.fixed(ss.control.rigid(state.control, [3, 4, 5]), [0, 1, 2])
     control.free[3:, 2] = False
-    control = ss.pressed(control, [3, 4, 5], [0, -normal / 3])
+    control = ss.control.force_controlled(control, [3, 4, 5], [0, -normal / 3])
     course = {"times": [0.0, 50.0], "displacement": [0.0, 5.0]}
-    return state._replace(control=ss.pulled(control, [3, 4, 5], grains.position[3:], stiffness, **course))
+    return state._replace(
+        control=ss.control.spring_loaded(control, [3, 4, 5], grains.position[3:], stiffness, **course)
+    )
 
 
 def test_a_mass_on_a_spring_follows_its_load_point():
@@ -56,16 +58,18 @@ def test_a_continued_run_is_the_same_to_the_last_bit():
 
 def test_a_new_course_replaces_the_old_one():
     state = slider()
-    control = ss.pulled(state.control, [0], [[0, 0, 0]], 2.0, times=[0, 10], displacement=[1, 2])
+    control = ss.control.spring_loaded(state.control, [0], [[0, 0, 0]], 2.0, times=[0, 10], displacement=[1, 2])
     assert control.course.shape[1] == 1
-    assert ss.spring_forces(control, np.zeros((1, 3)), 5.0)[0, 0] == pytest.approx(2 * 1.5)
+    assert ss.control.spring_forces(control, np.zeros((1, 3)), 5.0)[0, 0] == pytest.approx(2 * 1.5)
 
 
 def test_a_course_that_others_follow_stays_theirs():
     state = ss.assembly(ss.spheres([[0, 0, 0], [5, 0, 0]], 0.5))
-    both = ss.pulled(state.control, [0, 1], state.grains.position, 2.0, times=[0, 10], displacement=[0, 1])
-    one = ss.pulled(both, [0], state.grains.position[:1], 1.0, times=[0, 10], displacement=[0, 4])
-    assert ss.spring_forces(one, state.grains.position, 5.0)[:, 0] == pytest.approx([2.0, 0.5])
+    both = ss.control.spring_loaded(
+        state.control, [0, 1], state.grains.position, 2.0, times=[0, 10], displacement=[0, 1]
+    )
+    one = ss.control.spring_loaded(both, [0], state.grains.position[:1], 1.0, times=[0, 10], displacement=[0, 4])
+    assert ss.control.spring_forces(one, state.grains.position, 5.0)[:, 0] == pytest.approx([2.0, 0.5])
 
 
 def test_the_record_tells_what_pulls_a_group():
@@ -85,16 +89,16 @@ def test_the_record_tells_what_pulls_a_group():
 
 def test_the_spring_is_in_the_jacobian():
     """∂f/∂q by differences of the unbalanced force."""
-    state, law = plate(), ss.hertz_mindlin_reff(1.0, 0.5, 0.3)
+    state, law = plate(), ss.laws.hertz_mindlin_reff(1.0, 0.5, 0.3)
     state, _, _ = ss.run(state, law, 200, 1e-3)
     state = ss.accept(state, ss.forces(state, law)[1])
     free = ss.freedom(state)
     matrix, h = jacobian(state, law, free).toarray(), 1e-7
     sides = []
     for sign in (1, -1):
-        moved = ss.displaced(state, free, sign * h * np.eye(len(free))[0])
+        moved = ss.modes.displaced(state, free, sign * h * np.eye(len(free))[0])
         loads, _ = ss.forces(moved, law, memory=ss.HELD)
-        sides.append(ss.residual_vector(moved, loads, free))
+        sides.append(ss.modes.residual_vector(moved, loads, free))
     assert matrix[:, 0] == pytest.approx((sides[0] - sides[1]) / (2 * h), abs=1e-6)
     control = state.control._replace(spring=0 * state.control.spring)
     without = jacobian(state._replace(control=control), law, free).toarray()
@@ -102,7 +106,7 @@ def test_the_spring_is_in_the_jacobian():
 
 
 def test_a_stiff_spring_shortens_the_time_step():
-    assert ss.stable_time_step(slider(8.0), LAW) == pytest.approx(2 / np.sqrt(8.0))
+    assert ss.measure.stable_time_step(slider(8.0), LAW) == pytest.approx(2 / np.sqrt(8.0))
     with pytest.raises(ValueError, match=r"stable up to 0.7071 only"):
         ss.run(slider(8.0), LAW, 10, 0.8)
 
@@ -110,9 +114,9 @@ def test_a_stiff_spring_shortens_the_time_step():
 def test_bad_springs_are_refused():
     state = slider()
     with pytest.raises(ValueError, match="stiffness -1 was given"):
-        ss.pulled(state.control, [0], [[0, 0, 0]], -1.0)
+        ss.control.spring_loaded(state.control, [0], [[0, 0, 0]], -1.0)
     with pytest.raises(ValueError, match="2 times and 3 values"):
-        ss.pulled(state.control, [0], [[0, 0, 0]], 1.0, times=[0, 1], displacement=[0, 1, 2])
-    held = ss.frozen(state.control, [0])
+        ss.control.spring_loaded(state.control, [0], [[0, 0, 0]], 1.0, times=[0, 1], displacement=[0, 1, 2])
+    held = ss.control.fixed(state.control, [0])
     with pytest.raises(ValueError, match="a spring pulls body 0 along x, where it is frozen"):
         ss.assembly(state.grains, control=held)

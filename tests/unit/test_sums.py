@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from stickslip.core.sums import AHEAD, IS_FIRST, IS_I, ROW, WIDTH, summed_rows
+from stickslip.core.simd.reduce import AHEAD, IS_FIRST, IS_I, ROW, WIDTH, summed_rows
 
 
 @njit

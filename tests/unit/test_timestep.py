@@ -15,7 +15,7 @@ def test_it_is_that_of_the_stiffest_mode(dim, law_name):
     state = stirred(make_packing(dim, seed=2), law, np.random.default_rng(0), size=0.001)
     stiffest = spectrum(state, law).eigenvalues.real.max()
     # the springs alone: the pre-stress changes a mode's stiffness by the overlap over the radius, a few per cent
-    assert ss.stable_time_step(state, law) == pytest.approx(2 / np.sqrt(stiffest), rel=0.05)
+    assert ss.measure.stable_time_step(state, law) == pytest.approx(2 / np.sqrt(stiffest), rel=0.05)
 
 
 @pytest.mark.parametrize("n", [2, 60])
@@ -24,9 +24,9 @@ def test_verlet_is_stable_below_and_refused_above(n):
     position = np.zeros((n, 3))
     position[:, 0] = 0.999 * np.arange(n) + 0.4995
     walls = ss.flat_walls([[0, 0, 0], [0.999 * n, 0, 0]], [[1, 0, 0], [-1, 0, 0]])
-    law = ss.linear(kn=1.0, kt=0.0, mu=0.0)
+    law = ss.laws.linear(kn=1.0, kt=0.0, mu=0.0)
     state = ss.assembly(ss.spheres(position, 0.5, velocity=[1e-5, 0, 0]), walls)
-    longest = ss.stable_time_step(state, law)
+    longest = ss.measure.stable_time_step(state, law)
     assert longest == pytest.approx(1 / np.sin(np.pi * n / (2 * (n + 1))), rel=1e-3)  # ω = 2 sin(πk/2(n+1))
     end, _, outcome = ss.run(state, law, 20_000, 0.98 * longest)
     assert outcome.ok
@@ -44,7 +44,7 @@ def test_an_unforeseen_blow_up_stops_at_once_and_says_where(n):
     velocity = np.zeros((n, 3))
     velocity[1, 0] = -0.1
     state = ss.assembly(ss.spheres(position, 0.5, velocity=velocity))
-    end, _, outcome = ss.run(state, ss.linear(kn=1e6), 1000, 0.1)
+    end, _, outcome = ss.run(state, ss.laws.linear(kn=1e6), 1000, 0.1)
     assert outcome.status is ss.Status.BLOWN_UP
     assert outcome.broken
     assert not outcome.ok

@@ -80,12 +80,12 @@ def test_what_has_two_units_or_none_has_none(si):
 
 def test_what_grains_are_coloured_by_has_its_unit():
     """A number per length in two dimensions, per area in three; Pa only where there is an area."""
-    law = ss.hertz_mindlin_reff(2.0, 1.5, 0.2)
+    law = ss.laws.hertz_mindlin_reff(2.0, 1.5, 0.2)
     told = {}
     for dim in (2, 3):
         place = np.array([[0, 0, 0], [0.99, 0, 0]])[:, :dim]
-        frame = ss.frame_of(ss.sample(place, [0.5, 0.5], law, dim=dim), law)
-        before = ss.frame_of(frame.state, law)
+        frame = ss.io.frame_of(ss.packings.from_arrays(place, [0.5, 0.5], law, dim=dim), law)
+        before = ss.io.frame_of(frame.state, law)
         for si in (False, True):
             told[dim, si] = {name: unit for name, (_, unit) in quantities(frame, first=before, si=si).items()}
     bare = {"material": "", "coordination": "", "sliding contacts": ""}
@@ -99,11 +99,11 @@ def test_what_grains_are_coloured_by_has_its_unit():
 
 def test_the_pressure_of_a_grain_is_force_times_lever_over_its_volume():
     """p = (1/(3 V)) Σ F l, with l from the centre to the contact: the branch's share by radius, all of it at a wall."""
-    law, small, large, overlap = ss.hertz_mindlin_reff(2.0, 1.5, 0.2), 0.3, 0.6, 0.01
+    law, small, large, overlap = ss.laws.hertz_mindlin_reff(2.0, 1.5, 0.2), 0.3, 0.6, 0.01
     place = [[0, 0, small - overlap], [0, 0, 2 * small + large - 2 * overlap]]
     state = ss.assembly(ss.spheres(place, [small, large]), ss.flat_walls([0, 0, 0], [0, 0, 1]))
     state = ss.accept(state, ss.forces(state, law)[1])
-    found = quantities(ss.frame_of(state, law))["pressure"][0]
+    found = quantities(ss.io.frame_of(state, law))["pressure"][0]
     at_wall, between = (2.0 * overlap * np.sqrt(overlap * r) for r in (small, small * large / (small + large)))
     branch = small + large - overlap
     levers = [at_wall * (small - overlap) + between * branch * small / (small + large), between * branch * 2 / 3]

@@ -25,13 +25,13 @@ def cite(
     as_json: AsJson = False,
 ) -> None:
     """BibTeX of what a run rests on: this package, papers, laws, libraries."""
-    from ..data.sources import bibtex, scenarios_of
+    from ..experiments.bibliography import bibtex, scenarios_of
 
     text = bibtex(*scenarios_of(scenario))
     if as_json:
-        from ..experiments import answers
+        from ..experiments import json_output
 
-        print(answers.text(answers.common("cite") | {"bibtex": text}))
+        print(json_output.text(json_output.common("cite") | {"bibtex": text}))
     else:
         print(text, end="")
 
@@ -43,13 +43,13 @@ def doctor(
 ) -> None:
     """Is this installation sound? Versions, threads, caches, optional parts, a self-check; exit code 1 if it fails."""
     from ..doctor import report as examined
-    from ..experiments import answers, report
+    from ..experiments import json_output, terminal
 
-    with report.speaking(quiet=quiet, as_json=as_json):
+    with terminal.speaking(quiet=quiet, as_json=as_json):
         ok, told = examined.told(as_json=as_json)
     if as_json:
-        about = answers.common("doctor", status="finished" if ok else "failed")
-        print(answers.text(about | json.loads(told)))
+        about = json_output.common("doctor", status="finished" if ok else "failed")
+        print(json_output.text(about | json.loads(told)))
     elif quiet:
         print(told)
     raise typer.Exit(0 if ok else 1)

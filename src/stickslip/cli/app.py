@@ -73,15 +73,15 @@ def ended(
     answer: Callable[[], dict], paths: list[Path], show: Callable[[], None], *, quiet: bool, as_json: bool
 ) -> None:
     """The end of a command that writes files: one object for programs, paths alone, or what people read and paths."""
-    from ..experiments import answers, report
+    from ..experiments import json_output, terminal
 
     if as_json:
-        print(answers.text(answer()))
+        print(json_output.text(answer()))
     elif quiet:
         print("\n".join(map(str, paths)))
     else:
         show()
-        report.show_paths(paths)
+        terminal.show_paths(paths)
 
 
 def _version(wanted: bool) -> None:

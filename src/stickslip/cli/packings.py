@@ -70,7 +70,7 @@ def _packing(
     columns: Annotated[str | None, typer.Option(help='Names of its columns: "i j dist … tx ty tz".')] = None,
     boundary: Annotated[str | None, typer.Option(help="As in LAMMPS, ppf, where the file does not say.")] = None,
 ):
-    """Options of every command that reads a packing; see `read_sample`."""
+    """Options of every command that reads a packing; see `read_packing`."""
 
 
 def reads_packing(command):
@@ -114,17 +114,18 @@ def stability(
     Only an equilibrium is judged: forces must balance to 0.002 of the mean contact force. Exit codes: 0 stable or
     unstable, 1 it could not be computed or settled, 2 wrong input, 3 no verdict: not in equilibrium, or not decided.
     """
-    from ..data.exchange.files import listened, read_sample
-    from ..experiments import answers, report, stability_report
-    from ..experiments.stability_more import more_of
+    from ..data.exchange.files import listened, read_packing
+    from ..experiments import json_output, terminal
+    from ..experiments.packing import report as stability_report
+    from ..experiments.packing.details import more_of
 
     shapes = modes or Path(f"{file.stem}-modes.npz")
     if modes or not as_json:
         stability_report.check_modes(shapes, file, asked=modes is not None)
-    with report.speaking(quiet=quiet, as_json=as_json):
-        (state, its_law, words), said = listened(read_sample, file, **options)
+    with terminal.speaking(quiet=quiet, as_json=as_json):
+        (state, its_law, words), said = listened(read_packing, file, **options)
         words = [*words, *said]
-        with report.progress(transient=True) as tell:
+        with terminal.progress(transient=True) as tell:
             calm = None
             if settle:
                 state, calm = stability_report.settled(state, its_law)
@@ -138,14 +139,14 @@ def stability(
         for line in words:
             print(f"stickslip: {line}", file=sys.stderr)
         verdict = stability_report.verdict(found, calm)
-        about = answers.common("stability", files=paths) | {"notes": words, "verdict": verdict}
-        print(answers.text(about | stability_report.as_object(found, more, calm=calm, why=why)))
+        about = json_output.common("stability", files=paths) | {"notes": words, "verdict": verdict}
+        print(json_output.text(about | stability_report.as_object(found, more, calm=calm, why=why)))
     elif quiet:
         print(stability_report.verdict(found, calm))
     else:
         stability_report.show(found, its_law, words, more, calm=calm, why=why, remedy="" if settle else REMEDY)
         if paths:
-            report.show_paths(paths)
+            terminal.show_paths(paths)
     if found.stable is None:
         raise typer.Exit(UNJUDGED)
 
@@ -167,7 +168,7 @@ def convert(
 ) -> None:
     """Write a packing for OVITO, ParaView, ASE or LAMMPS; with --modes, the animation of a mode."""
     from ..data.exchange.files import convert, listened
-    from ..experiments import answers, report
+    from ..experiments import json_output, terminal
 
     (paths, words), said = listened(
         convert, file, to, modes=modes, mode=mode, count=frames, amplitude=amplitude, grow=grow, overwrite=overwrite,
@@ -177,7 +178,7 @@ def convert(
 
     def show() -> None:
         for line in words:
-            report.console.print(line, style="yellow")
+            terminal.console.print(line, style="yellow")
 
-    answer = lambda: answers.common("convert", files=paths) | {"notes": words}  # noqa: E731
+    answer = lambda: json_output.common("convert", files=paths) | {"notes": words}  # noqa: E731
     ended(answer, paths, show, quiet=quiet, as_json=as_json)

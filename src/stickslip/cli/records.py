@@ -42,7 +42,8 @@ def fit(
 ) -> None:
     """Fit rate-and-state friction to a record: a, b, D_c and more with intervals, and which law the data prefer."""
     one_of("law", law, LAWS)
-    from ..experiments import answers, fit_report, report
+    from ..experiments import json_output, terminal
+    from ..experiments.rate_state import fit_report
 
     found = fit_report.fitted(
         file, laws=("aging", "slip") if law == "both" else (law,), stiffness=stiffness, free_stiffness=free_stiffness,
@@ -50,10 +51,12 @@ def fit(
     )  # fmt: skip
     paths = fit_report.write(out, found) if out else []
     if as_json:
-        print(answers.text(answers.common("fit", files=paths, folder=out) | json.loads(fit_report.as_json(found))))
+        print(
+            json_output.text(json_output.common("fit", files=paths, folder=out) | json.loads(fit_report.as_json(found)))
+        )
     elif quiet:
         print("\n".join(fit_report.sentences(found)))
     else:
         fit_report.show(found)
         if paths:
-            report.show_paths(paths)
+            terminal.show_paths(paths)

@@ -1,15 +1,14 @@
 """Commands that run experiments: a paper's, one's own, a sweep, and what is left of one that was stopped."""
 
 import sys
-from importlib import import_module
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from ..experiments.rooms import ALONE, PAPERS, REPORTS, WORDS
+from ..experiments.registry import EXPERIMENTS, experiment_of, papers
 from .app import ENGINES, AsJson, Out, Overwrite, Quiet, Scheduler, Workers, app, completes, ended, examples, one_of
-from .ending import FailedError, working
+from .entry_point import FailedError, working
 
 REPRODUCE = examples(
     ("reproduce disk-array --quick", "a minute; results/disk-array-quick, with figures and claims"),
@@ -33,7 +32,8 @@ def reproduce(
     experiment: Annotated[
         str,
         typer.Argument(
-            help="Which paper: disk-array, sphere-shear, quasi-rigid or gouge.", autocompletion=completes(WORDS)
+            help="Which paper: disk-array, sphere-shear, quasi-rigid or gouge.",
+            autocompletion=completes({name: one.words for name, one in papers().items()}),
         ),
     ],
     quick: Annotated[
@@ -51,40 +51,42 @@ def reproduce(
     as_json: AsJson = False,
 ) -> None:
     """Run a paper's experiment end to end: figures, raw numbers, and every claim judged (claims.md, claims.png)."""
-    one_of("experiment", experiment, PAPERS)
+    one_of("experiment", experiment, papers())
     if full and (quick or experiment != "gouge"):
         raise ValueError(
             "--full was given with --quick: give one of them" if quick else f"{experiment} has no --full: leave it out"
         )
     spread = _spread(workers, scheduler)
     from ..data.lock import alone
-    from ..experiments import report
+    from ..experiments import run_folder, terminal
+    from ..experiments.resume import begin_reproduction
 
-    chosen = _room(PAPERS[experiment]).paper_scenario(quick=quick, seed=seed)
+    chosen = EXPERIMENTS[experiment].paper.scenario(quick=quick, seed=seed)
     folder = out or Path("results") / (experiment + ("-quick" if quick else ""))
     how = {"quiet": quiet, "as_json": as_json}
-    with report.speaking(**how), alone(folder):
-        report.claim_folder(folder, chosen, overwrite=overwrite)
+    with terminal.speaking(**how), alone(folder):
+        run_folder.claim_folder(folder, chosen, overwrite=overwrite)
         asked = {"experiment": experiment, "quick": quick, "seed": seed} | ({"full": True} if full else {})
-        report.begin_reproduction(folder, chosen, **asked)
+        begin_reproduction(folder, chosen, **asked)
         _reproduced("reproduce", folder, spread, how, **asked)
 
 
 def _reproduced(command: str, folder: Path, spread, how: dict, *, experiment: str, quick: bool, **asked) -> None:
     """Run a paper's experiment in a folder, or what is left of it."""
-    from ..experiments import answers, report
+    from ..experiments import json_output, terminal
     from ..experiments.claims_report import show_claims
+    from ..experiments.writer import write_reproduction
 
-    paper, its_report = _room(PAPERS[experiment]), _room(REPORTS[experiment])
+    chosen = EXPERIMENTS[experiment]
     if quick:
-        report.console.print(f"--quick cuts: {paper.CUTS}.")
-    with working(), report.progress() as tell:
-        found = paper.reproduce(quick=quick, **asked, folder=folder, workers=spread, report=tell)
+        terminal.console.print(f"--quick cuts: {chosen.paper.cuts}.")
+    with working(), terminal.progress() as tell:
+        found = chosen.paper.reproduce(quick=quick, **asked, folder=folder, workers=spread, report=tell)
         tell("figures", 0.0, str(folder))
-        paths = its_report.write_reproduction(folder, found)
+        paths = write_reproduction(folder, chosen.paper, found)
     ended(
-        lambda: answers.of_run(command, folder, found.main, paths, found.claims), paths,
-        lambda: show_claims(found.claims, its_report.SHOWS), **how,
+        lambda: json_output.of_run(command, folder, found.main, paths, found.claims), paths,
+        lambda: show_claims(found.claims, chosen.paper.shows()), **how,
     )  # fmt: skip
 
 
@@ -106,36 +108,37 @@ def run(
 ) -> None:
     """Run your own scenario, or with a table [sweep] many: arrays, packings, tests, flows, gouge, sliders."""
     from ..data.lock import alone
-    from ..data.scenario import scenario as judged
-    from ..data.scenario import tables_of
-    from ..experiments import report
+    from ..experiments import run_folder, terminal
+    from ..experiments.registry import scenario as judged
+    from ..experiments.registry import tables_of
 
     tables, how = tables_of(scenario), {"quiet": quiet, "as_json": as_json}
     if "sweep" in tables:
         tables, spread = _swept(tables, engine), _spread(workers, scheduler)
-        with report.speaking(**how), alone(out):
+        with terminal.speaking(**how), alone(out):
             return _sweep("run", tables, out, spread, how, overwrite=overwrite, yes=yes, figures=figures)
     chosen = judged(**tables)
     if engine is not None:
         chosen = _with_engine(chosen, engine)
     spread = _spread(workers, scheduler, chosen)
-    with report.speaking(**how), alone(out):
-        report.claim_folder(out, chosen, overwrite=overwrite)
+    with terminal.speaking(**how), alone(out):
+        run_folder.claim_folder(out, chosen, overwrite=overwrite)
         return _ran("run", chosen, out, spread, how)
 
 
 def _ran(command: str, chosen, folder: Path, spread, how: dict) -> None:
     """Run a scenario in a folder, or what is left of it."""
-    from ..experiments import answers, report
+    from ..experiments import json_output, terminal
+    from ..experiments.writer import write_result
 
-    its_report = _room(REPORTS[chosen.experiment])
-    getattr(its_report, "foretell", lambda chosen: None)(chosen)
-    with working(), report.progress() as tell:
-        found = its_report.simulate(chosen, folder=folder, workers=spread, report=tell)
+    experiment = experiment_of(chosen)
+    experiment.announce(chosen)
+    with working(), terminal.progress() as tell:
+        found = experiment.simulate(chosen, folder=folder, workers=spread, report=tell)
         tell("figures", 0.0, str(folder))
-        paths = its_report.write_result(folder, found)
+        paths = write_result(folder, experiment, found)
     ended(
-        lambda: answers.of_run(command, folder, found, paths), paths, lambda: its_report.show_result(found), **how
+        lambda: json_output.of_run(command, folder, found, paths), paths, lambda: experiment.show(found), **how
     )  # fmt: skip
 
 
@@ -149,14 +152,15 @@ def resume(
 ) -> None:
     """Go on with a run that was killed: dynamics to the last bit, quasi-static steps to their solver's tolerance."""
     from ..data.lock import alone
-    from ..experiments import report
+    from ..experiments import terminal
+    from ..experiments.resume import begun
 
     how = {"quiet": quiet, "as_json": as_json}
-    with report.speaking(**how):
-        if report.begun(folder) is None:
+    with terminal.speaking(**how):
+        if begun(folder) is None:
             return _nothing_left(folder, how)
         with alone(folder):
-            found = report.begun(folder)  # again: another process may have ended in between
+            found = begun(folder)  # again: another process may have ended in between
             if found is None:
                 return _nothing_left(folder, how)
             spread = _spread(workers, scheduler, found.scenario)
@@ -169,14 +173,14 @@ def resume(
 
 def _nothing_left(folder: Path, how: dict) -> None:
     """Say that a run has ended, and what it left."""
-    from ..data.kept import SCENARIO
-    from ..data.scenario import read
-    from ..experiments import answers, report
+    from ..data.checkpoint import SCENARIO
+    from ..experiments import json_output, run_folder, terminal
+    from ..experiments.registry import read_scenario
 
-    words, paths = f"{folder} is finished: there is nothing to go on with.", report.files_of(folder)
+    words, paths = f"{folder} is finished: there is nothing to go on with.", run_folder.files_of(folder)
     ended(
-        lambda: answers.of_finished("resume", folder, read(folder / SCENARIO)), paths,
-        lambda: report.console.print(words), **how,
+        lambda: json_output.of_finished("resume", folder, read_scenario(folder / SCENARIO)), paths,
+        lambda: terminal.console.print(words), **how,
     )  # fmt: skip
 
 
@@ -184,10 +188,11 @@ def _sweep(
     command: str, tables: dict, out: Path, spread, how: dict, *, yes: bool, figures: bool, overwrite: bool = False
 ) -> None:
     """Many runs; those that fail end with exit code 1, and the others are kept."""
-    from ..data.sweep import sweep
-    from ..experiments import answers
+    from ..experiments import json_output
+    from ..experiments.sweep import report as sweep_report
+    from ..experiments.sweep.definition import sweep
 
-    its_report, chosen = _room("sweep_report"), sweep(**tables)
+    chosen = sweep(**tables)
 
     def confirm() -> bool:
         if yes or not sys.stdin.isatty() or how["as_json"] or how["quiet"]:
@@ -196,15 +201,18 @@ def _sweep(
             return True
         return typer.confirm(f"Run {chosen.count} members?")
 
-    found = its_report.simulate(
+    found = sweep_report.simulate(
         chosen, out, workers=spread, overwrite=overwrite, figures=figures, confirm=confirm
     )  # fmt: skip
     if found is None:
         return print("nothing was run")
-    answer, sentence = answers.of_sweep(command, out, found, its_report.ranges(found)), its_report.verdict(found)
+    answer, sentence = (
+        json_output.of_sweep(command, out, found, sweep_report.ranges(found)),
+        sweep_report.verdict(found),
+    )
     if sentence and how["as_json"]:
-        raise FailedError(sentence, answers.finite(answer))
-    ended(lambda: answer, answer["files"], lambda: its_report.show(found), **how)
+        raise FailedError(sentence, json_output.finite(answer))
+    ended(lambda: answer, answer["files"], lambda: sweep_report.show(found), **how)
     if sentence:
         raise RuntimeError(sentence)
     return None
@@ -220,7 +228,7 @@ def _swept(tables: dict, engine: str | None) -> dict:
 
 def _spread(workers: int | None, scheduler: str | None, chosen=None) -> int | str | None:
     """Where independent runs of a scenario go, tried before anything starts."""
-    if scheduler and chosen and chosen.experiment in ALONE:
+    if scheduler and chosen and not experiment_of(chosen).parallel:
         raise ValueError(f"--scheduler was given, but experiment = {chosen.experiment!r} is one run: leave it out")
     if scheduler is None:
         return workers
@@ -238,8 +246,3 @@ def _with_engine(chosen, engine: str):
     if chosen.experiment != "gouge":
         raise ValueError(f'--engine was given with experiment = {chosen.experiment!r}: only "gouge" has a choice')
     return chosen.model_copy(update={"engine": engine})
-
-
-def _room(name: str):
-    """A module of the experiments, loaded when needed."""
-    return import_module(f"..experiments.{name}", __package__)

@@ -19,7 +19,7 @@ _SHARED = "STICKSLIP_KERNELS"
 
 
 def _kernel_cache() -> str:
-    sources = b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
+    sources = b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.rglob("*.py")))
     name = hashlib.sha256(sources + numba.__version__.encode()).hexdigest()[:16]
     base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     folder = base / "stickslip" / name

@@ -5,7 +5,7 @@ import numpy as np
 from .state import Control
 
 
-def frozen(control: Control, bodies) -> Control:
+def fixed(control: Control, bodies) -> Control:
     """Control in which all components of the given bodies stand still."""
     return driven(control, bodies, 0.0)
 
@@ -28,8 +28,8 @@ def rigid(control: Control, bodies) -> Control:
     --------
     A plate of grains 3 and 4, pressed along y and pulled along x at a given speed:
 
-    >>> from stickslip import loads
-    >>> control = rigid(loads(5), [3, 4])
+    >>> import stickslip as ss
+    >>> control = rigid(ss.control.loads(5), [3, 4])
     >>> control.force[3, 1] = -0.1
     >>> control.free[[3, 4], 0], control.rate[[3, 4], 0] = False, 1e-3
     >>> control.group
@@ -41,7 +41,7 @@ def rigid(control: Control, bodies) -> Control:
     return control._replace(free=free, rate=rate, group=group)
 
 
-def pressed(control: Control, bodies, force) -> Control:
+def force_controlled(control: Control, bodies, force) -> Control:
     """Control in which walls or rigid groups are servo-controlled: free along a force, which contacts come to balance.
 
     Parameters
@@ -54,8 +54,8 @@ def pressed(control: Control, bodies, force) -> Control:
     --------
     A lid, body 101, that is pressed down by 0.5:
 
-    >>> from stickslip import loads, pressed
-    >>> control = pressed(loads(100, 2), [101], [0, -0.5])
+    >>> import stickslip as ss
+    >>> control = ss.control.force_controlled(ss.control.loads(100, 2), [101], [0, -0.5])
     >>> control.free[101, :3]
     array([False,  True, False])
     """
@@ -67,7 +67,7 @@ def pressed(control: Control, bodies, force) -> Control:
     return control._replace(free=free, rate=rate, force=forces)
 
 
-def deformed(control: Control, rate) -> Control:
+def strained_at(control: Control, rate) -> Control:
     """Control in which the cell deforms at a velocity gradient L and carries the grains along: ẋ = v + L x.
 
     Components that follow the stress (`stress_controlled`) stay free where `rate` is zero, so that shear at constant
@@ -82,8 +82,9 @@ def deformed(control: Control, rate) -> Control:
     --------
     Shear at constant pressure: the cell's height follows the normal stress.
 
-    >>> from stickslip import deformed, loads, stress_controlled
-    >>> control = stress_controlled(deformed(loads(100), [[0, 1e-4], [0, 0]]), {"yy": 1e-3})
+    >>> import stickslip as ss
+    >>> control = ss.control.strained_at(ss.control.loads(100), [[0, 1e-4], [0, 0]])
+    >>> control = ss.control.stress_controlled(control, {"yy": 1e-3})
     >>> float(control.cell_rate[0, 1]), bool(control.cell_free[1, 1])
     (0.0001, True)
     """
@@ -123,7 +124,7 @@ def stress_controlled(control: Control, stress: dict[str, float], *, mass: float
     return control._replace(cell_free=free, stress=wanted, cell_rate=rate, cell_mass=float(mass))
 
 
-def following(control: Control, bodies, times, factors, *, axes=slice(None)) -> Control:
+def time_dependent(control: Control, bodies, times, factors, *, axes=slice(None)) -> Control:
     """Control in which the rates of driven components of the given bodies are multiplied by a function of time.
 
     Parameters
@@ -137,10 +138,10 @@ def following(control: Control, bodies, times, factors, *, axes=slice(None)) -> 
     A floor, body 10, that is shaken sideways with an amplitude of 0.1 in velocity, once in 50 time units:
 
     >>> import numpy as np
-    >>> from stickslip import driven, following, loads
-    >>> control = driven(loads(10, 1), [10], [0.1, 0, 0, 0, 0, 0])
+    >>> import stickslip as ss
+    >>> control = ss.control.driven(ss.control.loads(10, 1), [10], [0.1, 0, 0, 0, 0, 0])
     >>> times = np.linspace(0, 200, 401)
-    >>> following(control, [10], times, np.cos(2 * np.pi * times / 50)).follows[10, :3]
+    >>> ss.control.time_dependent(control, [10], times, np.cos(2 * np.pi * times / 50)).follows[10, :3]
     array([0, 0, 0], dtype=int16)
     """
     control = control._replace(course=_with_column(control.course))
@@ -156,7 +157,7 @@ def following(control: Control, bodies, times, factors, *, axes=slice(None)) -> 
     return control._replace(knots=knots, course=course, follows=follows, cell_follows=cell_follows)
 
 
-def pulled(
+def spring_loaded(
     control: Control, bodies, position, stiffness: float, *, axis: int = 0, times=(0.0,), displacement=(0.0,)
 ) -> Control:
     """Control in which a spring pulls the given bodies along an axis: F = k (x₀ + d(t) − x), x₀ + d the load point.
@@ -176,8 +177,8 @@ def pulled(
     --------
     A slider, body 0, pulled at a velocity of 0.1 for 20 time units, then held:
 
-    >>> from stickslip import loads
-    >>> control = pulled(loads(1), [0], [[0, 0, 0]], 2.0, times=[0, 20], displacement=[0, 2])
+    >>> import stickslip as ss
+    >>> control = spring_loaded(ss.control.loads(1), [0], [[0, 0, 0]], 2.0, times=[0, 20], displacement=[0, 2])
     >>> spring_forces(control, np.zeros((1, 3)), 5.0)[0]
     array([1., 0., 0.])
     """
@@ -230,7 +231,7 @@ def factors_at(control: Control, time: float) -> np.ndarray:
     return np.array([*(np.interp(time, control.knots, column) for column in control.course.T), 1.0])
 
 
-def between_controls(begin: Control, end: Control, share: float) -> Control:
+def between(begin: Control, end: Control, share: float) -> Control:
     """The control a share of the way from one to another: forces, torques, gravity and stress between those of both."""
     mixed = {
         name: (1 - share) * getattr(begin, name) + share * getattr(end, name)

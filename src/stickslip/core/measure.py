@@ -3,11 +3,11 @@
 import numpy as np
 from numba import njit
 
-from .contact import HELD, apart, effective
-from .forces import bodies
-from .geometry import normal_and_overlap, pair_vector, shifts
-from .jacobian import linearised
-from .laws import Law, normal_energy, row
+from .contacts.forces import bodies
+from .contacts.geometry import normal_and_overlap, pair_vector, shifts
+from .contacts.jacobian import linearised
+from .contacts.mechanics import HELD, apart, effective
+from .laws.builtin import Law, normal_energy, row
 from .state import OPEN, State
 
 
@@ -16,7 +16,7 @@ def touching(state: State) -> np.ndarray:
     return np.flatnonzero(state.contacts.mode[: state.contacts.count[0]] != OPEN)
 
 
-def branches(state: State) -> np.ndarray:
+def branch_vectors(state: State) -> np.ndarray:
     """(C, 3) vectors r_i − r_j + cellᵀ·image of all pairs in the list; for a wall, from its surface to i [length]."""
     contacts, grains, count, n = state.contacts, state.grains, int(state.contacts.count[0]), len(state.grains.radius)
     i, j = contacts.i[:count], contacts.j[:count]
@@ -53,7 +53,7 @@ def stress(state: State, law: Law) -> np.ndarray:
     ------
     Bonfanti et al., doi:10.1103/PhysRevE.101.052902, before Fig 5, where the sign is opposite and 1/L² stands for 1/V.
     """
-    return np.einsum("ca,cb->ab", contact_forces(state, law), branches(state)) / volume(state)
+    return np.einsum("ca,cb->ab", contact_forces(state, law), branch_vectors(state)) / volume(state)
 
 
 def pressure(state: State, law: Law) -> float:
@@ -80,7 +80,7 @@ def fabric(state: State) -> np.ndarray:
     ------
     Oda, doi:10.3208/sandf1972.22.4_96.
     """
-    normal = branches(state)[touching(state)]
+    normal = branch_vectors(state)[touching(state)]
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     return normal.T @ normal / max(len(normal), 1)
 
@@ -95,7 +95,7 @@ def inertial_number(shear_rate: float, pressure: float, *, diameter: float, dens
     Examples
     --------
     >>> round(inertial_number(0.1, 5e6, diameter=3e-3, density=2500.0), 10)
-    6.7e-06
+    6.7082e-06
     """
     for name, value in (("pressure", pressure), ("diameter", diameter), ("density", density)):
         if not value > 0:

@@ -3,6 +3,8 @@
 from enum import Enum
 from typing import NamedTuple
 
+from .readable import readable
+
 
 class Status(Enum):
     """Each member is the sentence that a user should read, remedy included."""
@@ -22,6 +24,7 @@ class Status(Enum):
     CONTACT_LOST = "grains flew apart and lost all their contacts: use stronger drag or a smaller load"
 
 
+@readable
 class Outcome(NamedTuple):
     """Result of a solve."""
 

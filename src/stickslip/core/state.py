@@ -9,11 +9,14 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from .readable import counted, readable
+
 OPEN, STICK, SLIDE = 0, 1, 2
 CROWD = 100  # centres in a cube of the smallest radius, which holds one if grains do not overlap
 COURSE = np.int16  # of the columns that components follow: there are nine of them to a body
 
 
+@readable(head=lambda value: _grains_in_words(value))
 class Grains(NamedTuple):
     """Disks or spheres, one row each."""
 
@@ -27,6 +30,7 @@ class Grains(NamedTuple):
     material: np.ndarray  # (N,) row of the law's table
 
 
+@readable(head=lambda value: _walls_in_words(value))
 class Walls(NamedTuple):
     """Flat bodies that translate; grains live on the side to which the normal points."""
 
@@ -37,6 +41,7 @@ class Walls(NamedTuple):
     material: np.ndarray  # (W,)
 
 
+@readable(head=lambda value: _cell_in_words(value))
 class Cell(NamedTuple):
     """The box: vectors as rows, which of them are periodic, the number of dimensions, and how fast it deforms.
 
@@ -49,6 +54,7 @@ class Cell(NamedTuple):
     rate: np.ndarray  # (3, 3) velocity gradient L_ab = ∂v_a/∂x_b; each vector h changes as L h [1/time]
 
 
+@readable(head=lambda value: _contacts_in_words(value))
 class Contacts(NamedTuple):
     """Pairs within reach, sorted by key, each with its memory; the first `count[0]` rows are valid.
 
@@ -72,6 +78,7 @@ class Contacts(NamedTuple):
     rolling: np.ndarray = np.zeros((0, 7))  # (C, 7) memory of laws that resist rolling, see there; else (0, 7)
 
 
+@readable(head=lambda value: _control_in_words(value))
 class Control(NamedTuple):
     """What is imposed. A component that is not free moves at its `rate`: zero means frozen, anything else driven.
 
@@ -100,6 +107,7 @@ class Control(NamedTuple):
     leads: np.ndarray  # (N + W, 3) column of `course` that is added to `anchor` [length], −1: none
 
 
+@readable
 class Instant(NamedTuple):
     """Forces of a run's last step, with which a continued run begins; see `instant`."""
 
@@ -108,6 +116,7 @@ class Instant(NamedTuple):
     mark: int  # checksum of the state that they belong to
 
 
+@readable(head=lambda value: _state_in_words(value), picture=lambda value: _drawing(value))
 class State(NamedTuple):
     """Everything that the future depends on, except the law."""
 
@@ -426,3 +435,73 @@ def _check_springs(control: Control) -> None:
         raise ValueError(
             f"a spring pulls body {body} along {'xyz'[axis]}, where it is frozen or driven: leave it free there"
         )
+
+
+def _grains_in_words(grains: Grains) -> str:
+    radius = grains.radius
+    sizes = f", radii {radius.min():.4g} to {radius.max():.4g}, mass {grains.mass.sum():.4g}" if len(radius) else ""
+    return counted(len(radius), "grain") + sizes
+
+
+def _walls_in_words(walls: Walls) -> str:
+    return counted(len(walls.mass), "flat wall")
+
+
+def _cell_in_words(cell: Cell) -> str:
+    lengths = " × ".join(f"{x:.4g}" for x in np.linalg.norm(cell.vectors, axis=1)[: cell.dim])
+    axes = "".join(name for name, around in zip("xyz", cell.periodic[: cell.dim], strict=False) if around)
+    moving = ", deforming" if cell.rate.any() else ""
+    return f"{cell.dim} dimensions, {lengths}, {f'periodic along {axes}' if axes else 'not periodic'}{moving}"
+
+
+def _contacts_in_words(contacts: Contacts) -> str:
+    mode = contacts.mode[: contacts.count[0]]
+    return f"{_touching_in_words(mode)} in a list of {len(mode)} pairs"
+
+
+def _touching_in_words(mode: np.ndarray) -> str:
+    return f"{counted(int((mode != OPEN).sum()), 'contact')} ({(mode == SLIDE).sum()} sliding)"
+
+
+def _control_in_words(control: Control) -> str:
+    held = int((~control.free[:, :3].any(axis=1)).sum())
+    parts = [counted(len(control.force), "body").replace("bodys", "bodies"), f"{held} of them fixed or driven"]
+    if groups := len(np.unique(control.group[control.group >= 0])):
+        parts.append(counted(groups, "rigid group"))
+    if springs := int(control.spring.any(axis=1).sum()):
+        parts.append(f"{springs} pulled by springs")
+    if control.gravity.any():
+        parts.append(f"gravity ({', '.join(f'{g:.4g}' for g in control.gravity)})")
+    if control.cell_free.any():
+        parts.append("cell that follows the stress")
+    return ", ".join(parts)
+
+
+def _state_in_words(state: State) -> str:
+    kind = "disk" if state.cell.dim == 2 else "sphere"
+    around = state.cell.periodic[: state.cell.dim]
+    cell = "a periodic cell" if around.all() else "a partly periodic cell" if around.any() else "open space"
+    walls = f", {counted(len(state.walls.mass), 'wall')}" if len(state.walls.mass) else ""
+    mode = state.contacts.mode[: state.contacts.count[0]]
+    return (
+        f"{counted(len(state.grains.radius), kind)} in {cell}{walls}, {_touching_in_words(mode)}, t = {state.time:.6g}"
+    )
+
+
+def _drawing(state: State) -> str:
+    """SVG of the grains seen along z, the nearest 3000 of them."""
+    r, radius = state.grains.position, state.grains.radius
+    if not len(radius) or not np.isfinite(r).all():
+        return ""
+    order = np.argsort(r[:, 2])[-3000:]
+    low, high = (r - radius[:, None]).min(axis=0), (r + radius[:, None]).max(axis=0)
+    size = max(high[0] - low[0], high[1] - low[1])
+    circles = "".join(
+        f"<circle cx='{(r[k, 0] - low[0]) / size:.4f}' cy='{(high[1] - r[k, 1]) / size:.4f}' "
+        f"r='{radius[k] / size:.4f}'/>"
+        for k in order
+    )
+    wide, tall = (high[0] - low[0]) / size, (high[1] - low[1]) / size
+    style = "fill='#9db4c8' stroke='#2b3a4a' stroke-width='0.002'"
+    box = f"width='{200 * wide:.0f}' height='{200 * tall:.0f}' viewBox='0 0 {wide:.4f} {tall:.4f}'"
+    return f"<svg {box} xmlns='http://www.w3.org/2000/svg'><g {style}>{circles}</g></svg>"

@@ -23,12 +23,12 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from ..core.kinds import Kind, described, recalled
-from ..core.laws import Law
+from ..core.laws.builtin import Law
+from ..core.laws.dispatch import Kind, described, recalled
 from ..core.state import Cell, Contacts, Control, Grains, Instant, State, Walls
+from .atomic import replace
 from .sound import sound, sound_law
 from .units import unit_of
-from .whole import replace
 
 SCHEMA = 4
 _BLOCK, _SEAL = 512, b"stickslip archive, SHA-256 of what follows this block:\n"

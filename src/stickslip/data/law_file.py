@@ -10,9 +10,9 @@ from pathlib import Path
 
 from pydantic import Field, model_serializer, model_validator
 
-from ..core.laws import Law, with_values
-from ..core.own import law_from_file
-from .parts import Finite, Part, ScenarioError
+from ..core.laws.builtin import Law, with_values
+from ..core.laws.user import from_file
+from .schema import Finite, Part, ScenarioError
 
 
 class LawFile(Part):
@@ -39,7 +39,7 @@ class LawFile(Part):
         path, parameters = Path(given["file"]).absolute(), given.get("parameters", {})
         if not isinstance(parameters, dict):
             raise ValueError("law.parameters is no table: give numbers by name")
-        law_from_file(path, **parameters)
+        from_file(path, **parameters)
         return given | {"file": str(path), "checksum": _checksum(path)}
 
     @model_serializer(mode="wrap")
@@ -61,7 +61,7 @@ def sealed(tables: dict) -> dict:
     if not isinstance(law, dict) or not isinstance(law.get("file"), str) or "checksum" in law:
         return tables
     path = Path(law["file"]).absolute()
-    law_from_file(path)
+    from_file(path)
     return tables | {"law": law | {"file": str(path), "checksum": _checksum(path)}}
 
 
@@ -82,11 +82,11 @@ def law_in(choice: LawFile) -> Law:
         raise ScenarioError(f"law.file = {choice.file} is not there any more: put it back, or name another")
     if _checksum(path) != choice.checksum:
         raise ScenarioError(f"law.file = {choice.file} has changed since the run began: put it back, or run anew")
-    return law_from_file(path, **choice.parameters)
+    return from_file(path, **choice.parameters)
 
 
 def law_of_options(path: str, given: dict) -> tuple[Law, dict]:
     """The law of a file that was named on the command line, and the options that are not parameters of it."""
-    law = law_from_file(path)
+    law = from_file(path)
     values = {name: given[name] for name in ("kn", "kt", "mu", "damping_n", "damping_t") if name in given}
     return with_values(law, **values), {name: value for name, value in given.items() if name not in values}

@@ -12,8 +12,8 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from . import whole
-from .kept import MEMBERS, SWEEP
+from . import atomic as whole
+from .checkpoint import MEMBERS, SWEEP
 
 TRIES = 20
 LOCK, HOLDER = ".lock", ".lock.json"  # neither is there any more when the work is done

@@ -11,8 +11,8 @@ import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from . import whole
-from .kept import ANEW, GONE, MEMBERS, SCENARIO, SWEEP, UNFINISHED, WRITING, under_way
+from . import atomic as whole
+from .checkpoint import ANEW, GONE, MEMBERS, SCENARIO, SWEEP, UNFINISHED, WRITING, under_way
 
 MANIFEST = "manifest.json"
 _ABOUT = "SHA-256 of the files that stickslip wrote here: it replaces no others"

@@ -5,12 +5,12 @@ from functools import partial
 
 import numpy as np
 
-from ..core.contact import FREE, HELD
-from ..core.forces import accept, forces
-from ..core.kinds import Kind
-from ..core.laws import COULOMB, DAMPING, Law, hertz_mindlin, hertz_mindlin_reff, linear, stiffnesses
-from ..core.measure import branches
-from ..core.neighbors import grid_of, pack_key, updated
+from ..core.contacts.forces import accept, forces
+from ..core.contacts.mechanics import FREE, HELD
+from ..core.contacts.neighbors import grid_of, pack_key, updated
+from ..core.laws.builtin import COULOMB, DAMPING, Law, elastic_constants, hertz_mindlin, hertz_mindlin_reff, linear
+from ..core.laws.dispatch import Kind
+from ..core.measure import branch_vectors
 from ..core.state import OPEN, SLIDE, STICK, State, assembly, box, disks, loads, spheres
 
 AT_LIMIT = 1e-3  # share of Coulomb's limit by which a slip with few digits may miss it and still slide
@@ -25,15 +25,15 @@ LAWS = {
 }
 
 
-class SampleError(ValueError):
+class PackingError(ValueError):
     """A packing that cannot be taken; the message is one sentence for the user."""
 
 
-class SampleWarning(UserWarning):
+class PackingWarning(UserWarning):
     """Something in a packing was changed or is missing, but it can be taken."""
 
 
-def sample(
+def from_arrays(
     position, radius, law: Law, *, mass=1.0, cell=None, periodic=None, pair_i=None, pair_j=None, image=None, slip=None,
     mode=None, velocity=None, spin=None, angle=None, external_force=None, dim=3, i0=None,
 ) -> State:  # fmt: skip
@@ -64,22 +64,22 @@ def sample(
 
     Examples
     --------
-    >>> sample([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], hertz_mindlin()).contacts.mode[:1]
+    >>> from_arrays([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], hertz_mindlin()).contacts.mode[:1]
     array([1], dtype=int8)
     """
     if dim not in (2, 3):
-        raise SampleError(f"dim = {dim} was given: 2 and 3 are allowed")
+        raise PackingError(f"dim = {dim} was given: 2 and 3 are allowed")
     motion = {"velocity": velocity, "spin": spin, "angle": angle}
     if dim == 2:
         position, image, slip, external_force = map(_in_space, (position, image, slip, external_force))
         motion["velocity"] = _in_space(velocity)
     state = _grains(position, radius, mass, motion, _cell(cell, periodic, dim), external_force, i0)
     if dim == 2 and slip is not None and np.any(np.asarray(slip)[..., 2:]):
-        raise SampleError("position or slip leaves the plane although dim is 2: z must be zero")
+        raise PackingError("position or slip leaves the plane although dim is 2: z must be zero")
     if pair_i is not None or pair_j is not None:
         state = _with_contacts(updated(state, law), law, pair_i, pair_j, image, slip, mode)
     elif image is not None or slip is not None or mode is not None:
-        raise SampleError("image, slip or mode was given without pair_i and pair_j: give these too")
+        raise PackingError("image, slip or mode was given without pair_i and pair_j: give these too")
     return accepted(state, law, modes=mode is not None)
 
 
@@ -88,9 +88,9 @@ def _grains(position, radius, mass, motion: dict, cell, force, i0) -> State:
     position, radius = _array("position", position, (None, 3)), _array("radius", radius, (None,))
     n, dim = len(position), cell.dim
     if len(radius) != n:
-        raise SampleError(f"radius has {len(radius)} entries for {n} positions: give one for each grain")
+        raise PackingError(f"radius has {len(radius)} entries for {n} positions: give one for each grain")
     if dim == 2 and position[:, 2].any():
-        raise SampleError("position or slip leaves the plane although dim is 2: z must be zero")
+        raise PackingError("position or slip leaves the plane although dim is 2: z must be zero")
     rest = {name: _array(name, value, (n, 3)) for name, value in motion.items() if value is not None}
     mass = _array("mass", np.broadcast_to(mass, (n,)) if np.ndim(mass) == 0 else mass, (n,))
     force = 0.0 if force is None else _array("external_force", force, (n, 3))
@@ -100,7 +100,7 @@ def _grains(position, radius, mass, motion: dict, cell, force, i0) -> State:
         grains = (disks if dim == 2 else spheres)(position, radius, mass=mass, **rest)
         state = assembly(grains, cell=cell, control=loads(n, force=force))
     except ValueError as problem:
-        raise SampleError(str(problem)) from None
+        raise PackingError(str(problem)) from None
     _check_box(state)
     state = updated(state)
     _check_overlap(state)
@@ -115,24 +115,24 @@ def law_from(
 
     Parameters
     ----------
-    kn, kt : default 1 and 2/7; or `young` and `poisson` of alike elastic grains, see `stiffnesses`
+    kn, kt : default 1 and 2/7; or `young` and `poisson` of alike elastic grains, see `elastic_constants`
     damping : model of damping, default that of the law
     """
     for name, value, known in (("law", law, LAWS), ("coulomb", coulomb, COULOMB), ("damping", damping, DAMPING)):
         if value not in known and not (name == "damping" and value is None):
-            raise SampleError(f"{name} {value!r} is not known: use {' or '.join(known)}")
+            raise PackingError(f"{name} {value!r} is not known: use {' or '.join(known)}")
     if (young is None) != (poisson is None):
-        raise SampleError("only one of young and poisson was given: give both, or kn and kt")
+        raise PackingError("only one of young and poisson was given: give both, or kn and kt")
     if young is not None and (not law.startswith("hertz_mindlin_reff") or kn is not None or kt is not None):
-        raise SampleError("young and poisson stand for kn and kt of hertz_mindlin_reff: give them with that law alone")
+        raise PackingError("young and poisson stand for kn and kt of hertz_mindlin_reff: give them with that law alone")
     model = {} if damping is None else {"damping": damping}
     try:
         if young is not None:
-            kn, kt = stiffnesses(young, poisson)
+            kn, kt = elastic_constants(young, poisson)
         kn, kt = 1.0 if kn is None else kn, 2 / 7 if kt is None else kt
         return LAWS[law](kn, kt, mu, coulomb=coulomb, damping_n=damping_n, damping_t=damping_t, **model)
     except (TypeError, ValueError) as problem:
-        raise SampleError(str(problem)) from None
+        raise PackingError(str(problem)) from None
 
 
 def _array(name: str, value, shape: tuple, kind=float) -> np.ndarray:
@@ -145,15 +145,15 @@ def _array(name: str, value, shape: tuple, kind=float) -> np.ndarray:
         array = array.astype(np.int64 if kind is int else kind)
     except (TypeError, ValueError):
         what = "integers" if kind is int else "numbers"
-        raise SampleError(f"{name} holds something else than {what}: give an array of {what}") from None
+        raise PackingError(f"{name} holds something else than {what}: give an array of {what}") from None
     good = len(array.shape) == len(shape) and all(w is None or w == g for w, g in zip(shape, array.shape, strict=True))
     if not good:
         wanted = "(" + ", ".join("any" if w is None else str(w) for w in shape) + ("," if len(shape) == 1 else "") + ")"
-        raise SampleError(f"{name} has shape {array.shape}: {wanted} is needed")
+        raise PackingError(f"{name} has shape {array.shape}: {wanted} is needed")
     if kind is float and not np.isfinite(array).all():
-        raise SampleError(f"{name} holds NaN or infinity: every entry must be a finite number")
+        raise PackingError(f"{name} holds NaN or infinity: every entry must be a finite number")
     if kind is float and (np.abs(array) > HUGE).any():
-        raise SampleError(f"{name} holds {np.abs(array).max():.3g}, beyond {HUGE:g}: use other units")
+        raise PackingError(f"{name} holds {np.abs(array).max():.3g}, beyond {HUGE:g}: use other units")
     return array
 
 
@@ -167,18 +167,18 @@ def _in_space(rows):
 def _cell(cell, periodic, dim: int):
     if cell is None:
         if periodic is not None and np.any(periodic):
-            raise SampleError("periodic was given without a cell: give the box vectors as rows of cell")
+            raise PackingError("periodic was given without a cell: give the box vectors as rows of cell")
         return box(dim=dim)
     if dim == 2 and np.shape(cell) in ((2,), (2, 2)):
         cell = np.diag([*cell, 1.0]) if np.ndim(cell) == 1 else np.vstack([_in_space(cell), [0.0, 0.0, 1.0]])
     cell = _array("cell", np.diag(cell) if np.shape(cell) == (3,) else cell, (3, 3))
     short = np.linalg.norm(cell, axis=1).min()
     if short < 1 / HUGE:
-        raise SampleError(f"the cell has a vector of length {short:.3g}: give three vectors that span the box")
+        raise PackingError(f"the cell has a vector of length {short:.3g}: give three vectors that span the box")
     flags = [True, True, dim == 3] if periodic is None else _array("periodic", periodic, (3,), bool)
     if dim == 2:
         if cell[2, :2].any() or cell[:2, 2].any():
-            raise SampleError("cell leaves the plane although dim is 2: its third row must be along z, others in it")
+            raise PackingError("cell leaves the plane although dim is 2: its third row must be along z, others in it")
         flags = [bool(flags[0]), bool(flags[1]), False]
     return box(cell, flags, dim)
 
@@ -187,7 +187,7 @@ def _check_box(state: State) -> None:
     height, largest = grid_of(state.cell).height, 2 * float(state.grains.radius.max())
     for k in np.flatnonzero(state.cell.periodic):
         if height[k] < largest:
-            raise SampleError(
+            raise PackingError(
                 f"the box is {height[k]:.4g} wide across its vector {k}, less than the largest grain ({largest:.4g}): "
                 f"repeat it until it is wider"
             )
@@ -196,11 +196,11 @@ def _check_box(state: State) -> None:
 def _check_overlap(state: State) -> None:
     contacts, count, radius = state.contacts, int(state.contacts.count[0]), state.grains.radius
     i, j = contacts.i[:count], contacts.j[:count]
-    overlap = radius[i] + radius[j] - np.linalg.norm(branches(state), axis=1)
+    overlap = radius[i] + radius[j] - np.linalg.norm(branch_vectors(state), axis=1)
     share = overlap / np.minimum(radius[i], radius[j])
     if count and share.max() > 1:
         c = int(share.argmax())
-        raise SampleError(
+        raise PackingError(
             f"grains {i[c]} and {j[c]} overlap by {overlap[c]:.4g}, more than a radius: no contact law holds there; "
             f"check positions, radii and cell"
         )
@@ -209,7 +209,7 @@ def _check_overlap(state: State) -> None:
 def _with_contacts(state: State, law: Law, pair_i, pair_j, image, slip, mode) -> State:
     """The state with a given list of contacts and their slip, not yet projected."""
     if pair_i is None or pair_j is None:
-        raise SampleError("only one of pair_i and pair_j was given: give both")
+        raise PackingError("only one of pair_i and pair_j was given: give both")
     n = len(state.grains.radius)
     i = _array("pair_i", pair_i, (None,), int)
     m = len(i)
@@ -218,11 +218,11 @@ def _with_contacts(state: State, law: Law, pair_i, pair_j, image, slip, mode) ->
     slip = np.zeros((m, 3)) if slip is None else _array("slip", slip, (m, 3))
     mode = np.full(m, STICK) if mode is None else _array("mode", mode, (m,), int)
     if not np.isin(mode, (STICK, SLIDE)).all():
-        raise SampleError("mode holds something else than 1 and 2: 1 is a contact that sticks, 2 one that slides")
+        raise PackingError("mode holds something else than 1 and 2: 1 is a contact that sticks, 2 one that slides")
     if m and not (min(i.min(), j.min()) >= 0 and max(i.max(), j.max()) < n):
-        raise SampleError(f"a pair names grain {max(i.max(), j.max())} or below 0: there are grains 0 to {n - 1}")
+        raise PackingError(f"a pair names grain {max(i.max(), j.max())} or below 0: there are grains 0 to {n - 1}")
     if np.abs(image).max(initial=0) > 60:
-        raise SampleError("an image of more than 60 boxes was given: shift positions by whole boxes")
+        raise PackingError("an image of more than 60 boxes was given: shift positions by whole boxes")
     lead = np.take_along_axis(image, np.argmax(image != 0, axis=1)[:, None], axis=1)[:, 0] if m else np.zeros(0)
     flip = (i > j) | ((i == j) & (lead < 0))
     i, j = np.where(flip, j, i), np.where(flip, i, j)
@@ -232,7 +232,7 @@ def _with_contacts(state: State, law: Law, pair_i, pair_j, image, slip, mode) ->
     twice = order[1:][np.diff(key[order]) == 0]
     if len(twice):
         c = int(twice[0])
-        raise SampleError(
+        raise PackingError(
             f"the pair of grains {i[c]} and {j[c]} with image {image[c].tolist()} is given twice: give each pair once"
         )
     contacts, count = state.contacts, int(state.contacts.count[0])
@@ -241,7 +241,7 @@ def _with_contacts(state: State, law: Law, pair_i, pair_j, image, slip, mode) ->
     there[there] = contacts.key[row[there]] == key[there]
     copied = {name: getattr(contacts, name).copy() for name in ("slip", "mode", "pair", "roll")}
     new, turned = contacts._replace(**copied), state.grains.radius[:, None] * state.grains.angle
-    branch = branches(state)
+    branch = branch_vectors(state)
     reach = state.grains.radius[contacts.i[:count]] + state.grains.radius[contacts.j[:count]]
     touches = np.linalg.norm(branch, axis=1) < reach
     if isinstance(law.kind, Kind):  # which may reach across gaps
@@ -250,7 +250,7 @@ def _with_contacts(state: State, law: Law, pair_i, pair_j, image, slip, mode) ->
     lost = ~there & slip.any(axis=1)
     if lost.any():
         c = int(np.flatnonzero(lost)[0])
-        raise SampleError(
+        raise PackingError(
             f"grains {i[c]} and {j[c]} with image {image[c].tolist()} have slip but do not touch: check the sign of "
             f"the image, r_ij = r_i - r_j + cell^T image"
         )
@@ -259,7 +259,7 @@ def _with_contacts(state: State, law: Law, pair_i, pair_j, image, slip, mode) ->
     missing = int((touches & (new.mode[:count] == OPEN)).sum())
     if missing:
         words = f"{missing} touching pair(s) are not in the list: taken with zero slip"
-        warnings.warn(words, SampleWarning, stacklevel=3)
+        warnings.warn(words, PackingWarning, stacklevel=3)
     return state._replace(contacts=new)
 
 
@@ -281,16 +281,16 @@ def accepted(state: State, law: Law, *, memory: int = FREE, modes: bool = False,
     count = int(state.contacts.count[0])
     longest = np.abs(state.contacts.slip[:count]).max(initial=0.0)
     if longest > HUGE:
-        raise SampleError(f"a slip of {longest:.3g} was given: at most {HUGE:g} is allowed, is the file damaged?")
+        raise PackingError(f"a slip of {longest:.3g} was given: at most {HUGE:g} is allowed, is the file damaged?")
     _, trial = forces(state, law, memory=memory)
-    branch = branches(state)
+    branch = branch_vectors(state)
     normal = branch / np.linalg.norm(branch, axis=1)[:, None]
     slip = np.where(trial.mode[:count, None] != OPEN, state.contacts.slip[:count], 0.0)
     along = np.einsum("ck,ck->c", slip, normal)
     size, most = np.linalg.norm(slip, axis=1).max(initial=0.0), np.abs(along).max(initial=0.0)
     if most > 1e-8 * size > 0:
         words = f"slip was projected on the plane of contact: its normal part was up to {most:.3g}"
-        warnings.warn(f"{words}, {most / size:.2g} of the largest slip", SampleWarning, stacklevel=3)
+        warnings.warn(f"{words}, {most / size:.2g} of the largest slip", PackingWarning, stacklevel=3)
     wanted = np.linalg.norm(slip - along[:, None] * normal, axis=1)
     cut = np.linalg.norm(trial.slip[:count], axis=1) < wanted * (1 - 1e-9)
     if modes:
@@ -298,7 +298,7 @@ def accepted(state: State, law: Law, *, memory: int = FREE, modes: bool = False,
         _take_modes(state, law, trial, cut, within)
     if cut.any():
         words = f"{int(cut.sum())} slip(s) exceed Coulomb's limit and were cut to it"
-        warnings.warn(words, SampleWarning, stacklevel=3)
+        warnings.warn(words, PackingWarning, stacklevel=3)
     return accept(state, trial)
 
 

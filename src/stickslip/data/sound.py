@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from ..core.kinds import Kind
-from ..core.laws import COULOMB, DAMPING, KINDS, NO_TENSION, Law, names_of
-from ..core.neighbors import keys_of
+from ..core.contacts.neighbors import keys_of
+from ..core.laws.builtin import COULOMB, DAMPING, KINDS, NO_TENSION, Law, names_of
+from ..core.laws.dispatch import Kind
 from ..core.state import OPEN, SLIDE, STICK, Cell, Contacts, Control, Grains, Instant, State, Walls
 
 # shapes by entry, in grains n, walls w, bodies b, contacts c and the numbers of knots and courses; None: any

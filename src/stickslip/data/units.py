@@ -27,7 +27,6 @@ _OF_NOUNS = {
     ("Control", "rate"): None, ("Control", "stress"): "force/length^(dim-1)", ("Instant", "force"): None,
     ("Instant", "pull"): "1/time^2",
 }  # fmt: skip
-SI = ("gouge", "rate-state")  # experiments whose scenarios are in SI units
 _UNITS = {name: unit for unit, names in _NAMES.items() for name in names.split()}
 _SI = {
     "length": "m", "time": "s", "length/time": "m/s", "rad/time": "rad/s", "mass": "kg", "mass length^2": "kg m^2",

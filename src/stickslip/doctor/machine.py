@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_info
 
 from .. import __version__, core, extras
 from ..ensemble import default_workers
-from ..loading.lammps import cannot_load
+from ..experiments.gouge.lammps import cannot_load
 from ..solve.linear import factorised
 
 CORE = ("numpy", "scipy", "numba", "llvmlite", "h5py", "matplotlib", "xarray", "pydantic", "typer", "rich")

@@ -7,7 +7,7 @@ from pathlib import Path
 from rich.table import Table
 from rich.text import Text
 
-from ..experiments.report import STYLE, console, progress
+from ..experiments.terminal import STYLE, console, progress
 from . import machine
 from .machine import Part
 from .selfcheck import Selfcheck, selfcheck

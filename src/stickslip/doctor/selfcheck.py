@@ -16,18 +16,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.forces import accept, forces
-from ..core.integrate import run
-from ..core.laws import Law, between, hertz_mindlin, linear
-from ..core.neighbors import updated
+from ..core.contacts.forces import accept, forces
+from ..core.contacts.neighbors import updated
+from ..core.dynamics.run import run
+from ..core.laws.builtin import Law, for_pair, hertz_mindlin, linear
 from ..core.outcome import Outcome
 from ..core.state import SLIDE, STICK, State
 from ..friction.loads import slide_hold_slide
-from ..friction.ratestate import RateState, Spring, slide
-from ..loading.packing import disk_array, pushed
-from ..loading.protocols import shaken
-from ..quasirigid.matrices import matrices
-from ..quasirigid.status import status
+from ..friction.ratestate import RateState, Spring, spring_slider
+from ..loading.packing import disk_array, with_push
+from ..loading.protocols import perturbed
+from ..quasirigid.matrices import linear_system
+from ..quasirigid.status import contact_status
 from ..solve.relax import relax
 from ..solve.spectrum import spectrum
 
@@ -78,7 +78,7 @@ def array(law: Law) -> State:
     """Ten disks on a substrate, pushed until one complex pair has been born (paper 000)."""
     state, _ = relax(disk_array(10, press=5e-5), law)
     for push in PUSHES:
-        state = _reached(*relax(pushed(state, push), law))
+        state = _reached(*relax(with_push(state, push), law))
     return state
 
 
@@ -93,7 +93,7 @@ def pair(state: State, law: Law) -> dict[str, float]:
 
 def moved(state: State, law: Law) -> dict[str, float | str]:
     """Where the pushed disk is after a thousand steps, and the bits of all positions."""
-    end, _, outcome = run(shaken(state, seed=1, velocity=1e-4), law, 1000, 0.1)
+    end, _, outcome = run(perturbed(state, seed=1, velocity=1e-4), law, 1000, 0.1)
     end = _reached(end, outcome)
     bits = hashlib.sha256(np.ascontiguousarray(end.grains.position).tobytes()).hexdigest()[:16]
     return {"dynamics, x after 1000 steps": end.grains.position[0, 0], BITS: bits}
@@ -103,13 +103,13 @@ def slid() -> dict[str, float]:
     """Friction right after a hold, by the slip law with the parameters of paper 003."""
     surface = RateState(a=0.0247, b=0.0178, dc=5.3e-3, mu0=0.4, v0=0.02, law="slip")
     legs = slide_hold_slide([1.0], velocity=0.02, distance=0.05)
-    history = slide(surface, Spring(200.0), legs, times=np.linspace(0, 5, 51))
+    history = spring_slider(surface, Spring(200.0), legs, times=np.linspace(0, 5, 51))
     return {"rate and state, after a hold": float(history.friction.min())}
 
 
 def sliding() -> dict[str, float]:
     """Which of four critical contacts of disks in a row slide under two forces (paper 002); their slip is given."""
-    law = between(linear(kn=1.0, kt=0.5, mu=0.5), 0, 1)
+    law = for_pair(linear(kn=1.0, kt=0.5, mu=0.5), 0, 1)
     state = disk_array(5, press=1e-3, gap=-1e-3)
     lifted = state.grains.position - [0, 1e-3, 0]
     state = updated(state._replace(grains=state.grains._replace(position=lifted)))
@@ -118,10 +118,10 @@ def sliding() -> dict[str, float]:
     mode[:near] = STICK
     critical = np.flatnonzero((contacts.j[:near] >= 5) & (contacts.i[:near] < 4))  # on the floor, the last disk's not
     mode[critical], slip[critical, 0] = SLIDE, 1e-3
-    matrix = matrices(state._replace(contacts=contacts._replace(mode=mode, slip=slip)), law)
+    matrix = linear_system(state._replace(contacts=contacts._replace(mode=mode, slip=slip)), law)
     load = np.zeros(matrix.c.shape[0])
     load[0], load[9] = 0.3, -0.4  # along x on the first disk and on the fourth
-    choice = status(matrix, load)
+    choice = contact_status(matrix, load)
     return {
         "quasi-rigid, number sliding": float(choice.sliding.sum()) if choice.ok else -1.0,
         "quasi-rigid, slip rate": float(np.abs(choice.rate).max()),
@@ -136,7 +136,7 @@ def of_the_array(law: Law) -> dict[str, float | str]:
 
 def measured(report: Callable[[str], None] = lambda words: None) -> dict[str, float | str]:
     """All numbers, by name; what went wrong on the way stands under `PROBLEM`."""
-    law, found = between(hertz_mindlin(kn=1.0, kt=2 / 7, mu=10.0, coulomb="smooth"), 0, 1), {}
+    law, found = for_pair(hertz_mindlin(kn=1.0, kt=2 / 7, mu=10.0, coulomb="smooth"), 0, 1), {}
     groups = {
         "contact forces": partial(evaluated, law),
         "ten disks: equilibria, eigenvalues, dynamics": partial(of_the_array, law),

@@ -1,5 +1,5 @@
 """Many independent runs, in local processes or on a Dask cluster."""
 
-from .members import Member, Spread, Workers, default_workers, reach, run_members, trial
+from .pool import Member, Spread, Workers, default_workers, reach, run_members, trial
 
 __all__ = ["Member", "Spread", "Workers", "default_workers", "reach", "run_members", "trial"]

@@ -18,8 +18,8 @@ from itertools import islice
 from uuid import uuid4
 
 from ..extras import needed
-from .helper import Helper, SchedulerGoneError, WorkerDiedError, ready, sentence
 from .local import TRIES
+from .worker import Helper, SchedulerGoneError, WorkerDiedError, ready, sentence
 
 PROTOCOLS = ("tcp", "tls", "ws", "wss", "ucx", "inproc")
 PATIENCE = 10.0  # for the scheduler's first answer [s]

@@ -3,7 +3,7 @@
 import queue
 import threading
 
-from .helper import Helper, WorkerDiedError, ready
+from .worker import Helper, WorkerDiedError, ready
 
 TRIES = 2  # of a task whose process dies
 PAUSE = 0.2  # at least, between two words of one task [s]

@@ -22,8 +22,9 @@ from .claims import (
     shown,
     with_error,
     write,
-)  # fmt: skip
-from .report import CHART, CLAIMS, NOTES, console
+)
+from .run_folder import CHART, CLAIMS, NOTES
+from .terminal import console
 
 Shows = dict[str, tuple[str, str]]  # figure of the paper: what it shows, and the id of the claim to quote
 MEANING = {

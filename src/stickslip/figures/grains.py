@@ -7,8 +7,8 @@ from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
 
-from ..core.laws import Law
-from ..core.measure import branches, rattlers, wrapped
+from ..core.laws.builtin import Law
+from ..core.measure import branch_vectors, rattlers, wrapped
 from ..core.state import OPEN, SLIDE, State
 from ..data.exchange.frame import Frame, frame_of
 from .outlines import cell_edges, eye, unit_mode, wall_edges
@@ -68,8 +68,8 @@ def packing(
     Examples
     --------
     >>> import stickslip as ss
-    >>> law = ss.hertz_mindlin()
-    >>> ss.figures.packing(ss.sample([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], law), law).axes[0].get_title()
+    >>> law = ss.laws.hertz_mindlin()
+    >>> ss.figures.packing(ss.packings.from_arrays([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], law), law).axes[0].get_title()
     ''
     """
     frame = frame_of(state, law) if law is not None else bare_frame(state)
@@ -93,7 +93,7 @@ def bare_frame(state: State) -> Frame:
     """A frame of a state whose law is not known: contacts without forces."""
     c = state.contacts
     rows = np.flatnonzero(c.mode[: int(c.count[0])] != OPEN)
-    contacts = {name: getattr(c, name)[rows] for name in ("i", "j", "mode")} | {"branch": branches(state)[rows]}
+    contacts = {name: getattr(c, name)[rows] for name in ("i", "j", "mode")} | {"branch": branch_vectors(state)[rows]}
     ends = np.concatenate([contacts["i"], contacts["j"]])
     n = len(state.grains.radius)
     return Frame(state, law=None, grains={"coordination": np.bincount(ends[ends < n], minlength=n)}, contacts=contacts)
@@ -227,14 +227,14 @@ def _open_rows(frame: Frame) -> np.ndarray:
     state, c = frame.state, frame.state.contacts
     count, radius = int(c.count[0]), frame.state.grains.radius
     rows = np.flatnonzero((c.mode[:count] == OPEN) & (c.j[:count] < len(radius)))
-    gap = np.linalg.norm(branches(state)[rows], axis=1) - radius[c.i[rows]] - radius[c.j[rows]]
+    gap = np.linalg.norm(branch_vectors(state)[rows], axis=1) - radius[c.i[rows]] - radius[c.j[rows]]
     return rows[(gap > 0) & (gap < NEAR * radius.mean())]
 
 
 def _open(frame: Frame, place: np.ndarray, basis: np.ndarray) -> np.ndarray:
     rows = _open_rows(frame)
     start = place[frame.state.contacts.i[rows]]
-    return np.stack([start, start - branches(frame.state)[rows] @ basis.T], axis=1)[..., :2]
+    return np.stack([start, start - branch_vectors(frame.state)[rows] @ basis.T], axis=1)[..., :2]
 
 
 def _slabs(depth: np.ndarray, dim: int, of: np.ndarray | None = None) -> np.ndarray:

@@ -26,9 +26,10 @@ def quantities(
 
     Examples
     --------
-    >>> from stickslip import frame_of, hertz_mindlin, sample
-    >>> law = hertz_mindlin()
-    >>> quantities(frame_of(sample([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], law), law))["coordination"][0]
+    >>> import stickslip as ss
+    >>> law = ss.laws.hertz_mindlin()
+    >>> pair = ss.packings.from_arrays([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], law)
+    >>> quantities(ss.io.frame_of(pair, law))["coordination"][0]
     array([1, 1])
     """
     grains, dim = frame.state.grains, frame.state.cell.dim

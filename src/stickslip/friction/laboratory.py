@@ -6,9 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.readable import readable
 from ..core.text import shortened, text_of
-from .fit import Data
-from .loads import check_times, measured_legs
+from .fitting import Data
+from .loads import check_times, load_steps
 
 LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "micron": 1e-6, "nm": 1e-9}
 TIME = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "min": 60.0, "h": 3600.0}
@@ -28,7 +29,8 @@ COLUMNS = {
 LEAST = 10  # rows
 
 
-class Record(NamedTuple):
+@readable
+class LabRecord(NamedTuple):
     """A record of N samples in metres, seconds and pascals; None where there is no such column."""
 
     time: np.ndarray
@@ -40,7 +42,7 @@ class Record(NamedTuple):
     theta: np.ndarray | None = None
 
 
-def read_csv(path: str | Path) -> Record:
+def read_csv(path: str | Path) -> LabRecord:
     """Read a record.
 
     One row of headers such as `time [s], load_point [um], friction [-]`, then numbers. Columns: time; friction, or
@@ -70,10 +72,10 @@ def read_csv(path: str | Path) -> Record:
         check_times(values["time"])
     except ValueError as problem:
         raise ValueError(f"{path}: {problem}") from None
-    return Record(**values)
+    return LabRecord(**values)
 
 
-def write_csv(path: str | Path, record: Record, comments: tuple[str, ...] = ()) -> Path:
+def write_csv(path: str | Path, record: LabRecord, comments: tuple[str, ...] = ()) -> Path:
     """Write a record so that `read_csv` reads the same, in metres, seconds and pascals.
 
     Parameters
@@ -81,7 +83,7 @@ def write_csv(path: str | Path, record: Record, comments: tuple[str, ...] = ()) 
     comments : lines that go before, behind #
     """
     units = {"time": "s", "friction": "-", "normal_stress": "Pa", "velocity": "m/s", "theta": "s"}
-    names = [name for name in Record._fields if getattr(record, name) is not None]
+    names = [name for name in LabRecord._fields if getattr(record, name) is not None]
     lines = [f"# {line}" for line in comments]
     lines.append(",".join(f"{name} [{units.get(name, 'm')}]" for name in names))
     for row in zip(*(getattr(record, name) for name in names), strict=True):
@@ -91,7 +93,7 @@ def write_csv(path: str | Path, record: Record, comments: tuple[str, ...] = ()) 
     return path
 
 
-def data(record: Record, *, before: float | None = None, normal: bool = False) -> Data:
+def record_data(record: LabRecord, *, before: float | None = None, normal: bool = False) -> Data:
     """What `fit` takes: legs from the load point's displacement, or the measured slip velocity where there is none.
 
     Parameters
@@ -107,7 +109,7 @@ def data(record: Record, *, before: float | None = None, normal: bool = False) -
         if record.normal_stress is None:
             raise ValueError("the record has no normal_stress: leave its changes out")
         factor = record.normal_stress / record.normal_stress[0]
-    legs = measured_legs(time, record.load_point, factor)
+    legs = load_steps(time, record.load_point, factor)
     if before is None and not legs[0].velocity > 0:
         raise ValueError("the record does not start with sliding: give the slip velocity before it, or cut the start")
     return Data(time, record.friction, legs, before=before)

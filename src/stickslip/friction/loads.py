@@ -4,8 +4,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.readable import readable
 
-class Leg(NamedTuple):
+
+@readable
+class LoadStep(NamedTuple):
     """A stretch of time in which the load point has one velocity."""
 
     duration: float  # [time]
@@ -13,7 +16,7 @@ class Leg(NamedTuple):
     normal: float = 1.0  # normal stress over its reference value
 
 
-def velocity_steps(velocities, *, distance: float) -> tuple[Leg, ...]:
+def velocity_steps(velocities, *, distance: float) -> tuple[LoadStep, ...]:
     """Legs at one velocity after the other, each over the same distance of the load point.
 
     Parameters
@@ -24,16 +27,16 @@ def velocity_steps(velocities, *, distance: float) -> tuple[Leg, ...]:
     Examples
     --------
     >>> velocity_steps([1e-6, 1e-5], distance=1e-4)[1]
-    Leg(duration=10.0, velocity=1e-05, normal=1.0)
+    LoadStep: duration = 10, velocity = 1e-05, normal = 1
     """
     if not (distance > 0 and np.isfinite(distance)):
         raise ValueError(f"distance = {distance} was given: every leg needs a positive length")
     for v in velocities:
         _positive("velocity", v)
-    return tuple(Leg(float(distance / v), float(v)) for v in velocities)
+    return tuple(LoadStep(float(distance / v), float(v)) for v in velocities)
 
 
-def slide_hold_slide(holds, *, velocity: float, distance: float, reslide: float | None = None) -> tuple[Leg, ...]:
+def slide_hold_slide(holds, *, velocity: float, distance: float, reslide: float | None = None) -> tuple[LoadStep, ...]:
     """Sliding, a hold, sliding, the next hold … and sliding at the end.
 
     Parameters
@@ -53,14 +56,14 @@ def slide_hold_slide(holds, *, velocity: float, distance: float, reslide: float 
     _positive("reslide", again)
     if not (distance > 0 and np.isfinite(distance)):
         raise ValueError(f"distance = {distance} was given: between holds the load point needs a positive length")
-    legs = [Leg(float(distance / velocity), float(velocity))]
+    legs = [LoadStep(float(distance / velocity), float(velocity))]
     for hold in holds:
         _positive("hold", hold)
-        legs += [Leg(float(hold), 0.0), Leg(float(distance / again), float(again))]
+        legs += [LoadStep(float(hold), 0.0), LoadStep(float(distance / again), float(again))]
     return tuple(legs)
 
 
-def measured_legs(time, load_point, normal=None, *, roughness: float = 1e-3) -> tuple[Leg, ...]:
+def load_steps(time, load_point, normal=None, *, roughness: float = 1e-3) -> tuple[LoadStep, ...]:
     """Legs of a measured history: the load point's displacement, joined by straight lines from sample to sample.
 
     Neighbouring pieces are one leg while the line from its first sample passes all others within `roughness` of
@@ -83,7 +86,7 @@ def measured_legs(time, load_point, normal=None, *, roughness: float = 1e-3) -> 
     while first < len(time) - 1:
         last = _straight(time, place, factor, first, slack)
         span = float(time[last] - time[first])
-        legs.append(Leg(span, float(place[last] - place[first]) / span, float(factor[first])))
+        legs.append(LoadStep(span, float(place[last] - place[first]) / span, float(factor[first])))
         first = last
     return tuple(legs)
 
@@ -103,7 +106,7 @@ def columns(legs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Durations, velocities and normal factors of legs, checked."""
     table = np.array([tuple(leg) for leg in legs], float).reshape(-1, 3)
     if len(table) == 0:
-        raise ValueError("no legs were given: a load history needs at least one Leg(duration, velocity)")
+        raise ValueError("no legs were given: a load history needs at least one LoadStep(duration, velocity)")
     for k, (duration, velocity, normal) in enumerate(table, start=1):
         if not (duration > 0 and np.isfinite(duration)):
             raise ValueError(f"leg {k} lasts {duration:g}: every leg needs a positive duration")

@@ -29,10 +29,10 @@ class Held(NamedTuple):
     hold: np.ndarray  # [time]
     steady: np.ndarray  # friction before the hold
     drop: np.ndarray  # by how much friction has fallen at its end
-    excess: np.ndarray  # peak after it, above `steady`
+    excess: np.ndarray  # peak after it, above `steady_mean`
 
 
-def steady(values) -> Mean:
+def steady_mean(values) -> Mean:
     """Mean of a stationary series with the standard error that its correlation allows.
 
     error² = s² 2τ/N with the integrated autocorrelation time τ = ½ + Σ ρ_l, summed to the first lag above 5τ
@@ -44,7 +44,7 @@ def steady(values) -> Mean:
 
     Examples
     --------
-    >>> found = steady(np.sin(np.arange(1000.0)))
+    >>> found = steady_mean(np.sin(np.arange(1000.0)))
     >>> abs(found.mean) < 3 * found.error + 0.01
     True
     """
@@ -64,7 +64,7 @@ def steady(values) -> Mean:
     return Mean(mean, float(np.sqrt(variance / max(effective - 1, 0.5))), float(effective))
 
 
-def steady_from(values, *, batch: int = 5) -> int:
+def steady_start(values, *, batch: int = 5) -> int:
     """Index from which a series that starts with a transient is best taken as steady.
 
     The cut d that makes Σ_{i≥d} (x_i − mean)²/(N − d)² least, over means of `batch` values and at most half of the
@@ -104,7 +104,7 @@ def healing(hold, excess) -> Healing:
     return Healing(slope, intercept, error, (slope - reach, slope + reach))
 
 
-def held(time, friction, legs, *, before: float = 0.2) -> Held:
+def hold_response(time, friction, legs, *, before: float = 0.2) -> Held:
     """Drop in and peak after every hold of a record: steady friction is the mean over the last share of the leg before.
 
     Parameters

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.readable import readable
 from . import kernel
 from .loads import check_times, columns
 from .ratestate import LAWS
@@ -17,12 +18,13 @@ LOGARITHMIC = ("a", "b", "dc", "stiffness", "damping", "alpha", "theta")
 OWN = ("mu0", "theta", "trend")  # by default each of several data sets has its own
 
 
+@readable
 class Data(NamedTuple):
     """A record of friction, with what drove it: legs of the load point, or the slip velocity of the surface itself."""
 
     time: np.ndarray  # (N,) increasing, from the start of the legs on [time]
     friction: np.ndarray  # (N,)
-    legs: tuple = ()  # of the load point, see `Leg`; the spring then stands between load point and surface
+    legs: tuple = ()  # of the load point, see `LoadStep`; the spring then stands between load point and surface
     velocity: np.ndarray | None = None  # (N,) measured slip velocity, positive; instead of legs [length/time]
     sigma: np.ndarray | None = None  # (N,) relative size of the noise; None if it is the same everywhere
     before: float | None = None  # slip velocity before the start; None for that of the first leg [length/time]

@@ -5,10 +5,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from .identify import WIDEST
+from .identifiability import WIDEST
+from .initial_guess import starts
 from .model import DEFAULTS, LOGARITHMIC, Prepared, modelled
 from .noise import WHITE, whitened
-from .starts import starts
 
 BLANK = {"a": 1.0, "b": 0.0, "dc": 1.0, "mu0": 0.0, "stiffness": 1.0, **DEFAULTS}  # before the coarse search
 STEP = 1e-5  # of logarithms, in differences; the model is exact to 1e-9

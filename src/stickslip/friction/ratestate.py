@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.readable import readable
 from . import kernel
 from .loads import check_times, columns
 
@@ -16,6 +17,7 @@ LAWS = {"aging": kernel.AGING, "slip": kernel.SLIP}
 EARLY, POINTS = 1e-5, 60  # default times of a leg: from this share of it on, this many each in logarithm and in time
 
 
+@readable
 class RateState(NamedTuple):
     """Parameters of a surface.
 
@@ -37,6 +39,7 @@ class RateState(NamedTuple):
     alpha: float = 0.0
 
 
+@readable
 class Spring(NamedTuple):
     """What drives the slider: n μ = k (x_lp − x) − η V, with n the normal stress over its reference."""
 
@@ -52,7 +55,8 @@ class End(Enum):
     STEPS_SPENT = "the integration used up its steps between two samples: loosen the tolerance, or ask for more samples"
 
 
-class History(NamedTuple):
+@readable
+class SlipHistory(NamedTuple):
     """A slider's history at N times; after a failure, up to the last time that was reached."""
 
     time: np.ndarray
@@ -93,7 +97,7 @@ def check(rs: RateState) -> None:
         raise ValueError(f"alpha = {rs.alpha} was given with b = 0: normal stress acts through the state, use b > 0")
 
 
-def slide(
+def spring_slider(
     rs: RateState,
     spring: Spring,
     legs,
@@ -102,7 +106,7 @@ def slide(
     before: float | None = None,
     theta: float | None = None,
     tolerance: float = 1e-10,
-) -> History:
+) -> SlipHistory:
     """The history of a slider that a spring pulls.
 
     (n a + η V) d ln V/dt = k (V_lp − V) − n b d ln θ/dt, with θ' of the law; ln V and ln θ are integrated with a stiff
@@ -110,7 +114,7 @@ def slide(
 
     Parameters
     ----------
-    legs : of the load point, see `Leg`, `velocity_steps`, `slide_hold_slide` and `measured_legs`
+    legs : of the load point, see `LoadStep`, `velocity_steps`, `slide_hold_slide` and `load_steps`
     times : (N,) ascending, within the legs; without them about 120 for each leg, dense at its start [time]
     before : slip velocity at the start; without it, that of the first leg [length/time]
     theta : state at the start; without it, the steady one, D_c/V [time]
@@ -123,8 +127,9 @@ def slide(
 
     Examples
     --------
+    >>> from stickslip.friction.loads import LoadStep
     >>> rs = RateState(0.010, 0.015, 1e-5, law="slip")
-    >>> h = slide(rs, Spring(1e5), (Leg(10.0, 1e-6), Leg(100.0, 1e-5)))
+    >>> h = spring_slider(rs, Spring(1e5), (LoadStep(10.0, 1e-6), LoadStep(100.0, 1e-5)))
     >>> print(round(h.friction[-1] - h.friction[0], 6))  # (a − b) ln 10
     -0.011513
     """
@@ -162,14 +167,14 @@ def check_spring(spring: Spring) -> None:
         raise ValueError(f"damping = {spring.damping} was given: use 0 (quasi-static) or a positive, finite number")
 
 
-def _history(rs, spring, time, place, out, normal, start) -> History:
+def _history(rs, spring, time, place, out, normal, start) -> SlipHistory:
     """All columns from ln(V/V0) and ln(V0 θ/D_c); slip from the spring's force, which the friction balances."""
     w, f = out.T
     velocity, friction = rs.v0 * np.exp(w), rs.mu0 + rs.a * w + rs.b * f
     w0, f0, n0 = start
     force = n0 * (rs.mu0 + rs.a * w0 + rs.b * f0) + spring.damping * rs.v0 * np.exp(w0)
     slip = place - (normal * friction + spring.damping * velocity - force) / spring.stiffness
-    return History(time, place, slip, velocity, rs.dc / rs.v0 * np.exp(f), friction, normal)
+    return SlipHistory(time, place, slip, velocity, rs.dc / rs.v0 * np.exp(f), friction, normal)
 
 
 def _checked_times(times, end: float) -> np.ndarray:
@@ -188,7 +193,7 @@ def _default_times(duration, ends) -> np.ndarray:
     return np.unique(np.r_[0.0, np.concatenate(each)])
 
 
-def prescribed(rs: RateState, time, velocity, *, theta: float | None = None) -> History:
+def prescribed(rs: RateState, time, velocity, *, theta: float | None = None) -> SlipHistory:
     """Friction of a surface whose slip velocity is prescribed, piece by piece.
 
     Exact for pieces of constant V: aging θ = D_c/V + (θ₀ − D_c/V) e^{−Vt/D_c}, or θ₀ + t for V = 0; slip
@@ -222,4 +227,6 @@ def prescribed(rs: RateState, time, velocity, *, theta: float | None = None) -> 
     w = np.where(moves, np.log(np.where(moves, velocity, 1.0) / rs.v0), np.nan)
     theta_at = rs.dc / rs.v0 * np.exp(f)
     friction = rs.mu0 + rs.a * w + rs.b * f
-    return History(time[1:], slip, slip, velocity, theta_at, friction, np.ones(len(slip)), End.DONE, float(time[-1]))
+    return SlipHistory(
+        time[1:], slip, slip, velocity, theta_at, friction, np.ones(len(slip)), End.DONE, float(time[-1])
+    )

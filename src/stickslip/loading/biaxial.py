@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from ..core.control import pressed, stress_controlled
-from ..core.integrate import run
-from ..core.laws import Law, linear
+from ..core.control import force_controlled, stress_controlled
+from ..core.dynamics.run import run
+from ..core.laws.builtin import Law, linear
 from ..core.outcome import NotInEquilibriumError
 from ..core.state import Control, State, assembly, box, disks, flat_walls, loads
 from ..solve.equilibrate import equilibrate
@@ -63,8 +63,8 @@ def biaxial_box(
         [[0, 0], [0, 0], [length, 0], [0, length]], [[1, 0], [0, 1], [-1, 0], [0, -1]], mass=float(n) / 4
     )
     control = loads(n, 4)
-    control = pressed(control, [n + RIGHT], [-pressure * length, 0])
-    control = pressed(control, [n + TOP], [0, -pressure * length])
+    control = force_controlled(control, [n + RIGHT], [-pressure * length, 0])
+    control = force_controlled(control, [n + TOP], [0, -pressure * length])
     state = assembly(grains, walls, box(dim=2), control)
     return at_rest(state, law, tolerance * pressure), law
 
@@ -116,7 +116,7 @@ def _law(kn: float, kt: float, mu: float, pressure: float) -> Law:
     return linear(kn, kt, mu, coulomb="sharp", damping="mass_velocity", damping_n=0.2, damping_t=0.2)
 
 
-def raised(control: Control, wall: int, factor: float) -> Control:
+def with_load(control: Control, wall: int, factor: float) -> Control:
     """Control in which the force on a wall is multiplied by a factor; `wall` counts bodies."""
     force = control.force.copy()
     if not force[wall].any():

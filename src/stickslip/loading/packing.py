@@ -5,18 +5,16 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
-from ..core.forces import accept, forces
-from ..core.frame import strained
-from ..core.laws import DAMPING_N, DAMPING_T, MU, Law, between, hertz_mindlin, linear
+from ..core.contacts.forces import accept, forces
+from ..core.contacts.neighbors import updated
+from ..core.dynamics.cell_motion import strained
+from ..core.laws.builtin import DAMPING_N, DAMPING_T, MU, Law, hertz_mindlin
 from ..core.measure import coordination, elastic_energy, packing_fraction, pressure, rattlers, touching
-from ..core.neighbors import updated
 from ..core.outcome import NotInEquilibriumError
+from ..core.readable import readable
 from ..core.state import State, assembly, box, disks, flat_walls, loads, spheres
-from ..data.law_file import law_in
-from ..data.scenario import LawChoice, Scenario
+from ..data.law_schema import SUBSTRATE
 from ..solve.equilibrate import equilibrate
-
-SUBSTRATE = 1  # material of the wall; disks are material 0
 
 
 def disk_array(
@@ -64,28 +62,7 @@ def disk_array(
     return assembly(grains, wall, cell, loads(n, 1, force=force))
 
 
-def law_of(choice: LawChoice) -> Law:
-    """The contact law that a scenario chose, with the disk–wall parameters where they differ."""
-    if choice.file is not None:
-        law = law_in(choice)
-    else:
-        law = {"hertz_mindlin": hertz_mindlin, "linear": linear}[choice.kind](
-            choice.kn, choice.kt, choice.mu, coulomb=choice.coulomb, damping_n=choice.damping_n,
-            damping_t=choice.damping_t,
-        )  # fmt: skip
-    return between(law, 0, SUBSTRATE, **{k: v for k, v in choice.wall.model_dump().items() if v is not None})
-
-
-def array_of(scenario: Scenario) -> tuple[State, Law]:
-    """The unloaded array of a scenario, pressed but not pushed, and its law."""
-    array, load = scenario.array, scenario.load
-    state = disk_array(
-        array.disks, array.radius, press=load.press * load.unit, mass=array.mass, i0=array.i0, gap=array.gap
-    )
-    return state, law_of(scenario.law)
-
-
-def pushed(state: State, push: float, disk: int = 0) -> State:
+def with_push(state: State, push: float, disk: int = 0) -> State:
     """The same state with another force along x on one disk [force]."""
     force = state.control.force.copy()
     force[disk, 0] = push
@@ -95,6 +72,7 @@ def pushed(state: State, push: float, disk: int = 0) -> State:
 JAMMED = {2: 0.84, 3: 0.64}  # packing fractions around which frictionless grains jam
 
 
+@readable
 class Packed(NamedTuple):
     """What a packing is like, without friction."""
 

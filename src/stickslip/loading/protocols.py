@@ -7,18 +7,20 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from ..core.integrate import run
-from ..core.laws import Law
+from ..core.dynamics.run import run
+from ..core.laws.builtin import Law
 from ..core.outcome import NotInEquilibriumError, Outcome
+from ..core.readable import readable
 from ..core.state import State
-from ..data.kept import Kept
+from ..data.checkpoint import Kept
 from ..solve.newton import newton
 from ..solve.relax import relax
-from ..solve.spectrum import Spectrum, follow, overlap, spectrum
+from ..solve.spectrum import Spectrum, match_pairs, overlap, spectrum
 
 SAME_PAIR = 0.5  # overlap of modes above which two pairs at neighbouring loads are one
 
 
+@readable
 class Equilibrium(NamedTuple):
     """One point of a quasi-static path."""
 
@@ -49,12 +51,12 @@ class Family(NamedTuple):
     death: Change | None  # None: alive at the last point
 
 
-def path_of(turning_points, step: float, through=()) -> np.ndarray:
+def load_path(turning_points, step: float, through=()) -> np.ndarray:
     """Loads from turning point to turning point in increments of at most `step`, passing exactly through others.
 
     Examples
     --------
-    >>> path_of([0.0, 0.02, 0.01], 0.01, through=[0.015])
+    >>> load_path([0.0, 0.02, 0.01], 0.01, through=[0.015])
     array([0.   , 0.01 , 0.015, 0.02 , 0.01 ])
     """
     loads, waiting = [turning_points[0]], list(dict.fromkeys(through))
@@ -81,6 +83,7 @@ def equilibrium(state: State, law: Law, *, method: str = "dynamics", what: str =
     return end, outcome
 
 
+@readable
 class Protocol(NamedTuple):
     """How loads are applied and equilibria found."""
 
@@ -165,9 +168,9 @@ def family(path: list[Equilibrium], members: dict[int, int], protocol: Protocol,
     )
 
 
-def families(path: list[Equilibrium], protocol: Protocol, report=lambda share, words: None) -> list[Family]:
+def track_pairs(path: list[Equilibrium], protocol: Protocol, report=lambda share, words: None) -> list[Family]:
     """Every complex pair along a path, with its birth and death; `report(share done, words)` is called before each."""
-    found, out = follow([p.spectrum for p in path], at_least=SAME_PAIR), []
+    found, out = match_pairs([p.spectrum for p in path], at_least=SAME_PAIR), []
     for k, members in enumerate(found):
         first = path[min(members)]
         rate = first.spectrum.growth_rate[members[min(members)]]
@@ -182,7 +185,7 @@ def dominant_family(path: list[Equilibrium], protocol: Protocol) -> Family | Non
     if not len(last.pairs):
         return None
     top = int(np.argmax(last.im_lambda))
-    found = follow([p.spectrum for p in path], at_least=SAME_PAIR)
+    found = match_pairs([p.spectrum for p in path], at_least=SAME_PAIR)
     return family(path, next(f for f in found if f.get(len(path) - 1) == top), protocol)
 
 
@@ -211,7 +214,7 @@ def stable_window(path: list[Equilibrium], near: float, protocol: Protocol) -> l
     return [low, high]
 
 
-def shaken(state: State, seed: int, velocity: float) -> State:
+def perturbed(state: State, seed: int, velocity: float) -> State:
     """The state with normal random velocities of standard deviation `velocity` [length/time], where it is free."""
     rng = np.random.default_rng(seed)
     grains, n = state.grains, len(state.grains.radius)
@@ -233,7 +236,7 @@ class Growth(NamedTuple):
     decades: float  # of M inside the window
 
 
-def fitted_growth(
+def fit_growth(
     time, msd, *, growth_rate: float, frequency: float, window=(1e-19, 1e-11), within: float = 0.05
 ) -> Growth | None:
     """Fit growth and frequency while `msd` lies in the window; None if it does not cross it.

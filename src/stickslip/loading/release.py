@@ -5,14 +5,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.integrate import run
-from ..core.laws import Law
+from ..core.contacts.neighbors import updated
+from ..core.dynamics.run import run
+from ..core.laws.builtin import Law
 from ..core.measure import rattlers, volume
-from ..core.neighbors import updated
 from ..core.outcome import NotInEquilibriumError
+from ..core.readable import readable
 from ..core.state import State
 from ..solve.spectrum import Spectrum, spectrum
-from .protocols import Growth, fitted_growth
+from .protocols import Growth, fit_growth
 
 WINDOW = (1e-22, 1e-11)  # of M, between noise and the first change of the spectrum, in which growth is fitted
 CHANGED = 0.01  # relative change of the fastest pair's Im λ that ends "the spectrum is constant"
@@ -21,6 +22,7 @@ TURN, TURNS = 11, 16  # samples of a turn, turns of a chunk
 KEPT = 20_000  # samples of a series that are kept
 
 
+@readable
 class Released(NamedTuple):
     """A run from one unstable state. Stress is compression positive, shear stress is −σ_xy so that it opposes γ > 0."""
 
@@ -165,7 +167,7 @@ def release(
             report(sum(chunks[: k + 1]) / sum(chunks), f"strain {strain:g}, growth rate {rate:.1e}, M = {msd[-1]:.0e}")
     table = np.concatenate(series, axis=1)
     time, msd = table[:2]
-    growth = fitted_growth(
+    growth = fit_growth(
         time, msd, growth_rate=rate, frequency=frequency * (1 + (frequency * dt) ** 2 / 24), window=WINDOW, within=1e-3
     )
     before = modes.im_lambda[fastest]

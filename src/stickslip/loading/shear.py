@@ -4,13 +4,13 @@ import warnings
 
 import numpy as np
 
-from ..core.frame import strained
-from ..core.laws import Law
-from ..core.neighbors import pack_key
+from ..core.contacts.neighbors import pack_key
+from ..core.dynamics.cell_motion import strained
+from ..core.laws.builtin import Law
 from ..core.outcome import NotInEquilibriumError
 from ..core.state import State
 from ..solve.equilibrate import UnstableEquilibriumWarning, equilibrate
-from ..solve.newton import Kept
+from ..solve.newton import Factorisation
 from .protocols import Protocol
 
 
@@ -77,12 +77,12 @@ def aqs(law: Law, *, slip: bool = True, tolerance: float = 5e-14, modes: bool = 
     --------
     >>> from stickslip.loading.packing import jammed
     >>> from stickslip.loading.protocols import ramp
-    >>> from stickslip.core.laws import hertz_mindlin
+    >>> from stickslip.core.laws.builtin import hertz_mindlin
     >>> state, _ = jammed(30, packing_fraction=0.7)
     >>> [len(point.spectrum.pairs) for point in ramp(state, [0.0, 1e-5], aqs(hertz_mindlin(mu=10, coulomb="smooth")))]
     [0, 0]
     """
-    keep = Kept()
+    keep = Factorisation()
 
     def apply(state, strain):
         return sheared(state, strain - shear_strain(state), slip=slip)

@@ -4,16 +4,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.control import between_controls
-from ..core.integrate import run
-from ..core.laws import Law
+from ..core.control import between
+from ..core.dynamics.run import run
+from ..core.dynamics.timestep import stable_time_step
+from ..core.laws.builtin import Law
+from ..core.readable import readable
 from ..core.state import Control, State
-from ..core.timestep import stable_time_step
 
 STEPS = 500  # of the load, on the way to its end
 SHARE = 0.1  # of the stable time step
 
 
+@readable
 class SlowRun(NamedTuple):
     """A slow run, T steps of the load."""
 
@@ -23,12 +25,14 @@ class SlowRun(NamedTuple):
     kinetic_energy: np.ndarray  # (T,) largest during each step [energy]
 
 
-def slowly(state: State, law: Law, *legs: Control, time: float, until: float, drag: float, report=None) -> SlowRun:
+def slow_dynamics(
+    state: State, law: Law, *legs: Control, time: float, until: float, drag: float, report=None
+) -> SlowRun:
     """Follow a packing by dynamics while its control goes in straight lines through the given ones.
 
     Parameters
     ----------
-    legs : as in `quasirigid_path`
+    legs : as in `load_path`
     time : that each leg takes [time]
     until : load at which to stop, in legs
     drag : of translations and rotations [1/time]
@@ -44,7 +48,7 @@ def slowly(state: State, law: Law, *legs: Control, time: float, until: float, dr
     steps = max(1, round(time * until / STEPS / dt))
     for load in np.linspace(0, until, STEPS + 1)[1:]:
         leg = min(int(np.ceil(load)) - 1, len(legs) - 1)
-        here = here._replace(control=between_controls(points[leg], points[leg + 1], load - leg))
+        here = here._replace(control=between(points[leg], points[leg + 1], load - leg))
         here, record, outcome = run(here, law, steps, dt, drag=drag, every=max(1, steps // 20))
         if not outcome.ok:
             raise RuntimeError(f"slow dynamics ended at load {load:.4g}: {outcome}")

@@ -11,8 +11,8 @@ from scipy.linalg import LinAlgError, qr, solve_triangular
 from scipy.optimize import linprog
 
 from ..solve.linear import factorised
-from .complementarity import Complementarity, Scaled, scaled
 from .enumeration import BLUR, Ray
+from .lcp import Complementarity, Scaled, scaled
 from .system import System
 
 FAR = 1e9  # in units of q: a certificate counts if slip rates of a consistent status would have to be beyond it

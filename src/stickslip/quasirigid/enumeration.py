@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import linprog
 
-from .complementarity import Complementarity, Scaled, scaled
+from .lcp import Complementarity, Scaled, scaled
 
 MAPPED = 14  # contacts up to which all statuses are gone through: 16,384
 AT_ONCE = 2048  # statuses that are solved together: more do not fit into the cache
@@ -268,7 +268,7 @@ def status_map(problem: Complementarity) -> StatusMap:
     if size > MAPPED:
         raise ValueError(
             f"{size} critical contacts were given: their {2.0**size:.3g} statuses cannot be gone through, at most "
-            f"{MAPPED} can; `status` finds the consistent one and `certificate` says what is known of uniqueness"
+            f"{MAPPED} can; `contact_status` finds the consistent one, `certificate` what is known of uniqueness"
         )
     through = gone_through(scaled(problem))
     fits = np.where(through.slides, through.rate > 0, through.rate < 0)

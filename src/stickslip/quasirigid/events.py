@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.state import State
-from .complementarity import SLACK
+from .lcp import SLACK
 from .rattling import NUDGE, gaps
-from .status import Choice
+from .status import ContactStatus
 
 APEX = 1e-6  # normal force, in mean normal forces, at which a contact is at the apex of the cone
 NEAR_APEX = 1e-4  # normal force, in mean normal forces, from which a straight way leads to the apex to within APEX
@@ -49,7 +49,9 @@ class Next(NamedTuple):
     kind: str
 
 
-def next_event(piece, force: np.ndarray, rate: np.ndarray, known: np.ndarray, choice: Choice, left: float) -> Next:
+def next_event(
+    piece, force: np.ndarray, rate: np.ndarray, known: np.ndarray, choice: ContactStatus, left: float
+) -> Next:
     """The end of a linear piece that begins with given forces.
 
     Parameters
@@ -132,7 +134,7 @@ def pairs_apart(state: State, loose: np.ndarray, rows: np.ndarray) -> np.ndarray
     return rest[held[state.contacts.i[rest]] & held[state.contacts.j[rest]]]
 
 
-def _closed(piece, choice: Choice, first: Next) -> Next:
+def _closed(piece, choice: ContactStatus, first: Next) -> Next:
     """The first pair that comes to touch."""
     state, rows = piece.state, piece.gap_rows
     moves = piece.matrix.free.spread(choice.velocity)[:, :3]

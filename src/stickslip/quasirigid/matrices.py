@@ -18,16 +18,18 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
-from ..core.jacobian import linearised
-from ..core.laws import SMOOTH, Law
-from ..core.measure import branches, touching
+from ..core.contacts.jacobian import linearised
+from ..core.laws.builtin import SMOOTH, Law
+from ..core.measure import branch_vectors, touching
 from ..core.measure import rattlers as loose_grains
+from ..core.readable import readable
 from ..core.state import SLIDE, State
 from ..solve.freedom import Freedom, freedom, incidence, of_branches
 from .walls import turning
 
 
-class Matrices(NamedTuple):
+@readable
+class LinearSystem(NamedTuple):
     """What Table I relates, for the M touching contacts of a state and its n free coordinates."""
 
     rows: np.ndarray  # (M,) rows of the contacts in the state's list
@@ -53,7 +55,9 @@ class Matrices(NamedTuple):
         return self.mu * self.force[:, 0] - np.abs(self.force[:, 1])
 
 
-def matrices(state: State, law: Law, *, rattlers: bool | np.ndarray = False, wall_arm: float | None = None) -> Matrices:
+def linear_system(
+    state: State, law: Law, *, rattlers: bool | np.ndarray = False, wall_arm: float | None = None
+) -> LinearSystem:
     """The matrices of an accepted state, at its positions.
 
     Parameters
@@ -80,7 +84,9 @@ def matrices(state: State, law: Law, *, rattlers: bool | np.ndarray = False, wal
             "a law with smooth friction was given: contact status needs coulomb='sharp', where contacts stick or slide"
         )
     if state.control.spring.any():
-        raise ValueError("a state with springs was given: this theory knows dead loads only, use `pressed` instead")
+        raise ValueError(
+            "a state with springs was given: this theory knows dead loads only, use `force_controlled` instead"
+        )
     rows, line = touching(state), linearised(state, law)
     loose = np.zeros(state.n_bodies, bool)
     if not isinstance(rattlers, bool):
@@ -96,7 +102,7 @@ def matrices(state: State, law: Law, *, rattlers: bool | np.ndarray = False, wal
     count = len(line.normal)
     normal = line.normal[rows]
     parted = ~normal.any(axis=1)  # contacts that are remembered but do not overlap, to the last digits
-    apart = branches(state)[rows[parted]]
+    apart = branch_vectors(state)[rows[parted]]
     normal[parted] = apart / np.linalg.norm(apart, axis=1)[:, None]
     along = np.stack([normal[:, 1], -normal[:, 0], np.zeros(len(rows))], axis=1)
     c = sparse.csr_array(incidence(state, count, free) @ _directions(rows, normal, along, count))
@@ -114,7 +120,7 @@ def matrices(state: State, law: Law, *, rattlers: bool | np.ndarray = False, wal
     geometric = _turned(state, free, rows, force, normal, along, line.inverse[rows], count)
     if wall_arm is not None:
         c, geometric, free = turning(state, rows, force, c, geometric, free, wall_arm)
-    return Matrices(
+    return LinearSystem(
         rows, c, springs, np.stack([line.damping_n[rows], line.damping_t[rows]], axis=1), slope, sign, line.mu[rows],
         force, sliding, geometric, free,
     )  # fmt: skip
@@ -146,7 +152,7 @@ def _turned(state: State, free: Freedom, rows, force, normal, along, inverse, co
     return sparse.csr_array(turned - of_branches(state, vectors, free))
 
 
-def statuses(matrix: Matrices, sliding) -> np.ndarray:
+def statuses(matrix: LinearSystem, sliding) -> np.ndarray:
     """(M, 2, 2) blocks S of every contact; `sliding` (M,) bool."""
     out = np.tile(np.eye(2), (matrix.count, 1, 1))
     out[sliding, 1, 1] = 0.0
@@ -160,7 +166,7 @@ def blocks(parts: np.ndarray):
     return sparse.bsr_array((parts, np.arange(m), np.arange(m + 1)), shape=(2 * m, 2 * m))
 
 
-def stiffness_matrix(matrix: Matrices, sliding=None, *, geometric: bool = True):
+def stiffness_matrix(matrix: LinearSystem, sliding=None, *, geometric: bool = True):
     """(n, n) sparse k = c K S cᵀ, df_ext/dt = k v, plus the geometric stiffness: −J of the same statuses.
 
     Parameters
@@ -173,14 +179,14 @@ def stiffness_matrix(matrix: Matrices, sliding=None, *, geometric: bool = True):
     return sparse.csr_array(k + matrix.geometric if geometric else k)
 
 
-def force_rates(matrix: Matrices, sliding: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+def force_rates(matrix: LinearSystem, sliding: np.ndarray, velocity: np.ndarray) -> np.ndarray:
     """(M, 2) dF/dt = −K S cᵀ v of all contacts; `sliding` (M,) bool, `velocity` (n,)."""
     relative = (matrix.c.T @ velocity).reshape(-1, 2)
     stretched = np.einsum("mab,mb->ma", statuses(matrix, sliding), relative)
     return -np.einsum("mab,mb->ma", matrix.springs, stretched)
 
 
-def _status_of_all(matrix: Matrices, sliding) -> np.ndarray:
+def _status_of_all(matrix: LinearSystem, sliding) -> np.ndarray:
     """(M,) bool: the statuses given, or those at Coulomb's limit now."""
     sliding = matrix.limit if sliding is None else np.asarray(sliding, bool)
     if sliding.shape != (matrix.count,):
@@ -188,7 +194,7 @@ def _status_of_all(matrix: Matrices, sliding) -> np.ndarray:
     return sliding
 
 
-def damping_matrix(matrix: Matrices, sliding=None):
+def damping_matrix(matrix: LinearSystem, sliding=None):
     """(n, n) sparse c Γ cᵀ; a contact that slides has no tangential dashpot."""
     sliding = _status_of_all(matrix, sliding)
     damping = matrix.damping.copy()
@@ -196,6 +202,6 @@ def damping_matrix(matrix: Matrices, sliding=None):
     return sparse.csr_array(matrix.c @ sparse.diags_array(damping.ravel()) @ matrix.c.T)
 
 
-def quadratic_form(matrix: Matrices, velocity: np.ndarray, sliding=None) -> float:
+def quadratic_form(matrix: LinearSystem, velocity: np.ndarray, sliding=None) -> float:
     """Q = vᵀ k v without geometric stiffness: the packing's premise of stability is Q > 0 for all v (Eq. 41)."""
     return float(velocity @ (stiffness_matrix(matrix, sliding, geometric=False) @ velocity))

@@ -14,7 +14,7 @@ from scipy.linalg import LinAlgError
 from scipy.optimize import linprog
 
 from ..solve.linear import factorised
-from .apex import (
+from .cone_apex import (
     ENUMERATED,
     OPENS,
     SIDE,
@@ -29,8 +29,8 @@ from .apex import (
     every_choice,
     piece,
     statuses_at_apex,
-)  # fmt: skip
-from .matrices import Matrices, stiffness_matrix
+)
+from .matrices import LinearSystem, stiffness_matrix
 from .system import pins
 
 COMBINED = 3  # bodies of which all combinations are released: each costs a factor of k
@@ -50,7 +50,7 @@ class Reduced(NamedTuple):
 
 
 def reduced(
-    matrix: Matrices, load: np.ndarray, contacts: np.ndarray, sign: np.ndarray, *, geometric: bool = True,
+    matrix: LinearSystem, load: np.ndarray, contacts: np.ndarray, sign: np.ndarray, *, geometric: bool = True,
     without: np.ndarray | None = None, alone: np.ndarray | None = None,
 ) -> Reduced:  # fmt: skip
     """The map g of some contacts of a packing under a load rate.
@@ -108,7 +108,7 @@ class Decided(NamedTuple):
 class _Search(NamedTuple):
     """The problem of `decided`."""
 
-    matrix: Matrices
+    matrix: LinearSystem
     load: np.ndarray
     apex: np.ndarray  # (M,) bool
     geometric: bool
@@ -118,7 +118,7 @@ class _Search(NamedTuple):
 
 
 def decided(
-    matrix: Matrices, load: np.ndarray, apex: np.ndarray, *, geometric: bool = True, wedged: bool = False
+    matrix: LinearSystem, load: np.ndarray, apex: np.ndarray, *, geometric: bool = True, wedged: bool = False
 ) -> Decided:
     """Decide the statuses of contacts at the apex, (M,) bool, together with those at the limit, under a load rate.
 
@@ -213,7 +213,7 @@ def _answers(apex: Apex) -> tuple[list[tuple[Found, bool]], bool]:
     return [(found, bool(np.linalg.slogdet(piece(apex, found.status))[0] > 0))], False
 
 
-def _contacts_of_bodies(matrix: Matrices) -> np.ndarray:
+def _contacts_of_bodies(matrix: LinearSystem) -> np.ndarray:
     """(B, M) bool: which contacts each grain with a free rotation has; empty rows for all other bodies."""
     body, c = matrix.free.body, matrix.c.tocoo()
     out = np.zeros((int(body.max(initial=-1)) + 1, matrix.count), bool)

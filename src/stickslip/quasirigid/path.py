@@ -12,15 +12,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.forces import accept, forces
-from ..core.laws import KT, LINEAR, Law
+from ..core.contacts.forces import accept, forces
+from ..core.contacts.neighbors import updated
+from ..core.laws.builtin import KT, LINEAR, Law
 from ..core.measure import mean_normal_force, rattlers, touching
-from ..core.neighbors import updated
+from ..core.readable import readable
 from ..core.state import OPEN, SLIDE, STICK, Control, State
 from ..solve.freedom import freedom, residual_vector
 from .events import Event, Fork
-from .matrices import matrices, stiffness_matrix
-from .piece import CROWD, OUT_OF_BALANCE, Piece, Place, external
+from .increment import CROWD, OUT_OF_BALANCE, Piece, Place, external
+from .matrices import linear_system, stiffness_matrix
 from .rattling import gaps, moved_aside, with_modes
 from .status import Verdict
 from .system import pins, unheld
@@ -43,7 +44,8 @@ class Point(NamedTuple):
     residual: float  # out-of-balance force over the mean normal force
 
 
-class Path(NamedTuple):
+@readable
+class LoadPath(NamedTuple):
     """A path, until its last leg was done or stability was lost."""
 
     points: tuple[Point, ...]
@@ -84,9 +86,9 @@ class Path(NamedTuple):
         return [p.state for p in self.points]
 
 
-def quasirigid_path(
+def load_path(
     state: State, law: Law, *legs: Control, increment: float = 0.01, geometric: bool = True, report=None
-) -> Path:
+) -> LoadPath:
     """Follow a packing while its control goes in straight lines through the given ones.
 
     Parameters
@@ -139,10 +141,10 @@ class _Way:
         else:
             self.since += 1 + len(piece.events)
 
-    def path(self, verdict: Verdict) -> Path:
+    def path(self, verdict: Verdict) -> LoadPath:
         if verdict is not Verdict.CONSISTENT:
             self.events.append(Event(self.points[-1].load, verdict.value, -1, -1))
-        return Path(tuple(self.points), tuple(self.events), verdict, tuple(self.forks), self.unchecked, self.law)
+        return LoadPath(tuple(self.points), tuple(self.events), verdict, tuple(self.forks), self.unchecked, self.law)
 
 
 def _leg(place: Place, law: Law, end: Control, number: int, legs: int, increment, geometric, way: _Way, report):
@@ -239,7 +241,7 @@ def _check_start(state: State, law: Law, legs, increment: float) -> None:
         raise ValueError(f"increment = {increment} was given: it must be above 0 and at most 1, in legs of the load")
     for end in legs:
         _check_leg(state.control, end)
-    matrix = matrices(state, law)
+    matrix = linear_system(state, law)
     if not len(matrix.free):
         raise ValueError("nothing but rattlers was given: a path needs grains that hold each other")
     mean = mean_normal_force(state, law)
@@ -275,7 +277,9 @@ def _check_start(state: State, law: Law, legs, increment: float) -> None:
 
 def _check_leg(begin: Control, end: Control) -> None:
     if not isinstance(end, Control):
-        raise ValueError(f"a leg of {type(end).__name__} was given: give the Control at its end, such as raised(...)")
+        raise ValueError(
+            f"a leg of {type(end).__name__} was given: give the Control at its end, such as with_load(...)"
+        )
     for name in ("free", "group", "cell_free"):
         if not np.array_equal(getattr(end, name), getattr(begin, name)):
             raise ValueError("the legs' controls free other components than the state's: only loads may change")

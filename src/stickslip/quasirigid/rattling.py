@@ -11,10 +11,10 @@ Source of the least distance: Lawson and Hanson, Solving Least Squares Problems 
 import numpy as np
 from scipy.optimize import nnls
 
-from ..core.geometry import shifts
-from ..core.laws import MU, Law
-from ..core.measure import branches
-from ..core.neighbors import updated
+from ..core.contacts.geometry import shifts
+from ..core.contacts.neighbors import updated
+from ..core.laws.builtin import MU, Law
+from ..core.measure import branch_vectors
 from ..core.state import OPEN, State
 
 NUDGE = 1e-12  # gap, in radii, to which rattlers are pushed aside, and overlap with which a contact is born
@@ -26,7 +26,7 @@ BALANCED = 1e-8  # residual of a balance of forces of size 1
 def gaps(state: State, rows) -> tuple[np.ndarray, np.ndarray]:
     """Normals (C, 3) and gaps (C,) of pairs of the list; a negative gap is an overlap [length]."""
     n, radius = len(state.grains.radius), np.append(state.grains.radius, np.zeros(len(state.walls.mass)))
-    branch = branches(state)[rows]
+    branch = branch_vectors(state)[rows]
     contacts, distance = state.contacts, np.linalg.norm(branch, axis=1)
     normal = branch / distance[:, None]
     wall = contacts.j[rows] >= n

@@ -20,11 +20,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import LinAlgError
 
+from ..core.readable import readable
 from ..solve.linear import one_thread
 from .absence import Absence, Motion, driven, farkas, loose, ray_of
-from .complementarity import Complementarity, lemke, numbers, of_system, pivoted, scaled, slack_of, wrong
 from .enumeration import BLUR, MAPPED, Solution, solved
-from .matrices import Matrices, force_rates
+from .lcp import Complementarity, lemke, numbers, of_system, pivoted, scaled, slack_of, wrong
+from .matrices import LinearSystem, force_rates
 from .system import System, pins, unheld
 from .uniqueness import Uniqueness, certificate, may_be_p, regular, sign_of_minor
 
@@ -73,7 +74,8 @@ class Alternative(NamedTuple):
     stable: bool | None
 
 
-class Choice(NamedTuple):
+@readable
+class ContactStatus(NamedTuple):
     """The status of all contacts under a load rate, what moves, and what the verdict rests on."""
 
     verdict: Verdict
@@ -105,10 +107,10 @@ class Answer(NamedTuple):
     stable: bool | None = None
 
 
-def status(
-    matrix: Matrices, load: np.ndarray, *, critical: np.ndarray | None = None, start: np.ndarray | None = None,
+def contact_status(
+    matrix: LinearSystem, load: np.ndarray, *, critical: np.ndarray | None = None, start: np.ndarray | None = None,
     geometric: bool = True, unique: bool | None = None,
-) -> Choice:  # fmt: skip
+) -> ContactStatus:  # fmt: skip
     """The status by the principle of minimum sliding: what slides is what would leave Coulomb's cone otherwise.
 
     All inconsistent contacts are flipped at once, which nearly always ends after a few rounds; a cycle hands over to
@@ -144,7 +146,7 @@ def status(
         )
 
 
-def _searched(matrix: Matrices, system: System, slides: np.ndarray, unique: bool) -> Choice | None:
+def _searched(matrix: LinearSystem, system: System, slides: np.ndarray, unique: bool) -> ContactStatus | None:
     """The choice, or None if k₀ is singular."""
     found = _flipped(system, slides)
     if found is not None and not unique:
@@ -158,7 +160,9 @@ def _searched(matrix: Matrices, system: System, slides: np.ndarray, unique: bool
     return _among_many(matrix, system, problem, found, unique)
 
 
-def _without_idle_motions(matrix: Matrices, system: System, slides: np.ndarray, unique: bool, geometric) -> Choice:
+def _without_idle_motions(
+    matrix: LinearSystem, system: System, slides: np.ndarray, unique: bool, geometric
+) -> ContactStatus:
     """The choice where k₀ is singular: its null motions are held still, if the load does not drive them."""
     idle = loose(system)
     if idle is not None and idle.motion is not None:
@@ -174,7 +178,7 @@ def _without_idle_motions(matrix: Matrices, system: System, slides: np.ndarray, 
     )  # fmt: skip
 
 
-def _carried_off(matrix: Matrices, system: System) -> Motion:
+def _carried_off(matrix: LinearSystem, system: System) -> Motion:
     """The translation of everything along which nothing holds the load."""
     move = np.zeros(len(system.load))
     for pin in pins(matrix):
@@ -185,24 +189,26 @@ def _carried_off(matrix: Matrices, system: System) -> Motion:
     return Motion(move, move, power, np.zeros(len(system.critical), bool))
 
 
-def _choice(matrix: Matrices, system: System, verdict: Verdict, answer: Answer, others=(), known=None) -> Choice:
+def _choice(
+    matrix: LinearSystem, system: System, verdict: Verdict, answer: Answer, others=(), known=None
+) -> ContactStatus:
     marginal = np.abs(answer.rate) <= slack_of(answer.rate, system.blur(answer.velocity))
     also = tuple(Alternative(_of_all(matrix, system, a.slides), a.velocity, a.rate, a.stable) for a in others)
-    return Choice(
+    return ContactStatus(
         verdict, _of_all(matrix, system, answer.slides), system.critical, answer.velocity, answer.rate, answer.method,
         system.solves, answer.stable, also, known, None, marginal,
     )  # fmt: skip
 
 
-def _nothing(matrix: Matrices, system: System, verdict: Verdict, proof=None, known=None) -> Choice:
+def _nothing(matrix: LinearSystem, system: System, verdict: Verdict, proof=None, known=None) -> ContactStatus:
     unknown = np.full(len(system.critical), np.nan)
-    return Choice(
+    return ContactStatus(
         verdict, np.zeros(matrix.count, bool), system.critical, np.full(len(system.load), np.nan), unknown, "",
         system.solves, None, (), known, proof,
     )  # fmt: skip
 
 
-def _of_all(matrix: Matrices, system: System, slides: np.ndarray) -> np.ndarray:
+def _of_all(matrix: LinearSystem, system: System, slides: np.ndarray) -> np.ndarray:
     """(M,) bool from a status of the critical contacts."""
     sliding = np.zeros(matrix.count, bool)
     sliding[system.critical] = slides
@@ -252,7 +258,7 @@ def _flipped(system: System, slides: np.ndarray) -> Answer | None:
     return None
 
 
-def _among_few(matrix: Matrices, system: System, problem: Complementarity, found: Answer | None) -> Choice:
+def _among_few(matrix: LinearSystem, system: System, problem: Complementarity, found: Answer | None) -> ContactStatus:
     """The choice of which all statuses are known, or of a P-matrix."""
     known = certificate(problem)
     if known.unique:
@@ -318,7 +324,7 @@ def _agrees(answer: Answer, found: Answer | None) -> bool:
     return bool(np.abs(answer.rate - found.rate).max(initial=0.0) <= ALIKE * np.abs(found.rate).max(initial=0.0))
 
 
-def _verdict(matrix: Matrices, system: System, problem: Complementarity, answers: list[Answer]) -> Verdict:
+def _verdict(matrix: LinearSystem, system: System, problem: Complementarity, answers: list[Answer]) -> Verdict:
     """The verdict on all consistent statuses, the best one first.
 
     Answers are the same in forces if what slides in one or the other makes A singular; forces that differ by little do
@@ -338,8 +344,8 @@ def _verdict(matrix: Matrices, system: System, problem: Complementarity, answers
 
 
 def _among_many(
-    matrix: Matrices, system: System, problem: Complementarity, found: Answer | None, unique: bool
-) -> Choice:
+    matrix: LinearSystem, system: System, problem: Complementarity, found: Answer | None, unique: bool
+) -> ContactStatus:
     """The choice by one algorithm after the other until a stable status is found; "none" only with a certificate."""
     known = certificate(problem) if unique else None
     answers = _one_after_the_other(system, problem, found)

@@ -6,7 +6,7 @@ from scipy.linalg import LinAlgError
 from scipy.sparse.linalg import splu
 
 from ..solve.linear import factorised
-from .matrices import Matrices, stiffness_matrix
+from .matrices import LinearSystem, stiffness_matrix
 
 # a factor is corrected for up to so many changed contacts, and made anew beyond: at 3000 disks 48 cost the same, but
 # what comes of a correction is verified with a factor of its own
@@ -23,7 +23,7 @@ class System:
     each free translation of the whole, those in `held` stand still.
     """
 
-    def __init__(self, matrix: Matrices, load: np.ndarray, critical: np.ndarray, geometric: bool, held=()):
+    def __init__(self, matrix: LinearSystem, load: np.ndarray, critical: np.ndarray, geometric: bool, held=()):
         self.critical, self.solves = critical, 0
         self.load = np.asarray(load, float)
         if self.load.shape != (len(matrix.free),):
@@ -134,7 +134,7 @@ class System:
         return bool(np.abs(missed).max(initial=0.0) <= RESIDUAL * np.abs(self.right).max(initial=0.0))
 
 
-def pins(matrix: Matrices) -> np.ndarray:
+def pins(matrix: LinearSystem) -> np.ndarray:
     """Coordinates that may be held still without changing any contact: one for each free translation of the whole."""
     held = []
     for axis in range(2):
@@ -146,7 +146,7 @@ def pins(matrix: Matrices) -> np.ndarray:
     return np.array(held, np.int64)
 
 
-def unheld(matrix: Matrices, load: np.ndarray) -> str:
+def unheld(matrix: LinearSystem, load: np.ndarray) -> str:
     """Along which axes, "x", "y" or both, a load has a net force that nothing holds; empty if there is none."""
     out = ""
     for pin in pins(matrix):
@@ -161,7 +161,7 @@ def elimination(c, body: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    c : (n, 2M) sparse, as in `Matrices`
+    c : (n, 2M) sparse, as in `LinearSystem`
     body : (n,) to which body each coordinate belongs
 
     Notes

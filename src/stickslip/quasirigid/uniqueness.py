@@ -12,19 +12,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .complementarity import Complementarity, Scaled, scaled
+from ..core.readable import readable
 from .enumeration import BLUR, MAPPED, gone_through
+from .lcp import Complementarity, Scaled, scaled
 
 
 class Known(Enum):
     """Is the status unique for every load? Each value is a sentence."""
 
     UNIQUE = "the status is unique for every load"
-    NOT_UNIQUE = "the status is not unique for every load: under some, none or several are consistent; ask `status`"
-    SINGULAR = "singular: several slip rates give the same forces under some loads; ask `status` about this one"
+    NOT_UNIQUE = (
+        "the status is not unique for every load: under some, none or several are consistent; ask `contact_status`"
+    )
+    SINGULAR = "singular: several slip rates give the same forces under some loads; ask `contact_status` about this one"
     UNDECIDED = "not known: no cheap argument decides; up to 14 critical contacts all minors are gone through"
 
 
+@readable
 class Uniqueness(NamedTuple):
     """An answer, and what it rests on; A_SS means the rows and columns `contacts` of A."""
 

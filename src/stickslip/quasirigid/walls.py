@@ -16,13 +16,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
-from ..core.measure import branches
+from ..core.measure import branch_vectors
 from ..core.state import State
 from ..solve.freedom import Freedom
 
 
 class Turning(NamedTuple):
-    """Coordinates and matrices of a packing whose walls may turn; see `Matrices` for what they are."""
+    """Coordinates and matrices of a packing whose walls may turn; see `LinearSystem` for what they are."""
 
     c: sparse.csr_array
     geometric: sparse.csr_array
@@ -94,7 +94,7 @@ def rigid_rotation(state: State, free: Freedom, arm: float) -> np.ndarray:
 
     Parameters
     ----------
-    free : the coordinates of `matrices(..., wall_arm=arm)`
+    free : the coordinates of `linear_system(..., wall_arm=arm)`
     """
     place = np.concatenate([state.grains.position, state.walls.point])
     radius = np.append(state.grains.radius, np.full(len(state.walls.mass), arm))
@@ -115,6 +115,6 @@ def resists_turning(state: State, rows, relative: np.ndarray) -> bool:
     """
     radius = np.append(state.grains.radius, np.zeros(len(state.walls.mass)))
     i, j = state.contacts.i[rows], state.contacts.j[rows]
-    overlap = radius[i] + radius[j] - np.linalg.norm(branches(state)[rows], axis=1)
+    overlap = radius[i] + radius[j] - np.linalg.norm(branch_vectors(state)[rows], axis=1)
     slack = 1e-9 * float(state.grains.radius.max())
     return bool((np.abs(relative[:, 0]) > slack).any() or (np.abs(np.abs(relative[:, 1]) - overlap) > slack).any())

@@ -4,9 +4,9 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from ..core.forces import forces, unbalanced
-from ..core.jacobian import linearised
-from ..core.laws import MU, Law
+from ..core.contacts.forces import forces, unbalanced_forces
+from ..core.contacts.jacobian import linearised
+from ..core.laws.builtin import MU, Law
 from ..core.measure import mean_normal_force, touching, volume
 from ..core.state import SLIDE, STICK, Contacts, State
 from .freedom import loose_grains
@@ -34,12 +34,13 @@ def imbalance(state: State, law: Law) -> float:
 
     Examples
     --------
-    >>> from stickslip import linear, sample
-    >>> round(imbalance(sample([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], linear()), linear()), 12)
+    >>> import stickslip as ss
+    >>> law = ss.laws.linear()
+    >>> round(imbalance(ss.packings.from_arrays([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], law), law), 12)
     1.0
     """
     loads = forces(state, law)[0]
-    worst = np.abs(unbalanced(state, loads)).max(axis=1)
+    worst = np.abs(unbalanced_forces(state, loads)).max(axis=1)
     found = max(map(_share, worst, _scales(state, law)), default=0.0) if worst.any() else 0.0
     free = state.control.cell_free
     if free.any():
@@ -158,9 +159,9 @@ def under(state: State, law: Law) -> State:
 
     Examples
     --------
-    >>> from stickslip import hertz_mindlin, jammed
-    >>> state, _ = jammed(10, packing_fraction=0.7)
-    >>> set(under(state, hertz_mindlin(mu=0.5)).contacts.mode[touching(state)].tolist()) == {STICK}
+    >>> import stickslip as ss
+    >>> state, _ = ss.packings.jammed(10, packing_fraction=0.7)
+    >>> set(under(state, ss.laws.hertz_mindlin(mu=0.5)).contacts.mode[touching(state)].tolist()) == {STICK}
     True
     """
     contacts, line = state.contacts, linearised(state, law)

@@ -6,21 +6,23 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from ..core.contact import with_dashpot
-from ..core.kinds import Kind
-from ..core.laws import (
+from ..core.contacts.mechanics import with_dashpot
+from ..core.laws.builtin import (
     DAMPING_N,
     DAMPING_T,
     LINEAR,
     Law,
     damping_factor,
+    elastic_constants,
     hertz_mindlin_reff,
     normal_force,
     parameters,
-    stiffnesses,
 )
+from ..core.laws.dispatch import Kind
+from ..core.readable import readable
 
 
+@readable
 class Collision(NamedTuple):
     """Two grains that meet head-on and part."""
 
@@ -41,8 +43,9 @@ def collision(law: Law, *, radius: float, mass: float, speed: float, pair: tuple
 
     Examples
     --------
-    >>> from stickslip import linear
-    >>> round(collision(linear(kn=1.0), radius=0.5, mass=2.0, speed=0.1).duration, 6)  # half a period of √(m_eff/k_n)
+    >>> import stickslip as ss
+    >>> found = collision(ss.laws.linear(kn=1.0), radius=0.5, mass=2.0, speed=0.1)
+    >>> round(found.duration, 6)  # half a period of √(m_eff/k_n)
     3.141593
     """
     for name, value in (("radius", radius), ("mass", mass), ("speed", speed)):
@@ -102,8 +105,8 @@ def with_restitution(
 
     Examples
     --------
-    >>> from stickslip import hertz_mindlin_reff, stiffnesses
-    >>> rock = hertz_mindlin_reff(*stiffnesses(50e9, 0.3))
+    >>> import stickslip as ss
+    >>> rock = ss.laws.hertz_mindlin_reff(*ss.laws.elastic_constants(50e9, 0.3))
     >>> mass = 2500 * 4 / 3 * np.pi * 0.0015**3
     >>> law = with_restitution(rock, 0.98, radius=0.0015, mass=mass, speed=25.0)
     >>> f"{law.table[0, 0, DAMPING_N]:.1e}"
@@ -174,7 +177,7 @@ def eq8_damping(
             f"young = {young}, poisson = {poisson}, ratio = {ratio} were given: Eq 8 has a solution for positive E, "
             f"ν between −1/2 and 1/2 except 0, and γ_t/γ_n other than 1/3 only"
         )
-    law = hertz_mindlin_reff(*stiffnesses(young, poisson), 0.0)
+    law = hertz_mindlin_reff(*elastic_constants(young, poisson), 0.0)
     law = with_restitution(law, restitution, radius=radius, mass=mass, speed=speed, ratio=ratio)
     kn, collided = parameters(law.table, 0, 0)[0], law.table[0, 0, DAMPING_N]
     a = 2 * (mass / 2) * collided / (3 * kn)  # m_eff γ_n √(δ R_eff) = K (3/2) A √δ

@@ -7,11 +7,12 @@ from scipy import sparse
 from scipy.linalg import eig
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs, splu
 
-from ..core.jacobian import contact_blocks
-from ..core.laws import Law
+from ..core.contacts.jacobian import contact_blocks
+from ..core.laws.builtin import Law
+from ..core.readable import readable
 from ..core.state import State
 from .balance import under, unjudged
-from .freedom import ZERO_BELOW, Freedom, restricted, stiffness
+from .freedom import ZERO_BELOW, Freedom, assembled, dynamical_matrix
 from .stability import MIXED, PAIR_ABOVE, Stability, at_limit, in_both, stability, stable_if, sticking, unloaded
 
 DENSE_UP_TO = 1_250  # coordinates, within seconds: the first-order form has twice as many
@@ -22,7 +23,8 @@ TOLERANCE = 1e-10  # relative, of their inverse distance from the shift
 STARTS = 8  # undamped pairs, the fastest first, near which is looked
 
 
-class Damped(NamedTuple):
+@readable
+class DampedStability(NamedTuple):
     """What the linearised motion around a state does with its dashpots: exponents s of exp(st)."""
 
     undamped: Stability  # what it would do without; it counts grains, contacts, rattlers and zero modes
@@ -30,7 +32,7 @@ class Damped(NamedTuple):
     modes: np.ndarray  # (n, K) complex: generalised displacements of unit mass-weighted norm
     slowest: complex | None  # exponent of the slowest decay; None where not all were computed
     scope: str  # what was not looked at, in words
-    if_stuck: "Damped | None" = None  # the same with contacts at Coulomb's limit sticking, see `Stability`
+    if_stuck: "DampedStability | None" = None  # the same with contacts at Coulomb's limit sticking, see `Stability`
 
     @property
     def free(self) -> Freedom:
@@ -100,7 +102,7 @@ class Damped(NamedTuple):
         return "; ".join(found)
 
 
-def damped_stability(state: State, law: Law, *, method: str = "auto", report=None) -> Damped:
+def damped_stability(state: State, law: Law, *, method: str = "auto", report=None) -> DampedStability:
     """The verdict on an accepted state at rest whose law has dashpots, by the exponents s of M q̈ = J q + C q̇.
 
     Parameters
@@ -121,9 +123,9 @@ def damped_stability(state: State, law: Law, *, method: str = "auto", report=Non
 
     Examples
     --------
-    >>> from stickslip import linear, sample
-    >>> law = linear(1.0, 0.5, 0.5, coulomb="sharp", damping_n=0.1, damping_t=0.1)
-    >>> flat = sample([[0, 0], [0.99, 0], [0.5, 0.85]], [0.5, 0.5, 0.5], law, dim=2)
+    >>> import stickslip as ss
+    >>> law = ss.laws.linear(1.0, 0.5, 0.5, coulomb="sharp", damping_n=0.1, damping_t=0.1)
+    >>> flat = ss.packings.from_arrays([[0, 0], [0.99, 0], [0.5, 0.85]], [0.5, 0.5, 0.5], law, dim=2)
     >>> damped_stability(flat, law).undamped.contacts
     3
     """
@@ -143,12 +145,12 @@ def damped_stability(state: State, law: Law, *, method: str = "auto", report=Non
     return found._replace(if_stuck=_judged(stuck, law, undamped.if_stuck, method, report), scope=scope)
 
 
-def _judged(state: State, law: Law, undamped: Stability, method: str, report) -> Damped:
+def _judged(state: State, law: Law, undamped: Stability, method: str, report) -> DampedStability:
     """The verdict with every contact held in its mode."""
     free, size = undamped.free, _size(state)
-    pull, root = stiffness(state, law, free), 1 / np.sqrt(free.mass)
+    pull, root = dynamical_matrix(state, law, free), 1 / np.sqrt(free.mass)
     _, blocks = contact_blocks(state, law)
-    drag = sparse.csr_array(sparse.diags_array(-root) @ restricted(state, blocks, free) @ sparse.diags_array(root))
+    drag = sparse.csr_array(sparse.diags_array(-root) @ assembled(state, blocks, free) @ sparse.diags_array(root))
     unit = np.sqrt(np.abs(pull.data).max())  # [1/time]: in it both blocks are of order one
     pull, drag = pull / unit**2, drag / unit
     if method == "dense" or (method == "auto" and size <= DENSE_UP_TO):
@@ -158,7 +160,7 @@ def _judged(state: State, law: Law, undamped: Stability, method: str, report) ->
         values, vectors, slowest, scope = *_near(pull, drag, starts, report), None, _scope(undamped, starts)
     order = np.lexsort((values.imag, -values.real))
     modes = vectors[:, order] * root[:, None]
-    return Damped(undamped, unit * values[order], modes, None if slowest is None else unit * slowest, scope)
+    return DampedStability(undamped, unit * values[order], modes, None if slowest is None else unit * slowest, scope)
 
 
 def _size(state: State) -> int:

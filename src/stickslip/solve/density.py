@@ -7,9 +7,10 @@ from scipy import sparse
 from scipy.linalg import eigvals
 from scipy.sparse.linalg import eigsh
 
-from ..core.laws import Law
+from ..core.laws.builtin import Law
+from ..core.readable import readable
 from ..core.state import State
-from .freedom import ZERO_BELOW, Freedom, backbone, stiffness, translations
+from .freedom import ZERO_BELOW, Freedom, backbone, dynamical_matrix, translations
 from .spectrum import REAL_BELOW
 
 DENSE_UP_TO = 2_500  # coordinates, within half a minute
@@ -27,7 +28,7 @@ def participation_ratio(modes: np.ndarray, free: Freedom) -> np.ndarray:
 
     Parameters
     ----------
-    modes : (n, K) real or complex generalised displacements, as `Spectrum`, `Stability`, `Pairs` hold them
+    modes : (n, K) real or complex generalised displacements, as `Spectrum`, `Stability`, `ComplexPairs` hold them
     free : Freedom of the modes; its N bodies are counted. `stability` and `density_of_states` leave rattlers out of it
 
     Returns
@@ -41,8 +42,9 @@ def participation_ratio(modes: np.ndarray, free: Freedom) -> np.ndarray:
 
     Examples
     --------
-    >>> from stickslip import linear, sample, spectrum
-    >>> pair = spectrum(sample([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], linear()), linear())
+    >>> import stickslip as ss
+    >>> law = ss.laws.linear()
+    >>> pair = ss.spectrum(ss.packings.from_arrays([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], law), law)
     >>> round(float(participation_ratio(pair.modes, pair.free)[-1]), 6)
     1.0
     """
@@ -57,7 +59,8 @@ def participation_ratio(modes: np.ndarray, free: Freedom) -> np.ndarray:
     return weight.sum(axis=0) ** 2 / (len(bodies) * (weight**2).sum(axis=0))
 
 
-class Density(NamedTuple):
+@readable
+class DensityOfStates(NamedTuple):
     """D(ω) of an undamped packing: Σ density · Δω is the share of its n modes that oscillate within the edges."""
 
     edges: np.ndarray  # (B + 1,) [1/time]
@@ -82,7 +85,7 @@ class Density(NamedTuple):
 def density_of_states(
     state: State, law: Law, *, bins: int | np.ndarray = 50, method: str = "auto", probes: int = PROBES, seed: int = 0,
     report=None,
-) -> Density:  # fmt: skip
+) -> DensityOfStates:  # fmt: skip
     """D(ω) = (1/n) Σ_k δ(ω − ω_k), ω_k = |Re √λ_k| of the n eigenvalues of −M⁻¹J; rattlers are left out.
 
     J is not symmetric: a pair λ_r ± iλ_i counts twice, at its ω_r, and is also told apart in `of_pairs`. λ = 0 and
@@ -104,8 +107,9 @@ def density_of_states(
 
     Examples
     --------
-    >>> from stickslip import linear, sample
-    >>> pair = density_of_states(sample([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], linear()), linear(), bins=2)
+    >>> import stickslip as ss
+    >>> law = ss.laws.linear()
+    >>> pair = density_of_states(ss.packings.from_arrays([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], law), law, bins=2)
     Traceback (most recent call last):
     ...
     ValueError: nothing but rattlers was given: a density of states needs grains that hold each other
@@ -119,7 +123,7 @@ def density_of_states(
         method = "dense" if len(free) <= DENSE_UP_TO else "polynomials"
     if method == "dense" and len(free) > 10_000:
         raise ValueError(f"{len(free)} coordinates are too many for the method 'dense' (10000): take 'polynomials'")
-    matrix = stiffness(state, law, free)
+    matrix = dynamical_matrix(state, law, free)
     if method == "dense":
         return _counted(eigvals(matrix.toarray(), overwrite_a=True), bins)
     return _estimated(matrix, translations(matrix, free), bins, probes, seed, report)
@@ -134,7 +138,7 @@ def _edges(bins, largest: float) -> np.ndarray:
     return edges
 
 
-def _counted(values: np.ndarray, bins) -> Density:
+def _counted(values: np.ndarray, bins) -> DensityOfStates:
     n, scale = len(values), np.abs(values).max(initial=0.0)
     zero, complex_ones = np.abs(values) < ZERO_BELOW * scale, np.abs(values.imag) > REAL_BELOW * scale
     negative = ~zero & ~complex_ones & (values.real < 0)
@@ -144,13 +148,13 @@ def _counted(values: np.ndarray, bins) -> Density:
     edges = _edges(bins, frequency.max(initial=0.0) * (1 + 1e-12) or 1.0)
     per = n * np.diff(edges)
     density, of_pairs = (np.histogram(frequency[one], edges)[0] / per for one in (rings, rings & complex_ones))
-    return Density(
+    return DensityOfStates(
         edges, density, np.zeros(len(per)), of_pairs, np.sort(frequency[rings]), n, int(zero.sum()),
         int(negative.sum()), 0.0, "dense",
     )  # fmt: skip
 
 
-def _estimated(matrix, rigid: np.ndarray, bins, probes: int, seed: int, report) -> Density:
+def _estimated(matrix, rigid: np.ndarray, bins, probes: int, seed: int, report) -> DensityOfStates:
     """By Chebyshev moments: with λ = centre + half cos θ, a resolution of π/K in θ is one of √λ_max/2 π/K in ω."""
     if probes < 2:
         raise ValueError(f"probes = {probes} was given: at least 2 are needed to tell the error")
@@ -177,7 +181,7 @@ def _estimated(matrix, rigid: np.ndarray, bins, probes: int, seed: int, report) 
     above = (angle[:, None] * moments[0] + weights.T @ moments[1:]) / np.pi  # how many λ lie above each edge
     share = -np.diff(above, axis=0) / (n * np.diff(edges)[:, None])
     error = share.std(axis=1, ddof=1) / np.sqrt(probes)
-    return Density(
+    return DensityOfStates(
         edges, share.mean(axis=1), error, np.full(len(error), np.nan), np.zeros(0), n, rigid.shape[1], -1,
         float(np.sqrt(high) / 2 * np.pi / order), "polynomials",
     )  # fmt: skip

@@ -6,16 +6,16 @@ from contextlib import nullcontext
 import numpy as np
 from scipy.linalg import LinAlgError, cholesky, eigvals
 
-from ..core.forces import accept, forces
-from ..core.laws import Law
+from ..core.contacts.forces import accept, forces
+from ..core.contacts.neighbors import updated
+from ..core.laws.builtin import Law
 from ..core.measure import mean_normal_force
-from ..core.neighbors import updated
 from ..core.outcome import Outcome
 from ..core.state import State
 from .balance import BALANCED_BELOW, imbalance, unjudged
-from .freedom import freedom, stiffness
+from .freedom import dynamical_matrix, freedom
 from .linear import DENSE_BELOW, one_thread
-from .newton import Kept, newton
+from .newton import Factorisation, newton
 from .relax import relax, residual
 from .spectrum import softest
 from .stability import at_limit
@@ -34,7 +34,7 @@ def equilibrate(
     law: Law,
     *,
     tolerance: float = 5e-14,
-    keep: Kept | None = None,
+    keep: Factorisation | None = None,
     check: str = "buckling",
     steps: int = 30_000,
 ):
@@ -62,7 +62,7 @@ def equilibrate(
     """
     if check not in ("buckling", "spectrum", "nothing"):
         raise ValueError(f"check={check!r} was given: 'buckling', 'spectrum' and 'nothing' are allowed")
-    keep = keep or Kept()
+    keep = keep or Factorisation()
     end, outcome = newton(state, law, tolerance=tolerance, keep=keep)
     if not outcome.ok:
         end, outcome = _by_dynamics(state, law, tolerance, steps, outcome)
@@ -87,13 +87,13 @@ def _by_dynamics(state: State, law: Law, tolerance: float, steps: int, first: Ou
     _, trial = forces(here, law)
     held = accept(here, trial)
     force = mean_normal_force(held, law) or residual(state, law)[0]
-    pace = np.sqrt(np.abs(stiffness(held, law, freedom(held))).sum(axis=1).max(initial=0.0)) or 1.0
+    pace = np.sqrt(np.abs(dynamical_matrix(held, law, freedom(held))).sum(axis=1).max(initial=0.0)) or 1.0
     for stage in STAGES:
         here, moved = relax(here, law, tolerance=stage * force, drag=DRAG * pace, dt=STEP / pace, steps=steps)
         spent += moved.iterations
         if moved.broken:
             return state, moved
-        end, outcome = newton(here, law, tolerance=tolerance, keep=Kept())
+        end, outcome = newton(here, law, tolerance=tolerance, keep=Factorisation())
         if outcome.ok:
             how = f"damped dynamics, {spent} steps, then {outcome.how}; Newton alone: {first.status.name.lower()}"
             return end, outcome._replace(how=how, fallback=True)
@@ -106,7 +106,7 @@ def _instability(state: State, law: Law, check: str) -> str:
     """Why an equilibrium is unstable, in words, or nothing."""
     if check == "nothing":
         return ""
-    matrix = stiffness(state, law, freedom(state))
+    matrix = dynamical_matrix(state, law, freedom(state))
     if matrix.shape[0] >= DENSE_BELOW and check == "buckling":
         held = np.flatnonzero(np.abs(matrix).sum(axis=1) > 0)  # without rattlers, whose zeros would crowd the rest out
         return _words(len(softest(matrix[held][:, held], CHECKED, 1e-4)[0]), 0, 0.0)

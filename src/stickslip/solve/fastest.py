@@ -14,9 +14,10 @@ from scipy.linalg import LinAlgError
 from scipy.ndimage import maximum_filter1d
 from scipy.sparse.linalg import LinearOperator, eigs, eigsh
 
-from ..core.laws import Law
+from ..core.laws.builtin import Law
+from ..core.readable import readable
 from ..core.state import State
-from .freedom import Freedom, freedom, stiffness
+from .freedom import Freedom, dynamical_matrix, freedom
 from .linear import factorised
 from .spectrum import REAL_BELOW
 
@@ -41,6 +42,7 @@ class Window(NamedTuple):
     growing: np.ndarray  # complex eigenvalues, Im λ > 0, and real ones below 0; empty: all are real [1/time²]
 
 
+@readable
 class FastestPair(NamedTuple):
     """The fastest growing eigenvalue that was excited, and how far the search looked. str() says it in words."""
 
@@ -109,7 +111,7 @@ def fastest_pair(
     doi:10.1103/PhysRevE.101.052902, for the complex pairs.
     """
     free = freedom(state)
-    matrix = stiffness(state, law, free)
+    matrix = dynamical_matrix(state, law, free)
     touched = np.flatnonzero(abs(matrix).sum(axis=1) > 0)  # rattlers have rows of zeros
     if not len(touched):
         raise ValueError("no contact resists a motion: growth rates need a packing with contacts and free coordinates")

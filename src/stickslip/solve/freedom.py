@@ -5,17 +5,19 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
-from ..core.contact import HELD
-from ..core.forces import Loads, moved_masses, unbalanced
-from ..core.frame import cell_mass, strained
-from ..core.jacobian import contact_blocks, inverse_radii, triplets
-from ..core.laws import MU, Law
-from ..core.measure import branches, contact_forces, rattlers, volume
+from ..core.contacts.forces import ContactLoads, moved_masses, unbalanced_forces
+from ..core.contacts.jacobian import contact_blocks, inverse_radii, triplets
+from ..core.contacts.mechanics import HELD
+from ..core.dynamics.cell_motion import cell_mass, strained
+from ..core.laws.builtin import MU, Law
+from ..core.measure import branch_vectors, contact_forces, rattlers, volume
+from ..core.readable import readable
 from ..core.state import State, groups
 
 ZERO_BELOW = 1e-10  # share of the largest |λ| below which an eigenvalue is zero
 
 
+@readable
 class Freedom(NamedTuple):
     """x = P q + x₀: P picks the free components of (x, y, z, R·angle) of every body; the rest is prescribed.
 
@@ -104,7 +106,7 @@ def backbone(state: State, law: Law) -> Freedom:
 
 
 def translations(matrix, free: Freedom) -> np.ndarray:
-    """(n, k) common translations that A = `matrix` of `stiffness` does not resist, in its coordinates, of unit norm."""
+    """(n, k) common translations that A of `dynamical_matrix` does not resist, in its coordinates, of unit norm."""
     weight, scale = np.sqrt(free.mass), np.abs(matrix.data).max(initial=0.0)
     moves = np.stack([np.where(free.axis == axis, weight, 0.0) for axis in range(free.dim)], axis=1)
     moves = moves[:, moves.any(axis=0)]
@@ -112,9 +114,9 @@ def translations(matrix, free: Freedom) -> np.ndarray:
     return moves[:, nothing] / np.linalg.norm(moves[:, nothing], axis=0)
 
 
-def residual_vector(state: State, loads: Loads, free: Freedom) -> np.ndarray:
+def residual_vector(state: State, loads: ContactLoads, free: Freedom) -> np.ndarray:
     """(n,) generalised unbalanced force Pᵀf [force]."""
-    force = unbalanced(state, loads).ravel()
+    force = unbalanced_forces(state, loads).ravel()
     if free.length:
         cell = (loads.virial - volume(state) * state.control.stress) / free.length
         force = np.append(force, cell.ravel())
@@ -125,10 +127,12 @@ def jacobian(state: State, law: Law, free: Freedom, *, memory: int = HELD):
     """(n, n) sparse J = ∂(Pᵀf)/∂q, with each contact held in its mode, or (FREE) in that of its trial memory.
 
     With Σ f_a r_b − V σ_ab the force on a free component of the cell, its row has, besides what a change of f does,
-    f_a δ_b from the change of r and −V σ_ab δ_cd from that of the volume.
+    f_a δ_b from the change of r and −V σ_ab δ_cd from that of the volume. Without `free`, coordinates are those of
+    `freedom(state)`.
     """
+    free = freedom(state) if free is None else free
     blocks, _ = contact_blocks(state, law, memory=memory)
-    matrix = restricted(state, blocks, free)
+    matrix = assembled(state, blocks, free)
     if state.control.spring.any():
         matrix = sparse.csr_array(matrix - of_springs(state, free))
     if not free.length:
@@ -161,7 +165,7 @@ def of_branches(state: State, force: np.ndarray, free: Freedom):
     return sparse.csr_array(lift @ sparse.csr_array(geometry))
 
 
-def restricted(state: State, blocks: np.ndarray, free: Freedom):
+def assembled(state: State, blocks: np.ndarray, free: Freedom):
     """(n, n) sparse PᵀKP of the matrix K that contact blocks add up to."""
     if free.length:
         q = incidence(state, len(blocks), free, blocks.shape[1])
@@ -173,12 +177,13 @@ def restricted(state: State, blocks: np.ndarray, free: Freedom):
     return sparse.csr_array((values[keep], (rows[keep], cols[keep])), shape=(len(free), len(free)))
 
 
-def stiffness(state: State, law: Law, free: Freedom):
+def dynamical_matrix(state: State, law: Law, free: Freedom | None = None):
     """(n, n) sparse A = −M^(−1/2) J M^(−1/2) of an accepted state, each contact held in its mode [1/time²].
 
     Similar to −M⁻¹J, and symmetric where the forces have a potential: its eigenvalues are λ, and its eigenvectors over
     √mass are modes.
     """
+    free = freedom(state) if free is None else free
     matrix = jacobian(state, law, free)
     root = 1 / np.sqrt(free.mass)
     matrix.data *= -root[matrix.indices] * np.repeat(root, np.diff(matrix.indptr))
@@ -205,7 +210,7 @@ def incidence(state: State, count: int, free: Freedom, width: int = 6):
             columns.append((width * np.arange(count)[:, None] + np.arange(6, 9)).ravel()[row >= 0])
             values.append(turn[row >= 0])
     if free.length:  # dr = ε r: ℓ ε_ab moves component a by r_b/ℓ
-        branch = branches(state)[:count] / free.length
+        branch = branch_vectors(state)[:count] / free.length
         for k in np.flatnonzero(free.place[-9:] >= 0):
             rows.append(np.full(count, free.place[6 * free.bodies + k]))
             columns.append(width * np.arange(count) + k // 3)

@@ -6,8 +6,9 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import LinAlgError
 
-from ..core.laws import Law
+from ..core.laws.builtin import Law
 from ..core.measure import stress, volume
+from ..core.readable import readable
 from ..core.state import State
 from .freedom import Freedom, backbone, jacobian
 from .linear import factorised
@@ -20,7 +21,8 @@ DENSE_UP_TO = 3_000  # coordinates, up to which floppy modes are told from a loa
 VOIGT = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))}
 
 
-class Moduli(NamedTuple):
+@readable
+class ElasticModuli(NamedTuple):
     """C_abcd = −∂σ_ab/∂G_cd of a displacement gradient G, with its affine part; all in [force/length^(dim−1)].
 
     `shear`, `bulk` … are those of the isotropic tensor next to C. In two dimensions they are plane moduli.
@@ -90,7 +92,7 @@ class Moduli(NamedTuple):
         return float(np.linalg.norm(c - c.transpose(2, 3, 0, 1)) / 2 / np.linalg.norm(c))
 
 
-def elastic_moduli(state: State, law: Law) -> Moduli:
+def elastic_moduli(state: State, law: Law) -> ElasticModuli:
     """C = −∂σ/∂G = −(ℓ²/V) (J_cc − J_cg J_gg⁻¹ J_gc), c the cell's coordinates ℓG, g those of the grains.
 
     The first term is affine: grains are carried along, x → x + Gx, and do not turn. The second is what their own
@@ -119,11 +121,12 @@ def elastic_moduli(state: State, law: Law) -> Moduli:
     Disks on a triangular lattice have K = (√3/2) k_n and G = (√3/4)(k_n + k_t):
 
     >>> import numpy as np
-    >>> from stickslip import linear, sample
-    >>> law = linear(1.0, 0.5, 0.5)
+    >>> import stickslip as ss
+    >>> law = ss.laws.linear(1.0, 0.5, 0.5)
     >>> site = np.array([[0, 0], [1, 0], [0.5, 0.75**0.5], [1.5, 0.75**0.5]])
     >>> place = np.concatenate([site, site + [0, 3**0.5], site + [2, 0], site + [2, 3**0.5]])
-    >>> found = elastic_moduli(sample(place, np.full(16, 0.5 + 1e-9), law, cell=[4, 2 * 3**0.5], dim=2), law)
+    >>> state = ss.packings.from_arrays(place, np.full(16, 0.5 + 1e-9), law, cell=[4, 2 * 3**0.5], dim=2)
+    >>> found = elastic_moduli(state, law)
     >>> round(found.bulk, 6), round(found.shear, 6), round(found.poisson, 6)
     (0.866025, 0.649519, 0.142857)
     """
@@ -146,7 +149,7 @@ def elastic_moduli(state: State, law: Law) -> Moduli:
     tensor = affine + unit * (matrix[cell][:, grain] @ motion)
     shape = (dim,) * 4
     moved = free.length * motion.reshape(len(grain), dim, dim)
-    return Moduli(tensor.reshape(shape), affine.reshape(shape), moved, _grains_of(free))
+    return ElasticModuli(tensor.reshape(shape), affine.reshape(shape), moved, _grains_of(free))
 
 
 def _check(state: State) -> None:

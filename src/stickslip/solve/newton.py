@@ -7,11 +7,11 @@ from scipy import sparse
 from scipy.linalg import LinAlgError
 from scipy.sparse.linalg import LinearOperator, gmres
 
-from ..core.contact import FREE
-from ..core.forces import accept, forces
-from ..core.laws import MU, Law
-from ..core.measure import branches
-from ..core.neighbors import updated
+from ..core.contacts.forces import accept, forces
+from ..core.contacts.mechanics import FREE
+from ..core.contacts.neighbors import updated
+from ..core.laws.builtin import MU, Law
+from ..core.measure import branch_vectors
 from ..core.outcome import Outcome, Status
 from ..core.state import OPEN, State, at_rest
 from .freedom import Freedom, displaced, freedom, jacobian, residual_vector
@@ -22,13 +22,16 @@ CHORD = 0.2  # a step with a kept factor must reduce the residual to this share
 KRYLOV = 40  # iterations after which a preconditioner is too old
 
 
-class Kept:
+class Factorisation:
     """A factorisation of −J that outlives a step: the next steps of a path use it as long as it helps."""
 
     solve: Solve | None = None
     factorisations = 0
     solves = 0
     found_stable = -1  # number of factorisations when an equilibrium was last checked and nothing was found
+
+    def __repr__(self) -> str:
+        return f"Factorisation: {self.factorisations} factorisations for {self.solves} solves"
 
     def renew(self, matrix) -> Solve:
         """Factorise; the old factor is given back first."""
@@ -54,7 +57,9 @@ class _Point(NamedTuple):
         return float(np.abs(self.vector).max(initial=0.0))
 
 
-def newton(state: State, law: Law, *, tolerance: float = 1e-14, iterations: int = 30, keep: Kept | None = None):
+def newton(
+    state: State, law: Law, *, tolerance: float = 1e-14, iterations: int = 30, keep: Factorisation | None = None
+):
     """Solve Pᵀf(q) = 0 for the present loads; one increment of memory, committed only on success.
 
     The slip of the whole load step is added in one increment along the final normal, which is a first-order rule: the
@@ -73,7 +78,7 @@ def newton(state: State, law: Law, *, tolerance: float = 1e-14, iterations: int 
     State, Outcome
         the state at rest in equilibrium, or the given one unless the outcome is CONVERGED
     """
-    free, keep = freedom(state), keep or Kept()
+    free, keep = freedom(state), keep or Factorisation()
     loose = _unloaded(state)
     least = 2 if law.table[..., MU].any() else state.cell.dim + 1
     here = _evaluate(updated(state, law), law, free)
@@ -127,7 +132,7 @@ def _pushed_out(point: _Point, law: Law, free: Freedom, loose: np.ndarray, least
         ends = np.stack([trial.i[rows], trial.j[rows]], axis=1)
         out = np.append(loose, np.zeros(state.n_bodies - n, bool))
         out &= np.bincount(ends.ravel(), minlength=state.n_bodies) < least
-        branch = branches(state._replace(contacts=trial))[rows]
+        branch = branch_vectors(state._replace(contacts=trial))[rows]
         distance = np.linalg.norm(branch, axis=1)
         out &= _leaning(branch / distance[:, None], ends, len(out))
         mine = out[ends].any(axis=1)
@@ -163,7 +168,7 @@ def _capped(step: np.ndarray, point: _Point) -> np.ndarray:
     return step * min(1.0, reach / max(float(np.abs(step).max(initial=0.0)), reach))
 
 
-def _with_kept(point: _Point, law: Law, free: Freedom, keep: Kept) -> _Point | None:
+def _with_kept(point: _Point, law: Law, free: Freedom, keep: Factorisation) -> _Point | None:
     """One step with the factor that is there: as it is, or, when factors are dear, as a preconditioner."""
     if keep.solve is None:
         return None
@@ -195,7 +200,7 @@ def _with_kept(point: _Point, law: Law, free: Freedom, keep: Kept) -> _Point | N
     return closer if closer.size <= 0.5 * point.size else None
 
 
-def _with_fresh(point: _Point, law: Law, free: Freedom, keep: Kept) -> _Point | None:
+def _with_fresh(point: _Point, law: Law, free: Freedom, keep: Factorisation) -> _Point | None:
     """One step with a new factor, halved until the residual falls; if it never does, with a larger shift."""
     pull = jacobian(point.state, law, free, memory=FREE)
     scale = np.abs(pull.data).max(initial=0.0)

@@ -2,16 +2,16 @@
 
 import numpy as np
 
-from ..core.forces import forces, unbalanced
-from ..core.integrate import run
-from ..core.laws import Law
+from ..core.contacts.forces import forces, unbalanced_forces
+from ..core.dynamics.run import run
+from ..core.laws.builtin import Law
 from ..core.outcome import Status
 from ..core.state import OPEN, State, at_rest
 
 
 def residual(state: State, law: Law):
     """Largest unbalanced force or torque/R of a state [force], and the body that carries it."""
-    size = np.abs(unbalanced(state, forces(state, law)[0])).max(axis=1)
+    size = np.abs(unbalanced_forces(state, forces(state, law)[0])).max(axis=1)
     return float(size.max()), int(size.argmax())
 
 

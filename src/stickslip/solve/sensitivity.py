@@ -7,13 +7,14 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import eig, eigvals
 
-from ..core.contact import FREE
-from ..core.jacobian import contact_blocks, linearised
-from ..core.laws import Law
+from ..core.contacts.jacobian import contact_blocks, linearised
+from ..core.contacts.mechanics import FREE
+from ..core.laws.builtin import Law
 from ..core.measure import contact_forces, touching
+from ..core.readable import readable
 from ..core.state import OPEN, SLIDE, STICK, State
 from .balance import BALANCED_BELOW, imbalance, unjudged
-from .freedom import ZERO_BELOW, Freedom, backbone, incidence, of_branches, stiffness
+from .freedom import ZERO_BELOW, Freedom, backbone, dynamical_matrix, incidence, of_branches
 from .linear import DENSE_BELOW, one_thread
 from .stability import PAIR_ABOVE, at_limit
 
@@ -22,7 +23,8 @@ WORK = 5e9  # coordinates³ times spectra that are computed where the user does 
 LEAST = 3  # spectra, however large the packing
 
 
-class Sensitivity(NamedTuple):
+@readable
+class ContactSensitivity(NamedTuple):
     """Of one pair to the stiffness of each contact, and of the verdict to each contact's sliding or opening.
 
     Rows of changes are sorted: those that turn the verdict first, then by how much the growth rate changes, then
@@ -78,7 +80,9 @@ class _Modes(NamedTuple):
         return self.incidence[:, width * row : width * (row + 1)]
 
 
-def contact_sensitivity(state: State, law: Law, *, pair: int = 0, most: int | None = None, report=None) -> Sensitivity:
+def contact_sensitivity(
+    state: State, law: Law, *, pair: int = 0, most: int | None = None, report=None
+) -> ContactSensitivity:
     """dλ = wᴴ dA v/(wᴴv) of a pair; and which contact, if it slid or opened, would change the verdict.
 
     A = −M^(−1/2) J M^(−1/2) is a sum over contacts. For small changes of one of them its derivative says what happens;
@@ -111,10 +115,10 @@ def contact_sensitivity(state: State, law: Law, *, pair: int = 0, most: int | No
     Three disks that are pressed together; without one of their contacts they are rattlers:
 
     >>> import numpy as np
-    >>> from stickslip import linear, sample
-    >>> law, place = linear(1.0, 0.5, 0.5), np.array([[0, 0], [1, 0], [0.5, 0.75**0.5]])
+    >>> import stickslip as ss
+    >>> law, place = ss.laws.linear(1.0, 0.5, 0.5), np.array([[0, 0], [1, 0], [0.5, 0.75**0.5]])
     >>> press = -2e-6 * 3 * (place - place.mean(axis=0))
-    >>> three = sample(place, [0.5 + 1e-6] * 3, law, dim=2, external_force=press)
+    >>> three = ss.packings.from_arrays(place, [0.5 + 1e-6] * 3, law, dim=2, external_force=press)
     >>> found = contact_sensitivity(three, law)
     >>> [str(word) for word in found.verdict_after[found.what == "opens"]]
     ['falls apart', 'falls apart', 'falls apart']
@@ -152,7 +156,7 @@ def contact_sensitivity(state: State, law: Law, *, pair: int = 0, most: int | No
     slope = np.abs(derivative)[np.searchsorted(rows, contact)] if len(derivative) else np.zeros(len(contact))
     last = _ranked(growth, verdict, after, words, slope)
     contact = contact[last]
-    return Sensitivity(
+    return ContactSensitivity(
         value, condition, rows, derivative, growth, verdict, contact, state.contacts.i[contact],
         state.contacts.j[contact], np.array([what for _, what, *_ in changes], "<U6")[last],
         _mobilised(state, law)[contact], predicted[last], after[last], words[last], scope,
@@ -171,7 +175,7 @@ def _affordable(size: int, count: int) -> int:
 
 
 def _modes(state: State, law: Law, free: Freedom) -> _Modes:
-    matrix = stiffness(state, law, free).toarray()
+    matrix = dynamical_matrix(state, law, free).toarray()
     values, right = eig(matrix)
     order = np.lexsort((values.imag, values.real))
     values, right = values[order], right[:, order]

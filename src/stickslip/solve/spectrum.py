@@ -9,17 +9,19 @@ from scipy.linalg import eig, eigvals
 from scipy.optimize import linear_sum_assignment
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
-from ..core.jacobian import contact_blocks
-from ..core.laws import Law
+from ..core.contacts.jacobian import contact_blocks
+from ..core.laws.builtin import Law
+from ..core.readable import counted, readable
 from ..core.state import State
 from .balance import BALANCED_BELOW, imbalance
-from .freedom import ZERO_BELOW, Freedom, freedom, jacobian, restricted, stiffness
+from .freedom import ZERO_BELOW, Freedom, assembled, dynamical_matrix, freedom, jacobian
 from .linear import DENSE_BELOW, factorised, one_thread
 
 SOFTEST = 40  # eigenvalues nearest to zero that are looked at where not all are
 REAL_BELOW = 1e-9  # |Im λ| below this share of the largest |λ| is round-off: J carries noise of 1e-15
 
 
+@readable(head=lambda found: _in_words(found))
 class Spectrum(NamedTuple):
     """All eigenvalues λ of −M⁻¹J, sorted by real part, with their modes.
 
@@ -94,7 +96,7 @@ def spectrum(state: State, law: Law, *, modes: bool = True) -> Spectrum:
             f"{len(free)} coordinates were given: the dense spectrum takes at most 10000; "
             f"use complex_pairs up to 12000 and fastest_pair beyond"
         )
-    matrix, root = stiffness(state, law, free).toarray(), np.sqrt(free.mass)
+    matrix, root = dynamical_matrix(state, law, free).toarray(), np.sqrt(free.mass)
     with one_thread() if len(free) < DENSE_BELOW else nullcontext():
         if modes:
             values, vectors = eig(matrix, overwrite_a=True)
@@ -112,7 +114,7 @@ def softest(matrix, count: int = SOFTEST, tolerance: float = 1e-10):
 
     Parameters
     ----------
-    matrix : (n, n) sparse, from `stiffness`
+    matrix : (n, n) sparse, from `dynamical_matrix`
     count : int, eigenvalues looked at, by Arnoldi's method with shift and invert
     tolerance : float, relative, of the eigenvalues
 
@@ -151,7 +153,7 @@ def damped_growth(state: State, law: Law, *, drag: float = 0.0, spin_drag: float
     rate = np.where((free.axis < 3) | (free.axis == 6), drag, drag if spin_drag is None else spin_drag)
     upper = np.hstack([np.zeros((len(free), len(free))), np.eye(len(free))])
     pull = jacobian(state, law, free).toarray() / free.mass[:, None]
-    friction = restricted(state, dashpots, free).toarray() / free.mass[:, None] - np.diag(rate)
+    friction = assembled(state, dashpots, free).toarray() / free.mass[:, None] - np.diag(rate)
     values = eigvals(np.vstack([upper, np.hstack([pull, friction])]))
     return values[np.argsort(-values.real)]
 
@@ -169,7 +171,7 @@ def overlap(a: np.ndarray, b: np.ndarray, mass: np.ndarray) -> float:
     return float(np.linalg.svd(plane(a).T @ plane(b), compute_uv=False).min())
 
 
-def follow(spectra, *, at_least: float = 0.5) -> list[dict[int, int]]:
+def match_pairs(spectra, *, at_least: float = 0.5) -> list[dict[int, int]]:
     """Complex pairs followed through a sequence of spectra by the overlap of their modes.
 
     Parameters
@@ -198,3 +200,12 @@ def follow(spectra, *, at_least: float = 0.5) -> list[dict[int, int]]:
                     taken.add(int(pairs[col]))
         families += [{k: int(p)} for p in pairs if int(p) not in taken]
     return families
+
+
+def _in_words(found: Spectrum) -> str:
+    pairs, real = found.pairs, found.eigenvalues.real[found.eigenvalues.imag == 0]
+    rate = f", the fastest grows at {found.growth_rate[pairs[0]]:.4g}" if len(pairs) else ""
+    return (
+        f"{len(found.eigenvalues)} eigenvalues, {counted(len(pairs), 'complex pair')}{rate}, "
+        f"smallest real eigenvalue {real.min(initial=np.inf):.4g}, residual {found.residual:.1e}"
+    )

@@ -6,13 +6,14 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import eig
 
-from ..core.jacobian import linearised
-from ..core.laws import SHARP, Law, rescales
+from ..core.contacts.jacobian import linearised
+from ..core.laws.builtin import SHARP, Law, rescales
 from ..core.measure import touching
+from ..core.readable import readable
 from ..core.state import SLIDE, STICK, State
 from .balance import BALANCED_BELOW, imbalance, likely_causes, swing, under, unjudged
 from .fastest import fastest_pair
-from .freedom import ZERO_BELOW, Freedom, backbone, freedom, loose_grains, stiffness, translations
+from .freedom import ZERO_BELOW, Freedom, backbone, dynamical_matrix, freedom, loose_grains, translations
 from .pairs import complex_pairs
 from .spectrum import SOFTEST, softest
 
@@ -22,6 +23,7 @@ UNLOADED = "overlaps that fall, with which this law shortens slips: contacts wer
 DENSE_UP_TO, PAIRS_UP_TO = 2_500, 12_000  # coordinates
 
 
+@readable(head=lambda found: _in_words(found))
 class Stability(NamedTuple):
     """What the linearised motion around a state does; rattlers are left out.
 
@@ -193,7 +195,7 @@ def _judged(state: State, law: Law, method: str, report) -> Stability:
         raise ValueError(f"{size} coordinates are too many for the method 'dense' (10000): take 'pairs' or 'fastest'")
     if method == "pairs" and size > PAIRS_UP_TO:
         raise ValueError(f"{size} coordinates are too many for the method 'pairs' ({PAIRS_UP_TO}): take 'fastest'")
-    matrix = stiffness(state, law, free)
+    matrix = dynamical_matrix(state, law, free)
     if method == "dense":
         pairs, negative, zero_modes, vectors = _dense(matrix)
         modes, scope = vectors / np.sqrt(free.mass)[:, None], ""
@@ -237,3 +239,7 @@ def _large(state: State, law: Law, free: Freedom, method: str, report):
         scope = str(one)
     place = np.searchsorted(freedom(state).component, free.component)
     return values, modes[place], scope
+
+
+def _in_words(found: Stability) -> str:
+    return f"{found.verdict}; {found.n} grains, {found.contacts} contacts, residual {found.residual:.1e}"

@@ -8,10 +8,11 @@ from scipy.linalg import LinAlgError, cholesky, eig, eigh, null_space, solve_tri
 from scipy.optimize import minimize_scalar
 from scipy.sparse.linalg import LinearOperator, svds
 
-from ..core.jacobian import contact_blocks
-from ..core.laws import Law, dashpots
+from ..core.contacts.jacobian import contact_blocks
+from ..core.laws.builtin import Law, dashpots
+from ..core.readable import readable
 from ..core.state import State
-from .freedom import ZERO_BELOW, Freedom, backbone, restricted, stiffness, translations
+from .freedom import ZERO_BELOW, Freedom, assembled, backbone, dynamical_matrix, translations
 from .linear import DENSE_BELOW, one_thread
 from .spectrum import REAL_BELOW
 
@@ -26,7 +27,8 @@ PERIODS = 20  # of the slowest mode: the window where no beat is longer
 FINE = 24  # times around each of the best ones, first between samples, then within a period on either side
 
 
-class Transient(NamedTuple):
+@readable
+class TransientGrowth(NamedTuple):
     """The largest amplification that was found, when, of what, and what none exceeds."""
 
     amplitude: float  # largest ‖end‖/‖start‖ found; its square is that of the energy
@@ -58,7 +60,7 @@ class _Motion(NamedTuple):
 
 def transient_growth(
     state: State, law: Law, *, norm: str = "energy", duration: float | None = None, samples: int = 100, report=None
-) -> Transient:
+) -> TransientGrowth:
     """sup_t ‖exp(Bt)‖ of the linearised motion M q̈ = J q + C q̇ of a packing whose spectrum is stable.
 
     Eigenvalues say what remains; J is not symmetric, its modes are not orthogonal, and their sum may grow before. Both
@@ -92,11 +94,12 @@ def transient_growth(
     A lattice without tangential forces has a symmetric J, and amplifies nothing:
 
     >>> import numpy as np
-    >>> from stickslip import linear, sample
+    >>> import stickslip as ss
     >>> site = np.array([[0, 0], [1, 0], [0.5, 0.75**0.5], [1.5, 0.75**0.5]])
     >>> place = np.concatenate([site, site + [0, 3**0.5], site + [2, 0], site + [2, 3**0.5]])
-    >>> law = linear(1.0, 0.5, 0.5)
-    >>> found = transient_growth(sample(place, np.full(16, 0.5005), law, cell=[4, 2 * 3**0.5], dim=2), law, samples=9)
+    >>> law = ss.laws.linear(1.0, 0.5, 0.5)
+    >>> state = ss.packings.from_arrays(place, np.full(16, 0.5005), law, cell=[4, 2 * 3**0.5], dim=2)
+    >>> found = transient_growth(state, law, samples=9)
     >>> round(found.amplitude, 6), round(found.bound, 6)
     (1.0, 1.0)
     """
@@ -126,7 +129,7 @@ def transient_growth(
     n, end = len(pull), (motion.modes * np.exp(motion.exponents * times[best])) @ (motion.parts @ start)
     begin = np.concatenate([start, 0 * start]) if root is None else np.append(_back(root, start[:n]), start[n:])
     of_pair = pairs[0][0] if pairs else 1.0
-    return Transient(
+    return TransientGrowth(
         amplitude, float(times[best]), max(bound, 1.0), of_pair, np.array(pairs[0][2:] if pairs else []), times,
         amplitudes, begin.reshape(2, n) @ lift, end.real.reshape(2, n) @ lift, norm, free,
     )  # fmt: skip
@@ -146,7 +149,7 @@ def _reduced(state: State, law: Law, free: Freedom):
     """Orthonormal basis (n, r) of what is held, and −A and the dashpots in it; translations are left out."""
     if not len(free):
         raise ValueError("nothing but rattlers was given: transient growth needs grains that hold each other")
-    matrix = stiffness(state, law, free)
+    matrix = dynamical_matrix(state, law, free)
     rigid, size = translations(matrix, free), np.abs(matrix).sum(axis=1)
     held = size > REAL_BELOW * size.max()  # rotations without friction are not
     basis = np.eye(len(free))[:, held]
@@ -156,7 +159,7 @@ def _reduced(state: State, law: Law, free: Freedom):
     if not dashpots(law):
         return basis, pull, None
     root = 1 / np.sqrt(free.mass)
-    drag = root[:, None] * restricted(state, contact_blocks(state, law)[1], free).toarray() * root
+    drag = root[:, None] * assembled(state, contact_blocks(state, law)[1], free).toarray() * root
     return basis, pull, basis.T @ drag @ basis
 
 

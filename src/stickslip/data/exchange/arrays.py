@@ -1,16 +1,16 @@
-"""Our own files: an .npz with the arrays of `sample`, and HDF5 archives."""
+"""Our own files: an .npz with the arrays of `from_arrays`, and HDF5 archives."""
 
 import difflib
 from pathlib import Path
 
 import numpy as np
 
-from ...core.kinds import Kind
-from ...core.laws import DAMPING_N, DAMPING_T, KN, KT, MU, NO_TENSION, Law
+from ...core.laws.builtin import DAMPING_N, DAMPING_T, KN, KT, MU, NO_TENSION, Law
+from ...core.laws.dispatch import Kind
 from ...core.state import State
 from .. import archive
-from ..sample import SampleError, law_from
-from ..whole import beside
+from ..atomic import beside
+from ..sample import PackingError, law_from
 from .frame import Frame, law_words, unheld, without_walls
 
 REQUIRED = ("position", "radius")
@@ -21,7 +21,7 @@ LAW = ("law", "coulomb", "kn", "kt", "mu", "damping", "damping_n", "damping_t") 
 
 
 def write_npz(path: str | Path, frame: Frame) -> list[str]:
-    """Write the arrays of `sample`, and the law if it has one material; returns what they do not hold."""
+    """Write the arrays of `from_arrays`, and the law if it has one material; returns what they do not hold."""
     state, law = frame.state, frame.law
     grains, control, n = state.grains, state.control, len(state.grains.radius)
     pairs, words = without_walls(frame)
@@ -53,31 +53,31 @@ def write_npz(path: str | Path, frame: Frame) -> list[str]:
 
 
 def read_npz(path: Path) -> tuple[dict, dict]:
-    """Arrays for `sample`, and options for `law_from`; SampleError in one sentence if it is none of ours."""
+    """Arrays for `from_arrays`, and options for `law_from`; PackingError in one sentence if it is none of ours."""
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
     except Exception:  # whatever a damaged archive makes numpy, zipfile and zlib raise
-        raise SampleError(f"{path} cannot be read as .npz: write it with numpy.savez, without objects") from None
+        raise PackingError(f"{path} cannot be read as .npz: write it with numpy.savez, without objects") from None
     known = (*REQUIRED, *OPTIONAL, *LAW)
     for name in arrays:
         if name not in known:
             near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
             hint = f"did you mean {near[0]!r}?" if near else f"it may hold {', '.join(known)}"
-            raise SampleError(f"{path} has an array {name!r} that is not known: {hint}")
+            raise PackingError(f"{path} has an array {name!r} that is not known: {hint}")
     for name in REQUIRED:
         if name not in arrays:
-            raise SampleError(f"{path} has no array {name!r}: it needs {' and '.join(REQUIRED)}")
+            raise PackingError(f"{path} has no array {name!r}: it needs {' and '.join(REQUIRED)}")
     given = {}
     for name in (*LAW, "dim"):
         if name in arrays:
             value = arrays.pop(name)
             if value.ndim:
-                raise SampleError(f"{name} has shape {value.shape} in {path}: it must be a single value")
+                raise PackingError(f"{name} has shape {value.shape} in {path}: it must be a single value")
             given[name] = value.item()
     dim = given.pop("dim", 3)
     if not isinstance(dim, int | float) or dim not in (2, 3):
-        raise SampleError(f"dim = {dim} was given in {path}: 2 and 3 are allowed")
+        raise PackingError(f"dim = {dim} was given in {path}: 2 and 3 are allowed")
     return arrays | {"dim": int(dim)}, given
 
 
@@ -85,7 +85,7 @@ def write_archive(path: str | Path, frames: list[Frame]) -> list[str]:
     """Write states with everything that they hold, and the law of the first, as an archive."""
     path = Path(path)
     if not path.parent.is_dir():
-        raise SampleError(f"the folder {path.parent} does not exist: make it first")
+        raise PackingError(f"the folder {path.parent} does not exist: make it first")
     tree: dict = {"law": frames[0].law}
     if len(frames) == 1:
         tree["state"] = frames[0].state
@@ -100,12 +100,12 @@ def read_archive(path: Path, wanted: str | None) -> list[tuple[str, State, Law |
     tree = archive.read(path)
     states = dict(_states(tree))
     if not states:
-        raise SampleError(f"{path} holds no state: give an archive of states, or an .npz")
+        raise PackingError(f"{path} holds no state: give an archive of states, or an .npz")
     some = ", ".join(list(states)[:4]) + (" …" if len(states) > 4 else "")
     if wanted is None and len(states) > 1:
-        raise SampleError(f"{path} holds {len(states)} states: choose one with --frame, from {some}")
+        raise PackingError(f"{path} holds {len(states)} states: choose one with --frame, from {some}")
     if wanted not in (None, "all") and wanted not in states:
-        raise SampleError(f"{path} has no state {wanted!r}: it has {some}")
+        raise PackingError(f"{path} has no state {wanted!r}: it has {some}")
     names = list(states) if wanted in (None, "all") else [wanted]
     return [(name, states[name], _law_above(tree, name), []) for name in names]
 

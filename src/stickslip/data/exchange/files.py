@@ -4,13 +4,13 @@ import difflib
 import warnings
 from pathlib import Path
 
-from ...core.contact import FROZEN
-from ...core.laws import SHARP, Law, alike
-from ...core.neighbors import updated
+from ...core.contacts.mechanics import FROZEN
+from ...core.contacts.neighbors import updated
+from ...core.laws.builtin import SHARP, Law, alike
 from ...core.state import State
+from ..atomic import check_free
 from ..law_file import law_of_options
-from ..sample import NO_CONTACTS, SampleError, SampleWarning, accepted, law_from, sample
-from ..whole import check_free
+from ..sample import NO_CONTACTS, PackingError, PackingWarning, accepted, from_arrays, law_from
 from .arrays import law_given, read_archive, read_npz, write_archive, write_npz
 from .frame import Frame, frame_of
 from .gsd_file import read_gsd, write_gsd
@@ -28,8 +28,10 @@ WRITTEN = (".npz", *ARCHIVE, *SERIES, *LAMMPS_DATA)
 OF_LAMMPS = ("contacts", "columns", "boundary")
 
 
-def read_sample(path: str | Path, **options) -> tuple[State, Law, list[str]]:
-    """State, law and words about what was taken, from .npz (names as in `sample`), archive, GSD, LAMMPS data or dump.
+def read_packing(path: str | Path, **options) -> tuple[State, Law, list[str]]:
+    """Read one packing: .npz (names as in `from_arrays`), archive, GSD, LAMMPS data or dump.
+
+    Returns the state, its law, and notes on what was assumed or changed.
 
     Parameters
     ----------
@@ -52,18 +54,18 @@ def read_sample(path: str | Path, **options) -> tuple[State, Law, list[str]]:
     >>> import numpy as np, tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     np.savez(f"{folder}/pair.npz", position=[[0, 0, 0], [0.99, 0, 0]], radius=[0.5, 0.5])
-    ...     read_sample(f"{folder}/pair.npz", law="linear", coulomb="sharp", mu=0.5)[0].contacts.count
+    ...     read_packing(f"{folder}/pair.npz", law="linear", coulomb="sharp", mu=0.5)[0].contacts.count
     array([1])
     """
-    ((_, *found),) = read_samples(path, **{"frame": None, **options})
+    ((_, *found),) = read_packings(path, **{"frame": None, **options})
     return tuple(found)
 
 
-def read_samples(path: str | Path, *, frame: str | None = "all", **options) -> list[tuple[str, State, Law, list[str]]]:
-    """All states of a file, each with its name, law and words; options as in `read_sample`."""
+def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> list[tuple[str, State, Law, list[str]]]:
+    """All states of a file, each with its name, law and words; options as in `read_packing`."""
     path = Path(path)
     if not path.is_file():
-        raise SampleError(f"{path} is no file: give a packing, {', '.join(READ)}")
+        raise PackingError(f"{path} is no file: give a packing, {', '.join(READ)}")
     suffix = path.suffix.lower()
     given = {name: value for name, value in options.items() if value is not None}
     given, own = _own_law(given)
@@ -71,15 +73,15 @@ def read_samples(path: str | Path, *, frame: str | None = "all", **options) -> l
     if suffix in LAMMPS_DATA + DUMP:
         return [_with_i0(found, i0) for found in _from_lammps(path, frame, given, of_lammps, own)]
     if of_lammps:
-        raise SampleError(f"{', '.join(of_lammps)} was given with {path.name}: only files of LAMMPS take it")
+        raise PackingError(f"{', '.join(of_lammps)} was given with {path.name}: only files of LAMMPS take it")
     if suffix in ARCHIVE:
         return [_whole(*found, given, i0, own) for found in read_archive(path, frame)]
     if suffix == ".gsd":
         return [_whole(*found, given, i0, own) for found in read_gsd(path, frame)]
     if suffix != ".npz":
-        raise SampleError(_unknown(path, READ, "read"))
+        raise PackingError(_unknown(path, READ, "read"))
     if frame not in (None, "all"):
-        raise SampleError(f"frame {frame!r} was asked for, but {path} has one state: leave it out")
+        raise PackingError(f"frame {frame!r} was asked for, but {path} has one state: leave it out")
     arrays, in_file = read_npz(path)
     given = {} if own else in_file | given
     if i0 is not None:
@@ -88,7 +90,7 @@ def read_samples(path: str | Path, *, frame: str | None = "all", **options) -> l
     if "pair_i" not in arrays:
         words = [NO_CONTACTS, *words]
     law = own or law_given(given)
-    return [(path.stem, sample(arrays.pop("position"), arrays.pop("radius"), law, **arrays), law, words)]
+    return [(path.stem, from_arrays(arrays.pop("position"), arrays.pop("radius"), law, **arrays), law, words)]
 
 
 def _own_law(given: dict) -> tuple[dict, Law | None]:
@@ -98,10 +100,10 @@ def _own_law(given: dict) -> tuple[dict, Law | None]:
     try:
         law, rest = law_of_options(given["law"], given)
     except ValueError as problem:
-        raise SampleError(str(problem)) from None
+        raise PackingError(str(problem)) from None
     lost = [name for name in ("coulomb", "young", "poisson", "damping") if name in rest]
     if lost:
-        raise SampleError(f"{lost[0]} was given with a law from a file: set it in {given['law']}")
+        raise PackingError(f"{lost[0]} was given with a law from a file: set it in {given['law']}")
     return {name: value for name, value in rest.items() if name != "law"}, law
 
 
@@ -110,7 +112,7 @@ def _from_lammps(path: Path, frame: str | None, given: dict, of_lammps: dict, ow
     if contacts is not None:
         contacts = Path(contacts)
         if not contacts.is_file():
-            raise SampleError(f"{contacts} is no file: give the contacts that LAMMPS's `dump local` wrote")
+            raise PackingError(f"{contacts} is no file: give the contacts that LAMMPS's `dump local` wrote")
         law, words = own or law_from(**contact_law(given)), []
     else:
         law = own or law_given(given)
@@ -128,7 +130,7 @@ def _inertia(state: State, i0: float | None) -> State:
     if i0 is None:
         return state
     if not (i0 > 0 and i0 < float("inf")):
-        raise SampleError(f"i0 = {i0} was given: it must be positive")
+        raise PackingError(f"i0 = {i0} was given: it must be positive")
     grains = state.grains
     return state._replace(grains=grains._replace(inertia=i0 * grains.mass * grains.radius**2))
 
@@ -139,13 +141,13 @@ def _whole(name: str, found: State | dict, its_law: Law | None, words: list[str]
         words = [*words, "the file has no contact law: the defaults are assumed"]
     law = own or (law_given(given) if given or its_law is None else its_law)
     if isinstance(found, dict):
-        return name, _inertia(sample(law=law, **found), i0), law, words
+        return name, _inertia(from_arrays(law=law, **found), i0), law, words
     same = its_law is not None and not given and (own is None or alike(own, its_law))
     state = updated(_inertia(found, i0))
     return name, accepted(state, law, **({"memory": FROZEN} if same else {})), law, words
 
 
-def write_sample(path: str | Path, states, law: Law | None = None) -> list[str]:
+def write_packing(path: str | Path, states, law: Law | None = None) -> list[str]:
     """Write an accepted state, or several as a trajectory, in the format that the path's ending says.
 
     Parameters
@@ -161,27 +163,27 @@ def write_sample(path: str | Path, states, law: Law | None = None) -> list[str]:
     Examples
     --------
     >>> import tempfile
-    >>> from stickslip import hertz_mindlin, sample
-    >>> law = hertz_mindlin()
+    >>> import stickslip as ss
+    >>> law = ss.laws.hertz_mindlin()
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     write_sample(f"{folder}/p.xyz", sample([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], law), law)
+    ...     write_packing(f"{folder}/p.xyz", ss.packings.from_arrays([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], law), law)
     ['extended XYZ does not hold contacts and their memory']
     """
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in WRITTEN:
-        raise SampleError(_unknown(path, WRITTEN, "written"))
+        raise PackingError(_unknown(path, WRITTEN, "written"))
     if isinstance(states, State):
         states = [frame_of(states, law)]
     frames: list[Frame] = list(states)
     if suffix in SERIES:
         return SERIES[suffix](path, frames)
     if any(frame.moving for frame in frames):
-        raise SampleError(f"an animation cannot be written as {suffix}: write {', '.join(SERIES)}")
+        raise PackingError(f"an animation cannot be written as {suffix}: write {', '.join(SERIES)}")
     if suffix in ARCHIVE:
         return write_archive(path, frames)
     if len(frames) > 1:
-        raise SampleError(
+        raise PackingError(
             f"{len(frames)} states cannot be written as {suffix}, which holds one: choose one with --frame, or write "
             f"{', '.join((*SERIES, ARCHIVE[0]))}"
         )
@@ -198,7 +200,7 @@ def convert(
     ----------
     modes : file of modes that `stickslip stability` wrote; `mode`, `count`, `amplitude` and `grow`: see `mode_frames`
     overwrite : whether files that are there are replaced; those that are read never are
-    options : of `read_sample`
+    options : of `read_packing`
 
     Returns
     -------
@@ -209,20 +211,20 @@ def convert(
     """
     path, to = Path(path), Path(to)
     if to.suffix.lower() not in WRITTEN:
-        raise SampleError(_unknown(to, WRITTEN, "written"))
+        raise PackingError(_unknown(to, WRITTEN, "written"))
     if modes is None:
         chosen = {} if options.get("frame") is None else {"frame": options["frame"]}
-        found = read_samples(path, **{**options, "frame": "all", **chosen})
+        found = read_packings(path, **{**options, "frame": "all", **chosen})
         frames = [frame_of(state, law) for _, state, law, _ in found]
         words = list(dict.fromkeys(word for *_, said in found for word in said))
     else:
-        state, law, words = read_sample(path, **options)
+        state, law, words = read_packing(path, **options)
         of_mode = read_mode(modes, mode, len(state.grains.radius))
         frames = mode_frames(frame_of(state, law), *of_mode, count=count, amplitude=amplitude, grow=grow)
         words = [*words, f"mode {mode}: s = {of_mode[2]:.4g}, {count} frames of one period"]
     targets = _targets(to, frames)
     check_free(targets, overwrite=overwrite, made_from=(path, modes, options.get("contacts"), options.get("law")))
-    words += write_sample(to, frames)
+    words += write_packing(to, frames)
     if to.suffix.lower() == ".vtu" and len(frames) > 1:
         words.append(f"{len(frames)} frames: numbered files, which ParaView opens as a series")
         targets = targets[:2]
@@ -247,6 +249,6 @@ def _unknown(path: Path, known: tuple[str, ...], done: str) -> str:
 def listened(call, *given, **options):
     """What a call returns, and what SampleWarnings said on the way."""
     with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", SampleWarning)
+        warnings.simplefilter("always", PackingWarning)
         found = call(*given, **options)
-    return found, list(dict.fromkeys(str(w.message) for w in caught if issubclass(w.category, SampleWarning)))
+    return found, list(dict.fromkeys(str(w.message) for w in caught if issubclass(w.category, PackingWarning)))

@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.forces import forces
-from ...core.kinds import Kind, described, recalled
-from ...core.laws import COULOMB, DAMPING, KINDS, NO_TENSION, Law
-from ...core.measure import branches, contact_forces, contact_numbers, touching
+from ...core.contacts.forces import forces
+from ...core.laws.builtin import COULOMB, DAMPING, KINDS, NO_TENSION, Law
+from ...core.laws.dispatch import Kind, described, recalled
+from ...core.measure import branch_vectors, contact_forces, contact_numbers, touching
 from ...core.state import State
-from ..sample import SampleError
+from ..sample import PackingError
 
 
 class Frame(NamedTuple):
@@ -31,12 +31,13 @@ def frame_of(state: State, law: Law) -> Frame:
 
     Examples
     --------
-    >>> from stickslip import hertz_mindlin, sample
-    >>> frame_of(sample([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], hertz_mindlin()), hertz_mindlin()).contacts["force_n"]
+    >>> import stickslip as ss
+    >>> law = ss.laws.hertz_mindlin()
+    >>> frame_of(ss.packings.from_arrays([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], law), law).contacts["force_n"]
     array([0.001])
     """
     rows, c, n = touching(state), state.contacts, len(state.grains.radius)
-    branch = branches(state)[rows]
+    branch = branch_vectors(state)[rows]
     force = contact_forces(state, law)[rows]
     normal = branch / np.linalg.norm(branch, axis=1)[:, None]
     size = np.einsum("ck,ck->c", force, normal)
@@ -85,7 +86,7 @@ def lower_triangular(state: State, name: str) -> np.ndarray:
     """(3, 3) box vectors with the first along x and the second in the plane of x and y, as most formats want them."""
     vectors = state.cell.vectors
     if np.triu(vectors, 1).any() or not (np.diag(vectors) > 0).all():
-        raise SampleError(
+        raise PackingError(
             f"{name} wants the first box vector along x and the second in the plane of x and y, which this cell's are "
             f"not: write .npz, .h5 or .vtu"
         )

@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 
 from ...core import state as core
-from ...core.laws import Law
+from ...core.laws.builtin import Law
 from ...core.state import State, check
 from ...extras import needed
-from ..sample import SampleError
+from ..atomic import beside
+from ..sample import PackingError
 from ..sound import sound
-from ..whole import beside
 from .frame import Frame, law_of, law_words, shown_box, without_walls, wrapped_into
 
 SCHEMA = 1  # of what is under stickslip/
@@ -111,7 +111,7 @@ def _text(words: dict) -> np.ndarray:
 
 
 def read_gsd(path: str | Path, wanted: str | None = None) -> list[tuple[str, State | dict, Law | None, list[str]]]:
-    """Frames of a GSD file: name, state (or arrays for `sample`, of a foreign file), law, words on what is missing.
+    """Frames of a GSD file: name, state (of a foreign file, arrays for `from_arrays`), law, notes on what is missing.
 
     Parameters
     ----------
@@ -127,11 +127,11 @@ def read_gsd(path: str | Path, wanted: str | None = None) -> list[tuple[str, Sta
         with hoomd.open(str(path), "r") as file:
             numbers = _chosen(path, len(file), wanted)
             return [(str(k), *_taken(path, file, k)) for k in numbers]
-    except SampleError:
+    except PackingError:
         raise
     except (OSError, RuntimeError, KeyError, IndexError, TypeError, ValueError, MemoryError, OverflowError) as problem:
         why = str(problem).replace("\n", " ").strip("'\"")
-        raise SampleError(
+        raise PackingError(
             f"{path} cannot be read as GSD ({type(problem).__name__}: {why[:120]}): it is truncated, of another "
             f"version, or no GSD file"
         ) from None
@@ -139,11 +139,11 @@ def read_gsd(path: str | Path, wanted: str | None = None) -> list[tuple[str, Sta
 
 def _chosen(path, count: int, wanted: str | None) -> range:
     if not count:
-        raise SampleError(f"{path} holds no frame: give a GSD file with at least one")
+        raise PackingError(f"{path} holds no frame: give a GSD file with at least one")
     if wanted in (None, "all"):
         return range(count) if wanted else range(count - 1, count)
     if not wanted.isdecimal() or int(wanted) >= count:
-        raise SampleError(f"{path} has no frame {wanted!r}: it has 0 to {count - 1}")
+        raise PackingError(f"{path} has no frame {wanted!r}: it has 0 to {count - 1}")
     return range(int(wanted), int(wanted) + 1)
 
 
@@ -153,9 +153,9 @@ def _taken(path, file, number: int):
         return _foreign(file[number])
     meta = json.loads(file.file.read_chunk(number, META).tobytes().decode())
     if meta["schema"] != SCHEMA:
-        raise SampleError(f"{path} has schema {meta['schema']} of stickslip's GSD: this version reads {SCHEMA}")
+        raise PackingError(f"{path} has schema {meta['schema']} of stickslip's GSD: this version reads {SCHEMA}")
     if meta["moving"]:
-        raise SampleError(f"{path} is an animation of a mode, not a state: give the packing that it was made from")
+        raise PackingError(f"{path} is an animation of a mode, not a state: give the packing that it was made from")
     parts = {}
     for noun, kind in NOUNS.items():
         there = [n for n in kind._fields if f"{noun}/{n}" in meta["shapes"] or n not in kind._field_defaults]

@@ -18,11 +18,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.jacobian import linearised
-from ...core.laws import MU, SHARP, Law, dashpots
-from ...core.measure import branches, touching
+from ...core.contacts.jacobian import linearised
+from ...core.laws.builtin import MU, SHARP, Law, dashpots
+from ...core.measure import branch_vectors, touching
 from ...core.state import OPEN, SLIDE, STICK, State
-from ..sample import NO_CONTACTS, SampleError, SampleWarning, accepted, sample
+from ..sample import NO_CONTACTS, PackingError, PackingWarning, accepted, from_arrays
 from .lammps_text import Table, dumped_grains, read_data, read_dump
 
 NEEDED = ("law", "kn", "kt", "mu", "damping_n", "damping_t")
@@ -51,7 +51,7 @@ class Packing(NamedTuple):
 
     step: int  # −1: unknown
     ids: np.ndarray | None
-    arrays: dict  # for `sample`
+    arrays: dict  # for `from_arrays`
     words: list[str]
 
 
@@ -75,7 +75,7 @@ def read_grains(path: Path, *, wanted: str | None = None, boundary: str | None =
         return found
     ids, arrays, box, words = read_data(path)
     if wanted not in (None, "all"):
-        raise SampleError(f"{path} is a data file, which has one state: leave out the choice of {wanted}")
+        raise PackingError(f"{path} is a data file, which has one state: leave out the choice of {wanted}")
     return [Packing(box.step, ids, *_in_box(box, arrays, boundary, words))]
 
 
@@ -84,7 +84,7 @@ def _in_box(table: Table, arrays: dict, boundary: str | None, words: list[str]) 
     periodic = table.periodic
     if boundary is not None:
         if not re.fullmatch("[pfsm]{3}", boundary):
-            raise SampleError(f"boundary {boundary!r} was given: three letters are needed, such as ppp or ppf")
+            raise PackingError(f"boundary {boundary!r} was given: three letters are needed, such as ppp or ppf")
         periodic = np.array([letter == "p" for letter in boundary])
     elif periodic is None:
         periodic, words = (
@@ -105,15 +105,15 @@ def read_pairs(path: Path, packing: Packing, columns: str | None = None) -> Pair
     """Contacts of a `dump local` at the time step of a packing; `columns` names them where the file does not."""
     tables, steps = read_dump(path, None if packing.step < 0 else str(packing.step))
     if packing.step < 0 and len(steps) > 1:
-        warnings.warn(f"{path.name} has {len(steps)} time steps: the last was taken", SampleWarning, stacklevel=3)
+        warnings.warn(f"{path.name} has {len(steps)} time steps: the last was taken", PackingWarning, stacklevel=3)
     table = _named(tables[0], path, columns)
     if packing.ids is None:
-        raise SampleError("the grains carry no ids, which contacts name: add the column id to their dump")
+        raise PackingError("the grains carry no ids, which contacts name: add the column id to their dump")
     ends = table.numbers("i", "j").astype(np.int64)
     place = np.minimum(np.searchsorted(packing.ids, ends), len(packing.ids) - 1)
     strange = packing.ids[place] != ends
     if strange.any():
-        raise SampleError(
+        raise PackingError(
             f"{path} names grain {ends[strange][0]}, which is not among the grains: give files of one run"
         )
 
@@ -130,14 +130,14 @@ def _named(table: Table, path: Path, columns: str | None) -> Table:
     if columns is not None:
         given = columns.split()
         if len(given) != len(names):
-            raise SampleError(f"{len(given)} names were given for {len(names)} columns of {path}: {' '.join(names)}")
+            raise PackingError(f"{len(given)} names were given for {len(names)} columns of {path}: {' '.join(names)}")
         names = given
     elif all(re.fullmatch(r"[cfv]_\w+(\[\d+\])?", name) for name in names) and len(names) >= len(ORDER):
         names = ORDER + names[len(ORDER) :]
     names = [SAME.get(name, name) for name in names]
     found = table._replace(columns=dict(zip(names, table.columns.values(), strict=True)))
     if not found.has("i", "j", "tx", "ty", "tz"):
-        raise SampleError(
+        raise PackingError(
             f"{path} has columns {' '.join(table.columns)}: i j tx ty tz are needed, named by `dump_modify colname`, "
             f"or in the order {' '.join(ORDER)}, or by --columns"
         )
@@ -154,14 +154,14 @@ def with_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
         belong together. A SampleWarning tells what was changed, and how far the law misses LAMMPS's normal forces.
     """
     if law.coulomb != SHARP:
-        raise SampleError("coulomb = smooth was given, but LAMMPS's friction is sharp: give --coulomb sharp")
+        raise PackingError("coulomb = smooth was given, but LAMMPS's friction is sharp: give --coulomb sharp")
     arrays, missing = packing.arrays, {"velocity", "spin"} - set(packing.arrays)
     if dashpots(law) and missing:
-        raise SampleError(
+        raise PackingError(
             f"the slip of contacts with dashpots needs every grain's {' and '.join(sorted(missing))}: add vx vy vz "
             f"omegax omegay omegaz to the dump of grains, or Velocities to the data file"
         )
-    state = sample(law=law, **arrays)
+    state = from_arrays(law=law, **arrays)
     rows, entries, sign = _matched(state, pairs)
     c = linearised(state, law)
     vn, vt = approach(state, rows, c.normal[rows])
@@ -196,13 +196,13 @@ def _compare(ours: np.ndarray, theirs: np.ndarray) -> None:
     """Say how far the law misses LAMMPS's normal forces; SampleError if it is another law."""
     miss = float(np.abs(ours - theirs).max(initial=0.0)) / (float(np.abs(theirs).mean()) if len(theirs) else 1.0)
     if miss > STRANGE:
-        raise SampleError(
+        raise PackingError(
             f"the law's normal forces miss those in the dump by up to {miss:.2g} of their mean: give the law, kn and "
             f"damping_n that LAMMPS had, and a packing with enough digits ({ONE_BY_ONE})"
         )
     if miss > FAITHFUL:
         words = f"the law's normal forces miss those in the dump by up to {miss:.1g} of their mean"
-        warnings.warn(f"{words}: {ONE_BY_ONE}", SampleWarning, stacklevel=4)
+        warnings.warn(f"{words}: {ONE_BY_ONE}", PackingWarning, stacklevel=4)
 
 
 def _matched(state: State, pairs: Pairs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -216,7 +216,7 @@ def _matched(state: State, pairs: Pairs) -> tuple[np.ndarray, np.ndarray, np.nda
     lost = np.flatnonzero(open_pair & pairs.tangential.any(axis=1))
     if len(lost):
         a, b = pairs.i[lost[0]], pairs.j[lost[0]]
-        raise SampleError(
+        raise PackingError(
             f"{len(lost)} pair(s), as of grains {a} and {b}, counted from 0, carry force but do not touch: contacts "
             f"and grains are of different time steps or runs, or the box is another"
         )
@@ -226,22 +226,22 @@ def _matched(state: State, pairs: Pairs) -> tuple[np.ndarray, np.ndarray, np.nda
         chosen[k] = _nearest(state, rows, first[entries[k]], last[entries[k]], pairs, entries[k], sign)
     matched = rows[chosen]
     if len(np.unique(matched)) < len(matched):
-        raise SampleError("a contact is listed twice: give the contacts of one time step, once, with dx dy dz")
+        raise PackingError("a contact is listed twice: give the contacts of one time step, once, with dx dy dz")
     if len(matched) < len(rows):
         words = f"{len(rows) - len(matched)} touching pair(s) are not in the dump: taken with zero slip"
-        warnings.warn(words, SampleWarning, stacklevel=3)
+        warnings.warn(words, PackingWarning, stacklevel=3)
     return matched, entries, sign[entries]
 
 
 def _nearest(state: State, rows, first: int, last: int, pairs: Pairs, entry: int, sign) -> int:
     """Which of several images of a pair an entry stands for, by its branch or its length."""
-    own = branches(state)[rows[first:last]]
+    own = branch_vectors(state)[rows[first:last]]
     if pairs.branch is not None:
         miss = np.linalg.norm(own - sign[entry] * pairs.branch[entry], axis=1)
     elif pairs.distance is not None:
         miss = np.abs(np.linalg.norm(own, axis=1) - pairs.distance[entry])
     else:
-        raise SampleError(
+        raise PackingError(
             f"grains {pairs.i[entry]} and {pairs.j[entry]} touch across the box more than once: add dx dy dz to the "
             f"contacts, so that it is clear which is meant"
         )
@@ -256,7 +256,7 @@ def contact_law(given: dict) -> dict:
     missing = [name for name in NEEDED if name not in known]
     if missing:
         options = ", ".join(f"--{name.replace('_', '-')}" for name in missing)
-        raise SampleError(
+        raise PackingError(
             f"the slip of LAMMPS's contacts is reconstructed from forces with the law's parameters, and some are "
             f"missing: give {options} as in its pair_style"
         )
@@ -284,7 +284,7 @@ def read_lammps(
     for packing in read_grains(path, wanted=wanted, boundary=boundary):
         if contacts is None:
             words = [*packing.words, NO_CONTACTS]
-            out.append((str(packing.step), sample(law=law, **packing.arrays), law, words))
+            out.append((str(packing.step), from_arrays(law=law, **packing.arrays), law, words))
         else:
             state = with_memory(packing, read_pairs(contacts, packing, columns), law)
             sliding = int((state.contacts.mode[: state.contacts.count[0]] == SLIDE).sum())

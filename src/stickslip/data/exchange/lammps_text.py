@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core.text import text_of, whole_number
-from ..sample import HUGE, SampleError
+from ..sample import HUGE, PackingError
 
 HEADER = re.compile(r"(?m)^\s*([A-Z][A-Za-z /]*?)\s*(?:#\s*(\S+)\s*)?$")  # of a section in a data file
 VOLUME = 4 / 3 * np.pi
@@ -29,7 +29,7 @@ class Table(NamedTuple):
         try:
             found = np.array([self.columns[name] for name in names], float).T
         except ValueError:
-            raise SampleError(f"column {' or '.join(names)} holds something else than numbers") from None
+            raise PackingError(f"column {' or '.join(names)} holds something else than numbers") from None
         return np.ascontiguousarray(found[:, 0] if len(names) == 1 else found)
 
     def has(self, *names: str) -> bool:
@@ -41,27 +41,27 @@ def read_dump(path: Path, wanted: str | None = None) -> tuple[list[Table], list[
     """Time steps of a dump and the numbers of all that it has; `wanted`: one of them, "all", or None for the last."""
     pieces = _text(path).split("ITEM: TIMESTEP")[1:]
     if not pieces:
-        raise SampleError(f"{path} holds no ITEM: TIMESTEP: give a dump that LAMMPS wrote as text")
+        raise PackingError(f"{path} holds no ITEM: TIMESTEP: give a dump that LAMMPS wrote as text")
     try:
         steps = [whole_number(piece.split("\n", 2)[1]) for piece in pieces]
         if wanted not in (None, "all") and wanted not in map(str, steps):
             some = ", ".join(map(str, steps[:6])) + (" …" if len(steps) > 6 else "")
-            raise SampleError(f"{path} has no time step {wanted}: it has {some}")
+            raise PackingError(f"{path} has no time step {wanted}: it has {some}")
         chosen = [k for k, s in enumerate(steps) if wanted == "all" or (wanted is not None and str(s) == wanted)]
         return [_table(steps[k], pieces[k]) for k in (chosen or [len(pieces) - 1])], steps
     except (ValueError, IndexError, KeyError) as problem:
-        if isinstance(problem, SampleError):
+        if isinstance(problem, PackingError):
             raise
-        raise SampleError(f"{path} is truncated or no dump of LAMMPS ({problem})") from None
+        raise PackingError(f"{path} is truncated or no dump of LAMMPS ({problem})") from None
 
 
 def _text(path: Path) -> str:
     try:
         text = text_of(path, remedy="give files of LAMMPS as text, not binary or compressed")
     except ValueError as problem:
-        raise SampleError(str(problem)) from None
+        raise PackingError(str(problem)) from None
     if text and not text.endswith("\n"):  # a number that lost its last digits is still a number
-        raise SampleError(f"{path} ends in the middle of a line: it is truncated, or its last line has no end")
+        raise PackingError(f"{path} ends in the middle of a line: it is truncated, or its last line has no end")
     return text
 
 
@@ -110,12 +110,12 @@ def restricted(size, xy: float, xz: float, yz: float) -> np.ndarray:
 
 
 def dumped_grains(table: Table, path: Path) -> tuple[np.ndarray | None, dict, list[str]]:
-    """Ids, arrays for `sample` and words of a dump of grains, in the order of their ids."""
+    """Ids, arrays for `from_arrays` and words of a dump of grains, in the order of their ids."""
     words, arrays = [], {"position": _position(table, path)}
     if table.has("radius") or table.has("diameter"):
         arrays["radius"] = table.numbers("radius") if table.has("radius") else table.numbers("diameter") / 2
     else:
-        raise SampleError(f"{path} has no column radius or diameter: add one to the dump command")
+        raise PackingError(f"{path} has no column radius or diameter: add one to the dump command")
     if table.has("mass"):
         arrays["mass"] = table.numbers("mass")
     elif table.has("density"):
@@ -144,23 +144,23 @@ def _position(table: Table, path: Path) -> np.ndarray:
         if table.has(*(axis + mark for axis in WHERE)):
             place = corner + table.numbers(*(axis + mark for axis in WHERE)) @ vectors
             return place + (whole if mark == "s" else 0.0)
-    raise SampleError(f"{path} has no positions: it needs columns x y z, xu yu zu, xs ys zs or xsu ysu zsu")
+    raise PackingError(f"{path} has no positions: it needs columns x y z, xu yu zu, xs ys zs or xsu ysu zsu")
 
 
 def read_data(path: Path) -> tuple[np.ndarray, dict, Table, list[str]]:
-    """Ids, arrays for `sample`, the box (with the time step, −1 if unknown) and words of a data file."""
+    """Ids, arrays for `from_arrays`, the box (with the time step, −1 if unknown) and words of a data file."""
     text = _text(path)
     first = text.partition("\n")[0]
     sections = _sections(text.partition("\n")[2])
     head = sections.pop("")[1]
     try:
         if "Atoms" not in sections:
-            raise SampleError(f"{path} has no section Atoms: give a data file of LAMMPS, or a dump")
+            raise PackingError(f"{path} has no section Atoms: give a data file of LAMMPS, or a dump")
         style, body = sections["Atoms"]
         count = whole_number(re.search(r"(?m)^\s*(\d+)\s+atoms\b", head)[1])
         rows = _numbers(body, count, "Atoms")
         if style not in (None, "sphere") or rows.shape[1] not in (7, 10):
-            raise SampleError(
+            raise PackingError(
                 f"{path} has atoms of style {style or 'unknown'} with {rows.shape[1]} columns: atom_style sphere is "
                 f"read, with id type diameter density x y z and, maybe, ix iy iz"
             )
@@ -170,9 +170,9 @@ def read_data(path: Path) -> tuple[np.ndarray, dict, Table, list[str]]:
         rows = rows[np.argsort(rows[:, 0], kind="stable")]
         motion = _numbers(sections["Velocities"][1], count, "Velocities") if "Velocities" in sections else None
     except (ValueError, IndexError, TypeError) as problem:
-        if isinstance(problem, SampleError):
+        if isinstance(problem, PackingError):
             raise
-        raise SampleError(f"{path} is truncated or no data file of LAMMPS ({problem})") from None
+        raise PackingError(f"{path} is truncated or no data file of LAMMPS ({problem})") from None
     radius = rows[:, 2] / 2
     arrays = {"position": rows[:, 4:7], "radius": radius, "mass": rows[:, 3] * VOLUME * radius**3}
     if rows.shape[1] == 10:

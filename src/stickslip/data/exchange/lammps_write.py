@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ...core.jacobian import linearised
-from ...core.laws import SHARP, dashpots
+from ...core.contacts.jacobian import linearised
+from ...core.laws.builtin import SHARP, dashpots
 from ...core.measure import touching
 from ...core.state import SLIDE
-from ..whole import beside
+from ..atomic import beside
 from .frame import Frame, shown_box, unheld, without_walls, wrapped_into
 from .lammps_file import ORDER, approach
 from .lammps_text import VOLUME

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from ...core.state import State
-from ..sample import HUGE, SampleError
+from ..sample import HUGE, PackingError
 from .frame import Frame
 
 REQUIRED = ("translation", "rotation", "exponent")
@@ -23,22 +23,24 @@ def read_mode(path: str | Path, number: int, n: int) -> tuple[np.ndarray, np.nda
         with np.load(path, allow_pickle=False) as file:
             found = {name: file[name] for name in REQUIRED}
     except FileNotFoundError:
-        raise SampleError(f"{path} is no file: give the modes that `stickslip stability` wrote") from None
+        raise PackingError(f"{path} is no file: give the modes that `stickslip stability` wrote") from None
     except Exception:  # whatever a damaged archive makes numpy and zipfile raise
-        raise SampleError(f"{path} holds no modes: give the .npz that `stickslip stability` wrote") from None
+        raise PackingError(f"{path} holds no modes: give the .npz that `stickslip stability` wrote") from None
     translation, rotation, exponent = (found[name] for name in REQUIRED)
     if any(array.dtype.kind not in "fciu" for array in (translation, rotation, exponent)):
-        raise SampleError(f"{path} holds something else than numbers: write the modes anew")
+        raise PackingError(f"{path} holds something else than numbers: write the modes anew")
     if exponent.ndim != 1 or translation.shape != (len(exponent), *translation.shape[1:2], 3):
-        raise SampleError(f"{path} holds arrays that do not belong together: write the modes anew")
+        raise PackingError(f"{path} holds arrays that do not belong together: write the modes anew")
     if not len(exponent):
-        raise SampleError(f"{path} holds no modes: the packing has none that grows")
+        raise PackingError(f"{path} holds no modes: the packing has none that grows")
     if not 0 <= number < len(exponent):
-        raise SampleError(f"mode {number} was asked for: {path} has 0 to {len(exponent) - 1}, the fastest first")
+        raise PackingError(f"mode {number} was asked for: {path} has 0 to {len(exponent) - 1}, the fastest first")
     if translation.shape[1] != n or rotation.shape != translation.shape:
-        raise SampleError(f"{path} has modes of {translation.shape[1]} grains, the packing has {n}: give its own modes")
+        raise PackingError(
+            f"{path} has modes of {translation.shape[1]} grains, the packing has {n}: give its own modes"
+        )
     if not (np.isfinite(translation).all() and np.isfinite(rotation).all() and np.isfinite(exponent).all()):
-        raise SampleError(f"{path} holds NaN or infinity: write the modes anew")
+        raise PackingError(f"{path} holds NaN or infinity: write the modes anew")
     return translation[number], rotation[number], complex(exponent[number])
 
 
@@ -59,17 +61,17 @@ def mode_frames(
     """
     state, radius = frame.state, frame.state.grains.radius[:, None]
     if count < 2 or not 0 < amplitude <= HUGE:
-        raise SampleError(
+        raise PackingError(
             f"{count} frames of amplitude {amplitude:g} were asked for: at least 2, and above 0, up to {HUGE:g}"
         )
     largest = float((np.sqrt((np.abs(translation) ** 2).sum(axis=1, keepdims=True)) / radius).max())
     turning = float((np.abs(rotation) / radius).max())
     if not max(largest, turning) > 0:
-        raise SampleError("the mode moves no grain: choose another one")
+        raise PackingError("the mode moves no grain: choose another one")
     scale = amplitude / (largest or turning)
     period = 2 * np.pi / (abs(exponent.imag) or abs(exponent) or 1.0)
     if not np.isfinite(period):
-        raise SampleError(f"the mode has the exponent {exponent:.3g}, whose period is no number: choose another one")
+        raise PackingError(f"the mode has the exponent {exponent:.3g}, whose period is no number: choose another one")
     out = []
     for t in np.arange(count) / count * period:
         factor = np.exp(1j * (exponent.imag * t if exponent.imag else 2 * np.pi * t / period))

@@ -10,8 +10,8 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from ...extras import needed
-from ..sample import SampleError
-from ..whole import named
+from ..atomic import named
+from ..sample import PackingError
 from .frame import Frame, unheld, wrapped_into
 
 
@@ -27,7 +27,7 @@ def write_vtk(path: str | Path, frames: list[Frame]) -> list[str]:
     """Write two .vtu files a frame, all or none; returns what they do not hold."""
     hl, path = needed("pyevtk.hl", "exchange"), Path(path)
     if not path.parent.is_dir():
-        raise SampleError(f"the folder {path.parent} does not exist: make it first")
+        raise PackingError(f"the folder {path.parent} does not exist: make it first")
     pairs = vtk_paths(path, len(frames))
     with named(path), TemporaryDirectory(prefix=f".{path.stem}.", dir=path.parent) as folder:
         made = []

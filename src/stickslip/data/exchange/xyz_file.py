@@ -6,7 +6,7 @@ Written without a library, as ASE would leave eight decimals of every number.
 import json
 from pathlib import Path
 
-from ..whole import beside
+from ..atomic import beside
 from .frame import Frame, law_words, unheld
 
 

@@ -1,0 +1,42 @@
+"""What is imposed on a state: `Control` in, changed `Control` out.
+
+loads               forces, torques and gravity on free grains
+fixed               bodies that do not move
+driven              bodies that move at a given rate
+time_dependent      rates multiplied by a function of time
+force_controlled    walls or rigid groups that move until contacts balance a force
+rigid               bodies that move as one, without rotation
+spring_loaded       bodies pulled by a spring whose end moves
+spring_forces       the forces of these springs
+strained_at         cell that deforms at a velocity gradient
+stress_controlled   cell whose strain follows the stress
+between             the control part of the way between two others
+"""
+
+from .core.control import (
+    between,
+    driven,
+    fixed,
+    force_controlled,
+    rigid,
+    spring_forces,
+    spring_loaded,
+    strained_at,
+    stress_controlled,
+    time_dependent,
+)
+from .core.state import loads
+
+__all__ = [
+    "between",
+    "driven",
+    "fixed",
+    "force_controlled",
+    "loads",
+    "rigid",
+    "spring_forces",
+    "spring_loaded",
+    "strained_at",
+    "stress_controlled",
+    "time_dependent",
+]

@@ -1,0 +1,50 @@
+"""What a list of contacts needs for laws by users: pairs across gaps, and room for a memory of rolling."""
+
+import numpy as np
+
+from ..laws.builtin import Law
+from ..laws.dispatch import Kind, answer, known
+from ..state import Contacts, State
+
+
+def gap_listed(contacts: Contacts) -> float:
+    """Largest gap across which a list knows pairs, skin apart [length]."""
+    return float(contacts.skin[1]) if len(contacts.skin) > 1 else 0.0
+
+
+def widest(state: State, law: Law) -> float:
+    """Largest gap across which a law acts between bodies of a state [length]."""
+    if not isinstance(law.kind, Kind) or "contact_range" not in known(law.kind).functions:
+        return 0.0
+    r_eff = float(state.grains.radius.max()) * (1.0 if len(state.walls.mass) else 0.5)
+    rows = law.table.reshape(-1, law.table.shape[2])
+    return max(float(answer(law.kind, "contact_range", q, r_eff=r_eff)) for q in rows)
+
+
+def as_wide(state: State, law: Law) -> Contacts:
+    """The list of a state, or if it is not as wide as the law reaches, one that must be made anew."""
+    contacts, gap = state.contacts, widest(state, law)
+    if not gap > gap_listed(contacts):
+        return contacts
+    skin = np.array([contacts.skin[0], gap])
+    return contacts._replace(skin=skin, origin=np.full_like(contacts.origin, np.inf))
+
+
+def with_room(contacts: Contacts, law: Law) -> Contacts:
+    """The list with a row of rolling memory for each pair, if the law has such a memory."""
+    rolls = isinstance(law.kind, Kind) and "rolling_stiffness" in known(law.kind).functions
+    if not rolls or len(contacts.rolling) == len(contacts.i):
+        return contacts
+    return contacts._replace(rolling=np.zeros((len(contacts.i), contacts.rolling.shape[1])))
+
+
+def with_rolling_of(old: Contacts, new: Contacts) -> Contacts:
+    """A new list with the rolling memory of the pairs that it shares with an old one, if that has any."""
+    if not len(old.rolling):
+        return new
+    here, there = int(old.count[0]), max(int(new.count[0]), 0)
+    rolling = np.zeros((len(new.i), old.rolling.shape[1]))
+    row = np.searchsorted(new.key[:there], old.key[:here])
+    same = np.append(new.key[:there], -1)[row] == old.key[:here]
+    rolling[row[same]] = old.rolling[:here][same]
+    return new._replace(rolling=rolling)

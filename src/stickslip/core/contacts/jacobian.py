@@ -1,0 +1,290 @@
+"""The exact Jacobian of contact forces and torques with memory: one 6 × 6 block a contact.
+
+Coordinates of a body are (x, y, z, R·angle), torques are divided by R. A contact depends on r = r_i − r_j and
+ρ = R_i angle_i + R_j angle_j only; its loads on i are (F, T/R) = (F, −n × F). Geometry is derived here by hand, the
+law's tangents come from the law's own source. With u the slip, see `tangent`, and φ(δ, |u|) the tangential force:
+
+    dF = −F_n' n (n·dr) + F_n dn − [φ/|u| (I − û ûᵀ) + ∂φ/∂|u| û ûᵀ] du + ∂φ/∂δ û (n·dr),      dn = P dr/|r|
+
+At an accepted state du = P dr − n (u·dn) + n × dρ, P = I − n nᵀ. The term −n (u·dn), the turning of the memory with
+the contact, is left out in the papers' supplements.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from ..laws.builtin import (
+    DAMPING_N,
+    DAMPING_T,
+    Law,
+    cap,
+    cap_slopes,
+    damping_of,
+    dashpots,
+    fades,
+    mobilised,
+    mobilised_tangent,
+    normal_force,
+    row,
+    tangential_stiffness,
+    tangents,
+)
+from ..state import OPEN, SLIDE, State
+from .forces import bodies, check_materials
+from .geometry import mid_normal, normal_and_overlap, onto_plane, pair_vector, rolled, shifts, slip_increment
+from .interaction_range import gap_listed, widest, with_room
+from .mechanics import HELD, apart, effective, faded, return_mapping, turned_weight
+from .neighbors import body_positions, moved_too_far
+from .rolling import rolls, with_moments
+from .tangent import column, outer, spring_of, turn_of
+from .tangent import memory as memory_tangent
+
+
+class Linear(NamedTuple):
+    """Each contact's vectors and scalars that its linearisation is made of, one row a contact."""
+
+    normal: np.ndarray  # (C, 3)
+    inverse: np.ndarray  # (C,) 1/|r|, zero at walls
+    before: np.ndarray  # (C, 3) slip when the memory was committed
+    way: np.ndarray  # (C, 3) Δr since then
+    turn: np.ndarray  # (C, 3) Δρ since then
+    slip: np.ndarray  # (C, 3) now, before it is cut at Coulomb's limit
+    closed: np.ndarray  # (C,) 1 if it touches, else 0
+    remembers: np.ndarray  # (C,) 1 if it touched already when the memory was committed
+    slides: np.ndarray  # (C,)
+    weighted: np.ndarray  # (C,) 1 if the slip goes on sliding in three dimensions and turns on the way
+    force_n: np.ndarray  # (C,) F_n
+    slope_n: np.ndarray  # (C,) dF_n/dδ
+    secant: np.ndarray  # (C,) φ/|u|
+    along: np.ndarray  # (C,) ∂φ/∂|u|
+    by_overlap: np.ndarray  # (C,) ∂φ/∂δ at fixed |u|
+    by_force: np.ndarray  # (C,) ∂φ/∂F_n, as a dashpot changes F_n
+    damping_n: np.ndarray  # (C,)
+    damping_t: np.ndarray  # (C,)
+    stiffness_t: np.ndarray  # (C,) k_t, of a contact that sticks
+    slope_t: np.ndarray  # (C,) dk_t/dδ
+    limit: np.ndarray  # (C,) of the tangential force
+    mu: np.ndarray  # (C,) its derivative with respect to F_n
+    fade: np.ndarray  # (C,) by which the law shortens the slip as the overlap falls
+    fading: np.ndarray  # (C,) its derivative with respect to the overlap
+
+
+@njit(cache=True, error_model="numpy")
+def _friction_tangent(coulomb, stiffness, slope_k, limit, mu, by_overlap, slope_n, stretch, slides):
+    """φ/|u|, ∂φ/∂|u|, ∂φ/∂δ and ∂φ/∂F_n of the tangential force φ = k_t |u| (mobilised), at most `limit`.
+
+    `mu` and `by_overlap` are the limit's derivatives with respect to F_n and δ.
+    """
+    if slides or limit <= 0.0:
+        return limit / stretch if stretch > 0.0 else 0.0, 0.0, mu * slope_n + by_overlap, mu
+    x = stiffness * stretch / limit
+    h, g = mobilised(coulomb, x), mobilised_tangent(coulomb, x)
+    by_force = -mu * x * x * g
+    changed = by_force * slope_n - by_overlap * x * x * g
+    return stiffness * h, stiffness * (h + x * g), slope_k * stretch * (h + x * g) + changed, by_force
+
+
+@njit(cache=True, error_model="numpy")
+def _linearise(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, rescaled, out):
+    position, angle, _, _, radius, material, inverse_mass, wall_normal, _ = bodies
+    n_grains = len(radius) - len(wall_normal)
+    for c in range(contacts.count[0]):
+        i, j = contacts.i[c], contacts.j[c]
+        rx, ry, rz = pair_vector(dim, position, shift, c, i, j)
+        nx, ny, nz, overlap, inverse = normal_and_overlap(
+            i, j, j >= n_grains, j - n_grains, radius, wall_normal, rx, ry, rz
+        )
+        if apart(kind, p, material, radius, inverse_mass, i, j, j >= n_grains, overlap):
+            continue
+        q = row(kind, p, material[i], material[j])
+        r_eff, m_eff = effective(kind, viscous, radius, inverse_mass, i, j, j >= n_grains)
+        force_n, stiffness = normal_force(kind, q, r_eff, overlap), tangential_stiffness(kind, q, r_eff, overlap)
+        slope_n, slope_k = tangents(kind, q, r_eff, overlap)
+        limit = cap(kind, q, r_eff, overlap, force_n)
+        mu, by_overlap = cap_slopes(kind, q, r_eff, overlap, force_n)
+        before = contacts.mode[c]
+        sx = sy = sz = dx = dy = dz = 0.0
+        fade = 1.0
+        if before != OPEN:
+            sx, sy, sz = contacts.slip[c, 0], contacts.slip[c, 1], contacts.slip[c, 2]
+            ax, ay, az = rolled(dim, angle, radius, i, j)
+            old, turned = contacts.pair[c], contacts.roll[c]
+            dx, dy, dz = rx - old[0], ry - old[1], rz - old[2]
+            ax, ay, az = ax - turned[0], ay - turned[1], az - turned[2]
+            out.before[c, 0], out.before[c, 1], out.before[c, 2] = sx, sy, sz
+            out.way[c, 0], out.way[c, 1], out.way[c, 2] = dx, dy, dz
+            out.turn[c, 0], out.turn[c, 1], out.turn[c, 2] = ax, ay, az
+            mx, my, mz = mid_normal(nx, ny, nz, inverse, dx, dy, dz)
+            sx, sy, sz = onto_plane(nx, ny, nz, mx, my, mz, sx, sy, sz)
+            if rescaled is not None:
+                fade, sx, sy, sz = faded(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz)
+            dx, dy, dz = slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, ax, ay, az)
+            if rescaled is not None:
+                half = 0.5 * (1.0 + fade)
+                dx, dy, dz = half * dx, half * dy, half * dz
+        spring = (stiffness, limit, sx, sy, sz, dx, dy, dz)
+        if rescaled is not None:
+            mode = return_mapping(dim, *spring, 1.0, 1.0, before, memory, fade)[3]
+            top, below = turned_weight(*spring, fade)
+        else:
+            mode = return_mapping(dim, *spring, 1.0, 1.0, before, memory)[3]
+            top, below = turned_weight(*spring)
+        weighted, weight = dim == 3 and mode == SLIDE and before == SLIDE and limit > 0.0, 1.0
+        if weighted:
+            weight = top / below
+        ux, uy, uz = sx + weight * dx, sy + weight * dy, sz + weight * dz
+        out.secant[c], out.along[c], out.by_overlap[c], out.by_force[c] = _friction_tangent(
+            coulomb, stiffness, slope_k, limit, mu, by_overlap, slope_n, np.sqrt(ux**2 + uy**2 + uz**2), mode == SLIDE
+        )
+        out.normal[c, 0], out.normal[c, 1], out.normal[c, 2], out.inverse[c] = nx, ny, nz, inverse
+        out.slip[c, 0], out.slip[c, 1], out.slip[c, 2], out.weighted[c] = ux, uy, uz, weighted
+        out.closed[c], out.remembers[c], out.slides[c] = 1.0, before != OPEN, mode == SLIDE
+        out.force_n[c], out.slope_n[c] = force_n, slope_n
+        out.stiffness_t[c], out.slope_t[c], out.mu[c], out.limit[c] = stiffness, slope_k, mu, limit
+        out.fade[c], out.fading[c] = fade, 0.5 * fade / overlap if fade < 1.0 else 0.0
+        factor = damping_of(kind, viscous, r_eff, m_eff, overlap)
+        out.damping_n[c], out.damping_t[c] = factor * q[DAMPING_N], factor * q[DAMPING_T]
+
+
+def linearised(state: State, law: Law, *, memory: int = HELD) -> Linear:
+    """Scalars and vectors of every contact's linearisation, at rest; see `contact_blocks` for the arguments."""
+    check_materials(state, law)
+    if moved_too_far(body_positions(state), state.contacts) or widest(state, law) > gap_listed(state.contacts):
+        raise ValueError(
+            "the list of contacts is not that of these positions: equilibrate, or accept(state, trial) first"
+        )
+    count = int(state.contacts.count[0])
+    vectors = ("normal", "before", "way", "turn", "slip")
+    out = Linear(*(np.zeros((count, 3) if name in vectors else count) for name in Linear._fields))
+    _linearise(
+        law.kind,
+        law.coulomb,
+        dashpots(law),
+        state.cell.dim,
+        bodies(state),
+        state.contacts,
+        shifts(state.contacts, state.cell.vectors),
+        law.table,
+        memory,
+        fades(law.kind),
+        out,
+    )
+    if memory == HELD and (out.closed > out.remembers).any():
+        raise ValueError("a contact touches that was never committed: equilibrate, or accept(state, trial) first")
+    return out
+
+
+def cross_matrix(v: np.ndarray) -> np.ndarray:
+    """(C, 3, 3) matrices X with X y = v × y, for rows v (C, 3)."""
+    x, y, z = v.T
+    zero = np.zeros_like(x)
+    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
+
+
+def contact_blocks(state: State, law: Law, *, memory: int = HELD):
+    """Derivatives of (F, T/R) on body i with respect to (r, ρ) and to their rates, at rest.
+
+    Exact at any state. Where the memory was committed, a law with `rescaled=True` has only directional derivatives:
+    there it is the one of an overlap that grows.
+
+    Parameters
+    ----------
+    state : State, its list of contacts valid at its positions
+    memory : HELD, each contact stays in its mode (default: the Jacobian of an accepted state); FREE, the mode that the
+        trial memory has (for Newton's method)
+
+    Returns
+    -------
+    (C, 6, 6) [force/length], (C, 6, 6) [force time/length]
+        of laws that resist rolling (C, 9, 9): of (F, T/R, M) with respect to (r, ρ, angle_i − angle_j), see `rolling`
+
+    Raises
+    ------
+    ValueError
+        if the list of contacts is not valid at these positions, or (with HELD) a touching contact was never committed.
+
+    Source
+    ------
+    doi:10.48550/arXiv.1908.11724, supplement Eqs 9–35, with the errata of the documentation.
+    """
+    c = linearised(state, law, memory=memory)
+
+    count, cross_n = len(c.normal), cross_matrix(c.normal)
+    turn = turn_of(c.normal, c.inverse, c.way)
+    by_way = np.zeros((count, 3, 6))
+    by_way[:, :, :3] = np.eye(3) - cross_matrix(c.turn) @ turn.by_mid
+    by_way[:, :, 3:] = cross_matrix(turn.mid)
+    soft = np.where(c.stiffness_t > 0, c.stiffness_t, 1.0)
+    reach = np.where(c.stiffness_t > 0, c.limit / soft, 0.0)
+    fading = (c.fade, c.fading) if fades(law.kind) else ()
+    slip, by_slip = memory_tangent(
+        turn, c.before, c.way + np.cross(turn.mid, c.turn), by_way, reach, (c.by_overlap - reach * c.slope_t) / soft,
+        c.weighted > 0, *fading,
+    )  # fmt: skip
+    spring, hat = spring_of(slip, c.remembers, c.secant, c.along)
+    force = c.force_n[:, None] * c.normal - c.secant[:, None] * slip
+    nn, hat_n = outer(c.normal, c.normal), outer(hat, c.normal)
+
+    stiff, damp = np.zeros((2, count, 6, 6))
+    stiff[:, :3, :3] = -column(c.slope_n) * nn + column(c.force_n) * turn.by_normal + column(c.by_overlap) * hat_n
+    stiff[:, :3] += spring @ by_slip
+    stiff[:, 3:] = -cross_n @ stiff[:, :3]
+    stiff[:, 3:, :3] += cross_matrix(force) @ turn.by_normal
+    dashpot = column(c.damping_t) * (np.eye(3) - column(c.slides) * outer(hat, hat))
+    damp[:, :3, :3] = -dashpot @ (np.eye(3) - nn) + column(c.damping_n) * (column(c.by_force) * hat_n - nn)
+    damp[:, :3, 3:] = -dashpot @ cross_n
+    damp[:, 3:] = -cross_n @ damp[:, :3]
+    stiff, damp = column(c.closed) * stiff, column(c.closed) * damp
+    if not rolls(law.kind):
+        return stiff, damp
+    state = state._replace(contacts=with_room(state.contacts, law))
+    return with_moments(state, law, bodies(state), c, turn, memory, stiff, damp)
+
+
+def triplets(state: State, blocks: np.ndarray):
+    """Rows, columns and values of the (6B, 6B) matrix of all bodies that contact blocks add up to.
+
+    Body i feels +F, body j −F; both feel the same torque/R. r = x_i − x_j, ρ = ρ_i + ρ_j. Entries of one pair may
+    occur more than once: they add. A moment M is felt as +M/R_i and −M/R_j, and angle_i − angle_j = ρ_i/R_i − ρ_j/R_j.
+    """
+    count = len(blocks)
+    if blocks.shape[1] > 6:
+        return _triplets_with_moments(state, blocks)
+    ends = (
+        (state.contacts.i[:count], np.array([1.0, 1, 1, 1, 1, 1])),
+        (state.contacts.j[:count], np.array([-1.0, -1, -1, 1, 1, 1])),
+    )
+    rows, cols, values = [], [], []
+    k, shape = np.arange(6), (count, 6, 6)
+    for body, sign in ends:
+        for other, other_sign in ends:
+            rows.append(np.broadcast_to((6 * body[:, None] + k)[:, :, None], shape).ravel())
+            cols.append(np.broadcast_to((6 * other[:, None] + k)[:, None, :], shape).ravel())
+            values.append((blocks * sign[:, None] * other_sign).ravel())
+    return np.concatenate(rows), np.concatenate(cols), np.concatenate(values)
+
+
+def inverse_radii(state: State) -> np.ndarray:
+    """(B,) 1/R of grains, zero for walls, which do not rotate [1/length]."""
+    return np.append(1.0 / state.grains.radius, np.zeros(len(state.walls.mass)))
+
+
+def _triplets_with_moments(state: State, blocks: np.ndarray):
+    """`triplets` of (C, 9, 9) blocks: each end's coordinates are (r, ρ, θ) = G x, and its loads Gᵀ (F, T/R, M)."""
+    count, k = len(blocks), np.arange(6)
+    ends, inverse = (state.contacts.i[:count], state.contacts.j[:count]), inverse_radii(state)
+    maps = []
+    for body, sign in zip(ends, (1.0, -1.0), strict=True):
+        g = np.zeros((count, 9, 6))
+        g[:, :6, :6] = np.diag([sign, sign, sign, 1.0, 1.0, 1.0])
+        g[:, 6:, 3:] = sign * inverse[body][:, None, None] * np.eye(3)
+        maps.append(g)
+    rows, cols, values = [], [], []
+    for body, g in zip(ends, maps, strict=True):
+        for other, h in zip(ends, maps, strict=True):
+            rows.append(np.broadcast_to((6 * body[:, None] + k)[:, :, None], (count, 6, 6)).ravel())
+            cols.append(np.broadcast_to((6 * other[:, None] + k)[:, None, :], (count, 6, 6)).ravel())
+            values.append((g.transpose(0, 2, 1) @ blocks @ h).ravel())
+    return np.concatenate(rows), np.concatenate(cols), np.concatenate(values)

@@ -1,0 +1,182 @@
+"""Mechanics of one contact, the same for every way of going through the list: scalars in, scalars out.
+
+Sweeps over few contacts and vectorised blocks of many call these functions, so that there is one source of physics.
+"""
+
+import numpy as np
+from numba import njit
+
+from ..laws.builtin import MASS, NO_TENSION, SMOOTH, VISCOELASTIC, asks_radius, mobilised, reach, reaches, row
+from ..state import SLIDE, STICK
+from .geometry import overlap_gained
+
+# what an evaluation does with the memory: carry it along, but keep to the last bit what has not moved since it was
+# committed; carry it along with every mode held; carry it along
+FROZEN, HELD, FREE = 0, 1, 2
+LEAST_WEIGHT = 0.6  # of an increment, see `turned_weight`; above 1/2, or a slip could not change its sign
+
+
+@njit(cache=True)
+def needs_radius(kind, viscous):
+    """True if the law asks for R_eff."""
+    return asks_radius(kind) or viscous & 3 == VISCOELASTIC
+
+
+@njit(cache=True)
+def needs_mass(viscous):
+    """True if the law asks for m_eff."""
+    return viscous & 3 in (MASS, VISCOELASTIC)
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def effective_radius(radius, i, j, is_wall):
+    """R_eff of a pair."""
+    return radius[i] if is_wall else radius[i] * radius[j] / (radius[i] + radius[j])
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def effective_mass(inverse_mass, i, j):
+    """m_eff of a pair; what does not move is infinitely heavy."""
+    inverse = inverse_mass[i] + inverse_mass[j]
+    return 1.0 / inverse if inverse > 0.0 else 0.0
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def effective(kind, viscous, radius, inverse_mass, i, j, is_wall):
+    """R_eff and m_eff of a pair, 1 where the law does not ask."""
+    r_eff = m_eff = 1.0
+    if needs_radius(kind, viscous):
+        r_eff = effective_radius(radius, i, j, is_wall)
+    if needs_mass(viscous):
+        m_eff = effective_mass(inverse_mass, i, j)
+    return r_eff, m_eff
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def apart(kind, p, material, radius, inverse_mass, i, j, is_wall, overlap):
+    """True if a pair is out of the law's reach."""
+    if not reaches(kind):
+        return overlap <= 0.0
+    r_eff, _ = effective(kind, 0, radius, inverse_mass, i, j, is_wall)
+    return overlap <= -reach(kind, row(kind, p, np.uint64(material[i]), np.uint64(material[j])), r_eff)
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def with_dashpot(viscous, elastic, damping, vn, least=0.0):
+    """Normal force with its dashpot, clipped at the `least` one where the law knows no tension."""
+    fn = elastic - damping * vn
+    if viscous & NO_TENSION:
+        return fn if fn > least else least
+    return fn
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def kept_share(overlap, gained):
+    """√(δ/δ_old) where the overlap has fallen, else 1: a/a_old of the contact's radius a."""
+    falls = gained < 0.0 and overlap > 0.0
+    root = np.sqrt((overlap if falls else 1.0) / (overlap - gained if falls else 1.0))
+    return root if falls else 1.0
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def faded(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz):
+    """Factor f on the slip s of laws that rescale, after a displacement dr of the pair that ends at n; and f s."""
+    fade = kept_share(overlap, overlap_gained(nx, ny, nz, inverse, dx, dy, dz))
+    return fade, fade * sx, fade * sy, fade * sz
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def same_length(ax, ay, az, bx, by, bz):
+    """The vector a with the length of b, as LAMMPS `granular` turns its memory."""
+    square = ax * ax + ay * ay + az * az
+    factor = np.sqrt((bx * bx + by * by + bz * bz) / (square if square > 0.0 else 1.0))
+    return factor * ax, factor * ay, factor * az
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def turned_weight(stiffness, limit, ax, ay, az, dx, dy, dz, fade=None):
+    """Factor κ on the increment d for which a + κ d points where the slip `a` of a sliding contact turns to.
+
+    A slip of length R turns towards d by dψ = −sin ψ |d|/R, and its direction at the end is that of a + κ d with
+    κ = 1 + a·d/(2R²) + (a² − R²)/(4R²) to second order: the last term takes the mean of R before and after. Returns κ
+    as a numerator and a denominator.
+
+    A slip that was shortened by a factor f, `fade`, turns as if it had not been: with d shortened by (1 + f)/2, κ is
+    2f/(1 + f) times that of a/f.
+
+    Source: Krieg and Krieg, doi:10.1115/1.3454568, for the exact turn.
+    """
+    scale, square = stiffness * stiffness, limit * limit
+    if fade is not None:
+        bx, by, bz, share = ax / fade, ay / fade, az / fade, 2.0 * fade / (1.0 + fade)
+        change = scale * (bx * (bx + 2.0 * dx) + by * (by + 2.0 * dy) + bz * (bz + 2.0 * dz))
+        return share * max(0.75 * square + 0.25 * change, LEAST_WEIGHT * square), square
+    change = scale * (ax * (ax + 2.0 * dx) + ay * (ay + 2.0 * dy) + az * (az + 2.0 * dz))
+    # a contact that is sheared to the other side must not keep its direction for a correction of small steps
+    return max(0.75 * square + 0.25 * change, LEAST_WEIGHT * square), square
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def return_mapping(dim, stiffness, limit, ax, ay, az, dx, dy, dz, part, whole, mode, memory, fade=None):
+    """Slip a + d part/whole cut at Coulomb's limit, and the mode that follows; with memory HELD the mode decides.
+
+    `a` is the slip before, turned with the contact and shortened by `fade`, d the increment, and part/whole the share
+    of it that counts. In three dimensions the slip of a contact that goes on sliding turns, see `turned_weight`; one
+    that begins to slide is cut along a + d part/whole. One division serves all cases: vectors take as long for it as
+    for ten products.
+    """
+    bx, by, bz = whole * ax + part * dx, whole * ay + part * dy, whole * az + part * dz
+    scale, bound = stiffness * stiffness, whole * limit
+    pull = scale * (bx * bx + by * by + bz * bz)
+    # without any slip there is no direction to be held sliding in: such contacts slid under a law without friction
+    held = mode == SLIDE and (ax != 0.0 or ay != 0.0 or az != 0.0)
+    slides = limit == 0.0 or (held if memory == HELD else pull > bound * bound)
+    if dim == 3:
+        some, unit = turned_weight(stiffness, limit, ax, ay, az, dx, dy, dz, fade)
+        turns = slides and mode == SLIDE and limit > 0.0
+        some, unit = some if turns else part, unit if turns else whole
+        bx, by, bz = unit * ax + some * dx, unit * ay + some * dy, unit * az + some * dz
+        pull = scale * (bx * bx + by * by + bz * bz)
+    below = np.sqrt(pull) if slides else whole
+    factor = (limit if slides else 1.0) / below if below > 0.0 else 0.0
+    return factor * bx, factor * by, factor * bz, SLIDE if slides else STICK
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def tangential_force(coulomb, stiffness, limit, sx, sy, sz):
+    """−k_t (mobilisation) s: the force on i that the slip stands for."""
+    factor = -stiffness
+    if coulomb == SMOOTH:
+        if limit > 0.0:
+            factor *= mobilised(coulomb, stiffness * np.sqrt(sx * sx + sy * sy + sz * sz) / limit)
+        else:
+            factor = 0.0
+    return factor * sx, factor * sy, factor * sz
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def damped(tx, ty, tz, damping, limit, vx, vy, vz):
+    """Tangential force with its dashpot, truncated at Coulomb's limit."""
+    tx, ty, tz = tx - damping * vx, ty - damping * vy, tz - damping * vz
+    square = tx * tx + ty * ty + tz * tz
+    factor = limit / np.sqrt(square) if square > limit * limit else 1.0
+    return tx * factor, ty * factor, tz * factor
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def in_one_go(stiffness, damping, limit, sx, sy, sz, vx, vy, vz, hold):
+    """Tangential force and slip when spring and dashpot together are held to Coulomb's limit, as LAMMPS does.
+
+    s ← f (s + c v_t/k_t) − c v_t/k_t, F_t ← f F_t, f = limit/|F_t|. Returns force, slip, and whether it slides.
+    """
+    tx, ty, tz = -stiffness * sx - damping * vx, -stiffness * sy - damping * vy, -stiffness * sz - damping * vz
+    square = tx * tx + ty * ty + tz * tz
+    slides = square > limit * limit
+    share = limit / np.sqrt(square) if slides else 1.0
+    # a contact that slides without ever having been sheared is let go altogether
+    grip = share if not slides or sx * sx + sy * sy + sz * sz > 0.0 else 0.0
+    slides = slides and not hold
+    less = share - 1.0 if slides else 0.0
+    stretch = damping / stiffness if stiffness > 0.0 else 0.0
+    sx, sy, sz = sx + less * (sx + stretch * vx), sy + less * (sy + stretch * vy), sz + less * (sz + stretch * vz)
+    return grip * tx, grip * ty, grip * tz, sx, sy, sz, slides

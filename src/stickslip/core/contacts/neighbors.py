@@ -1,0 +1,388 @@
+"""Pairs within reach, sorted by key, with memory carried across rebuilds: a cell list in fractional coordinates.
+
+The bins follow the cell's vectors, so that sheared cells and boxes narrower than a grain's reach need no special case:
+every image is a bin some boxes away.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from ..laws.builtin import Law
+from ..state import OPEN, Cell, Contacts, State, empty_contacts
+from .interaction_range import as_wide, with_rolling_of, with_room
+
+_BODY_BITS, _IMAGE_BITS = 21, 7
+_IMAGE_OFFSET = 1 << (_IMAGE_BITS - 1)
+MAX_BODIES = 1 << _BODY_BITS
+TOO_FAR = f"two touching grains are {_IMAGE_OFFSET} or more periodic boxes apart: shift positions by whole boxes"
+
+
+@njit(cache=True)
+def pack_key(i, j, a, b, c):
+    """One integer that sorts as (i, j, image) does."""
+    key = (np.int64(i) << _BODY_BITS) | np.int64(j)
+    for m in (a, b, c):
+        key = (key << _IMAGE_BITS) | np.int64(m + _IMAGE_OFFSET)
+    return key
+
+
+class Grid(NamedTuple):
+    """What a search for pairs needs of the cell: constant while the cell does not change."""
+
+    vectors: np.ndarray  # (3, 3) [length]
+    inverse: np.ndarray  # (3, 3) [1/length]
+    height: np.ndarray  # (3,) distance between opposite faces [length]
+    periodic: np.ndarray  # (3,) bool
+
+
+def grid_of(cell: Cell) -> Grid:
+    """The grid of a cell, sheared or not."""
+    inverse = np.linalg.inv(cell.vectors) if cell.periodic.any() else np.eye(3)
+    vectors = cell.vectors if cell.periodic.any() else np.eye(3)
+    height = 1.0 / np.linalg.norm(inverse, axis=0)
+    return Grid(np.ascontiguousarray(vectors), np.ascontiguousarray(inverse), height, cell.periodic)
+
+
+class Bins(NamedTuple):
+    """Grains sorted into bins, those of a column of bins side by side in memory.
+
+    Columns run along the second axis, as in two dimensions there is but one bin along the third, and bins are shorter
+    along them: what is looked through is a few stretches of memory, longer than the reach by little.
+    """
+
+    number: np.ndarray  # (3,) bins along each axis
+    around: np.ndarray  # (3,) bins to look at on either side
+    turn: np.ndarray  # (3, …) where a step beyond the bins along each axis ends up: bin ≥ 0, or −1 outside
+    over: np.ndarray  # (3, …) and how many boxes away
+    start: np.ndarray  # (bins + 1,) first entry of each bin
+    member: np.ndarray  # (N,) grain of each entry
+    wrapped: np.ndarray  # (N, 4) position in box 0 and radius of each entry
+    box: np.ndarray  # (N, 3) periodic box in which it lies
+
+
+_SHORTER = 3  # bins to a reach along columns
+
+
+@njit(cache=True)
+def _numbered(low, high, n, grid, reach):
+    """Number of bins along each axis, how many to look at on either side, and where steps beyond them lead."""
+    number, around = np.ones(3, np.int64), np.zeros(3, np.int64)
+    most, span = np.int64(np.ceil((4.0 * n) ** (1 / 3))) + 1, (high - low) * grid.height
+    for k in range(3):
+        number[k] = np.int64(min(max(span[k] / reach * (_SHORTER if k == 1 else 1), 1.0), 1e6))
+    while number[0] * number[1] * number[2] > 8 * n + most:
+        number[np.argmax(number)] = (number.max() + 1) // 2
+    for k in range(3):
+        if span[k] > 0.0 and (grid.periodic[k] or number[k] > 1):
+            around[k] = np.int64(np.ceil(reach * number[k] / span[k]))
+    stride = np.array([number[1], 1, number[0] * number[1]])
+    turn = np.full((3, (number + 2 * around).max()), -1)
+    over = np.zeros_like(turn)
+    for k in range(3):
+        for u in range(-around[k], number[k] + around[k]):
+            q = u // number[k]
+            if q == 0 or grid.periodic[k]:
+                turn[k, u + around[k]], over[k, u + around[k]] = (u - q * number[k]) * stride[k], q
+    return number, around, stride, turn, over
+
+
+@njit(cache=True, fastmath=False)
+def _placed(x, n, radius, grid, reach):
+    """Bins of all grains in fractional coordinates."""
+    fraction, boxes, low, high = np.empty((n, 3)), np.zeros((n, 3), np.int32), np.full(3, np.inf), np.full(3, -np.inf)
+    for a in range(n):
+        for k in range(3):
+            f = x[a, 0] * grid.inverse[0, k] + x[a, 1] * grid.inverse[1, k] + x[a, 2] * grid.inverse[2, k]
+            if not abs(f) < 1e9:  # NaN touches nothing, wherever it is put
+                f = 0.0
+            if grid.periodic[k]:
+                whole = np.floor(f)
+                boxes[a, k] = np.int32(whole)
+                f -= whole
+            fraction[a, k] = f
+            low[k], high[k] = min(low[k], f), max(high[k], f)
+    for k in range(3):
+        if grid.periodic[k]:
+            low[k], high[k] = 0.0, 1.0
+    number, around, stride, turn, over = _numbered(low, high, n, grid, reach)
+    scale = np.zeros(3)
+    for k in range(3):
+        if number[k] > 1:
+            scale[k] = number[k] / (high[k] - low[k])
+    bins = number[0] * number[1] * number[2]
+    place, start = np.empty(n, np.int32), np.zeros(bins + 2, np.int32)
+    for a in range(n):
+        at = np.int64(0)
+        for k in range(3):
+            at += min(max(np.int64((fraction[a, k] - low[k]) * scale[k]), 0), number[k] - 1) * stride[k]
+        place[a] = at
+        start[at + 2] += 1
+    for b in range(bins):
+        start[b + 2] += start[b + 1]
+    member, wrapped, box = np.empty(n, np.int32), np.empty((n, 4)), np.empty((n, 3), np.int32)
+    for a in range(n):
+        e = start[place[a] + 1]
+        start[place[a] + 1] = e + 1
+        member[e], wrapped[e, 3] = a, radius[a]
+        for m in range(3):
+            box[e, m], wrapped[e, m] = boxes[a, m], x[a, m]
+            for k in range(3):
+                wrapped[e, m] -= boxes[a, k] * grid.vectors[k, m]
+    return Bins(number, around, turn, over, start, member, wrapped, box)
+
+
+@njit(cache=True)
+def _columns_around(column, bins, vectors, base, boxes, push):
+    """First bins of the columns around a column, the boxes between, and what to subtract from a position."""
+    number, around, turn, over, known = bins.number, bins.around, bins.turn, bins.over, 0
+    for t in range(column // number[0], column // number[0] + 2 * around[2] + 1):
+        for u in range(column % number[0], column % number[0] + 2 * around[0] + 1):
+            if turn[2, t] >= 0 and turn[0, u] >= 0:
+                base[known] = turn[2, t] + turn[0, u]
+                boxes[known, 0], boxes[known, 1] = over[0, u], over[2, t]
+                for m in range(3):
+                    push[known, m] = over[0, u] * vectors[0, m] + over[2, t] * vectors[2, m]
+                known += 1
+    return known
+
+
+@njit(cache=True)
+def _windows(high, around, turn, over):
+    """Stretches of bins to look through around each bin of a column: bounds in the lists of first, end and boxes."""
+    bound, window, known = np.zeros(high + 1, np.int64), np.empty((high * (2 * around + 1), 3), np.int64), 0
+    for w in range(high):
+        for v in range(w, w + 2 * around + 1):
+            if turn[v] >= 0:
+                if known > bound[w] and window[known - 1, 2] == over[v]:
+                    window[known - 1, 1] += 1
+                else:
+                    window[known, 0], window[known, 1], window[known, 2] = turn[v], turn[v] + 1, over[v]
+                    known += 1
+        bound[w + 1] = known
+    return bound, window
+
+
+@njit(cache=True)
+def _sort(key, first, last):
+    """Insertion sort of a short stretch."""
+    for c in range(first + 1, last):
+        k, d = key[c], c
+        while d > first and key[d - 1] > k:
+            key[d] = key[d - 1]
+            d -= 1
+        key[d] = k
+
+
+@njit(cache=True)
+def _found(from_column, to_column, bins, x, radius, wall_normal, vectors, skin, key, at, end, first, many):
+    """Keys of all pairs of the grains in a stretch of columns, written to `key` from `at` on, sorted for each grain.
+
+    Returns where they end, −1 if that were beyond `end`, or −2 if a pair lies more boxes apart than a key can hold.
+    """
+    n, start, member, wrapped, box = len(radius) - len(wall_normal), bins.start, bins.member, bins.wrapped, bins.box
+    high, ways = bins.number[1], (2 * bins.around[0] + 1) * (2 * bins.around[2] + 1)
+    bound, window = _windows(high, bins.around[1], bins.turn[1], bins.over[1])
+    base, boxes, push = np.empty(ways, np.int64), np.empty((ways, 2), np.int64), np.empty((ways, 3))
+    hit, wrong = np.empty(64, np.int64), np.int64(ways >> 16 << _IMAGE_BITS)
+    for column in range(from_column, to_column):
+        known = _columns_around(column, bins, vectors, base, boxes, push)
+        for w in range(high):
+            for e in range(start[column * high + w], start[column * high + w + 1]):
+                a, near, hits = member[e], wrapped[e, 3] + skin, 0
+                for p in range(bound[w], bound[w + 1]):
+                    turns = window[p, 2]
+                    for r in range(known):
+                        from_entry, to_entry = start[base[r] + window[p, 0]], start[base[r] + window[p, 1]]
+                        if hits + to_entry - from_entry > len(hit):
+                            hit = np.append(hit, np.empty(len(hit) + to_entry - from_entry, np.int64))
+                        sx = wrapped[e, 0] - push[r, 0] - turns * vectors[1, 0]
+                        sy = wrapped[e, 1] - push[r, 1] - turns * vectors[1, 1]
+                        sz = wrapped[e, 2] - push[r, 2] - turns * vectors[1, 2]
+                        code = turns << 48 | r << 32
+                        for f in range(np.uint64(from_entry), np.uint64(to_entry)):
+                            dx, dy, dz = sx - wrapped[f, 0], sy - wrapped[f, 1], sz - wrapped[f, 2]
+                            reach = near + wrapped[f, 3]
+                            # all are written and few are counted: cheaper than a branch that cannot be foreseen
+                            hit[np.uint64(hits)] = code | np.int64(f)
+                            hits += dx * dx + dy * dy + dz * dz < reach * reach
+                if at + hits + len(wall_normal) > end:
+                    return -1
+                first[a], own = at, pack_key(a, a, 0, 0, 0)
+                for h in range(hits):
+                    f, r = hit[h] & 0xFFFFFFFF, (hit[h] >> 32) & 0xFFFF
+                    i, j = box[f, 0] - box[e, 0] - boxes[r, 0], box[f, 1] - box[e, 1] - (hit[h] >> 48)
+                    k = box[f, 2] - box[e, 2] - boxes[r, 1]
+                    wrong |= (i + _IMAGE_OFFSET) | (j + _IMAGE_OFFSET) | (k + _IMAGE_OFFSET)
+                    key[at] = pack_key(a, member[f], i, j, k)
+                    at += key[at] > own
+                _sort(key, first[a], at)
+                for b in range(n, len(radius)):
+                    gap = -radius[a] - skin
+                    for k in range(3):
+                        gap += (x[a, k] - x[b, k]) * wall_normal[b - n, k]
+                    if gap < 0.0:
+                        key[at] = pack_key(a, b, 0, 0, 0)
+                        at += 1
+                many[a] = at - first[a]
+    return at if wrong >> _IMAGE_BITS == 0 else -2
+
+
+@njit(cache=True)
+def _listed(key, first, many, new):
+    """Fill a list from the keys of each grain; returns the first row of each grain."""
+    c, low, rows, keyed = 0, (1 << _IMAGE_BITS) - 1, np.empty(len(many) + 1, np.int64), len(new.key) > 0
+    for a in range(len(many)):
+        rows[a] = c
+        for at in range(first[a], first[a] + many[a]):
+            k = key[at]
+            if keyed:
+                new.key[c] = k
+            new.i[c], new.j[c] = a, (k >> 3 * _IMAGE_BITS) & (MAX_BODIES - 1)
+            new.image[c, 0] = ((k >> 2 * _IMAGE_BITS) & low) - _IMAGE_OFFSET
+            new.image[c, 1] = ((k >> _IMAGE_BITS) & low) - _IMAGE_OFFSET
+            new.image[c, 2] = (k & low) - _IMAGE_OFFSET
+            c += 1
+    rows[len(many)] = c
+    return rows
+
+
+@njit(cache=True, _nrt=False)
+def carry_memory(old, new, rows):
+    """Copy the memory of every closed contact that is in both lists; the rest of `new` starts open."""
+    anchors, was, now = len(old.pair) > 0 and len(new.pair) > 0, old.image, new.image
+    for c in range(old.count[0]):
+        if old.mode[c] != OPEN:
+            for m in range(rows[old.i[c]], rows[old.i[c] + 1]):
+                same = now[m, 0] == was[c, 0] and now[m, 1] == was[c, 1] and now[m, 2] == was[c, 2]
+                if new.j[m] == old.j[c] and same:
+                    new.mode[m], new.reached[m] = old.mode[c], old.reached[c]
+                    for k in range(3):
+                        new.slip[m, k] = old.slip[c, k]
+                        if anchors:
+                            new.pair[m, k], new.roll[m, k] = old.pair[c, k], old.roll[c, k]
+
+
+@njit(cache=True, fastmath=False, _nrt=False)
+def farthest(x, contacts):
+    """Distance of the body that moved most since the list was made; infinite if none was made."""
+    most = 0.0
+    for a in range(len(x)):
+        square = 0.0
+        for m in range(3):
+            d = x[a, m] - contacts.origin[a, m]
+            square += d * d
+        if not square <= most:
+            most = square if square < np.inf else np.inf
+    return np.sqrt(most)
+
+
+def moved_too_far(x, contacts) -> bool:
+    """True if some body has moved by half the skin since the list was made, or if none was made."""
+    return not farthest(x, contacts) <= 0.5 * contacts.skin[0]
+
+
+@njit(cache=True)
+def _listed_anew(x, radius, wall_normal, grid, old):
+    """A new list at positions x with the memory of the old one, as bare as that; its count is −1 on failure."""
+    n, skin = len(radius) - len(wall_normal), old.skin[0]
+    if len(old.skin) > 1:
+        skin += old.skin[1]
+    bins = _placed(x, n, radius, grid, 2 * radius[:n].max() + skin)
+    columns, room = bins.number[0] * bins.number[2], 2 * max(old.count[0], 8 * len(x))
+    first, many = np.empty(n, np.int64), np.empty(n, np.int32)
+    while True:
+        key = np.empty(room, np.int64)
+        end = _found(0, columns, bins, x, radius, wall_normal, grid.vectors, skin, key, 0, room, first, many)
+        if end != -1:
+            break
+        room *= 2
+    new = empty_contacts(len(x), max(end, 0), skin, len(old.pair) < len(old.i), len(old.key) == len(old.i))
+    new.count[0] = max(end, -1)
+    for a in range(len(x)):  # an assignment of whole arrays takes seconds to compile, for the text of its error
+        for m in range(3):
+            new.origin[a, m] = x[a, m]
+    if end > 0:
+        carry_memory(old, new, _listed(key, first, many, new))
+    return new
+
+
+@njit(cache=True)
+def keys_of(contacts):
+    """Keys of a list that was bare of them."""
+    key = np.empty(len(contacts.i), np.int64)
+    for c in range(len(key)):
+        image = contacts.image
+        key[c] = pack_key(contacts.i[c], contacts.j[c], image[c, 0], image[c, 1], image[c, 2])
+    return key
+
+
+def rebuilt(x, radius, wall_normal, grid, old: Contacts) -> Contacts:
+    """A new list of contacts at positions x with the memory of the old one; its count is −1 on failure."""
+    new = _listed_anew(x, radius, wall_normal, grid, old)
+    return with_rolling_of(old, new._replace(skin=old.skin.copy()))
+
+
+def body_positions(state: State) -> np.ndarray:
+    """(N + W, 3) positions of grains and of a point of each wall [length]."""
+    return np.concatenate([state.grains.position, state.walls.point])
+
+
+def body_radii(state: State) -> np.ndarray:
+    """(N + W,) radii [length]; zero for walls. To be read only: without walls they are the grains' own."""
+    return joined(state.grains.radius, np.zeros(len(state.walls.mass)))
+
+
+def joined(grains: np.ndarray, walls: np.ndarray) -> np.ndarray:
+    """What grains and walls have, in one array; without walls the grains' own, as memory counts."""
+    return np.concatenate([grains, walls]) if len(walls) else grains
+
+
+def updated(state: State, law: Law | None = None) -> State:
+    """The state with a list of contacts that is valid at its positions, and for a law; memory is carried by key."""
+    if law is not None:
+        state = state._replace(contacts=with_room(as_wide(state, law), law))
+    x = body_positions(state)
+    if not moved_too_far(x, state.contacts):
+        return state
+    if len(x) > MAX_BODIES:
+        raise ValueError(f"{len(x)} bodies were given: at most {MAX_BODIES} are supported")
+    contacts = rebuilt(x, body_radii(state), state.walls.normal, grid_of(state.cell), state.contacts)
+    if contacts.count[0] < 0:
+        raise ValueError(TOO_FAR)
+    return state._replace(contacts=contacts if law is None else with_room(contacts, law))
+
+
+def of_rows(contacts: Contacts, rows) -> Contacts:
+    """The list with some of its rows only; what it has no rows of, such as anchors of a bare list, stays so."""
+    per_row = ("i", "j", "image", "key", "slip", "mode", "pair", "roll", "reached", "rolling")
+    parts = {name: getattr(contacts, name) for name in per_row}
+    return contacts._replace(**{k: p[rows] for k, p in parts.items() if len(p)}, count=np.array([len(rows)]))
+
+
+def without_walls(state: State, walls) -> State:
+    """The state without some walls, numbers 0 … W−1; all other contacts keep their memory, later walls move up.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> state = ss.assembly(ss.disks([[0.5, 0.5]], 0.5), ss.flat_walls([[0, 0], [0, 0]], [[0, 1], [1, 0]]))
+    >>> without_walls(state, [0]).walls.normal
+    array([[1., 0., 0.]])
+    """
+    contacts, n, count = state.contacts, len(state.grains.radius), int(state.contacts.count[0])
+    kept = np.ones(state.n_bodies, bool)
+    kept[n + np.asarray(walls, np.int64)] = False
+    rows = np.flatnonzero(kept[contacts.j[:count]])
+    number = np.cumsum(kept) - 1
+    contacts = of_rows(contacts, rows)
+    j = number[contacts.j].astype(contacts.j.dtype)
+    key = contacts.key - ((contacts.j.astype(np.int64) - j) << (3 * _IMAGE_BITS))  # see `pack_key`
+    per_body = ("force", "torque", "free", "rate", "group", "follows", "spring", "anchor", "leads")
+    control = state.control._replace(**{name: getattr(state.control, name)[kept] for name in per_body})
+    return state._replace(
+        walls=type(state.walls)(*(part[kept[n:]] for part in state.walls)),
+        contacts=contacts._replace(j=j, key=key, origin=contacts.origin[kept]),
+        control=control,
+    )

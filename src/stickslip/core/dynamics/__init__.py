@@ -1,0 +1,1 @@
+"""Time integration: driver, loop, cell motion, records, energy ledger."""

@@ -1,0 +1,171 @@
+"""What a run multiplies with, and when it is at rest or broken."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from ..contacts.forces import Bodies, bodies, moved_masses
+from ..contacts.neighbors import joined
+from ..control import factors_at
+from ..state import Control, State, groups
+
+CHECK_EVERY = 200  # steps between checks for NaN and, with a tolerance, for rest
+DONE, CONVERGED, BAD, FULL, MOVED, AWAY = range(6)  # why a compiled loop over steps came back
+
+
+class Pool(NamedTuple):
+    """Members of all rigid groups, group after group."""
+
+    member: np.ndarray  # (M,)
+    start: np.ndarray  # (G + 1,)
+
+
+def pool_of(control: Control, place: np.ndarray | None = None) -> Pool:
+    """Members of the rigid groups, `place` says where each body lies in memory."""
+    found = groups(control)
+    member = np.concatenate([*found, np.zeros(0, np.int64)]).astype(np.int64)
+    return Pool(member if place is None else place[member], np.cumsum([0, *map(len, found)]))
+
+
+@njit(cache=True, fastmath=False)
+def pooled(member, start, force):
+    """Give every member of a group the sum of its members' forces, in the order of their numbers."""
+    for g in range(len(start) - 1):
+        for k in range(3):
+            total = 0.0
+            for e in range(start[g], start[g + 1]):
+                total += force[member[e], k]
+            for e in range(start[g], start[g + 1]):
+                force[member[e], k] = total
+
+
+class Plan(NamedTuple):
+    """What the loop multiplies with, constant during a run.
+
+    Rows 0–2 of `motion` are for translations, 3–5 for rotations: half a step over mass (zero where not free), factor
+    of explicit drag, factor of implicit drag.
+    """
+
+    motion: np.ndarray  # (6, 3B)
+    drag: np.ndarray  # (B, 6) [1/time]
+    external: np.ndarray  # (2, B, 3) forces and torques
+    drags: tuple[float, float]  # of translations and of rotations [1/time]
+    mass: np.ndarray  # (N,)
+    inertia: np.ndarray  # (N,)
+    lever: np.ndarray  # (B,) radius, 1 for walls
+    dt: float
+
+
+@njit(cache=True, fastmath=False)  # said aloud: a function inherits fastmath from whoever compiles it first
+def first_bad(x, angle):
+    """First body with a coordinate that is not finite, or −1."""
+    for a in range(len(x)):
+        for k in range(3):
+            if not (np.isfinite(x[a, k]) and np.isfinite(angle[a, k])):
+                return a
+    return -1
+
+
+@njit(cache=True, fastmath=False, error_model="numpy")
+def largest_unbalanced(v, spin, force, torque, plan):
+    """Largest of force, torque/R and drag force over the free components, NaN above all, and its body."""
+    motion, drag = plan.motion, plan.drag
+    residual, worst = 0.0, -1
+    for a in range(len(v)):
+        for k in range(6):
+            turning, q = k >= 3, 3 * a + k % 3
+            kick = motion[3, q] if turning else motion[0, q]
+            if kick > 0.0:
+                f = torque[a, k - 3] if turning else force[a, k]
+                rate = spin[a, k - 3] if turning else v[a, k]
+                size = abs(f) + 0.0 * rate
+                if not np.isfinite(size):
+                    return np.nan, a
+                size = max(size, drag[a, k] * abs(rate) * 0.5 * plan.dt / kick)
+                size /= plan.lever[a] if turning else 1.0
+                if size > residual:
+                    residual, worst = size, a
+    return residual, worst
+
+
+def driven_bodies(state: State) -> Bodies:
+    """Fresh arrays of all bodies, with the velocities that `Control` prescribes."""
+    work, control = bodies(state), state.control
+    factor = factors_at(control, state.time)
+    if not control.free.all():
+        rate = control.rate * factor[control.follows]
+        work.velocity[:] = np.where(control.free[:, :3], work.velocity, rate[:, :3])
+        work.spin[:] = np.where(control.free[:, 3:], work.spin, rate[:, 3:])
+    work.rate[:] = np.where(control.cell_free, work.rate, control.cell_rate * factor[control.cell_follows])
+    if state.cell.dim == 2:
+        work.velocity[:, 2], work.spin[:, :2] = 0.0, 0.0
+    for members in groups(control):
+        mass = np.concatenate([state.grains.mass, state.walls.mass])[members]
+        mean = mass @ work.velocity[members] / mass.sum()
+        work.velocity[members] = np.where(control.free[members, :3], mean, work.velocity[members])
+    return work
+
+
+def state_after(state: State, work: Bodies, contacts, time: float) -> State:
+    """The state at the end of a run, from its working copy of all bodies."""
+    n = len(state.grains.radius)
+    grains = state.grains._replace(
+        position=work.position[:n], angle=work.angle[:n], velocity=work.velocity[:n], spin=work.spin[:n]
+    )
+    walls = state.walls._replace(point=work.position[n:], velocity=work.velocity[n:])
+    cell = state.cell._replace(rate=work.rate)
+    return state._replace(grains=grains, walls=walls, cell=cell, contacts=contacts, time=time)
+
+
+def moved_by_forces(motion):
+    """(B, 6) components that forces can move."""
+    return np.concatenate([motion[0].reshape(-1, 3), motion[3].reshape(-1, 3)], axis=1) > 0
+
+
+def inverse_inertia_of(state: State) -> np.ndarray:
+    """(B,) 1/I of what rotates, else zero [1/(mass length²)]."""
+    free = state.control.free[:, 5 if state.cell.dim == 2 else slice(3, 6)]
+    n = len(state.grains.radius)
+    out = np.zeros(state.n_bodies)
+    out[:n] = (free[:n] if free.ndim == 1 else free[:n].any(axis=1)) / state.grains.inertia
+    return out
+
+
+@njit(cache=True, fastmath=False)
+def runaway(velocity, radius, dt):
+    """First grain that moves by more than its radius in one step, or −1."""
+    for a in range(len(radius)):
+        square = velocity[a, 0] ** 2 + velocity[a, 1] ** 2 + velocity[a, 2] ** 2
+        if radius[a] > 0.0 and not square * dt * dt <= radius[a] ** 2:
+            return a
+    return -1
+
+
+def _factors(state: State, drag: float, spin_drag: float, dt: float):
+    """`motion` and `drag` of a plan."""
+    n, half, free = len(state.grains.radius), 0.5 * dt, state.control.free
+    kick, rate = np.zeros((2, state.n_bodies, 6))
+    kick[:, :3], kick[:n, 3:] = half / moved_masses(state)[:, None], half / state.grains.inertia[:, None]
+    kick[~free] = 0.0
+    if state.cell.dim == 2:
+        kick[:, 2:5] = 0.0
+    rate[:, :3], rate[:, 3:] = drag, spin_drag
+    rate[kick == 0.0] = 0.0
+    parts = (kick, 1.0 - half * rate, 1.0 / (1.0 + half * rate))
+    return np.stack([part[:, side].ravel() for side in (slice(0, 3), slice(3, 6)) for part in parts]), rate
+
+
+def plan_of(state: State, drag: float, spin_drag: float, dt: float, *, bare: bool = False) -> Plan:
+    """Kicks, drags and external loads of all bodies for one time step; `bare`: without factors for each component."""
+    grains, walls, control = state.grains, state.walls, state.control
+    mass = np.concatenate([grains.mass, walls.mass])
+    motion, rate = (np.zeros((6, 0)), np.zeros((0, 6))) if bare else _factors(state, drag, spin_drag, dt)
+    external = np.zeros((2, state.n_bodies, 3))
+    if control.force.any() or control.gravity.any():
+        external[0] = control.force + mass[:, None] * control.gravity
+    if control.torque.any():
+        external[1] = control.torque
+    lever = joined(grains.radius, np.ones(len(walls.mass)))
+    drags = (float(drag), float(spin_drag))
+    return Plan(motion, rate, external, drags, grains.mass, grains.inertia, lever, float(dt))

@@ -1,0 +1,55 @@
+"""Forces that a run leaves behind, so that the next one goes on as if there had been no stop.
+
+Dashpots see velocities that are predicted from the forces before; evaluated anew from the velocities in a state they
+give forces that differ by the error of the prediction. The forces of a run's last step are therefore kept in the state
+that it returns, with a mark of all that they depend on, and used only where the mark still holds.
+"""
+
+import zlib
+
+import numpy as np
+
+from ..contacts.forces import Bodies, bodies
+from ..laws.builtin import Law, dashpots
+from ..state import Instant, State
+from .coefficients import driven_bodies
+
+_PASSED = ("pair", "roll", "origin", "skin", "i", "j", "image")  # follow from the rest, or change no force
+
+
+def mark(state: State, law: Law, memory: str) -> int:
+    """A checksum of what forces depend on: all arrays of a state, law and mode of memory."""
+    out = zlib.crc32(f"{law.kind} {law.coulomb} {law.damping} {memory} {float(state.time)!r}".encode())
+    count = int(state.contacts.count[0])
+    for noun in (state.grains, state.walls, state.cell, state.contacts, state.control):
+        for name, array in zip(noun._fields, noun, strict=True):
+            if name in _PASSED and noun is state.contacts:
+                continue
+            rows = array[:count] if noun is state.contacts and name != "count" else array
+            out = zlib.crc32(_bytes(rows), out)
+    return zlib.crc32(_bytes(law.table), out)
+
+
+def with_mark(state: State, law: Law, memory: str) -> State:
+    """The state at the end of a run, its instant marked, or left out where a run begins with the same bits anyway.
+
+    Without dashpots forces are found again, but the mean velocity of a rigid group is not.
+    """
+    if not (dashpots(law) or (state.control.group >= 0).any()):
+        return state._replace(instant=None)
+    return state._replace(instant=state.instant._replace(mark=mark(state, law, memory)))
+
+
+def known_instant(state: State, law: Law, memory: str) -> Instant | None:
+    """Forces that an earlier run left behind, if they are those of this state."""
+    found = state.instant
+    return found if found is not None and found.mark == mark(state, law, memory) else None
+
+
+def bodies_at_start(state: State, instant: Instant | None) -> Bodies:
+    """Fresh arrays of all bodies, with the velocities of the step before, or those that `Control` prescribes."""
+    return driven_bodies(state) if instant is None else bodies(state)
+
+
+def _bytes(values) -> np.ndarray:
+    return np.ascontiguousarray(values).reshape(-1).view(np.uint8)

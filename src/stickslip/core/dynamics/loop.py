@@ -1,0 +1,370 @@
+"""Time steps of many grains, tile by tile, on one thread or several: see `blocks` for how contacts are gone through.
+
+A step evaluates the contacts between bodies of different threads; then each thread takes its tiles in turn, evaluates
+the contacts of each with its later ones and within it, and moves its grains on while they are in the processor's
+cache. The kinematics are compiled without fast mathematics: whether a step is taken in one go or stopped at to be
+looked at changes no bit.
+"""
+
+from functools import cache
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numba import njit, prange
+
+from ..contacts.forces import CLOSED, OPENED, REACHED_LIMIT, record_event
+from ..flow import STRETCH, TURN
+from ..laws.builtin import fades
+from ..laws.dispatch import plain
+from ..simd.blocks import BARE, STUCK_AGAIN, evaluated
+from ..simd.cycle_counter import ticks
+from ..simd.reduce import IS_FIRST, IS_I, ROW, WIDTH, summed_rows
+from ..simd.transpose import KICK, KICK_T, LANES, RADIUS, SCRATCH, SPIN, SPIN_AHEAD, VELOCITY, VELOCITY_AHEAD, aligned
+from ..state import OPEN, SLIDE
+from .cell_motion import begun, course_at, finished
+from .coefficients import DONE, FULL, MOVED, pooled
+
+CHUNK = 64  # bodies whose forces are summed in one go
+_LOST = 1e300  # squared displacement that stands for one that is not a number
+
+# loaded first wins: GNU's or Intel's OpenMP costs a microsecond a parallel region, TBB fifteen, Numba's own eighty
+if not numba.config.THREADING_LAYER or numba.config.THREADING_LAYER == "default":
+    numba.config.THREADING_LAYER_PRIORITY = ["omp", "tbb", "workqueue"]
+
+
+class Pace(NamedTuple):
+    """Time step and the factors of drag, for translations and for rotations."""
+
+    dt: float
+    keep: float  # 1 − ν dt/2
+    slow: float  # 1/(1 + ν dt/2)
+    keep_t: float
+    slow_t: float
+
+
+class Pull(NamedTuple):
+    """Springs on the bodies of the last tile."""
+
+    stiffness: np.ndarray  # (L, 3)
+    anchor: np.ndarray  # (L, 3)
+    leads: np.ndarray  # (L, 3) column of `course`, −1: none
+    knots: np.ndarray  # (K,)
+    course: np.ndarray  # (K, C)
+    clock: np.ndarray  # (1,) time, summed up step by step
+
+
+@njit(fastmath=False, error_model="numpy")
+def _sprung(pull, first, body, force):
+    """Add the springs' forces to those on the bodies of the last tile."""
+    for s in range(len(pull.stiffness)):
+        for k in range(3):
+            if pull.stiffness[s, k] > 0.0:
+                ahead, c = 0.0, pull.leads[s, k]
+                if c >= 0:
+                    _, ahead = course_at(pull.knots, pull.course, c, pull.clock[0])
+                force[first + s, k] += pull.stiffness[s, k] * (pull.anchor[s, k] + ahead - body[first + s, k])
+
+
+@njit(fastmath=False, **BARE)
+def _one(keep, slow, kick, half, go_on, v, f):
+    """Velocity after the end of a step, and after half a kick of the next one, for a free component."""
+    if half:
+        v = (v + kick * f) * slow
+    if go_on:
+        v = keep * v + kick * f
+    return v
+
+
+@njit(fastmath=False, **BARE)
+def _carried(m, x, y, z):
+    """A 3 × 3 matrix times a vector."""
+    return (
+        m[0, 0] * x + m[0, 1] * y + m[0, 2] * z,
+        m[1, 0] * x + m[1, 1] * y + m[1, 2] * z,
+        m[2, 0] * x + m[2, 1] * y + m[2, 2] * z,
+    )
+
+
+@njit(fastmath=False, **BARE)
+def _turned(flow, free, g, vx, vy, vz):
+    """Velocity of a grain relative to the cell's flow after half a step of it; what is not free is left alone."""
+    x, y, z = _carried(flow.matrix[TURN], vx, vy, vz)
+    return x if free[g, 0] else vx, y if free[g, 1] else vy, z if free[g, 2] else vz
+
+
+@njit(fastmath=False, **BARE)
+def _given(flow, when, free, g, k, value):
+    """Rate of a component: its own if it is free, else what is imposed, in mean over the step (0) or at its end (1)."""
+    return value if free[g, k] else flow.rate[g, k] * flow.factor[when, flow.follows[g, k]]
+
+
+@njit(fastmath=False, **BARE)
+def _drifted(flow, dt, x, y, z, vx, vy, vz):
+    """Where a body is at the end of the step."""
+    if flow is None:
+        return x + dt * vx, y + dt * vy, z + dt * vz
+    half = 0.5 * dt
+    x, y, z = _carried(flow.matrix[STRETCH], x + half * vx, y + half * vy, z + half * vz)
+    return x + half * vx, y + half * vy, z + half * vz
+
+
+@njit(fastmath=False, **BARE)
+def _moved(dim, predict, moving, pace, flow, g, half, go_on, fx, fy, fz, tx, ty, tz):
+    """Half a kick with implicit drag ends a step; half a kick with explicit drag and the drift begin the next one.
+
+    Returns the squared distance from where the blocks were chosen over that which the body may go.
+    """
+    body, angle, free, origin = moving.body, moving.angle, moving.free, moving.origin
+    a, b, dt = body[g, KICK], body[g, KICK_T], pace.dt
+    keep, slow, keep_t, slow_t = pace.keep, pace.slow, pace.keep_t, pace.slow_t
+    x, y, z = body[g, 0], body[g, 1], body[g, 2]
+    vx, vy, vz = body[g, VELOCITY], body[g, VELOCITY + 1], body[g, VELOCITY + 2]
+    wx, wy, wz = body[g, SPIN], body[g, SPIN + 1], body[g, SPIN + 2]
+    # a test for None stands by itself: it is decided before types are, and what it guards is not compiled
+    if flow is not None:  # noqa: SIM102
+        if half:
+            vx, vy, vz = _turned(flow, free, g, vx, vy, vz)
+    if moving.whole[g]:
+        vx, vy = _one(keep, slow, a, half, go_on, vx, fx), _one(keep, slow, a, half, go_on, vy, fy)
+        wz = _one(keep_t, slow_t, b, half, go_on, wz, tz)
+        if dim == 3:
+            vz = _one(keep, slow, a, half, go_on, vz, fz)
+            wx, wy = _one(keep_t, slow_t, b, half, go_on, wx, tx), _one(keep_t, slow_t, b, half, go_on, wy, ty)
+    else:
+        vx = _one(keep, slow, a, half, go_on, vx, fx) if free[g, 0] else vx
+        vy = _one(keep, slow, a, half, go_on, vy, fy) if free[g, 1] else vy
+        wz = _one(keep_t, slow_t, b, half, go_on, wz, tz) if free[g, 5] else wz
+        if dim == 3:
+            vz = _one(keep, slow, a, half, go_on, vz, fz) if free[g, 2] else vz
+            wx = _one(keep_t, slow_t, b, half, go_on, wx, tx) if free[g, 3] else wx
+            wy = _one(keep_t, slow_t, b, half, go_on, wy, ty) if free[g, 4] else wy
+    if flow is not None:
+        if go_on:
+            vx, vy, vz = _turned(flow, free, g, vx, vy, vz)
+        if not moving.whole[g] and (half or go_on):
+            when = 0 if go_on else 1
+            vx, vy = _given(flow, when, free, g, 0, vx), _given(flow, when, free, g, 1, vy)
+            vz, wz = _given(flow, when, free, g, 2, vz), _given(flow, when, free, g, 5, wz)
+            wx, wy = _given(flow, when, free, g, 3, wx), _given(flow, when, free, g, 4, wy)
+    body[g, VELOCITY], body[g, VELOCITY + 1], body[g, SPIN + 2] = vx, vy, wz
+    if dim == 3:
+        body[g, VELOCITY + 2], body[g, SPIN], body[g, SPIN + 1] = vz, wx, wy
+    if not go_on:
+        return 0.0
+    x, y, z = _drifted(flow, dt, x, y, z, vx, vy, vz)
+    if flow is not None:
+        origin[g, 0], origin[g, 1], origin[g, 2] = _carried(
+            flow.matrix[STRETCH], origin[g, 0], origin[g, 1], origin[g, 2]
+        )
+    dx, dy, dz = x - origin[g, 0], y - origin[g, 1], 0.0
+    body[g, 0], body[g, 1] = x, y
+    angle[g, 2] += dt * wz
+    if dim == 3:
+        dz = z - origin[g, 2]
+        body[g, 2] = z
+        angle[g, 0] += dt * wx
+        angle[g, 1] += dt * wy
+    if predict:
+        ahead, whole = moving.ahead, moving.whole[g]
+        if flow is not None:
+            vx, vy, vz = _turned(flow, free, g, vx, vy, vz)
+        ahead[g, VELOCITY_AHEAD] = vx + a * fx if whole or free[g, 0] else vx
+        ahead[g, VELOCITY_AHEAD + 1] = vy + a * fy if whole or free[g, 1] else vy
+        ahead[g, SPIN_AHEAD + 2] = wz + b * tz if whole or free[g, 5] else wz
+        if dim == 3:
+            ahead[g, VELOCITY_AHEAD + 2] = vz + a * fz if whole or free[g, 2] else vz
+            ahead[g, SPIN_AHEAD] = wx + b * tx if whole or free[g, 3] else wx
+            ahead[g, SPIN_AHEAD + 1] = wy + b * ty if whole or free[g, 4] else wy
+        if flow is not None:  # noqa: SIM102
+            if not whole:
+                for k in range(6):
+                    c = VELOCITY_AHEAD + k if k < 3 else SPIN_AHEAD + k - 3
+                    ahead[g, c] = _given(flow, 1, free, g, k, ahead[g, c])
+    square = (dx * dx + dy * dy + dz * dz) * origin[g, 3]
+    return square if square < _LOST else _LOST
+
+
+@njit(fastmath=False, **BARE)
+def _pressed(virial, blocks, first, last):
+    """Σ f ⊗ r of the contacts in which a body is i, for some bodies."""
+    g, load, pair = np.uint64(first) - np.uint64(1), blocks.load, blocks.pair
+    for e in range(np.uint64(blocks.start[first]), np.uint64(blocks.start[last])):
+        c = np.uint64(blocks.code[e])
+        if c & np.uint64(IS_FIRST):
+            g += np.uint64(1)
+            for k in range(9):
+                virial[g, k] = 0.0
+        if c & np.uint64(IS_I):
+            at = c // np.uint64(ROW)
+            for k in range(3):
+                for m in range(3):
+                    virial[g, 3 * k + m] += load[at, k] * pair[at, m]
+
+
+@njit(fastmath=False, **BARE)
+def _summed(flow, moving, blocks, first, last, total):
+    """External loads plus those of all contacts of at most CHUNK bodies, in the order of their partners."""
+    far = np.int64(len(moving.tile) > 2)  # of one tile, everything is near
+    summed_rows(blocks.code, blocks.start, np.int64(first), np.int64(last), far, blocks.load, moving.external, total)
+    if flow is not None:
+        _pressed(moving.virial, blocks, first, last)
+    for at in range(first, last):
+        g, t = np.uint64(at), np.uint64(at - first)
+        own, radius = g if len(moving.torque) > 1 else np.uint64(0), moving.body[g, RADIUS]
+        for k in range(np.uint64(3)):
+            total[t, 3 + k] = moving.torque[own, k] + radius * total[t, 3 + k]
+
+
+@njit(fastmath=False, **BARE)
+def _kept(force, total, first, last):
+    """Keep the forces on some bodies."""
+    for at in range(first, last):
+        g, t = np.uint64(at), np.uint64(at - first)
+        force[g, 0], force[g, 1], force[g, 2] = total[t, 0], total[t, 1], total[t, 2]
+        force[g, 3], force[g, 4], force[g, 5] = total[t, 3], total[t, 4], total[t, 5]
+
+
+@njit(fastmath=False, **BARE)
+def _ended(dim, predict, first, last, moving, blocks, pace, flow, fresh, go_on, total):
+    """End the step of a tile's grains and go on with the next, or keep the forces."""
+    far = 0.0
+    for start in range(first, last, CHUNK):
+        end = min(start + CHUNK, last)
+        _summed(flow, moving, blocks, start, end, total)
+        for at in range(start, end):
+            g, t = np.uint64(at), np.uint64(at - start)
+            fx, fy, fz, tx, ty, tz = total[t, 0], total[t, 1], total[t, 2], total[t, 3], total[t, 4], total[t, 5]
+            far = max(far, _moved(dim, predict, moving, pace, flow, g, not fresh, go_on, fx, fy, fz, tx, ty, tz))
+        if not go_on:
+            _kept(moving.force, total, start, end)
+    return far
+
+
+@njit(fastmath=False, **BARE)
+def _last_ended(dim, predict, moving, blocks, pace, flow, pull, fresh, go_on, total):
+    """The same for the last tile: walls, what springs pull, and rigid groups, whose members get the force on all."""
+    first, last, force = moving.tile[-1], len(moving.body), moving.force
+    for start in range(first, last, CHUNK):
+        end = min(start + CHUNK, last)
+        _summed(flow, moving, blocks, start, end, total)
+        _kept(force, total, start, end)
+    if pull is not None:
+        _sprung(pull, first, moving.body, force)
+    pooled(moving.member, moving.members, force)
+    far = 0.0
+    for at in range(first, last):
+        g = np.uint64(at)
+        fx, fy, fz, tx, ty, tz = force[g, 0], force[g, 1], force[g, 2], force[g, 3], force[g, 4], force[g, 5]
+        far = max(far, _moved(dim, predict, moving, pace, flow, g, not fresh, go_on, fx, fy, fz, tx, ty, tz))
+    return far
+
+
+@njit(fastmath=False, **BARE)
+def _begun(dim, predict, first, last, moving, pace, flow):
+    """Begin the step of a tile's grains with the forces kept."""
+    far, force = 0.0, moving.force
+    for at in range(first, last):
+        g = np.uint64(at)
+        fx, fy, fz, tx, ty, tz = force[g, 0], force[g, 1], force[g, 2], force[g, 3], force[g, 4], force[g, 5]
+        far = max(far, _moved(dim, predict, moving, pace, flow, g, False, True, fx, fy, fz, tx, ty, tz))
+    return far
+
+
+@njit(cache=True)
+def _recorded(blocks, before, contacts, moving, time, events, event_count):
+    """Append the contacts whose mode says that they closed, opened or first reached Coulomb's limit."""
+    for s in range(len(before)):
+        old, new, c = before[s], blocks.mode[s], blocks.row[s]
+        if old == new or c < 0:
+            continue
+        i, j, g = contacts.i[c], contacts.j[c], blocks.i[s]
+        if new == OPEN or old == OPEN:
+            kind = OPENED if new == OPEN else CLOSED
+            record_event(events, event_count, kind, time, i, j, contacts.image, c, moving.body, g)
+        if new == SLIDE and old not in (SLIDE, STUCK_AGAIN):
+            record_event(events, event_count, REACHED_LIMIT, time, i, j, contacts.image, c, moving.body, g)
+
+
+@njit(**BARE)
+def _counted(spent, k, since):
+    """Add the ticks since some moment to those of a thread."""
+    spent[k, 0] += ticks() - since
+
+
+@cache
+def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel: bool):
+    """Compiled loop over time steps for one law and dimension, on one thread or several; with None for a frame, too."""
+    rescaled, (kind, coulomb, axes, predict) = fades(kind), plain(kind, coulomb, dim, viscous > 0 and not rate)
+
+    @njit(cache=True, fastmath=False, error_model="numpy", parallel=parallel)
+    def march(
+        moving, blocks, contacts, p, pace, frame, flow, pull, time, step, stop, ended, fresh, events, event_count
+    ):  # fmt: skip
+        """From step `step` to the end of step `stop`, or until some body is too far from where the blocks were chosen.
+
+        `ended`: the step has ended, forces are kept; else positions are those of the step, forces not known yet.
+        `fresh`: and velocities are, too; memory is not carried.
+        """
+        tile, share, body, ahead = moving.tile, moving.share, moving.body, moving.ahead
+        cross, inner = blocks.cross, blocks.inner
+        # whether this is parallel must stand in its body: what is kept compiled is known by that alone
+        workers = len(share) - 1 if parallel else 1
+        tiles, dt, watch, limit = len(tile) - 1, pace.dt, len(events) > 0, 1.0
+        far, before = np.zeros(tiles + 1), np.zeros(inner[tiles] * LANES if watch else 0, np.int64)
+        sums, scratches = aligned((workers + 1) * CHUNK, WIDTH), aligned(workers, SCRATCH)
+        between = cross[tiles + 1] - cross[tiles]  # blocks between threads, and within the last tile
+        while True:
+            if not ended:
+                if watch:
+                    if event_count[0] + 2 * len(before) > len(events):
+                        return FULL, step, ended
+                    for s in range(len(before)):
+                        before[s] = blocks.mode[s]
+                go_on = step < stop and not watch and flow is None
+                if between > 0:  # a condition keeps the compiler from making one loop of this and the next
+                    for k in prange(workers):
+                        first, last = cross[tiles] + between * k // workers, cross[tiles] + between * (k + 1) // workers
+                        evaluated(
+                            kind, coulomb, dim, viscous, rate, rescaled, first, last, True, 0, 0, blocks, body, ahead,
+                            p, dt, fresh, flow, scratches[k],
+                        )  # fmt: skip
+                for k in prange(workers):
+                    scratch, total, since = scratches[k], sums[k * CHUNK : (k + 1) * CHUNK], ticks()
+                    for t in range(share[k], share[k + 1]):
+                        begin, end = tile[t + 1], tile[min(t + 2, share[k + 1])]  # the thread's next tile
+                        for within in range(2):
+                            first, last = (inner[t], inner[t + 1]) if within else (cross[t], cross[t + 1])
+                            evaluated(
+                                kind, coulomb, dim, viscous, rate, rescaled, first, last, not within, begin, end,
+                                blocks, body, ahead, p, dt, fresh, flow, scratch,
+                            )  # fmt: skip
+                        far[t] = _ended(
+                            axes, predict, tile[t], tile[t + 1], moving, blocks, pace, flow, fresh, go_on, total
+                        )
+                    _counted(moving.spent, k, since)
+                total = sums[workers * CHUNK :]
+                far[tiles] = _last_ended(axes, predict, moving, blocks, pace, flow, pull, fresh, go_on, total)
+                if flow is not None:
+                    finished(axes, frame, flow, pace, moving, fresh)
+                if watch:
+                    _recorded(blocks, before, contacts, moving, time + step * dt, events, event_count)
+                ended, fresh = not go_on, False
+            if ended:
+                if step == stop:
+                    return DONE, step, ended
+                if flow is not None:
+                    limit = begun(frame, flow, pace)
+                for k in prange(workers):
+                    for t in range(share[k], share[k + 1]):
+                        far[t] = _begun(axes, predict, tile[t], tile[t + 1], moving, pace, flow)
+                far[tiles] = _begun(axes, predict, tile[tiles], len(body), moving, pace, flow)
+            ended = False
+            step += 1
+            if pull is not None:
+                pull.clock[0] += dt
+            for t in range(tiles + 1):  # not far.max(), which would be made a parallel region of its own
+                if far[t] > limit:
+                    return MOVED, step, ended
+
+    return march

@@ -1,0 +1,304 @@
+"""Velocity Verlet with optional drag: n steps, records and events without leaving compiled code."""
+
+from functools import cache
+
+import numpy as np
+from numba import njit
+
+from ..contacts.forces import Bodies, check_materials, sweep
+from ..contacts.geometry import shifts
+from ..contacts.interaction_range import with_room
+from ..contacts.mechanics import FREE, FROZEN
+from ..contacts.neighbors import TOO_FAR, grid_of, rebuilt, updated
+from ..contacts.rolling import rolls
+from ..laws.builtin import SMOOTH, Law, dashpots, fades
+from ..laws.dispatch import Kind, plain
+from ..outcome import Outcome, Status
+from ..state import Instant, State
+from .cell_motion import imposes
+from .coefficients import (
+    AWAY,
+    BAD,
+    CHECK_EVERY,
+    CONVERGED,
+    DONE,
+    FULL,
+    MOVED,
+    Plan,
+    driven_bodies,
+    first_bad,
+    largest_unbalanced,
+    moved_by_forces,
+    plan_of,
+    runaway,
+    state_after,
+)
+from .driver import MANY, marched
+from .last_forces import bodies_at_start, known_instant, with_mark
+from .ledger import entered, opened_books
+from .record import Writing, record_of, sample, with_lost, writing_of
+from .timestep import check_time_step, stable_time_step
+
+
+@njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
+def first_half(x, v, force, kick, keep, dt):
+    """Half a kick with explicit drag, then the drift, on flat arrays so that it is done in vectors."""
+    for q in range(len(x)):
+        v[q] = keep[q] * v[q] + kick[q] * force[q]
+        x[q] += dt * v[q]
+
+
+@njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
+def second_half(v, force, kick, slow):
+    """The other half of the kick, with implicit drag."""
+    for q in range(len(v)):
+        v[q] = (v[q] + kick[q] * force[q]) * slow[q]
+
+
+@njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
+def moved(x, origin, limit):
+    """True if some coordinate is further than `limit` from its origin, or if fastmath cannot say so because of NaN."""
+    far = 0.0
+    for q in range(len(x)):
+        far = max(far, abs(x[q] - origin[q]))
+    return far > limit
+
+
+@cache
+def stepper(kind: int, coulomb: int, dim: int, viscous: int):
+    """Compiled loop over time steps for one law and dimension, with or without dashpots."""
+    rescaled, (kind, coulomb) = fades(kind), plain(kind, coulomb)
+
+    @njit(cache=True, fastmath=True, error_model="numpy")
+    def advance(
+        bodies, contacts, shift, vectors, p, plan, force, torque, time, start, steps, drifted, ended, tolerance, writing
+    ):  # fmt: skip
+        """Steps `start` … `steps`; `drifted`: positions are those of step `start` already, velocities not yet.
+
+        `ended`: velocities are, too, and forces known.
+        """
+        x, angle, v, spin = bodies.position, bodies.angle, bodies.velocity, bodies.spin
+        events, event_count, every, dt, motion = (
+            writing.events,
+            writing.event_count,
+            writing.every,
+            plan.dt,
+            plan.motion,
+        )
+        flat_x, flat_v, flat_f = x.reshape(-1), v.reshape(-1), force.reshape(-1)
+        flat_angle, flat_spin, flat_t = angle.reshape(-1), spin.reshape(-1), torque.reshape(-1)
+        kick, keep, slow, kick_t, keep_t, slow_t = motion[0], motion[1], motion[2], motion[3], motion[4], motion[5]
+        load, load_t = plan.external[0].reshape(-1), plan.external[1].reshape(-1)
+        origin, limit = contacts.origin.reshape(-1), 0.5 * contacts.skin[0] / np.sqrt(dim)
+        # dashpots see velocities at the full step, predicted from the forces before it: second order in dt
+        seen = Bodies(
+            x,
+            angle,
+            np.zeros_like(x),
+            np.zeros_like(x),
+            bodies.radius,
+            bodies.material,
+            bodies.inverse_mass,
+            bodies.normal,
+            bodies.rate,
+        )
+        ahead_v, ahead_t = seen.velocity.reshape(-1), seen.spin.reshape(-1)
+        room, residual, worst = len(events), np.inf, -1
+        for step in range(start, steps + 1):
+            fresh, known = step == start and not drifted, step == start and ended
+            if step > start:
+                first_half(flat_x, flat_v, flat_f, kick, keep, dt)
+                first_half(flat_angle, flat_spin, flat_t, kick_t, keep_t, dt)
+                if moved(flat_x, origin, limit):
+                    return MOVED, step, residual, worst
+            if room > 0 and not known and event_count[0] + contacts.count[0] > room:
+                return FULL, step, residual, worst
+            if viscous:
+                for q in range(len(flat_v)):
+                    ahead_v[q], ahead_t[q] = flat_v[q], flat_spin[q]
+                    if not fresh:
+                        ahead_v[q] += kick[q] * flat_f[q]
+                        ahead_t[q] += kick_t[q] * flat_t[q]
+            if not known:
+                for q in range(len(flat_f)):
+                    flat_f[q], flat_t[q] = load[q], load_t[q]
+                sweep(
+                    kind, coulomb, dim, seen, contacts, shift, p, viscous, FROZEN if fresh else FREE,
+                    (v, spin, 0.0 if fresh else dt), force, torque, time + step * dt, events, event_count, rescaled,
+                )  # fmt: skip
+            if not (fresh or known):
+                second_half(flat_v, flat_f, kick, slow)
+                second_half(flat_spin, flat_t, kick_t, slow_t)
+            if every > 0 and step % every == 0:
+                sample(
+                    kind, coulomb, dim, p, step // every, bodies, contacts, shift, plan, writing, vectors,
+                    time + step * dt,
+                )  # fmt: skip
+            if step % CHECK_EVERY == 0:
+                bad = first_bad(x, angle)
+                if bad >= 0:
+                    return BAD, step, residual, bad
+                if tolerance > 0.0:
+                    residual, worst = largest_unbalanced(v, spin, force, torque, plan)
+                    if not np.isfinite(residual):
+                        return BAD, step, residual, worst
+                    if residual <= tolerance:
+                        return CONVERGED, step, residual, worst
+        return DONE, steps, residual, worst
+
+    return advance
+
+
+def run(
+    state: State,
+    law: Law,
+    steps: int,
+    dt: float,
+    *,
+    drag: float = 0.0,
+    spin_drag: float | None = None,
+    every: int = 0,
+    probes=(),
+    events: bool = False,
+    ledger: bool = False,
+    tolerance: float = 0.0,
+    reference: np.ndarray | None = None,
+    slip_update: str = "difference",
+    threads: int | None = None,
+):
+    """Velocity Verlet: m r̈ = F − m ν ṙ, I ω̇ = T − I ν' ω, for all free components of grains and walls.
+
+    Second order in dt, with friction, too; first order where contacts close or open whose dashpots act from the first
+    touch (`velocity`, `mass_velocity`), and with slip_update="rate". The state given is not changed. Stops early when
+    `tolerance` > 0 and both the largest unbalanced force (or torque/R) and the largest drag force are below it.
+
+    Parameters
+    ----------
+    steps : int; dt : float [time]
+    drag, spin_drag : float [1/time], the same for both if only one is given
+    every : int, sample each `every` steps (0: no samples)
+    probes : grains whose position and angle are sampled
+    events : also record each contact that closes, opens, or first reaches Coulomb's limit since it closed
+    ledger : also keep the books of energy, entered after every step and sampled each `every` steps: see `Ledger`
+    tolerance : float [force]
+    reference : (N, 3) positions from which `msd` is taken [length]; default: where the run starts
+    slip_update : "difference", the slip turns with the contact and follows the exact displacements of the grains, a
+        contact that closes counts the fraction of the step in which it touched, dashpots see velocities at the full
+        step, and Coulomb's limit is μ max(F_n, 0); "rate", as LAMMPS `gran/*/history` does, for comparison with it:
+        velocities at the half step times dt, projected on the plane of contact at the end, the whole step in which a
+        contact closes, a limit of μ |F_n|, and the slip of a sliding contact set so that spring and dashpot together
+        are at it.
+        "rate" is of first order in dt where contacts turn, close or have dashpots
+    threads : int, by default one for few grains and one a core for many; the bits do not depend on it
+
+    Returns
+    -------
+    State, Record, Outcome
+        the outcome is DONE, or with `tolerance` CONVERGED or STEPS_SPENT, or NOT_A_NUMBER or BLOWN_UP, at once, with
+        the grain, the step, the time and the largest stable time step
+
+    Raises
+    ------
+    ValueError
+        with one sentence, if dt is longer than `stable_time_step` or an argument is not allowed.
+
+    Source
+    ------
+    doi:10.48550/arXiv.1908.11724, Eqs 6–7 and the computational protocol of its supplement.
+    """
+    check_materials(state, law)
+    _check_arguments(law, steps, dt, every, ledger, slip_update, threads)
+    instant = known_instant(state, law, slip_update)
+    state = updated(state, law)
+    check_time_step(state, law, driven_bodies(state), dt)
+    grouped = bool(state.control.spring.any() or (state.control.group >= 0).any())
+    only_many = slip_update == "rate" or imposes(state) or grouped  # what the plain stepper does not know
+    if rolls(law.kind) and only_many:
+        raise ValueError(
+            "a law with rolling resistance was given with a deforming cell, courses, rigid groups or springs, which "
+            "only the stepper for many grains knows: leave these or rolling_stiffness out"
+        )
+    many = only_many or (state.n_bodies >= MANY and not rolls(law.kind))
+    plan = plan_of(state, drag, drag if spin_drag is None else spin_drag, dt, bare=many and not tolerance > 0)
+    if tolerance > 0 and not (plan.drag[moved_by_forces(plan.motion)] > 0).all():
+        raise ValueError("a tolerance was given without drag on every free component: rest is not reached without it")
+    writing = writing_of(state, steps, every, probes, events, reference)
+    books = opened_books(len(writing.series), driven_bodies(state), state, slip_update == "rate") if ledger else None
+    if many:
+        rate = int(slip_update == "rate")
+        result = marched(state, law, plan, steps, tolerance, writing, books, instant, rate=rate, threads=threads)
+    else:
+        result = _advanced(state, law, plan, steps, tolerance, writing, books, instant)
+    end, code, done, residual, worst, writing, books = result
+    end = with_mark(end, law, slip_update) if code in (DONE, CONVERGED) else end._replace(instant=None)
+    finished = Status.STEPS_SPENT if tolerance > 0 else Status.DONE
+    ends = {BAD: Status.NOT_A_NUMBER, AWAY: Status.BLOWN_UP, CONVERGED: Status.CONVERGED}
+    how = ""
+    if code in (BAD, AWAY):
+        longest = stable_time_step(state, law)
+        known = f"stable up to dt = {longest:.4g}" if np.isfinite(longest) else "without contacts"
+        how = f"step {done}, time {state.time + done * dt:g}; at the start the grains were {known}"
+    return end, record_of(writing, done, books), Outcome(ends.get(code, finished), residual, done, worst, how)
+
+
+def _check_arguments(
+    law: Law, steps: int, dt: float, every: int, ledger: bool, slip_update: str, threads: int | None
+) -> None:
+    """Raise ValueError with one sentence if an argument of `run` is not allowed."""
+    if not (np.isfinite(dt) and dt > 0):
+        raise ValueError(f"dt = {dt} was given: the time step must be positive")
+    if steps < 0 or every < 0:
+        raise ValueError(f"steps = {steps}, every = {every} were given: neither may be negative")
+    if ledger and not every:
+        raise ValueError("a ledger was asked for without samples: give every = 1 or more steps between entries")
+    if slip_update not in ("difference", "rate"):
+        raise ValueError(f"slip_update={slip_update!r} was given: 'difference' and 'rate' are allowed")
+    if slip_update == "rate" and law.coulomb == SMOOTH:
+        raise ValueError(
+            "slip_update='rate' was given with a smooth law: LAMMPS knows sharp ones only, use coulomb='sharp'"
+        )
+    if slip_update == "rate" and isinstance(law.kind, Kind):
+        raise ValueError(
+            "slip_update='rate' was given with a user's law: it compares with LAMMPS, which has only its own"
+        )
+    if threads is not None and threads < 1:
+        raise ValueError(f"threads = {threads} was given: at least 1 is needed")
+
+
+def _advanced(state: State, law: Law, plan: Plan, steps: int, tolerance: float, writing: Writing, books, instant):
+    """Enter the compiled loop, again whenever it asks for a new list of contacts or for more room for events."""
+    work, contacts = bodies_at_start(state, instant), type(state.contacts)(*(a.copy() for a in state.contacts))
+    force, torque = (
+        np.zeros((2, state.n_bodies, 3)) if instant is None else np.stack(np.split(instant.force, 2, axis=1))
+    )
+    grid = grid_of(state.cell)
+    advance = stepper(law.kind, law.coulomb, state.cell.dim, dashpots(law))
+    known = instant is not None
+    done, drifted, ended, stop = 0, known, known, 0 if books else steps
+    while True:
+        code, done, residual, worst = advance(
+            work, contacts, shifts(contacts, state.cell.vectors), state.cell.vectors, law.table, plan, force, torque,
+            state.time, done, stop, drifted, ended, tolerance, writing,
+        )  # fmt: skip
+        drifted, ended = True, code == DONE
+        bad, away = first_bad(work.position, work.angle), runaway(work.velocity, work.radius, plan.dt)
+        if bad >= 0:
+            code, worst = BAD, bad
+        elif away >= 0:
+            code, worst = AWAY, away
+        if code == FULL:
+            writing = writing._replace(events=np.concatenate([writing.events, np.zeros_like(writing.events)]))
+        elif code == MOVED:
+            before, contacts = contacts, rebuilt(work.position, work.radius, work.normal, grid, contacts)
+            contacts = with_room(contacts, law)
+            if contacts.count[0] < 0:
+                raise ValueError(TOO_FAR)
+            writing = with_lost(writing, before, contacts, work.position, state.time + done * plan.dt)
+        elif code in (DONE, CONVERGED) and books:
+            books = entered(books, law, state, plan, work, contacts, done, writing.every)
+            stop += 1
+        if code not in (FULL, MOVED) and (code != DONE or done == steps):
+            break
+    end = state_after(state, work, contacts, state.time + done * plan.dt)
+    end = end._replace(instant=Instant(np.concatenate([force, torque], axis=1), np.zeros((3, 3)), 0))
+    return end, code, done, residual, worst, writing, books

@@ -1,0 +1,368 @@
+"""Contact laws by users: plain Python functions of scalars, compiled into the kernels as the built-in laws are.
+
+A user's function names what it needs: `overlap` and `r_eff`, what else its role offers (see `ROLES`), and parameters
+of the law. What it uses besides must be numbers, functions, `math` or `numpy`: their values are part of the digest by
+which compiled kernels are found again on disk, so that a law that has changed in any of them is another law.
+
+Tangents come from a complex step, f'(x) = Im f(x + ih)/h. `max`, `min`, `abs` and `math` are therefore replaced by
+versions that take complex numbers and decide by the real part.
+"""
+
+import builtins
+import copyreg
+import dis
+import hashlib
+import inspect
+import math
+import types
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+
+from ..text import text_of
+from .builtin import COULOMB, DAMPING, MU, NO_TENSION, PARAMETERS, Law, check_parameter, energy_by_quadrature, slopes_of
+from .dispatch import FAST, HELP, KNOWN, OWN, ROLES, Kind, Own
+from .validation import judged, where
+
+_DEFAULTS = {"kn": 1.0, "kt": 0.0, "mu": 0.0, "damping_n": 0.0, "damping_t": 0.0}
+
+
+# ---- what stands for functions that do not take complex numbers
+
+
+def _larger(a, b):
+    return a if a.real >= b.real else b
+
+
+def _smaller(a, b):
+    return a if a.real <= b.real else b
+
+
+def _size(a):
+    return a if a.real >= 0.0 else -a
+
+
+_INSTEAD = {max: _larger, min: _smaller, abs: _size, math.fabs: _size}
+_SAME = {"pow": "power", "asin": "arcsin", "acos": "arccos", "atan": "arctan"}
+for _name in ("sqrt", "exp", "log", "log10", "expm1", "log1p", "sin", "cos", "tan", "sinh", "cosh", "tanh", *_SAME):
+    _INSTEAD[getattr(math, _name)] = getattr(np, _SAME.get(_name, _name))
+_KEPT = (float, complex, int, bool, range, len)
+
+
+def _stands_for(name: str, value, compiled: bool, made: dict):
+    """What a function by a user gets where it uses a global name."""
+    if value is math:
+        whole = types.ModuleType("math")
+        for key, thing in vars(math).items():
+            if isinstance(thing, float) or (callable(thing) and thing in _INSTEAD):
+                setattr(whole, key, _stands_for(key, thing, compiled, made))
+        return whole
+    if callable(value) and not isinstance(value, type) and getattr(value, "__hash__", None) and value in _INSTEAD:
+        value = _INSTEAD[value]
+    value = getattr(value, "py_func", value)
+    if isinstance(value, types.FunctionType):
+        return _copied(value, compiled, made)
+    plain = isinstance(value, bool | int | float | complex | np.number) or value in _KEPT
+    if plain or value is np or isinstance(value, np.ufunc):
+        return value
+    if isinstance(value, tuple) and all(isinstance(v, int | float) for v in value):
+        return value
+    raise ValueError(
+        f"a contact law uses {name!r}, a {type(value).__name__}: it may use numbers, functions, math and numpy; {HELP}"
+    )
+
+
+def _used(function) -> dict:
+    """Global names and variables around it that a function uses, with their values."""
+    found, codes = dict(inspect.getclosurevars(function).nonlocals), [function.__code__]
+    while codes:
+        code = codes.pop()
+        codes += [c for c in code.co_consts if isinstance(c, types.CodeType)]
+        for step in dis.get_instructions(code):
+            if step.opname in ("LOAD_GLOBAL", "LOAD_NAME"):
+                name = step.argval
+                if name not in function.__globals__ and not hasattr(builtins, name):
+                    raise ValueError(f"the contact law's {function.__name__} uses {name!r}, which is not defined")
+                found[name] = function.__globals__.get(name, getattr(builtins, name, None))
+    return found
+
+
+def _copied(function, compiled: bool, made: dict):
+    """A function with what it uses replaced as above; with `compiled`, compiled for kernels."""
+    if function in made:
+        return made[function]
+    used = _used(function)
+    scope = {name: _stands_for(name, value, compiled, made) for name, value in used.items() if value is not function}
+    scope["__builtins__"] = builtins
+    cells = tuple(types.CellType(scope[name]) for name in function.__code__.co_freevars)
+    copy = types.FunctionType(function.__code__, scope, function.__name__, function.__defaults__, cells)
+    made[function] = njit(**FAST)(copy) if compiled else copy
+    scope[function.__name__] = made[function]
+    return made[function]
+
+
+def _told(function, seen: set) -> list:
+    """All that decides what a function computes."""
+    if function in seen:
+        return []
+    seen.add(function)
+    out: list = [function.__name__, inspect.getfullargspec(function).args, function.__defaults__]
+    codes = [function.__code__]
+    while codes:
+        code = codes.pop()
+        out += [code.co_code, code.co_names, code.co_varnames, code.co_freevars]
+        for constant in code.co_consts:
+            if isinstance(constant, types.CodeType):
+                codes.append(constant)
+            else:
+                out.append(repr(constant))
+    for name, value in sorted(_used(function).items()):
+        value = getattr(value, "py_func", value)
+        inner = _told(value, seen) if isinstance(value, types.FunctionType) else [repr(value)]
+        out += [name, *(["<module>"] if isinstance(value, types.ModuleType) else inner)]
+    return out
+
+
+# ---- from functions of named scalars to functions as kernels call them
+
+
+def _arguments(role: str, function, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Names that a function takes, in order; ValueError if there is none such."""
+    if not isinstance(function, types.FunctionType):
+        raise ValueError(f"{role} is a {type(function).__name__}: a contact law is made of plain Python functions")
+    spec = inspect.getfullargspec(function)
+    if spec.varargs or spec.varkw or spec.kwonlyargs:
+        raise ValueError(f"{role} takes *, ** or keyword-only arguments: give it plain ones, such as {role}(overlap)")
+    for name in spec.args:
+        if name not in (*ROLES[role], *names):
+            known = ", ".join((*ROLES[role], *names))
+            raise ValueError(f"{role} asks for {name!r}, which is no parameter: it may ask for {known}")
+    return tuple(spec.args)
+
+
+def _called(signature: str, expression: str, **scope):
+    """A compiled function of a signature whose value is an expression."""
+    text = f"def shim({signature}):\n    return {expression}\n"
+    exec(compile(text, "<contact law>", "exec"), scope)
+    return njit(**FAST)(scope["shim"])
+
+
+def _as_called(functions: dict, asks: dict, names: tuple[str, ...]) -> dict:
+    """Compiled functions by the names under which `laws` and `rolling` look for them."""
+
+    def call(role, **given):
+        parts = [given.get(name, name) if name in ROLES[role] else f"q[{names.index(name)}]" for name in asks[role]]
+        return f"f({', '.join(parts)})"
+
+    has, out = functions.__contains__, {}
+    here = "kind, q, r_eff, overlap"
+    out["row"] = _called("kind, p, a, b", "(" + ", ".join(f"p[a, b, {k}]" for k in range(len(names))) + ",)")
+    out["normal_force"] = _called(here, call("normal_force"), f=functions["normal_force"])
+    soft = call("tangential_stiffness") if has("tangential_stiffness") else "q[1] + 0.0 * overlap"
+    out["tangential_stiffness"] = _called(here, soft, f=functions.get("tangential_stiffness"))
+    wide = call("contact_range") if has("contact_range") else "0.0"
+    out["reach"] = _called("kind, q, r_eff", wide, f=functions.get("contact_range"))
+    whole = f"{here}, fn"
+    for role in ("cap", "rolling_cap"):
+        if has(role):  # without friction, nothing is held; what a user gives may be negative
+            value = call(role, normal_force="fn")
+            out[role] = _called(whole, f"cut(q[{MU}], {value})", f=functions[role], cut=_cut)
+        else:
+            out[role] = _called(whole, f"cut(q[{MU}], q[{MU}] * fn)", cut=_cut)
+        out[f"{role}_slopes"] = slopes_of(out[role])
+    if has("rolling_stiffness"):
+        out["rolling_stiffness"] = _called(here, call("rolling_stiffness"), f=functions["rolling_stiffness"])
+    if has("normal_energy"):
+        out["normal_energy"] = _called(here, call("normal_energy"), f=functions["normal_energy"])
+    else:
+        out["normal_energy"] = energy_by_quadrature(out["normal_force"], out["reach"])
+    out["least_force"] = _called("kind, elastic", "min(elastic, 0.0)")
+    out["masked"] = _called("kind, touches, value", "value if touches else 0.0")
+    radius = any("r_eff" in asked for asked in asks.values())
+    out["asks_radius"] = _called("kind", str(radius))
+    out["reaches"] = _called("kind", str(has("contact_range")))
+    out["rescales"] = _called("kind", "False")
+    return out
+
+
+@njit(**FAST)
+def _cut(mu, value):
+    """Nothing is held without friction, or where the value is negative."""
+    return value if mu > 0.0 and value.real > 0.0 else 0.0 * value
+
+
+def custom(
+    *, normal_force: Callable, tangential_stiffness: Callable | None = None, cap: Callable | None = None,
+    contact_range: Callable | None = None, rolling_stiffness: Callable | None = None,
+    rolling_cap: Callable | None = None, normal_energy: Callable | None = None, parameters: dict | None = None,
+    coulomb="sharp", damping="velocity", tension=True, size=1.0, name="a user's law",
+) -> Law:  # fmt: skip
+    """A contact law of functions by the user: F_n(δ), k_t(δ), |F_t| ≤ cap, −M = k_r(δ) ψ with |M| ≤ rolling cap.
+
+    Each function is plain Python of scalars and takes, by name, `overlap` δ and `r_eff` and any parameters of the law;
+    caps may take `normal_force`, too. Functions are compiled into the kernels, and their derivatives taken by a complex
+    step, so that they must branch on the real part: `if overlap.real < 0.0`. A law is judged when it is made.
+
+    Parameters
+    ----------
+    normal_force : F_n [force], positive for repulsion; where overlap < 0 the force across a gap, within the range
+    tangential_stiffness : k_t [force/length], not negative; default the parameter `kt`
+    cap : largest tangential force [force], below zero taken as zero; default μ max(F_n, 0). Not asked where μ = 0
+    contact_range : largest gap at which grains act on each other [length]; default 0
+    rolling_stiffness : k_r of the moment that opposes the relative rotation ψ of i against j, perpendicular to the
+        normal, accumulated since the contact closed [force length]; default none
+    rolling_cap : largest such moment [force length]; needed with `rolling_stiffness`. Not asked where μ = 0
+    normal_energy : ∫F_n dδ from the end of the range [energy]; by default found by quadrature, which is exact for
+        powers δ, δ^{3/2}, δ² … and good to some digits for others; it serves the ledger only
+    parameters : values by name. kn, kt, mu, damping_n and damping_t exist in every law (1, 0, 0, 0, 0 unless given; mu
+        is 1 where `cap` does not ask for it); others are the law's own
+    coulomb, damping, tension : as in `hertz_mindlin`; dashpots act only where overlap > 0
+    size : a radius for which the law is judged [length]
+    name : for tables and sentences
+
+    Raises
+    ------
+    ValueError
+        with one sentence, if a function has a wrong signature, gives no finite number, gives two answers, does not take
+        complex numbers, or cannot be compiled. A LawWarning tells of a force that jumps at the end of the range.
+
+    Source
+    ------
+    Of the complex step: Squire & Trapp, doi:10.1137/S003614459631241X.
+
+    Examples
+    --------
+    >>> law = custom(normal_force=lambda overlap, kn: kn * overlap, parameters={"kn": 2.0})
+    >>> float(law.table[0, 0, 0])
+    2.0
+    """
+    given = {
+        "normal_force": normal_force, "tangential_stiffness": tangential_stiffness, "cap": cap,
+        "contact_range": contact_range, "rolling_stiffness": rolling_stiffness, "rolling_cap": rolling_cap,
+        "normal_energy": normal_energy,
+    }  # fmt: skip
+    given = {role: function for role, function in given.items() if function is not None}
+    if ("rolling_stiffness" in given) != ("rolling_cap" in given):
+        raise ValueError("only one of rolling_stiffness and rolling_cap was given: rolling resistance needs both")
+    values = _values(parameters or {}, given)
+    asks = {role: _arguments(role, function, tuple(values)) for role, function in given.items()}
+    kind = _known(given, asks, tuple(values), name)
+    if coulomb not in COULOMB or damping not in DAMPING:
+        raise ValueError(
+            f"coulomb={coulomb!r}, damping={damping!r} were given: {', '.join(COULOMB)}, and {', '.join(DAMPING)} are "
+            f"allowed"
+        )
+    table = np.array(list(values.values()), float)[None, None, :].copy()
+    law = Law(kind, COULOMB[coulomb], table, DAMPING[damping] + (0 if tension else NO_TENSION))
+    return judged(law, size)
+
+
+def _values(parameters: dict, given: dict) -> dict:
+    """Parameters in the order of the table."""
+    for name, value in parameters.items():
+        if not (isinstance(name, str) and name.isidentifier()) or any(name in allowed for allowed in ROLES.values()):
+            raise ValueError(f"a parameter {name!r} was given: its name must be a word of its own")
+        if isinstance(value, bool) or not isinstance(value, int | float | np.number):
+            raise ValueError(f"{name} = {value!r} was given: a parameter is a number")
+    capped = "cap" in given and "mu" not in inspect.getfullargspec(given["cap"]).args
+    values = _DEFAULTS | ({"mu": 1.0} if capped else {}) | parameters
+    for name, value in values.items():
+        check_parameter(name, value, tuple(values))
+    return {name: float(value) for name, value in values.items()}
+
+
+def _known(given: dict, asks: dict, names: tuple[str, ...], name: str) -> Kind:
+    """The kind of a law, whose functions are from now on known to this process."""
+    told: list = [names, sorted(asks.items())]
+    for role in sorted(given):
+        told += [role, *_told(given[role], set())]
+    digest = hashlib.sha256(repr(told).encode()).digest()
+    kind = Kind(int.from_bytes(digest[:8], "big") >> 2 | 1 << 61)
+    if kind not in KNOWN:
+        made: dict = {}
+        compiled = {role: _copied(function, True, made) for role, function in given.items()}
+        made = {}
+        plain = {role: _copied(function, False, made) for role, function in given.items()}
+        OWN[kind] = _as_called(compiled, asks, names)
+        KNOWN[kind] = Own(name, names, _source(given), "", plain, asks)
+    KNOWN[kind] = KNOWN[kind]._replace(name=name)
+    return kind
+
+
+def _source(given: dict) -> str:
+    """The text of functions, where it is known."""
+    found = []
+    for function in given.values():
+        try:
+            found.append(inspect.getsource(function))
+        except (OSError, TypeError):
+            found.append(f"# the text of {function.__name__} is not known\n")
+    return "\n".join(found)
+
+
+def from_file(path: str | Path, **parameters: float) -> Law:
+    """A contact law from a Python file: functions named as the arguments of `custom`, and a table `parameters`.
+
+    The file is a program of the user's own, and is run. It may also set `coulomb`, `damping`, `tension` and `size`.
+
+    Parameters
+    ----------
+    path : a file that ends in .py
+    parameters : values that replace those in the file
+
+    Raises
+    ------
+    ValueError
+        with one sentence, and the line, if the file does not compile or run, or as `custom`.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise ValueError(f"{path} is no file: give a Python file with a function normal_force")
+    return _of_text(text_of(path, remedy="give a Python file"), path, parameters)
+
+
+def _of_text(text: str, path: Path, parameters: dict) -> Law:
+    scope = {"__name__": path.stem, "__file__": str(path)}
+    try:
+        exec(compile(text, str(path), "exec"), scope)
+    except SyntaxError as problem:
+        line = (problem.text or "").strip()
+        raise ValueError(f"{path} does not compile, line {problem.lineno}: {line!r} ({problem.msg})") from None
+    except Exception as problem:
+        raise ValueError(f"{path} does not run, {where(problem, path, text)}") from None
+    given = {role: scope[role] for role in ROLES if role in scope}
+    if "normal_force" not in given:
+        raise ValueError(f"{path} has no function normal_force: a law needs one, such as def normal_force(overlap, kn)")
+    values = scope.get("parameters", {})
+    if not isinstance(values, dict):
+        raise ValueError(f"{path}: parameters is a {type(values).__name__}: give a dictionary of numbers by name")
+    for name in parameters:
+        if name not in (*values, *PARAMETERS):
+            raise ValueError(
+                f"{path} has no parameter {name!r}: it has {', '.join(dict.fromkeys((*values, *PARAMETERS)))}"
+            )
+    options = {key: scope[key] for key in ("coulomb", "damping", "tension", "size") if key in scope}
+    try:
+        law = custom(**given, parameters=values | parameters, name=path.stem, **options)
+    except ValueError as problem:
+        raise ValueError(f"{path}: {problem}") from None
+    KNOWN[law.kind] = KNOWN[law.kind]._replace(source=text, file=str(path))
+    return law
+
+
+def _sent(kind: Kind):
+    """How a kind travels to another process of the same run: with the text of its file, if it has one."""
+    own = KNOWN.get(kind)
+    return _arrived, (int(kind), own.source, own.file) if own and own.file else (int(kind), "", "")
+
+
+def _arrived(number: int, text: str, file: str) -> Kind:
+    """The kind, whose law is made here, too, if it was not."""
+    if text and number not in KNOWN:
+        _of_text(text, Path(file), {})
+    return Kind(number)
+
+
+copyreg.pickle(Kind, _sent)

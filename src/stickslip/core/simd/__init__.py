@@ -1,0 +1,1 @@
+"""Vectorised blocks of contacts: layout, partition, transposition, sums."""

@@ -1,0 +1,393 @@
+"""Contacts of many grains in vectorised blocks of 64: the fast way through the list that time stepping takes.
+
+Grains are cut into tiles of neighbours, all of a size, and lie along a curve in each. A block holds contacts of one
+pair of materials, either within one tile, or between a tile and later ones (`cross`), or with walls. Contacts are
+evaluated block by block; each grain then gathers the loads of its contacts in the order of its partners' numbers. A
+pair's orientation and the order of summation follow from the numbers of the grains in the state alone, and every
+contact goes through the same vector instructions, so that the bits of a trajectory depend neither on the number of
+threads nor on how memory happens to be ordered.
+
+Only touching and nearly touching pairs are in blocks: those nearer than both bodies may go, which for fast ones is
+further than for slow ones. They are chosen anew from the list of contacts when a body has gone that far.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from ..contacts.geometry import at_contact, mid_normal, onto_plane, slip_increment, touching_fraction
+from ..contacts.mechanics import (
+    FREE,
+    damped,
+    faded,
+    in_one_go,
+    needs_mass,
+    needs_radius,
+    return_mapping,
+    same_length,
+    tangential_force,
+    with_dashpot,
+)
+from ..flow import AHEAD, RATE, SLIDE_BACK, VECTORS
+from ..laws.builtin import (
+    DAMPING_N,
+    DAMPING_T,
+    MU,
+    cap,
+    damping_of,
+    least_force,
+    masked,
+    normal_force,
+    reach,
+    row,
+    tangential_stiffness,
+)
+from ..state import OPEN, SLIDE, STICK
+from .reduce import WIDTH
+from .transpose import (
+    BODY,
+    LANES,
+    MOTION,
+    MOTION_AHEAD,
+    PAIR,
+    RADII,
+    ROLL,
+    ROLL_AHEAD,
+    gathered_motion,
+    gathered_places,
+    in_widest_vectors,
+    scattered,
+    soon,
+    written_soon,
+)
+
+# of what is compiled into its callers: it makes no arrays, and references to those that it takes out of tuples are not
+# counted, which would take half of a step with dashpots; it is cached by itself, so that kernels of another law find it
+# compiled
+BARE = {"error_model": "numpy", "forceinline": True, "_nrt": False, "cache": True}
+TILE = 1024  # grains, at most
+# modes of a block's contact besides OPEN, STICK and SLIDE: it sticks but was at Coulomb's limit since it closed; it
+# slides because nothing presses it, and has not been at a limit
+STUCK_AGAIN, LOOSE = 3, 4
+_NEARLY = 1.0 + 1e-9  # squares of distances beyond which nothing can touch, whatever the rounding
+
+
+class Moving(NamedTuple):
+    """Bodies in the order of memory: tiles of neighbouring grains, then rigid groups, then walls."""
+
+    order: np.ndarray  # (B,) number of each body in the state
+    body: np.ndarray  # (B, BODY) position, velocity, spin, radius and kicks, see `lanes`
+    angle: np.ndarray  # (B, 3)
+    ahead: np.ndarray  # (B, BODY_AHEAD) velocity and spin predicted at the full step, for dashpots; else (0, …)
+    force: np.ndarray  # (B, 6) force and torque, written where a step ends without going on
+    free: np.ndarray  # (B, 6) bool
+    whole: np.ndarray  # (B,) bool: all components that this dimension has are free
+    external: np.ndarray  # (B, 8) external forces, and zeros, see `sums`; or (1, 8) without any
+    torque: np.ndarray  # (B, 3) external torques, or (1, 3) without any
+    virial: np.ndarray  # (B, 9) Σ f ⊗ r over contacts in which a body is i, written with a frame; else (0, 9)
+    origin: np.ndarray  # (B, 4) where the blocks were chosen, and 1/d² (with a frame 1), d how far the body may go then
+    tile: np.ndarray  # (T + 1,) bounds of the tiles of grains; rigid groups and walls follow
+    member: np.ndarray  # (M,) bodies in rigid groups, group after group
+    members: np.ndarray  # (G + 1,) bounds of the groups
+    share: np.ndarray  # (threads + 1,) bounds of the tiles of each thread
+    spent: np.ndarray  # (threads, 8) in the first column, ticks that each thread spent on its tiles: see `clock`
+
+
+class Blocks(NamedTuple):
+    """Pairs in blocks of LANES, padded with pairs that never touch; K of them, the arrays may have room for more."""
+
+    i: np.ndarray  # (K LANES,) uint32, internal
+    j: np.ndarray  # (K LANES,)
+    row: np.ndarray  # (K LANES,) row in the list of contacts, −1 for padding
+    material: np.ndarray  # (K, 2)
+    wall: np.ndarray  # (K,) bool: all pairs of the block are with walls
+    at: np.ndarray  # (K,) int32 where a block's vectors begin, −1: no pair is with a wall or across a boundary
+    vector: np.ndarray  # (V · 3 · LANES,) periodic shift (with a frame: the image), or the wall's normal
+    size: np.ndarray  # (K LANES,) R_eff, or (0,) if the law does not ask for it
+    mass: np.ndarray  # (K LANES,) m_eff, or (0,) if the law does not ask for it
+    slip: np.ndarray  # (K · 3 · LANES,)
+    mode: np.ndarray  # (K LANES,) int64: OPEN, STICK, SLIDE, STUCK_AGAIN or LOOSE; as wide as numbers beside it
+    place: np.ndarray  # (K,) first row of a block's loads
+    cross: np.ndarray  # (T + 2,) bounds of the blocks that reach from a tile to later ones; then those between threads
+    inner: np.ndarray  # (T + 2,) bounds of the blocks within each tile
+    load: np.ndarray  # (L, 8) force on i and −n × F_t, see `sums`
+    pair: np.ndarray  # (L, 3) with a frame, the pair vectors; else (0, 3)
+    start: np.ndarray  # (B + 1,) uint32: bounds of each body's part of `code`
+    code: np.ndarray  # (…,) uint32 rows of `load` in the order of summation, see `sums`
+
+
+def no_blocks() -> Blocks:
+    """Blocks without pairs, from which the first ones are made."""
+    whole, flag = np.zeros((0, 2), np.int64), np.zeros(0, np.bool_)
+    pairs, numbers, bounds = np.zeros(0, np.uint32), np.zeros(0), np.zeros(1, np.int64)
+    return Blocks(
+        pairs, pairs, np.zeros(0, np.int32), whole, flag, np.zeros(0, np.int32), numbers, numbers, numbers, numbers,
+        bounds[:0], bounds[:0], bounds, bounds, np.zeros((0, WIDTH)), np.zeros((0, 3)), pairs, pairs,
+    )  # fmt: skip
+
+
+@njit(cache=True, _nrt=False)
+def committed(blocks, contacts, part, parts):
+    """Write slip and mode of a part of the blocks back to their rows in the list of contacts."""
+    lanes = np.uint64(LANES)  # unsigned, so that no index is checked for counting from the end
+    first, last = blocks.inner[-1] * part // parts, blocks.inner[-1] * (part + 1) // parts
+    for s in range(np.uint64(first) * lanes, np.uint64(last) * lanes):
+        if blocks.row[s] >= 0:
+            c, b, l = np.uint64(blocks.row[s]), s // lanes, s % lanes
+            for m in range(np.uint64(3)):
+                contacts.slip[c, m] = blocks.slip[(np.uint64(3) * b + m) * lanes + l]
+            mode = blocks.mode[s]
+            contacts.mode[c] = STICK if mode == STUCK_AGAIN else SLIDE if mode == LOOSE else mode
+            contacts.reached[c] = mode in (SLIDE, STUCK_AGAIN)
+
+
+@njit(cache=True, fastmath=False, _nrt=False)
+def anchored(contacts, position, angle, radius, vectors, pair_out, roll_out):
+    """Write the present pair vectors and angles of what touches; True if they are those of the committed memory.
+
+    With empty arrays nothing is written.
+    """
+    rested, image = True, contacts.image
+    for c in range(contacts.count[0]):
+        if contacts.mode[c] != OPEN:
+            i, j = contacts.i[c], contacts.j[c]
+            for m in range(3):
+                shift = image[c, 0] * vectors[0, m] + image[c, 1] * vectors[1, m] + image[c, 2] * vectors[2, m]
+                pair = position[i, m] - position[j, m] + shift
+                roll = radius[i] * angle[i, m] + radius[j] * angle[j, m]
+                rested &= pair == contacts.pair[c, m] and roll == contacts.roll[c, m]
+                if len(pair_out):
+                    pair_out[c, m], roll_out[c, m] = pair, roll
+    return rested
+
+
+@njit(**BARE)
+def _pairs_soon(blocks, body, b):
+    """Ask for both bodies of each pair of a block, two lines a body."""
+    for s in range(LANES * b, LANES * (b + 1)):
+        for g in (np.int64(blocks.i[np.uint64(s)]), np.int64(blocks.j[np.uint64(s)])):
+            soon(body, g * BODY)
+            soon(body, g * BODY + 8)
+
+
+@njit(**BARE)
+def _bodies_soon(body, first, last):
+    """Ask for a stretch of bodies, which will be moved on."""
+    for at in range(first * BODY, last * BODY, 8):
+        written_soon(body, at)
+
+
+@njit(fastmath=True, **BARE)
+def _apart(dim, flow, blocks, body, b, scratch):
+    """Pair vectors and sums of radii of block b, plane by plane."""
+    gathered_places(np.int64(dim), np.int64(b * LANES), blocks.i, blocks.j, body, scratch)
+    if blocks.at[b] < 0 or blocks.wall[b]:
+        return
+    at = np.uint64(blocks.at[b])
+    if flow is None:
+        for k in range(dim):
+            for lane in range(LANES):
+                l = np.uint64(lane)
+                scratch[PAIR + k * LANES + l] += blocks.vector[at + k * LANES + l]
+    else:
+        h = flow.matrix[VECTORS]
+        for lane in range(LANES):
+            l = np.uint64(lane)
+            p, q, r = blocks.vector[at + l], blocks.vector[at + 64 + l], blocks.vector[at + 128 + l]
+            scratch[PAIR + l] += p * h[0, 0] + q * h[1, 0] + r * h[2, 0]
+            scratch[PAIR + 64 + l] += p * h[0, 1] + q * h[1, 1] + r * h[2, 1]
+            if dim == 3:
+                scratch[PAIR + 128 + l] += p * h[0, 2] + q * h[1, 2] + r * h[2, 2]
+
+
+@njit(fastmath=True, **BARE)
+def _flowed(dim, predict, flow, scratch):
+    """What a deforming cell adds to relative velocities: L r.
+
+    (1 + ½ dt L)⁻¹ (Δv + L r), r at the end of the step, is the change of r in the step over dt.
+    """
+    rate, back, ahead = flow.matrix[RATE], flow.matrix[SLIDE_BACK], flow.matrix[AHEAD]
+    for lane in range(LANES):
+        l = np.uint64(lane)
+        if dim == 2:
+            scratch[PAIR + 128 + l] = scratch[MOTION + 128 + l] = 0.0
+        x, y, z = scratch[PAIR + l], scratch[PAIR + 64 + l], scratch[PAIR + 128 + l]
+        u = scratch[MOTION + l] + rate[0, 0] * x + rate[0, 1] * y + rate[0, 2] * z
+        v = scratch[MOTION + 64 + l] + rate[1, 0] * x + rate[1, 1] * y + rate[1, 2] * z
+        w = scratch[MOTION + 128 + l] + rate[2, 0] * x + rate[2, 1] * y + rate[2, 2] * z
+        for k in range(3):
+            scratch[MOTION + k * LANES + l] = back[k, 0] * u + back[k, 1] * v + back[k, 2] * w
+            if predict:
+                scratch[MOTION_AHEAD + k * LANES + l] += ahead[k, 0] * x + ahead[k, 1] * y + ahead[k, 2] * z
+
+
+@njit(fastmath=True, **BARE)
+def _responded(kind, coulomb, dim, viscous, rate, rescaled, wall, q, blocks, b, dt, hold, scratch):
+    """Forces and memory of one block, all lanes alike: what does not touch gets zeros. With `hold`, memory stays."""
+    in_widest_vectors()
+    predict = viscous > 0 and not rate
+    v, w = (MOTION_AHEAD, ROLL_AHEAD) if predict else (MOTION, ROLL)
+    lanes, idle = slice(LANES * b, LANES * b + LANES), blocks.load[np.uint64(0)]
+    # what the law does not ask for stands for memory that nothing overlaps: compiled code asks whether anything does,
+    # and takes another way, which rounds differently, if an array without elements lies close before another one
+    size = blocks.size[lanes] if needs_radius(kind, viscous) else idle
+    mass = blocks.mass[lanes] if needs_mass(viscous) else idle
+    mode = blocks.mode[lanes]
+    slip, vector = blocks.slip[3 * LANES * b : 3 * LANES * (b + 1)], blocks.vector[blocks.at[b] :]  # of walls only
+    for l in range(LANES):
+        rx, ry, rz = scratch[PAIR + l], scratch[PAIR + 64 + l], scratch[PAIR + 128 + l] if dim == 3 else 0.0
+        if wall:
+            nx, ny, nz = vector[l], vector[64 + l], vector[128 + l] if dim == 3 else 0.0
+            distance, inverse = rx * nx + ry * ny + rz * nz, 0.0
+        else:
+            distance = np.sqrt(rx * rx + ry * ry + rz * rz)
+            inverse = 1.0 / distance
+            nx, ny, nz = rx * inverse, ry * inverse, rz * inverse
+        overlap = scratch[RADII + l] - distance
+        r_eff = size[l] if needs_radius(kind, viscous) else 1.0
+        edge = 0.0 - reach(kind, q, r_eff)
+        touches = overlap > edge
+        overlap = overlap if touches else edge
+        before = mode[l]
+        # what the step since the last evaluation does to the slip; see `forces.sweep`
+        dx, dy, dz = dt * scratch[MOTION + l], dt * scratch[MOTION + 64 + l], dt * scratch[MOTION + 128 + l]
+        wx, wy, wz = dt * scratch[ROLL + l], dt * scratch[ROLL + 64 + l], dt * scratch[ROLL + 128 + l]
+        if dim == 2:
+            dz = wx = wy = 0.0
+        ox, oy, oz = slip[l], slip[64 + l], slip[128 + l] if dim == 3 else 0.0
+        part, whole, mx, my, mz = 1.0, 1.0, nx, ny, nz
+        if not rate:
+            mx, my, mz = mid_normal(nx, ny, nz, inverse, dx, dy, dz)
+            part, whole = touching_fraction(nx, ny, nz, inverse, overlap - edge, dx, dy, dz)
+            part, whole = part if before == OPEN else 1.0, whole if before == OPEN else 1.0
+        sx, sy, sz = onto_plane(nx, ny, nz, mx, my, mz, ox, oy, oz)
+        if rescaled is not None:
+            if rate:
+                sx, sy, sz = same_length(sx, sy, sz, ox, oy, oz)
+            fade, sx, sy, sz = faded(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz)
+        dx, dy, dz = slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, wx, wy, wz)
+        if rescaled is not None and not rate:
+            half = 0.5 * (1.0 + fade)
+            dx, dy, dz = half * dx, half * dy, half * dz
+        if hold:
+            sx, sy, sz, dx, dy, dz = ox, oy, oz, 0.0, 0.0, 0.0
+        m_eff = mass[l] if needs_mass(viscous) else 1.0
+        fn = masked(kind, touches, normal_force(kind, q, r_eff, overlap))
+        stiffness = tangential_stiffness(kind, q, r_eff, overlap)
+        vx = vy = vz = damping = 0.0
+        if viscous:
+            factor = damping_of(kind, viscous, r_eff, m_eff, overlap)
+            factor = factor if touches else 0.0
+            damping = factor * q[DAMPING_T]
+            ax, ay, az = (
+                scratch[w + l] if dim == 3 else 0.0,
+                scratch[w + 64 + l] if dim == 3 else 0.0,
+                scratch[w + 128 + l],
+            )
+            vx, vy, vz = scratch[v + l], scratch[v + 64 + l], scratch[v + 128 + l] if dim == 3 else 0.0
+            vx, vy, vz = at_contact(nx, ny, nz, vx, vy, vz, ax, ay, az)
+            vn = vx * nx + vy * ny + vz * nz
+            vx, vy, vz = vx - vn * nx, vy - vn * ny, vz - vn * nz
+            fn = with_dashpot(viscous, fn, factor * q[DAMPING_N], vn, least_force(kind, fn))
+        if viscous and rate:
+            limit = q[MU] * abs(fn)
+            sx, sy, sz = sx + dx, sy + dy, sz + dz
+            tx, ty, tz, sx, sy, sz, slides = in_one_go(stiffness, damping, limit, sx, sy, sz, vx, vy, vz, hold)
+        else:
+            limit = masked(kind, touches, cap(kind, q, r_eff, overlap, fn))
+            slid = SLIDE if not rate and before in (SLIDE, LOOSE) else STICK
+            if rescaled is not None:
+                cx, cy, cz, after = return_mapping(
+                    dim, stiffness, limit, sx, sy, sz, dx, dy, dz, part, whole, slid, FREE, fade
+                )
+            else:
+                cx, cy, cz, after = return_mapping(
+                    dim, stiffness, limit, sx, sy, sz, dx, dy, dz, part, whole, slid, FREE
+                )
+            slides = after == SLIDE
+            sx, sy, sz = (sx, sy, sz) if hold else (cx, cy, cz)
+            tx, ty, tz = tangential_force(coulomb, stiffness, limit, sx, sy, sz)
+            if viscous:
+                tx, ty, tz = damped(tx, ty, tz, damping, limit, vx, vy, vz)
+        here = 1.0 if touches else 0.0
+        slip[l], slip[64 + l] = here * sx, here * sy
+        if dim == 3:
+            slip[128 + l] = here * sz
+        reached = before in (SLIDE, STUCK_AGAIN)
+        sliding, sticking = SLIDE if reached or limit > 0.0 else LOOSE, STUCK_AGAIN if reached else STICK
+        after = sliding if slides else sticking
+        after = before if hold and before != OPEN else after
+        mode[l] = after if touches else OPEN
+        scratch[l], scratch[64 + l] = fn * nx + tx, fn * ny + ty
+        scratch[320 + l] = ny * tx - nx * ty
+        if dim == 3:
+            scratch[128 + l] = fn * nz + tz
+            scratch[192 + l], scratch[256 + l] = nz * ty - ny * tz, nx * tz - nz * tx
+        else:
+            scratch[128 + l] = scratch[192 + l] = scratch[256 + l] = 0.0
+
+
+@njit(fastmath=True, **BARE)
+def _idle(kind, dim, viscous, wall, q, blocks, b, scratch):
+    """True if no contact of a block touches or has touched before; may be false where one nearly does."""
+    lanes = slice(LANES * b, LANES * b + LANES)
+    size = blocks.size[lanes] if needs_radius(kind, viscous) else blocks.load[np.uint64(0)]
+    mode, vector = blocks.mode[lanes], blocks.vector[blocks.at[b] :]
+    least, held = 1.0, 0
+    for l in range(LANES):
+        rx, ry, rz = scratch[PAIR + l], scratch[PAIR + 64 + l], scratch[PAIR + 128 + l] if dim == 3 else 0.0
+        ranged = scratch[RADII + l] + reach(kind, q, size[l] if needs_radius(kind, viscous) else 1.0)
+        if wall:
+            square = rx * vector[l] + ry * vector[64 + l] + (rz * vector[128 + l] if dim == 3 else 0.0)
+            square, ranged = square * abs(square), ranged * abs(ranged)
+        else:
+            square, ranged = rx * rx + ry * ry + rz * rz, ranged * ranged
+        least = min(least, square - _NEARLY * ranged)
+        held |= mode[l]
+    return least > 0.0 and held == 0
+
+
+@njit(fastmath=True, **BARE)
+def evaluated(
+    kind, coulomb, dim, viscous, rate, rescaled, first, last, crossing, begin, end, blocks, body, ahead, p, dt, hold,
+    flow, scratch,
+):  # fmt: skip
+    """Loads and memory of a stretch of blocks; compiled into its callers.
+
+    Meanwhile memory is asked for: if the blocks are `crossing`, their bodies lie anywhere and are asked for a block
+    before; else it is that of bodies from `begin` to before `end`, which come next.
+    """
+    load, predict = blocks.load, viscous > 0 and not rate
+    each = (end - begin) // max(last - first, 1) + 1
+    for b in range(first, last):
+        if crossing:
+            _pairs_soon(blocks, body, min(b + 1, last - 1))
+        else:
+            _bodies_soon(body, min(begin, end), min(begin + each, end))
+            begin += each
+        _apart(dim, flow, blocks, body, b, scratch)
+        place, q = blocks.place[b], row(kind, p, blocks.material[b, 0], blocks.material[b, 1])
+        if _idle(kind, dim, viscous, blocks.wall[b], q, blocks, b, scratch):
+            for s in range(np.uint64(place), np.uint64(place + LANES)):
+                for m in range(np.uint64(WIDTH)):
+                    load[s, m] = 0.0
+                if flow is not None:
+                    for m in range(np.uint64(3)):
+                        blocks.pair[s, m] = 0.0
+            continue
+        gathered_motion(
+            np.int64(dim), np.int64(predict), np.int64(b * LANES), blocks.i, blocks.j, body, ahead, scratch
+        )  # fmt: skip
+        if flow is not None:
+            _flowed(dim, predict, flow, scratch)
+            for lane in range(LANES):
+                l, s = np.uint64(lane), np.uint64(place + lane)
+                blocks.pair[s, 0], blocks.pair[s, 1], blocks.pair[s, 2] = (
+                    scratch[PAIR + l], scratch[PAIR + 64 + l], scratch[PAIR + 128 + l],
+                )  # fmt: skip
+        if blocks.wall[b]:
+            _responded(kind, coulomb, dim, viscous, rate, rescaled, True, q, blocks, b, dt, hold, scratch)
+        else:
+            _responded(kind, coulomb, dim, viscous, rate, rescaled, False, q, blocks, b, dt, hold, scratch)
+        scattered(np.int64(place), scratch, load)

@@ -1,0 +1,135 @@
+"""What scenarios are made of: types of entries, tables that refuse unknown keys, and one sentence for an error."""
+
+import difflib
+import hashlib
+from typing import TYPE_CHECKING, Annotated, ClassVar, get_args
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic_core import PydanticCustomError
+
+from ..core.readable import folded
+
+LARGEST, SMALLEST = 1e100, 1e-100  # in size, as of parameters of laws: products of two, and of three, do not overflow
+
+
+def _sized(value: float) -> float:
+    if value and not SMALLEST <= abs(value) <= LARGEST:
+        raise PydanticCustomError("size", "it must be 0, or between {small} and {large} in size", SIZES)
+    return value
+
+
+SIZES = {"small": f"{SMALLEST:g}", "large": f"{LARGEST:g}"}
+Sized = AfterValidator(_sized)
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False), Sized]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False), Sized]
+Finite = Annotated[float, Field(allow_inf_nan=False), Sized]
+Duration = Annotated[float, Field(gt=0, le=1e7, allow_inf_nan=False), Sized]
+Listed = BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)  # TOML and JSON have lists
+Several = Annotated[Positive | tuple[Positive, ...], Listed]
+Loads = Annotated[tuple[Finite, ...], Listed]
+Seed = Annotated[int, Field(ge=0, le=10**18, description="of all random numbers: the same seed, the same run")]
+
+
+class ScenarioError(ValueError):
+    """A scenario that cannot be run; the message is one sentence for the user."""
+
+
+class Part(BaseModel):
+    """A table of a scenario."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+class Whole(Part):
+    """A whole scenario."""
+
+    si: ClassVar[bool] = False  # whether its units are SI
+    if TYPE_CHECKING:
+        experiment: str  # its name, a literal in each class
+
+    @property
+    def text(self) -> str:
+        """Canonical text: the same for the same run."""
+        return self.model_dump_json(indent=1)
+
+    @property
+    def digest(self) -> str:
+        """Hash of the canonical text."""
+        return hashlib.sha256(self.text.encode()).hexdigest()[:16]
+
+    def __repr__(self) -> str:
+        given = self.model_dump(exclude_defaults=True, exclude={"experiment"}, mode="json")
+        words = ", ".join(f"{key} = {value}" for key, value in given.items()) or "all defaults"
+        return folded(f"{type(self).__name__} {self.digest}: {words}")
+
+    __str__ = __repr__
+
+
+def sentence(problem: ValidationError, kind: type[BaseModel]) -> str:
+    """The first thing that is wrong: the key, what was got and what is allowed."""
+    first = problem.errors()[0]
+    if first["type"] == "extra_forbidden":
+        return unknown_key(first["loc"], kind)
+    keys, _, entry = _walked(first["loc"], kind)
+    message = first["msg"].removeprefix("Value error, ")
+    message = message[0].lower() + message[1:]
+    if first["type"] == "value_error":
+        return message
+    if first["type"].startswith("union_tag"):
+        given = f"has kind = {first['ctx']['tag']!r}" if "tag" in first["ctx"] else "has no kind"
+        kinds = [table.model_fields["kind"].default for table in tables_in(kind.model_fields[keys[-1]].annotation)]
+        return f"{'.'.join(keys)}{entry} {given}: use {', '.join(map(repr, kinds))}"
+    if first["type"] == "missing":
+        return f"{'.'.join(keys)}{entry} is missing: give it"
+    got = repr(first["input"])
+    got = got if len(got) <= 100 else f"{got[:97]}…"
+    return f"{'.'.join(keys) or 'the scenario'}{entry} = {got} was given, but {message.replace('input ', 'it ')}"
+
+
+def _walked(where, table: type[BaseModel]):
+    """The keys of a location without pydantic's words for branches of a union, the last table, and which entry."""
+    keys, entry, branches = [], "", []
+    for part in where:
+        if isinstance(part, int):
+            entry = entry or f" (entry {part + 1})"
+        elif part in table.model_fields:
+            keys.append(part)
+            branches = tables_in(table.model_fields[part].annotation)
+            table = branches[0] if branches else table
+        else:
+            kinds = {
+                branch.model_fields["kind"].default: branch for branch in branches if "kind" in branch.model_fields
+            }
+            table = kinds.get(part, table)
+    return keys, table, entry
+
+
+def tables_in(annotation) -> list[type[BaseModel]]:
+    """The classes of the tables that an annotation holds, in a tuple, a dictionary or a union."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [found for inner in get_args(annotation) for found in tables_in(inner)]
+
+
+def unknown_key(where, kind: type[BaseModel]) -> str:
+    """That a table has no such key, and what may have been meant."""
+    keys, table, entry = _walked(where[:-1], kind)
+    known, key = list(table.model_fields), str(where[-1])
+    place = f"the table [{'.'.join(keys)}]{entry}" if keys else "a scenario"
+    near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+    hint = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(known)}"
+    return f"{place} has no key {key!r}: {hint}"
+
+
+def validated(kind: type[Whole], /, **tables):
+    """A scenario of a class from nested dictionaries, as in its TOML file.
+
+    Raises
+    ------
+    ScenarioError
+        with one sentence that names the key, what was got and what is allowed.
+    """
+    try:
+        return kind.model_validate(tables)
+    except ValidationError as problem:
+        raise ScenarioError(sentence(problem, kind)) from None

@@ -1,0 +1,184 @@
+"""Many independent runs, in local processes or on a Dask cluster; one that fails is reported and the rest kept."""
+
+import os
+import pickle
+import sys
+from collections.abc import Callable, Iterable
+from functools import partial
+from importlib import import_module
+from operator import attrgetter
+from typing import Any, NamedTuple
+
+from ..core.readable import readable
+from . import local
+from .worker import SchedulerGoneError, sentence
+
+Workers = int | str | None  # processes here, or a Dask scheduler's address; None is one process a core
+
+
+@readable
+class Member(NamedTuple):
+    """What became of one run: its result, or the sentence of its failure."""
+
+    result: Any
+    failure: str | None
+
+
+def default_workers() -> int:
+    """Number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@readable
+class Spread(NamedTuple):
+    """Where runs go."""
+
+    slots: int  # how many run at once
+    words: str
+
+
+def reach(workers: Workers) -> Spread:
+    """Make sure that runs can be spread as asked, before anything starts: how many at once, and where, in words.
+
+    Raises
+    ------
+    ValueError
+        with one sentence, if the number is below 1, or no Dask scheduler answers at the address.
+    """
+    if workers is None or isinstance(workers, int):
+        number = default_workers() if workers is None else workers
+        if number < 1:
+            raise ValueError(f"workers = {number} was given: at least 1 is needed")
+        return Spread(number, f"{number} process{'es' if number > 1 else ''}")
+    from . import cluster
+
+    with cluster.connected(workers) as client:
+        slots = sum(client.nthreads().values())
+        now = f"{slots or 'no'} slot{'' if slots == 1 else 's'} now"
+        return Spread(slots, f"the Dask cluster at {client.scheduler.address}, {now}")
+
+
+def run_members(
+    function: Callable,
+    tasks: Iterable[tuple],
+    *,
+    workers: Workers = None,
+    report=None,
+    live=None,
+    load: Callable[[int], Any] | None = None,
+    save: Callable[[int, Any], None] | None = None,
+) -> list[Member]:
+    """`function(*task)` for every task, in order; neither processes nor cluster change the results.
+
+    A process that dies costs its own member only: that one is tried once more (on a cluster as often as the scheduler
+    allows) and is then reported as failed, in a sentence; the others go on.
+
+    Parameters
+    ----------
+    function : importable by name, so that other processes find it; with `live` it is called with a last argument
+        `tell`, to be called as tell(share of this task done, words) as it goes
+    workers : number of processes, each of them on one core, 1 runs everything here; or the address of a Dask
+        scheduler, such as "tcp://host:8786" (or its JSON file, or a `distributed.Client`)
+    report : called as report(number done, number of tasks, member)
+    live : called as live(share done of what is run, words) with what the tasks tell
+    load : load(k) is the result of task k if it was finished before, else None; such a task is not run
+    save : called as save(k, result) here, as soon as task k has run
+
+    Raises
+    ------
+    ValueError
+        if `function` is defined in a script or notebook and more than one process is asked for.
+    RuntimeError
+        with one sentence that counts the members that were not finished, if a cluster's scheduler is gone.
+
+    Examples
+    --------
+    >>> [member.result for member in run_members(divmod, [(7, 2), (9, 4)], workers=1)]
+    [(3, 1), (2, 1)]
+    """
+    tasks = list(tasks)
+    members: list[Member | None] = [None] * len(tasks)
+    if load:
+        members = [None if (found := load(k)) is None else Member(found, None) for k in range(len(tasks))]
+    missing = [k for k, member in enumerate(members) if member is None]
+    shares, done, total = dict.fromkeys(missing, 0.0), len(tasks) - len(missing), 0.0
+
+    def keep(k: int, member: Member) -> None:
+        nonlocal done
+        members[k], done = member, done + 1
+        heard(k, 1.0, None)
+        if save and member.failure is None:
+            save(k, member.result)
+        if report:
+            report(done, len(tasks), member)
+
+    def heard(k: int, share: float, words: str | None) -> None:
+        nonlocal total
+        total, shares[k] = total + share - shares[k], share
+        if live and words is not None:
+            live(total / len(missing), words)
+
+    if missing:
+        try:
+            _spread(function, {k: tasks[k] for k in missing}, workers, keep, heard if live else None)
+        except SchedulerGoneError as problem:
+            raise RuntimeError(f"{problem}; {members.count(None)} of {len(tasks)} members were not finished") from None
+    return members
+
+
+def trial(function: Callable, task: tuple, seconds: float) -> Member | None:
+    """function(*task) in a process here, which is ended if it takes longer than some seconds; None then."""
+    found = local.trial(pickle.dumps((function, task), protocol=5), seconds)
+    members = []
+    if found is not None:
+        _unpacked(lambda _, one: members.append(one), 0, *found)
+    return members[0] if members else None
+
+
+def _spread(function, tasks: dict[int, tuple], workers: Workers, keep, heard) -> None:
+    """Run the tasks here, in processes or on a cluster."""
+    if workers is not None and not isinstance(workers, int):
+        from . import cluster
+
+        return cluster.spread(_packed(function, tasks), workers, partial(_unpacked, keep), heard)
+    if workers is not None and workers < 1:
+        raise ValueError(f"workers = {workers} was given: at least 1 is needed")
+    workers = min(workers or default_workers(), len(tasks))
+    if workers > 1:
+        return local.spread(_packed(function, tasks), workers, partial(_unpacked, keep), heard)
+    for k, task in tasks.items():
+        more = (partial(heard, k),) if heard else ()
+        try:
+            member = Member(function(*task, *more), None)
+        except Exception as problem:
+            member = Member(None, sentence(problem))
+        keep(k, member)
+    return None
+
+
+def _packed(function, tasks: dict[int, tuple]):
+    """Yield (k, bytes of a task), each when it is needed."""
+    function = _importable(function)
+    for k, task in tasks.items():
+        yield k, pickle.dumps((function, task), protocol=5)
+
+
+def _importable(function: Callable) -> Callable:
+    """The same function from a module that other processes can import."""
+    if getattr(function, "__module__", None) != "__main__":
+        return function
+    spec = getattr(sys.modules["__main__"], "__spec__", None)
+    if spec is None:
+        raise ValueError(
+            f"{function.__qualname__} is defined in a script or notebook, where worker processes cannot import it: "
+            f"move it to a module of its own, run the script with python -m, or use workers=1"
+        )
+    return attrgetter(function.__qualname__)(import_module(spec.name))
+
+
+def _unpacked(keep, k: int, packed: bytes | None, failure: str | None) -> None:
+    try:
+        member = Member(None, failure) if packed is None else Member(pickle.loads(packed), None)
+    except Exception as problem:
+        member = Member(None, f"its result cannot be read here ({sentence(problem)})")
+    keep(k, member)

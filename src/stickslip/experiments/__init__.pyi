@@ -1,0 +1,9 @@
+from ..data.schema import ScenarioError as ScenarioError
+from . import disk_array as disk_array
+from . import flow as flow
+from . import gouge as gouge
+from . import quasi_rigid as quasi_rigid
+from . import rate_state as rate_state
+from . import sphere_shear as sphere_shear
+from .experiment import Experiment as Experiment
+from .registry import EXPERIMENTS as EXPERIMENTS

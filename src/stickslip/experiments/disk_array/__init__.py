@@ -1,0 +1,45 @@
+"""Paper 000: an array of frictional disks on a substrate, from static to dynamic friction."""
+
+from functools import partial
+
+from ...lazy import attach
+from ..experiment import Experiment, Paper, late
+from ..sources import of_law
+from .scenario import DiskArrayScenario
+
+_here = partial(late, __name__)
+
+
+def references(scenario: DiskArrayScenario) -> dict[str, tuple[str, ...]]:
+    """Keys of references.bib, by what they are for."""
+    return {"the experiment (paper 000)": ("Charan2020",), "contact law": of_law(scenario.law)}
+
+
+EXPERIMENT = Experiment(
+    scenario=DiskArrayScenario,
+    words="paper 000: ten disks on a substrate are pushed",
+    simulate=_here("simulate.simulate_and_check"),
+    numbers=_here("report.numbers"),
+    measures=_here("report.measures"),
+    show=_here("report.show"),
+    figures=_here("report.figures"),
+    references=references,
+    files=_here("report.files"),
+    failures=_here("report.failures"),
+    paper=Paper(
+        title="Paper 000: an array of frictional disks",
+        cuts=(
+            "16 realizations of sliding at each load instead of 200 (quarter: 8 instead of 100); M(t) for 30000 "
+            "time units instead of 60000; sliding for 25000 instead of 40000 (quarter: 60000 instead of 80000)"
+        ),
+        scenario=_here("paper.paper_scenario"),
+        reproduce=_here("paper.reproduce"),
+        shows=_here("claims.shows"),
+        numbers=_here("report.paper_numbers"),
+        figures=_here("report.paper_figures"),
+        files=_here("report.paper_files"),
+        failures=_here("report.paper_failures"),
+    ),
+)
+
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

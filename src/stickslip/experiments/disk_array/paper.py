@@ -1,0 +1,84 @@
+"""Paper 000, end to end: the transition from static to dynamic friction in an array of disks.
+
+Charan, Chattoraj, Pica Ciamarra, Procaccia, doi:10.48550/arXiv.1908.11724. Units: 2R = m = k_n = 1, forces in the
+paper's numbers (a force of 1 is 1/2000 here, as k_n = 2000 there), time in √(m/(k_n √(2R))).
+
+Two scenarios. `main` is the printed model with I0 = 1/2, a disk's. `quarter` is a hypothesis found by search, without
+a documented reason: disk–disk normal stiffness a quarter of the printed one, I0 = 1. It is labelled so everywhere.
+"""
+
+from typing import NamedTuple
+
+from ...data.checkpoint import UNFINISHED
+from ...data.schema import validated
+from ...ensemble import Workers
+from ..claims import Claim, for_quick_run
+from .claims import FRONT_LOADS, STABLE_LOAD, evaluated
+from .scenario import DiskArrayScenario
+from .simulate import DiskArrayResult, Report, silent, simulate_disk_array
+
+
+class Reproduction(NamedTuple):
+    """Both scenarios, run, and the claims that they support."""
+
+    main: DiskArrayResult
+    quarter: DiskArrayResult
+    claims: list[Claim]
+
+
+def paper_scenario(*, quick: bool = False, seed: int = 0) -> DiskArrayScenario:
+    """The printed model: N = 10, μ = 10, k_t = 2/7 k_n, smooth Coulomb, F_y = 0.1."""
+    return validated(
+        DiskArrayScenario,
+        seed=seed,
+        load={"push": (0.0, 0.12), "step": 5e-4},
+        dynamics={"duration": 30_000.0 if quick else 60_000.0, "watch": 0.083},
+        sliding={
+            "loads": (*FRONT_LOADS, 0.095, 0.1, 0.12),
+            "realizations": 16 if quick else 200,
+            "duration": 25_000.0 if quick else 40_000.0,
+        },
+    )
+
+
+def quarter_scenario(*, quick: bool = False, seed: int = 0) -> DiskArrayScenario:
+    """The hypothesis: disk–disk normal stiffness divided by four, I0 = 1; everything else as printed."""
+    main = paper_scenario(quick=quick, seed=seed)
+    return validated(
+        DiskArrayScenario,
+        seed=seed,
+        array={"i0": 1.0},
+        law={"kn": 0.25, "wall": {"kn": 1.0}},
+        load=main.load.model_dump(),
+        dynamics={"loads": (STABLE_LOAD,), "duration": main.dynamics.duration},
+        sliding=main.sliding.model_dump()
+        | {
+            "loads": (*FRONT_LOADS, 0.1),
+            "realizations": 8 if quick else 100,
+            "duration": 60_000.0 if quick else 80_000.0,
+        },
+    )
+
+
+def reproduce(
+    *, quick: bool = False, seed: int = 0, folder=None, workers: Workers = None, report: Report = silent
+) -> Reproduction:
+    """Run both scenarios and judge every claim of the paper.
+
+    Parameters
+    ----------
+    quick : fewer realizations and shorter runs
+    seed : of all random velocities
+    workers : processes for the realizations, or a Dask scheduler's address
+    report : called as report(stage, share done, words)
+    """
+    main = simulate_disk_array(paper_scenario(quick=quick, seed=seed), folder=folder, workers=workers, report=report)
+    quarter = simulate_disk_array(
+        quarter_scenario(quick=quick, seed=seed),
+        folder=folder and folder / UNFINISHED / "quarter",
+        workers=workers,
+        report=lambda stage, share, words: report(f"{stage} (quarter)", share, words),
+    )
+    report("claims", 0.0, "births by bisection, for four load steps")
+    claims = evaluated(main, quarter, lambda share, words: report("claims", share, words))
+    return Reproduction(main, quarter, for_quick_run(claims) if quick else claims)

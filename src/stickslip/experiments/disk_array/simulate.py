@@ -1,0 +1,409 @@
+"""A scenario, run: press, push quasi-statically with spectra, let go from chosen loads, slide many times."""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ...core.laws.builtin import Law, dashpots
+from ...core.outcome import NotInEquilibriumError, Outcome, Status
+from ...core.readable import readable
+from ...core.state import State
+from ...data.checkpoint import Kept, hooks, kept_in, piece
+from ...data.law_schema import law_of
+from ...ensemble import Workers, run_members
+from ...loading.packing import disk_array, with_push
+from ...loading.protocols import (
+    Change,
+    Equilibrium,
+    Family,
+    Growth,
+    Protocol,
+    equilibrium,
+    fit_growth,
+    free_run,
+    load_path,
+    perturbed,
+    ramp,
+    track_pairs,
+)
+from ...solve.spectrum import Spectrum, damped_growth, spectrum
+from . import fronts
+from .scenario import DiskArrayScenario, Dynamics
+
+BIRTHS = "births and deaths of pairs"  # a stage
+SLID = 0.1  # every disk moved by a tenth of a mean diameter: the array slides
+
+Report = Callable[[str, float, str], None]
+
+
+class FreeRun(NamedTuple):
+    """Newtonian dynamics from the equilibrium at one load."""
+
+    load: float
+    time: np.ndarray  # (T,)
+    msd: np.ndarray  # (T,) M(t) = Σ|Δr|² [length²]
+    center: np.ndarray  # (T, 2) [length]
+    kinetic_energy: np.ndarray  # (T,)
+    touching: np.ndarray  # (T,)
+    breach: np.ndarray  # (N,) first Coulomb limit of each wall contact; NaN if never [time]
+    first_limit: np.ndarray  # (3,) time, i, j of the first contact anywhere to reach Coulomb's limit; NaN if none
+    predicted_growth: float  # ω_i of what grows fastest, with drag and dashpots [1/time]
+    predicted_frequency: float
+    growth: Growth | None
+    saturation: float  # mean of M over the last half of the run
+    slid: bool
+
+
+class Trajectory(NamedTuple):
+    """All disks around the transition, finely sampled."""
+
+    load: float
+    time: np.ndarray  # (T,)
+    position: np.ndarray  # (T, N, 2)
+    angle: np.ndarray  # (T, N)
+    first_limit: float  # first time that any contact reached Coulomb's limit
+    breach: np.ndarray  # (N,)
+    slide: np.ndarray  # (N,) first displacement by SLID diameters
+
+
+class Ensemble(NamedTuple):
+    """Many realizations of sliding at one load."""
+
+    load: float
+    breach: np.ndarray  # (S, N)
+    slide: np.ndarray  # (S, H, N)
+    velocity: np.ndarray  # (S,) [length/time]
+    time: np.ndarray  # (T,)
+    center: np.ndarray  # (T, 2) of the first realization
+    failures: tuple[str, ...]
+
+
+@readable
+class DiskArrayResult(NamedTuple):
+    """Everything that a run of a scenario found."""
+
+    scenario: DiskArrayScenario
+    law: Law
+    pressed: State
+    pressed_spectrum: Spectrum
+    path: list[Equilibrium]  # loads in the scenario's numbers
+    families: list[Family]
+    coarse_families: list[Family]  # on the same path with twice the load step, if asked for
+    free_runs: dict[float, FreeRun]
+    trajectory: Trajectory | None
+    sliding: dict[float, Ensemble]
+
+
+def silent(stage: str, share: float, words: str) -> None:
+    """Report nothing."""
+
+
+def protocol_of(scenario: DiskArrayScenario, law: Law) -> Protocol:
+    """How a scenario applies a push (in its own numbers) and finds equilibria."""
+    how = scenario.relaxation
+    options = {"tolerance": how.tolerance}
+    if how.method == "dynamics":
+        options |= {"drag": how.drag, "spin_drag": how.spin_drag, "dt": how.dt, "steps": how.steps}
+
+    def apply(state, load):
+        return with_push(state, load * scenario.load.unit, scenario.load.disk - 1)
+
+    def settle(state, load):
+        return equilibrium(state, law, method=how.method, what=f"push = {load:g}", **options)
+
+    return Protocol(law, apply, settle)
+
+
+def press(scenario: DiskArrayScenario) -> tuple[State, Law]:
+    """The array at rest under its normal load."""
+    state, law = array_of(scenario)
+    how = scenario.relaxation
+    state, _ = equilibrium(
+        state,
+        law,
+        what="the normal load alone",
+        tolerance=how.tolerance,
+        drag=how.drag,
+        spin_drag=how.spin_drag,
+        dt=how.dt,
+        steps=how.steps,
+    )
+    return state, law
+
+
+def push_disk_array(
+    scenario: DiskArrayScenario, *, step: float | None = None, kept: Kept | None = None, report: Report = silent
+):
+    """Press the array and push it along its path: State, Law and list of Equilibrium.
+
+    Parameters
+    ----------
+    step : float, another load step than the scenario's, to see how much the path depends on it
+    kept : where points of the path are kept
+    """
+    state, law = press(scenario)
+    through = (*scenario.dynamics.loads, *scenario.sliding.loads)
+    loads = load_path(scenario.load.push, step or scenario.load.step, through)
+    seen = []
+
+    def tell(point: Equilibrium):
+        seen.append(point)
+        fastest = point.spectrum.growth_rate.max()
+        words = f"push {point.load:.4f}, {len(point.spectrum.pairs)} pairs, growth rate {fastest:.2e}"
+        report("quasi-static ramp", len(seen) / len(loads), f"{words}, unbalanced {point.outcome.residual:.0e}")
+
+    return state, law, ramp(state, loads, protocol_of(scenario, law), tell, kept=kept)
+
+
+def _coarse(scenario: DiskArrayScenario, law: Law, report: Report) -> list[Family]:
+    """Pairs on the path with twice the load step."""
+
+    def heard(_, share: float, words: str) -> None:
+        report(BIRTHS, 0.5 + 0.4 * share, f"twice the load step: {words}")
+
+    path = push_disk_array(scenario, step=2 * scenario.load.step, report=heard)[2]
+    last = lambda share, words: report(BIRTHS, 0.9 + 0.1 * share, f"twice the load step: {words}")  # noqa: E731
+    return track_pairs(path, protocol_of(scenario, law), last)
+
+
+def at_load(path: list[Equilibrium], load: float) -> Equilibrium:
+    """The first point of a path at a load."""
+    return min(path, key=lambda point: abs(point.load - load))
+
+
+def diameter(state: State) -> float:
+    """Mean diameter of the grains, the unit of displacements [length]."""
+    return 2 * float(state.grains.radius.mean())
+
+
+def fastest_period(point: Equilibrium) -> float:
+    """Period of the fastest mode, the unit of sampling [time]."""
+    return 2 * np.pi / float(point.spectrum.frequency.max())
+
+
+def predicted_growth(point: Equilibrium, law: Law, how: Dynamics) -> tuple[float, float]:
+    """Growth rate and frequency of what grows fastest in a free run, with its drag and the law's dashpots [1/time]."""
+    if how.drag or how.spin_drag or dashpots(law):
+        fastest = damped_growth(point.state, law, drag=how.drag, spin_drag=how.spin_drag)[0]
+        return max(0.0, float(fastest.real)), abs(float(fastest.imag))
+    modes = point.spectrum
+    k = int(np.argmax(modes.growth_rate))
+    return float(modes.growth_rate[k]), float(modes.frequency[k])
+
+
+def check_time_step(point: Equilibrium, dt: float) -> None:
+    """Raise ValueError if velocity Verlet cannot follow the fastest mode."""
+    longest = 2 / float(point.spectrum.frequency.max())
+    if dt >= longest:
+        raise ValueError(
+            f"dynamics.dt = {dt:g} is too long at push = {point.load:g}: velocity Verlet explodes from {longest:.3g}, "
+            f"use at most {0.2 * longest:.1g}"
+        )
+
+
+def let_go(point: Equilibrium, law: Law, scenario: DiskArrayScenario) -> FreeRun:
+    """Newtonian dynamics from one equilibrium, from a tiny random velocity."""
+    how = scenario.dynamics
+    check_time_step(point, how.dt)
+    start = perturbed(point.state, scenario.seed, how.seed_velocity)
+    _, record, outcome = free_run(
+        start,
+        law,
+        duration=how.duration,
+        dt=how.dt,
+        sample=fastest_period(point) / 5,
+        drag=how.drag,
+        spin_drag=how.spin_drag,
+    )
+    if outcome.broken:
+        raise NotInEquilibriumError(f"the free run at push = {point.load:g} blew up", outcome)
+    rate, frequency = predicted_growth(point, law, how)
+    growth = None
+    if rate > 0 and frequency > 0:
+        scale = diameter(start) ** 2
+        growth = fit_growth(record.time, record.msd / scale, growth_rate=rate, frequency=frequency)
+    late = record.time >= record.time[0] + 0.5 * how.duration
+    moved = np.abs(record.position[-1, :, 0] - start.grains.position[:, 0])
+    limits = record.events[record.events["kind"] == "limit"][:1]
+    first = np.array([[e["time"], e["i"], e["j"]] for e in limits], float).reshape(-1, 3)
+    return FreeRun(
+        point.load,
+        record.time,
+        record.msd,
+        record.center[:, :2],
+        record.kinetic_energy,
+        record.touching,
+        fronts.breach_times(record.events, start),
+        first[0] if len(first) else np.full(3, np.nan),
+        rate,
+        frequency,
+        growth,
+        float(record.msd[late].mean()),
+        bool((moved > SLID * diameter(start)).all()),
+    )
+
+
+def around_transition(point: Equilibrium, law: Law, scenario: DiskArrayScenario, known: FreeRun) -> Trajectory | None:
+    """The free run again, bit for bit, finely sampled from before the first slip to well after sliding."""
+    if not (np.isfinite(known.breach).any() and np.isfinite(known.first_limit[0])):
+        return None
+    how = scenario.dynamics
+    period = fastest_period(point)
+    begin = max(0.0, float(known.first_limit[0]) - 30 * period)
+    options = {"drag": how.drag, "spin_drag": how.spin_drag, "dt": how.dt}
+    start = perturbed(point.state, scenario.seed, how.seed_velocity)
+    before, _, _ = free_run(start, law, duration=begin, sample=how.duration, **options)
+    length = min(how.duration - begin, 600 * period)
+    _, record, _ = free_run(before, law, duration=length, sample=period / 20, **options)
+    along = record.position[:, :, 0] - point.state.grains.position[:, 0]
+    slide = fronts.crossing_times(record.time, along, [SLID * diameter(point.state)])[0]
+    return Trajectory(
+        point.load,
+        record.time,
+        record.position[:, :, :2],
+        record.angle[:, :, 2],
+        float(known.first_limit[0]),
+        known.breach,
+        slide,
+    )
+
+
+def slide_many(
+    points: list[Equilibrium],
+    law: Law,
+    scenario: DiskArrayScenario,
+    workers: Workers,
+    report: Report = silent,
+    *,
+    kept: Kept | None = None,
+) -> dict[float, Ensemble]:
+    """Realizations of sliding at every load, in parallel; seeds are the scenario's seed + 1, 2, 3 …"""
+    how, dynamics = scenario.sliding, scenario.dynamics
+    options = {
+        "velocity": dynamics.seed_velocity,
+        "duration": how.duration,
+        "dt": dynamics.dt,
+        "thresholds": how.thresholds,
+        "drag": dynamics.drag,
+        "spin_drag": dynamics.spin_drag,
+    }
+    for point in points:
+        check_time_step(point, dynamics.dt)
+    seeds = [scenario.seed + 1 + k for k in range(how.realizations)]
+    tasks = [
+        (p.state, law, p.load, seed, options | {"sample": fastest_period(p) / 10}) for p in points for seed in seeds
+    ]
+    names = [f"{point.load!r}-{seed}" for point in points for seed in seeds]
+
+    def tell(done, total, member):
+        report("realizations of sliding", done / total, f"{done} of {total}, {_went(member)}")
+
+    live = partial(report, "realizations of sliding")
+    members = run_members(_one_transition, tasks, workers=workers, report=tell, live=live, **hooks(kept, names))
+    out = {}
+    for k, point in enumerate(points):
+        mine = members[k * len(seeds) : (k + 1) * len(seeds)]
+        good = [m.result for m in mine if m.failure is None]
+        failures = tuple(f"seed {seed}: {m.failure}" for seed, m in zip(seeds, mine, strict=True) if m.failure)
+        if not good:
+            raise RuntimeError(f"every realization at push = {point.load:g} failed, the first with {failures[0]}")
+        out[point.load] = Ensemble(
+            point.load,
+            np.array([t.breach for t in good]),
+            np.array([t.slide for t in good]),
+            np.array([t.velocity for t in good]),
+            good[0].time,
+            good[0].center,
+            failures,
+        )
+    return out
+
+
+def _went(member) -> str:
+    """What became of a realization, in words."""
+    if member.failure:
+        return member.failure
+    velocity = member.result.velocity
+    return f"sliding velocity {velocity:.2e}" if np.isfinite(velocity) else "did not slide in time"
+
+
+def _one_transition(state, law, load, seed, options, tell):
+    tell(0.0, f"push {load:g}, seed {seed} started")
+    return fronts.transition(state, law, seed, **options)
+
+
+def simulate_disk_array(
+    scenario: DiskArrayScenario,
+    *,
+    folder: Path | None = None,
+    workers: Workers = None,
+    sensitivity: bool = False,
+    report: Report = silent,
+) -> DiskArrayResult:
+    """Run a scenario from beginning to end.
+
+    Parameters
+    ----------
+    folder : where loads, free runs and realizations are kept as soon as they are done; a run that was killed goes on
+        from what is kept
+    workers : processes for the realizations of sliding, or a Dask scheduler's address; the result does not depend on it
+    sensitivity : also follow the pairs on the same path with twice the load step, to see how much births depend on it
+    report : called as report(stage, share done, words with the quantities that matter)
+
+    Raises
+    ------
+    NotInEquilibriumError
+        if a load has no equilibrium that the scenario's method finds; says which load and what to try.
+
+    Examples
+    --------
+    >>> from stickslip.experiments.registry import scenario
+    >>> short = scenario(load={"push": (0.0, 0.02), "step": 0.01}, dynamics={"loads": ()})
+    >>> [len(point.spectrum.pairs) for point in simulate_disk_array(short).path]
+    [0, 1, 1]
+    """
+    kept = kept_in(folder, scenario, FreeRun, Growth, Trajectory, fronts.Transition, Family, Change, Outcome, Status)
+    pressed, law, path = push_disk_array(scenario, kept=kept and kept.of("ramp"), report=report)
+    report(BIRTHS, 0.0, "bisection in the push")
+    heard = lambda share, words: report(BIRTHS, 0.5 * share, words)  # noqa: E731
+    born = piece(kept, "families", lambda: track_pairs(path, protocol_of(scenario, law), heard))
+    coarse = []
+    if sensitivity:
+        coarse = piece(kept, "coarse-families", lambda: _coarse(scenario, law, report))
+    free_runs, trajectory = {}, None
+    for k, load in enumerate(scenario.dynamics.loads):
+        point, count = at_load(path, load), len(scenario.dynamics.loads)
+        rate = f"push {load:g}, growth rate {point.spectrum.growth_rate.max(initial=0.0):.2e}"
+        report("free runs", k / count, rate)
+        free_runs[load] = piece(kept, f"free-run-{load!r}", lambda point=point: let_go(point, law, scenario))
+        report("free runs", (k + 1) / count, f"{rate}, M = {free_runs[load].msd[-1]:.1e}")
+        wanted = free_runs[load].slid if scenario.dynamics.watch is None else load == scenario.dynamics.watch
+        if wanted and trajectory is None:
+            known = free_runs[load]
+            trajectory = piece(
+                kept, "trajectory", lambda point=point, known=known: around_transition(point, law, scenario, known)
+            )
+    sliding = {}
+    if scenario.sliding.loads:
+        points = [at_load(path, load) for load in scenario.sliding.loads]
+        sliding = slide_many(points, law, scenario, workers, report, kept=kept and kept.of("sliding"))
+    return DiskArrayResult(
+        scenario, law, pressed, spectrum(pressed, law), path, born, coarse, free_runs, trajectory, sliding
+    )
+
+
+def array_of(scenario: DiskArrayScenario) -> tuple[State, Law]:
+    """The unloaded array of a scenario, pressed but not pushed, and its law."""
+    array, load = scenario.array, scenario.load
+    state = disk_array(
+        array.disks, array.radius, press=load.press * load.unit, mass=array.mass, i0=array.i0, gap=array.gap
+    )
+    return state, law_of(scenario.law)
+
+
+def simulate_and_check(scenario: DiskArrayScenario, **options) -> DiskArrayResult:
+    """Run a scenario, and its path again with twice the load step, to see how much births depend on it."""
+    return simulate_disk_array(scenario, sensitivity=True, **options)

@@ -1,0 +1,68 @@
+"""Description of one experiment: everything that commands, sweeps, restarts and documentation need to know about it."""
+
+from collections.abc import Callable
+from importlib import import_module
+from typing import NamedTuple
+
+from ..core.readable import readable
+from ..data.schema import Whole
+
+
+def _nothing(result) -> tuple:
+    return ()
+
+
+def _failures(result) -> tuple[str, ...]:
+    return tuple(getattr(result, "failures", ()))
+
+
+class Paper(NamedTuple):
+    """Reproduction of a published experiment.
+
+    `reproduce` returns an object with `main`, the result that the run folder holds, and `claims`.
+    """
+
+    title: str  # of the claims table
+    cuts: str  # what a quick run leaves out
+    scenario: Callable  # (quick, seed) -> scenario of the main run
+    reproduce: Callable  # (quick, seed, folder, workers, report) -> reproduction
+    shows: Callable  # () -> figures of the paper, what they show, and the claims to quote
+    numbers: Callable  # reproduction -> contents of the archive
+    figures: Callable  # reproduction -> iterator of (file name, Figure)
+    files: Callable = _nothing  # reproduction -> iterator of (file name, function that writes it)
+    failures: Callable = _failures  # reproduction -> one sentence for each realization that failed
+
+
+@readable
+class Experiment(NamedTuple):
+    """One experiment; `late` keeps its modules from being imported before they are needed."""
+
+    scenario: type[Whole]
+    words: str  # one line for help and completion
+    simulate: Callable  # (scenario, *, folder, workers, report) -> result, with the scenario in `result.scenario`
+    numbers: Callable  # result -> contents of the archive
+    measures: Callable  # result -> {name: (value, unit)}, the numbers of a sweep
+    show: Callable  # result -> None; prints a summary
+    figures: Callable = _nothing  # result -> iterator of (file name, Figure)
+    files: Callable = _nothing  # result -> iterator of (file name, function that writes it)
+    failures: Callable = _failures  # result -> one sentence for each realization that failed
+    announce: Callable = _nothing  # scenario -> None; prints the cost of a long run before it starts
+    references: Callable = lambda scenario: {}  # scenario -> {what for: keys of references.bib}
+    paper: Paper | None = None
+    parallel: bool = True  # whether realizations can be spread over workers of a cluster
+
+    @property
+    def name(self) -> str:
+        """Value of `experiment` in a scenario file."""
+        return self.scenario.model_fields["experiment"].default
+
+
+def late(package: str, path: str) -> Callable:
+    """Function `path` ("module.function") of a package, imported when it is first called."""
+    module, _, name = path.partition(".")
+
+    def call(*args, **options):
+        return getattr(import_module(f"{package}.{module}"), name)(*args, **options)
+
+    call.__name__, call.__qualname__ = name, f"{package}.{path}"
+    return call

@@ -1,0 +1,39 @@
+"""Flows of grains: pouring, walls, plates, gates, gravity, in stages."""
+
+from functools import partial
+
+from ...lazy import attach
+from ..experiment import Experiment, late
+from ..sources import of_law
+from .scenario import FlowScenario
+
+_here = partial(late, __name__)
+
+
+def references(scenario: FlowScenario) -> dict[str, tuple[str, ...]]:
+    """Keys of references.bib, by what they are for."""
+    law = scenario.law
+    dashpots = law.damping or ("viscoelastic" if law.kind.startswith("hertz_mindlin_reff") else "mass_velocity")
+    damped = law.restitution is not None or law.damping_n or law.damping_t
+    more = ("Silbert2001",) if damped and dashpots != "velocity" else ()
+    contact = of_law(law)
+    return {
+        "contact law": contact + tuple(key for key in more if key not in contact),
+        "inertial number of plane shear": ("GDRMiDi2004",) if scenario.plates else (),
+    }
+
+
+EXPERIMENT = Experiment(
+    scenario=FlowScenario,
+    words="flows of grains: pouring, walls, plates, gates, in stages",
+    simulate=_here("simulate.simulate_on_workers"),
+    numbers=_here("report.numbers"),
+    measures=_here("report.measures"),
+    show=_here("report.show"),
+    figures=_here("report.figures"),
+    references=references,
+    files=_here("report.files"),
+    parallel=False,
+)
+
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

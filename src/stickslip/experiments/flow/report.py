@@ -1,0 +1,113 @@
+"""What a flow leaves in its folder and on the terminal."""
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from rich.table import Table
+
+from ...figures import flow as figures_of
+from ..run_folder import SERIES, plain
+from ..terminal import STYLE, console
+from .measures import deposit, plane_shear, profile_deviation, velocity_profile
+from .simulate import FlowResult, Series
+
+
+def figures(result: FlowResult):
+    """Yield (file name, Figure) of a run."""
+    yield "fig1_snapshots.png", figures_of.snapshots(result)
+    yield "fig2_time_series.png", figures_of.time_series(result)
+    if result.poured.plates or "x" in result.scenario.cell.periodic:
+        profile = figures_of.velocity_profile(result.edges, velocity_profile(result), profile_deviation(result))
+        yield "fig3_velocity_profile.png", profile
+
+
+def files(result: FlowResult):
+    """Yield (file name, function that writes it): the series as CSV."""
+    yield SERIES, partial(_write_series, result)
+
+
+def numbers(result: FlowResult) -> dict:
+    """What the archive holds besides scenario and version."""
+    found, shear = {}, plane_shear(result)
+    if shear:
+        found["plane_shear"] = plain(shear)
+    return {
+        "scenario": result.scenario.text,
+        "law": result.law,
+        "dt": result.poured.dt,
+        "walls": "\n".join(result.poured.walls),
+        "plates": result.poured.plates,
+        "stages": {
+            f"{k:02d}": {"name": s.name, "start": s.start, "end": s.end, "rested": str(s.rested)}
+            for k, s in enumerate(result.stages)
+        },
+        "series": plain(result.series),
+        "profile": {"edges": result.edges, "velocity": velocity_profile(result)},
+        "frame_walls": {f"{k:04d}": "\n".join(names) for k, names in enumerate(result.frame_walls)},
+        "frames": {f"{k:04d}": state for k, state in enumerate(result.frames)},
+        "units": "those of the scenario",
+        **found,
+    }
+
+
+def _write_series(result: FlowResult, path: Path) -> None:
+    """One row a sample, with a header; vectors as columns _x, _y, _z, walls and plates by their names."""
+    series, columns = result.series, {}
+    bodies = {"wall": result.poured.walls, "plate": tuple(result.poured.plates)}
+    for name in Series._fields:
+        values, kind = getattr(series, name), name.split("_")[0]
+        if kind in bodies:
+            for k, body in enumerate(bodies[kind]):
+                columns |= {f"{body}_{name.split('_')[1]}_{a}": values[:, k, m] for m, a in enumerate("xyz")}
+        elif values.ndim == 1:
+            columns[name] = values
+        elif name in ("center", "low", "high"):
+            columns |= {f"{name}_{a}": values[:, m] for m, a in enumerate("xyz")}
+    header = ",".join(name.replace(",", " ") for name in columns)
+    np.savetxt(path, np.stack(list(columns.values()), axis=1), delimiter=",", header=header, comments="", fmt="%.9g")
+
+
+def show(result: FlowResult) -> None:
+    """How every stage ended, and the numbers of plane shear, on the terminal."""
+    table = Table(title="Stages", **STYLE)
+    for name in ("stage", "until", "energy", "unbalanced", "z", "deposit along x", "top"):
+        table.add_column(name, justify="right", no_wrap=True)
+    series, around = result.series, "x" in result.scenario.cell.periodic
+    for number, stage in enumerate(result.stages):
+        k = np.flatnonzero(series.stage == number)[-1]
+        left = deposit(next(f for f in result.frames if f.time == stage.end), result.poured.loose)
+        table.add_row(
+            stage.name, f"{stage.end:.4g}", f"{series.kinetic_energy[k]:.1e}",
+            f"{series.unbalanced[k]:.1e}", f"{series.coordination[k]:.3g}",
+            "periodic" if around else f"{left.low[0]:.3g} … {left.high[0]:.3g}", f"{left.high[1]:.3g}",
+        )  # fmt: skip
+    console.print(table)
+    for stage in result.stages:
+        if stage.rested is False:
+            words = f"stage {stage.name!r} used up its duration before rest: allow more, or more drag"
+            console.print(words, style="yellow")
+    if shear := plane_shear(result):
+        console.print(
+            f"Plane shear: friction {shear.friction:.3f} ± {shear.friction_deviation:.3f} (standard deviation in time) "
+            f"at pressure {shear.pressure:.4g}, shear rate {shear.shear_rate:.3g}, inertial number "
+            f"{shear.inertial_number:.2e}, packing fraction {shear.packing_fraction:.3f}."
+        )
+
+
+def measures(result: FlowResult) -> dict[str, tuple[float, str]]:
+    """{name: (value, unit)} of a run, for sweeps: the deposit at its end, in units of the scenario, and plane shear."""
+    series, left = result.series, deposit(result.frames[-1], result.poured.loose)
+    out = {
+        "end": (series.time[-1], "time"),
+        "kinetic_energy": (series.kinetic_energy[-1], "energy"),
+        "coordination": (series.coordination[-1], "1"),
+        "deposit_top": (left.high[1], "length"),
+        "grains_in_deposit": (len(left.grains), "1"),
+    }
+    if "x" not in result.scenario.cell.periodic:
+        out |= {"deposit_length": (left.high[0] - left.low[0], "length"), "run_out": (left.high[0], "length")}
+    if shear := plane_shear(result):
+        units = {"pressure": "force/length^(dim-1)", "shear_rate": "1/time", "height": "length"}
+        out |= {f"plane_{name}": (value, units.get(name, "1")) for name, value in shear._asdict().items()}
+    return out

@@ -1,0 +1,243 @@
+"""A flow, run: grains poured, then stage after stage in chunks between samples, each told in physical quantities."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ...core.contacts.forces import forces, unbalanced_forces
+from ...core.contacts.mechanics import FROZEN
+from ...core.contacts.neighbors import without_walls
+from ...core.dynamics.run import run
+from ...core.laws.builtin import Law
+from ...core.measure import contact_forces, coordination, elastic_energy, touching
+from ...core.readable import readable
+from ...core.state import SLIDE, State
+from ...data.archive import ArchiveError
+from ...data.checkpoint import Kept, kept_in
+from .pouring import Poured, poured, samples_of
+from .scenario import FlowScenario, Stage
+from .stages import controlled, imposed
+
+Report = Callable[[str, float, str], None]
+BINS = 24  # of the profile along y
+SAVE_EVERY = 20.0  # seconds after which a piece is kept although no frame is due
+MOST = 0.99  # share of the grains that `low` and `high` enclose from either side
+
+
+@readable
+class Series(NamedTuple):
+    """What was measured, T rows: of the poured grains, W walls and P plates, in the order of the scenario."""
+
+    time: np.ndarray  # (T,) [time]
+    stage: np.ndarray  # (T,) number of the stage that ends or goes on here
+    kinetic_energy: np.ndarray  # (T,) translations and rotations [energy]
+    elastic_energy: np.ndarray  # (T,) stored in normal springs, plates included [energy]
+    speed: np.ndarray  # (T,) mean [length/time]
+    unbalanced: np.ndarray  # (T,) mean unbalanced force of a grain over mean contact force; infinite without contacts
+    coordination: np.ndarray  # (T,) contacts of a grain that is no rattler
+    sliding_fraction: np.ndarray  # (T,) share of the contacts that is at Coulomb's limit
+    center: np.ndarray  # (T, 3) of mass [length]
+    low: np.ndarray  # (T, 3) below which 1 % of the grains' centres lie, along each axis [length]
+    high: np.ndarray  # (T, 3) above which 1 % of them lie [length]
+    wall_point: np.ndarray  # (T, W, 3) [length], NaN once removed
+    wall_force: np.ndarray  # (T, W, 3) of the grains on the wall [force], NaN once removed
+    plate_position: np.ndarray  # (T, P, 3) of the plate's centre [length]
+    plate_force: np.ndarray  # (T, P, 3) of the grains on the plate [force]
+    profile_count: np.ndarray  # (T, BINS) grains by height
+    profile_velocity: np.ndarray  # (T, BINS, 3) their mean velocity, NaN without any [length/time]
+
+
+class StageEnd(NamedTuple):
+    """How a stage ended."""
+
+    name: str
+    start: float  # [time]
+    end: float  # [time]
+    rested: bool | None  # whether rest was reached, None where it was not asked for
+
+
+@readable
+class FlowResult(NamedTuple):
+    """Everything that a flow scenario found."""
+
+    scenario: FlowScenario
+    law: Law
+    poured: Poured
+    stages: tuple[StageEnd, ...]
+    series: Series
+    edges: np.ndarray  # (BINS + 1,) heights between the bins of the profile [length]
+    frames: tuple[State, ...]  # at the start, the ends of stages, and in between
+    frame_walls: tuple[tuple[str, ...], ...]  # names of the walls that each frame still has
+
+
+class Piece(NamedTuple):
+    """What a run has done since the piece before, and what the rest of it needs."""
+
+    stage: int
+    begin: float  # of the stage [time]
+    samples: int  # of the stage that are done
+    rows: dict[str, np.ndarray]  # columns of `Series`
+    state: State
+    frame: bool  # whether the result shows the state
+    end: StageEnd | None  # of the stage, where it is over
+
+
+def simulate_flow(
+    scenario: FlowScenario,
+    *,
+    folder: Path | None = None,
+    threads: int | None = None,
+    report: Report = lambda stage, share, words: None,
+) -> FlowResult:
+    """Pour the grains of a scenario and run its stages.
+
+    Parameters
+    ----------
+    folder : where frames are kept as soon as they are there. A run that was killed goes on from what is kept, and gives
+        the bits of one that was not
+    threads : as in `run`
+    report : called as report(stage, share done, words) after every sample
+
+    Raises
+    ------
+    ScenarioError
+        with one sentence, before anything is run, if grains, walls, plates and dt do not go together.
+    RuntimeError
+        with one sentence, if a grain moves faster than a radius in one step, or a position is not a number.
+    """
+    start, kept = poured(scenario), kept_in(folder, scenario, Piece, StageEnd)
+    pieces = _pieces(kept) if kept else []
+
+    def keep(piece):
+        if kept:
+            kept.save(f"{len(pieces):06d}", piece)
+        pieces.append(piece)
+
+    for number in range(len(scenario.stages)):
+        if not any(piece.end for piece in pieces if piece.stage == number):
+            _run_stage(scenario, start, number, pieces, keep, threads, report)
+    series = Series(*(np.concatenate([piece.rows[name] for piece in pieces]) for name in Series._fields))
+    shown = [piece for piece in pieces if piece.frame]
+    walls = [imposed(scenario, [0.0] * (piece.stage + 1)).walls for piece in shown]
+    return FlowResult(
+        scenario, start.law, start, tuple(piece.end for piece in pieces if piece.end), series, _edges(start),
+        (start.state, *(piece.state for piece in shown)), (start.walls, *walls),
+    )  # fmt: skip
+
+
+def _pieces(kept: Kept) -> list[Piece]:
+    """All that a run has kept; ArchiveError if some of it is gone."""
+    for k, name in enumerate(kept.names):
+        if name != f"{k:06d}":
+            raise ArchiveError(f"the piece {k:06d} is missing in {kept.folder}: begin again with --overwrite")
+    return [kept.load(name) for name in kept.names]
+
+
+def _run_stage(scenario: FlowScenario, start: Poured, number: int, pieces: list[Piece], keep, threads, report) -> None:
+    """Run what is left of a stage; `keep` adds to the pieces."""
+    stage, edges = scenario.stages[number], _edges(start)
+    state, begin, done, acts = _entered(scenario, start, number, pieces)
+    count = samples_of(stage, scenario)
+    every = max(1, round(scenario.samples / scenario.frames))
+    total, rows, saved = sum(len(piece.rows["time"]) for piece in pieces), [], time.monotonic()
+    for k in range(done, count):
+        state = _advanced(state, start, acts.drag, begin + (k + 1) * stage.duration / count, threads)
+        rows.append(_measured(state, start, acts.walls, number, edges))
+        words, rests = _words(rows[-1]), stage.until == "rest" and _rests(rows[-1], stage)
+        over = rests or k + 1 == count
+        frame = over or (total + k + 1 - done) % every == 0
+        if frame or time.monotonic() - saved > SAVE_EVERY:
+            end = StageEnd(stage.name, begin, state.time, rests if stage.until else None) if over else None
+            columns = {name: np.array([row[name] for row in rows]) for name in Series._fields}
+            keep(Piece(number, begin, k + 1, columns, state, frame, end))
+            rows, saved = [], time.monotonic()
+        report(stage.name, (k + 1) / count, f"{words}, {sum(piece.frame for piece in pieces)} frames kept")
+        if over:
+            return
+
+
+def _entered(scenario: FlowScenario, start: Poured, number: int, pieces: list[Piece]):
+    """State, time at which the stage began, its samples that are done, and what acts in it."""
+    last = pieces[-1] if pieces else None
+    begins = [piece.end.start for piece in pieces if piece.end]
+    if last and last.stage == number:
+        return last.state, last.begin, last.samples, imposed(scenario, [*begins, last.begin])
+    state = last.state if last else start.state
+    before, acts = imposed(scenario, begins), imposed(scenario, [*begins, state.time])
+    begin, stage = state.time, scenario.stages[number]
+    state = without_walls(state, [k for k, name in enumerate(before.walls) if name in stage.remove])
+    return controlled(state, start, acts, begin + stage.duration), begin, 0, acts
+
+
+def _edges(start: Poured) -> np.ndarray:
+    """(BINS + 1,) between the bins of the profile [length]."""
+    height = start.state.grains.position[:, 1]
+    return np.linspace(height.min(), height.max(), BINS + 1)
+
+
+def _advanced(state: State, start: Poured, drag: float, target: float, threads) -> State:
+    """The state at the target time, to half a step."""
+    steps = round((target - state.time) / start.dt)
+    if steps < 1:
+        return state
+    state, _, outcome = run(state, start.law, steps, start.dt, drag=drag, threads=threads)
+    if not outcome.ok:
+        raise RuntimeError(f"the run ended at time {state.time:.6g}: {outcome}")
+    return state
+
+
+def _measured(state: State, start: Poured, walls: tuple[str, ...], number: int, edges) -> dict:
+    """One row of the series."""
+    grains, loose, n = state.grains, start.loose, len(state.grains.radius)
+    loads, _ = forces(state, start.law, memory=FROZEN)
+    velocity, position, mass = grains.velocity[loose], grains.position[loose], grains.mass[loose]
+    rows = touching(state)
+    between = np.linalg.norm(contact_forces(state, start.law)[rows], axis=1)
+    pull = np.linalg.norm(unbalanced_forces(state, loads)[loose, :3], axis=1).mean()
+    energy = 0.5 * (mass @ (velocity**2).sum(axis=1) + grains.inertia[loose] @ (grains.spin[loose] ** 2).sum(axis=1))
+    bins = np.searchsorted(edges, position[:, 1], side="right") - 1
+    inside = (bins >= 0) & (bins < BINS)
+    count = np.bincount(bins[inside], minlength=BINS)
+    sums = np.stack([np.bincount(bins[inside], velocity[inside, k], BINS) for k in range(3)], axis=1)
+    here = [walls.index(name) if name in walls else -1 for name in start.walls]
+    nothing = np.full(3, np.nan)
+    plates = list(start.plates.values())
+    return {
+        "time": state.time,
+        "stage": number,
+        "kinetic_energy": energy,
+        "elastic_energy": elastic_energy(state, start.law),
+        "speed": np.linalg.norm(velocity, axis=1).mean(),
+        "unbalanced": pull / between.mean() if len(rows) and between.mean() > 0 else np.inf,
+        "coordination": coordination(state),
+        "sliding_fraction": (state.contacts.mode[rows] == SLIDE).mean() if len(rows) else 0.0,
+        "center": mass @ position / mass.sum(),
+        "low": np.quantile(position, 1 - MOST, axis=0),
+        "high": np.quantile(position, MOST, axis=0),
+        "wall_point": np.array([state.walls.point[w] if w >= 0 else nothing for w in here]).reshape(-1, 3),
+        "wall_force": np.array([loads.force[n + w] if w >= 0 else nothing for w in here]).reshape(-1, 3),
+        "plate_position": np.array([grains.position[p].mean(axis=0) for p in plates]).reshape(-1, 3),
+        "plate_force": np.array([loads.force[p].sum(axis=0) for p in plates]).reshape(-1, 3),
+        "profile_count": count,
+        "profile_velocity": np.where(count[:, None] > 0, sums / np.maximum(count, 1)[:, None], np.nan),
+    }
+
+
+def _rests(row: dict, stage: Stage) -> bool:
+    return row["unbalanced"] < stage.unbalanced and row["kinetic_energy"] < stage.kinetic * row["elastic_energy"]
+
+
+def _words(row: dict) -> str:
+    """One row in words, while the run goes on."""
+    return (
+        f"t = {row['time']:.4g}, kinetic {row['kinetic_energy']:.1e}, unbalanced {row['unbalanced']:.0e}, "
+        f"z {row['coordination']:.1f}, {row['sliding_fraction']:.0%} sliding, speed {row['speed']:.1e}"
+    )
+
+
+def simulate_on_workers(scenario: FlowScenario, *, workers: int | None = None, **options) -> FlowResult:
+    """Run a scenario as experiments are called: `workers` are the threads of the one run."""
+    return simulate_flow(scenario, threads=workers, **options)

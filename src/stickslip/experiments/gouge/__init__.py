@@ -1,0 +1,49 @@
+"""Paper 003: sheared fault gouge: steady sliding, holds, slides after them, velocity steps."""
+
+from functools import partial
+
+from ...lazy import attach
+from ..experiment import Experiment, Paper, late
+from ..sources import CONTACT, STATE
+from .scenario import GougeScenario
+
+_here = partial(late, __name__)
+
+
+def references(scenario: GougeScenario) -> dict[str, tuple[str, ...]]:
+    """Keys of references.bib, by what they are for."""
+    return {
+        "the experiment (paper 003 is the supplement of the first)": ("Ferdowsi2021", "Ferdowsi2020"),
+        "contact law": CONTACT["hertz_mindlin_reff"],
+        "rate-and-state friction, with which it is compared": STATE["aging"],
+    }
+
+
+EXPERIMENT = Experiment(
+    scenario=GougeScenario,
+    words="paper 003: fault gouge",
+    simulate=_here("simulate.simulate_gouge"),
+    numbers=_here("report.numbers"),
+    measures=_here("report.measures"),
+    show=_here("report.show"),
+    figures=_here("report.figures"),
+    references=references,
+    files=_here("report.files"),
+    announce=_here("report.announce"),
+    paper=Paper(
+        title="Paper 003: fault gouge at a reduced scale",
+        cuts=(
+            "2 samples of 300 grains and 2 states of each instead of 8 of 500 and 3; holds of 0.1 s instead of 1 "
+            "s, after less slip; no slides after them; two dampings instead of three"
+        ),
+        scenario=_here("paper.paper_scenario"),
+        reproduce=_here("paper.reproduce"),
+        shows=_here("claims.shows"),
+        numbers=_here("report.paper_numbers"),
+        figures=_here("report.paper_figures"),
+        files=_here("report.paper_files"),
+        failures=_here("report.paper_failures"),
+    ),
+)
+
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

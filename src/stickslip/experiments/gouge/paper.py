@@ -1,0 +1,122 @@
+"""Paper 003 at a reduced scale: Ferdowsi and Rubin, slide-hold-slide and velocity steps of granular fault gouge.
+
+The paper's cell has about 4800 grains, velocities down to 0.2 mm/s and time steps of 20 ns: months of one core. Here a
+tenth of the grains slides at centimetres a second. `examples/gouge_paper.toml` is the paper's own scale.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from ...data.schema import validated
+from ...ensemble import Workers
+from ..claims import Claim, for_quick_run
+from .claims import evaluated
+from .report import announce
+from .scenario import GougeScenario
+from .simulate import GougeResult, simulate_gouge
+
+SLOW, PAPER = 0.03, 0.02  # velocities before holds; the latter is that of Fig S2 [m/s]
+DAMPINGS = {  # by the name that claims and figures give them
+    "ε = 0.98, Eq 8": {"restitution": 0.98, "reading": "eq8"},
+    "ε = 0.3, Eq 8": {"restitution": 0.3, "reading": "eq8"},
+    "ε = 0.98, collision": {"restitution": 0.98, "reading": "collision"},
+}
+MAIN, LOW, CALIBRATED = DAMPINGS
+STIFF = 425.0  # the paper's stiffness, read as k D/σ
+
+Report = Callable[[str, float, str], None]
+
+
+class Reproduction(NamedTuple):
+    """What was run, by name, and the claims that it supports; `holds` has one result for each damping."""
+
+    holds: dict[str, GougeResult]
+    more: dict[str, GougeResult]  # of a full run: "stiff", "reslides", "steps", "velocities"
+    claims: list[Claim]
+
+    @property
+    def main(self) -> GougeResult:
+        """The holds with the damping of the paper, by Eq 8 as it is printed."""
+        return self.holds[MAIN]
+
+    @property
+    def results(self) -> dict[str, GougeResult]:
+        """Everything that was run, by name."""
+        return self.holds | self.more
+
+
+def paper_scenario(*, quick: bool = False, seed: int = 0, damping: str = MAIN) -> GougeScenario:
+    """Holds after 0.03 m/s: relaxation, compaction, and slides after them; shorter ones for controls."""
+    long = damping == MAIN and not quick
+    hold = {
+        "kind": "slide-hold-slide", "before": (SLOW,), "holds": (1e-2, 1e-1, 1.0) if long else (1e-2, 1e-1),
+        "after": () if quick else None, "approach": 1.5 if quick else 4.0, "slip": 0.7, "branches": 2 if quick else 3,
+    }  # fmt: skip
+    return _scenario(quick, seed, 2 if quick else 8 if long else 4, damping, [hold], ledger_steps=2000 if long else 0)
+
+
+def full_scenarios(seed: int = 0) -> dict[str, GougeScenario]:
+    """What a full run adds: a stiff spring, slides at other velocities after holds, velocity steps, steady friction."""
+    hold = {"kind": "slide-hold-slide", "before": (SLOW,), "holds": (1e-2, 1e-1), "approach": 4.0, "slip": 0.7}
+    again = {"before": (PAPER,), "holds": (1.43,), "after": (0.02, 0.05, 0.1, 0.3), "branches": 4}
+    steps = {"kind": "velocity-steps", "slip": 1.0, "branches": 2}
+    slides = [
+        {"kind": "slide", "velocity": v, "slip": slip} for v, slip in ((0.1, 4.0), (0.01, 2.0), (0.002, 1.5))
+    ]  # fmt: skip
+    protocols = {
+        "stiff": (4, [hold | {"branches": 2}]),
+        "reslides": (4, [hold | again]),
+        "steps": (8, [
+            steps | {"velocities": (0.3, SLOW, 0.3)}, {"kind": "slide", "velocity": SLOW, "slip": 3.0},
+            steps | {"velocities": (SLOW, 0.003, SLOW)},
+        ]),
+        "velocities": (4, slides),
+    }  # fmt: skip
+    return {
+        name: _scenario(
+            False, seed, runs, MAIN, protocol, load={"stiffness": STIFF} if name == "stiff" else {}
+        )
+        for name, (runs, protocol) in protocols.items()
+    }  # fmt: skip
+
+
+def _scenario(quick: bool, seed: int, runs: int, damping: str, protocol: list, **more) -> GougeScenario:
+    return validated(
+        GougeScenario, seed=seed, realizations=runs, dt=4e-7, sample_every=250,
+        grains={"number": 300 if quick else 500}, cell={"length": 0.024 if quick else 0.03},
+        law=DAMPINGS[damping] | {"size": 3e-3, "speed": 25.0}, preparation={"slip": 4.0 if quick else 8.0},
+        protocol=protocol, **more,
+    )  # fmt: skip
+
+
+def reproduce(
+    *,
+    quick: bool = False,
+    full: bool = False,
+    seed: int = 0,
+    folder: Path | None = None,
+    workers: Workers = None,
+    report: Report = lambda stage, share, words: None,
+) -> Reproduction:
+    """Run the scenarios and judge the claims; other arguments as in `simulate_gouge`.
+
+    Parameters
+    ----------
+    quick : holds of 0.1 s with two dampings
+    full : slides after holds at other velocities, velocity steps, steady friction and a stiff spring, too
+    """
+    names = [MAIN, CALIBRATED] if quick else list(DAMPINGS)
+    chosen = {name: paper_scenario(quick=quick, seed=seed, damping=name) for name in names}
+    more = full_scenarios(seed) if full else {}
+    announce(*chosen.values(), *more.values())
+
+    def run(name, one):
+        return simulate_gouge(
+            one, folder=folder, workers=workers, report=lambda stage, *rest: report(f"{name}: {stage}", *rest)
+        )
+
+    holds = {name: run(name, one) for name, one in chosen.items()}
+    rest = {name: run(name, one) for name, one in more.items()}
+    claims = evaluated(holds, rest)
+    return Reproduction(holds, rest, for_quick_run(claims) if quick else claims)

@@ -1,0 +1,389 @@
+"""One realization of a gouge experiment: a trunk that slides steadily, and tests that branch off from its states.
+
+The trunk is prepared, slid to steadiness, and taken through the slides of the protocol. Steps and holds are made from
+copies of its state, so that they can run in parallel.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...core.control import factors_at
+from ...core.dynamics.record import Record
+from ...core.dynamics.run import run
+from ...core.dynamics.timestep import stable_time_step
+from ...core.measure import branch_vectors, elastic_energy, touching
+from ...core.state import State
+from ...data.checkpoint import Kept, piece
+from ...friction.measure import steady_mean
+from .dimensionless import Range, range_of, stiffness
+from .sample import BOTTOM, TOP, Gouge, gouge_law, settled, sprung
+from .scenario import GougeScenario, Slide, SlideHoldSlide, VelocitySteps
+
+DECADE = 20  # samples of a hold in each decade of time
+CHUNK = 100  # samples between two words of progress
+Tell = Callable[[float, str], None]
+
+
+class Series(NamedTuple):
+    """What was measured, T rows."""
+
+    time: np.ndarray  # (T,) from the start of sliding [s]
+    load_point: np.ndarray  # (T,) displacement of the spring's load point [m]
+    slip: np.ndarray  # (T,) displacement of the upper plate along x [m]
+    velocity: np.ndarray  # (T,) of the upper plate along x [m/s]
+    friction: np.ndarray  # (T,) force of the spring over σ A
+    contact_friction: np.ndarray  # (T,) −force of the contacts on the upper plate along x over σ A
+    normal: np.ndarray  # (T,) force of the contacts on the upper plate along y over σ A
+    thickness: np.ndarray  # (T,) between the mean heights of the plates' grains [m]; its growth is dilation
+    kinetic_energy: np.ndarray  # (T,) of the mobile grains, translations and rotations [J]
+    temperature: np.ndarray  # (T,) granular: mean of v_y² and v_z² of the mobile grains, by mass [m²/s²]
+    coordination: np.ndarray  # (T,) contacts of a grain that is no rattler, plates' grains included
+    sliding_fraction: np.ndarray  # (T,) share of contacts at Coulomb's limit
+    fabric: np.ndarray  # (T, 3, 3) mean of n ⊗ n over contacts
+
+    def __getitem__(self, rows):
+        """Rows of all columns."""
+        return Series(*(column[rows] for column in self))
+
+
+class Test(NamedTuple):
+    """One leg of a protocol: from when the load point takes a velocity until it takes another.
+
+    A slide leads to the state from which its branch starts. Samples of a hold are means over intervals that grow with
+    the time held.
+    """
+
+    kind: str  # "steady" (preparation), "slide", "step", "twin" (no step), "hold", "reslide"
+    before: float  # velocity of the load point until here [m/s]
+    velocity: float  # of the load point [m/s]
+    hold: float  # time held just before [s]
+    series: Series
+    part: int = 0  # entry of the protocol, from 0 on
+    branch: int = 0  # number of the state on the trunk
+    elastic: float = np.nan  # energy stored in the contacts at its end; not known of other engines [J]
+
+
+class Branch(NamedTuple):
+    """A state of the trunk, and the tests that start from it."""
+
+    part: int  # entry of the protocol
+    number: int  # of the state, along the slide
+    before: float  # velocity of the load point [m/s]
+    place: Any  # of the engine
+
+
+class Trunk(NamedTuple):
+    """A realization without its branches."""
+
+    tests: tuple[Test, ...]
+    branches: tuple[Branch, ...]
+    states: dict[str, State]  # settled, steady, end
+    ledger: dict[str, np.ndarray]  # see `Realization`
+
+
+class Realization(NamedTuple):
+    """What became of one sample."""
+
+    seed: int
+    range: Range
+    tests: tuple[Test, ...]  # of the trunk, then of the branches
+    states: dict[str, State]  # settled, steady, end
+    ledger: dict[str, np.ndarray]  # energies at the end of the protocol, columns of `Ledger`; empty if not asked for
+
+    def of(self, *kinds: str) -> list[Test]:
+        """Tests of some kinds, in the order in which they ran."""
+        return [test for test in self.tests if test.kind in kinds]
+
+    def slide_to(self, test: Test) -> Test:
+        """The slide that led to the state from which a hold, a slide after it or a first step branched off."""
+        mine = (test.part, test.branch, test.before)
+        return next(t for t in self.of("slide") if (t.part, t.branch, t.velocity) == mine)
+
+
+class Engine(NamedTuple):
+    """What runs legs: `start` from a settled sample, `leg` for some steps at a velocity, `state` as ours has it.
+
+    A place that `start` or `leg` returned stays valid: legs may branch from it, in another process, too.
+    """
+
+    start: Callable[[GougeScenario, Gouge], Any]  # -> place
+    leg: Callable[[GougeScenario, Any, float, int], tuple[Any, Series]]  # place, velocity, steps -> place, series
+    state: Callable[[Any], Any]  # place -> State
+    elastic: Callable[[Any], float]  # place -> energy stored in the contacts [J], NaN if it is not known
+    nouns: tuple[type, ...]  # classes of NamedTuples in a place
+
+
+def trunk(scenario: GougeScenario, seed: int, engine: Engine, tell: Tell, kept: Kept | None = None) -> Trunk:
+    """Prepare one sample and take it through the slides of the protocol.
+
+    Parameters
+    ----------
+    kept : where the sample and pieces of its legs are kept; one that was killed goes on from the last of them, to the
+        bits of one that was not
+
+    Raises
+    ------
+    RuntimeError
+        with one sentence, if the sample does not settle, does not become steady, or blows up.
+    """
+    kept = kept and kept._replace(nouns=(Gouge, Series, *engine.nouns))
+    gouge = piece(
+        kept, "settled", lambda: settled(scenario, seed, report=lambda stage, _, words: tell(0.0, f"{stage}: {words}"))
+    )
+    legs = _Legs(scenario, engine, tell, kept, scenario.trunk_duration)
+    place, tests, found = engine.start(scenario, gouge), [], []
+    states, velocity = {"settled": gouge.state}, 0.0
+    place, test = _steadied(legs, place)
+    tests.append(test)
+    states["steady"], velocity = engine.state(place), test.velocity
+    for number, part in enumerate(scenario.protocol):
+        for new in part.starts:
+            for k, seconds in enumerate(part.trunk(new, scenario.grains.mean)):
+                place, series, elastic = _slid(legs, place, part, new, seconds)
+                tests.append(Test("slide", velocity, new, 0.0, series, number, k, elastic))
+                velocity = new
+                if part.branches:
+                    found.append(Branch(number, k, new, place))
+    states["end"] = engine.state(place)
+    counted = scenario.ledger_steps and engine is OURS  # states of other engines have no memory of contacts
+    ledger = _ledger(scenario, gouge._replace(state=states["end"])) if counted else {}
+    return Trunk(tuple(tests), tuple(found), states, ledger)
+
+
+def branch(
+    scenario: GougeScenario, start: Branch, engine: Engine, tell: Tell, kept: Kept | None = None
+) -> tuple[Test, ...]:
+    """Run the tests that start from one state of the trunk; arguments as in `trunk`.
+
+    Raises
+    ------
+    RuntimeError
+        with one sentence, if the sample blows up.
+    """
+    kept = kept and kept._replace(nouns=(Gouge, Series, *engine.nouns))
+    part = scenario.protocol[start.part]
+    legs = _Legs(scenario, engine, tell, kept, sum(part.branch(start.before, scenario.grains.mean)))
+    make = _stepped if isinstance(part, VelocitySteps) else _held
+    return tuple(test._replace(part=start.part, branch=start.number) for test in make(legs, start, part))
+
+
+def realization(scenario: GougeScenario, seed: int, found: Trunk, tests) -> Realization:
+    """A trunk and the tests of its branches, branch after branch."""
+    everything = (*found.tests, *(test for one in tests for test in one))
+    fastest = max(test.velocity for test in everything)
+    state, thickness = found.states["steady"], float(found.tests[0].series.thickness[-1])
+    overlap = _mean_overlap(state) / scenario.grains.mean
+    law = gouge_law(scenario, scenario.law.mu)
+    good = range_of(scenario, fastest, thickness, overlap, stable_time_step(state, law))
+    return Realization(seed, good, everything, found.states, found.ledger)
+
+
+def _steadied(legs: "_Legs", place):
+    """Slide until two windows of friction agree."""
+    chosen = legs.scenario.preparation
+    found = _until_steady(legs, place, chosen.velocity, chosen.slip, chosen.longest)
+    if found is None:
+        raise RuntimeError(
+            f"the sample was not steady after a slip of {chosen.longest:g} D: allow more change or a longer slip"
+        )
+    place, series, elastic = found
+    return place, Test("steady", 0.0, chosen.velocity, 0.0, series, elastic=elastic)
+
+
+def _until_steady(legs: "_Legs", place, velocity: float, least: float, longest: float):
+    """Place, series and elastic energy once steady, or None; slips in D."""
+    chosen, size = legs.scenario.preparation, legs.scenario.grains.mean
+    parts, slid, wanted = [], 0.0, max(least, 2 * chosen.window)
+    while slid < longest:
+        place, part, elastic = legs.run(place, velocity, wanted * size / velocity, "to steady sliding")
+        parts.append(part)
+        slid, wanted = slid + wanted, 0.5 * chosen.window
+        series = _joined(parts)
+        if _is_steady(series, chosen.window * size, chosen.change):
+            return place, series, elastic
+    return None
+
+
+def _slid(legs: "_Legs", place, part, velocity: float, seconds: float):
+    """One slide of the trunk."""
+    if isinstance(part, Slide) and part.steady:
+        found = _until_steady(legs, place, velocity, 0.0, part.slip)
+        if found is None:
+            raise RuntimeError(f"a slide at {velocity:g} m/s was not steady after {part.slip:g} D")
+        return found
+    return legs.run(place, velocity, seconds, f"slide at {velocity:g} m/s")
+
+
+def _stepped(legs: "_Legs", start: Branch, part: VelocitySteps):
+    """Yield the tests of one sequence of velocity steps."""
+    size, place, old = legs.scenario.grains.mean, start.place, start.before
+    for velocity in part.velocities[1:]:
+        words = f"step from {old:g} to {velocity:g} m/s"
+        if part.twin:
+            _, series, elastic = legs.run(place, old, part.twin * size / old, f"{words}, twin")
+            yield Test("twin", old, old, 0.0, series, elastic=elastic)
+        place, series, elastic = legs.run(place, velocity, part.slip * size / velocity, words)
+        yield Test("step", old, velocity, 0.0, series, elastic=elastic)
+        old = velocity
+
+
+def _held(legs: "_Legs", start: Branch, part: SlideHoldSlide):
+    """Yield the tests of one hold, and of the slides from each of its times."""
+    size, interval, before = legs.scenario.grains.mean, legs.scenario.interval, start.before
+    if part.twin:
+        _, series, elastic = legs.run(start.place, before, part.twin * size / before, f"slide at {before:g} m/s, twin")
+        yield Test("twin", before, before, 0.0, series, elastic=elastic)
+    place, parts, last = start.place, [], 0
+    for hold in sorted(part.holds):
+        until = round(hold / interval)
+        place, series, elastic = legs.run(place, 0.0, (until - last) * interval, f"hold after {before:g} m/s")
+        parts.append(series)
+        last = until
+        for after in part.reslides(before):
+            words = f"slide at {after:g} m/s after a hold of {hold:g} s"
+            _, series, stored = legs.run(place, after, part.slip * size / after, words)
+            yield Test("reslide", before, after, hold, series, elastic=stored)
+    yield Test("hold", before, 0.0, 0.0, _thinned(_joined(parts)), elastic=elastic)
+
+
+def _thinned(series: Series) -> Series:
+    """Means over intervals of time held that grow with it, `DECADE` of them in each decade."""
+    count = len(series.time)
+    edges = np.unique(np.round(np.geomspace(1, count + 1, max(2, round(DECADE * np.log10(count + 1)) + 1))).astype(int))
+    starts = edges[:-1] - 1
+    sizes = np.diff(np.append(starts, count))
+    means = [np.add.reduceat(column, starts) / sizes.reshape(-1, *[1] * (column.ndim - 1)) for column in series]
+    return Series(*means)
+
+
+class _Legs:
+    """Runs legs of a trunk or a branch in pieces that are kept, and tells how far it is."""
+
+    def __init__(self, scenario: GougeScenario, engine: Engine, tell: Tell, kept: Kept | None, duration: float):
+        self.scenario, self.engine, self.tell, self.kept = scenario, engine, tell, kept
+        self.done, self.total, self.number = 0, duration / scenario.dt, 0
+
+    def run(self, place, velocity: float, seconds: float, words: str):
+        """Place, series and elastic energy at the end of a leg; each of its pieces ends with a sample."""
+        every = self.scenario.sample_every
+        samples = max(1, round(seconds / self.scenario.dt / every))
+        name, self.number = f"leg-{self.number:04d}", self.number + 1
+        pieces = self.kept and self.kept.of(name)
+
+        def run_pieces(place=place):
+            parts = []
+            for first in range(0, samples, CHUNK):
+                steps = min(CHUNK, samples - first) * every
+                leg = partial(self.engine.leg, self.scenario, place, velocity, steps)
+                place, part = piece(pieces, f"{first:09d}", leg)
+                parts.append(part)
+                self._went(steps, part, words)
+            return place, _joined(parts)
+
+        before = self.done
+        place, series = piece(self.kept, name, run_pieces)
+        if pieces:
+            pieces.clear()
+        if self.done == before:  # all of it was kept
+            self._went(samples * every, series, words)
+        return place, series, self.engine.elastic(place)
+
+    def _went(self, steps: int, series: Series, words: str) -> None:
+        """Tell how far it is, and what the sample does."""
+        self.done += steps
+        self.total = max(self.total, self.done)
+        self.tell(
+            self.done / self.total,
+            f"{words}: load point {series.load_point[-1] * 1e3:.2f} mm, friction {series.friction[-1]:.3f}, "
+            f"kinetic energy {series.kinetic_energy[-1]:.1e} J, thickness {series.thickness[-1] * 1e3:.2f} mm, "
+            f"{series.sliding_fraction[-1]:.0%} of contacts slide",
+        )
+
+
+def _joined(parts: list[Series]) -> Series:
+    return Series(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+
+def _is_steady(series: Series, window: float, change: float) -> bool:
+    """Whether friction over the last window of slip is that over the window before."""
+    slip = series.load_point - series.load_point[-1]
+    late, early = slip > -window, (slip > -2 * window) & (slip <= -window)
+    begin = slip[0] - (slip[1] - slip[0])  # samples begin one interval after the slide did
+    if begin > -2 * window * (1 - 1e-9):
+        return False
+    a, b = steady_mean(series.friction[early]), steady_mean(series.friction[late])
+    return abs(a.mean - b.mean) <= max(change, float(np.hypot(a.error, b.error)))
+
+
+def _start(scenario: GougeScenario, gouge: Gouge) -> Gouge:
+    """A settled sample, on its spring."""
+    return sprung(gouge, stiffness(scenario) * scenario.area, [gouge.state.time], [0.0])
+
+
+def _leg(scenario: GougeScenario, place: Gouge, velocity: float, steps: int) -> tuple[Gouge, Series]:
+    """Some steps of our own engine, sampled, without the sample at their start."""
+    begin, seconds, ahead = place.state.time, steps * scenario.dt, lead(place)
+    course = np.array([begin, begin + seconds]), np.array([ahead, ahead + velocity * seconds])
+    here = sprung(place, stiffness(scenario) * scenario.area, *course)
+    end, record, outcome = run(here.state, here.law, steps, scenario.dt, every=scenario.sample_every, threads=1)
+    if not outcome.ok:
+        raise RuntimeError(f"the sample ended at time {end.time:.4g}: {outcome}")
+    return here._replace(state=end), _series(record, here, np.interp(record.time, *course))[1:]
+
+
+def _ledger(scenario: GougeScenario, gouge: Gouge) -> dict[str, np.ndarray]:
+    """Energies while the spring goes on at the velocity of preparation, with our own engine."""
+    begin, velocity = gouge.state.time, scenario.preparation.velocity
+    seconds, ahead = scenario.ledger_steps * scenario.dt, lead(gouge)
+    here = sprung(
+        gouge, stiffness(scenario) * scenario.area, [begin, begin + seconds], [ahead, ahead + velocity * seconds]
+    )
+    every = max(1, min(scenario.sample_every, scenario.ledger_steps // 10))
+    _, record, outcome = run(
+        here.state, here.law, scenario.ledger_steps, scenario.dt, every=every, ledger=True, threads=1
+    )
+    if not outcome.ok:
+        raise RuntimeError(f"the sample ended while its energies were counted: {outcome}")
+    return {"time": record.time, **record.ledger._asdict(), "defect": record.ledger.defect}
+
+
+def lead(place: Gouge) -> float:
+    """How far the load point is from where the spring was attached [m]."""
+    control = place.state.control
+    return float(factors_at(control, place.state.time)[control.leads[place.top[0], 0]])
+
+
+def _series(record: Record, gouge: Gouge, load_point: np.ndarray) -> Series:
+    grains, top, whole = gouge.state.grains, gouge.top, gouge.normal_stress * gouge.area
+    moved, loose = grains.mass[top].sum(), grains.mass[gouge.loose].sum()
+    velocity, force = record.group_velocity[:, TOP], record.group_force[:, TOP]
+    flux = record.momentum_flux[:, 1, 1] + record.momentum_flux[:, 2, 2] - moved * velocity[:, 1] ** 2
+    return Series(
+        record.time,
+        load_point,
+        record.group_position[:, TOP, 0] - gouge.state.control.anchor[top, 0].mean(),
+        velocity[:, 0],
+        record.group_pull[:, TOP, 0] / whole,
+        -force[:, 0] / whole,
+        force[:, 1] / whole,
+        record.group_position[:, TOP, 1] - record.group_position[:, BOTTOM, 1],
+        record.kinetic_energy - 0.5 * moved * (velocity**2).sum(axis=1),
+        flux / (2 * loose),
+        record.held_coordination,
+        record.sliding_fraction,
+        record.fabric,
+    )
+
+
+def _mean_overlap(state: State) -> float:
+    """Of all contacts [m]."""
+    rows = touching(state)
+    i, j, radius = state.contacts.i[rows], state.contacts.j[rows], state.grains.radius
+    distance = np.linalg.norm(branch_vectors(state)[rows], axis=1)
+    return float((radius[i] + radius[j] - distance).mean()) if len(rows) else 0.0
+
+
+OURS = Engine(_start, _leg, lambda place: place.state, lambda place: elastic_energy(place.state, place.law), (Gouge,))

@@ -1,0 +1,248 @@
+"""A gouge sample from nothing: poured, pressed between flat walls, glued into rough plates, pressed with friction.
+
+x is the direction of shear, y that of the normal stress, z across. The lowest and the highest grains of the pressed
+sample are the plates: rigid bodies that do not rotate. The lower one is frozen; the upper one is pressed along y, held
+along z, and held, driven or pulled by a spring along x.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from ...core.contacts.forces import forces, unbalanced_forces
+from ...core.contacts.mechanics import FROZEN
+from ...core.contacts.neighbors import without_walls
+from ...core.control import driven, force_controlled, rigid, spring_loaded
+from ...core.dynamics.run import run
+from ...core.dynamics.timestep import stable_time_step
+from ...core.laws.builtin import DAMPING_N, Law, elastic_constants, hertz_mindlin_reff
+from ...core.measure import contact_forces, elastic_energy, touching
+from ...core.state import Grains, State, assembly, box, flat_walls, loads, spheres
+from ...data.schema import ScenarioError
+from ...solve.collision import eq8_damping, with_restitution
+from .scenario import GougeScenario
+
+ROOM = 1.05  # of the lattice on which grains are poured, in largest diameters
+CHUNK = 500  # steps between looks at a sample that settles
+SWING = 1e-3  # largest kinetic over elastic energy at rest
+BOTTOM, TOP = 0, 1  # numbers of the rigid groups
+
+
+class Gouge(NamedTuple):
+    """A gouge sample."""
+
+    state: State  # rigid groups BOTTOM and TOP, the latter pressed along y
+    law: Law
+    area: float  # of a plate [m²]
+    normal_stress: float  # [Pa]
+    diameter: float  # mean of the distribution, D [m]
+
+    @property
+    def top(self) -> np.ndarray:
+        """Numbers of the grains of the upper plate."""
+        return np.flatnonzero(self.state.control.group == TOP)
+
+    @property
+    def loose(self) -> np.ndarray:
+        """Numbers of the mobile grains."""
+        return np.flatnonzero(self.state.control.group[: len(self.state.grains.radius)] < 0)
+
+    @property
+    def thickness(self) -> float:
+        """Height between the mean heights of the plates' grains [m]."""
+        y, group = self.state.grains.position[:, 1], self.state.control.group
+        return float(y[group == TOP].mean() - y[group == BOTTOM].mean())
+
+
+Report = Callable[[str, float, str], None]
+
+
+def gouge_law(scenario: GougeScenario, mu: float) -> Law:
+    """The contact law of a scenario with friction `mu`."""
+    chosen = scenario.law
+    kn, kt = elastic_constants(chosen.young, chosen.poisson)
+    gamma = damping(scenario)
+    more = {"rescaled": True} if chosen.rescaled else {}
+    return hertz_mindlin_reff(
+        kn, kt, mu, damping_n=gamma, damping_t=chosen.damping_ratio * gamma, tension=chosen.tension, **more
+    )
+
+
+def damping(scenario: GougeScenario) -> float:
+    """γ_n of a scenario, given or by its restitution [1/(m s)]."""
+    chosen = scenario.law
+    if chosen.gamma_n is not None:
+        return chosen.gamma_n
+    law = hertz_mindlin_reff(*elastic_constants(chosen.young, chosen.poisson), 0.0, tension=chosen.tension)
+    meeting = {"radius": chosen.size / 2, "mass": scenario.grains.density * np.pi / 6 * chosen.size**3}
+    if chosen.reading == "collision":
+        law = with_restitution(law, chosen.restitution, **meeting, speed=chosen.speed, ratio=chosen.damping_ratio)
+        return float(law.table[0, 0, DAMPING_N])
+    return eq8_damping(
+        chosen.restitution, young=chosen.young, poisson=chosen.poisson, **meeting, speed=chosen.speed,
+        ratio=chosen.damping_ratio,
+    )  # fmt: skip
+
+
+def settled(scenario: GougeScenario, seed: int, *, report: Report = lambda stage, share, words: None) -> Gouge:
+    """A sample at rest under its normal stress, with friction and not sheared yet.
+
+    Raises
+    ------
+    ScenarioError
+        with one sentence, if dt is too long for the contacts under this stress.
+    RuntimeError
+        with one sentence, if the sample does not come to rest in the longest time that the scenario allows.
+    """
+    rng = np.random.default_rng(seed)
+    smooth = gouge_law(scenario, 0.0)
+    state = _poured(scenario, rng)
+    state = _approached(scenario, state, smooth, report)
+    state = _at_rest(scenario, state, smooth, "pressed", report)
+    state = _glued(scenario, state)
+    law = gouge_law(scenario, scenario.law.mu)
+    state = _at_rest(scenario, state, law, "glued", report)
+    grains = state.grains._replace(velocity=0 * state.grains.velocity, spin=0 * state.grains.spin)
+    return Gouge(state._replace(grains=grains), law, scenario.area, scenario.load.normal_stress, scenario.grains.mean)
+
+
+def sprung(gouge: Gouge, stiffness: float, times, displacement) -> Gouge:
+    """The sample with its upper plate on a spring along x whose load point follows a course from where it is.
+
+    Parameters
+    ----------
+    stiffness : k A [N/m]
+    times, displacement : (K,) of the load point from where the spring was attached; see `spring_loaded` [s], [m]
+    """
+    state, top = gouge.state, gouge.top
+    attached = state.control.spring[top, 0].any()
+    where = state.control.anchor[top] if attached else state.grains.position[top]
+    control = spring_loaded(state.control, top, where, stiffness, times=times, displacement=displacement)
+    return gouge._replace(state=state._replace(control=control))
+
+
+def _poured(scenario: GougeScenario, rng) -> State:
+    """Grains of all sizes on a loose lattice above a flat wall, below another that comes down."""
+    cell, chosen = scenario.cell, scenario.grains
+    number = chosen.number + 2 * scenario.plate_grains
+    radius = rng.uniform(*chosen.diameter, number) / 2
+    wide = ROOM * chosen.diameter[1]
+    across = [max(1, int(length / wide)) for length in (cell.length, cell.width)]
+    steps = cell.length / across[0], cell.width / across[1]
+    site = np.arange(number)
+    layer, rest = divmod(site, across[0] * across[1])
+    x, z = divmod(rest, across[1])
+    room = 0.5 * (min(*steps, wide) - 2 * radius)[:, None]
+    position = np.stack([(x + 0.5) * steps[0], (layer + 0.5) * wide, (z + 0.5) * steps[1]], axis=1)
+    position += rng.uniform(-1, 1, position.shape) * room
+    height = (layer[-1] + 1) * wide
+    grains = spheres(position, radius, mass=chosen.density * 4 / 3 * np.pi * radius**3)
+    mass = scenario.plate_grains * float(grains.mass.mean()) * cell.plate_mass
+    walls = flat_walls([[0, 0, 0], [0, height, 0]], [[0, 1, 0], [0, -1, 0]], mass=mass)
+    control = driven(loads(number, 2), [number + 1], [0, -scenario.preparation.approach, 0, 0, 0, 0])
+    return assembly(grains, walls, box([cell.length, height, cell.width], [True, False, True]), control)
+
+
+def _drag(scenario: GougeScenario) -> float:
+    """Of translations and rotations while settling [1/s]."""
+    d = scenario.grains.mean
+    mass = scenario.grains.density * np.pi / 6 * d**3
+    return scenario.preparation.drag * float(np.sqrt(scenario.load.normal_stress * d / mass))
+
+
+def _approached(scenario: GougeScenario, state: State, law: Law, report: Report) -> State:
+    """The upper wall comes down until it bears the normal stress; it is then pressed by that stress."""
+    n, wanted = len(state.grains.radius), scenario.load.normal_stress
+    start, least = float(state.walls.point[1, 1]), np.pi / 6 * (state.grains.radius**3 * 8).sum() / scenario.area
+    while True:
+        state = _advanced(scenario, state, law, _drag(scenario))
+        found, _ = forces(state, law, memory=FROZEN)
+        height, stress = float(state.walls.point[1, 1]), float(found.force[n + 1, 1]) / scenario.area
+        report("pour and press", min(1.0, (start - height) / (start - 1.5 * least)), f"stress {stress:.2e} Pa")
+        if stress >= wanted:
+            break
+        if height < least:
+            raise RuntimeError("the wall came down through the grains: use a shorter dt or a lower approach")
+    control = force_controlled(state.control, [n + 1], [0, -wanted * scenario.area])
+    return state._replace(control=control)
+
+
+def _advanced(scenario: GougeScenario, state: State, law: Law, drag: float, steps: int = CHUNK) -> State:
+    state = state._replace(instant=None)  # so that a seed's sample stays the one whose numbers are known
+    try:
+        state, _, outcome = run(state, law, steps, scenario.dt, drag=drag, threads=1)
+    except ValueError as problem:
+        longest = stable_time_step(state, law)
+        raise ScenarioError(
+            f"dt = {scenario.dt:g} was given, but contacts under this stress are stable up to {longest:.3g} only: "
+            f"give a dt of about {0.1 * longest:.1g}"
+        ) from problem
+    if not outcome.ok:
+        raise RuntimeError(f"the sample ended at time {state.time:.4g}: {outcome}")
+    return state
+
+
+def _at_rest(scenario: GougeScenario, state: State, law: Law, stage: str, report: Report) -> State:
+    """The state once its mean unbalanced force and its kinetic energy are small."""
+    chosen = scenario.preparation
+    for k in range(max(1, round(chosen.most / CHUNK))):
+        state = _advanced(scenario, state, law, _drag(scenario))
+        unrest, swing = _unrest(state, law)
+        report(stage, min(1.0, (k + 1) * CHUNK / chosen.most), f"unbalanced {unrest:.1e}, kinetic/elastic {swing:.1e}")
+        if unrest < chosen.unbalanced and swing < SWING:
+            return state
+    raise RuntimeError(
+        f"the sample did not settle in {chosen.most:g} steps (unbalanced force {unrest:.1e} of the contact force, "
+        f"{chosen.unbalanced:g} wanted): raise preparation.most or preparation.drag"
+    )
+
+
+def _unrest(state: State, law: Law) -> tuple[float, float]:
+    """Mean unbalanced force of free bodies over mean contact force, and kinetic over elastic energy."""
+    found, _ = forces(state, law, memory=FROZEN)
+    free = state.control.group[: len(state.grains.radius)] < 0
+    pull = np.linalg.norm(unbalanced_forces(state, found)[: len(free)][free, :3], axis=1).mean()
+    rows = touching(state)
+    held = np.linalg.norm(contact_forces(state, law)[rows], axis=1).mean() if len(rows) else 0.0
+    grains = state.grains
+    energy = 0.5 * (grains.mass @ (grains.velocity**2).sum(axis=1) + grains.inertia @ (grains.spin**2).sum(axis=1))
+    if not held > 0:
+        return np.inf, np.inf
+    return float(pull / held), float(energy / elastic_energy(state, law))
+
+
+def _glued(scenario: GougeScenario, state: State) -> State:
+    """Plates of the lowest and highest grains in place of the walls, and no memory: nothing has slipped yet.
+
+    Glued grains lose what they overlap, so that they do not touch each other.
+    """
+    number, n = scenario.plate_grains, len(state.grains.radius)
+    order = np.argsort(state.grains.position[:, 1], kind="stable")
+    plates = order[:number], order[-number:]
+    grains = _apart(state, np.concatenate(plates))
+    for members in plates:
+        share = scenario.cell.plate_mass * grains.mass[members].sum() / number
+        grains.mass[members] = share
+    control = loads(n)
+    for members in plates:
+        control = rigid(control, np.sort(members))
+    control = driven(control, plates[BOTTOM], 0.0)
+    control.free[plates[TOP], 0] = control.free[plates[TOP], 2] = False
+    control = force_controlled(control, plates[TOP], [0, -scenario.load.normal_stress * scenario.area / number])
+    bare = without_walls(state, [0, 1])
+    high = float(grains.position[:, 1].max())
+    cell = box([scenario.cell.length, high, scenario.cell.width], [True, False, True])
+    return assembly(grains, cell=cell, control=control)._replace(time=bare.time)
+
+
+def _apart(state: State, members: np.ndarray) -> Grains:
+    """Grains of which the members have shrunk until none of them touches another."""
+    grains, size = state.grains, np.diag(state.cell.vectors)
+    x, radius = grains.position[members], grains.radius.copy()
+    r = x[:, None] - x[None]
+    r[..., [0, 2]] -= size[[0, 2]] * np.round(r[..., [0, 2]] / size[[0, 2]])
+    touch = np.linalg.norm(r, axis=2) / (radius[members][:, None] + radius[members][None])
+    np.fill_diagonal(touch, np.inf)
+    radius[members] *= min(1.0, float(touch.min()) * (1 - 1e-9))
+    return grains._replace(radius=radius, velocity=0 * grains.velocity, spin=0 * grains.spin, mass=grains.mass.copy())

@@ -1,0 +1,442 @@
+"""A scenario of fault gouge: polydisperse spheres between two rough plates, sheared through a spring. SI units.
+
+x is the direction of shear, y that of the normal stress, z across; the cell is periodic along x and z. What paper 003
+states is marked so; the rest was chosen, and each choice is an entry of its own.
+"""
+
+from itertools import pairwise
+from math import pi
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field, model_validator
+
+from ...data.schema import Listed, NotNegative, Part, Positive, Seed, Sized, Whole
+
+Share = Annotated[float, Field(gt=0, lt=1)]
+Number = Annotated[int, Field(ge=1)]
+Many = Annotated[tuple[Positive, ...], Listed, Field(min_length=1)]
+MOST = 200_000  # grains between plates, and in one of them
+LEAST = 8  # samples of a leg, from which a mean with an error can be taken
+FASTEST = 1e7  # grain-steps a second and process, for the estimate before the start
+
+
+class GougeGrains(Part):
+    """Spheres, with diameters that are uniformly distributed between two sizes."""
+
+    number: Annotated[int, Field(ge=20, le=MOST)] = Field(500, description="of mobile grains, about")
+    diameter: Annotated[tuple[Positive, Positive], Listed] = Field((2e-3, 4e-3), description="smallest, largest [m]")
+    density: Positive = Field(2500.0, description="paper 003, Table S1 [kg/m³]")
+
+    @model_validator(mode="after")
+    def _in_order(self):
+        low, high = self.diameter
+        if not low <= high <= 5 * low:
+            raise ValueError(
+                f"grains.diameter = [{low:g}, {high:g}] was given: smallest first, largest at most five times it"
+            )
+        return self
+
+    @property
+    def mean(self) -> float:
+        """Mean diameter D [m]."""
+        return sum(self.diameter) / 2
+
+
+class GougeLaw(Part):
+    """Hertz–Mindlin with √(δ R_eff) and sharp Coulomb friction, Eqs 1–2 of paper 003's supplement.
+
+    The normal dashpot is given either as `gamma_n`, or by a `restitution` together with the `reading` that turns it
+    into γ_n and the `size` and `speed` of the collision. The two readings differ by a factor of thousands.
+    """
+
+    young: Positive = Field(50e9, description="paper 003 [Pa]")
+    poisson: Annotated[float, Field(gt=-1, le=0.5)] = Field(0.3, description="paper 003")
+    mu: NotNegative = Field(0.5, description="friction between grains, paper 003")
+    gamma_n: NotNegative | None = Field(
+        None, description="γ_n of the normal dashpot √(δ R_eff) m_eff γ_n v_n, in place of a restitution [1/(m s)]"
+    )
+    restitution: Annotated[float, Field(gt=0, le=1)] | None = Field(
+        None, description="of two equal grains of diameter `size` that meet at `speed`, in place of `gamma_n`"
+    )
+    reading: Literal["eq8", "collision"] | None = Field(
+        None,
+        description=(
+            "how γ_n follows from the restitution: eq8, by Eq 8 of paper 003's supplement as it is printed; collision, "
+            "so that a collision under this law has it"
+        ),
+    )
+    size: Positive | None = Field(None, description="diameter of the two grains [m]")
+    speed: Positive | None = Field(None, description="of the collision [m/s]")
+    damping_ratio: NotNegative = Field(0.5, description="γ_t/γ_n, paper 003")
+    tension: bool = Field(True, description="whether a dashpot may make a contact pull, as in Eq 1 of paper 003")
+    rescaled: bool = Field(
+        False, description="whether the slip shrinks with the contact radius on unloading, as LAMMPS `mindlin_rescale`"
+    )
+
+    @model_validator(mode="after")
+    def _damped_one_way(self):
+        of_collision = {"reading": self.reading, "size": self.size, "speed": self.speed}
+        given = [name for name, value in of_collision.items() if value is not None]
+        if self.gamma_n is not None and self.restitution is not None:
+            raise ValueError("law.gamma_n and law.restitution were both given: give one of them")
+        if self.restitution is None:
+            if given:
+                raise ValueError(f"law.{given[0]} was given without law.restitution: give both or neither")
+            if self.gamma_n is None:
+                raise ValueError(
+                    "law has no damping: give gamma_n [1/(m s)], or restitution with reading, size and speed"
+                )
+        elif len(given) < len(of_collision):
+            lacking = next(name for name, value in of_collision.items() if value is None)
+            raise ValueError(
+                f"law.restitution was given without law.{lacking}: give reading ('eq8' or 'collision'), size and "
+                f"speed of the collision, or gamma_n in its place"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _solvable(self):
+        if self.reading != "eq8" or self.restitution == 1:
+            return self
+        if abs(3 * self.damping_ratio - 1) < 1e-9:
+            raise ValueError(
+                f"law.reading = 'eq8' has no solution for restitution = {self.restitution:g} with damping_ratio = 1/3, "
+                f"where Eq 8 dissipates nothing: give another ratio, or gamma_n"
+            )
+        if not 0 < abs(self.poisson) < 0.5:
+            raise ValueError(
+                f"law.reading = 'eq8' has no solution for poisson = {self.poisson:g}, where A is zero or infinite: "
+                f"give another value between 0 and 1/2, or gamma_n"
+            )
+        return self
+
+
+class GougeCell(Part):
+    """Periodic along x and z; as high as the grains need."""
+
+    length: Positive = Field(0.03, description="along x [m]; paper 003: 20 D, reduced scale: 10 D")
+    width: Positive = Field(0.018, description="along z [m]")
+    coverage: Share = Field(
+        0.8, description="area of glued grains over that of the plate; 0.8 is about the layer next to a flat wall"
+    )
+    plate_mass: Annotated[float, Field(ge=1, le=1e4)] = Field(
+        1.0, description="of the upper plate over that of its grains; not given by paper 003"
+    )
+
+
+class GougeLoad(Part):
+    """Normal stress on the upper plate, and the spring that pulls it along x."""
+
+    normal_stress: Positive = Field(5e6, description="σ, paper 003 [Pa]")
+    stiffness: Positive = Field(4.3, description="of the spring, in terms of `definition`")
+    definition: Literal["per_area", "per_stress", "grain", "rate_state"] = Field(
+        "grain",
+        description=(
+            "what `stiffness` is: per_area, k [Pa/m]; per_stress, k/σ [1/m]; grain, k D/σ; rate_state, k dc/(b σ). "
+            "Paper 003 quotes 425 without a definition: read as rate_state with its b and dc it is 4.3 in grain"
+        ),
+    )
+
+
+class RateState(Part):
+    """Rate-and-state numbers by which stiffness and hold times are normalised; those of paper 003."""
+
+    a: Positive = Field(0.0247, description="direct effect")
+    b: Positive = Field(0.0178, description="evolution effect")
+    dc: Positive = Field(5.3e-3, description="slip over which the state evolves [m]")
+
+
+class Preparation(Part):
+    """From nothing to a sample that slides steadily; every stage ends when its criterion holds, or fails at `most`."""
+
+    approach: Positive = Field(5.0, description="velocity of the upper wall until it bears the normal stress [m/s]")
+    drag: NotNegative = Field(
+        1.0, description="while settling, of grains and plate, in units of 1/√(m/(P D)) of a mean grain; then none"
+    )
+    unbalanced: Positive = Field(1e-2, description="settled: mean unbalanced force over mean contact force")
+    most: Positive = Field(1e5, description="longest time to settle, in steps")
+    velocity: Positive = Field(0.3, description="of the load point while the sample is brought to steady sliding [m/s]")
+    slip: Positive = Field(8.0, description="least slip before steadiness is looked for [D]; shorter is on the peak")
+    window: Positive = Field(2.0, description="slip over which friction is averaged [D]")
+    change: Positive = Field(
+        0.02, description="steady: two windows in a row differ by at most this in friction, or by their standard error"
+    )
+    longest: Positive = Field(40.0, description="slip after which the sample is given up as unsteady [D]")
+
+
+class Slide(Part):
+    """The load point moves at a velocity, 0 for a hold, until a slip, a time, or steadiness."""
+
+    kind: Literal["slide"] = "slide"
+    velocity: NotNegative = Field(description="of the load point; 0 is a hold [m/s]")
+    slip: Positive | None = Field(None, description="of the load point [D]")
+    time: Positive | None = Field(None, description="in place of slip [s]")
+    steady: bool = Field(False, description="until steady as in the preparation; `slip` is then the longest")
+
+    branches: ClassVar[int] = 0
+
+    @property
+    def starts(self) -> tuple[float, ...]:
+        """Velocities of the trunk, one after the other."""
+        return (self.velocity,)
+
+    def trunk(self, velocity: float, size: float) -> list[float]:
+        """Seconds of each leg of the trunk; `size` is D [m]."""
+        return [self.time if self.time is not None else self.slip * size / velocity]
+
+    def branch(self, velocity: float, size: float) -> list[float]:
+        """No tests branch off."""
+        return []
+
+    @model_validator(mode="after")
+    def _ends(self):
+        ends = (self.slip is not None) + (self.time is not None)
+        if ends != 1:
+            raise ValueError("a slide ends by slip or by time: give one of them, and with steady = true give slip")
+        if self.velocity == 0 and self.time is None:
+            raise ValueError("a slide at velocity = 0 never reaches a slip: give its time")
+        if self.steady and self.slip is None:
+            raise ValueError("a slide with steady = true needs slip, the longest that it may take")
+        return self
+
+
+class Branching(Part):
+    """Tests that start from states along one steady slide, each from a copy of its state."""
+
+    branches: Number = Field(1, description="states from which the test is made, each in a process of its own")
+    spacing: Annotated[float, Field(ge=0.1), Sized] = Field(
+        0.7, description="slip between these states [D]; friction is correlated over 0.1 to 0.35 D"
+    )
+    twin: NotNegative = Field(
+        0.0,
+        description=(
+            "slip for which a copy goes on as before: what a test and its copy differ by is free of the fluctuations "
+            "that they share [D]"
+        ),
+    )
+
+    def trunk(self, velocity: float, size: float) -> list[float]:
+        """Seconds of the slides of the trunk to each of the states; `size` is D [m]."""
+        return [slip * size / velocity for slip in (self.first, *[self.spacing] * (self.branches - 1))]
+
+
+class VelocitySteps(Branching):
+    """One velocity after the other, each for the same slip; the slide at the first one has the states."""
+
+    kind: Literal["velocity-steps"] = "velocity-steps"
+    velocities: Many = Field(description="of the load point, one after the other [m/s]")
+    slip: Positive = Field(description="of the load point at each velocity [D]")
+
+    @property
+    def starts(self) -> tuple[float, ...]:
+        """Velocities of the trunk, one after the other."""
+        return self.velocities[:1]
+
+    @property
+    def first(self) -> float:
+        """Slip of the trunk to the first state [D]."""
+        return self.slip
+
+    def branch(self, velocity: float, size: float) -> list[float]:
+        """Seconds of each leg of one branch; `size` is D [m]."""
+        twins = [self.twin * size / v for v in self.velocities[:-1] if self.twin]
+        return [*(self.slip * size / v for v in self.velocities[1:]), *twins]
+
+
+class SlideHoldSlide(Branching):
+    """Slide at each velocity before; hold; slide again at each velocity after, from each of the hold times.
+
+    One hold, as long as the longest time, serves all times: slides start from copies of the state at each of them.
+    """
+
+    kind: Literal["slide-hold-slide"] = "slide-hold-slide"
+    before: Many = Field(description="velocities before the hold [m/s]")
+    holds: Many = Field(description="their durations [s]")
+    after: Annotated[tuple[Positive, ...], Listed] | None = Field(
+        None, description="velocities after it; the one before unless given, none with an empty list [m/s]"
+    )
+    approach: Positive = Field(2.0, description="slip at each velocity before the first hold [D]")
+    slip: Positive = Field(2.0, description="slip of the load point after each hold [D]")
+
+    def reslides(self, before: float) -> tuple[float, ...]:
+        """Velocities after each hold [m/s]."""
+        return (before,) if self.after is None else self.after
+
+    @property
+    def starts(self) -> tuple[float, ...]:
+        """Velocities of the trunk, one after the other."""
+        return self.before
+
+    @property
+    def first(self) -> float:
+        """Slip of the trunk to the first state [D]."""
+        return self.approach
+
+    def branch(self, velocity: float, size: float) -> list[float]:
+        """Seconds of each leg of one branch; `size` is D [m]."""
+        twin = [self.twin * size / velocity] if self.twin else []
+        return [max(self.holds), *twin, *[self.slip * size / w for w in self.reslides(velocity)] * len(self.holds)]
+
+
+Protocol = Annotated[Slide | VelocitySteps | SlideHoldSlide, Field(discriminator="kind")]
+
+
+class GougeScenario(Whole):
+    """Everything that defines an experiment on fault gouge."""
+
+    si: ClassVar[bool] = True
+    experiment: Literal["gouge"] = "gouge"
+    seed: Seed = 0
+    realizations: Annotated[int, Field(ge=1, le=1000)] = Field(1, description="samples, from seed, seed + 1, …")
+    engine: Literal["stickslip", "lammps"] = Field("stickslip", description="that runs the protocol after preparation")
+    grains: GougeGrains = GougeGrains()
+    law: GougeLaw
+    cell: GougeCell = GougeCell()
+    load: GougeLoad = GougeLoad()
+    scales: RateState = RateState()
+    preparation: Preparation = Preparation()
+    protocol: Annotated[tuple[Protocol, ...], Listed, Field(min_length=1)]
+    dt: Positive = Field(
+        1e-7, description="time step; paper 003: 2e-8, 1/100 of a collision of its smallest grains [s]"
+    )
+    sample_every: Number = Field(500, description="steps between samples")
+    ledger_steps: Annotated[int, Field(ge=0, le=10_000_000)] = Field(
+        0, description="steps after the protocol in which an energy ledger is kept; each takes as long as ten others"
+    )
+    most_steps: Positive = Field(5e7, description="of one realization; more are refused")
+
+    @model_validator(mode="after")
+    def _fits(self):
+        largest = self.grains.diameter[1]
+        for name in ("length", "width"):
+            if getattr(self.cell, name) < 4 * largest:
+                raise ValueError(
+                    f"cell.{name} = {getattr(self.cell, name):g} was given: grains of diameter {largest:g} need at "
+                    f"least {4 * largest:g}, or they touch their own images"
+                )
+        if self.plate_grains > MOST:
+            raise ValueError(
+                f"cell.length and cell.width make plates of {self.plate_grains:.3g} grains each: at most {MOST} are "
+                f"allowed, use a smaller cell or larger grains"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _affordable(self):
+        if self.steps > self.most_steps:
+            raise ValueError(
+                f"a realization takes about {self.steps:.2g} steps of dt = {self.dt:g}, more than most_steps = "
+                f"{self.most_steps:.2g} ({self.words}): raise velocities, shorten holds and slips, use softer grains "
+                f"(law.young) with a longer dt, or raise most_steps"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _resolved(self):
+        if self.dt > self.longest_step:
+            raise ValueError(
+                f"dt = {self.dt:g} was given, but contacts of the smallest grains under this stress are stable up to "
+                f"some {self.longest_step:.2g} only: give about {0.2 * self.longest_step:.1g}, or use softer grains "
+                f"(law.young)"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _sampled(self):
+        size, chosen = self.grains.mean, self.preparation
+        least = max(chosen.slip, 2 * chosen.window)
+        if chosen.longest < least:
+            raise ValueError(
+                f"preparation.longest = {chosen.longest:g} was given: give at least slip and two windows, {least:g}"
+            )
+        legs = {"preparation.window": chosen.window * size / chosen.velocity}
+        for number, part in enumerate(self.protocol, start=1):
+            name = f"protocol entry {number}"
+            legs[name] = min(min([*part.trunk(v, size), *part.branch(v, size)]) for v in part.starts)
+            if part.kind == "slide-hold-slide":
+                self._check_holds(name, part.holds)
+            if part.kind == "slide" and part.steady:
+                legs[f"{name}, its window"] = chosen.window * size / part.velocity
+                if part.slip < 2 * chosen.window:
+                    raise ValueError(
+                        f"slip = {part.slip:g} was given in {name}: steadiness takes two windows, "
+                        f"{2 * chosen.window:g}, at least"
+                    )
+        for name, seconds in legs.items():
+            if seconds < LEAST * self.interval * (1 - 1e-9):
+                raise ValueError(
+                    f"the shortest leg of {name} takes {seconds:.2g} s, fewer than {LEAST} samples of "
+                    f"{self.interval:.2g} s: lower sample_every, or slide further"
+                )
+        return self
+
+    def _check_holds(self, name: str, holds) -> None:
+        marks = [round(hold / self.interval) for hold in sorted(holds)]
+        if marks[0] < 2 or marks[-1] < LEAST or any(b <= a for a, b in pairwise(marks)):
+            raise ValueError(
+                f"holds = {list(holds)} were given in {name}: they must be different by a sample of "
+                f"{self.interval:.2g} s, the shortest two samples and the longest {LEAST}: lower sample_every"
+            )
+
+    @property
+    def interval(self) -> float:
+        """Time between samples [s]."""
+        return self.sample_every * self.dt
+
+    @property
+    def longest_step(self) -> float:
+        """2/√12 of √(m/k) of a smallest grain that six like it press with σ d² each: about what is stable [s]."""
+        d, kn = self.grains.diameter[0], 2 / 3 * self.law.young / (1 - self.law.poisson**2)
+        root, force = (d / 4) ** 0.5, self.load.normal_stress * d * d
+        stiffness = 1.5 * kn * root * (force / (kn * root)) ** (1 / 3)
+        return 0.58 * (self.grains.density * pi / 6 * d**3 / stiffness) ** 0.5
+
+    @property
+    def area(self) -> float:
+        """Of a plate [m²]."""
+        return self.cell.length * self.cell.width
+
+    @property
+    def plate_grains(self) -> int:
+        """Grains of one plate: those whose area covers the asked share of it."""
+        low, high = (d / 2 for d in self.grains.diameter)
+        return max(4, round(self.cell.coverage * self.area / (pi * (low * low + low * high + high * high) / 3)))
+
+    @property
+    def trunk_duration(self) -> float:
+        """Time that the slides take from which tests branch off, of preparation its least part [s]."""
+        size = self.grains.mean
+        preparation = self.preparation.slip * size / self.preparation.velocity
+        return preparation + sum(sum(part.trunk(v, size)) for part in self.protocol for v in part.starts)
+
+    @property
+    def duration(self) -> float:
+        """Time that one realization takes with all its branches [s]."""
+        size = self.grains.mean
+        return self.trunk_duration + sum(
+            part.branches * sum(part.branch(v, size)) for part in self.protocol for v in part.starts
+        )
+
+    @property
+    def steps(self) -> float:
+        """Time steps of one realization, about."""
+        return self.duration / self.dt
+
+    @property
+    def words(self) -> str:
+        """How long a realization takes, about."""
+        return self.cost(self.duration)
+
+    @property
+    def longest_hold(self) -> float:
+        """Longest time for which the load point stands still in one leg, 0 without a hold [s]."""
+        holds = [max(part.holds) for part in self.protocol if part.kind == "slide-hold-slide"]
+        return max([*holds, *(p.time for p in self.protocol if p.kind == "slide" and p.velocity == 0)], default=0.0)
+
+    def cost(self, duration: float) -> str:
+        """How long it takes one core to follow the sample for some time [s], about."""
+        seconds = duration / self.dt * (self.grains.number + 2 * self.plate_grains) / FASTEST
+        for size, unit in ((86400, "days"), (3600, "hours"), (60, "minutes")):
+            if seconds >= 2 * size:
+                return f"some {seconds / size:.2g} {unit} on one core"
+        return f"some {seconds:.2g} seconds on one core"

@@ -1,0 +1,1 @@
+"""Reports on one packing: stability, details, and the page that `stickslip report` writes."""

@@ -1,0 +1,374 @@
+"""A run, or anybody's packing, to look at: one page with everything in it, or a movie."""
+
+import json
+from collections import Counter
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ... import __version__
+from ...core.contacts.neighbors import updated
+from ...data import archive
+from ...data.checkpoint import UNFINISHED
+from ...data.exchange.arrays import read_archive
+from ...data.exchange.files import listened, read_packing
+from ...data.exchange.frame import Frame, frame_of
+from ...data.exchange.motion import mode_frames, read_mode
+from ...data.sample import PackingError
+from ...extras import MissingExtraError
+from ...figures import animation as film
+from ...figures import page
+from ...figures import view3d as scene
+from ...figures.grains import bare_frame, packing
+from ...figures.quantities import DISPLACEMENT
+from ...figures.style import png
+from ...solve.balance import BALANCED_BELOW, imbalance, unjudged
+from ...solve.damped import DampedStability
+from .. import claims as claims_table
+from ..registry import EXPERIMENTS
+from ..run_folder import CLAIMS, FILM, NUMBERS, files_of
+from ..sweep.dataset import DATASET, is_sweep, open_sweep
+from .page_output import placed
+from .report import Settled, causes, judged, law_in_words, modes_of, settled, verdict
+
+SMALL = 500  # grains, up to which the states of a run are searched for one that is unstable
+DRAWN = 2000  # grains, up to which a packing is drawn as a figure, too
+MODES = 6  # that a page animates
+REMEDY = "Give what is missing, or let it come to rest with --settle"
+ROWS = 60  # of a table of measures or members; what is left out is said
+
+
+class Seen(NamedTuple):
+    """What there is to show of a run or a packing."""
+
+    title: str
+    about: str
+    frames: list[Frame]
+    labels: list[str]
+    at: int  # the frame whose modes these are
+    modes: list  # translation, rotation, exponent of each, the fastest first
+    sections: list[tuple[str, str]]  # heading and HTML, without the view
+    si: bool = False
+    without: str = ""  # why there is nothing to see in three dimensions
+    warning: str = ""  # what must not be overlooked: that there is no equilibrium, or that the packing was settled
+    unjudged: str = ""  # why no mode of the frame `at` is an instability: its forces do not balance
+
+
+def seen(
+    place: Path, *, modes: Path | None, options: dict, settle: bool = False, report=None, search: bool = True
+) -> Seen:  # fmt: skip
+    """What there is to show of a folder or of a packing's file; `options` of `read_packing`, a folder has `frame`."""
+    if not place.is_dir() and (place.is_file() or place.suffix):
+        return packing_seen(place, modes=modes, options=options, settle=settle, report=report)
+    own = (*options.items(), ("modes", modes), ("settle", settle or None))
+    given = [name for name, value in own if value is not None and name != "frame"]
+    if given:
+        raise ValueError(f"--{given[0].replace('_', '-')} was given with {place}: only the file of a packing takes it")
+    return folder_seen(place, frame=options.get("frame"), search=search, report=report)
+
+
+def folder_seen(folder: Path, *, frame: str | None = None, search: bool = True, report=None) -> Seen:
+    """What the folder of a finished run or sweep holds.
+
+    Parameters
+    ----------
+    frame : a state by its name, whose modes are shown; without it, the fastest growing mode of any state at rest is, if
+        there are no more than `SMALL` grains
+    search : False looks for no modes
+    report : called with (stage, share, words)
+
+    Raises
+    ------
+    ValueError
+        with one sentence, if there is nothing of ours, or a run that is not finished.
+    """
+    if not folder.exists():
+        raise ValueError(f"{folder} does not exist: give the folder of a run, or a packing")
+    if is_sweep(folder):
+        return _sweep_seen(folder)
+    if not (folder / NUMBERS).is_file():
+        if (folder / UNFINISHED).is_dir():
+            raise ValueError(f"{folder} holds a run that is not finished: stickslip resume {folder} goes on with it")
+        raise ValueError(f"{folder} holds no results: give the folder that stickslip run or reproduce wrote")
+    about = archive.attributes(folder / NUMBERS)
+    experiment = _experiment(about["scenario"])
+    states = _states(folder / NUMBERS, frame)
+    labels = [_label(name, state) for name, state, *_ in states]
+    states = [(name, updated(state), law) for name, state, law, _ in states]
+    frames = [frame_of(state, law) if law is not None else bare_frame(state) for _, state, law in states]
+    at, modes, why = _unstable(states, frame, report) if search else (0, [], "")
+    sections = []
+    if (folder / CLAIMS).is_file():
+        sections.append(("Claims of the paper", _claims(folder / CLAIMS)))
+    else:
+        tree, units = archive.read(folder / NUMBERS), archive.units(folder / NUMBERS)
+        if rows := _series(tree.get("series"), units):
+            sections.append(("Measures in time", _rows(["measure", "at the end", "least", "greatest", "unit"], rows)))
+        if rows := _measures(tree, units):
+            sections.append(("Measures", _rows(["measure", "value", "unit"], rows)))
+    shown = [path for path in files_of(folder) if path.suffix in (".png", ".gif") and path.name != FILM]
+    if shown:
+        sections.append(("Figures", page.pictures({_caption(path): path.read_bytes() for path in shown})))
+    sections.append(("Scenario", page.listing(about["scenario"])))
+    versions = f"stickslip {about['stickslip']}, {about['versions']}"
+    without = "" if frames else "This run keeps no states of grains: there is no packing to look at."
+    title = f"{experiment}: {folder.resolve().name}"
+    return Seen(title, versions, frames, labels, at, modes, sections, _si(experiment), without, why, why)
+
+
+def _caption(path: Path) -> str:
+    return path.stem.partition("_")[2].replace("_", " ") if path.stem.startswith("fig") else path.stem
+
+
+def _experiment(text: str) -> str:
+    try:
+        return str(json.loads(text)["experiment"])
+    except (ValueError, KeyError, TypeError):
+        return "run"
+
+
+def _states(path: Path, frame: str | None) -> list:
+    """The states that belong together: those of the same group, most of all or that of the frame asked for."""
+    try:
+        found = read_archive(path, "all")
+    except PackingError:
+        return []
+    groups = Counter(name.rpartition("/")[0] for name, *_ in found)
+    if frame is not None:
+        full = [name for name, *_ in found if frame in (name, name.rpartition("/")[2])]
+        if not full:
+            some = ", ".join(name for name, *_ in found[:4]) + (" …" if len(found) > 4 else "")
+            raise ValueError(f"frame {frame!r} was asked for: {path} has {some}")
+        group = full[0].rpartition("/")[0]
+    else:
+        group = max(groups, key=lambda name: groups[name])
+    mine = [item for item in found if item[0].rpartition("/")[0] == group]
+    size = Counter(len(item[1].grains.radius) for item in mine).most_common(1)[0][0]
+    mine = [item for item in mine if len(item[1].grains.radius) == size]
+    return mine if np.ptp([item[1].time for item in mine]) == 0 else sorted(mine, key=lambda item: item[1].time)
+
+
+def _label(name: str, state) -> str:
+    return f"{name.rpartition('/')[2]}, time {state.time:.5g}"
+
+
+def _unstable(states: list, frame: str | None, report) -> tuple[int, list, str]:
+    """Which state has the fastest growing mode, its modes, and why the state asked for has none off equilibrium."""
+    best, at, modes, why = 0.0, 0, [], ""
+    for k, (name, state, law) in enumerate(states):
+        asked = frame is not None and frame in (name, name.rpartition("/")[2])
+        at = k if asked else at
+        if law is None or (frame is not None and not asked) or (not asked and len(state.grains.radius) > SMALL):
+            continue
+        if report:
+            report("unstable modes", k / len(states), name)
+        try:
+            if not (rest := imbalance(state, law)) <= BALANCED_BELOW:
+                why = f"{name}: {unjudged(rest)}" if asked else why
+                continue
+            mine = modes_of(judged(state, law))
+        except (ValueError, ArithmeticError):  # nothing but rattlers, or an eigenvalue problem without a solution
+            continue
+        if mine and max(s.real for *_, s in mine) > best:
+            best, at, modes = max(s.real for *_, s in mine), k, mine[:MODES]
+    return at, modes, why
+
+
+def _claims(path: Path) -> str:
+    try:
+        found = [claims_table.Claim(**one) for one in json.loads(path.read_text(encoding="utf-8"))]
+    except (ValueError, TypeError):
+        raise ValueError(f"{path} is damaged: run it again, with --overwrite") from None
+    shown = claims_table.shown
+    rows = [
+        [c.id.replace("_", " "), c.source, shown(c.paper), shown(c.reference), claims_table.with_error(c), c.unit,
+         c.verdict, c.note]
+        for c in found
+    ]  # fmt: skip
+    kinds = {"paper": "number", "reference": "number", "measured": "number", "verdict": "verdict", "note": "note"}
+    return page.table(["claim", "source", *list(kinds)[:3], "unit", "verdict", "note"], rows, classes=kinds)
+
+
+def _measures(tree: dict, units: dict[str, str], above: str = "") -> list[list[str]]:
+    """Single numbers of an archive outside of its states, by their path, with units."""
+    rows = []
+    for name, value in tree.items():
+        path = f"{above}{name}"
+        if isinstance(value, dict):
+            rows += _measures(value, units, f"{path}/")
+        elif isinstance(value, int | float) and not isinstance(value, bool) and np.isfinite(value):
+            rows.append([path.replace("_", " ").replace("/", " › "), f"{value:.5g}", units.get(path, "")])
+    return rows
+
+
+def _si(experiment: str) -> bool:
+    """Whether results of an experiment are in SI units."""
+    return experiment in EXPERIMENTS and EXPERIMENTS[experiment].scenario.si
+
+
+def _series(series, units: dict[str, str]) -> list[list[str]]:
+    """Last, least and greatest value of each series in time."""
+    rows = []
+    for name, values in series.items() if isinstance(series, dict) else ():
+        known = values[np.isfinite(values)] if getattr(values, "ndim", 0) == 1 and values.dtype.kind == "f" else ()
+        if len(known) and name != "time":
+            numbers = [f"{v:.5g}" for v in (known[-1], known.min(), known.max())]
+            rows.append([name.replace("_", " "), *numbers, units.get(f"series/{name}", "")])
+    return rows
+
+
+def _rows(columns: list[str], rows: list[list[str]]) -> str:
+    text = page.table(columns, rows[:ROWS], classes=dict.fromkeys(columns[1:-1], "number"))
+    return text + (page.paragraph(f"and {len(rows) - ROWS} more in {NUMBERS}", kind="soft") if len(rows) > ROWS else "")
+
+
+def _sweep_seen(folder: Path) -> Seen:
+    data = open_sweep(folder)
+    kept = data.drop_vars([name for name in ("finished", "seconds") if name in data]).to_dataframe().reset_index()
+    kept = kept[[name for name in kept.columns if name != "member"] + ["member"]]
+    columns = [f"{name} [{data[name].attrs['units']}]" if data[name].attrs.get("units", "1") != "1" else str(name)
+               for name in kept.columns]  # fmt: skip
+    rows = [[f"{v:.5g}" if isinstance(v, float) else str(v) for v in row] for row in kept.itertuples(index=False)]
+    text = page.table(columns, rows[:ROWS])
+    if len(rows) > ROWS:
+        text += page.paragraph(f"and {len(rows) - ROWS} more in {DATASET}", kind="soft")
+    without = f"A sweep has no packing of its own: stickslip report {folder}/members/NAME shows that of a member."
+    sections = [("Members", text), ("Scenario", page.listing(data.attrs["sweep"]))]
+    about = str(data.attrs.get("source", ""))
+    return Seen(f"{data.attrs['title']}: {folder.resolve().name}", about, [], [], 0, [], sections, without=without)
+
+
+def packing_seen(
+    file: Path, *, modes: Path | None = None, method: str = "auto", options: dict, settle: bool = False, report=None
+) -> Seen:  # fmt: skip
+    """A packing that `read_packing` reads, with its verdict and modes.
+
+    Parameters
+    ----------
+    modes : file that `stickslip stability` wrote; without it, the verdict is computed
+    options : of `read_packing`
+    settle : True lets it come to rest first
+    """
+    (state, law, words), said = listened(read_packing, file, **options)
+    words, calm = [*words, *said], None
+    if settle:
+        state, calm = settled(state, law)
+        words.append(f"settled: {calm.how}")
+    n, facts = len(state.grains.radius), []
+    why, warning = "", str(calm) if calm else ""
+    if modes is None:
+        try:
+            found = judged(state, law, method=method, report=report)
+        except ArithmeticError as problem:
+            raise RuntimeError(f"the spectrum could not be computed ({problem}): give --modes") from None
+        # modes of a packing off equilibrium are no instability: none is shown
+        mine, facts = modes_of(found)[:MODES] if found.balanced else [], _verdict(found, calm)
+        if not found.balanced:
+            why = found.verdict
+            warning = f"{why}. Likely causes: {'; '.join(causes(found, options, words))}. {REMEDY}."
+    else:
+        mine = [read_mode(modes, 0, n)]
+        mine += [read_mode(modes, k, n) for k in range(1, min(MODES, _modes_in(modes)))]
+        if not (rest := imbalance(state, law)) <= BALANCED_BELOW:
+            why = warning = unjudged(rest)
+    frame = frame_of(state, law)
+    facts = [["grains", str(n)], ["contacts", str(len(frame.contacts["i"]))], *facts, ["law", law_in_words(law)]]
+    facts += [["note", line] for line in words]
+    sections = [("Packing", page.table(["", "value"], facts))]
+    if mine:
+        sections.append(("Modes off equilibrium: no verdict" if why else "Growing modes", _mode_table(mine)))
+    if n <= DRAWN:
+        drawn, caption = packing(state, law, mode=mine[0] if mine else None), "contacts"
+        sections.append(("Figure", page.pictures({caption + (", and the fastest mode" if mine else ""): png(drawn)})))
+    about = f"stickslip {__version__}, {archive.versions()}"
+    return Seen(file.name, about, [frame], [""], 0, mine, sections, warning=warning, unjudged=why)
+
+
+def _modes_in(path: Path) -> int:
+    with np.load(path, allow_pickle=False) as file:
+        return len(file["exponent"])
+
+
+def _verdict(found, calm: Settled | None) -> list[list[str]]:
+    static = found.undamped if isinstance(found, DampedStability) else found
+    out = [["verdict", verdict(found, calm)], ["rattlers", str(len(static.rattlers))]]
+    limit = f"an equilibrium has at most {BALANCED_BELOW:g}"
+    out.append(["residual", f"{found.residual:.2g} of the mean normal contact force; {limit}"])
+    if found.grows and not found.balanced:
+        out.append(["spectrum of the motion that begins here, no verdict", found.motion])
+    return out + ([["scope", found.scope]] if found.scope else [])
+
+
+def _mode_table(modes: list) -> str:
+    rows = []
+    for k, (*_, s) in enumerate(modes):
+        period = f"{2 * np.pi / abs(s.imag):.5g}" if s.imag else "–"
+        rows.append([str(k), f"{s.real:.5g}", f"{abs(s.imag):.5g}", period, f"{1 / s.real:.5g}" if s.real > 0 else "–"])
+    columns = ["mode", "growth rate [1/time]", "ω [1/time]", "period [time]", "e-folding time [time]"]
+    return page.table(columns, rows, classes=dict.fromkeys(columns, "number"))
+
+
+def write_page(shown: Seen, path: Path, *, colour: str | None = None) -> tuple[Path, list[str]]:
+    """Write the page; returns its path and what it lacks, in words."""
+    words = []
+    if not shown.frames:
+        view = page.paragraph(shown.without, kind="absent")
+    else:
+        try:
+            inside = scene.page_view(
+                shown.frames, shown.modes, at=shown.at, labels=shown.labels, si=shown.si, colour=colour
+            )  # fmt: skip
+            view = page.inner(inside, "the packing in three dimensions") + page.paragraph(HELP, kind="soft")
+        except MissingExtraError as problem:
+            words.append(f"without the view in three dimensions: {problem}")
+            view = page.paragraph(f"The view in three dimensions is missing: {problem}.", kind="absent")
+    warning = shown.warning[:1].upper() + shown.warning[1:]
+    view = (page.paragraph(warning, kind="warning") if warning else "") + view
+    first = [] if not shown.frames and not shown.without else [("View", view)]
+    text = page.page(shown.title, shown.about, [*first, *shown.sections])
+    with placed(path) as part:
+        part.write_bytes(text.encode())
+    return path, words
+
+
+HELP = (
+    "Drag to turn, scroll or pinch to come nearer, drag with the right button to shift. Contacts of periodic packings "
+    "lead out of the cell to the image of their second grain. Rotations are not drawn."
+)
+
+
+def write_movie(
+    shown: Seen, path: Path, *, colour: str | None = None, fps: int = 15, count: int = 48, amplitude: float = 0.3,
+    mode: int | None = None, report=None,
+) -> Path:  # fmt: skip
+    """Write the frames of a run, or one period of a mode, as GIF or MP4.
+
+    Parameters
+    ----------
+    colour : one of `quantities`; without it, the speed of a run, the displacement of a mode
+    mode : number of a mode; None takes the frames of a run, and the first mode where there is one frame only
+    count, amplitude : of a mode's period, see `mode_frames`
+    """
+    if not shown.frames:
+        raise ValueError(f"there is nothing to film: {shown.without}")
+    if mode is None and len(shown.frames) == 1:
+        mode = 0
+    if mode is None:
+        frames, labels, chosen = shown.frames, shown.labels, None
+    else:
+        if not 0 <= mode < len(shown.modes):
+            has = f"has 0 to {len(shown.modes) - 1}" if shown.modes else "is stable, or has no mode that grows"
+            if shown.unjudged:
+                has = f"is {shown.unjudged}; {REMEDY.lower()}"
+            elif shown.warning:
+                has += f" ({shown.warning})"
+            raise ValueError(f"mode {mode} was asked for: {shown.title} {has}")
+        chosen = shown.modes[mode]
+        frames = mode_frames(shown.frames[shown.at], *chosen, count=count, amplitude=amplitude)
+        aside = "; NOT IN EQUILIBRIUM" if shown.unjudged else "; settled packing" if shown.warning else ""
+        labels = [f"mode {mode}, s = {chosen[2]:.3g}{aside}"] * len(frames)
+    colour = colour or ("speed" if mode is None else DISPLACEMENT)
+    with placed(path) as part:
+        film.movie(frames, part, labels=labels, mode=chosen, colour=colour, fps=fps, si=shown.si, report=report)
+    return path

@@ -1,0 +1,278 @@
+"""The stability of a packing, on the terminal, as JSON, and its modes in a file."""
+
+import os
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+from zipfile import BadZipFile
+
+import numpy as np
+from rich.table import Table
+
+from ...core.laws.builtin import COULOMB, DAMPING, KINDS, NO_TENSION, Law, dashpots, names_of
+from ...core.laws.dispatch import Kind, known
+from ...core.measure import mean_normal_force, touching
+from ...core.state import State
+from ...data.atomic import beside
+from ...solve.balance import BALANCED_BELOW, imbalance
+from ...solve.damped import DampedStability, damped_stability
+from ...solve.equilibrate import equilibrate
+from ...solve.freedom import backbone
+from ...solve.stability import Stability, stability
+from ..terminal import STYLE, console
+from . import details as stability_more
+
+SHOWN = 12  # pairs in the table
+_MODES = ("eigenvalue", "exponent", "translation", "rotation")  # entries of a file of modes
+SETTLED = 1e-10  # residual over the mean normal contact force to which a packing is settled
+OF_A_LAW = ("law", "coulomb", "kn", "kt", "mu", "young", "poisson", "damping", "damping_n", "damping_t")
+UNKNOWN_LAW = "another law"  # how the last of `likely_causes` begins
+
+
+class Settled(NamedTuple):
+    """What it took to bring a packing to rest: the answer is about the settled one."""
+
+    moved: float  # largest displacement of a grain, in its radii
+    moved_rms: float  # root mean square over grains, in their radii
+    lost: int  # contacts
+    gained: int
+    before: float  # residual of the packing as it was given
+    how: str  # what the solver did, in words
+
+    def __str__(self) -> str:
+        return (
+            f"this is about the SETTLED packing, not about the one in the file: grains moved by up to "
+            f"{self.moved:.2g} of their radius (rms {self.moved_rms:.2g}), {self.lost} contact(s) lost and "
+            f"{self.gained} gained"
+        )
+
+
+def judged(state: State, law: Law, *, method: str = "auto", report=None) -> Stability | DampedStability:
+    """The verdict by the spectrum that belongs to the law: with dashpots, the damped one."""
+    return (damped_stability if dashpots(law) else stability)(state, law, method=method, report=report)
+
+
+def settled(state: State, law: Law) -> tuple[State, Settled]:
+    """The packing in equilibrium under a law, and how far that is from the one that was given.
+
+    Raises
+    ------
+    RuntimeError
+        with one sentence, if no equilibrium was found.
+    """
+    force, before = mean_normal_force(state, law), imbalance(state, law)
+    end, outcome = equilibrate(state, law, tolerance=SETTLED * force or SETTLED, check="nothing")
+    if not outcome.ok:
+        raise RuntimeError(f"no equilibrium was found under this law: {outcome}")
+    moved = np.linalg.norm(end.grains.position - state.grains.position, axis=1) / state.grains.radius
+    if not len(backbone(end, law)):
+        raise RuntimeError("the packing fell apart as it settled: only rattlers are left, which nothing holds together")
+    old, new = (set(one.contacts.key[touching(one)].tolist()) for one in (state, end))
+    rms = float(np.sqrt((moved**2).mean()))
+    return end, Settled(float(moved.max()), rms, len(old - new), len(new - old), before, outcome.how)
+
+
+def verdict(found: Stability | DampedStability, calm: Settled | None = None) -> str:
+    """The verdict in one sentence, which says so if it is that of a settled packing."""
+    return f"{found.verdict}; {calm}" if calm else found.verdict
+
+
+def causes(found: Stability | DampedStability, options: dict, words: list[str]) -> list[str]:
+    """Why the forces of a packing from a file may not balance: what it shows, and what was said of its law."""
+    known = [cause for cause in found.causes if not cause.startswith(UNKNOWN_LAW)]
+    given = [f"--{name.replace('_', '-')}" for name in OF_A_LAW if options.get(name) is not None]
+    assumed = any("the defaults are assumed" in line for line in words)
+    if given:
+        known.append(f"{UNKNOWN_LAW} than that of the packing: {', '.join(given)} came from the command line")
+    elif assumed:
+        known.append(f"{UNKNOWN_LAW} than that of the packing: none was given, and the defaults were assumed")
+    return known or list(found.causes)
+
+
+def as_object(
+    found: Stability | DampedStability, more: stability_more.More | None = None, *, calm: Settled | None = None, why=()
+) -> dict:  # fmt: skip
+    """The documented keys of one JSON object; `why` are likely causes, see `causes`."""
+    static = found.undamped if isinstance(found, DampedStability) else found
+    if isinstance(found, DampedStability):
+        swings = found.exponents.imag > 0
+        pairs = [
+            {"re_s": float(s.real), "im_s": float(s.imag), "omega": float(s.imag), "growth_rate": float(s.real)}
+            for s in found.exponents[swings]
+        ]
+        negative = [float(v) for v in found.exponents[~swings].real]
+    else:
+        pairs = [
+            {"re_lambda": float(p.real), "im_lambda": float(p.imag), "omega": float(w), "growth_rate": float(g)}
+            for p, w, g in zip(found.pairs, found.frequency, found.growth_rate, strict=True)
+        ]
+        negative = [float(v) for v in found.negative]
+    out = {
+        "n": static.n,
+        "contacts": static.contacts,
+        "rattlers": len(static.rattlers),
+        "residual": static.residual if np.isfinite(static.residual) else None,
+        "tolerance": BALANCED_BELOW,
+        "balanced": found.balanced,
+        "causes": list(why),
+        "settled": None if calm is None else _settled_object(calm),
+        "stable": found.stable,
+        "at_limit": static.at_limit,
+        "if_stuck": found.if_stuck.motion if found.if_stuck else None,
+        "pairs": pairs,
+        "growing" if isinstance(found, DampedStability) else "negative": negative,
+        "zero_modes": static.zero_modes,
+        "spectrum": "damped" if isinstance(found, DampedStability) else "undamped",
+    }
+    if more:
+        out["more"] = stability_more.as_object(more)
+    return out
+
+
+def _settled_object(calm: Settled) -> dict:
+    return calm._asdict() | {"before": calm.before if np.isfinite(calm.before) else None}
+
+
+def show(
+    found: Stability | DampedStability, law: Law, words: list[str], more: stability_more.More | None = None, *,
+    calm: Settled | None = None, why=(), remedy: str = "",
+) -> None:  # fmt: skip
+    """The verdict in words, the pairs in a table, and what else there is; `why` and `remedy` off equilibrium."""
+    static = found.undamped if isinstance(found, DampedStability) else found
+    for line in words:
+        console.print(line, style="yellow")
+    console.print(f"law: {law_in_words(law)}")
+    console.print(
+        f"{static.n} grains, {static.contacts} contacts, {len(static.rattlers)} rattlers, residual "
+        f"{static.residual:.2g} of the mean normal contact force"
+    )
+    if calm:
+        console.print(str(calm), style="bold yellow")
+    color = {True: "green", False: "red", None: "yellow"}[found.stable]
+    console.print(found.verdict, style=f"bold {color}")
+    if not found.balanced:
+        _show_imbalance(found, why, remedy)
+    if isinstance(found, DampedStability):
+        console.print("spectrum: damped, exponents s of exp(st) from M q̈ = J q + C q̇ at rest")
+        console.print(f"without the dashpots it would be: {static.motion}")
+    if found.scope:
+        console.print(f"scope: {found.scope}")
+    if len(static.rattlers):
+        some = ", ".join(map(str, static.rattlers[:20])) + (" …" if len(static.rattlers) > 20 else "")
+        console.print(f"rattlers (left out): {some}")
+    if isinstance(found, DampedStability):
+        _show_exponents(found)
+    else:
+        _show_pairs(found)
+    if more:
+        stability_more.show(more, found)
+
+
+def _show_imbalance(found: Stability | DampedStability, why, remedy: str) -> None:
+    console.print(f"an equilibrium has a residual of at most {BALANCED_BELOW:g}; likely causes:")
+    for cause in why:
+        console.print(f"  - {cause}")
+    if remedy:
+        console.print(remedy)
+    if found.grows:
+        console.print(f"spectrum of the motion that begins here, no verdict: {found.motion}")
+
+
+def law_in_words(law: Law) -> str:
+    """Kind, Coulomb's limit, parameters, damping."""
+    coulomb = next(name for name, number in COULOMB.items() if number == law.coulomb)
+    values = ", ".join(
+        f"{name} = {value:.4g}" for name, value in zip(names_of(law), law.table[0, 0], strict=True) if value
+    )
+    damping = next(name for name, number in DAMPING.items() if number == law.damping & ~NO_TENSION)
+    name = known(law.kind).name if isinstance(law.kind, Kind) else KINDS[law.kind]
+    return f"{name}, {coulomb} Coulomb, {values}" + (f" ({damping})" if dashpots(law) else "")
+
+
+def _table(name: str, count: int, columns: tuple[str, ...]) -> Table:
+    title = name + (f", the fastest {SHOWN} of {count}" if count > SHOWN else "")
+    table = Table(title=title, **STYLE)
+    for column in columns:
+        table.add_column(column, justify="right", overflow="fold")
+    return table
+
+
+def _show_exponents(found: DampedStability) -> None:
+    if len(found.exponents):
+        table = _table("Growing exponents", len(found.exponents), ("Re s", "Im s", "period", "e-folding time"))
+        for s in found.exponents[:SHOWN]:
+            period = f"{2 * np.pi / s.imag:.4g}" if s.imag > 0 else "–"
+            table.add_row(f"{s.real:.5g}", f"{s.imag:.5g}", period, f"{1 / s.real:.4g}")
+        console.print(table)
+    elif found.slowest is not None:
+        s = found.slowest
+        console.print(f"slowest decay: s = {s.real:.4g} ± {abs(s.imag):.4g}i")
+
+
+def _show_pairs(found: Stability) -> None:
+    if len(found.pairs):
+        names = ("Re λ", "Im λ", "ω", "growth rate", "period", "e-folding time")
+        table = _table("Complex pairs", len(found.pairs), names)
+        rows = zip(found.pairs[:SHOWN], found.frequency, found.growth_rate, strict=False)
+        for pair, w, g in rows:
+            period = f"{2 * np.pi / w:.4g}" if w > 0 else "–"
+            table.add_row(f"{pair.real:.5g}", f"{pair.imag:.4g}", f"{w:.5g}", f"{g:.4g}", period, f"{1 / g:.4g}")
+        console.print(table)
+    if len(found.negative):
+        console.print("negative λ: " + ", ".join(f"{v:.4g}" for v in found.negative[:SHOWN]))
+
+
+def check_modes(path: Path, packing: Path, *, asked: bool) -> None:
+    """Raise ValueError if modes would replace the packing, or what are no modes."""
+    if path.exists() and packing.exists() and path.samefile(packing):
+        raise ValueError(f"--modes {path} would replace the packing: give another name")
+    if not path.parent.is_dir():
+        raise ValueError(f"{path.parent} is no folder: make it first, or give another --modes")
+    if path.is_dir():
+        raise ValueError(f"{path} is a folder: give the name of a file")
+    if not os.path.lexists(path):
+        return
+    if path.is_file():
+        with suppress(OSError, EOFError, ValueError, AttributeError, BadZipFile), np.load(path) as file:
+            if set(_MODES) <= set(file.files):
+                return
+    if asked:
+        raise ValueError(f"--modes {path} holds something else than modes: give another name, or move it away")
+    raise ValueError(f"modes go to {path} here, which holds something else: say where with --modes, or move it away")
+
+
+def write_modes(path: Path, found: Stability | DampedStability) -> Path:
+    """Modes of what grows: `eigenvalue` λ and `exponent` s (K,), `translation` and `rotation` (K, N, 3) complex.
+
+    The motion is Re(mode exp(st)), with s = −i√λ of the damped or the undamped spectrum. A rotation is R·angle; modes
+    have unit norm in the mass-weighted metric. Rattlers and what is not free are zero.
+    """
+    static = found.undamped if isinstance(found, DampedStability) else found
+    values, exponents, full = _shapes(found)
+    with beside(path) as part, part.open("wb") as file:
+        np.savez(
+            file, eigenvalue=values, exponent=exponents, translation=full[..., :3], rotation=full[..., 3:],
+            rattlers=static.rattlers,
+        )  # fmt: skip
+    return path
+
+
+def modes_of(found: Stability | DampedStability) -> list[tuple[np.ndarray, np.ndarray, complex]]:
+    """Translation, rotation (N, 3) complex and exponent s of each mode that grows, the fastest first."""
+    _, exponents, full = _shapes(found)
+    order = np.argsort(-exponents.real, kind="stable")
+    return [(full[k, :, :3], full[k, :, 3:], complex(exponents[k])) for k in order]
+
+
+def _shapes(found: Stability | DampedStability) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Eigenvalues λ and exponents s (K,), and modes (K, N, 6) with zeros where nothing is free."""
+    static = found.undamped if isinstance(found, DampedStability) else found
+    count = found.modes.shape[1]
+    full = np.array([found.free.spread(mode)[: static.n] for mode in found.modes.T]).reshape(count, static.n, 6)
+    if isinstance(found, DampedStability):
+        exponents = found.exponents
+        values = -(exponents**2)
+    else:
+        values = np.concatenate([found.pairs, found.negative.astype(complex)])
+        exponents = -1j * np.sqrt(values)
+    return values, exponents, full

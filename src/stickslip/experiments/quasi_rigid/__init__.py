@@ -1,0 +1,45 @@
+"""Paper 002: quasi-rigid disks under biaxial load or shear, with unique contact status."""
+
+from functools import partial
+
+from ...lazy import attach
+from ..experiment import Experiment, Paper, late
+from ..sources import CONTACT
+from .scenario import QuasiScenario
+
+_here = partial(late, __name__)
+
+
+def references(scenario: QuasiScenario) -> dict[str, tuple[str, ...]]:
+    """Keys of references.bib, by what they are for."""
+    return {"the experiment and its method (paper 002)": ("McNamara2006",), "contact law": CONTACT["linear"]}
+
+
+EXPERIMENT = Experiment(
+    scenario=QuasiScenario,
+    words="paper 002: disks under biaxial load",
+    simulate=_here("simulate.simulate_quasi"),
+    numbers=_here("report.numbers"),
+    measures=_here("report.measures"),
+    show=_here("report.show"),
+    figures=_here("report.figures"),
+    references=references,
+    files=_here("report.files"),
+    paper=Paper(
+        title="Paper 002: quasi-rigidity",
+        cuts=(
+            "2 packings of 60 disks instead of 5 of 100; slow dynamics of 1e4, 3e4 and 1e5 time units instead of "
+            "3e4, 1e5, 3e5 and 1e6; increments of the load of 2e-3 instead of 1e-3; 100 constructed cases of each"
+            " kind instead of 500"
+        ),
+        scenario=_here("paper.paper_scenario"),
+        reproduce=_here("paper.reproduce"),
+        shows=_here("claims.shows"),
+        numbers=_here("report.paper_numbers"),
+        figures=_here("report.paper_figures"),
+        files=_here("report.paper_files"),
+        failures=_here("report.paper_failures"),
+    ),
+)
+
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -1,0 +1,2 @@
+from .scenario import QuasiScenario as QuasiScenario
+from .simulate import simulate_quasi as simulate_quasi

@@ -1,0 +1,149 @@
+"""What quasi-rigid loading leaves in its folder and on the terminal."""
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from rich.table import Table
+
+from ...figures import quasi_rigid as figures_of
+from ...figures.grains import packing
+from ..run_folder import SERIES, plain
+from ..terminal import STYLE, console
+from .paper import Reproduction
+from .simulate import Curve, QuasiResult, Tested
+
+
+def figures(result: QuasiResult):
+    """Yield (file name, Figure) of a run."""
+    longest = max(result.tested, key=lambda one: len(one.path.events))
+    yield "fig1_curves.png", figures_of.curves(result.tested, result.scenario.loading.test)
+    end = longest.path.points[-1]
+    title = f"sample {longest.seed} where its path ends, load {end.load:.4g}"
+    yield "fig2_statuses.png", packing(end.state, longest.law, title=title)
+    if len(longest.pairs):
+        yield "fig3_cone.png", figures_of.cone(longest, result.scenario.law.mu)
+    yield "fig4_stiffness.png", figures_of.stiffness(longest)
+    if result.scenario.dynamics.times:
+        yield "fig5_dynamics.png", figures_of.errors(result.tested)
+
+
+def files(result: QuasiResult):
+    """Yield (file name, function that writes it): the curves as CSV."""
+    yield SERIES, partial(_write_curves, result)
+
+
+def paper_numbers(found: Reproduction) -> dict:
+    """Contents of the archive of the paper's reproduction."""
+    return numbers(found.main)
+
+
+def paper_figures(found: Reproduction):
+    """Yield (file name, Figure) of the paper's reproduction."""
+    yield from figures(found.main)
+
+
+def paper_files(found: Reproduction):
+    """Yield (file name, function that writes it) of the paper's reproduction."""
+    yield from files(found.main)
+
+
+def paper_failures(found: Reproduction) -> tuple[str, ...]:
+    """One sentence for each realization that failed."""
+    return found.main.failures
+
+
+def numbers(result: QuasiResult) -> dict:
+    """What the archive holds besides scenario and version."""
+    return {
+        "scenario": result.scenario.text,
+        "units": "those of the scenario; loads are shares of the way from the first to the last load",
+        "samples": {f"{one.seed:03d}": _sample(one) for one in result.tested},
+    }
+
+
+def _sample(one: Tested) -> dict:
+    path, events = one.path, one.path.events
+    out = {
+        "law": one.law,
+        "path": {
+            "verdict": path.verdict.value,
+            "load": path.load,
+            "sliding": np.array([p.sliding for p in path.points]),
+            "contacts": np.array([p.contacts for p in path.points]),
+            "residual": np.array([p.residual for p in path.points]),
+        },
+        "events": {
+            "load": np.array([e.load for e in events]),
+            "kind": "\n".join(e.kind for e in events),
+            "bodies": np.array([[e.i, e.j] for e in events]).reshape(-1, 2),
+        },
+        "curve": plain(one.curve),
+        "looks": plain(one.looks),
+        "slow": {
+            f"{run.time:g}": {"error": run.error, "kinetic_energy": run.kinetic_energy, **plain(run.curve)}
+            for run in one.slow
+        },
+        "contacts": {"bodies": one.pairs, "force": one.forces},
+        "frames": {"start": path.states[0], "end": path.states[-1]},
+    }
+    if one.back is not None:
+        out["unloading"] = plain(one.back)
+    if one.collapse is not None:
+        out["collapse"] = one.collapse
+    return out
+
+
+def _write_curves(result: QuasiResult, path: Path) -> None:
+    """One row a point: sample, what it belongs to, load, strain, volumetric strain, stress ratio."""
+    lines = ["sample,curve,load,strain,volumetric_strain,stress_ratio"]
+
+    def add(seed: int, name: str, curve: Curve) -> None:
+        for row in zip(*curve, strict=True):
+            lines.append(f"{seed},{name}," + ",".join(f"{x:.9g}" for x in row))
+
+    for one in result.tested:
+        add(one.seed, "path", one.curve)
+        if one.back is not None:
+            add(one.seed, "unloading", one.back)
+        for run in one.slow:
+            add(one.seed, f"dynamics {run.time:g}", run.curve)
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def show(result: QuasiResult) -> None:
+    """Where every path ended, on the terminal."""
+    title = "Paths, how far the slowest dynamics is off in strain, and where it falls"
+    table = Table(title=title, **STYLE)
+    names = ("sample", "ends at", "ratio", "strain", "slide", "events", "off by", "falls at")
+    for name in names:
+        table.add_column(name, justify="right", no_wrap=True)
+    for one in result.tested:
+        last = one.path.points[-1]
+        off = min(one.slow, key=lambda run: -run.time).error if one.slow else None
+        table.add_row(
+            str(one.seed), f"{last.load:.4g}", f"{one.curve.ratio[-1]:.4g}", f"{one.curve.strain[-1]:.2e}",
+            f"{last.sliding}/{last.contacts}", str(len(one.path.events)), "–" if off is None else f"{off:.1e}",
+            "–" if one.collapse is None else f"{one.collapse:.4g}",
+        )  # fmt: skip
+    console.print(table)
+    for one in result.tested:
+        end = one.path.summary
+        console.print(f"  sample {one.seed}: {end}")
+    for failure in result.failures:
+        console.print(failure, style="yellow")
+
+
+def measures(result: QuasiResult) -> dict[str, tuple[float, str]]:
+    """{name: (value, unit)} of a run, for sweeps: medians over its samples; loads are shares of the whole load."""
+    slowest = [min(one.slow, key=lambda run: -run.time) for one in result.tested if one.slow]
+    columns = {
+        "last_load": [one.path.load[-1] for one in result.tested],
+        "stress_ratio": [one.curve.ratio[-1] for one in result.tested],
+        "strain": [one.curve.strain[-1] for one in result.tested],
+        "events": [len(one.path.events) for one in result.tested],
+        "sliding_share": [p.sliding / max(p.contacts, 1) for p in (one.path.points[-1] for one in result.tested)],
+        "error_of_slowest_dynamics": [run.error for run in slowest],
+        "collapse_load": [one.collapse for one in result.tested if one.collapse is not None],
+    }
+    return {name: (float(np.median(values)) if values else np.nan, "1") for name, values in columns.items()}

@@ -1,0 +1,33 @@
+"""A spring slider with rate-and-state friction."""
+
+from functools import partial
+
+from ...lazy import attach
+from ..experiment import Experiment, late
+from ..sources import STATE
+from .scenario import RateStateScenario
+
+_here = partial(late, __name__)
+
+
+def references(scenario: RateStateScenario) -> dict[str, tuple[str, ...]]:
+    """Keys of references.bib, by what they are for."""
+    surface = scenario.surface
+    more = ("Linker1992",) if surface.alpha else ()
+    return {"rate-and-state friction": STATE[surface.law] + more}
+
+
+EXPERIMENT = Experiment(
+    scenario=RateStateScenario,
+    words="a spring slider with rate-and-state friction",
+    simulate=_here("simulate.simulate_slider"),
+    numbers=_here("report.numbers"),
+    measures=_here("report.measures"),
+    show=_here("report.show"),
+    figures=_here("report.figures"),
+    references=references,
+    files=_here("report.files"),
+    parallel=False,
+)
+
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

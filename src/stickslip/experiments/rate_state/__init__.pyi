@@ -1,0 +1,2 @@
+from .scenario import RateStateScenario as RateStateScenario
+from .simulate import simulate_slider as simulate_slider

@@ -1,0 +1,72 @@
+"""A slider's history: what it leaves in its folder and on the terminal."""
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from rich.table import Table
+
+from ...figures import rate_state as figures_of
+from ...friction.laboratory import LabRecord, write_csv
+from ..run_folder import SERIES, plain
+from ..terminal import STYLE, console
+from .simulate import SliderResult
+
+
+def figures(result: SliderResult):
+    """Yield (file name, Figure) of a run."""
+    yield "fig1_history.png", figures_of.slid(result.history, result.recorded, result.legs)
+
+
+def files(result: SliderResult):
+    """Yield (file name, function that writes it): the series as CSV, which `stickslip fit` reads."""
+    yield SERIES, partial(_write_series, result)
+
+
+def _write_series(result: SliderResult, path: Path) -> None:
+    h, noise = result.history, result.scenario.samples.noise
+    record = LabRecord(h.time, result.recorded, h.load_point, slip=h.slip, velocity=h.velocity, theta=h.theta)
+    said = f"noise of {noise:g} is in friction" if noise else "no noise"
+    write_csv(path, record, (f"stickslip, experiment rate-state: {said}",))
+
+
+def numbers(result: SliderResult) -> dict:
+    """What the archive holds besides scenario and version."""
+    history = plain(result.history._replace(end=result.history.end.value))
+    return {"history": history, "recorded": result.recorded, "units": "m, s"}
+
+
+def show(result: SliderResult) -> None:
+    """Stability of each leg and how the history ended, on the terminal."""
+    h, table = result.history, Table(title="Legs of the load point", **STYLE)
+    for name in ("velocity [m/s]", "until [s]", "friction at its end", "least", "greatest"):
+        table.add_column(name, justify="right", no_wrap=True)
+    ends = np.cumsum([leg.duration for leg in result.legs])
+    for leg, end in zip(result.legs, ends, strict=True):
+        within = (h.time > end - leg.duration) & (h.time <= end)
+        if within.any():
+            part = h.friction[within]
+            cells = (f"{leg.velocity:.4g}", f"{end:.6g}", f"{part[-1]:.5f}", f"{part.min():.5f}", f"{part.max():.5f}")
+            table.add_row(*cells)
+    console.print(table)
+    for sentence in dict.fromkeys(one.sentence for one in result.sliding):
+        console.print(f"  {sentence}")
+    if not h.ok:
+        console.print(f"{h.end.value} (after {h.reached:.6g} s)", style="yellow")
+
+
+def measures(result: SliderResult) -> dict[str, tuple[float, str]]:
+    """{name: (value, unit)} of a run, for sweeps; stability is that of the last leg that moves."""
+    h, surface = result.history, result.scenario.surface
+    velocity = [leg.velocity for leg in result.legs if leg.velocity > 0][-1]
+    return {
+        "final_friction": (h.friction[-1], "1"),
+        "final_velocity": (h.velocity[-1], "m/s"),
+        "least_friction": (h.friction.min(), "1"),
+        "greatest_friction": (h.friction.max(), "1"),
+        "steady_friction": (surface.mu0 + (surface.a - surface.b) * np.log(velocity / surface.v0), "1"),
+        "critical_stiffness": (result.sliding[-1].critical, "1/m"),
+        "growth_rate": (result.sliding[-1].growth_rate, "1/s"),
+        "stable": (result.sliding[-1].stable, "1"),
+        "reached": (h.reached, "s"),
+    }

@@ -1,0 +1,63 @@
+"""A spring slider, from its scenario to its history."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ...core.readable import readable
+from ...friction.loads import LoadStep
+from ...friction.ratestate import RateState, SlipHistory, Spring, spring_slider
+from ...friction.stability import Sliding, steady_sliding
+from .scenario import RateStateScenario
+
+Report = Callable[[str, float, str], None]
+EARLY = 1e-4  # share of a leg from which on its first samples are spaced evenly in ln t
+
+
+@readable
+class SliderResult(NamedTuple):
+    """A scenario and what came of it."""
+
+    scenario: RateStateScenario
+    legs: tuple[LoadStep, ...]
+    history: SlipHistory
+    recorded: np.ndarray  # friction with noise, (N,)
+    sliding: tuple[Sliding, ...]  # stability of steady sliding, one for each leg that moves
+
+
+def simulate_slider(
+    scenario: RateStateScenario,
+    *,
+    folder: Path | None = None,
+    workers: int | None = None,
+    report: Report = lambda stage, share, words: None,
+) -> SliderResult:
+    """Run a scenario; one slider needs one process, and nothing is saved on the way."""
+    surface, spring = RateState(**scenario.surface.model_dump()), Spring(**scenario.spring.model_dump())
+    legs = tuple(LoadStep(leg.time, leg.velocity, leg.normal) for leg in scenario.legs)
+    sliding = tuple(steady_sliding(surface, spring, leg.velocity) for leg in legs if leg.velocity > 0)
+    rate = f"stiffness {spring.stiffness:g}, growth rate {max(one.growth_rate for one in sliding):.2e}"
+    report("slider", 0.0, f"{len(legs)} legs of the load point, {rate}")
+    history = spring_slider(surface, spring, legs, times=_times(legs, scenario.samples.number))
+    report("slider", 1.0, f"{rate}, friction {history.friction[-1]:.4f} at {history.velocity[-1]:.1e} m/s")
+    return SliderResult(scenario, legs, history, history.friction + _noise(scenario, len(history.time)), sliding)
+
+
+def _times(legs, number: int) -> np.ndarray:
+    """Samples of each leg: a third evenly in ln t, the others evenly in t, its end among them."""
+    few = number // 3
+    share = np.unique(np.r_[np.geomspace(EARLY, 1.0, few), np.linspace(0, 1, number - few + 1)[1:]])
+    ends = np.cumsum([leg.duration for leg in legs])
+    return np.unique(
+        np.r_[0.0, np.concatenate([e - g.duration * (1 - share) for e, g in zip(ends, legs, strict=True)])]
+    )
+
+
+def _noise(scenario: RateStateScenario, number: int) -> np.ndarray:
+    rng, rho = np.random.default_rng(scenario.seed), scenario.samples.correlation
+    out = rng.normal(size=number)
+    for k in range(1, number):
+        out[k] = rho * out[k - 1] + np.sqrt(1 - rho**2) * out[k]
+    return scenario.samples.noise * out

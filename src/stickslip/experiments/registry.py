@@ -1,0 +1,151 @@
+"""A scenario: everything that defines a run, validated, hashable, readable from TOML or built in Python."""
+
+import json
+import re
+import tomllib
+from pathlib import Path
+
+from ..core.text import shortened, text_of
+from ..data.law_file import check_sealed
+from ..data.schema import ScenarioError, Whole, validated
+from . import disk_array, flow, gouge, quasi_rigid, rate_state, sphere_shear
+from .experiment import Experiment
+
+_ALL = (disk_array, sphere_shear, quasi_rigid, flow, gouge, rate_state)
+# the only list of experiments, by the value of `experiment` in a scenario
+EXPERIMENTS: dict[str, Experiment] = {package.EXPERIMENT.name: package.EXPERIMENT for package in _ALL}
+LARGEST_WHOLE = 2**63 - 1
+WHOLE = "whole numbers are read up to 64 bits, give a smaller one, or write it as 1e30"
+
+
+def papers() -> dict[str, Experiment]:
+    """Experiments that reproduce a paper, by name."""
+    return {name: one for name, one in EXPERIMENTS.items() if one.paper}
+
+
+def experiment_of(scenario: Whole) -> Experiment:
+    """The experiment that a scenario belongs to."""
+    return EXPERIMENTS[scenario.experiment]
+
+
+def simulate(
+    scenario: Whole, *, folder: str | Path | None = None, workers=None, report=lambda stage, share, words: None, **more
+):
+    """Run a scenario of any kind and return the result of its experiment.
+
+    Parameters
+    ----------
+    scenario : as `scenario(...)` and `read_scenario` make it
+    folder : where finished parts are saved as the run goes on; with the same folder, a run that was stopped continues
+    workers : processes, or the address of a Dask scheduler, for independent realizations (threads of a flow)
+    report : called as report(stage, share done, words with the quantities that matter)
+    more : further options of the experiment
+
+    Returns
+    -------
+    Result, FlowResult, GougeResult, QuasiResult, ShearResult or Slid, with the scenario as `result.scenario`.
+
+    Examples
+    --------
+    >>> short = scenario(load={"push": (0.0, 0.02), "step": 0.01}, dynamics={"loads": ()})
+    >>> [len(point.spectrum.pairs) for point in simulate(short).path]
+    [0, 1, 1]
+    """
+    run = experiment_of(scenario).simulate
+    return run(scenario, folder=None if folder is None else Path(folder), workers=workers, report=report, **more)
+
+
+def kind_of(tables: dict) -> type[Whole]:
+    """The class of scenario that `experiment` names; without it, a disk array."""
+    name = tables.get("experiment", "disk-array")
+    if not isinstance(name, str) or name not in EXPERIMENTS:
+        raise ScenarioError(f"experiment = {str(name)[:100]!r} was given: use {', '.join(map(repr, EXPERIMENTS))}")
+    return EXPERIMENTS[name].scenario
+
+
+def scenario(**tables) -> Whole:
+    """A scenario from nested dictionaries, as in the TOML file; `experiment` says of what.
+
+    Raises
+    ------
+    ScenarioError
+        with one sentence that names the key, what was got and what is allowed.
+
+    Examples
+    --------
+    >>> scenario(array={"disks": 5}, load={"push": (0.0, 0.05)}, dynamics={"loads": (0.03,)}).array.disks
+    5
+    """
+    return validated(kind_of(tables), **tables)
+
+
+def read_scenario(path: str | Path) -> Whole:
+    """A scenario from a TOML file, or from the canonical text that a run left behind."""
+    tables = tables_of(path)
+    if "sweep" in tables:
+        raise ScenarioError(f"{path} holds a [sweep], which is many scenarios: use read_sweep, or leave the table out")
+    return scenario(**tables)
+
+
+def tables_of(path: str | Path) -> dict:
+    """What a TOML or JSON file holds.
+
+    Raises
+    ------
+    ScenarioError
+        with one sentence, if it cannot be read.
+    """
+    path = Path(path)
+    try:
+        text = text_of(path, remedy="give the path of a TOML file")
+    except OSError as problem:
+        raise ScenarioError(
+            f"the scenario {path} cannot be read ({problem.strerror}): give the path of a TOML file"
+        ) from None
+    except ValueError as problem:
+        raise ScenarioError(str(problem)) from None
+    tables = _parsed(text, path)
+    if not isinstance(tables, dict):
+        raise ScenarioError(f"the scenario {path} holds {type(tables).__name__}, not an object: give that of a run")
+    _check_whole_numbers(tables, path)
+    if path.suffix == ".json":
+        check_sealed(tables, path)
+        return tables
+    return _placed(tables, path.parent)
+
+
+def _parsed(text: str, path: Path):
+    try:
+        return json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
+    except tomllib.TOMLDecodeError as problem:
+        raise ScenarioError(f"the scenario {path} is not valid TOML: {problem}") from None
+    except json.JSONDecodeError as problem:
+        raise ScenarioError(f"the scenario {path} is not valid JSON: {problem}") from None
+    except RecursionError:
+        raise ScenarioError(
+            f"the scenario {path} is nested too deeply: tables of a scenario are five deep at most"
+        ) from None
+    except ValueError:  # of all numbers, Python reads whole ones up to some length only
+        found = max(re.finditer(r"\d[\d_]*", text), key=lambda digits: len(digits[0].replace("_", "")))
+        line, digits = text.count("\n", 0, found.start()) + 1, len(found[0].replace("_", ""))
+        raise ScenarioError(
+            f"the scenario {path}, line {line}, holds a whole number of {digits} digits: {WHOLE}"
+        ) from None
+
+
+def _check_whole_numbers(tree, path: Path, above: tuple = ()) -> None:
+    """Refuse what other readers of TOML and JSON, and files of results, do not hold."""
+    items = tree.items() if isinstance(tree, dict) else enumerate(tree, start=1) if isinstance(tree, list) else ()
+    for key, value in items:
+        if isinstance(value, int) and not -LARGEST_WHOLE <= value <= LARGEST_WHOLE:
+            where = shortened(".".join(map(str, (*above, key))))
+            raise ScenarioError(f"the scenario {path} has a whole number beyond 64 bits at {where}: {WHOLE}")
+        _check_whole_numbers(value, path, (*above, key))
+
+
+def _placed(tables: dict, folder: Path) -> dict:
+    """Tables in which the name of a law's file starts from the folder of the scenario."""
+    law = tables.get("law")
+    if isinstance(law, dict) and isinstance(law.get("file"), str):
+        tables["law"] = law | {"file": str(folder.absolute() / law["file"])}
+    return tables

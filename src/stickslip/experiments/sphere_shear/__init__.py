@@ -1,0 +1,43 @@
+"""Paper 001: quasi-static shear of packings, growth of the oscillatory instability, failure."""
+
+from functools import partial
+
+from ...lazy import attach
+from ..experiment import Experiment, Paper, late
+from ..sources import of_law
+from .scenario import ShearScenario
+
+_here = partial(late, __name__)
+
+
+def references(scenario: ShearScenario) -> dict[str, tuple[str, ...]]:
+    """Keys of references.bib, by what they are for."""
+    return {"the experiment (paper 001)": ("Bonfanti2020",), "contact law": of_law(scenario.law)}
+
+
+EXPERIMENT = Experiment(
+    scenario=ShearScenario,
+    words="paper 001: packings are sheared",
+    simulate=_here("simulate.simulate_shear"),
+    numbers=_here("report.numbers"),
+    measures=_here("report.measures"),
+    show=_here("report.show"),
+    figures=_here("report.figures"),
+    references=references,
+    paper=Paper(
+        title="Paper 001: sheared packings of spheres",
+        cuts=(
+            "2 packings instead of 5; strain steps of 5e-4 instead of 1e-4 beyond 1e-3 (2e-3); Newtonian runs of "
+            "25 growth times instead of 45, at least 2e4 time units instead of 5e4: too short to fail; 12 spectra"
+            " in a run instead of 40"
+        ),
+        scenario=_here("paper.paper_scenario"),
+        reproduce=_here("paper.reproduce"),
+        shows=_here("claims.shows"),
+        numbers=_here("report.paper_numbers"),
+        figures=_here("report.paper_figures"),
+        failures=_here("report.paper_failures"),
+    ),
+)
+
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -1,0 +1,2 @@
+from .scenario import ShearScenario as ShearScenario
+from .simulate import simulate_shear as simulate_shear

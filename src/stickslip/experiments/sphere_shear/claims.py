@@ -1,0 +1,228 @@
+"""Claims of paper 001, judged: doi:10.1103/PhysRevE.101.052902. Medians over packings, ranges in the notes."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...loading.release import Released
+from ..claims import CAN, Claim, claim, median_error
+from .simulate import ShearResult
+
+DECADES = 10.0  # of M, over which the paper sees exponential growth
+APART = np.log10(2.0)  # decades by which M may leave the predicted line: the oscillation itself moves it by that
+LEAST_DURATION = (
+    "read with care: the least duration of a run was set after runs of 45 growth times alone had ended at a median of "
+    "0.13 while the stress was still falling"
+)
+SHOWS = {
+    "Fig 1": ("complex pairs along the strain", "pairs-reappear"),
+    "Fig 2": ("eigenvalues during a run", "spectrum-constant-until"),
+    "Fig 3": ("growth of M", "growth-rate-ratio"),
+    "Fig 4": ("trajectories: drawn, without a number", ""),
+    "Fig 5": ("stress through failure", "stress-drop-one-pair"),
+}
+TOLERANCE = {
+    "onset": 1.0,  # nothing is printed, and the packing fraction is open: a factor of two
+    "exponent": 0.05,  # the next term of the square root is of the order of the distance to the birth, some per cent
+    "pairs": 0.0,  # counts
+    "rate": 1e-3,  # linear theory with Verlet's correction is exact; the ends of the fit's window are not
+    "frequency": 1e-4,  # its phase is known to a fraction of a turn over some thousand turns
+    "decades": 0.2,  # the paper says "about 10": two more or less
+    "constant": 1.0,  # nothing is printed; M grows by a factor of two between two looks at the spectrum
+    "drop": 1.0,  # one run of one packing: a factor of two either way
+    "contacts": 1.0,  # nothing is printed
+}
+
+
+def evaluated(main: ShearResult) -> list[Claim]:
+    """All claims."""
+    return _path_claims(main) + _growth_claims(main) + _failure_claims(main)
+
+
+def _finite(values) -> list[float]:
+    return [float(v) for v in values if v is not None and np.isfinite(v)]
+
+
+def _median(values) -> float | None:
+    known = _finite(values)
+    return float(np.median(known)) if known else None
+
+
+def _range(values, form: str = "{:.3g}") -> str:
+    known = _finite(values)
+    if not known:
+        return f"none of {len(values)} packings"
+    if len(known) == 1:
+        return f"{form.format(known[0])} in one of {len(values)} packings"
+    return f"{form.format(min(known))} to {form.format(max(known))} over {len(known)} of {len(values)} packings"
+
+
+def _middle(id: str, source: str, paper, values, unit: str, tolerance: str, note: str, **more) -> Claim:
+    """A row for the median of what packings have, with its error."""
+    error = median_error(_finite(values))
+    return claim(id, source, paper, _median(values), unit, TOLERANCE[tolerance], note, error=error, **more)
+
+
+def _path_claims(main: ShearResult) -> list[Claim]:
+    paths = main.paths
+    births = [p.onset.strain if p.onset else None for p in paths]
+    exponents = [p.onset.exponent if p.onset else None for p in paths]
+    fraction = [p.packed.packing_fraction for p in paths]
+    pressures = [p.packed.pressure for p in paths]
+    drift = [abs(p.zero_modes - _zero_modes(p.packed.rattlers, main.scenario.packing.dim)) for p in paths]
+    back = sum(p.reappears for p in paths)
+    return [
+        _middle(
+            "onset-strain", "Fig 1: first pair; no strain is printed", None, births, "strain", "onset",
+            f"nor is the packing fraction, {np.median(fraction):.3g} here, pressure {_range(pressures)}; "
+            f"{_range(births)}; bisected to 1e-6 from the last saved state without a pair",
+        ),
+        _middle(
+            "im-lambda-at-birth-exponent", "Fig 1: birth of a pair; no exponent is printed", None, exponents, "1",
+            "exponent", _range(exponents, "{:.4f}"), reference=0.5,
+            reference_source="two real eigenvalues that meet leave the axis as a square root",
+        ),
+        claim(
+            "pairs-at-zero-slip", 'Fig 1: Sec. III, the frictionless start "has no complex eigenvalues"', 0,
+            max(float(p.pairs[0]) for p in paths), "pairs", TOLERANCE["pairs"],
+            f"the most of {len(paths)} packings; zero modes beside translations and rattlers: {max(drift)}", error=0.0,
+        ),
+        claim(
+            "pairs-reappear",
+            'Fig 1: "with increasing strain the imaginary component can reduce and disappear, then reappear"', True,
+            bool(back), "", 0.0,
+            f"all pairs vanish and some come back in {back} of {len(paths)} packings; pairs at the last strain "
+            f"{paths[0].strain[-1]:g}: {', '.join(f'{p.pairs[-1]:.0f}' for p in paths)}", quantifier=CAN,
+        ),
+    ]  # fmt: skip
+
+
+def _zero_modes(rattlers: int, dim: int) -> int:
+    """Zero modes at zero slip: translations, and all coordinates of every rattler."""
+    return dim + (6 if dim == 3 else 3) * rattlers
+
+
+class Stretch(NamedTuple):
+    """The part of a run in which M follows the predicted exponential."""
+
+    decades: float  # of M, from where it leaves the level of the start to where it leaves the exponential
+    first: float  # M there [length²]
+    last: float  # [length²]
+    ended: bool  # whether the run went on beyond it: False if M still grew when the run ended
+
+
+def exponential_stretch(run: Released) -> Stretch | None:
+    """How long M follows exp(2 ω_i t), with the predicted ω_i; None if it did not cross the window of the fit.
+
+    The largest M so far lies within a factor of two of the line that meets it in the window. Before, it is the level
+    of the start; afterwards the spectrum changes.
+    """
+    if run.growth is None:
+        return None
+    envelope = np.maximum.accumulate(run.msd)
+    there = envelope > 0
+    time, decade = run.time[there], np.log10(envelope[there])
+    line = decade - 2 * run.growth_rate / np.log(10) * time
+    inside = np.flatnonzero((time >= run.growth.start) & (time <= run.growth.stop))
+    near = np.abs(line - np.median(line[inside])) < APART
+    middle = int(inside[len(inside) // 2])
+    before, after = np.flatnonzero(~near[:middle]), np.flatnonzero(~near[middle:])
+    first = int(before[-1]) + 1 if len(before) else 0
+    last = middle + int(after[0]) - 1 if len(after) else len(near) - 1
+    return Stretch(float(decade[last] - decade[first]), 10 ** decade[first], 10 ** decade[last], bool(len(after)))
+
+
+def _growth_claims(main: ShearResult) -> list[Claim]:
+    runs = main.single
+    fitted = [r if r and r.growth else None for r in runs]
+    rates = [r and r.growth.growth_rate / r.corrected_rate for r in fitted]
+    frequencies = [r and r.growth.frequency / r.corrected_frequency for r in fitted]
+    constant = [r.constant[0] if r and np.isfinite(r.constant[1]) else None for r in runs]
+    changed = [r.constant[1] if r else None for r in runs]
+    rate = _range([r.growth_rate if r else None for r in runs], "{:.2e}")
+    said = 'Fig 3: "fitted ω_r and ω_i correspond perfectly to those expected"'
+    return [
+        _middle(
+            "growth-rate-ratio", said, 1.0, rates, "1", "rate",
+            f"from states with one pair, predicted rates {rate}; after Verlet's correction 1 + (omega_r dt)^2/8: "
+            f"{_range(rates, '{:.6f}')}",
+        ),
+        _middle(
+            "frequency-ratio", said, 1.0, frequencies, "1", "frequency",
+            f"after Verlet's correction 1 + (omega_r dt)^2/24: {_range(frequencies, '{:.8f}')}",
+        ),
+        *_decades(main),
+        _middle(
+            "spectrum-constant-until", 'Fig 2: "eigenvalues remain constant for a period of time"; no M is printed',
+            None, constant, "(2 sigma_1)^2", "constant",
+            f"M at the last spectrum before the fastest Im lambda had changed by 1 %: {_range(constant)}; at the first "
+            f"one after: {_range(changed)}",
+        ),
+    ]  # fmt: skip
+
+
+def _decades(main: ShearResult) -> list[Claim]:
+    """Over how many decades M follows the prediction, and if these are as many as the paper's."""
+    stretches = [exponential_stretch(r) if r else None for r in main.single]
+    known = [s for s in stretches if s]
+    decades, growing = [s and s.decades for s in stretches], sum(not s.ended for s in known)
+    said = 'Fig 3: "an increase in time of about 10 orders of magnitude following an oscillatory exponential growth"'
+    ends = "; M " + ", ".join(f"{s.first:.0e} to {s.last:.0e}" for s in known) if known else ""
+    words = f"M within a factor of two of exp(2 omega_i t), omega_i predicted: {_range(decades, '{:.1f}')}{ends}"
+    words += f"; {growing} still grew when the run ended" if growing else ""
+    return [
+        claim(
+            "growth-follows-prediction", said, True, all(s.decades >= DECADES for s in known) if known else None, "",
+            0.0, f"over ten decades at least; {words}",
+        ),
+        claim(
+            "decades-of-growth", said, DECADES, _median(decades), "decades of M", TOLERANCE["decades"],
+            f"{words}; the number counts from the perturbation of the start, velocities of "
+            f"{main.scenario.release.seed_velocity:g} here, and the paper does not print the size of its own",
+        ),
+    ]  # fmt: skip
+
+
+def _ended(runs: list[Released | None]) -> list[Released]:
+    """Runs that left their exponential growth in time: only these can have failed."""
+    found = [(r, exponential_stretch(r)) for r in runs if r]
+    return [r for r, stretch in found if stretch and stretch.ended]
+
+
+def _failure_claims(main: ShearResult) -> list[Claim]:
+    lost = [r.contacts_lost for r in _ended(main.later)]
+    first = [r.contacts_lost for r in _ended(main.single)]
+    return [
+        _drop("stress-drop-one-pair", main.single, 'Fig 5: "a macroscopic drop, in the present case of 22%"', 0.22, {}),
+        _drop(
+            "stress-drop-later", main.later, "Fig 5: the paper prints none from states with many pairs", None,
+            {"reference": 0.22, "reference_source": "the paper's one run, from a state with one pair"},
+        ),
+        _middle(
+            "contacts-lost", 'Fig 5: "induced by granules losing contacts"; no number is printed', None, lost,
+            "contacts", "contacts", f"from later states {_range(lost)}; from one-pair states {_range(first)}",
+        ),
+    ]  # fmt: skip
+
+
+def _drop(id: str, source_runs: list[Released | None], source: str, paper: float | None, reference: dict) -> Claim:
+    """Loss of shear stress over its initial value; over the initial pressure in the note."""
+    there = _ended(source_runs)
+    relative = [r.drop / abs(r.shear_stress[0]) for r in there]
+    to_pressure = [r.drop / r.pressure[0] for r in there]
+    words = ", ".join(
+        f"{r.pairs} pair(s) at {r.strain:.2g}: {a:.3g} ({b:.3g} of p), M {r.msd[-1]:.0e}, {r.contacts_lost} lost"
+        for r, a, b in zip(there, relative, to_pressure, strict=True)
+    )
+    note = (
+        f"the paper's 22 % is one run; fraction of the initial shear stress, which may be near zero; relative to "
+        f"pressure {_range(to_pressure)}; {words or 'no run left its exponential growth in time'}"
+    )
+    if paper is None:
+        note += f"; {LEAST_DURATION}"
+    return _middle(id, source, paper, relative, "1", "drop", note, **reference)
+
+
+def shows() -> dict[str, tuple[str, str]]:
+    """Figures of the paper: what each shows, and the id of the claim to quote."""
+    return SHOWS

@@ -1,0 +1,41 @@
+"""Paper 001, end to end: oscillatory instabilities of sheared packings of spheres.
+
+Bonfanti, Chattoraj, Guerra, Procaccia, Zapperi, doi:10.1103/PhysRevE.101.052902. Units: 2σ_1 = m = k_n = 1; I0 = 0.4,
+k_t = 2/7, μ = 10, smooth Coulomb. The paper leaves the packing fraction open: 0.68 here, for every packing.
+"""
+
+from typing import NamedTuple
+
+from ...data.schema import validated
+from ...ensemble import Workers
+from ..claims import Claim, for_quick_run
+from .claims import evaluated
+from .scenario import ShearScenario
+from .simulate import Report, ShearResult, silent, simulate_shear
+
+
+class Reproduction(NamedTuple):
+    """The scenario, run, and the claims that it supports."""
+
+    main: ShearResult
+    claims: list[Claim]
+
+
+def paper_scenario(*, quick: bool = False, seed: int = 0) -> ShearScenario:
+    """N = 100 spheres, radii 0.5 and 0.7, sheared in steps of 2e-5, then of 1e-4 to a strain of 0.02."""
+    if quick:
+        return validated(
+            ShearScenario,
+            seed=seed,
+            packings=2,
+            shear={"strain": (0.0, 1e-3, 0.02), "step": (2e-5, 5e-4)},
+            release={"e_folds": 25.0, "least": 2e4, "duration": 3.5e5, "snapshots": 12},
+        )
+    return validated(ShearScenario, seed=seed)
+
+
+def reproduce(*, quick: bool = False, seed: int = 0, folder=None, workers: Workers = None, report: Report = silent):
+    """Run the paper's scenario and judge its claims; arguments as in `simulate_shear`. Returns a Reproduction."""
+    main = simulate_shear(paper_scenario(quick=quick, seed=seed), folder=folder, workers=workers, report=report)
+    claims = evaluated(main)
+    return Reproduction(main, for_quick_run(claims) if quick else claims)

@@ -1,0 +1,103 @@
+"""What a sheared packing leaves in its folder and on the terminal."""
+
+import numpy as np
+from rich.table import Table
+
+from ...figures import sphere_shear as figures_of
+from ..run_folder import plain
+from ..terminal import STYLE, console
+from .paper import Reproduction
+from .simulate import ShearResult
+
+
+def figures(result: ShearResult):
+    """Yield (file name, Figure) of a run."""
+    yield "fig1_complex_pairs.png", figures_of.pairs_along_strain(result.paths, result.scenario.shear.strain[1])
+    runs = [r for r in (*result.single, *result.later) if r]
+    if not runs:
+        return
+    shown = max(runs, key=lambda r: (r.growth is not None, r.pairs == 1, r.msd[-1]))
+    if len(shown.snapshot_time):
+        yield "fig2_spectrum_in_time.png", figures_of.spectrum_in_time(shown)
+    yield "fig3_growth.png", figures_of.growth(shown)
+    yield "fig4_trajectories.png", figures_of.trajectories(shown, result.scenario.packing.dim)
+    later = [r for r in result.later if r and r is not shown]
+    violent = max(later, key=lambda r: r.msd[-1], default=None)
+    yield "fig5_stress.png", figures_of.stress_through_failure(shown, violent)
+
+
+def paper_numbers(found: Reproduction) -> dict:
+    """Contents of the archive of the paper's reproduction."""
+    return numbers(found.main)
+
+
+def paper_figures(found: Reproduction):
+    """Yield (file name, Figure) of the paper's reproduction."""
+    yield from figures(found.main)
+
+
+def paper_failures(found: Reproduction) -> tuple[str, ...]:
+    """One sentence for each realization that failed."""
+    return found.main.failures
+
+
+def numbers(result: ShearResult) -> dict:
+    """What the archive holds besides scenario and version."""
+    out = {"scenario": result.scenario.text, "law": result.law, "units": "2 sigma_1 = m = k_n = 1"}
+    for name, items in (("paths", result.paths), ("single", result.single), ("later", result.later)):
+        out[name] = {
+            f"{path.seed:03d}": plain(item) for path, item in zip(result.paths, items, strict=True) if item is not None
+        }
+    return out
+
+
+def show(result: ShearResult) -> None:
+    """What a user's scenario led to, on the terminal."""
+    table = Table(title="Packings, sheared", **STYLE)
+    for name in ("packing", "φ", "pressure", "z", "rattlers", "first pair", "pairs at the end"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for p in result.paths:
+        born = f"{p.onset.strain:.6g}" if p.onset else "at the start" if p.pairs[0] else "never"
+        table.add_row(
+            str(p.seed), f"{p.packed.packing_fraction:.4g}", f"{p.packed.pressure:.3g}",
+            f"{p.packed.coordination:.3g}", str(p.packed.rattlers), born, f"{p.pairs[-1]:.0f} at {p.strain[-1]:.4g}",
+        )  # fmt: skip
+    console.print(table)
+    for p in result.paths:
+        if p.stopped:
+            console.print(f"packing {p.seed} stopped early: {p.stopped}", style="yellow")
+    runs = [r for r in (*result.single, *result.later) if r]
+    if runs:
+        table = Table(title="Newtonian runs", **STYLE)
+        for name in ("strain", "pairs", "growth rate", "fitted", "last M", "drop/p", "contacts lost"):
+            table.add_column(name, justify="right", no_wrap=True)
+        for r in runs:
+            fitted = f"{r.growth.growth_rate:.4e}" if r.growth else "–"
+            table.add_row(
+                f"{r.strain:.4g}", str(r.pairs), f"{r.growth_rate:.4e}", fitted, f"{r.msd[-1]:.1e}",
+                f"{r.drop / r.pressure[0]:.3g}", str(r.contacts_lost),
+            )  # fmt: skip
+        console.print(table)
+    for failure in result.failures:
+        console.print(failure, style="yellow")
+
+
+def measures(result: ShearResult) -> dict[str, tuple[float, str]]:
+    """{name: (value, unit)} of a run, for sweeps: medians over its packings, NaN where none has it."""
+    paths, runs = result.paths, [r for r in result.single if r]
+    fitted = [r.growth.growth_rate / r.corrected_rate for r in runs if r.growth]
+    columns = {
+        "packing_fraction": ([p.packed.packing_fraction for p in paths], "1"),
+        "packing_pressure": ([p.packed.pressure for p in paths], "force/length^(dim-1)"),
+        "coordination": ([p.packed.coordination for p in paths], "1"),
+        "rattlers": ([p.packed.rattlers for p in paths], "1"),
+        "onset_strain": ([p.onset.strain for p in paths if p.onset], "1"),
+        "onset_exponent": ([p.onset.exponent for p in paths if p.onset], "1"),
+        "pairs_at_last_strain": ([p.pairs[-1] for p in paths], "1"),
+        "largest_growth_rate": ([p.growth_rate.max() for p in paths], "1/time"),
+        "shear_stress_at_last_strain": ([p.shear_stress[-1] for p in paths], "force/length^(dim-1)"),
+        "fitted_over_predicted_growth": (fitted, "1"),
+        "stress_drop_over_pressure": ([r.drop / r.pressure[0] for r in result.later if r], "1"),
+        "contacts_lost": ([r.contacts_lost for r in result.later if r], "1"),
+    }
+    return {name: (float(np.median(values)) if values else np.nan, unit) for name, (values, unit) in columns.items()}

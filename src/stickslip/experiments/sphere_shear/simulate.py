@@ -1,0 +1,304 @@
+"""A shear scenario, run: pack, shear quasi-statically with spectra, locate the onset, release, over several seeds."""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ...core.laws.builtin import Law
+from ...core.measure import pressure, stress, touching
+from ...core.outcome import NotInEquilibriumError, Outcome, Status
+from ...core.readable import readable
+from ...core.state import State
+from ...data.checkpoint import Kept, hooks, kept_in, piece
+from ...data.law_schema import law_of
+from ...ensemble import Member, Workers, run_members
+from ...loading.packing import Packed, jammed
+from ...loading.protocols import Equilibrium, Growth, Protocol, bisect_change, load_path
+from ...loading.release import Released, release
+from ...loading.shear import aqs
+from ...solve.spectrum import spectrum
+from .scenario import ShearScenario
+
+Report = Callable[[str, float, str], None]
+DEFAULT_FRACTION = {2: 0.86, 3: 0.68}
+HALVINGS = 7  # of the strain step, at which Im λ is measured above the birth of the first pair
+
+
+class Onset(NamedTuple):
+    """Birth of the first complex pair, by bisection from the last saved state without one."""
+
+    below: float
+    above: float
+    offset: np.ndarray  # (K,) γ − γ_c
+    im_lambda: np.ndarray  # (K,) of the pair [1/time²]
+    exponent: float  # of Im λ against γ − γ_c; NaN if the pair was not alone
+
+    @property
+    def strain(self) -> float:
+        """γ_c, the middle of the bracket."""
+        return 0.5 * (self.below + self.above)
+
+
+@readable
+class ShearPath(NamedTuple):
+    """One packing, sheared quasi-statically."""
+
+    seed: int
+    packed: Packed
+    zero_modes: int  # at zero slip, of the largest |λ| below 1e-9; 3 translations (2 in the plane) and 6 (3) a rattler
+    strain: np.ndarray  # (P,)
+    pairs: np.ndarray  # (P,) complex pairs
+    largest: np.ndarray  # (P,) largest Im λ, 0 without pairs [1/time²]
+    smallest: np.ndarray  # (P,) smallest Im λ among the pairs
+    growth_rate: np.ndarray  # (P,) of the fastest complex pair [1/time]
+    negative: np.ndarray  # (P,) negative real eigenvalues
+    shear_stress: np.ndarray  # (P,) −σ_xy
+    pressure: np.ndarray  # (P,)
+    touching: np.ndarray  # (P,) contacts
+    residual: np.ndarray  # (P,) largest unbalanced force or torque/R
+    fallbacks: int  # steps in which Newton's method needed help
+    onset: Onset | None
+    single: State | None  # the state with one pair whose growth is fastest, before there were two
+    single_strain: float
+    last: State
+    stopped: str  # why the path ended early, or nothing
+
+    @property
+    def reappears(self) -> bool:
+        """Whether all pairs vanished after the onset and some came back."""
+        there = self.pairs > 0
+        return bool((np.diff(there.astype(int)) == 1).sum() > 1)
+
+
+@readable
+class ShearResult(NamedTuple):
+    """Everything that a shear scenario found; lists by seed, None where a member failed or had nothing to release."""
+
+    scenario: ShearScenario
+    law: Law
+    paths: list[ShearPath]
+    single: list[Released | None]  # from one-pair states
+    later: list[Released | None]  # from the last state of each path
+    failures: tuple[str, ...]
+
+
+def silent(stage: str, share: float, words: str) -> None:
+    """Report nothing."""
+
+
+def strains(scenario: ShearScenario) -> np.ndarray:
+    """All strains of a path, each leg with its own step."""
+    turns, out = scenario.shear.strain, [np.zeros(1)]
+    for a, b, step in zip(turns[:-1], turns[1:], scenario.shear.steps, strict=True):
+        out.append(load_path([a, b], step)[1:])
+    return np.concatenate(out)
+
+
+def packing_of(scenario: ShearScenario, seed: int):
+    """The frictionless packing of a scenario: State and Packed."""
+    chosen = scenario.packing
+    fraction = chosen.packing_fraction
+    if fraction is None and chosen.pressure is None:
+        fraction = DEFAULT_FRACTION[chosen.dim]
+    return jammed(
+        chosen.grains,
+        packing_fraction=fraction,
+        pressure=chosen.pressure,
+        dim=chosen.dim,
+        radius=chosen.radius,
+        mass=chosen.mass,
+        i0=chosen.i0,
+        law=law_of(scenario.law),
+        seed=seed,
+        tolerance=scenario.shear.tolerance,
+    )
+
+
+class Step(NamedTuple):
+    """One point of a path."""
+
+    strain: float
+    state: State
+    row: tuple  # columns of ShearPath from `pairs` to `residual`
+    zero_modes: int
+    fallback: bool
+
+
+def shear(
+    scenario: ShearScenario,
+    seed: int,
+    kept: Kept | None = None,
+    report: Callable[[float, str], None] = lambda share, words: None,
+) -> ShearPath:
+    """Pack one sample and shear it; the path ends early, with a word, where no equilibrium is found.
+
+    Parameters
+    ----------
+    kept : where the packing and points of the path are kept
+    report : called as report(share done, words)
+    """
+    law, kept = law_of(scenario.law), kept and kept.seen()
+    report(0.0, f"packing {seed}: {scenario.packing.grains} grains are packed")
+    state, packed = piece(kept, "packing", lambda: packing_of(scenario, seed))
+    protocol = aqs(law, slip=scenario.shear.slip, tolerance=scenario.shear.tolerance)
+    path, loads, stopped = [], strains(scenario), ""
+    for k, strain in enumerate(loads):
+        try:
+            step = piece(kept, f"strain-{k:06d}", lambda state=state, strain=strain: _step(protocol, state, strain))
+        except NotInEquilibriumError as problem:
+            stopped = str(problem)
+            break
+        path.append(step)
+        state, (pairs, _, _, rate, *_, residual) = step.state, step.row
+        words = f"packing {seed}, strain {strain:.2e}, {pairs} pairs, growth rate {rate:.1e}, unbalanced {residual:.0e}"
+        report((k + 1) / len(loads), words)
+    if not path:
+        raise RuntimeError(stopped)
+    numbers = [step.row[0] for step in path]
+    born = next((k for k, pairs in enumerate(numbers) if pairs), 0)
+    onset = find_onset(_equilibrium(path[born - 1], protocol), path[born].strain, protocol) if born else None
+    two = next((k for k, pairs in enumerate(numbers) if pairs > 1), len(path))
+    single = max((step for step in path[:two] if step.row[0]), key=lambda step: step.row[3], default=None)
+    return ShearPath(
+        seed, packed, path[0].zero_modes, loads[: len(path)], *np.array([step.row for step in path]).T,
+        sum(step.fallback for step in path), onset, single.state if single else None,
+        single.strain if single else np.nan, state, stopped,
+    )  # fmt: skip
+
+
+def _step(protocol: Protocol, state: State, strain: float) -> Step:
+    point = protocol.step(state, strain)
+    size = np.abs(point.spectrum.eigenvalues)
+    zeros = int((size < 1e-9 * size.max()).sum())
+    return Step(float(strain), point.state, _row(point, protocol.law), zeros, point.outcome.fallback)
+
+
+def _equilibrium(step: Step, protocol: Protocol) -> Equilibrium:
+    """A point of a path with its spectrum."""
+    modes = spectrum(step.state, protocol.law, modes=protocol.modes)
+    return Equilibrium(step.strain, step.state, modes, Outcome(Status.CONVERGED, step.row[-1], 0))
+
+
+def _row(point: Equilibrium, law: Law) -> tuple:
+    """Columns of ShearPath at one point: pairs, largest, smallest, growth, negative, stress, pressure, contacts, …"""
+    modes, pairs, state = point.spectrum, point.spectrum.pairs, point.state
+    im = modes.im_lambda[pairs]
+    real = modes.eigenvalues[modes.eigenvalues.imag == 0].real
+    return (
+        len(pairs),
+        im.max(initial=0.0),
+        im.min() if len(im) else 0.0,
+        modes.growth_rate[pairs].max(initial=0.0),
+        int((real < -1e-9 * np.abs(modes.eigenvalues).max()).sum()),
+        -stress(state, law)[0, 1],
+        pressure(state, law),
+        len(touching(state)),
+        point.outcome.residual,
+    )
+
+
+def find_onset(clean: Equilibrium, above: float, protocol: Protocol) -> Onset:
+    """Bisect the birth of the first pair between a state without pairs and a strain with some.
+
+    Every trial is one strain step from the saved state, so that the path does not depend on the search.
+    """
+    # γ_c is needed much better than the smallest distance from it at which Im λ is measured
+    fine = 0.01 * 0.5**HALVINGS * (above - clean.load) / above
+    change = bisect_change(clean, above, protocol, lambda s: bool(len(s.pairs)), relative=min(1e-6, fine))
+    offset = (above - change.load) * 0.5 ** np.arange(HALVINGS)
+    found = [protocol.step(clean.state, change.load + d).spectrum for d in offset]
+    im = np.array([s.im_lambda.max() for s in found])
+    alone = [k for k, s in enumerate(found) if len(s.pairs) == 1][-5:]  # those nearest to the birth
+    exponent = float(np.polyfit(np.log(offset[alone]), np.log(im[alone]), 1)[0]) if len(alone) >= 3 else np.nan
+    return Onset(change.below, change.above, offset, im, exponent)
+
+
+def simulate_shear(
+    scenario: ShearScenario, *, folder: Path | None = None, workers: Workers = None, report: Report = silent
+) -> ShearResult:
+    """Run a shear scenario from beginning to end, one packing for each of the seeds seed, seed + 1, …
+
+    Parameters
+    ----------
+    folder : where points of the paths and runs are kept as soon as they are done; a run that was killed goes on from
+        what is kept, and agrees with one that was not to the tolerance of the solver
+    workers : processes, or a Dask scheduler's address; the result does not depend on it
+    report : called as report(stage, share done, words with the quantities that matter)
+
+    Examples
+    --------
+    >>> from stickslip.experiments.registry import scenario
+    >>> short = scenario(experiment="sphere-shear", packings=1, packing={"grains": 30},
+    ...                  shear={"strain": (0.0, 1e-4), "step": 5e-5}, release={"duration": 100.0})
+    >>> simulate_shear(short, workers=1).paths[0].pairs.shape
+    (3,)
+    """
+    seeds = [scenario.seed + k for k in range(scenario.packings)]
+    kept = kept_in(folder, scenario, ShearPath, Step, Packed, Onset, Released, Growth)
+
+    def run(stage, function, tasks, names):
+        return run_members(
+            function,
+            tasks,
+            workers=workers,
+            report=lambda done, total, member: report(stage, done / total, _words(member)),
+            live=partial(report, stage),
+            **hooks(kept, names),
+        )
+
+    names = [f"packing-{seed}" for seed in seeds]
+    tasks = [(scenario, seed, kept and kept.of(name)) for seed, name in zip(seeds, names, strict=True)]
+    found = run("quasi-static shear", shear, tasks, names)
+    paths = [m.result for m in found if m.failure is None]
+    if not paths:
+        raise RuntimeError(f"every packing failed, the first with {found[0].failure}")
+    failures = [f"packing {s}: {m.failure}" for s, m in zip(seeds, found, strict=True) if m.failure]
+    tasks = [(scenario, p.seed, p.single, p.single_strain) for p in paths]
+    tasks += [(scenario, p.seed, p.last, float(p.strain[-1])) for p in paths]
+    wanted = [k for k, (*_, state, _) in enumerate(tasks) if state is not None]
+    wanted = [k for k in wanted if k < len(paths) or paths[k - len(paths)].pairs[-1]]
+    names = [f"released-{k:04d}" for k in wanted]
+    runs = run("Newtonian runs", _release, [tasks[k] for k in wanted], names)
+    released: list[Released | None] = [None] * len(tasks)
+    for k, member in zip(wanted, runs, strict=True):
+        released[k] = member.result
+        if member.failure:
+            failures.append(f"packing {tasks[k][1]} released at strain {tasks[k][3]:g}: {member.failure}")
+    return ShearResult(
+        scenario, law_of(scenario.law), paths, released[: len(paths)], released[len(paths) :], tuple(failures)
+    )
+
+
+def _words(member: Member) -> str:
+    """What a finished member found."""
+    found = member.result
+    if member.failure:
+        return member.failure
+    if isinstance(found, Released):
+        fitted = f", fitted {found.growth.growth_rate:.2e}" if found.growth else ""
+        return (
+            f"strain {found.strain:.2e}: growth rate {found.growth_rate:.2e}{fitted}, M = {found.msd[-1]:.0e}, "
+            f"{found.contacts_lost} contacts lost"
+        )
+    born = f"first pair at {found.onset.strain:.3e}" if found.onset else "no first pair located"
+    return f"packing {found.seed}: {born}, {found.pairs[-1]:.0f} pairs at {found.strain[-1]:.2e}"
+
+
+def _release(scenario: ShearScenario, seed: int, state: State, strain: float, report) -> Released:
+    how = scenario.release
+    return release(
+        state,
+        law_of(scenario.law),
+        strain=strain,
+        seed=seed,
+        e_folds=how.e_folds,
+        least=how.least,
+        duration=how.duration,
+        dt=how.dt,
+        velocity=how.seed_velocity,
+        snapshots=how.snapshots,
+        report=report,
+    )

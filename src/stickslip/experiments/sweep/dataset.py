@@ -1,0 +1,109 @@
+"""The dataset of a sweep: swept keys are dimensions, what its members measured are variables with units.
+
+It is NetCDF 3, which xarray reads with SciPy alone, and which every program of the geosciences reads.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from ... import __version__
+from ...data.dotted_keys import field_at
+from ...data.manifest import put
+from ..registry import kind_of
+from .definition import Axis, Sweep
+
+DATASET = "sweep.nc"
+POINT = "point"  # the dimension along which axes go side by side
+WORDS = 300  # of a failure that are kept
+
+
+def is_sweep(folder: str | Path) -> bool:
+    """Whether a folder holds the results of a sweep."""
+    return (Path(folder) / DATASET).is_file()
+
+
+def open_sweep(folder: str | Path) -> xr.Dataset:
+    """The results of a sweep, from its folder (or its file), loaded.
+
+    Variables have a dimension for every swept key (in a grid; else `point`, and `seed` if it was counted), NaN where a
+    member is not finished; `member` names the folders of the members, `failure` says what went wrong.
+
+    Raises
+    ------
+    ValueError
+        if there is none.
+
+    Examples
+    --------
+    >>> open_sweep("results/sweep").final_friction.mean("seed")  # doctest: +SKIP
+    """
+    path = Path(folder)
+    path = path / DATASET if path.is_dir() else path
+    try:
+        with xr.open_dataset(path, engine="scipy") as found:
+            return found.load()
+    except (OSError, TypeError, ValueError):
+        raise ValueError(f"{path} holds no sweep: give the folder of a finished `stickslip run` of one") from None
+
+
+def write_sweep(folder: Path, chosen: Sweep, names: list[str], found: list[dict | None], failures: list[str]) -> None:
+    """Write the dataset, all or nothing.
+
+    Parameters
+    ----------
+    names, found, failures : of all members in their order: folder; what it left (None if it is not finished) with
+        `measures` {name: [value, unit]} and `seconds`; sentence, or nothing
+    """
+    put(folder, DATASET, bytes(dataset(chosen, names, found, failures).to_netcdf(engine="scipy")))
+
+
+def dataset(chosen: Sweep, names: list[str], found: list[dict | None], failures: list[str]) -> xr.Dataset:
+    """The dataset of a sweep, arguments as in `write_sweep`."""
+    kind, dims, coordinates = kind_of(chosen.base), [], {}
+    for group in chosen.groups:
+        dims.append(group[0].key if chosen.mode == "grid" or group[0].kind == "count" else POINT)
+        for axis in group:
+            coordinates[axis.key] = (dims[-1], _labels(axis), _attributes(field_at(kind, axis.key).description))
+
+    def shaped(values, **attributes):
+        return dims, np.reshape(values, chosen.shape), attributes
+
+    units = {name: unit for one in found if one for name, (_, unit) in one["measures"].items()}
+    variables = {name: shaped([_value(one, name) for one in found], units=unit) for name, unit in units.items()}
+    spent = [one["seconds"] if one else np.nan for one in found]
+    variables["seconds"] = shaped(spent, units="s", long_name="time that the member took")
+    variables["finished"] = shaped(np.array([one is not None for one in found], np.int8))
+    variables["member"] = shaped(np.array(names), long_name="folder in members/")
+    if any(failures):
+        variables["failure"] = shaped(np.array([words[:WORDS] for words in failures]))
+    about = {
+        "title": f"sweep of {kind.model_fields['experiment'].default}",
+        "source": f"stickslip {__version__}",
+        "sweep": chosen.text,
+    }
+    return xr.Dataset(variables, coordinates, about)
+
+
+def _labels(axis: Axis) -> np.ndarray:
+    """Values of an axis as a file holds them: numbers, or words."""
+    if all(isinstance(v, int) and not isinstance(v, bool) and abs(v) < 2**31 for v in axis.values):
+        return np.array(axis.values, np.int32)
+    if all(isinstance(v, int | float) and not isinstance(v, bool) for v in axis.values):
+        return np.array(axis.values, float)
+    return np.array([str(v) for v in axis.values])
+
+
+def _attributes(description: str | None) -> dict:
+    """Description and unit, which stands in its last brackets, of a key in the scenario."""
+    if not description:
+        return {}
+    words, bracket, unit = description.rpartition("[")
+    if not bracket or not unit.endswith("]"):
+        return {"long_name": description}
+    return {"units": unit[:-1]} | ({"long_name": words.strip()} if words.strip() else {})
+
+
+def _value(one: dict | None, name: str) -> float:
+    return one["measures"][name][0] if one and name in one["measures"] else np.nan

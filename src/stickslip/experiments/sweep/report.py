@@ -1,0 +1,182 @@
+"""A sweep from beginning to end, with what it tells on the terminal."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from rich.table import Table
+from rich.text import Text
+
+from ...data.checkpoint import ANEW, MEMBERS, SCENARIO, SWEEP
+from ...data.manifest import note, proven, strange
+from ...ensemble import Workers, reach
+from ..resume import noted
+from ..run_folder import OPTIONS, checked, foreign
+from ..terminal import STYLE, console, progress
+from .dataset import DATASET
+from .definition import Sweep, differences, member
+from .run import MANY, Swept, estimate, finished, judged, run_sweep
+
+OURS = (SWEEP, OPTIONS, DATASET, MEMBERS)
+LISTED = 10  # failures that are listed
+READY = "ready"  # what says that a sweep which replaces another has ended
+
+
+def simulate(
+    chosen: Sweep, out: Path, *, workers: Workers, overwrite: bool, figures: bool, confirm: Callable[[], bool]
+) -> Swept | None:
+    """Say how many members there are, ask if they are many, judge all, run those that are not finished.
+
+    Parameters
+    ----------
+    confirm : called after count and estimate were shown, if there are more than MANY members; False runs nothing
+    """
+    where = reach(workers)
+    _settle(out)
+    others = _claim(out, overwrite)
+    room = out / ANEW if _another(out, chosen, overwrite) or others else out
+    if room != out:
+        going = ", ".join(name for name in OURS if (out / name).exists())
+        console.print(f"--overwrite: {going} in {out} will be replaced when the new sweep has ended.", markup=False)
+    member(chosen, 0)
+    console.print(_count(chosen))
+    if chosen.count > MANY:
+        console.print(f"On {where.words}: {estimate(chosen, room, where.slots)}.")
+        if not confirm():
+            return None
+    with progress() as tell:
+        told = (lambda share, words: tell("checking scenarios", share, words)) if chosen.count > MANY else None
+        names = judged(chosen, told)
+        if room != out:
+            _begin_anew(room, chosen)
+        done = sum(finished(room / MEMBERS / name) is not None for name in set(names)) if room.exists() else 0
+        stage = f"{len(set(names)) - done} members to run" + (f", {done} done before" if done else "")
+
+        def line(share: float, words: str, left: float | None) -> None:
+            tell(stage, share, words, left)
+
+        line(0.0, f"on {where.words}", None)
+        try:
+            swept = run_sweep(chosen, room, names=names, workers=workers, figures=figures, report=line)
+        except KeyboardInterrupt:
+            done = sum(finished(room / MEMBERS / name) is not None for name in set(names))
+            console.print(
+                f"{done} of {len(names)} members are finished and kept: the same call goes on with the others."
+            )
+            raise
+    if room != out:
+        if not any(swept.found):
+            raise RuntimeError(f"every member failed ({swept.failures[0]}): what was in {out} stays as it was")
+        (room / READY).touch()
+        _settle(out)
+    return swept
+
+
+def _count(chosen: Sweep) -> str:
+    dims = " × ".join(
+        f"{' with '.join(axis.key for axis in group)} ({n})"
+        for group, n in zip(chosen.groups, chosen.shape, strict=True)
+    )
+    return f"Sweep: {chosen.count} member{'s' if chosen.count > 1 else ''}, {dims}."
+
+
+def _claim(out: Path, overwrite: bool) -> bool:
+    """Whether a folder holds what no sweep wrote, and what is to be replaced.
+
+    Raises
+    ------
+    ValueError
+        if it may not be replaced, or the folder cannot be written.
+    """
+    checked(out)
+    if (out / SCENARIO).exists() and not (out / SWEEP).exists():
+        raise ValueError(f"{out} holds the results of a run: choose another --out")
+    others = strange(out, lambda name: name in OURS)
+    if others and not overwrite:
+        raise ValueError(foreign(out, others))
+    return bool(others)
+
+
+def _another(out: Path, chosen: Sweep, overwrite: bool) -> bool:
+    """Whether a folder holds another sweep, which then is to be replaced; longer lists of values make none of it."""
+    if not (out / SWEEP).is_file():
+        return False
+    try:
+        differ = differences(noted(out / SWEEP), json.loads(chosen.text))
+    except ValueError:
+        if overwrite:
+            return True
+        raise
+    if differ and not overwrite:
+        raise ValueError(f"{out} holds another sweep ({differ}): choose another --out, or add --overwrite")
+    return bool(differ)
+
+
+def _begin_anew(room: Path, chosen: Sweep) -> None:
+    """Keep what an earlier call left of the same sweep, and of no other."""
+    try:
+        same = (room / SWEEP).read_text(encoding="utf-8") == chosen.text
+    except (OSError, ValueError):
+        same = False
+    if not same:
+        shutil.rmtree(room, ignore_errors=True)
+
+
+def _settle(out: Path) -> None:
+    """Move a sweep that has ended to its place; who was killed while doing so is followed by the next call."""
+    room = out / ANEW
+    if not (room / READY).exists():
+        return
+    old, new = proven(out), proven(room)
+    note(out, {name: old.get(name, []) + new.get(name, []) for name in old | new})
+    for name in OURS:
+        if (room / name).exists():
+            if (out / name).is_dir():
+                shutil.rmtree(out / name)
+            (room / name).replace(out / name)
+    note(out, new)
+    shutil.rmtree(room)
+
+
+def show(swept: Swept) -> None:
+    """Ranges of what was measured, and failures."""
+    rows = [one for one in swept.found if one]
+    table = Table(title=f"Measures of {len(rows)} of {len(swept.names)} members", **STYLE)
+    for name in ("measure", "unit", "members", "least", "median", "greatest"):
+        table.add_column(name, justify="left" if name in ("measure", "unit") else "right", no_wrap=True)
+    for name, known in ranges(swept).items():
+        cells = [known[which] for which in ("least", "median", "greatest")] if known["members"] else []
+        table.add_row(name, known["unit"], str(known["members"]), *(f"{v:.5g}" for v in cells))
+    if rows:
+        console.print(table)
+    failed = [(name, words) for name, words in zip(swept.names, swept.failures, strict=True) if words]
+    for name, words in failed[:LISTED]:
+        console.print(Text.assemble((name, "yellow"), f": {words}"), soft_wrap=True)
+    if len(failed) > LISTED:
+        console.print(f"… and {len(failed) - LISTED} more, see the variable `failure` of the dataset")
+    if swept.reused:
+        rest = " The sweep is finished: nothing was left to run." if swept.reused == len(set(swept.names)) else ""
+        console.print(f"{swept.reused} members were finished before and not run again.{rest}")
+
+
+def ranges(swept: Swept) -> dict[str, dict]:
+    """{measure: unit, how many members have it, least, median and greatest value}."""
+    rows, out = [one for one in swept.found if one], {}
+    for name, unit in {name: unit for one in rows for name, (_, unit) in one["measures"].items()}.items():
+        values = np.array([one["measures"].get(name, (np.nan,))[0] for one in rows])
+        values = values[np.isfinite(values)]
+        found = (values.min(), np.median(values), values.max()) if len(values) else (None, None, None)
+        out[name] = {"unit": unit, "members": len(values)} | dict(
+            zip(("least", "median", "greatest"), found, strict=True)
+        )
+    return out
+
+
+def verdict(swept: Swept) -> str | None:
+    """One sentence if members failed."""
+    failed = sum(map(bool, swept.failures))
+    if not failed:
+        return None
+    return f"{failed} of {len(swept.names)} members failed: the others are kept, the same call tries these again"

@@ -1,0 +1,237 @@
+"""All members of a sweep: each leaves the folder of an ordinary run, all of them one dataset."""
+
+import json
+import statistics
+import tempfile
+import time
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+from ... import __version__
+from ...data.archive import ArchiveError
+from ...data.atomic import replace
+from ...data.checkpoint import MEMBERS, SWEEP
+from ...data.checkpoint import finished as drop_pieces
+from ...data.manifest import note_too, put
+from ...ensemble import Workers, reach, run_members, trial
+from ..registry import experiment_of
+from ..run_folder import NUMBERS, OPTIONS, complete, files_of
+from ..terminal import duration
+from ..writer import write_numbers, write_result
+from .dataset import write_sweep
+from .definition import Sweep, member, sweep
+
+MEASURES = "measures.json"
+MANY = 1000  # members, above which a user is asked
+FIRST = "first"  # of a trial
+SOME = 50  # members whose times are looked at
+PROBE = 20.0  # longest trial of the first member, before that [s]
+
+
+class Left(NamedTuple):
+    """What a member left: its numbers, and its files where they are not in their place already."""
+
+    seconds: float
+    measures: dict  # {name: [value, unit]}
+    files: dict[str, bytes]
+
+
+class Swept(NamedTuple):
+    """What became of all members, in their order."""
+
+    sweep: Sweep
+    names: list[str]
+    found: list[dict | None]  # measures and seconds
+    failures: list[str]  # sentences; nothing where there was none
+    reused: int  # finished before
+
+
+def judged(chosen: Sweep, report=None) -> list[str]:
+    """Names of all members, each of which is a scenario that can be run.
+
+    Raises
+    ------
+    ScenarioError
+        with one sentence that names the first member that is none, and the key.
+    """
+    names = []
+    for k in range(chosen.count):
+        names.append(member(chosen, k).name)
+        if report and (k + 1) % 500 == 0:
+            report((k + 1) / chosen.count, f"{k + 1} of {chosen.count}")
+    return names
+
+
+def estimate(chosen: Sweep, folder: Path, slots: int) -> str:
+    """How long all members will take, in words, and on what that rests.
+
+    That is the median time of members that were finished before, or else that of the first one, tried for at most PROBE
+    seconds in a process here.
+    """
+    some = (finished(folder / MEMBERS / member(chosen, k).name) for k in range(min(chosen.count, SOME)))
+    known = [one["seconds"] for one in some if one]
+    if known:
+        one, words = statistics.median(known), "those finished before took {:.2g} s"
+    else:
+        tried = trial(_trial, (chosen.text,), PROBE)
+        if tried is None:
+            least = PROBE * chosen.count / max(1, slots)
+            return f"more than {duration(least)}, since the first one takes longer than {PROBE:g} s"
+        if tried.failure:
+            return f"how long is unknown, since the first one fails ({tried.failure})"
+        one, words = tried.result, "a trial of the first one took {:.2g} s"
+    return f"about {duration(one * chosen.count / max(1, slots))}: {words.format(one)}"
+
+
+def _trial(text: str) -> float:
+    """Seconds of the first member, without what a process needs once, such as to load kernels."""
+    seconds = PROBE
+    for _ in range(2):
+        with tempfile.TemporaryDirectory() as room:  # far from the sweep's folder, which it may not see
+            seconds = min(seconds, _run(text, 0, str(Path(room) / MEMBERS / FIRST), False, _unheard).seconds)
+        if seconds > 0.3 * PROBE:  # a second run might not end in time
+            break
+    return seconds
+
+
+def _unheard(share: float, words: str) -> None:
+    pass
+
+
+def finished(folder: Path) -> dict | None:
+    """Measures and seconds of a member that this version has finished; the folder's name holds what was run."""
+    try:
+        known = json.loads((folder / MEASURES).read_text(encoding="utf-8"))
+        there = known["stickslip"] == __version__ and (folder / NUMBERS).exists()
+        return known if there and known["measures"] is not None and known["seconds"] >= 0 else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def run_sweep(
+    chosen: Sweep,
+    folder: str | Path,
+    *,
+    names: list[str] | None = None,
+    workers: Workers = None,
+    figures: bool = False,
+    report: Callable = lambda share, words, left: None,
+) -> Swept:
+    """Run all members that the folder does not hold already, and write the dataset of all that are finished.
+
+    Parameters
+    ----------
+    names : of all members, if they were judged before
+    workers : processes, each with a member of its own; or a Dask scheduler's address
+    figures : whether every member draws its figures, too
+    report : called as report(share of what is run, words, seconds left or None)
+    """
+    folder, names = Path(folder).resolve(), names or judged(chosen)
+    (folder / MEMBERS).mkdir(parents=True, exist_ok=True)
+    put(folder, OPTIONS, json.dumps({"figures": figures}).encode())
+    put(folder, SWEEP, chosen.text.encode())
+    note_too(folder, MEMBERS)
+    found = [finished(folder / MEMBERS / name) for name in names]
+    first = {name: k for k, name in reversed(list(enumerate(names)))}  # a sample may hold a scenario twice
+    failures, missing = [""] * len(names), [k for k in first.values() if found[k] is None][::-1]
+    watch = _Watch(len(missing), reach(workers).slots, report)
+
+    def keep(place: int, left: Left) -> None:
+        found[missing[place]] = _kept(folder / MEMBERS / names[missing[place]], left)
+        watch.seconds += left.seconds
+
+    tasks = [(chosen.text, k, str(folder / MEMBERS / names[k]), figures) for k in missing]
+    try:
+        done = run_members(_run, tasks, workers=workers, live=watch.live, report=watch.report, save=keep)
+        for k, one in zip(missing, done, strict=True):
+            failures[k] = one.failure or ""
+    finally:
+        found = [found[first[name]] for name in names]
+        write_sweep(folder, chosen, names, found, failures)
+    return Swept(chosen, names, found, failures, len(first) - len(missing))
+
+
+class _Watch:
+    """How far a sweep is, and how long it will take."""
+
+    def __init__(self, total: int, slots: int, report):
+        self.total, self.slots, self.tell = total, max(1, min(slots, total)), report
+        self.start, self.done, self.failed, self.seconds, self.last = time.monotonic(), 0, 0, 0.0, ""
+
+    def live(self, share: float, words: str) -> None:
+        self.last = words
+        failed = f", {self.failed} failed" if self.failed else ""
+        self.tell(self.done / self.total, f"{self.done} of {self.total}{failed}; {words}", self.left())
+
+    def report(self, done: int, total: int, one) -> None:
+        self.done, self.failed = self.done + 1, self.failed + bool(one.failure)
+        self.live(0.0, one.failure or self.last)
+
+    def left(self) -> float | None:
+        """Seconds: by what finished members took at first, by their rate when many have finished; None before."""
+        good, missing = self.done - self.failed, self.total - self.done
+        if self.done >= 3 * self.slots:
+            return missing * (time.monotonic() - self.start) / self.done
+        return missing * self.seconds / good / min(self.slots, missing) if good and missing else None
+
+
+def _kept(folder: Path, left: Left) -> dict:
+    """Put a member's files in their place, and its measures last: with them it is finished."""
+    if left.files:
+        with complete(folder) as room:
+            for name, data in left.files.items():
+                (room / name).write_bytes(data)
+    known = {"stickslip": __version__, "seconds": left.seconds, "measures": left.measures}
+    replace(folder / MEASURES, json.dumps(known, indent=1).encode())
+    return known
+
+
+@lru_cache(1)
+def _sweep(text: str) -> Sweep:
+    return sweep(**json.loads(text))
+
+
+def _run(text: str, k: int, folder: str, figures: bool, tell) -> Left:
+    """One member, in whichever process; in its own folder if that can be seen from there, else its files travel."""
+    one, place = member(_sweep(text), k), Path(folder)
+    assert place.name in (one.name, FIRST), f"{place.name} is not {one.name}"
+    words = ", ".join(f"{key} = {v:.6g}" if isinstance(v, float) else f"{key} = {v}" for key, v in one.values.items())
+    tell(0.0, words)
+    if _sees(place.parent.parent / SWEEP, text):
+        seconds, measures = _left(one.scenario, place, figures, words, tell)
+        return Left(seconds, measures, {})
+    with tempfile.TemporaryDirectory() as room:
+        seconds, measures = _left(one.scenario, Path(room) / place.name, figures, words, tell)
+        files = files_of(Path(room) / place.name)
+        return Left(seconds, measures, {path.name: path.read_bytes() for path in files})
+
+
+def _sees(path: Path, text: str) -> bool:
+    try:
+        return path.read_text(encoding="utf-8") == text
+    except OSError:
+        return False
+
+
+def _left(one, folder: Path, figures: bool, words: str, tell) -> tuple[float, dict]:
+    """Run a scenario, fill its folder: seconds and measures."""
+    start, experiment = time.perf_counter(), experiment_of(one)
+
+    def simulated():
+        return experiment.simulate(
+            one, folder=folder, workers=1, report=lambda *now: tell(now[1], f"{words}: {now[0]}, {now[2]}")
+        )
+
+    try:
+        result = simulated()
+    except ArchiveError:  # pieces that are damaged, or of another version, while nobody is there to be asked
+        drop_pieces(folder)
+        result = simulated()
+    if figures:
+        write_result(folder, experiment, result)
+    else:
+        write_numbers(folder, experiment, result)
+    measures = {name: [float(value), unit] for name, (value, unit) in experiment.measures(result).items()}
+    return time.perf_counter() - start, measures

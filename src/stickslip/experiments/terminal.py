@@ -1,0 +1,128 @@
+"""Terminal output of every command: console, tables, progress with physical quantities."""
+
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Column
+from rich.text import Text
+
+console = Console(soft_wrap=False, markup=False, highlight=False)  # paths and names are shown as they are
+
+
+WIDE = 110  # columns from which on a stage and its words share a line
+
+
+LINES = 30.0  # between two lines where there is no terminal [s]
+
+
+STYLE = {"title_justify": "left", "header_style": "bold", "box": SIMPLE_HEAD, "pad_edge": False}
+
+
+@contextmanager
+def speaking(*, quiet: bool = False, as_json: bool = False):
+    """Who hears the console meanwhile: people, nobody, or, where programs read standard output, people beside them."""
+    before = console.quiet, console.stderr
+    console.stderr = as_json
+    console.quiet = quiet or (as_json and not live())
+    try:
+        yield
+    finally:
+        console.quiet, console.stderr = before
+
+
+def live() -> bool:
+    """Whether lines can be drawn again: FORCE_COLOR alone does not make a pipe a terminal."""
+    return console.is_terminal and console.file.isatty() and not console.is_dumb_terminal
+
+
+class _Bars(Progress):
+    """A line for each stage; where the terminal is narrow its words stand below."""
+
+    def get_renderables(self):
+        if console.width >= WIDE:
+            yield self.make_tasks_table(self.tasks)
+            return
+        for task in self.tasks:
+            yield self.make_tasks_table([task])
+            yield Text(f"  {task.fields['words']}", style="dim", no_wrap=True, overflow="ellipsis")
+
+
+def _columns():
+    """Stage, bar, time spent, time left, and words where there is room."""
+    stage = Column(no_wrap=True, overflow="ellipsis", **({"width": 34} if console.width >= WIDE else {"ratio": 1}))
+    left = Column(no_wrap=True, justify="right", width=13)
+    yield TextColumn("{task.description}", table_column=stage, markup=False)
+    yield BarColumn(bar_width=20 if console.width >= 80 else 10)
+    yield TimeElapsedColumn()
+    yield TextColumn("{task.fields[left]}", table_column=left)
+    if console.width >= WIDE:
+        words = Column(no_wrap=True, overflow="ellipsis", ratio=1)
+        yield TextColumn("{task.fields[words]}", table_column=words, markup=False)
+
+
+@contextmanager
+def progress(*, transient: bool = False):
+    """A live line for each stage: time spent and left, the quantities that matter; without a terminal, plain lines.
+
+    Parameters
+    ----------
+    transient : whether the lines go away at the end (and stages are not named where there is no terminal)
+    """
+    stages: dict[str, int] = {}
+    plain_line = None if live() else _lines(transient)
+    console.is_interactive = live()
+    with _Bars(*_columns(), console=console, disable=not live(), transient=transient, expand=True) as bar:
+
+        def tell(stage: str, share: float, words: str, left: float | None = None) -> None:
+            if stage not in stages:
+                for task in stages.values():
+                    bar.update(task, completed=1.0, left="")
+                stages[stage] = bar.add_task(stage, total=1.0, words=words, left="")
+            task, spent = stages[stage], bar.tasks[stages[stage]].elapsed or 0.0
+            if left is None and 0 < share < 1 and spent > 2:
+                left = spent * (1 - share) / share
+            bar.update(task, completed=share, words=words, left="" if left is None else f"{duration(left)} left")
+            if plain_line:
+                plain_line(stage, share, words, left)
+
+        yield tell
+        for task in stages.values():
+            bar.update(task, completed=1.0, left="")
+
+
+def _lines(transient: bool):
+    """The same without a terminal: every stage when it begins, and how far it is now and then."""
+    known, last = set(), time.monotonic()
+
+    def line(stage: str, share: float, words: str, left: float | None) -> None:
+        nonlocal last
+        if stage not in known:
+            known.add(stage)
+            if not transient:
+                last = time.monotonic()
+                console.print(f"{stage} …")
+        elif time.monotonic() - last >= LINES:
+            last = time.monotonic()
+            rest = f"; {duration(left)} left" if left else ""
+            console.print(f"  {share:.0%}: {words}{rest}", soft_wrap=True)
+
+    return line
+
+
+def duration(seconds: float) -> str:
+    """About how long, in words that are short."""
+    for size, name in ((86400, "days"), (3600, "h"), (60, "min")):
+        if seconds >= 2 * size:
+            return f"{seconds / size:.3g} {name}"
+    return f"{seconds:.0f} s"
+
+
+def show_paths(paths: list[Path]) -> None:
+    """Where everything is, one path a line."""
+    console.print("Written:")
+    for path in paths:
+        console.print(f"  {path}", soft_wrap=True)

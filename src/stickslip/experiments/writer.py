@@ -1,0 +1,39 @@
+"""Results of a run as files: raw numbers, scenario, tables, figures and, of a paper, claims."""
+
+from pathlib import Path
+
+from ..figures.style import save as save_figure
+from .claims_report import write_claims
+from .experiment import Experiment, Paper
+from .run_folder import complete, files_of, save
+
+
+def write_result(folder: Path, experiment: Experiment, result) -> list[Path]:
+    """Write everything that a run leaves, all at once; returns the paths."""
+    with complete(folder, failures=experiment.failures(result)) as room:
+        save(room, result.scenario, experiment.numbers(result))
+        _draw(room, experiment.files(result), experiment.figures(result))
+    return files_of(folder)
+
+
+def write_numbers(folder: Path, experiment: Experiment, result) -> None:
+    """Write scenario and raw numbers only, as members of a sweep leave them."""
+    with complete(folder) as room:
+        save(room, result.scenario, experiment.numbers(result))
+
+
+def write_reproduction(folder: Path, paper: Paper, found) -> list[Path]:
+    """Write what the reproduction of a paper leaves, with its claims; returns the paths."""
+    failures = paper.failures(found)
+    with complete(folder, failures=failures) as room:
+        save(room, found.main.scenario, paper.numbers(found))
+        _draw(room, paper.files(found), paper.figures(found))
+        write_claims(room, found.claims, paper.shows(), paper.title, failures)
+    return files_of(folder)
+
+
+def _draw(room: Path, files, figures) -> None:
+    for name, write in files:
+        write(room / name)
+    for name, figure in figures:
+        save_figure(figure, room / name)

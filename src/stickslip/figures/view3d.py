@@ -1,0 +1,239 @@
+"""The interactive view of a packing: K3D draws it, in a page without network or in a notebook.
+
+K3D is the one viewer library, and this the one module that knows it. What the page adds, colours and motion on demand,
+is `view.js`, which calls K3D's interface in the browser.
+"""
+
+import base64
+import json
+import re
+import zlib
+from importlib.resources import files
+
+import numpy as np
+from matplotlib import colormaps
+
+from ..core.measure import wrapped
+from ..core.state import SLIDE
+from ..data.exchange.frame import Frame
+from ..extras import needed
+from .outlines import cell_edges, eye, unit_mode, wall_edges
+from .quantities import DISPLACEMENT, Mode, quantities
+from .style import BLUE, COLORS, RED
+
+SMOOTH = 3000  # grains; with more, edges are not smoothed: without a graphics card that takes most of the time
+MOST = 24e6  # bytes of frames that a page holds, before compression
+WIDTHS = (0.5, 1.0, 2.0, 4.0)  # of contact lines, by force over its mean: up to each, and beyond the last but one
+LINE = {2: 0.22, 3: 0.07}  # width of the line of a contact that bears the mean force, over the mean radius
+KINDS = 8  # a whole-numbered quantity with at most so many values is shown in separate colours
+FOV = {2: 12.0, 3: 30.0}  # degrees; almost parallel in the plane
+WITHOUT_WEBGL = """<script>
+addEventListener("DOMContentLoaded", () => {
+  if (!document.createElement("canvas").getContext("webgl2")) {
+    document.body.textContent = "This browser has no WebGL 2, which the view in three dimensions needs: switch on "
+      + "hardware acceleration in its settings, or open the page in another browser.";
+  }
+});
+</script>"""
+CONTENT = {"material", "coordination", "sliding contacts"}  # whole numbers
+
+
+def view(frames: list[Frame], modes: list[Mode] | None = None, *, colour: str | None = None, height: int = 480):
+    """A packing in three dimensions, for a notebook: an object of K3D that shows itself.
+
+    Grains are balls coloured by a quantity; contacts are lines from centre to centre, wider with their normal force,
+    blue where they stick and red where they slide. The first mode, if any is given, moves as time goes on.
+
+    Parameters
+    ----------
+    frames : as `frame_of` makes them; the first is drawn
+    modes : of the packing, as `read_mode` gives them
+    colour : one of `quantities`; without it, the mode's displacement, else the coordination
+    height : of the view [pixels]
+
+    Raises
+    ------
+    MissingExtraError
+        if K3D is not installed.
+    ValueError
+        if there is no such quantity.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> state, law, _ = ss.io.read_packing("packing.npz")  # doctest: +SKIP
+    >>> ss.figures.view([ss.io.frame_of(state, law)])  # doctest: +SKIP
+    """
+    data = seen(frames[:1], modes or [])
+    shown = _chosen(data, colour)
+    plot = _plot(data, shown, height)
+    if modes:
+        balls = next(item for item in plot.objects if item.name == "grains")
+        start, u = np.asarray(balls.positions), unit_mode(modes[0], frames[0])
+        turns, turn = np.arange(25) / 24, 2j * np.pi * (1 if modes[0][2].imag > 0 else -1)
+        balls.positions = {f"{t:.4f}": (start + 0.3 * (u * np.exp(turn * t)).real).astype(np.float32) for t in turns}
+    return plot
+
+
+def page_view(
+    frames: list[Frame], modes: list[Mode], *, at: int = 0, labels: list[str], si: bool = False,
+    colour: str | None = None,
+) -> str:  # fmt: skip
+    """A document of its own for frames and the modes of the frame `at`, with controls; no network is needed."""
+    data = seen(frames, modes, at=at, labels=labels, si=si)
+    plot = _plot(data, _chosen(data, colour), 480)
+    here = files(__package__)
+    packed = base64.b64encode(zlib.compress(json.dumps(data).encode(), 6)).decode()
+    code = here.joinpath("view.js").read_text(encoding="utf-8").replace("[DATA]", packed)
+    text = plot.get_snapshot(6, additional_js_code=code)
+    # K3D's title has the time of day
+    return re.sub(r"<title>.*?</title>", "<title>packing</title>" + WITHOUT_WEBGL, text, count=1)
+
+
+def seen(
+    frames: list[Frame], modes: list[Mode], *, at: int = 0, labels: list[str] | None = None, si: bool = False
+) -> dict:
+    """What `view.js` draws, as JSON: arrays are base64 of float32 (or int32: i, j; uint8: mode)."""
+    chosen = sorted({*_affordable(frames), at})
+    first, mode = frames[0], modes[0] if modes else None
+    columns = [quantities(frames[k], first=first, mode=mode, si=si) for k in chosen]
+    if len(chosen) > 1:
+        columns[0]["displacement"] = (np.zeros(len(first.state.grains.radius)), columns[-1]["displacement"][1])
+    names = [name for name in columns[0] if all(name in c for c in columns)]
+    about = [_about(name, [c[name] for c in columns]) for name in names]
+    about = [a for a in about if a["low"] < a["high"] or a["name"] == "coordination"]
+    out = [_frame_data(frames[k], labels[k] if labels else "") for k in chosen]
+    for item, column in zip(out, columns, strict=True):
+        item["values"] = {a["name"]: _packed(column[a["name"]][0]) for a in about}
+    radius, dim = first.state.grains.radius, first.state.cell.dim
+    return {
+        "dim": dim, "n": len(radius), "radius": _packed(radius), "frames": out, "left_out": len(frames) - len(chosen),
+        "quantities": about, "mode_frame": chosen.index(at), "modes": [_mode_data(m, frames[at]) for m in modes],
+        "eye": eye(first).tolist(), "box": _box([frames[k] for k in chosen]), "fov": FOV[dim], "map": _map().tolist(),
+        "colours": {"stick": _number(BLUE), "slide": _number(RED), "kinds": [_number(c) for c in COLORS]},
+        "widths": [float(LINE[dim] * w * radius.mean()) for w in WIDTHS],
+    }  # fmt: skip
+
+
+def _affordable(frames: list[Frame]) -> list[int]:
+    """Frames that a page can hold, at even steps, the first and the last among them."""
+    size = max(40 * len(f.state.grains.radius) + 25 * len(f.contacts["i"]) for f in frames)
+    count = min(len(frames), max(2, int(MOST / size)))
+    return sorted({round(k) for k in np.linspace(0, len(frames) - 1, count)})
+
+
+def _about(name: str, found: list[tuple[np.ndarray, str]]) -> dict:
+    """Name, unit and range of a quantity; `kinds` if it has few values, each with its colour."""
+    values = np.concatenate([v for v, _ in found]).astype(float)
+    low, high = float(values.min()), float(values.max())
+    if name == "material":
+        return {"name": name, "unit": "", "low": low, "high": high, "kinds": sorted({int(v) for v in values})[:KINDS]}
+    beyond = float(np.quantile(values, 0.995))
+    cut = name not in CONTENT and high > 2 * beyond > 0
+    return {"name": name, "unit": found[0][1], "low": low, "high": beyond if cut else high, "cut": bool(cut)}
+
+
+def _frame_data(frame: Frame, label: str) -> dict:
+    state, c = frame.state, frame.contacts
+    force = np.asarray(c.get("force_n", np.ones(len(c["i"]))), float)
+    mean = force.mean() if len(force) and force.mean() > 0 else 1.0
+    return {
+        "label": label, "position": _packed(wrapped(state)), "i": _packed(c["i"], np.int32),
+        "j": _packed(c["j"], np.int32), "branch": _packed(c["branch"]), "mode": _packed(c["mode"] == SLIDE, np.uint8),
+        "size": _packed(np.searchsorted(WIDTHS[:-1], force / mean), np.uint8), "edges": _packed(cell_edges(frame)),
+        "walls": _packed(wall_edges(frame)),
+    }  # fmt: skip
+
+
+def _mode_data(mode: Mode, frame: Frame) -> dict:
+    u, s = unit_mode(mode, frame), mode[2]
+    period = f"period {2 * np.pi / abs(s.imag):.4g}" if s.imag else "no period"
+    grows = f", e-folding time {1 / s.real:.4g}" if s.real > 0 else ""
+    u = u.conj() if s.imag > 0 else u  # `view.js` turns all of them as exp(-iωt)
+    return {"words": f"{period}{grows}", "re": _packed(u.real), "im": _packed(u.imag)}
+
+
+def _chosen(data: dict, colour: str | None) -> int:
+    """Which quantity colours the grains at first."""
+    names = [a["name"] for a in data["quantities"]]
+    if colour is not None and colour not in names:
+        raise ValueError(f"colour {colour!r} was asked for: these grains have {', '.join(names)}")
+    wanted = [colour, DISPLACEMENT, "speed", "coordination"]
+    data["shown"] = next((names.index(name) for name in wanted if name in names), 0)
+    return data["shown"]
+
+
+def _plot(data: dict, shown: int, height: int):
+    """K3D's plot of the first frame."""
+    k3d, frame = needed("k3d", "report"), data["frames"][0]
+    position = _unpacked(frame["position"]).reshape(-1, 3)
+    values, about = _unpacked(frame["values"][data["quantities"][shown]["name"]]), data["quantities"][shown]
+    span = (about["high"] - about["low"]) or 1.0
+    share = np.clip((values - about["low"]) / span, 0, 1)
+    colors = np.array(data["map"], np.uint32)[(255 * share).astype(int)]
+    sizes = 2 * _unpacked(data["radius"])
+    plot = k3d.plot(
+        height=height, grid_visible=False, menu_visibility=False, camera_auto_fit=False, background_color=0xFFFFFF,
+        camera_fov=data["fov"], camera_no_rotate=data["dim"] == 2, colorbar_object_id=0, axes_helper=0.6,
+        lighting=1.6, antialias=2 if data["n"] <= SMOOTH else 0,
+    )  # fmt: skip
+    plot += k3d.points(position, point_sizes=sizes, colors=colors, shader="3d", name="grains")
+    branch, i = _unpacked(frame["branch"]).reshape(-1, 3), _unpacked(frame["i"], np.int32)
+    slides, size = (_unpacked(frame[name], np.uint8) for name in ("mode", "size"))
+    start = position[i] + ([0, 0, 1.05 * sizes.max() / 2] if data["dim"] == 2 else 0)
+    for kind, color in ((0, BLUE), (1, RED)):
+        for number, width in enumerate(data["widths"]):
+            rows = (slides == kind) & (size == number)
+            ends = np.stack([start[rows], start[rows] - branch[rows]], axis=1)
+            plot += _lines(k3d, ends, f"{('stick', 'slide')[kind]} {number}", _number(color), width)
+    for name, color in (("edges", 0x555555), ("walls", 0x8A6D3B)):
+        plot += _lines(k3d, _unpacked(frame[name]).reshape(-1, 2, 3), name, color, 0.1 * float(sizes.mean() / 2))
+    plot.camera = _camera(data)
+    return plot
+
+
+def _lines(k3d, ends: np.ndarray, name: str, color: int, width: float):
+    """Separate segments (E, 2, 3); one without length where there are none, which K3D needs."""
+    ends = ends.astype(np.float32).reshape(-1, 3) if len(ends) else np.zeros((2, 3), np.float32)
+    rows = np.arange(len(ends), dtype=np.uint32)
+    return k3d.lines(
+        ends, rows, indices_type="segment", color=color, width=width, shader="thick", name=name
+    )  # fmt: skip
+
+
+def _camera(data: dict) -> list[float]:
+    """Position, target and up vector, so that all is seen in a square."""
+    low, high = np.array(data["box"])
+    _, up, toward = np.array(data["eye"])
+    center, reach = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
+    away = 0.9 * reach / np.sin(np.radians(data["fov"] / 2))
+    return [float(v) for v in (*(center + away * toward), *center, *up)]
+
+
+def _box(frames: list[Frame]) -> list[list[float]]:
+    """Corners of what holds all grains and cells of all frames."""
+    low, high = [], []
+    for frame in frames:
+        place, radius = wrapped(frame.state), frame.state.grains.radius[:, None]
+        ends = cell_edges(frame).reshape(-1, 3)
+        low.append(np.concatenate([place - radius, ends]).min(axis=0))
+        high.append(np.concatenate([place + radius, ends]).max(axis=0))
+    return [np.min(low, axis=0).tolist(), np.max(high, axis=0).tolist()]
+
+
+def _packed(values, kind=np.float32) -> str:
+    return base64.b64encode(np.ascontiguousarray(values, kind).tobytes()).decode()
+
+
+def _unpacked(text: str, kind=np.float32) -> np.ndarray:
+    return np.frombuffer(base64.b64decode(text), kind)
+
+
+def _number(color: str) -> int:
+    return int(color[1:], 16)
+
+
+def _map() -> np.ndarray:
+    """256 colours of viridis as 0xrrggbb."""
+    red, green, blue = np.round(255 * colormaps["viridis"](np.arange(256))[:, :3]).astype(int).T
+    return red << 16 | green << 8 | blue

@@ -1,0 +1,59 @@
+"""Which of two fits of the same data is the better one, if the data can tell."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.readable import readable
+from .fitting import Fit
+
+STRONG = 6.0  # difference of AIC from which on it counts: a ratio of likelihoods of 20
+FAR = 1.96  # of Vuong's statistic, two-sided 95 %
+
+
+@readable
+class LawComparison(NamedTuple):
+    """Two fits beside each other."""
+
+    preferred: str | None  # law, or None if the data do not discriminate
+    delta_aic: float  # AIC of the other minus that of the better one, ≥ 0
+    evidence: float  # exp(ΔAIC/2)
+    vuong: float  # positive if the first one is better
+    sentence: str
+
+
+def compare_laws(first: Fit, second: Fit) -> LawComparison:
+    """Do the data discriminate between two fits?
+
+    ΔAIC says which one is nearer to the data; the laws are not nested and both may be wrong, so that the difference
+    must also exceed its own scatter: Vuong's z = Σ d/(√N s_d), with d the difference of log-likelihood sample by sample
+    (doi:10.2307/1912557). The verdict needs ΔAIC ≥ 6 and |z| ≥ 1.96.
+
+    Raises
+    ------
+    ValueError
+        if the fits are not of the same samples.
+    """
+    same = len(first.models) == len(second.models) and first.samples == second.samples
+    for one, other in zip(first.residuals, second.residuals, strict=False):
+        same = same and len(one) == len(other)
+    data = [[r + m for r, m in zip(f.residuals, f.models, strict=True)] for f in (first, second)] if same else [[], []]
+    if not same or not all(np.allclose(p, q, rtol=0, atol=1e-9) for p, q in zip(*data, strict=True)):
+        raise ValueError("the two fits are of different data: compare fits of the same records and windows")
+    gap = second.aic - first.aic
+    mean = (first.log_likelihood - second.log_likelihood) / first.samples
+    each = 0.5 * (second.innovations**2 - first.innovations**2)
+    scatter = float(np.std(each))
+    z = mean * np.sqrt(first.samples) / scatter if scatter > 0 else 0.0
+    names = [f"{f.law} law" for f in (first, second)]
+    if names[0] == names[1]:
+        names = ["first fit", "second fit"]
+    ratio = float(np.exp(min(abs(gap) / 2, 700.0)))
+    numbers = f"ΔAIC = {abs(gap):.3g}, Vuong's z = {abs(z):.2g}"
+    better = 0 if gap > 0 else 1
+    if abs(gap) < STRONG or abs(z) < FAR or (z > 0) != (gap > 0):
+        return LawComparison(None, abs(gap), ratio, z, f"the data do not discriminate between the two ({numbers})")
+    law = (first, second)[better].law
+    return LawComparison(
+        law, abs(gap), ratio, z, f"the data prefer the {names[better]} to the {names[1 - better]} ({numbers})"
+    )

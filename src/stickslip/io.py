@@ -1,0 +1,34 @@
+"""Files.
+
+Packings
+    read_packing, read_packings     one state, or all states, of .npz, archive, GSD, LAMMPS data or dump
+    write_packing       .npz, GSD, VTK, extended XYZ, LAMMPS data
+    frame_of            columns of a state as these formats hold them
+    read_mode, mode_frames  a mode of `stickslip stability`, and its motion as frames
+
+Results
+    open_dataset        results of a run as an xarray dataset
+    open_sweep          results of a sweep, likewise
+    read_sweep          definition of a sweep
+    contact_table       contacts of one frame, one row each
+"""
+
+from .data.exchange.files import read_packing, read_packings, write_packing
+from .data.exchange.frame import frame_of
+from .data.exchange.motion import mode_frames, read_mode
+from .experiments.dataset import contact_table, open_dataset
+from .experiments.sweep.dataset import open_sweep
+from .experiments.sweep.definition import read_sweep
+
+__all__ = [
+    "contact_table",
+    "frame_of",
+    "mode_frames",
+    "open_dataset",
+    "open_sweep",
+    "read_mode",
+    "read_packing",
+    "read_packings",
+    "read_sweep",
+    "write_packing",
+]

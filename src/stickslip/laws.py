@@ -1,0 +1,41 @@
+"""Contact laws: choose one, combine several, write your own.
+
+Built-in laws
+    hertz_mindlin       F_n = k_n δ^(3/2), as papers 000 and 001
+    hertz_mindlin_reff  F_n = k_n √(R_eff) δ^(3/2), as paper 003 and LAMMPS `gran/hertz/history`
+    linear              F_n = k_n δ, as paper 002
+    elastic_constants   k_n and k_t from Young's modulus and Poisson's ratio
+    for_pair            other parameters for one pair of materials
+    frictionless        the same normal force without friction and dashpots
+
+Your own
+    custom              a law from Python functions of scalars
+    from_file           the same from a Python file
+    LawWarning          something in such a law is unusual
+
+Dashpots
+    with_restitution    choose γ_n for a coefficient of restitution at a stated size and speed
+    collision           integrate the head-on collision of two grains
+    eq8_damping         γ_n by Eq 8 of paper 003, read literally
+"""
+
+from .core.laws.builtin import elastic_constants, for_pair, hertz_mindlin, hertz_mindlin_reff, linear
+from .core.laws.user import custom, from_file
+from .core.laws.validation import LawWarning
+from .loading.packing import frictionless
+from .solve.collision import collision, eq8_damping, with_restitution
+
+__all__ = [
+    "LawWarning",
+    "collision",
+    "custom",
+    "elastic_constants",
+    "eq8_damping",
+    "for_pair",
+    "frictionless",
+    "from_file",
+    "hertz_mindlin",
+    "hertz_mindlin_reff",
+    "linear",
+    "with_restitution",
+]

@@ -1,0 +1,40 @@
+"""Names of a package that are imported when they are first used, read from its stub (`__init__.pyi`).
+
+Type checkers and editors read the same stub, so that a name is listed once.
+"""
+
+import ast
+import difflib
+from importlib import import_module
+from pathlib import Path
+
+
+def attach(package: str, file: str):
+    """`__getattr__`, `__dir__` and `__all__` of a package from the imports in its stub.
+
+    Parameters
+    ----------
+    package, file : `__name__` and `__file__` of the package
+    """
+    where: dict[str, tuple[str, str]] = {}
+    for node in ast.parse(Path(file).with_suffix(".pyi").read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.ImportFrom):
+            module = "." * node.level + (node.module or "")
+            where |= {name.asname or name.name: (module, name.name) for name in node.names}
+
+    def get(name: str):
+        if name in where:
+            module, inner = where[name]
+            if module == ".":
+                return import_module(f".{inner}", package)
+            return getattr(import_module(module, package), inner)
+        raise AttributeError(missing(package, name, where))
+
+    return get, lambda: sorted(where), sorted(where)
+
+
+def missing(package: str, name: str, known) -> str:
+    """The sentence about an attribute that a package does not have, with the nearest ones."""
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
+    hint = f"did you mean {package}.{near[0]}?" if near else f"see dir({package})"
+    return f"{package} has no attribute {name!r}: {hint}"

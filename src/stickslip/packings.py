@@ -1,0 +1,54 @@
+"""Packings: make them, take them from arrays, prepare them for a test.
+
+Make
+    jammed          frictionless jammed packing of disks or spheres in a periodic box
+    disk_array      row of disks on a substrate, as in paper 000
+    biaxial_box     disks between four walls under a pressure; its walls are LEFT, BOTTOM, RIGHT, TOP
+    sheared_box     disks in a periodic cell under a pressure
+    poured          grains, walls and plates of a flow scenario
+    from_arrays     positions, radii and, where known, contacts with their slip
+
+Change
+    strained, sheared   affine deformation of cell and grains; simple shear
+    reduced_cell        the same packing in its least skewed cell
+    with_push           another force on one disk of an array
+    perturbed           random velocities
+    without_walls       some walls removed
+
+Check
+    check           raise an error if a state is not valid
+    PackingError    a packing cannot be used
+    PackingWarning  something was changed or is missing
+"""
+
+from .core.contacts.neighbors import without_walls
+from .core.dynamics.cell_motion import strained
+from .core.state import check
+from .data.sample import PackingError, PackingWarning, from_arrays
+from .experiments.flow.pouring import poured
+from .loading.biaxial import BOTTOM, LEFT, RIGHT, TOP, biaxial_box, sheared_box
+from .loading.packing import disk_array, jammed, with_push
+from .loading.protocols import perturbed
+from .loading.shear import reduced_cell, sheared
+
+__all__ = [
+    "BOTTOM",
+    "LEFT",
+    "RIGHT",
+    "TOP",
+    "PackingError",
+    "PackingWarning",
+    "biaxial_box",
+    "check",
+    "disk_array",
+    "from_arrays",
+    "jammed",
+    "perturbed",
+    "poured",
+    "reduced_cell",
+    "sheared",
+    "sheared_box",
+    "strained",
+    "with_push",
+    "without_walls",
+]

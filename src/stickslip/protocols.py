@@ -1,0 +1,17 @@
+"""Load paths and what follows them.
+
+Protocol        how loads are applied and equilibria are found
+load_path       values of the load between turning points
+ramp            equilibria along a path of loads
+aqs             protocol of athermal quasi-static shear
+stable_window   loads without complex pairs nearest to a given one
+free_run        Newtonian dynamics from a state, with M(t) and events
+fit_growth      growth rate and frequency fitted to M(t)
+release         undamped run from an unstable state, with snapshots of its spectrum
+"""
+
+from .loading.protocols import Protocol, fit_growth, free_run, load_path, ramp, stable_window
+from .loading.release import release
+from .loading.shear import aqs
+
+__all__ = ["Protocol", "aqs", "fit_growth", "free_run", "load_path", "ramp", "release", "stable_window"]

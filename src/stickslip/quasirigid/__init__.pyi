@@ -1,0 +1,14 @@
+from ..loading.biaxial import with_load as with_load
+from ..loading.slow import slow_dynamics as slow_dynamics
+from .cone_apex import consistent_statuses as consistent_statuses
+from .cone_apex import statuses_at_apex as statuses_at_apex
+from .enumeration import status_map as status_map
+from .lcp import complementarity as complementarity
+from .matrices import damping_matrix as damping_matrix
+from .matrices import linear_system as linear_system
+from .matrices import quadratic_form as quadratic_form
+from .matrices import stiffness_matrix as stiffness_matrix
+from .null_modes import mechanisms as mechanisms
+from .path import load_path as load_path
+from .status import contact_status as contact_status
+from .uniqueness import certificate as certificate

@@ -1,0 +1,382 @@
+"""One increment of a path: everything is linear in the load until a contact meets the cone, opens, or closes.
+
+c, K and the geometric stiffness are frozen. Events within the increment that only change the statuses at the cone are
+gone through; where a contact opens or closes, the increment ends, and its status is decided at the start of the next,
+together with those of all contacts that have no force there.
+
+Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Secs. II A and III D.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy import sparse
+from scipy.linalg import LinAlgError
+
+from ..core.contacts.forces import ContactLoads, accept, forces
+from ..core.contacts.jacobian import linearised
+from ..core.contacts.neighbors import updated
+from ..core.control import between
+from ..core.laws.builtin import KN, KT, MU, Law
+from ..core.measure import contact_forces, rattlers
+from ..core.state import OPEN, SLIDE, STICK, Control, State
+from ..solve.freedom import Freedom, displaced, incidence, residual_vector
+from ..solve.linear import factorised
+from .cone_apex import OPENS, SLIDES, SLIDES_BACK, STICKS, WORDS
+from .events import APEX, CLOSES, INCREMENT, REACHES, Event, Fork, next_event, pairs_apart
+from .lcp import complementarity, wrong
+from .matrices import LinearSystem, linear_system, statuses, stiffness_matrix
+from .opening import Decided, decided
+from .rattling import gaps, with_modes
+from .status import ContactStatus, Verdict, contact_status
+from .system import RESIDUAL, pins
+from .uniqueness import certificate
+
+AT_CONE = 1e-10  # distance from the cone, in mean normal forces, that is round-off: 1e-16 times conditions of k of 1e5
+BLURRED = 10.0  # times what is out of balance, below which a disk with two contacts is not yet said to meet the cone
+CROWD = 200  # events after which a path ends if the load has not gone on: no real avalanche of this size was seen
+OUT_OF_BALANCE = 1e-4  # force, in mean normal forces, beyond which an increment is halved: loads of events are as exact
+BALANCED = 1e-10  # the same, to which an increment is brought back: far below the force of a contact at the apex
+TOUCHES = 1e-7  # gap, as a force in mean normal forces, up to which a pair touches: below what is lost by deciding APEX
+CORRECTIONS = 6  # of the balance at most: each leaves about a thousandth
+LOOK = 0.01  # of a leg, after which other choices are looked for also where no event was: c changes little on it
+NO_P_MATRIX = "the status is not unique for every load any more"
+NOT_UNIQUE = "choices of statuses are consistent: the statuses are not unique"
+
+
+class Place(NamedTuple):
+    """Where a path is."""
+
+    state: State
+    loose: np.ndarray  # (N,) bool: rattlers
+    parted: np.ndarray  # (C,) bool: pairs that still overlap a little but do not hold each other
+    fresh: np.ndarray  # (C,) bool: contacts at the apex of the cone, whose status is to be decided
+    unique: bool  # whether the status was unique for every load when it was last known
+    looked: float  # load at which that, and other choices, were last looked for
+    wedged: bool = False  # whether a rattler was wedged here, just now
+
+
+def external(state: State, free: Freedom) -> np.ndarray:
+    """(n,) generalised external force on the free coordinates [force]."""
+    nothing = np.zeros((state.n_bodies, 3))
+    return residual_vector(state, ContactLoads(nothing, nothing, np.zeros((3, 3))), free)
+
+
+class Piece:
+    """One increment of load at frozen c, K and geometric stiffness."""
+
+    def __init__(self, place: Place, law, begin: Control, end: Control, share, increment, geometric, mends):
+        self.law, self.increment, self.geometric, self.mends = law, increment, geometric, mends
+        self.begin, self.end, self.share = begin, end, share
+        self.events, self.forks, self.unchecked, self.lost, self.unique = [], [], 0, None, place.unique
+        self.last, self.solve, self.missed, self.looked = None, None, 0.0, place.looked
+        self._start(place)
+        if place.fresh.any():
+            self._decide_at_apex(place)
+
+    def _start(self, place: Place) -> None:
+        self.place, self.state, self.loose = place, place.state, place.loose
+        self.matrix = _held_matrices(place, self.law)
+        contacts, rows, n = self.state.contacts, self.matrix.rows, len(self.loose)
+        self.ends = np.stack([contacts.i[rows], contacts.j[rows]], axis=1)
+        # both forces of a disk with two contacts lie along one line: it meets the cone, or its apex, with both at once
+        self.has_two = np.bincount(self.ends.ravel(), minlength=self.state.n_bodies) == 2
+        self.has_two[n:] = False
+        self.paired = self.has_two[self.ends].any(axis=1)
+        self.mean = float(self.matrix.force[:, 0].mean())
+        at = self.state._replace(control=between(self.begin, self.end, self.share))
+        to = self.state._replace(control=between(self.begin, self.end, self.share + self.increment))
+        missing = self._missing(place._replace(state=at))
+        self.load = external(to, self.matrix.free) - external(at, self.matrix.free) + self.mends * missing
+        self.stiffest = float(self.matrix.springs[:, 0, 0].max(initial=0.0))
+        self.gap_rows = pairs_apart(self.state, self.loose, rows)
+        self.faint = max(APEX * self.mean, BLURRED * np.abs(missing).max())
+
+    def _decide_at_apex(self, place: Place) -> None:
+        """Contacts without force open, stick or slide either way; bodies without any are released.
+
+        All contacts that have no force now are decided together: one after the other they may undo each other.
+        """
+        before, place = place, self._with_touching(place)
+        self._start(place)
+        m = self.matrix
+        faint = m.force[:, 0] <= APEX * self.mean
+        apex = faint | np.isin(m.rows, np.flatnonzero(place.fresh))
+        found = decided(m, self.load, apex, geometric=self.geometric, wedged=place.wedged)
+        self.unchecked += not found.complete
+        if found.status is None or not found.stable:
+            self.lost = _lost(found)
+            return
+        if found.others:
+            self._fork(found.status, found.others)
+        was = np.where(before.parted[m.rows], OPENS, _sided(np.where(m.limit, m.sign, 0.0)))
+        told = np.isin(m.rows, np.flatnonzero(before.fresh)) | (was != found.status)
+        self.events += [Event(0.0, WORDS[found.status[k]], *self._bodies(k)) for k in np.flatnonzero(apex & told)]
+        parted = place.parted.copy()
+        parted[m.rows[found.opens]] = True
+        loose = rattlers(with_modes(place.state, np.flatnonzero(parted), OPEN), 2, place.loose)
+        sides = found.side
+        state = with_modes(place.state, m.rows[apex & (sides == 0)], STICK)
+        state = with_modes(state, m.rows[apex & (sides != 0)], SLIDE)
+        self._start(place._replace(state=state, loose=loose, parted=parted, fresh=np.zeros_like(parted)))
+        side = sides[np.searchsorted(m.rows, self.matrix.rows)]
+        self.matrix = self.matrix._replace(sign=np.where(side != 0, side, self.matrix.sign))
+
+    def _with_touching(self, place: Place) -> Place:
+        """The place in which pairs that parted, but still touch, are at the apex again."""
+        contacts, loose = place.state.contacts, np.append(place.loose, np.zeros(len(place.state.walls.mass), bool))
+        back = np.flatnonzero(place.parted & ~place.fresh)
+        back = back[~(loose[contacts.i[back]] | loose[contacts.j[back]])]
+        parted, fresh = place.parted.copy(), place.fresh.copy()
+        parted[back], fresh[back] = False, True
+        return place._replace(state=with_modes(place.state, back, STICK), parted=parted, fresh=fresh)
+
+    def _fork(self, taken: np.ndarray, others, forces: bool = True) -> None:
+        """Record other consistent choices; statuses as in `apex`, of all contacts."""
+        others = np.array(others)
+        differ = np.flatnonzero((others != taken).any(axis=0))
+        fork = Fork(
+            0.0, tuple(self._bodies(k) for k in differ), tuple(WORDS[k] for k in taken[differ]),
+            tuple(tuple(WORDS[k] for k in other[differ]) for other in others), forces,
+        )  # fmt: skip
+        self.forks.append(fork)
+        self.events.append(Event(0.0, f"{1 + len(others)} {NOT_UNIQUE}", *self._bodies(differ[0])))
+
+    def run(self, start: float):
+        """The place at the end, the share of the leg that was used, and the verdict."""
+        m = self.matrix
+        self._dated(start)
+        if self.lost is not None:
+            return self.place, 0.0, self.lost
+        force, slides, sign = m.force.copy(), m.limit.copy(), m.sign.copy()
+        moved, done = np.zeros(len(m.free)), 0.0
+        for _ in range(CROWD):
+            # what has come to the cone in several events at one load is decided together
+            beside = self._beside_cone(force, slides)
+            sign[beside] = -np.sign(force[beside, 1])
+            now = m._replace(sign=sign, limit=slides | beside)
+            load = start + done * self.increment
+            choice = self._chosen(now, slides, load)
+            if not choice.ok:
+                return self._ended(force, moved, slides, sign, (), done), done * self.increment, choice.verdict
+            if self.looked == load and not self._stable(now, choice, load):
+                end = self._ended(force, moved, slides, sign, (), done)
+                return end, done * self.increment, Verdict.NEGATIVE
+            self._told(choice, slides, sign, load)
+            slides = choice.sliding
+            rate = _rates(now, slides, choice.velocity)
+            self.last = now, slides
+            step, contacts, kind = next_event(self, force, rate, now.limit, choice, 1.0 - done)
+            force, moved, done = force + step * rate, moved + step * choice.velocity, done + step
+            if kind == INCREMENT:
+                break
+            load = start + done * self.increment
+            if kind != REACHES:
+                end = self._ended(force, moved, slides, sign, contacts, done)
+                if kind == CLOSES and end.fresh.any():
+                    self.events += [Event(load, CLOSES, *self._bodies(c)) for c in contacts]
+                return end, done * self.increment, Verdict.CONSISTENT
+            self.events += [Event(load, REACHES, *self._bodies(c)) for c in contacts]
+            slides = slides.copy()
+            slides[contacts] = True
+            sign[contacts] = -np.sign(force[contacts, 1])
+        end = self._ended(force, moved, slides, sign, (), done)
+        return end, done * self.increment, Verdict.CONSISTENT
+
+    def _chosen(self, now: LinearSystem, slides: np.ndarray, load: float) -> ContactStatus:
+        """The status; other choices are looked for after events, and from time to time."""
+        changed = (self.events and self.events[-1].load == load) or (now.limit & ~slides).any()
+        if not changed and load < self.looked + LOOK and (same := self._unchanged(now, slides)):
+            return same
+        self.looked, self.solve = load, None
+        return contact_status(now, self.load, start=slides, geometric=self.geometric)
+
+    def _unchanged(self, now: LinearSystem, slides: np.ndarray) -> ContactStatus | None:
+        """The status that was, if it is still consistent."""
+        try:
+            self.solve = _solver(now, slides, self.geometric)
+            velocity = self.solve(self.load)
+        except LinAlgError:
+            return None
+        critical = np.flatnonzero(now.limit)
+        normal, along = (now.c.T @ velocity).reshape(-1, 2)[critical].T
+        rate = now.slope[critical] * normal + now.sign[critical] * along
+        if not np.isfinite(rate).all() or wrong(slides[critical], rate).any():
+            return None
+        return ContactStatus(Verdict.CONSISTENT, slides, critical, velocity, rate, "as before", 1)
+
+    def _dated(self, load: float) -> None:
+        self.events = [e._replace(load=load) for e in self.events]
+        self.forks = [f._replace(load=load) for f in self.forks]
+
+    def _beside_cone(self, force: np.ndarray, slides: np.ndarray) -> np.ndarray:
+        """(M,) bool: contacts with a force that stick on the cone, to round-off."""
+        m = self.matrix
+        margin = m.mu * force[:, 0] - np.abs(force[:, 1])
+        blurred = force[:, 0] <= np.where(self.paired, self.faint, APEX * self.mean)
+        return ~slides & ~blurred & (margin <= AT_CONE * self.mean)
+
+    def _stable(self, matrix: LinearSystem, choice: ContactStatus, load: float) -> bool:
+        """False if det k < 0 for the status that was found; an event tells where another load could have had two."""
+        if not len(choice.critical):
+            self.unique = True
+            return True
+        known = choice.uniqueness
+        if known is None:  # too many contacts for `contact_status` to decide by itself
+            try:
+                problem = complementarity(matrix, self.load, geometric=self.geometric)
+            except LinAlgError:
+                return True
+            slides = choice.sliding[choice.critical]
+            if np.linalg.slogdet(problem.matrix[np.ix_(slides, slides)])[0] < 0:
+                return False
+            known = certificate(problem)
+        known = known.unique
+        if known is False and self.unique:
+            self.events.append(Event(load, NO_P_MATRIX, -1, -1))
+        self.unique = known is not False
+        self.unchecked += known is None
+        return True
+
+    def _bodies(self, contact) -> tuple[int, int]:
+        row = self.matrix.rows[contact] if contact < self.matrix.count else self.gap_rows[contact - self.matrix.count]
+        return int(self.state.contacts.i[row]), int(self.state.contacts.j[row])
+
+    def _told(self, choice: ContactStatus, before, sign, load) -> None:
+        for contact in np.flatnonzero(before & ~choice.sliding):
+            self.events.append(Event(load, "sticks again", *self._bodies(contact)))
+        if choice.verdict in (Verdict.NOT_UNIQUE, Verdict.SINGULAR):
+            taken = _sided(np.where(choice.sliding, sign, 0.0))
+            others = [_sided(np.where(other.sliding, sign, 0.0)) for other in choice.others]
+            if (np.array(others) != taken).any():
+                self._fork(taken, others, choice.verdict is Verdict.NOT_UNIQUE)
+                self.forks[-1] = self.forks[-1]._replace(load=load)
+                self.events[-1] = self.events[-1]._replace(load=load)
+
+    def _ended(self, force, moved, slides, sign, contacts, done: float) -> Place:
+        """The place after the increment, brought back to balance with the statuses of its last piece.
+
+        The turning of contacts leaves forces of second order out of balance. Left to the next increment, they would
+        mix with its load, and decide statuses where that is small.
+        """
+        place = self._placed(force, moved, slides, sign, contacts, done)
+        if self.last is None:
+            return place
+        now, last = self.last
+        missing, solve = self._missing(place), self.solve
+        self.missed = np.abs(missing).max(initial=0.0) / self.mean
+        for _ in range(CORRECTIONS):
+            if not BALANCED < np.abs(missing).max(initial=0.0) / self.mean < OUT_OF_BALANCE:
+                break
+            try:
+                solve = solve or _solver(now, last, self.geometric)
+                velocity = solve(missing)
+            except LinAlgError:
+                break
+            force, moved = force + _rates(now, last, velocity), moved + velocity
+            better = self._placed(force, moved, slides, sign, contacts, done)
+            left = self._missing(better)
+            if not np.abs(left).max(initial=0.0) < 0.5 * np.abs(missing).max(initial=0.0):
+                break
+            place, missing = better, left
+        if np.abs(missing).max(initial=0.0) > APEX * self.mean:
+            self.missed = max(self.missed, OUT_OF_BALANCE * (1 + np.abs(missing).max() / self.mean))
+        return place
+
+    def _missing(self, place: Place) -> np.ndarray:
+        """(n,) force that is out of balance at a place.
+
+        What presses on rattlers is left out, since they are moved aside, and pairs that part but overlap a little.
+        """
+        state, free, count = place.state, self.matrix.free, int(place.state.contacts.count[0])
+        out = residual_vector(state, forces(state, self.law)[0], free)
+        whole = np.append(self.loose, np.zeros(state.n_bodies - len(self.loose), bool))
+        loose = whole[state.contacts.i[:count]] | whole[state.contacts.j[:count]]
+        rows = np.flatnonzero(loose | place.parted[:count])
+        push = np.zeros((count, 6))
+        push[rows, :3] = contact_forces(state, self.law)[rows]
+        return out - incidence(state, count, free) @ push.ravel() if push.any() else out
+
+    def _placed(self, force, moved, slides, sign, contacts, done: float) -> Place:
+        """The place after the increment: bodies moved, memory as the path has it, contacts at the apex marked."""
+        m, before = self.matrix, self.state
+        state = updated(displaced(before, m.free, moved))
+        _, trial = forces(state, self.law)
+        count = int(trial.count[0])
+        where = np.searchsorted(trial.key[:count], before.contacts.key[m.rows])
+        born = np.array([c for c in contacts if c >= m.count], int) - m.count
+        new = np.searchsorted(trial.key[:count], before.contacts.key[self.gap_rows[born]]) if len(born) else born
+        # what the way to balance has left apart comes to touch in the next piece
+        new = new[self.stiffest * gaps(state, new)[1] <= TOUCHES * self.mean]
+        line = linearised(accept(state, trial), self.law)
+        normal, stiffness = line.normal[where], np.where(line.stiffness_t[where] > 0, line.stiffness_t[where], 1.0)
+        along = np.stack([normal[:, 1], -normal[:, 0], np.zeros(m.count)], axis=1)
+        length = np.where(slides, sign * line.mu[where] * line.force_n[where], -force[:, 1]) / stiffness
+        mode, slip = np.zeros_like(trial.mode), np.zeros_like(trial.slip)
+        mode[where], slip[where] = np.where(slides, SLIDE, STICK), length[:, None] * along
+        mode[new] = STICK
+        fresh = np.zeros(len(mode), bool)
+        fresh[new] = True
+        fresh[where[[c for c in contacts if c < m.count]]] = True
+        # pairs beside those of the matrix overlap where they part and were not quite apart, or met on a curved way
+        more = np.flatnonzero((mode[:count] == OPEN) & (trial.mode[:count] != OPEN))
+        loose = np.append(self.loose, np.zeros(state.n_bodies - len(self.loose), bool))
+        known = np.isin(trial.key[more], before.contacts.key[np.flatnonzero(self.place.parted)])
+        known |= loose[trial.i[more]] | loose[trial.j[more]]
+        parted = np.zeros(len(mode), bool)
+        parted[more[known]], fresh[more[~known]], mode[more] = True, True, STICK
+        control = between(self.begin, self.end, self.share + done * self.increment)
+        state = accept(state._replace(control=control), trial._replace(mode=mode, slip=slip, reached=mode == SLIDE))
+        return Place(state, self.loose, parted, fresh, self.unique, self.looked)
+
+
+def _sided(side: np.ndarray) -> np.ndarray:
+    """Statuses as in `apex` of contacts with a force, from sgn D_t of what slides, 0 elsewhere."""
+    return np.where(side > 0, SLIDES, np.where(side < 0, SLIDES_BACK, STICKS))
+
+
+def _lost(found: Decided) -> Verdict:
+    """The verdict where contacts at the apex have no consistent choice that is stable."""
+    if found.status is not None:
+        return Verdict.NEGATIVE
+    return Verdict.UNSTABLE if found.complete else Verdict.NOT_FOUND
+
+
+def _solver(matrix: LinearSystem, slides, geometric: bool):
+    """A function that solves k(S) v = f for a status; LinAlgError where k(S) is singular to round-off."""
+    size = len(matrix.free)
+    kept = np.setdiff1d(np.arange(size), pins(matrix))
+    k = stiffness_matrix(matrix, slides, geometric=geometric)[kept][:, kept]
+    solve = factorised(k)
+
+    def spread(load: np.ndarray) -> np.ndarray:
+        out = np.zeros(size)
+        out[kept] = solve(load[kept])
+        if not np.abs(k @ out[kept] - load[kept]).max(initial=0.0) <= RESIDUAL * np.abs(load[kept]).max(initial=0.0):
+            raise LinAlgError("singular")
+        return out
+
+    return spread
+
+
+def _rates(matrix: LinearSystem, slides, velocity) -> np.ndarray:
+    """(M, 2) dF of all contacts over an increment."""
+    relative = (matrix.c.T @ velocity).reshape(-1, 2)
+    turned = np.einsum("mab,mb->ma", statuses(matrix, slides), relative)
+    return -np.einsum("mab,mb->ma", matrix.springs, turned)
+
+
+def _held_matrices(place: Place, law: Law) -> LinearSystem:
+    """The matrices of what holds each other, with the springs of contacts that are about to touch, too."""
+    state = place.state
+    m = linear_system(state, law, rattlers=place.loose)
+    kept = np.flatnonzero(~place.parted[m.rows])
+    rows = m.rows[kept]
+    material = np.concatenate([state.grains.material, state.walls.material])
+    q = law.table[material[state.contacts.i[rows]], material[state.contacts.j[rows]]]
+    springs = np.zeros((len(rows), 2, 2))
+    springs[:, 0, 0], springs[:, 1, 1] = q[:, KN], q[:, KT]
+    both = np.stack([2 * kept, 2 * kept + 1], axis=1).ravel()
+    parts = {name: getattr(m, name)[kept] for name in ("rows", "damping", "sign", "force", "limit")}
+    slope = q[:, MU] * q[:, KN] / q[:, KT]
+    return m._replace(c=sparse.csr_array(m.c.tocsc()[:, both]), springs=springs, mu=q[:, MU], slope=slope, **parts)
