@@ -33,8 +33,10 @@ def attach(package: str, file: str):
     return get, lambda: sorted(where), sorted(where)
 
 
-def missing(package: str, name: str, known) -> str:
-    """The sentence about an attribute that a package does not have, with the nearest ones."""
-    near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
-    hint = f"did you mean {package}.{near[0]}?" if near else f"see dir({package})"
+def missing(package: str, name: str, known: dict[str, tuple[str, str]]) -> str:
+    """Error message for an attribute that a package lacks: where else it is, or the nearest name."""
+    spaces = [] if name.startswith("_") else [inner for module, inner in known.values() if module == "."]
+    there = [f"{package}.{s}.{name}" for s in spaces if name in import_module(f".{s}", package).__all__]
+    near = there or [f"{package}.{one}" for one in difflib.get_close_matches(name, known, n=1, cutoff=0.6)]
+    hint = f"did you mean {near[0]}?" if near else f"see dir({package})"
     return f"{package} has no attribute {name!r}: {hint}"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.contacts.jacobian import linearised
+from stickslip.core.contacts.jacobian import linearise
 from stickslip.solve import sensitivity as module
 from tests.beyond.conftest import LAW, sheared, triangular
 
@@ -54,7 +54,7 @@ def test_derivatives_add_up_and_are_those_of_differences(swinging):
 
 def assert_twins_agree(state, found, chosen):
     """Each change against a packing whose contact has lost its stiffness, or slides at Coulomb's limit."""
-    linear = linearised(state, LAW)
+    linear = linearise(state, LAW)
     for k in chosen:
         row = found.contact[k]
         if found.what[k] == "opens":

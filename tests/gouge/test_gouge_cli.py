@@ -121,7 +121,7 @@ def test_the_papers_claims_are_all_judged(tmp_path, ran, full):
     assert all(claims[name].verdict == "undecided" for name in missing & PRINTED)
     folder, main = tmp_path / "out", holds[paper.MAIN]
     report.claim_folder(folder, main.scenario)
-    write_reproduction(folder, EXPERIMENT.paper, paper.Reproduction(holds, more, list(claims.values())))
+    write_reproduction(folder, EXPERIMENT, paper.Reproduction(holds, more, list(claims.values())))
     told = json.loads((folder / "claims.json").read_text())
     assert [c["id"] for c in told] == list(claims)
     assert "fault gouge" in (folder / "claims.md").read_text()

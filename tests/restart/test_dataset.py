@@ -5,7 +5,7 @@ import pytest
 
 import stickslip as ss
 from stickslip.core.contacts.neighbors import updated
-from stickslip.data import archive
+from stickslip.data import archive, units
 from stickslip.data.checkpoint import Kept
 from tests.conftest import make_law, make_packing, stirred
 
@@ -165,9 +165,22 @@ def test_what_does_not_grow_is_no_coordinate(tmp_path):
     assert "time" in tree["series"]
 
 
+DIMENSIONS = {
+    "length": "[length]", "time": "[time]", "length/time": "[length]/[time]", "rad": "", "rad/time": "1/[time]",
+    "mass": "[mass]", "mass length^2": "[mass]*[length]**2", "force": "[mass]*[length]/[time]**2",
+    "force length": "[mass]*[length]**2/[time]**2", "force/length": "[mass]/[time]**2",
+    "energy": "[mass]*[length]**2/[time]**2", "force/length^(dim-1)": "[mass]/[length]/[time]**2",
+    "length/time^2": "[length]/[time]**2", "length^2": "[length]**2", "length^2/time^2": "[length]**2/[time]**2",
+    "1/time": "1/[time]", "1/time^2": "1/[time]**2", "1": "",
+}  # fmt: skip
+
+
 def test_pint_reads_every_unit_in_si():
     pint = pytest.importorskip("pint")
-    from stickslip.data.units import _SI, _UNITS
+    from pint.util import ParserHelper
 
-    for name, unit in _UNITS.items():
-        pint.Unit(_SI.get(unit, unit)), name
+    registry = pint.UnitRegistry()
+    assert set(DIMENSIONS) == set(units._UNITS.values())
+    for name, wanted in DIMENSIONS.items():
+        found = registry.Unit(units._SI.get(name, name)).dimensionality
+        assert found == registry.get_dimensionality(ParserHelper.from_string(wanted) if wanted else {}), name

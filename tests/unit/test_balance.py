@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.contacts.jacobian import linearised
+from stickslip.core.contacts.jacobian import linearise
 from stickslip.core.contacts.neighbors import updated
 from stickslip.data.exchange.files import listened
 from stickslip.loading.protocols import ramp
@@ -205,7 +205,7 @@ def test_less_friction_lets_what_stuck_slide(sheared):
     here, rows = under(sheared, law), ss.measure.touching(sheared)
     slides = here.contacts.mode[rows] == ss.SLIDE
     assert slides.sum() > (sheared.contacts.mode[rows] == ss.SLIDE).sum()
-    line = linearised(here, law)
+    line = linearise(here, law)
     pull = line.stiffness_t[rows] * np.linalg.norm(here.contacts.slip[rows], axis=1)
     np.testing.assert_allclose(pull[slides], line.limit[rows][slides], rtol=1e-3)
     assert (pull <= (1 + 1e-9) * line.limit[rows]).all()

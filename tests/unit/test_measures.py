@@ -34,7 +34,7 @@ MEANT = {
         "plane_packing_fraction",
     },
     "gouge": {
-        "mean diameters": "thickness",
+        LENGTH: "thickness",
         NUMBER: "inertial_number stiffness_over_b steady_friction steady_friction_half peak",
     },
     "rate-state": {
@@ -42,7 +42,7 @@ MEANT = {
         PER_LENGTH: "critical_stiffness", RATE: "growth_rate", TIME: "reached",
     },
 }  # fmt: skip
-WORDS = WRITTEN | {"load": ("load",) * 2, "mean diameters": ("mean diameters",) * 2, PER_LENGTH: ("1/length", "1/m")}
+WORDS = WRITTEN | {"load": ("load",) * 2, PER_LENGTH: ("1/length", "1/m")}
 UNITS = {
     experiment: {
         name: WORDS[kind][EXPERIMENTS[experiment].scenario.si]
@@ -145,7 +145,7 @@ def crushed():
         return gouge_run.Realization(seed, Made(thickness=21.0, inertial_number=2e-4), tests, {}, {})
 
     return Made(scenario=scenario, realizations=[sample(0, 0.4), sample(1, 0.5)]), {
-        "thickness": 21.0, "inertial_number": 2e-4, "steady_friction@0.3": 0.45, "peak@0.3,0.001s,0.3": 0.05,
+        "thickness": 0.063, "inertial_number": 2e-4, "steady_friction@0.3": 0.45, "peak@0.3,0.001s,0.3": 0.05,
         "stiffness_over_b": 200.0 * scenario.scales.dc / scenario.scales.b,
     }  # fmt: skip
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.contacts.jacobian import linearised
+from stickslip.core.contacts.jacobian import linearise
 from stickslip.core.state import SLIDE, STICK
 from stickslip.solve.freedom import assembled
 from tests.conftest import make_law, make_packing
@@ -24,7 +24,7 @@ def test_the_jacobian_from_zero_slip_is_that_of_contacts_that_stick(law_name, co
     state, law = pressed(dim, law_name, coulomb), make_law(law_name, coulomb)
     rows = ss.measure.touching(state)
     assert (state.contacts.mode[rows] == SLIDE).all()
-    assert not linearised(state, law).slides.any()
+    assert not linearise(state, law).slides.any()
     free = ss.freedom(state)
     exact = assembled(state, ss.modes.contact_blocks(state, law)[0], free).toarray()
     for memory in (ss.FREE, ss.HELD):

@@ -84,6 +84,7 @@ def test_every_function_has_one_path():
     ("space", "wrong", "near"),
     [
         (stickslip, "spectrun", "spectrum"),
+        (stickslip, "jammed", "packings.jammed"),
         (stickslip.friction, "healings", "healing"),
         (stickslip.figures, "muvie", "movie"),
     ],

@@ -55,7 +55,7 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object inst
 
 
 def examples(*pairs: tuple[str, str]) -> str:
-    """What stands below a command's options: lines that work as typed, in this order, each with a word on it."""
+    """Help text below a command's options: commands that work as typed, each with a comment."""
     lines = [f"  stickslip {words}\n      {said}" for words, said in pairs]
     return "\b\nExamples:\n" + "\n".join(lines)
 
@@ -69,10 +69,10 @@ def one_of(name: str, got: str, allowed: Iterable[str]) -> None:
         raise ValueError(f"{name} {got!r} is not known: use {', '.join(allowed)}{hint}")
 
 
-def ended(
+def finish(
     answer: Callable[[], dict], paths: list[Path], show: Callable[[], None], *, quiet: bool, as_json: bool
 ) -> None:
-    """The end of a command that writes files: one object for programs, paths alone, or what people read and paths."""
+    """Print the result of a command that writes files: a JSON object, paths alone, or a summary and paths."""
     from ..experiments import json_output, terminal
 
     if as_json:

@@ -29,7 +29,7 @@ class FailedError(RuntimeError):
 
 @contextmanager
 def working():
-    """What goes wrong after the input was accepted is a failed run, not bad input."""
+    """Turn errors that occur after the input was accepted into a failed run (exit code 1)."""
     from ..data.archive import ArchiveError
     from ..data.schema import ScenarioError
 
@@ -43,7 +43,7 @@ def working():
 
 def main() -> None:
     """Entry point: bad input ends with one sentence and exit code 2, a failed run with one and exit code 1."""
-    codecs.register_error("spelled", _spelled)
+    codecs.register_error("spelled", _transliterate)
     _open_closed()
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
@@ -70,15 +70,15 @@ def main() -> None:
 
 
 def _open_closed() -> None:
-    """What goes to a closed stream goes nowhere; a file of results would otherwise take its number."""
+    """Connect closed standard streams to the null device; a results file could otherwise get their number."""
     for name in ("stdin", "stdout", "stderr"):
         if getattr(sys, name) is None:
             number = os.open(os.devnull, os.O_RDWR)
             setattr(sys, name, os.fdopen(number, "r" if name == "stdin" else "w", encoding="utf-8"))
 
 
-def _spelled(problem: UnicodeError) -> tuple[str, int]:
-    """Letters that a terminal's code page lacks, in those that every one has."""
+def _transliterate(problem: UnicodeError) -> tuple[str, int]:
+    """Transliterate characters that the terminal's code page lacks to ASCII."""
     lacking = problem.object[problem.start : problem.end]
     near = (SPELLED.get(c) or unicodedata.normalize("NFKD", c).encode("ascii", "ignore").decode() for c in lacking)
     return "".join(letters or "?" for letters in near), problem.end

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from .app import AsJson, OverwriteFile, Quiet, app, completes, ended, examples
+from .app import AsJson, OverwriteFile, Quiet, app, completes, examples, finish
 
 LAWS = {
     "hertz_mindlin": "k δ^(3/2), as in papers 000 and 001",
@@ -79,14 +79,14 @@ def reads_packing(command):
     names = [parameter.name for parameter in more]
 
     @wraps(command)
-    def called(**given):
+    def wrapper(**given):
         options = {name: given.pop(name) for name in names}
         return command(**given, options=options)
 
-    del called.__wrapped__
-    called.__signature__ = Signature([*(p for p in own if p.name != "options"), *more])
-    called.__annotations__ = {p.name: p.annotation for p in called.__signature__.parameters.values()}
-    return called
+    del wrapper.__wrapped__
+    wrapper.__signature__ = Signature([*(p for p in own if p.name != "options"), *more])
+    wrapper.__annotations__ = {p.name: p.annotation for p in wrapper.__signature__.parameters.values()}
+    return wrapper
 
 
 @app.command(epilog=STABILITY, short_help="Is this packing stable?")
@@ -181,4 +181,4 @@ def convert(
             terminal.console.print(line, style="yellow")
 
     answer = lambda: json_output.common("convert", files=paths) | {"notes": words}  # noqa: E731
-    ended(answer, paths, show, quiet=quiet, as_json=as_json)
+    finish(answer, paths, show, quiet=quiet, as_json=as_json)

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from ..experiments.registry import EXPERIMENTS, experiment_of, papers
-from .app import ENGINES, AsJson, Out, Overwrite, Quiet, Scheduler, Workers, app, completes, ended, examples, one_of
+from .app import ENGINES, AsJson, Out, Overwrite, Quiet, Scheduler, Workers, app, completes, examples, finish, one_of
 from .entry_point import FailedError, working
 
 REPRODUCE = examples(
@@ -68,10 +68,10 @@ def reproduce(
         run_folder.claim_folder(folder, chosen, overwrite=overwrite)
         asked = {"experiment": experiment, "quick": quick, "seed": seed} | ({"full": True} if full else {})
         begin_reproduction(folder, chosen, **asked)
-        _reproduced("reproduce", folder, spread, how, **asked)
+        _reproduce_in("reproduce", folder, spread, how, **asked)
 
 
-def _reproduced(command: str, folder: Path, spread, how: dict, *, experiment: str, quick: bool, **asked) -> None:
+def _reproduce_in(command: str, folder: Path, spread, how: dict, *, experiment: str, quick: bool, **asked) -> None:
     """Run a paper's experiment in a folder, or what is left of it."""
     from ..experiments import json_output, terminal
     from ..experiments.claims_report import show_claims
@@ -83,8 +83,8 @@ def _reproduced(command: str, folder: Path, spread, how: dict, *, experiment: st
     with working(), terminal.progress() as tell:
         found = chosen.paper.reproduce(quick=quick, **asked, folder=folder, workers=spread, report=tell)
         tell("figures", 0.0, str(folder))
-        paths = write_reproduction(folder, chosen.paper, found)
-    ended(
+        paths = write_reproduction(folder, chosen, found)
+    finish(
         lambda: json_output.of_run(command, folder, found.main, paths, found.claims), paths,
         lambda: show_claims(found.claims, chosen.paper.shows()), **how,
     )  # fmt: skip
@@ -123,10 +123,10 @@ def run(
     spread = _spread(workers, scheduler, chosen)
     with terminal.speaking(**how), alone(out):
         run_folder.claim_folder(out, chosen, overwrite=overwrite)
-        return _ran("run", chosen, out, spread, how)
+        return _run_in("run", chosen, out, spread, how)
 
 
-def _ran(command: str, chosen, folder: Path, spread, how: dict) -> None:
+def _run_in(command: str, chosen, folder: Path, spread, how: dict) -> None:
     """Run a scenario in a folder, or what is left of it."""
     from ..experiments import json_output, terminal
     from ..experiments.writer import write_result
@@ -137,7 +137,7 @@ def _ran(command: str, chosen, folder: Path, spread, how: dict) -> None:
         found = experiment.simulate(chosen, folder=folder, workers=spread, report=tell)
         tell("figures", 0.0, str(folder))
         paths = write_result(folder, experiment, found)
-    ended(
+    finish(
         lambda: json_output.of_run(command, folder, found, paths), paths, lambda: experiment.show(found), **how
     )  # fmt: skip
 
@@ -165,10 +165,10 @@ def resume(
                 return _nothing_left(folder, how)
             spread = _spread(workers, scheduler, found.scenario)
             if found.reproduction:
-                return _reproduced("resume", folder, spread, how, **found.reproduction)
+                return _reproduce_in("resume", folder, spread, how, **found.reproduction)
             if found.sweep:
                 return _sweep("resume", found.sweep, folder, spread, how, yes=True, figures=found.figures)
-            return _ran("resume", found.scenario, folder, spread, how)
+            return _run_in("resume", found.scenario, folder, spread, how)
 
 
 def _nothing_left(folder: Path, how: dict) -> None:
@@ -178,7 +178,7 @@ def _nothing_left(folder: Path, how: dict) -> None:
     from ..experiments.registry import read_scenario
 
     words, paths = f"{folder} is finished: there is nothing to go on with.", run_folder.files_of(folder)
-    ended(
+    finish(
         lambda: json_output.of_finished("resume", folder, read_scenario(folder / SCENARIO)), paths,
         lambda: terminal.console.print(words), **how,
     )  # fmt: skip
@@ -212,7 +212,7 @@ def _sweep(
     )
     if sentence and how["as_json"]:
         raise FailedError(sentence, json_output.finite(answer))
-    ended(lambda: answer, answer["files"], lambda: sweep_report.show(found), **how)
+    finish(lambda: answer, answer["files"], lambda: sweep_report.show(found), **how)
     if sentence:
         raise RuntimeError(sentence)
     return None
@@ -227,7 +227,7 @@ def _swept(tables: dict, engine: str | None) -> dict:
 
 
 def _spread(workers: int | None, scheduler: str | None, chosen=None) -> int | str | None:
-    """Where independent runs of a scenario go, tried before anything starts."""
+    """Check the options for parallel runs before anything starts, and return the number of workers or the address."""
     if scheduler and chosen and not experiment_of(chosen).parallel:
         raise ValueError(f"--scheduler was given, but experiment = {chosen.experiment!r} is one run: leave it out")
     if scheduler is None:

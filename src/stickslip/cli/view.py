@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from .app import AsJson, OverwriteFile, Quiet, app, ended, examples
+from .app import AsJson, OverwriteFile, Quiet, app, examples, finish
 from .packings import reads_packing
 
 REPORT = examples(
@@ -55,7 +55,7 @@ def report(
         for line in words:
             terminal.console.print(line, style="yellow")
 
-    ended(
+    finish(
         lambda: json_output.common("report", files=[path]) | {"notes": words}, [path], show, quiet=quiet,
         as_json=as_json,
     )  # fmt: skip
@@ -109,7 +109,7 @@ def movie(
         for line in words:
             terminal.console.print(line, style="yellow")
 
-    ended(
+    finish(
         lambda: json_output.common("movie", files=[path]) | {"notes": words}, [path], show, quiet=quiet, as_json=as_json
     )  # fmt: skip
 

@@ -5,7 +5,7 @@ from numba import njit
 
 from .contacts.forces import bodies
 from .contacts.geometry import normal_and_overlap, pair_vector, shifts
-from .contacts.jacobian import linearised
+from .contacts.jacobian import linearise
 from .contacts.mechanics import HELD, apart, effective
 from .laws.builtin import Law, normal_energy, row
 from .state import OPEN, State
@@ -33,7 +33,7 @@ def contact_forces(state: State, law: Law, *, memory: int = HELD) -> np.ndarray:
 
     `memory`: HELD for an accepted state; FREE for the forces that its trial memory has, as in `contact_blocks`.
     """
-    c = linearised(state, law, memory=memory)
+    c = linearise(state, law, memory=memory)
     return c.force_n[:, None] * c.normal - c.secant[:, None] * c.slip
 
 
@@ -63,7 +63,7 @@ def pressure(state: State, law: Law) -> float:
 
 def mean_normal_force(state: State, law: Law) -> float:
     """Mean of |F_n| over touching contacts [force], as grains may pull; zero without contacts."""
-    force = linearised(state, law).force_n[touching(state)]
+    force = linearise(state, law).force_n[touching(state)]
     return float(np.abs(force).mean()) if len(force) else 0.0
 
 

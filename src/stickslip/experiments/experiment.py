@@ -27,10 +27,11 @@ class Paper(NamedTuple):
     scenario: Callable  # (quick, seed) -> scenario of the main run
     reproduce: Callable  # (quick, seed, folder, workers, report) -> reproduction
     shows: Callable  # () -> figures of the paper, what they show, and the claims to quote
-    numbers: Callable  # reproduction -> contents of the archive
-    figures: Callable  # reproduction -> iterator of (file name, Figure)
-    files: Callable = _nothing  # reproduction -> iterator of (file name, function that writes it)
-    failures: Callable = _failures  # reproduction -> one sentence for each realization that failed
+    # functions of the reproduction; None: that of the experiment, of the main run
+    numbers: Callable | None = None
+    figures: Callable | None = None
+    files: Callable | None = None
+    failures: Callable | None = None
 
 
 @readable

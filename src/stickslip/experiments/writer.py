@@ -4,7 +4,7 @@ from pathlib import Path
 
 from ..figures.style import save as save_figure
 from .claims_report import write_claims
-from .experiment import Experiment, Paper
+from .experiment import Experiment
 from .run_folder import complete, files_of, save
 
 
@@ -22,12 +22,20 @@ def write_numbers(folder: Path, experiment: Experiment, result) -> None:
         save(room, result.scenario, experiment.numbers(result))
 
 
-def write_reproduction(folder: Path, paper: Paper, found) -> list[Path]:
+def write_reproduction(folder: Path, experiment: Experiment, found) -> list[Path]:
     """Write what the reproduction of a paper leaves, with its claims; returns the paths."""
-    failures = paper.failures(found)
+    paper = experiment.paper
+    if paper is None:
+        raise ValueError(f"{experiment.name} reproduces no paper")
+
+    def of(name: str):
+        own = getattr(paper, name)
+        return own(found) if own else getattr(experiment, name)(found.main)
+
+    failures = of("failures")
     with complete(folder, failures=failures) as room:
-        save(room, found.main.scenario, paper.numbers(found))
-        _draw(room, paper.files(found), paper.figures(found))
+        save(room, found.main.scenario, of("numbers"))
+        _draw(room, of("files"), of("figures"))
         write_claims(room, found.claims, paper.shows(), paper.title, failures)
     return files_of(folder)
 

@@ -14,7 +14,7 @@ from scipy import sparse
 from scipy.linalg import LinAlgError
 
 from ..core.contacts.forces import ContactLoads, accept, forces
-from ..core.contacts.jacobian import linearised
+from ..core.contacts.jacobian import linearise
 from ..core.contacts.neighbors import updated
 from ..core.control import between
 from ..core.laws.builtin import KN, KT, MU, Law
@@ -308,7 +308,7 @@ class Piece:
         new = np.searchsorted(trial.key[:count], before.contacts.key[self.gap_rows[born]]) if len(born) else born
         # what the way to balance has left apart comes to touch in the next piece
         new = new[self.stiffest * gaps(state, new)[1] <= TOUCHES * self.mean]
-        line = linearised(accept(state, trial), self.law)
+        line = linearise(accept(state, trial), self.law)
         normal, stiffness = line.normal[where], np.where(line.stiffness_t[where] > 0, line.stiffness_t[where], 1.0)
         along = np.stack([normal[:, 1], -normal[:, 0], np.zeros(m.count)], axis=1)
         length = np.where(slides, sign * line.mu[where] * line.force_n[where], -force[:, 1]) / stiffness

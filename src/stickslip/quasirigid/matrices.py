@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
-from ..core.contacts.jacobian import linearised
+from ..core.contacts.jacobian import linearise
 from ..core.laws.builtin import SMOOTH, Law
 from ..core.measure import branch_vectors, touching
 from ..core.measure import rattlers as loose_grains
@@ -87,7 +87,7 @@ def linear_system(
         raise ValueError(
             "a state with springs was given: this theory knows dead loads only, use `force_controlled` instead"
         )
-    rows, line = touching(state), linearised(state, law)
+    rows, line = touching(state), linearise(state, law)
     loose = np.zeros(state.n_bodies, bool)
     if not isinstance(rattlers, bool):
         if np.shape(rattlers) != (len(state.grains.radius),):

@@ -5,7 +5,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ..core.contacts.forces import forces, unbalanced_forces
-from ..core.contacts.jacobian import linearised
+from ..core.contacts.jacobian import linearise
 from ..core.laws.builtin import MU, Law
 from ..core.measure import mean_normal_force, touching, volume
 from ..core.state import SLIDE, STICK, Contacts, State
@@ -54,7 +54,7 @@ def _scales(state: State, law: Law) -> np.ndarray:
     rows, n = touching(state), len(state.grains.radius)
     if not len(rows):
         return np.zeros(state.n_bodies)
-    force = np.abs(linearised(state, law).force_n[rows])
+    force = np.abs(linearise(state, law).force_n[rows])
     held = state.control.free[:, : state.cell.dim].any(axis=1)
     held[:n] &= ~loose_grains(state, law)
     i, j = state.contacts.i[rows], state.contacts.j[rows]
@@ -82,7 +82,7 @@ def swing(state: State, law: Law) -> float:
         velocity = velocity - np.average(velocity, axis=0, weights=grains.mass[still])
     turning = np.linalg.norm(grains.spin[still], axis=1) * grains.radius[still]
     speed = np.maximum(np.linalg.norm(velocity, axis=1), turning)
-    stiffness = linearised(state, law).slope_n[rows].mean()
+    stiffness = linearise(state, law).slope_n[rows].mean()
     return _share(float((speed * np.sqrt(grains.mass[still] * stiffness)).max()), mean_normal_force(state, law))
 
 
@@ -124,7 +124,7 @@ def likely_causes(state: State, law: Law) -> tuple[str, ...]:
         speed = np.linalg.norm(state.grains.velocity, axis=1).max()
         found.append(f"motion: the grains move, the fastest at {speed:.2g}")
     lost, error = _lost_digits(state)
-    stiffness = linearised(state, law).slope_n[rows].mean() if len(rows) else 0.0
+    stiffness = linearise(state, law).slope_n[rows].mean() if len(rows) else 0.0
     share = _share(stiffness * error, mean_normal_force(state, law))
     if share > 0.1 * BALANCED_BELOW:  # a grain has several contacts, each with the errors of two grains
         found.append(f"few digits: positions {lost}, which leaves {_percent(share)} of the mean contact force open")
@@ -164,7 +164,7 @@ def under(state: State, law: Law) -> State:
     >>> set(under(state, ss.laws.hertz_mindlin(mu=0.5)).contacts.mode[touching(state)].tolist()) == {STICK}
     True
     """
-    contacts, line = state.contacts, linearised(state, law)
+    contacts, line = state.contacts, linearise(state, law)
     count = len(line.limit)
     pull, mode = line.stiffness_t * np.linalg.norm(line.slip, axis=1), contacts.mode[:count]
     sticks = (mode == SLIDE) & (pull < (1 - AT_LIMIT) * line.limit)

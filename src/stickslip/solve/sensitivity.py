@@ -7,7 +7,7 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import eig, eigvals
 
-from ..core.contacts.jacobian import contact_blocks, linearised
+from ..core.contacts.jacobian import contact_blocks, linearise
 from ..core.contacts.mechanics import FREE
 from ..core.laws.builtin import Law
 from ..core.measure import contact_forces, touching
@@ -222,14 +222,14 @@ def _changes(state: State, law: Law, modes: _Modes, rows: np.ndarray) -> list:
     slid_blocks, slid_force = contact_blocks(slid, law)[0], contact_forces(slid, law)
     still = ~slid.contacts.slip[: len(blocks)].any(axis=1)
     slid_blocks[still] = contact_blocks(_without_memory(slid, still), law, memory=FREE)[0][still]
-    sticks = (state.contacts.mode[rows] == STICK) & (linearised(state, law).limit[rows] > 0)
+    sticks = (state.contacts.mode[rows] == STICK) & (linearise(state, law).limit[rows] > 0)
     sliding = [(c, "slides", slid_blocks[c] - blocks[c], slid_force[c] - force[c]) for c in rows[sticks]]
     return [*sliding, *((c, "opens", -blocks[c], -force[c]) for c in rows)]
 
 
 def _slid(state: State, law: Law) -> State:
     """The state with every contact at Coulomb's limit, in the direction of its slip."""
-    c, contacts = linearised(state, law), state.contacts
+    c, contacts = linearise(state, law), state.contacts
     count = len(c.limit)
     slip, mode = contacts.slip.copy(), contacts.mode.copy()
     size = np.linalg.norm(slip[:count], axis=1)
@@ -249,7 +249,7 @@ def _without_memory(state: State, rows: np.ndarray) -> State:
 
 def _mobilised(state: State, law: Law) -> np.ndarray:
     """(C,) |F_t| over its limit of every pair in the list; NaN where there is no limit."""
-    c, force = linearised(state, law), contact_forces(state, law)
+    c, force = linearise(state, law), contact_forces(state, law)
     limit, pull = c.limit, np.linalg.norm(force - c.force_n[:, None] * c.normal, axis=1)
     return np.divide(pull, limit, out=np.full(len(limit), np.nan), where=limit > 0)
 

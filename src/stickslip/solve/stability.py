@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import eig
 
-from ..core.contacts.jacobian import linearised
+from ..core.contacts.jacobian import linearise
 from ..core.laws.builtin import SHARP, Law, rescales
 from ..core.measure import touching
 from ..core.readable import readable
@@ -171,7 +171,7 @@ def at_limit(state: State, law: Law) -> np.ndarray:
         return np.zeros(0, np.int64)
     rows = touching(state)
     loose = np.append(loose_grains(state, law), np.zeros(len(state.walls.mass), bool))
-    slides = (state.contacts.mode[rows] == SLIDE) & (linearised(state, law).limit[rows] > 0)
+    slides = (state.contacts.mode[rows] == SLIDE) & (linearise(state, law).limit[rows] > 0)
     return rows[slides & ~loose[state.contacts.i[rows]] & ~loose[state.contacts.j[rows]]]
 
 

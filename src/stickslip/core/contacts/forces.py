@@ -34,9 +34,9 @@ from .geometry import (
     normal_and_overlap,
     onto_plane,
     pair_vector,
-    rolled,
     shifts,
     slip_increment,
+    surface_rotation,
     touching_fraction,
 )
 from .mechanics import FREE, FROZEN, apart, damped, effective, faded, return_mapping, tangential_force, with_dashpot
@@ -101,7 +101,7 @@ def approach(dim, velocity, spin, radius, rate, i, j, rx, ry, rz, nx, ny, nz):
 
     `rate` is the velocity gradient L of the cell, which adds L r.
     """
-    wx, wy, wz = rolled(dim, spin, radius, i, j)
+    wx, wy, wz = surface_rotation(dim, spin, radius, i, j)
     vx, vy = velocity[i, 0] - velocity[j, 0], velocity[i, 1] - velocity[j, 1]
     vz = velocity[i, 2] - velocity[j, 2] if dim == 3 else 0.0
     vx += rate[0, 0] * rx + rate[0, 1] * ry + rate[0, 2] * rz
@@ -163,7 +163,7 @@ def sweep(
             continue
         q = row(kind, p, np.uint64(material[i]), np.uint64(material[j]))
         r_eff, m_eff = effective(kind, viscous, radius, inverse_mass, i, j, is_wall)
-        ax, ay, az = rolled(dim, angle, radius, i, j)
+        ax, ay, az = surface_rotation(dim, angle, radius, i, j)
         kept = memory == FROZEN and before != OPEN and rests(dim, pair, roll, c, rx, ry, rz, ax, ay, az)
         # slip before, turned with the contact, what is added to it, and the normal halfway
         sx = sy = sz = dx = dy = dz = 0.0
@@ -186,7 +186,7 @@ def sweep(
             dt, v, w = step[2], step[0], step[1]
             dx, dy = dt * (v[i, 0] - v[j, 0]), dt * (v[i, 1] - v[j, 1])
             dz = dt * (v[i, 2] - v[j, 2]) if dim == 3 else 0.0
-            wx, wy, wz = rolled(dim, w, radius, i, j)
+            wx, wy, wz = surface_rotation(dim, w, radius, i, j)
             mx, my, mz = mid_normal(nx, ny, nz, inverse, dx, dy, dz)
             part, whole = touching_fraction(nx, ny, nz, inverse, overlap + reach(kind, q, r_eff), dx, dy, dz)
             dx, dy, dz = slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, dt * wx, dt * wy, dt * wz)

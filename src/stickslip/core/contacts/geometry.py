@@ -38,7 +38,7 @@ def normal_and_overlap(i, j, is_wall, wall, radius, wall_normal, rx, ry, rz):
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def rolled(dim, angle, radius, i, j):
+def surface_rotation(dim, angle, radius, i, j):
     """R_i angle_i + R_j angle_j [length]; the radius of a wall is zero."""
     z = radius[i] * angle[i, 2] + radius[j] * angle[j, 2]
     if dim == 2:
@@ -79,14 +79,14 @@ def onto_plane(nx, ny, nz, mx, my, mz, wx, wy, wz):
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, ax, ay, az):
-    """What a displacement dr and a rolling d(roll) add to the slip, in the plane of contact after them."""
+    """Slip increment of a displacement dr and a rotation d(roll), in the plane of contact after them."""
     wx, wy, wz = at_contact(mx, my, mz, dx, dy, dz, ax, ay, az)
     return onto_plane(nx, ny, nz, mx, my, mz, wx, wy, wz)
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def overlap_gained(nx, ny, nz, inverse, dx, dy, dz):
-    """What a displacement dr that ends at n has added to the overlap: |r − dr| − |r|, zero to the bit without dr.
+def overlap_increment(nx, ny, nz, inverse, dx, dy, dz):
+    """Overlap increment of a displacement dr that ends at n: |r − dr| − |r|, zero to the bit without dr.
 
     With `inverse` zero, as at walls, it is −n·dr.
     """

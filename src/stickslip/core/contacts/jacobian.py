@@ -33,7 +33,7 @@ from ..laws.builtin import (
 )
 from ..state import OPEN, SLIDE, State
 from .forces import bodies, check_materials
-from .geometry import mid_normal, normal_and_overlap, onto_plane, pair_vector, rolled, shifts, slip_increment
+from .geometry import mid_normal, normal_and_overlap, onto_plane, pair_vector, shifts, slip_increment, surface_rotation
 from .interaction_range import gap_listed, widest, with_room
 from .mechanics import HELD, apart, effective, faded, return_mapping, turned_weight
 from .neighbors import body_positions, moved_too_far
@@ -109,7 +109,7 @@ def _linearise(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, 
         fade = 1.0
         if before != OPEN:
             sx, sy, sz = contacts.slip[c, 0], contacts.slip[c, 1], contacts.slip[c, 2]
-            ax, ay, az = rolled(dim, angle, radius, i, j)
+            ax, ay, az = surface_rotation(dim, angle, radius, i, j)
             old, turned = contacts.pair[c], contacts.roll[c]
             dx, dy, dz = rx - old[0], ry - old[1], rz - old[2]
             ax, ay, az = ax - turned[0], ay - turned[1], az - turned[2]
@@ -148,7 +148,7 @@ def _linearise(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, 
         out.damping_n[c], out.damping_t[c] = factor * q[DAMPING_N], factor * q[DAMPING_T]
 
 
-def linearised(state: State, law: Law, *, memory: int = HELD) -> Linear:
+def linearise(state: State, law: Law, *, memory: int = HELD) -> Linear:
     """Scalars and vectors of every contact's linearisation, at rest; see `contact_blocks` for the arguments."""
     check_materials(state, law)
     if moved_too_far(body_positions(state), state.contacts) or widest(state, law) > gap_listed(state.contacts):
@@ -209,7 +209,7 @@ def contact_blocks(state: State, law: Law, *, memory: int = HELD):
     ------
     doi:10.48550/arXiv.1908.11724, supplement Eqs 9–35, with the errata of the documentation.
     """
-    c = linearised(state, law, memory=memory)
+    c = linearise(state, law, memory=memory)
 
     count, cross_n = len(c.normal), cross_matrix(c.normal)
     turn = turn_of(c.normal, c.inverse, c.way)

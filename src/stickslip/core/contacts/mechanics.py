@@ -8,7 +8,7 @@ from numba import njit
 
 from ..laws.builtin import MASS, NO_TENSION, SMOOTH, VISCOELASTIC, asks_radius, mobilised, reach, reaches, row
 from ..state import SLIDE, STICK
-from .geometry import overlap_gained
+from .geometry import overlap_increment
 
 # what an evaluation does with the memory: carry it along, but keep to the last bit what has not moved since it was
 # committed; carry it along with every mode held; carry it along
@@ -81,7 +81,7 @@ def kept_share(overlap, gained):
 @njit(cache=True, fastmath=True, error_model="numpy")
 def faded(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz):
     """Factor f on the slip s of laws that rescale, after a displacement dr of the pair that ends at n; and f s."""
-    fade = kept_share(overlap, overlap_gained(nx, ny, nz, inverse, dx, dy, dz))
+    fade = kept_share(overlap, overlap_increment(nx, ny, nz, inverse, dx, dy, dz))
     return fade, fade * sx, fade * sy, fade * sz
 
 

@@ -17,7 +17,15 @@ import numpy as np
 from numba import njit
 
 from ..contacts.forces import Bodies, approach
-from ..contacts.geometry import mid_normal, normal_and_overlap, onto_plane, pair_vector, rolled, shifts, slip_increment
+from ..contacts.geometry import (
+    mid_normal,
+    normal_and_overlap,
+    onto_plane,
+    pair_vector,
+    shifts,
+    slip_increment,
+    surface_rotation,
+)
 from ..contacts.mechanics import damped, effective, kept_share, tangential_force, with_dashpot
 from ..contacts.rolling import add_rolling_books
 from ..control import spring_forces
@@ -164,7 +172,10 @@ def _contacts(
             for q in range(3):
                 row[_EXTERNAL] -= 0.5 * (force[k] * a1[q] + force0[k] * a0[q]) * strain[k, q]
         if known or closed:
-            w0, w1 = rolled(dim, old.angle, old.radius, i, j), rolled(dim, new.angle, new.radius, i, j)
+            w0, w1 = (
+                surface_rotation(dim, old.angle, old.radius, i, j),
+                surface_rotation(dim, new.angle, new.radius, i, j),
+            )
             sx, sy, sz = onto_plane(*normals, mine[0], mine[1], mine[2])
             dx, dy, dz = slip_increment(*normals, dx, dy, dz, w1[0] - w0[0], w1[1] - w0[1], w1[2] - w0[2])
             s = after.slip[c]

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.contacts.jacobian import linearised
+from ...core.contacts.jacobian import linearise
 from ...core.laws.builtin import MU, SHARP, Law, dashpots
 from ...core.measure import branch_vectors, touching
 from ...core.state import OPEN, SLIDE, STICK, State
@@ -163,7 +163,7 @@ def with_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
         )
     state = from_arrays(law=law, **arrays)
     rows, entries, sign = _matched(state, pairs)
-    c = linearised(state, law)
+    c = linearise(state, law)
     vn, vt = approach(state, rows, c.normal[rows])
     tangential = sign[:, None] * pairs.tangential[entries]
     stiffness = c.stiffness_t[rows, None]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...core.contacts.jacobian import linearised
+from ...core.contacts.jacobian import linearise
 from ...core.laws.builtin import SHARP, dashpots
 from ...core.measure import touching
 from ...core.state import SLIDE
@@ -76,7 +76,7 @@ def _write_contacts(path: Path, frame: Frame, vectors, corner) -> list[str]:
         return [*words, "LAMMPS's friction is sharp, this law's is smooth: the memory of contacts is not written"]
     rows = touching(state)
     rows = rows[state.contacts.j[rows] < len(state.grains.radius)]
-    c = linearised(state, law)
+    c = linearise(state, law)
     vn, vt = approach(state, rows, c.normal[rows])
     normal = (c.force_n[rows] - c.damping_n[rows] * vn)[:, None] * c.normal[rows]
     tangential = pairs["tangential"] - c.damping_t[rows, None] * vt

@@ -37,7 +37,6 @@ EXPERIMENT = Experiment(
         shows=_here("claims.shows"),
         numbers=_here("report.paper_numbers"),
         figures=_here("report.paper_figures"),
-        files=_here("report.paper_files"),
         failures=_here("report.paper_failures"),
     ),
 )

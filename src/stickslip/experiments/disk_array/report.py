@@ -57,11 +57,6 @@ def paper_numbers(found: Reproduction) -> dict:
     return {"main": _numbers(found.main), "quarter": _numbers(found.quarter)}
 
 
-def paper_files(found: Reproduction):
-    """Yield (file name, function that writes it) of the paper's reproduction."""
-    yield from files(found.main)
-
-
 def paper_failures(found: Reproduction) -> tuple[str, ...]:
     """One sentence for each realization that failed, of both models."""
     return failures(found.main) + failures(found.quarter)

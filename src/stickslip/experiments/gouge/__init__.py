@@ -39,7 +39,6 @@ EXPERIMENT = Experiment(
         scenario=_here("paper.paper_scenario"),
         reproduce=_here("paper.reproduce"),
         shows=_here("claims.shows"),
-        numbers=_here("report.paper_numbers"),
         figures=_here("report.paper_figures"),
         files=_here("report.paper_files"),
         failures=_here("report.paper_failures"),

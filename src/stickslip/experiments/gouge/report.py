@@ -60,11 +60,6 @@ def files(result: GougeResult):
     yield from _step_files(result)
 
 
-def paper_numbers(found) -> dict:
-    """Contents of the archive of the paper's experiments: the holds with the paper's damping."""
-    return numbers(found.main)
-
-
 def paper_files(found):
     """Yield (file name, function that writes it) of the paper's experiments."""
     yield SERIES, partial(_write_series, found.main)
@@ -267,7 +262,7 @@ def measures(result: GougeResult) -> dict[str, tuple[float, str]]:
     """{name: (value, unit)} of a run, for sweeps; velocities [m/s] and holds [s] are in the names."""
     k = normalised_stiffness(result.scenario)
     out = {
-        "thickness": (result.realizations[0].range.thickness, "mean diameters"),
+        "thickness": (result.realizations[0].range.thickness * result.scenario.grains.mean, "m"),
         "inertial_number": (result.realizations[0].range.inertial_number, "1"),
         "stiffness_over_b": (k["rate_state"], "1"),
     }

@@ -10,7 +10,6 @@ from ...figures import quasi_rigid as figures_of
 from ...figures.grains import packing
 from ..run_folder import SERIES, plain
 from ..terminal import STYLE, console
-from .paper import Reproduction
 from .simulate import Curve, QuasiResult, Tested
 
 
@@ -31,26 +30,6 @@ def figures(result: QuasiResult):
 def files(result: QuasiResult):
     """Yield (file name, function that writes it): the curves as CSV."""
     yield SERIES, partial(_write_curves, result)
-
-
-def paper_numbers(found: Reproduction) -> dict:
-    """Contents of the archive of the paper's reproduction."""
-    return numbers(found.main)
-
-
-def paper_figures(found: Reproduction):
-    """Yield (file name, Figure) of the paper's reproduction."""
-    yield from figures(found.main)
-
-
-def paper_files(found: Reproduction):
-    """Yield (file name, function that writes it) of the paper's reproduction."""
-    yield from files(found.main)
-
-
-def paper_failures(found: Reproduction) -> tuple[str, ...]:
-    """One sentence for each realization that failed."""
-    return found.main.failures
 
 
 def numbers(result: QuasiResult) -> dict:

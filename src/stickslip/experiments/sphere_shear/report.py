@@ -6,7 +6,6 @@ from rich.table import Table
 from ...figures import sphere_shear as figures_of
 from ..run_folder import plain
 from ..terminal import STYLE, console
-from .paper import Reproduction
 from .simulate import ShearResult
 
 
@@ -24,21 +23,6 @@ def figures(result: ShearResult):
     later = [r for r in result.later if r and r is not shown]
     violent = max(later, key=lambda r: r.msd[-1], default=None)
     yield "fig5_stress.png", figures_of.stress_through_failure(shown, violent)
-
-
-def paper_numbers(found: Reproduction) -> dict:
-    """Contents of the archive of the paper's reproduction."""
-    return numbers(found.main)
-
-
-def paper_figures(found: Reproduction):
-    """Yield (file name, Figure) of the paper's reproduction."""
-    yield from figures(found.main)
-
-
-def paper_failures(found: Reproduction) -> tuple[str, ...]:
-    """One sentence for each realization that failed."""
-    return found.main.failures
 
 
 def numbers(result: ShearResult) -> dict:
