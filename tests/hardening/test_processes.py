@@ -28,11 +28,17 @@ def test_a_process_that_nobody_asks_ends_quietly():
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
 def test_an_interrupted_process_ends_by_the_signal(capfd):
     """It aborted in the interpreter's shutdown, with a core dump and words of Python's on the terminal."""
-    helper = Helper()
-    packed = pickle.dumps((_tells_and_sleeps, (50.0,)))
-    with pytest.raises(WorkerDiedError, match="interrupt"):
-        helper.call(packed, 0.0, lambda *_: helper.process.send_signal(signal.SIGINT))
-    helper.end()
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored, where tests run in the background
+    try:
+        helper = Helper()
+    finally:
+        signal.signal(signal.SIGINT, before)
+    try:
+        with pytest.raises(WorkerDiedError, match="interrupt"):
+            packed = pickle.dumps((_tells_and_sleeps, (50.0,)))
+            helper.call(packed, 0.0, lambda *_: helper.process.send_signal(signal.SIGINT))
+    finally:
+        helper.end()
     assert helper.process.returncode == -signal.SIGINT
     assert capfd.readouterr().err == ""
 
