@@ -1,5 +1,5 @@
 # ruff: noqa: F405
-"""The scene of `engine_sides.py` in YADE, run as `yade -j1 -n -x engine_yade.py SCENE STEPS`: prints seconds a step.
+"""The scene of `engine_runner.py` in YADE, run as `yade -j1 -n -x engine_yade.py SCENE STEPS`: prints seconds a step.
 
 E is that whose 4/3 E* is k_n = 2; YADE derives k_t from E and ν as Mindlin does.
 """

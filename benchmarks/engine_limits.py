@@ -1,4 +1,4 @@
-"""What bounds time steps of large packings: `python -m benchmarks.engine_bound [GRAINS]`.
+"""What bounds time steps of large packings: `python -m benchmarks.engine_limits [GRAINS]`.
 
 Counts what a step moves between memory and cache, streams and lines that lie anywhere, measures what both cost on this
 core, and prints their sum beside the time that a grain-step takes beyond that of a packing which fits into the cache.

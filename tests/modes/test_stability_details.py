@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from tests.beyond.conftest import LAW
+from tests.modes.conftest import LAW
 from tests.conftest import stickslip_here
 
 PAGE = Path(__file__).parents[2] / "docs/beyond_the_spectrum.md"

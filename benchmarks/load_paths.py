@@ -1,8 +1,8 @@
 """Ends of quasi-rigid paths: do they depend on the increment, and does slow dynamics end there, too?
 
-    python -m benchmarks.quasi_paths                # 50 samples by four increments (about an hour on one core)
-    python -m benchmarks.quasi_paths --samples 8    # the first ones
-    python -m benchmarks.quasi_paths --slow 20      # the first 20 samples of 60 disks beside slow dynamics
+    python -m benchmarks.load_paths                # 50 samples by four increments (about an hour on one core)
+    python -m benchmarks.load_paths --samples 8    # the first ones
+    python -m benchmarks.load_paths --slow 20      # the first 20 samples of 60 disks beside slow dynamics
 
 A sample is a box of disks, whole or without its rattlers, of which the force on one wall grows to three times what it
 is, or falls to a tenth. Ends agree if they differ by 1 % at most. Where they do not, a path has to have reported that

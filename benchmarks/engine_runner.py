@@ -1,4 +1,4 @@
-"""One side of a benchmark of the engine in a process of its own: `engine_sides.py SIDE SCENE STEPS THREADS [RUNS]`.
+"""One side of a benchmark of the engine in a process of its own: `engine_runner.py SIDE SCENE STEPS THREADS [RUNS]`.
 
 Prints seconds a step, and peak memory above that of the libraries and of our compiled code, in bytes; with RUNS seconds
 a step are the mean of so many runs from one state, less what a run of one step takes. With the side `threads`, seconds

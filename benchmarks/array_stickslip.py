@@ -1,4 +1,4 @@
-"""The array of `lammps_array.py` with our own stepper: prints seconds per step, kernels warm."""
+"""The array of `array_lammps.py` with our own stepper: prints seconds per step, kernels warm."""
 
 import sys
 import time

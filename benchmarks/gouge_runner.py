@@ -1,4 +1,4 @@
-"""One side of the benchmark of gouge in a process of its own: `python gouge_sides.py SIDE SCENE STEPS SKIN`.
+"""One side of the benchmark of gouge in a process of its own: `python gouge_runner.py SIDE SCENE STEPS SKIN`.
 
 Prints seconds a step, without samples: the first `WARM` steps are not counted.
 """
