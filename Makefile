@@ -3,13 +3,19 @@ BIN := .venv/bin
 STAMP := .venv/.installed
 DOCS := .venv/.docs-installed
 
-.PHONY: demo test slow lint bench docs lock clean
+.PHONY: demo test quick slow lint bench docs lock clean
 
 demo: $(STAMP)  ## install, run paper 000 (quick), show how much is reproduced and the figures' paths
 	$(BIN)/stickslip reproduce disk-array --quick --overwrite --out results/disk-array-quick
 
 test: $(STAMP)  ## the tests, under ten minutes on two cores
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+
+quick: $(STAMP)  ## tests for the edit-test loop: no slow fixtures, no other processes
+	$(BIN)/python -m pytest -n 2 --dist loadfile --quick
+
+test-%: $(STAMP)  ## tests of one room of the package, such as test-solve
+	@files=$$($(BIN)/python -m tests.rooms $*) && $(BIN)/python -m pytest -n 2 --dist loadfile $$files
 
 slow: $(DOCS)  ## the long checks
 	$(BIN)/python -m pytest -m slow

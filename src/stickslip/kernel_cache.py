@@ -2,8 +2,8 @@
 
 Numba compiles a function again when its file has changed in any byte, and does not notice changes in other files.
 Kernels of this package are kept in a folder for each module, named by a digest of what decides the machine code: the
-syntax trees of the module and of every module of the package that it imports, without docstrings and comments. A
-changed docstring recompiles nothing; a changed contact law recompiles everything that uses it.
+syntax trees of the module and of every module of the package that it imports, without docstrings and comments, and
+Numba's version and settings. A changed docstring recompiles nothing; a changed contact law recompiles everything that uses it.
 
 Numba unpickles what it finds on disk. Each saved kernel therefore ends with its checksum. A file that does not match
 its checksum, or cannot be unpickled, is compiled again with one warning.
@@ -102,7 +102,8 @@ def digest(module: str) -> str:
         if path and name not in found:
             found[name], imports = _syntax(path.read_bytes())
             waiting += [*_names(imports, name, path.name == "__init__.py"), *_LOOKED_UP.get(name, ())]
-    text = repr((numba.__version__, sorted(found.items())))
+    settings = numba.__version__, numba.config.BOUNDSCHECK, int(numba.config.OPT), numba.config.SLP_VECTORIZE
+    text = repr((settings, sorted(found.items())))
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
