@@ -6,6 +6,7 @@ Type checkers and editors read the same stub, so that a name is listed once.
 import ast
 import difflib
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 
 
@@ -35,6 +36,8 @@ def attach(package: str, file: str):
 
 def missing(package: str, name: str, known: dict[str, tuple[str, str]]) -> str:
     """Error message for an attribute that a package lacks: where else it is, or the nearest name."""
+    if find_spec(f"{package}.{name}"):  # asked for by `from package import module`, which then imports it
+        return f"{package}.{name} is a module that was not imported: import {package}.{name}"
     spaces = [] if name.startswith("_") else [inner for module, inner in known.values() if module == "."]
     there = [f"{package}.{s}.{name}" for s in spaces if name in import_module(f".{s}", package).__all__]
     near = there or [f"{package}.{one}" for one in difflib.get_close_matches(name, known, n=1, cutoff=0.6)]
