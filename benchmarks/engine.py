@@ -59,7 +59,7 @@ def measure(side: str, path: Path, steps: int, threads: int = 1, runs: int = 0) 
         words = ["yade", "-j1", "-n", "-x", str(HERE / "engine_yade.py"), str(path), str(steps)]
         env.pop("PYTHONPATH", None)
     else:
-        words = [sys.executable, str(HERE / "engine_sides.py"), side, str(path), str(steps), str(threads), str(runs)]
+        words = [sys.executable, str(HERE / "engine_runner.py"), side, str(path), str(steps), str(threads), str(runs)]
     run = subprocess.run(words, capture_output=True, text=True, env=env)
     lines = [line for line in run.stdout.splitlines() if line.split()[:1] == ["seconds"] or side != "YADE"]
     if run.returncode or not lines:

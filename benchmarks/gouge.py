@@ -78,7 +78,7 @@ def measure(side: str, path: Path, steps: int, skin: float = 0.0) -> float:
         "LD_LIBRARY_PATH": f"{sys.prefix}/lib:{os.environ.get('LD_LIBRARY_PATH', '')}",
         "OMP_NUM_THREADS": "1",
     }
-    words = [sys.executable, str(HERE / "gouge_sides.py"), side, str(path.resolve()), str(steps), str(skin)]
+    words = [sys.executable, str(HERE / "gouge_runner.py"), side, str(path.resolve()), str(steps), str(skin)]
     run = subprocess.run(words, capture_output=True, text=True, env=env)
     if run.returncode:
         raise RuntimeError((run.stderr.strip().splitlines() or ["no output"])[-1])

@@ -1,13 +1,16 @@
 """Compiled kernels on the disk: damaged ones are compiled again, temporary folders go, full disks do not matter."""
 
+import json
 import os
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from numba.core.caching import IndexDataCacheFile
 
-import stickslip.core  # noqa: F401  lets the cache heal
+import stickslip.core  # repairs damaged files
 
 # a kernel of a few lines, known to the process as one of the package's would be
 CODE = """
@@ -46,13 +49,95 @@ def test_a_damaged_kernel_is_compiled_again_with_one_warning(tmp_path, ending, h
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs a folder that cannot be made")
-def test_a_temporary_folder_of_kernels_goes_away(tmp_path):
-    (tmp_path / "kernel.py").write_text(KERNEL)
+def test_a_temporary_folder_of_kernels_is_removed(tmp_path):
     (tmp_path / "file").write_text("")
     (tmp_path / "tmp").mkdir()
-    done = said(tmp_path, XDG_CACHE_HOME=str(tmp_path / "file"), TMPDIR=str(tmp_path / "tmp"))
-    assert done.stdout == "42 0\n", done.stderr
-    assert not list((tmp_path / "tmp").glob("stickslip-kernels-*"))
+    places = {"XDG_CACHE_HOME": str(tmp_path / "file"), "TMPDIR": str(tmp_path / "tmp")}
+    code = "from stickslip.friction import kernel; print(kernel.rates.stats.cache_path)"
+    env = {k: v for k, v in os.environ.items() if k not in ("NUMBA_CACHE_DIR", "STICKSLIP_KERNELS")} | places
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env)
+    assert done.stdout.startswith(str(tmp_path / "tmp" / "stickslip-kernels-")), done.stderr
+    assert not list((tmp_path / "tmp").iterdir())
+
+
+@pytest.fixture
+def copied(tmp_path):
+    """A copy of the package whose sources a test may change."""
+    source = Path(stickslip.__file__).parent
+    shutil.copytree(source, tmp_path / "src" / "stickslip", ignore=shutil.ignore_patterns("__pycache__"))
+    return tmp_path / "src" / "stickslip"
+
+
+def printed(code: str, copied: Path) -> list[str]:
+    env = os.environ | {"PYTHONPATH": str(copied.parent), "NUMBA_CACHE_DIR": str(copied.parent.parent / "cache")}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env)
+    assert not done.returncode, done.stderr
+    return done.stdout.split()
+
+
+def changed(path: Path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+
+
+def test_a_changed_docstring_recompiles_nothing_and_a_changed_constant_does(copied):
+    code = """
+from stickslip.friction import kernel
+value = kernel.total(1.0)
+print(value, sum(kernel.total.stats.cache_hits.values()))
+"""
+    with open(copied / "friction" / "kernel.py", "a") as file:
+        file.write('\n\n@njit(cache=True)\ndef total(x):\n    """Add a half."""\n    return x + 0.5\n')
+    assert printed(code, copied) == ["1.5", "0"]
+    assert printed(code, copied) == ["1.5", "1"]
+    changed(copied / "friction" / "kernel.py", '"""Compiled', '"""Some lines\n\nmore.\n\nCompiled')
+    changed(copied / "friction" / "kernel.py", '"""Add a half."""', '"""Add one half."""  # a comment')
+    assert printed(code, copied) == ["1.5", "1"]
+    changed(copied / "friction" / "kernel.py", "x + 0.5", "x + 0.25")
+    assert printed(code, copied) == ["1.25", "0"]
+
+
+def test_kernels_are_keyed_by_the_modules_that_they_import(copied):
+    names = ("core.contacts.forces", "core.contacts.jacobian", "core.dynamics.ledger", "friction.kernel")
+    code = f"from stickslip.kernel_cache import digest\nfor name in {names}: print(digest('stickslip.' + name))"
+    before = printed(code, copied)
+    for file in ("contacts/forces.py", "laws/builtin.py", "dynamics/ledger.py"):
+        path = copied / "core" / file
+        path.write_text("# a comment above everything\n" + path.read_text())
+    assert printed(code, copied) == before
+    changes = {  # file -> which of the four kernels are compiled again
+        "dynamics/ledger.py": [False, False, True, False],
+        "laws/builtin.py": [True, True, True, False],
+        "laws/user.py": [True, True, True, False],  # whose functions kernels find while types are inferred
+    }
+    for file, expected in changes.items():
+        path = copied / "core" / file
+        path.write_text(path.read_text() + "\nADDED = 1\n")
+        after = printed(code, copied)
+        assert [a != b for a, b in zip(after, before, strict=True)] == expected, file
+        before = after
+
+
+def test_functions_of_one_name_have_kernels_of_their_own(copied):
+    """Numba tells them apart by their line, which a comment shifts; here it is their code."""
+    with open(copied / "friction" / "kernel.py", "a") as file:
+        for factor in (2, 3):
+            file.write(f"\n\n@njit(cache=True)\ndef times(x):\n    return {factor} * x\n\n\ntimes_{factor} = times\n")
+    code = "from stickslip.friction import kernel; print(kernel.times_2(7), kernel.times_3(7))"
+    assert printed(code, copied) == ["14", "21"]
+    assert printed(code, copied) == ["14", "21"]
+
+
+def test_a_damaged_table_of_digests_is_written_again(copied):
+    code = "from stickslip.kernel_cache import digest; print(digest('stickslip.core.contacts.forces'))"
+    first = printed(code, copied)
+    table = copied.parent.parent / "cache" / "syntax.json"
+    whole = table.read_bytes()
+    for damaged in (b"", b"[1, 2]", b'{"a": 3}', b"\xff\xfe", whole[: len(whole) // 2]):
+        table.write_bytes(damaged)
+        assert printed(code, copied) == first
+    assert json.loads(table.read_bytes()).keys() == json.loads(whole).keys()
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs a limit on the size of files")

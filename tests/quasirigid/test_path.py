@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from benchmarks.quasi_paths import Sample, prepare, samples
+from benchmarks.load_paths import Sample, prepare, samples
 from stickslip.core.control import between
 from stickslip.loading.biaxial import RIGHT, TOP, biaxial_box, sheared_box, with_load
 from stickslip.loading.slow import slow_dynamics

@@ -1,10 +1,14 @@
 """The architecture, executed: who may import whom, no cycles, and a light front door."""
 
+import runpy
 import subprocess
 import sys
 from pathlib import Path
 
 import grimp
+import pytest
+
+from tests import rooms
 
 ROOT = Path(__file__).parents[2]
 
@@ -30,3 +34,24 @@ def test_import_stays_light():
     code = f"import sys, stickslip; print([m for m in {heavy!r} if m in sys.modules])"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert out.strip() == "[]"
+
+
+def test_the_diagram_of_rooms_is_that_of_the_code():
+    drawn = (ROOT / "docs" / "figures" / "rooms.svg").read_text()
+    stale = "docs/figures/rooms.svg is stale: python docs/rooms.py draws it again"
+    assert runpy.run_path(str(ROOT / "docs" / "rooms.py"))["svg"]() == drawn, stale
+
+
+@pytest.mark.parametrize("room", rooms.rooms())
+def test_every_room_has_tests(room):
+    assert rooms.files(room)
+
+
+def test_tests_of_a_room_are_those_that_use_it():
+    found = {
+        room: [str(path.relative_to(ROOT / "tests")) for path in rooms.files(room)] for room in ("friction", "core")
+    }
+    assert "friction/test_fit.py" in found["friction"]  # the folder's name
+    assert "derivatives/test_jacobian.py" in found["core"]  # an import
+    assert "properties/test_determinism.py" in found["core"]  # names of the public package
+    assert "friction/test_fit.py" not in found["core"]

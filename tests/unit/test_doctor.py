@@ -7,8 +7,7 @@ import sys
 import numba
 import pytest
 
-from stickslip import extras
-from stickslip.core import _kernel_cache
+from stickslip import extras, kernel_cache
 from stickslip.doctor import machine, report, selfcheck
 from stickslip.doctor.selfcheck import BITS, PROBLEM, TOLERANCES, checked
 from tests.published.test_disk_array import stickslip
@@ -106,15 +105,31 @@ def test_missing_and_broken_parts_say_what_installs_them(monkeypatch):
     assert not parts["YADE"].ok
 
 
-def test_caches_tell_where_kernels_are(monkeypatch, tmp_path):
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+@pytest.fixture
+def other_folder(monkeypatch):
+    """Let a test choose where kernels are, by the environment."""
+    kernel_cache.folder.cache_clear()
+    yield monkeypatch
+    monkeypatch.undo()
+    kernel_cache.folder.cache_clear()
+
+
+def test_caches_tell_where_kernels_are(other_folder, tmp_path):
+    other_folder.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    other_folder.setattr(numba.config, "CACHE_DIR", str(tmp_path))
     (tmp_path / "a.nbc").write_bytes(b"12345")
+    (tmp_path / "core.contacts.forces-0123456789abcdef").mkdir()
+    (tmp_path / f"core.contacts.forces-{kernel_cache.digest('stickslip.core.contacts.forces')}").mkdir()
     told = machine.caches()
     assert (told["files"], told["bytes"], told["writable"], told["chosen_by"]) == (1, 5, True, "NUMBA_CACHE_DIR")
-    monkeypatch.delenv("NUMBA_CACHE_DIR")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "a.nbc"))  # a file: no folder can be made there
-    monkeypatch.setattr(numba.config, "CACHE_DIR", _kernel_cache())
+    assert told["of_other_versions"] == 1
+
+
+def test_caches_where_no_folder_can_be_written(other_folder, tmp_path):
+    (tmp_path / "file").write_text("")
+    other_folder.delenv("NUMBA_CACHE_DIR", raising=False)
+    other_folder.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    other_folder.setattr(numba.config, "CACHE_DIR", "")
     told = machine.caches()
     assert not told["kept"]
     assert "set NUMBA_CACHE_DIR" in report._cache_words(told)["state"]

@@ -14,7 +14,7 @@ import numpy as np
 from scipy import sparse
 from threadpoolctl import threadpool_info
 
-from .. import __version__, core, extras
+from .. import __version__, extras, kernel_cache
 from ..ensemble import default_workers
 from ..experiments.gouge.lammps import cannot_load
 from ..solve.linear import factorised
@@ -67,21 +67,18 @@ def threads() -> dict[str, str]:
 
 def caches() -> dict[str, str | int | bool]:
     """Where compiled kernels are kept, whether that can be written, and how much is there."""
-    folder = Path(core.numba.config.CACHE_DIR)  # `core` chose it
-    chosen = "NUMBA_CACHE_DIR" in os.environ
+    folder = kernel_cache.folder()
+    saved = not kernel_cache.is_temporary()
+    chosen = "NUMBA_CACHE_DIR" if os.environ.get("NUMBA_CACHE_DIR") else "stickslip"
     files = [path for path in folder.rglob("*") if path.is_file()] if folder.exists() else []
-    kept = chosen or not folder.name.startswith("stickslip-kernels-")
-    older = (
-        [path for path in folder.parent.iterdir() if path.is_dir() and path != folder] if kept and not chosen else []
-    )
     return {
         "folder": str(folder),
-        "chosen_by": "NUMBA_CACHE_DIR" if chosen else "stickslip" if kept else "stickslip, for this process alone",
+        "chosen_by": chosen if saved else "stickslip, for this process alone",
         "writable": _writable(folder),
-        "kept": kept,
+        "kept": saved,
         "files": len(files),
         "bytes": sum(path.stat().st_size for path in files),
-        "of_other_versions": len(older),
+        "of_other_versions": len(kernel_cache.outdated()),
     }
 
 

@@ -100,7 +100,7 @@ def _cache_words(caches: dict) -> dict[str, str]:
         "" if caches["files"] else "; filled by first runs"
     )
     if caches["of_other_versions"]:
-        words["other versions"] = f"{caches['of_other_versions']} folders beside it, safe to delete"
+        words["other versions"] = f"{caches['of_other_versions']} folders in it, safe to delete"
     return words
 
 

@@ -1,7 +1,7 @@
 """Compiled integration of a slider with rate-and-state friction on a spring.
 
 The unknowns are w = ln(V/V0) and f = ln(V0 θ/D_c): velocity and state cover many orders of magnitude in a hold, their
-logarithms do not. All kernels are in this one file, since Numba's disk cache does not see changes in other files.
+logarithms do not.
 
 Extrapolation of the linearly implicit Euler method (P. Deuflhard, SIAM Rev. 27, 505 (1985), doi:10.1137/1027140) needs
 no table of coefficients, adapts its order, and takes the 2 × 2 systems by Cramer's rule. It ends a step at every time
@@ -10,6 +10,10 @@ that is asked for, so that nothing is interpolated. `python -m benchmarks --fric
 
 import numpy as np
 from numba import njit
+
+from .. import kernel_cache
+
+kernel_cache.install()
 
 AGING, SLIP = 0, 1
 DONE, RUNAWAY, STEPS_SPENT = 0, 1, 2

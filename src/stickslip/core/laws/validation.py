@@ -11,6 +11,7 @@ import numpy as np
 from numba.core.errors import NumbaError
 from numba.core.types import complex128, float64
 
+from ... import kernel_cache
 from .builtin import KT, STEP, Law
 from .dispatch import HELP, KNOWN, OWN, ROLES, Own, answer, known
 
@@ -169,9 +170,8 @@ def _jump(own: Own, values: dict, points, ranges) -> str:
 
 def _compiled(kind, own: Own, values: dict) -> None:
     """Compile each function, once for all processes; what Numba has to say becomes one sentence."""
-    folder = Path(numba.config.CACHE_DIR or ".") / "laws"
-    mark = folder / f"{int(kind):x}"
-    if numba.config.CACHE_DIR and mark.exists():
+    mark = kernel_cache.folder() / "laws" / f"{int(kind):x}-{kernel_cache.digest('stickslip.core.laws.user')}"
+    if mark.exists():
         return
     functions, many = OWN[kind], numba.types.UniTuple(float64, len(values))
     for role in own.functions:
@@ -186,10 +186,9 @@ def _compiled(kind, own: Own, values: dict) -> None:
                     function.compile(one)
             except NumbaError as problem:
                 raise ValueError(f"{role} cannot be compiled, {_told(str(problem), own)}; {HELP}") from None
-    if numba.config.CACHE_DIR:
-        with contextlib.suppress(OSError):  # a full disk: the next process compiles them again
-            folder.mkdir(parents=True, exist_ok=True)
-            mark.touch()
+    with contextlib.suppress(OSError):  # a full disk: the next process compiles them again
+        mark.parent.mkdir(parents=True, exist_ok=True)
+        mark.touch()
 
 
 def _told(message: str, own: Own) -> str:

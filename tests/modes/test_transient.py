@@ -8,7 +8,7 @@ import stickslip as ss
 from stickslip.core.contacts.jacobian import contact_blocks
 from stickslip.solve import transient as module
 from stickslip.solve.freedom import assembled
-from tests.beyond.conftest import LAW, sheared
+from tests.modes.conftest import LAW, sheared
 
 
 def propagator(state, law, free, t):

@@ -1,4 +1,4 @@
-"""Run one side of the engine benchmark in its own process: `engine_sides.py SIDE SCENE STEPS THREADS [RUNS]`.
+"""Run one side of the engine benchmark in its own process: `engine_runner.py SIDE SCENE STEPS THREADS [RUNS]`.
 
 Prints seconds per step, and peak memory above that of the libraries and of our compiled code, in bytes. With RUNS,
 seconds per step are the mean of that many runs from one state, minus the time of a run of one step. With the side

@@ -1,8 +1,8 @@
 """Ends of quasi-rigid paths: dependence on the increment, and comparison with slow dynamics.
 
-    python -m benchmarks.quasi_paths                # 50 samples with four increments (about an hour on one core)
-    python -m benchmarks.quasi_paths --samples 8    # the first 8 samples
-    python -m benchmarks.quasi_paths --slow 20      # the first 20 samples of 60 disks, compared with slow dynamics
+    python -m benchmarks.load_paths                # 50 samples with four increments (about an hour on one core)
+    python -m benchmarks.load_paths --samples 8    # the first 8 samples
+    python -m benchmarks.load_paths --slow 20      # the first 20 samples of 60 disks, compared with slow dynamics
 
 A sample is a box of disks, complete or without its rattlers. The force on one wall grows to three times its initial
 value or falls to a tenth. Ends agree if they differ by 1 % at most. If they do not, at least one path must have

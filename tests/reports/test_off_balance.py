@@ -9,7 +9,7 @@ import pytest
 import stickslip as ss
 from stickslip.data import archive
 from tests.conftest import stickslip_here as run
-from tests.look.test_look import page, view_of
+from tests.reports.test_reports import page, view_of
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "sheared_spheres.npz"
 SENTENCE = "not in equilibrium (residual 5.3 % of the mean contact force): stability cannot be judged"

@@ -11,7 +11,7 @@ import pytest
 
 from stickslip.ensemble import reach, run_members, trial
 from stickslip.ensemble.worker import Helper, WorkerDiedError
-from tests.many import tasks
+from tests.ensemble import tasks
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals are those of POSIX")
 
@@ -107,7 +107,7 @@ def test_what_cannot_be_saved_stops_everything(tmp_path):
 
 
 def test_processes_end_with_whoever_started_them(tmp_path):
-    code = f"from stickslip.ensemble import run_members as r; from tests.many.tasks import wait; \
+    code = f"from stickslip.ensemble import run_members as r; from tests.ensemble.tasks import wait; \
         r(wait, [({str(tmp_path)!r}, k, 60) for k in range(2)], workers=2)"
     mother = subprocess.Popen([sys.executable, "-c", code], env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)})
     assert until(lambda: all((tmp_path / f"pid{k}").exists() for k in range(2)))

@@ -1,4 +1,4 @@
-"""Memory cost of time steps of large packings: `python -m benchmarks.engine_bound [GRAINS]`.
+"""Memory cost of time steps of large packings: `python -m benchmarks.engine_limits [GRAINS]`.
 
 Counts the memory traffic of a step, in streams and in cache lines at arbitrary addresses, measures the cost of both on
 this core, and compares their sum with the additional time per grain-step relative to a packing that fits into the

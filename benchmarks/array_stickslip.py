@@ -1,4 +1,4 @@
-"""Run the array of `lammps_array.py` with stickslip; print seconds per step with compiled kernels."""
+"""Run the array of `array_lammps.py` with stickslip; print seconds per step with compiled kernels."""
 
 import sys
 import time

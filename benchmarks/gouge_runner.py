@@ -1,4 +1,4 @@
-"""Run one side of the gouge benchmark in its own process: `python gouge_sides.py SIDE SCENE STEPS SKIN`.
+"""Run one side of the gouge benchmark in its own process: `python gouge_runner.py SIDE SCENE STEPS SKIN`.
 
 Prints seconds per step, without samples; the first `WARM` steps are not counted.
 """

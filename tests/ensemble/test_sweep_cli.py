@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from stickslip.experiments.sweep.dataset import open_sweep
-from tests.many.test_ensemble import until
+from tests.ensemble.test_ensemble import until
 from tests.published.test_disk_array import stickslip
 
 pytestmark = pytest.mark.slow  # processes of their own, each a second or two to begin

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from tests.beyond.conftest import LAW
 from tests.conftest import stickslip_here
+from tests.modes.conftest import LAW
 
 PAGE = Path(__file__).parents[2] / "docs/beyond_the_spectrum.md"
 OPTIONS = ["--law", "hertz_mindlin", "--coulomb", "smooth", "--kn", "1", "--kt", str(2 / 7), "--mu", "10"]

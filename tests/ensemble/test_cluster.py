@@ -13,8 +13,8 @@ import pytest
 from stickslip.ensemble import cluster as cluster_room
 from stickslip.ensemble import reach, run_members
 from stickslip.ensemble.cluster import connected
-from tests.many import tasks
-from tests.many.test_ensemble import ended, until
+from tests.ensemble import tasks
+from tests.ensemble.test_ensemble import ended, until
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals are those of POSIX")
 
@@ -94,7 +94,7 @@ def test_a_scheduler_that_is_gone_is_one_sentence(scheduler, tmp_path):
 
 
 def test_members_end_when_their_client_is_killed(cluster, tmp_path):
-    code = f"from stickslip.ensemble import run_members as r; from tests.many.tasks import wait; \
+    code = f"from stickslip.ensemble import run_members as r; from tests.ensemble.tasks import wait; \
         r(wait, [({str(tmp_path)!r}, 0, 60)], workers={cluster.address!r})"
     client = subprocess.Popen([sys.executable, "-c", code], env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)})
     assert until(lambda: (tmp_path / "pid0").exists())

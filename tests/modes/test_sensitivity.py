@@ -6,7 +6,7 @@ import pytest
 import stickslip as ss
 from stickslip.core.contacts.jacobian import linearise
 from stickslip.solve import sensitivity as module
-from tests.beyond.conftest import LAW, sheared, triangular
+from tests.modes.conftest import LAW, sheared, triangular
 
 
 def between_two(state, i, j, **parameters):

@@ -17,7 +17,7 @@ from stickslip.figures import page
 from stickslip.figures.view3d import page_view
 from tests.exchange.packings import SHARP
 
-from .test_look import swinging
+from .test_reports import swinging
 
 pytestmark = pytest.mark.slow
 webdriver = pytest.importorskip("selenium.webdriver", reason="pip install selenium")

@@ -6,7 +6,7 @@ import pytest
 import stickslip as ss
 from stickslip.core.contacts.neighbors import updated
 from stickslip.solve.moduli import isotropic, isotropic_tensor, symmetrised, voigt
-from tests.beyond.conftest import LAW, OVERLAP, sheared, triangular
+from tests.modes.conftest import LAW, OVERLAP, sheared, triangular
 
 
 def cubic(law, across=3):

@@ -1,0 +1,307 @@
+"""Disk cache of compiled kernels: its folder, the key of each module, and repair of damaged files.
+
+Numba compiles a function again when its file has changed in any byte, and does not notice changes in other files.
+Kernels of this package are kept in a folder for each module, named by a digest of what decides the machine code: the
+syntax trees of the module and of every module of the package that it imports, without docstrings and comments, and
+Numba's version and settings. A changed docstring recompiles nothing; a changed contact law recompiles everything that uses it.
+
+Numba unpickles what it finds on disk. Each saved kernel therefore ends with its checksum. A file that does not match
+its checksum, or cannot be unpickled, is compiled again with one warning.
+"""
+
+import ast
+import atexit
+import contextlib
+import functools
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+import types
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import numba
+from numba.core.caching import Cache, CacheImpl, IndexDataCacheFile, _CacheLocator
+
+_PACKAGE = Path(__file__).parent
+_TEMPORARY = "STICKSLIP_KERNELS"
+_PREFIX = "stickslip-kernels-"
+_SYNTAX = "syntax.json"  # digests of syntax trees by digests of files: parsing takes half a second
+_MARK = b"\0stickslip, SHA-256:\0"
+# modules that find functions of another one when types are inferred, without an import
+_LOOKED_UP = {"stickslip.core.laws.dispatch": ("stickslip.core.laws.user",)}
+
+
+# ---- the folder
+
+
+@functools.cache
+def folder() -> Path:
+    """Folder of all compiled kernels: NUMBA_CACHE_DIR, else the user's cache, else one for this process."""
+    if numba.config.CACHE_DIR:
+        return Path(numba.config.CACHE_DIR)
+    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "stickslip"
+    try:
+        base.mkdir(parents=True, exist_ok=True)
+        if os.access(base, os.W_OK):
+            return base
+    except OSError:
+        pass
+    return _temporary()
+
+
+def is_temporary() -> bool:
+    """Return True if no other folder could be written, so that kernels last as long as this process."""
+    return folder().name.startswith(_PREFIX)
+
+
+def _temporary() -> Path:
+    """Create a folder that is removed when this process ends; its worker processes use it, too."""
+    path = os.environ.get(_TEMPORARY)
+    if not (path and os.access(path, os.W_OK)):
+        path = os.environ[_TEMPORARY] = tempfile.mkdtemp(prefix=_PREFIX)
+        atexit.register(shutil.rmtree, path, ignore_errors=True)
+    return Path(path)
+
+
+def outdated() -> list[Path]:
+    """Folders of kernels that the present sources do not use."""
+    found = []
+    with contextlib.suppress(OSError):
+        for path in folder().iterdir():
+            module, _, key = path.name.rpartition("-")
+            own = path.is_dir() and len(key) == 16 and not set(key) - set("0123456789abcdef")
+            if own and not (_file(f"stickslip.{module}") and digest(f"stickslip.{module}") == key):
+                found.append(path)
+    return found
+
+
+# ---- the key of a module
+
+
+@functools.cache
+def digest(module: str) -> str:
+    """Digest of what decides the machine code of a module's kernels.
+
+    Parameters
+    ----------
+    module : full name, such as "stickslip.core.contacts.forces"
+
+    Returns
+    -------
+    str
+        16 hexadecimal digits.
+    """
+    found, waiting = {}, [module]
+    while waiting:
+        name = waiting.pop()
+        path = _file(name)
+        if path and name not in found:
+            found[name], imports = _syntax(path.read_bytes())
+            waiting += [*_names(imports, name, path.name == "__init__.py"), *_LOOKED_UP.get(name, ())]
+    settings = numba.__version__, numba.config.BOUNDSCHECK, int(numba.config.OPT), numba.config.SLP_VECTORIZE
+    text = repr((settings, sorted(found.items())))
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _file(module: str) -> Path | None:
+    """Source file of a module of this package."""
+    package, *parts = module.split(".")
+    base = _PACKAGE.joinpath(*parts)
+    choices = (base / "__init__.py", base.with_suffix(".py")) if parts else (base / "__init__.py",)
+    return next((path for path in choices if package == "stickslip" and path.is_file()), None)
+
+
+def _names(imports: list, module: str, is_package: bool) -> Iterator[str]:
+    """Full names of modules that import statements may load."""
+    for level, base, names in imports:
+        if level:
+            parents = module.split(".")
+            parents = parents[: len(parents) - level + is_package]
+            base = ".".join([*parents, *([base] if base else [])])
+        yield base
+        yield from (f"{base}.{name}" for name in names)
+
+
+def _syntax(source: bytes) -> tuple[str, list]:
+    """Digest of a source's syntax tree, and its import statements as (level, module, names)."""
+    known, key = _known(), hashlib.sha256(source).hexdigest()
+    if key not in known:
+        tree = _without_docstrings(ast.parse(source))
+        imports = []
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Import):
+                imports += [(0, alias.name, []) for alias in node.names]
+            elif isinstance(node, ast.ImportFrom):
+                imports.append((node.level, node.module or "", [alias.name for alias in node.names]))
+        known[key] = hashlib.sha256(ast.dump(tree).encode()).hexdigest(), imports
+        _save_known()
+    return known[key]
+
+
+def _without_docstrings(tree: ast.Module) -> ast.Module:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) and ast.get_docstring(
+            node, clean=False
+        ):
+            node.body = node.body[1:] or [ast.Pass()]
+    return tree
+
+
+@functools.cache
+def _known() -> dict[str, tuple[str, list]]:
+    try:
+        table = json.loads((folder() / _SYNTAX).read_bytes())
+        return {
+            str(key): (str(text), [(int(level), str(base), list(map(str, names))) for level, base, names in imports])
+            for key, (text, imports) in table.items()
+        }
+    except (OSError, ValueError, TypeError, AttributeError):
+        return {}
+
+
+@functools.cache
+def _save_known() -> None:
+    """Save new digests of syntax trees once, when the process ends."""
+    atexit.register(_write_known)
+
+
+def _write_known() -> None:
+    with contextlib.suppress(OSError):
+        folder().mkdir(parents=True, exist_ok=True)
+        handle, path = tempfile.mkstemp(dir=folder(), suffix=".json")
+        try:
+            with os.fdopen(handle, "w") as file:
+                json.dump(_known(), file)
+            os.replace(path, folder() / _SYNTAX)
+        except OSError:
+            os.unlink(path)
+
+
+# ---- Numba's view of it
+
+
+class _Locator(_CacheLocator):
+    """Place and key of a kernel of this package."""
+
+    def __init__(self, function, module: str):
+        self._function, self._module = function, module
+        self._py_file = function.__code__.co_filename  # Numba names it in warnings
+
+    def get_cache_path(self) -> str:
+        return str(folder() / f"{self._module.removeprefix('stickslip.')}-{digest(self._module)}")
+
+    def get_source_stamp(self) -> str:
+        return digest(self._module)
+
+    def get_disambiguator(self) -> str:
+        """Digest of the function's code, which tells functions of one name apart wherever they are in the file."""
+        text = repr(_without_lines(self._function.__code__, self._function.__doc__))
+        return hashlib.sha256(text.encode()).hexdigest()[:8]
+
+    @classmethod
+    def from_function(cls, function, file: str) -> "_Locator | None":
+        path = Path(file)
+        if not path.is_relative_to(_PACKAGE) or path.suffix != ".py":
+            return None
+        parts = path.relative_to(_PACKAGE).with_suffix("").parts
+        module = ".".join(("stickslip", *parts)).removesuffix(".__init__")
+        locator = cls(function, module)
+        return locator if _is_usable(locator.get_cache_path()) else None  # else Numba finds a place
+
+
+@functools.cache
+def _is_usable(path: str) -> bool:
+    with contextlib.suppress(OSError):
+        os.makedirs(path, exist_ok=True)
+        return os.access(path, os.W_OK)
+    return False
+
+
+def _without_lines(code: types.CodeType, docstring: str | None = None) -> tuple:
+    """Contents of a code object that do not change when it moves in its file."""
+    constants = [
+        _without_lines(one)
+        if isinstance(one, types.CodeType)
+        else sorted(map(repr, one))
+        if isinstance(one, frozenset)
+        else repr(one)
+        for one in code.co_consts
+        if one != docstring
+    ]
+    return code.co_name, code.co_code, constants, code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
+
+
+# ---- damaged files
+
+
+class DamagedKernelWarning(RuntimeWarning):
+    """A compiled kernel on disk was damaged and has been compiled again."""
+
+
+@functools.cache
+def _warn(path: str, problem: str) -> None:
+    words = f"the compiled kernel {path} is damaged ({problem}): it is compiled again"
+    warnings.warn(words, DamagedKernelWarning, stacklevel=3)
+
+
+def _load_index(self, load=IndexDataCacheFile._load_index):
+    try:
+        return load(self)
+    except OSError:
+        raise
+    except Exception as problem:  # whatever unpickling runs into
+        _warn(self._index_path, type(problem).__name__)
+        return {}
+
+
+def _load_data(self, name, load=IndexDataCacheFile._load_data):
+    path = self._data_path(name)
+    try:
+        with open(path, "rb") as file:
+            data = file.read()
+        body, mark, checksum = data.rpartition(_MARK)
+        if mark and len(checksum) == 32 and hashlib.sha256(body).digest() != checksum:
+            raise ValueError("the checksum does not match")
+        return load(self, name)
+    except OSError:
+        raise
+    except Exception as problem:
+        _warn(path, type(problem).__name__)
+        raise OSError(f"{path} is damaged") from problem  # Numba takes it for a missing kernel
+
+
+def _save(self, key, data):
+    """Save a kernel in a file named by its content before the index refers to it.
+
+    Numba numbers its files and writes the index first. A disk that is full in between, or another process that
+    compiles the same function for other types meanwhile, would leave an index that names a different kernel.
+    """
+    body = self._dump(data)
+    checksum = hashlib.sha256(body).digest()
+    name = self._data_name(int.from_bytes(checksum[:6]))
+    with self._open_for_write(self._data_path(name)) as file:
+        file.write(body + _MARK + checksum)
+    overloads = self._load_index()
+    before, overloads[key] = overloads.get(key), name
+    self._save_index(overloads)
+    if before and before not in overloads.values():
+        with contextlib.suppress(OSError):
+            os.unlink(self._data_path(before))
+
+
+def _save_overload(self, sig, data, save=Cache.save_overload):
+    """Save a kernel if the disk allows it; a run does not end because its kernels cannot be saved."""
+    with contextlib.suppress(OSError):
+        save(self, sig, data)
+
+
+def install() -> None:
+    """Let Numba find kernels of this package here, and repair damaged files, in this process."""
+    if _Locator not in CacheImpl._locator_classes:
+        CacheImpl._locator_classes.insert(0, _Locator)
+    Cache.save_overload, IndexDataCacheFile.save = _save_overload, _save
+    IndexDataCacheFile._load_index, IndexDataCacheFile._load_data = _load_index, _load_data

@@ -1,0 +1,68 @@
+"""Tests of one room of the package: `python -m tests.rooms solve` prints the files that use it, for `make test-solve`.
+
+A test file belongs to a room if it imports from it, or uses a public name that is defined there.
+"""
+
+import ast
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "src" / "stickslip"
+SPACES = ("control", "io", "laws", "measure", "modes", "packings", "protocols", "results")
+
+
+def rooms() -> list[str]:
+    """Names of all rooms."""
+    return sorted(path.parent.name for path in PACKAGE.glob("*/__init__.py"))
+
+
+def _imports(path: Path) -> dict[str, str]:
+    """Rooms of the names that a file imports."""
+    found = {}
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            module = node.module.removeprefix("stickslip.") if not node.level else node.module
+            if node.level or node.module.startswith("stickslip."):
+                found |= {alias.asname or alias.name: module.split(".")[0] for alias in node.names}
+            elif node.module == "stickslip":
+                found |= {alias.asname or alias.name: alias.name for alias in node.names}
+    return found
+
+
+def public() -> dict[str, str]:
+    """Room of each public name, with its namespace if it has one."""
+    names = _imports(PACKAGE / "__init__.pyi")
+    for space in SPACES:
+        names |= {f"{space}.{name}": room for name, room in _imports(PACKAGE / f"{space}.py").items()}
+    return names
+
+
+def used(path: Path, names: dict[str, str]) -> set[str]:
+    """Rooms that a test file uses."""
+    found = set()
+    for name, room in _imports(path).items():
+        found.add(names.get(name, room) if room in SPACES or room == name else room)
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Attribute):
+            dotted = ast.unparse(node)
+            if dotted.startswith("ss."):
+                parts = dotted.split(".")[1:3]
+                found |= {names.get(".".join(parts), parts[0]), names.get(parts[0], parts[0])}
+    return found
+
+
+def files(room: str) -> list[Path]:
+    """Test files of a room: those that use it, and all in the folder of its name."""
+    names = public()
+    return [
+        path
+        for path in sorted((ROOT / "tests").rglob("test_*.py"))
+        if room in used(path, names) or room in path.relative_to(ROOT / "tests").parts
+    ]
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 2 or not (found := files(sys.argv[1])):
+        sys.exit(f"no tests of {' '.join(sys.argv[1:]) or 'no room'}: name one of {', '.join(rooms())}")
+    print(*(path.relative_to(ROOT) for path in found))
