@@ -3,7 +3,8 @@
 Numba compiles a function again when its file has changed in any byte, and does not notice changes in other files.
 Kernels of this package are kept in a folder for each module, named by a digest of what decides the machine code: the
 syntax trees of the module and of every module of the package that it imports, without docstrings and comments, and
-Numba's version and settings. A changed docstring recompiles nothing; a changed contact law recompiles everything that uses it.
+Numba's version and settings. A changed docstring recompiles nothing; a changed contact law recompiles everything that
+uses it.
 
 Numba unpickles what it finds on disk. Each saved kernel therefore ends with its checksum. A file that does not match
 its checksum, or cannot be unpickled, is compiled again with one warning.
