@@ -5,35 +5,35 @@ DOCS := .venv/.docs-installed
 
 .PHONY: demo test quick slow lint bench docs lock clean
 
-demo: $(STAMP)  ## install, run paper 000 (quick), show how much is reproduced and the figures' paths
+demo: $(STAMP)  ## install, run a quick version of paper 000, print how much is reproduced and the paths of the figures
 	$(BIN)/stickslip reproduce disk-array --quick --overwrite --out results/disk-array-quick
 
-test: $(STAMP)  ## the tests, under ten minutes on two cores
+test: $(STAMP)  ## run the tests, under ten minutes on two cores
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
-quick: $(STAMP)  ## tests for the edit-test loop: no slow fixtures, no other processes
+quick: $(STAMP)  ## run a fast subset of the tests during development: no slow fixtures, no other processes
 	$(BIN)/python -m pytest -n 2 --dist loadfile --quick
 
-test-%: $(STAMP)  ## tests of one room of the package, such as test-solve
+test-%: $(STAMP)  ## run the tests of one subpackage, for example test-solve
 	@files=$$($(BIN)/python -m tests.rooms $*) && $(BIN)/python -m pytest -n 2 --dist loadfile $$files
 
-slow: $(DOCS)  ## the long checks
+slow: $(DOCS)  ## run the slow tests
 	$(BIN)/python -m pytest -m slow
 
-lint: $(STAMP)  ## style and the layers of the architecture
+lint: $(STAMP)  ## check style, import layers and types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
 	$(BIN)/mypy
 
-bench: $(STAMP)  ## ratios against peers and references, measured in this run; writes bench.json
+bench: $(STAMP)  ## measure speed relative to other codes and reference kernels; writes bench.json
 	$(BIN)/python -m benchmarks
 
-docs: $(DOCS)  ## these pages, tutorials run, into docs/_build/html; warnings are errors
+docs: $(DOCS)  ## build the documentation into docs/_build/html and run the tutorials; warnings are errors
 	$(BIN)/python -m sphinx -q -W --keep-going docs docs/_build/html
 	@echo "docs/_build/html/index.html"
 
-lock:  ## resolve the pinned dependencies again, with uv
+lock:  ## regenerate the lock files with uv
 	@PATH="$(BIN):$$PATH" command -v uv >/dev/null || { echo "make lock needs uv: $(BIN)/pip install uv"; exit 1; }
 	PATH="$(BIN):$$PATH" uv pip compile --universal --generate-hashes --no-emit-index-url --python-version 3.11 --extra dev pyproject.toml -o requirements.lock
 	PATH="$(BIN):$$PATH" uv pip compile --universal --generate-hashes --no-emit-index-url --python-version 3.11 --extra docs -c requirements.lock pyproject.toml -o requirements-docs.lock
@@ -47,7 +47,7 @@ $(STAMP): requirements.lock pyproject.toml
 	@touch $@
 
 $(DOCS): $(STAMP) requirements-docs.lock
-	@echo "installing what makes the documentation into .venv (once)"
+	@echo "installing the documentation tools into .venv (once)"
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-docs.lock
 	@touch $@
 

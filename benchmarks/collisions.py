@@ -1,4 +1,4 @@
-"""Restitution of two spheres under both readings of paper 003's damping: by our equation of motion and by LAMMPS.
+"""Restitution of two spheres for both readings of the damping in paper 003, from our equation of motion and LAMMPS.
 
 python -m benchmarks.collisions
 """
@@ -44,13 +44,13 @@ print(v[1, 0] - v[0, 0])
 
 
 def scenario(restitution: float, reading: str) -> GougeScenario:
-    """Any scenario with this damping."""
+    """A scenario with this damping."""
     law = {"restitution": restitution, "reading": reading, "size": SIZE, "speed": SPEED}
     return ss.scenario(experiment="gouge", law=law, protocol=[{"kind": "slide", "velocity": 0.1, "slip": 1.0}])
 
 
 def rows():
-    """Yield (restitution that is stated, reading, γ_n, restitution found, LAMMPS's) of both readings."""
+    """Yield (stated restitution, reading, γ_n, our restitution, LAMMPS's restitution) for both readings."""
     for stated in (0.98, 0.3):
         for reading in ("eq8", "collision"):
             chosen = scenario(stated, reading)
@@ -63,7 +63,7 @@ def rows():
                 left=-apart / 2, right=apart / 2, size=SIZE, density=DENSITY, speed=SPEED, kn=kn, kt=kt, gamma_n=gamma,
                 gamma_t=gamma_t,
             )  # fmt: skip
-            yield stated, reading, gamma, ours, float(bench.child("-c", script).split()[-1]) / SPEED
+            yield stated, reading, gamma, ours, float(bench.run_python("-c", script).split()[-1]) / SPEED
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""A user's copy of a built-in law against the built-in, and with rolling resistance: time of a step, alternating.
+"""Time per step of a user-defined copy of a built-in law, and of one with rolling resistance, relative to the built-in.
 
 python benchmarks/contact_laws.py
 """
@@ -31,7 +31,7 @@ def rolling_cap(normal_force, mu_r):
 
 
 def gas(side: int) -> ss.State:
-    """Touching spheres in a periodic box, in motion."""
+    """Moving spheres in contact in a periodic box."""
     rng = np.random.default_rng(0)
     place = np.stack(np.meshgrid(*3 * [np.arange(side)], indexing="ij"), -1).reshape(-1, 3) * 0.98
     grains = ss.spheres(place + rng.normal(0, 0.01, place.shape), 0.5, velocity=rng.normal(0, 0.01, place.shape))
@@ -39,7 +39,7 @@ def gas(side: int) -> ss.State:
 
 
 def ratio(state: ss.State, one: ss.Law, other: ss.Law) -> float:
-    """Least time of the other law over that of the first, one thread."""
+    """Shortest time with the second law over that with the first, one thread."""
     best = [np.inf, np.inf]
     for _ in range(ROUNDS):
         for k, law in enumerate((one, other)):
@@ -58,7 +58,7 @@ def main() -> None:
     for side, law, name in ((14, copy, "a copy of hertz_mindlin"), (10, rolling, "with rolling resistance")):
         state = gas(side)
         for one in (built_in, law):
-            ss.run(state, one, 10, DT, threads=1)  # compiles, or is found on disk
+            ss.run(state, one, 10, DT, threads=1)  # compile, or load from the cache
         print(f"{name}, {side**3} spheres: {ratio(state, built_in, law):.2f} of the time of hertz_mindlin")
 
 

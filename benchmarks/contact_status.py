@@ -1,8 +1,8 @@
-"""Status of 400 critical contacts of 3000 disks: `contact_status` cold and warm, beside slower solutions.
+"""Status of 400 critical contacts of 3000 disks: `contact_status`, cold and warm, compared with slower methods.
 
-The disks fill a periodic box at packing fraction 0.83 and come to rest with friction 0.2, two seconds of damped
-dynamics. They are then in balance with friction 0.5, too, with no contact at the limit: which ones are critical, and
-whereto they would slide, is drawn; no disk has two of them, and none has only two contacts.
+The disks fill a periodic box at packing fraction 0.83 and are relaxed with friction 0.2 by two seconds of damped
+dynamics. They are then also in balance with friction 0.5, with no contact at the limit. The critical contacts and
+their sliding directions are drawn at random; no disk has two of them, and none of these disks has only two contacts.
 """
 
 import time
@@ -25,7 +25,7 @@ COLD, WARM = 0.25, 0.1  # budgets [s]
 
 
 def packing(n: int = DISKS):
-    """Disks at rest, and their law: put on a stirred lattice, quenched at constant volume."""
+    """Disks at rest and their law: placed on a randomly perturbed lattice, quenched at constant volume."""
     rng = np.random.default_rng(1)
     radius = np.where(np.arange(n) % 2, 0.4, 0.6)
     side, across = np.sqrt(np.pi * (radius**2).sum() / 0.83), int(np.ceil(np.sqrt(n)))
@@ -40,8 +40,8 @@ def packing(n: int = DISKS):
     return state, ss.laws.linear(1.0, 0.5, 0.5, coulomb="sharp")
 
 
-def drawn(state, matrix: LinearSystem, seed: int) -> tuple[LinearSystem, np.ndarray]:
-    """Signs of all contacts, and contacts that are critical: no two at one disk, none at a disk with two contacts."""
+def draw_critical(state, matrix: LinearSystem, seed: int) -> tuple[LinearSystem, np.ndarray]:
+    """Draw signs of all contacts and critical contacts: no two at one disk, none at a disk with two contacts."""
     rng = np.random.default_rng(seed)
     ends = np.stack([state.contacts.i[matrix.rows], state.contacts.j[matrix.rows]], axis=1)
     taken, found = np.bincount(ends.ravel(), minlength=state.n_bodies) < 3, []
@@ -52,7 +52,7 @@ def drawn(state, matrix: LinearSystem, seed: int) -> tuple[LinearSystem, np.ndar
     return matrix._replace(sign=rng.choice([-1.0, 1.0], matrix.count)), np.sort(found)
 
 
-def sheared(state, matrix: LinearSystem) -> np.ndarray:
+def shear_load(state, matrix: LinearSystem) -> np.ndarray:
     """Load rate that shears the packing: minus the contact forces of an affine shear at unit rate."""
     branch = ss.measure.branch_vectors(state)[matrix.rows]
     normal = branch / np.linalg.norm(branch, axis=1, keepdims=True)
@@ -60,8 +60,8 @@ def sheared(state, matrix: LinearSystem) -> np.ndarray:
     return matrix.c @ np.einsum("mab,mb->ma", matrix.springs, relative).ravel()
 
 
-def directly(matrix: LinearSystem, load, critical, sliding) -> tuple[np.ndarray, int]:
-    """What slides, by flipping all inconsistent contacts and SciPy's `spsolve` in each round; and the rounds."""
+def flip_and_solve(matrix: LinearSystem, load, critical, sliding) -> tuple[np.ndarray, int]:
+    """Find the sliding contacts with SciPy's `spsolve`, flipping all inconsistent contacts; also return the rounds."""
     kept = np.setdiff1d(np.arange(len(matrix.free)), pins(matrix))
     sliding, v = sliding.copy(), np.zeros(len(load))
     for turn in range(1, 60):
@@ -72,19 +72,19 @@ def directly(matrix: LinearSystem, load, critical, sliding) -> tuple[np.ndarray,
         if not wrong.any():
             return sliding, turn
         sliding[critical[wrong]] ^= True
-    raise RuntimeError("flipping goes round in circles")
+    raise RuntimeError("flipping does not converge")
 
 
 def problem():
-    """The first draw in which no minor of A of one or two contacts says that the status is not unique."""
+    """Return the first draw in which no minor of A of one or two contacts shows that the status is not unique."""
     state, law = packing()
-    seconds, plain = timed(lambda: linear_system(state, law))
+    seconds, plain = time_call(lambda: linear_system(state, law))
     for seed in range(20):
-        matrix, critical = drawn(state, plain, seed)
-        load = sheared(state, matrix)
+        matrix, critical = draw_critical(state, plain, seed)
+        load = shear_load(state, matrix)
         if certificate(complementarity(matrix, load, critical=critical)).unique is not False:
             return (
-                min(seconds, *(timed(lambda: linear_system(state, law))[0] for _ in range(ROUNDS))),
+                min(seconds, *(time_call(lambda: linear_system(state, law))[0] for _ in range(ROUNDS))),
                 matrix,
                 critical,
                 load,
@@ -92,15 +92,15 @@ def problem():
     raise RuntimeError("no draw of critical contacts has a unique status")
 
 
-def timed(call) -> tuple:
-    """Seconds and answer of a call."""
+def time_call(call) -> tuple:
+    """Return the seconds taken by a call, and its result."""
     start = time.perf_counter()
     answer = call()
     return time.perf_counter() - start, answer
 
 
 def rows() -> list[dict]:
-    """Every row: best of several rounds, the sides in turn, on one thread."""
+    """All rows: best of several rounds with alternating methods, on one thread."""
     made, matrix, critical, load = problem()
     all_slide = np.isin(np.arange(matrix.count), critical)
     truth = contact_status(matrix, load, critical=critical)
@@ -117,22 +117,22 @@ def rows() -> list[dict]:
         "warm": lambda: contact_status(matrix, load, critical=critical, start=near).sliding,
         "principal pivoting": lambda: by(lambda a: pivoted(a)[0]),
         "Lemke": lambda: by(lambda a: lemke(a) > 0),
-        "flips and spsolve": lambda: directly(matrix, load, critical, all_slide)[0],
-        "flips and spsolve, warm": lambda: directly(matrix, load, critical, near)[0],
+        "flips and spsolve": lambda: flip_and_solve(matrix, load, critical, all_slide)[0],
+        "flips and spsolve, warm": lambda: flip_and_solve(matrix, load, critical, near)[0],
     }
     best = dict.fromkeys(sides, np.inf)
     with one_thread():
         for _ in range(ROUNDS):
             for name, side in sides.items():
-                seconds, sliding = timed(side)
+                seconds, sliding = time_call(side)
                 if not np.array_equal(sliding, truth.sliding):
-                    raise RuntimeError(f"{name} found another status")
+                    raise RuntimeError(f"{name} found a different status")
                 best[name] = min(best[name], seconds)
     return table(best, made, matrix.count, truth)
 
 
 def table(best: dict, made: float, contacts: int, truth) -> list[dict]:
-    """The rows of `rows`: a budget's ratio is ours over it, that of another way is its time over ours."""
+    """Format the rows. For a budget the ratio is our time over it, for another method its time over ours."""
     cold = f"contact status, {CRITICAL} critical of {contacts}, cold"
     warm = f"contact status, {CHANGED} of {CRITICAL} changed, warm"
     found = f"budget ({truth.method}, {truth.solves} factors, {truth.sliding.sum()} slide)"
@@ -143,7 +143,7 @@ def table(best: dict, made: float, contacts: int, truth) -> list[dict]:
 
 
 def row(case: str, ours: float, peer: float | None, name: str, over: bool = True) -> dict:
-    """One line of the table."""
+    """One row of the table."""
     ratio = (peer / ours if over else ours / peer) if peer else None
     return {
         "case": case, "n": DISKS, "threads": 1, "ours": ours, "peer": peer, "peer_name": name, "ratio": ratio,

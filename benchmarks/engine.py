@@ -1,4 +1,4 @@
-"""Time steps of many grains: ours, LAMMPS (two styles) and YADE on the same grains, alternating, best of several."""
+"""Time steps of many grains: stickslip, LAMMPS (two styles) and YADE on the same grains, alternating."""
 
 import os
 import shutil
@@ -13,7 +13,7 @@ HERE, STORE = Path(__file__).parent, Path("results") / "benchmark-packings"
 ROUNDS = 5
 SIZE_ROUNDS, SIZE_STEPS, GRAIN_STEPS = 3, 500, 10_000_000
 console = Console()
-PEERS = {  # sides that are LAMMPS, and what they are called
+PEERS = {  # LAMMPS sides and their names in the table
     "gran/hertz/history": "LAMMPS gran/hertz",
     "gran/hertz/history omp": "LAMMPS gran/hertz, newton on, omp",
     "granular": "LAMMPS granular",
@@ -22,7 +22,7 @@ PLAIN, OMP, GENERAL = PEERS
 
 
 def scene(dim: int, fraction: float, n: int, speed: float) -> Path:
-    """A file with n grains of radii 0.5 and 0.7: copies of one periodic packing, with random velocities."""
+    """Return a file with n grains of radii 0.5 and 0.7: copies of one periodic packing, with random velocities."""
     path = STORE / f"scene-{dim}-{fraction}-{n}-{speed}.npz"
     if path.exists():
         return path
@@ -50,12 +50,12 @@ def scene(dim: int, fraction: float, n: int, speed: float) -> Path:
     return path
 
 
-def timed(side: str, path: Path, steps: int, threads: int = 1, runs: int = 0) -> tuple[float, ...]:
-    """The numbers that a side prints, seconds a step first; raises RuntimeError with the reason if it cannot run."""
+def measure(side: str, path: Path, steps: int, threads: int = 1, runs: int = 0) -> tuple[float, ...]:
+    """Return the numbers that a side prints, seconds per step first; raise RuntimeError if it cannot run."""
     env = os.environ | {"LD_LIBRARY_PATH": f"{sys.prefix}/lib:{os.environ.get('LD_LIBRARY_PATH', '')}"}
     if side == "YADE":
         if not shutil.which("yade"):
-            raise RuntimeError("YADE is absent: install the Debian package `yade`")
+            raise RuntimeError("YADE is not installed: install the Debian package `yade`")
         words = ["yade", "-j1", "-n", "-x", str(HERE / "engine_yade.py"), str(path), str(steps)]
         env.pop("PYTHONPATH", None)
     else:
@@ -67,14 +67,14 @@ def timed(side: str, path: Path, steps: int, threads: int = 1, runs: int = 0) ->
     return tuple(float(word) for word in lines[-1].split() if word != "seconds")
 
 
-def against(case: str, path: Path, n: int, peers, steps: int, threads: int = 1, rounds: int = ROUNDS) -> list[dict]:
-    """One row a peer: grain-steps a second, best of `rounds`, the sides in turn, each on as many threads."""
+def compare(case: str, path: Path, n: int, peers, steps: int, threads: int = 1, rounds: int = ROUNDS) -> list[dict]:
+    """One row per peer: grain-steps per second, best of `rounds`, alternating, with equal numbers of threads."""
     sides = {("ours", threads): []} | {(peer, threads): [] for peer in peers}
     for _ in range(rounds):
         for (side, count), found in list(sides.items()):
             share = max(1, steps // 10) if side == "YADE" else steps
             try:
-                found.append(timed(side, path, share, count)[0])
+                found.append(measure(side, path, share, count)[0])
             except RuntimeError as problem:
                 console.print(f"[yellow]{side} skipped[/]: {problem}")
                 del sides[side, count]
@@ -86,7 +86,7 @@ def against(case: str, path: Path, n: int, peers, steps: int, threads: int = 1, 
 
 
 def row(case: str, n: int, threads: int, ours: float, peer: float | None, name: str, unit="grain-steps/s") -> dict:
-    """One line of the table."""
+    """One row of the table."""
     return {
         "case": case, "n": n, "threads": threads, "ours": ours, "peer": peer, "peer_name": name,
         "ratio": ours / peer if peer else None, "unit": unit,
@@ -94,14 +94,13 @@ def row(case: str, n: int, threads: int, ours: float, peer: float | None, name: 
 
 
 def sizes(counts) -> list[dict]:
-    """Grain-steps a second from few to many grains over those of a thousand, and memory.
+    """Grain-steps per second for increasing numbers of grains, relative to a thousand grains, and memory.
 
-    Each size makes the same steps from the same state, and what a run of one step takes is taken off, so that neither
-    colder grains nor a run's beginning and end are in the ratio; fewer grains make the run again and again, until the
-    clock has something to measure. On one core, and on all cores, which is what a run takes by default where there are
-    grains enough; a thousand grains take one either way. The sizes take turns, and before and after each large one a
-    thousand grains run: processors of several tenants change their pace within minutes. The ratio is the median over
-    the rounds.
+    Each size makes the same steps from the same state, and the time of a run of one step is subtracted, so that neither
+    cooling grains nor the start and end of a run affect the ratio. Runs with few grains are repeated until the time is
+    long enough to measure. Measured on one core and on all cores, which is the default of a run with enough grains; a
+    thousand grains use one core in both cases. The sizes alternate, and a thousand grains run before and after each
+    large size, because the speed of shared processors changes within minutes. The ratio is the median over the rounds.
     """
     few, cores = counts[0], os.cpu_count() or 1
     sides = [(n, threads) for n in counts[1:] for threads in sorted({1, cores})]
@@ -111,7 +110,7 @@ def sizes(counts) -> list[dict]:
             found = {}
             for n, threads in ((few, 1), side, (few, 1)):
                 runs = max(1, GRAIN_STEPS // (n * SIZE_STEPS))
-                seconds, taken = timed("ours", scene(3, 0.66, n, 0.001), SIZE_STEPS, threads, runs)
+                seconds, taken = measure("ours", scene(3, 0.66, n, 0.001), SIZE_STEPS, threads, runs)
                 found.setdefault((n, threads), []).append(n / seconds)
                 memory += [taken] if (n, threads) == (counts[-1], 1) else []
             ratios[side].append(max(found[side]) / np.mean(found[few, 1]))
@@ -122,31 +121,31 @@ def sizes(counts) -> list[dict]:
         mine, theirs = np.median(rates[side]), np.median(rates[few, 1])
         line = row("dense spheres", *side, float(mine), float(theirs), f"{few} grains")
         out.append(line | {"ratio": float(np.median(ratios[side]))})
-    return [*out, row("memory a grain", counts[-1], 1, max(memory) / counts[-1], 1500.0, "budget", "bytes")]
+    return [*out, row("memory per grain", counts[-1], 1, max(memory) / counts[-1], 1500.0, "budget", "bytes")]
 
 
 def rows(full: bool) -> list[dict]:
-    """Every row; without `full` only the two sizes that have floors."""
+    """All rows; without `full` only the two sizes with required ratios."""
     dense, few = scene(3, 0.66, 10_000, 0.001), scene(3, 0.66, 100, 0.001)
-    out = against("dense spheres", dense, 10_000, (*PEERS, "YADE"), 1000)
-    out += against("dense spheres", few, 100, (PLAIN, OMP), 60_000)
+    out = compare("dense spheres", dense, 10_000, (*PEERS, "YADE"), 1000)
+    out += compare("dense spheres", few, 100, (PLAIN, OMP), 60_000)
     if (os.cpu_count() or 1) > 1:
-        out += against("dense spheres", dense, 10_000, (OMP,), 1000, threads=2)
+        out += compare("dense spheres", dense, 10_000, (OMP,), 1000, threads=2)
     out += threads(dense, 10_000)
     if full:
         for case, dim, fraction, speed in (
             ("dilute spheres", 3, 0.3, 0.02), ("dense disks", 2, 0.86, 0.001), ("dilute disks", 2, 0.5, 0.02),
         ):  # fmt: skip
-            out += against(case, scene(dim, fraction, 10_000, speed), 10_000, (PLAIN, OMP), 1000, rounds=3)
+            out += compare(case, scene(dim, fraction, 10_000, speed), 10_000, (PLAIN, OMP), 1000, rounds=3)
         out += sizes((1000, 10_000, 100_000, 1_000_000))
     return out
 
 
 def threads(path: Path, n: int) -> list[dict]:
-    """Two threads over one, and over two runs at once on a thread each, which say what the machine has to give."""
+    """Two threads compared with one, and with two simultaneous runs on one thread each, which are the upper limit."""
     if (os.cpu_count() or 1) < 2:
         console.print("[yellow]two threads skipped[/]: this machine has one core")
         return []
-    one, two, pair = timed("threads", path, SIZE_STEPS, 2)
+    one, two, pair = measure("threads", path, SIZE_STEPS, 2)
     names = {"ours, 1 thread": one, "two runs at once": pair}
     return [row("dense spheres", n, 2, n / two, n / seconds, name) for name, seconds in names.items()]

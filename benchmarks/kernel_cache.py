@@ -1,4 +1,4 @@
-"""Run every kernel of the disk array once; prints how many were loaded from disk and how many were compiled."""
+"""Run every kernel of the disk array once; print how many were loaded from the cache and how many were compiled."""
 
 import stickslip as ss
 from stickslip.core.contacts.forces import evaluation
@@ -6,7 +6,7 @@ from stickslip.core.dynamics.run import stepper
 
 
 def main() -> None:
-    """One short run of the paper's law."""
+    """Run a few steps with the law of the paper."""
     law = ss.laws.for_pair(ss.laws.hertz_mindlin(mu=10.0, coulomb="smooth"), 0, 1)
     state = ss.packings.disk_array(10, press=5e-5, push=1e-5)
     ss.forces(state, law)

@@ -1,12 +1,12 @@
-"""Ends of quasi-rigid paths: do they depend on the increment, and does slow dynamics end there, too?
+"""Ends of quasi-rigid paths: dependence on the increment, and comparison with slow dynamics.
 
-    python -m benchmarks.load_paths                # 50 samples by four increments (about an hour on one core)
-    python -m benchmarks.load_paths --samples 8    # the first ones
-    python -m benchmarks.load_paths --slow 20      # the first 20 samples of 60 disks beside slow dynamics
+    python -m benchmarks.load_paths                # 50 samples with four increments (about an hour on one core)
+    python -m benchmarks.load_paths --samples 8    # the first 8 samples
+    python -m benchmarks.load_paths --slow 20      # the first 20 samples of 60 disks, compared with slow dynamics
 
-A sample is a box of disks, whole or without its rattlers, of which the force on one wall grows to three times what it
-is, or falls to a tenth. Ends agree if they differ by 1 % at most. Where they do not, a path has to have reported that
-it met other consistent choices, or that it does not know.
+A sample is a box of disks, complete or without its rattlers. The force on one wall grows to three times its initial
+value or falls to a tenth. Ends agree if they differ by 1 % at most. If they do not, at least one path must have
+reported other consistent choices, or that it is undecided.
 """
 
 import argparse
@@ -24,16 +24,16 @@ from stickslip.quasirigid.path import LoadPath, load_path
 INCREMENTS = (0.01, 0.005, 0.002, 0.0005)
 DIRECTIONS = {"lid down": (TOP, 3.0), "side in": (RIGHT, 3.0), "lid up": (TOP, 0.1), "side out": (RIGHT, 0.1)}
 SIZES = {60: 20, 100: 14, 200: 10, 400: 6}  # samples of each size
-FIRST_SEED = 101  # no seed that a test or the facts of this project name
+FIRST_SEED = 101  # not used by any test
 AGREE = 0.01  # relative difference of the ends
 PRESSURE = 1e-4
-TIMES, DRAG, BEYOND = (3e5, 1e6), 0.02, 1.3  # ramp times of a whole load, drag, and how far beyond the path's end
-BURST, ALIKE, BEFORE = 30.0, 0.5, 10  # over the median kinetic energy; over that of the faster run; steps of a median
-ASTRAY = 0.02  # distance of the wall from the path, over its last shift, that is not a delay of dynamics
+TIMES, DRAG, BEYOND = (3e5, 1e6), 0.02, 1.3  # ramp times of the whole load, drag, and range beyond the end of the path
+BURST, ALIKE, BEFORE = 30.0, 0.5, 10  # over the median kinetic energy; over that of the faster run; steps in a median
+ASTRAY = 0.02  # distance of the wall from the path, over its last shift, too large to be a lag of the dynamics
 
 
 class Sample(NamedTuple):
-    """One sample and its direction of load."""
+    """A sample and its load direction."""
 
     n: int
     seed: int
@@ -42,23 +42,23 @@ class Sample(NamedTuple):
 
     @property
     def name(self) -> str:
-        """One line."""
+        """Description in one line."""
         return f"{self.n:4d} disks, seed {self.seed}, {'whole' if self.whole else 'no rattlers'}, {self.direction}"
 
 
-class Ended(NamedTuple):
-    """How one path ended."""
+class PathEnd(NamedTuple):
+    """End of a path."""
 
     load: float
     verdict: str
-    forks: int  # alternatives that were reported
+    forks: int  # number of reported alternatives
     unchecked: int
     seconds: float
-    undecided: bool  # the path says that it does not know how to go on
+    undecided: bool  # the path does not know how to continue
 
 
 def samples(sizes: dict[int, int] = SIZES) -> list[Sample]:
-    """All samples; whole ones and directions alternate."""
+    """All samples, alternating in completeness and direction."""
     out = []
     for n, count in sizes.items():
         for k in range(count):
@@ -66,8 +66,8 @@ def samples(sizes: dict[int, int] = SIZES) -> list[Sample]:
     return out
 
 
-def prepared(sample: Sample) -> tuple[State, ss.Law, Control]:
-    """State, law and the control at the end of the leg."""
+def prepare(sample: Sample) -> tuple[State, ss.Law, Control]:
+    """Return state, law, and the control at the end of the leg."""
     state, law = biaxial_box(sample.n, seed=sample.seed, pressure=PRESSURE)
     while not sample.whole and (loose := ss.measure.rattlers(state, 2)).any():
         state = at_rest(without(state, loose), law, 1e-9 * PRESSURE)
@@ -76,7 +76,7 @@ def prepared(sample: Sample) -> tuple[State, ss.Law, Control]:
 
 
 def without(state: State, loose: np.ndarray) -> State:
-    """The state without some disks; contacts begin without slip."""
+    """Return the state without some disks; contacts start without slip."""
     kept, walls, g = ~loose, state.walls, state.grains
     grains = ss.disks(g.position[kept, :2], g.radius[kept], mass=g.mass[kept])
     bodies = np.append(kept, np.ones(len(walls.mass), bool))
@@ -86,29 +86,29 @@ def without(state: State, loose: np.ndarray) -> State:
     return ss.assembly(grains, walls, state.cell, changed._replace(**parts))
 
 
-def ended(state: State, law, end: Control, increment: float) -> tuple[Ended, LoadPath]:
-    """How the path with one increment ends."""
+def follow_path(state: State, law, end: Control, increment: float) -> tuple[PathEnd, LoadPath]:
+    """Follow the path with one increment and return its end."""
     begin = time.perf_counter()
     path = load_path(state, law, end, increment=increment)
     seconds = time.perf_counter() - begin
     undecided = path.verdict.name in ("NO_PROGRESS", "NOT_FOUND")
-    out = Ended(path.points[-1].load, path.verdict.name, len(path.alternatives), path.unchecked, seconds, undecided)
+    out = PathEnd(path.points[-1].load, path.verdict.name, len(path.alternatives), path.unchecked, seconds, undecided)
     return out, path
 
 
-def agree(ends: list[Ended]) -> bool:
+def agree(ends: list[PathEnd]) -> bool:
     """True if the last loads differ by 1 % at most."""
     loads = [one.load for one in ends]
     return max(loads) - min(loads) <= AGREE * max(loads)
 
 
-def compare(sample: Sample) -> list[Ended]:
-    """The ends for all increments, printed as they come."""
-    state, law, end = prepared(sample)
+def compare(sample: Sample) -> list[PathEnd]:
+    """Compute the ends for all increments and print them one by one."""
+    state, law, end = prepare(sample)
     ends = []
     print(f"{sample.name:44s}", end="", flush=True)
     for increment in INCREMENTS:
-        ends.append(ended(state, law, end, increment)[0])
+        ends.append(follow_path(state, law, end, increment)[0])
         print(f" {ends[-1].load:8.5f}", end="", flush=True)
     words = ",".join(sorted({one.verdict for one in ends}))
     forks, seconds = "/".join(str(one.forks) for one in ends), max(one.seconds for one in ends)
@@ -118,18 +118,18 @@ def compare(sample: Sample) -> list[Ended]:
 
 
 def shift(states, sample: Sample) -> np.ndarray:
-    """(T,) how far the loaded wall has moved [length]."""
+    """Displacement of the loaded wall [length], (T,)."""
     wall = DIRECTIONS[sample.direction][0]
     at = np.array([s.walls.point[wall] @ s.walls.normal[wall] for s in states])
     return at - at[0]
 
 
 def slow_end(sample: Sample, state: State, law, end: Control, path: LoadPath) -> float | None:
-    """Load at which slow dynamics begins to move by itself, None if it did not up to 1.3 times the path's last load.
+    """Load at which slow dynamics collapses, None if it does not up to 1.3 times the last load of the path.
 
-    Slow motion has a kinetic energy that falls with the square of the rate. A step of the load in which the slower of
-    two runs has more than half of that of the faster one, and thirty times its own median, is a burst; it is the end
-    if the wall is not where the path has it from there on, or if the path has ended.
+    The kinetic energy of slow motion decreases with the square of the rate. A load step in which the slower of two runs
+    has more than half of the kinetic energy of the faster one, and thirty times its own median, is a burst. A burst is
+    a collapse if the wall deviates from the path from there on, or if the path has ended.
     """
     last = path.points[-1].load
     until = min(1.0, BEYOND * last)
@@ -147,16 +147,17 @@ def slow_end(sample: Sample, state: State, law, end: Control, path: LoadPath) ->
     return None
 
 
-def beside_dynamics(some: list[Sample]) -> None:
-    """Ends of paths over those of slow dynamics, all samples in the statistic."""
+def compare_with_dynamics(some: list[Sample]) -> None:
+    """Compare the ends of paths with those of slow dynamics, including all samples in the statistics."""
     ratios, survivors = [], 0
     for sample in some:
-        state, law, end = prepared(sample)
-        path, way = ended(state, law, end, INCREMENTS[1])
+        state, law, end = prepare(sample)
+        path, way = follow_path(state, law, end, INCREMENTS[1])
         begin = time.perf_counter()
         found = slow_end(sample, state, law, end, way)
         seconds = time.perf_counter() - begin
-        words = f"no fall up to {min(1.0, BEYOND * path.load):.5f}" if found is None else f"falls at {found:.5f}"
+        limit = min(1.0, BEYOND * path.load)
+        words = f"no collapse up to {limit:.5f}" if found is None else f"collapses at {found:.5f}"
         survivors += found is None
         ratios += [] if found is None else [found / path.load - 1]
         tail = "" if found is None else f", {found / path.load - 1:+.2%}"
@@ -165,37 +166,37 @@ def beside_dynamics(some: list[Sample]) -> None:
             flush=True,
         )
     size = np.sort(np.abs(ratios))
-    print(f"\n{len(some)} samples: {len(size)} fall, {survivors} do not up to {BEYOND} times the path's last load")
+    print(f"\n{len(some)} samples: {len(size)} collapse, {survivors} do not up to {BEYOND} times the last load")
     for limit in (0.001, 0.003, 0.01, 0.03, 0.1):
         print(f"  within {limit:6.1%} of the path's end: {int((size <= limit).sum())} of {len(some)}")
     if len(size):
-        print(f"  relative difference of those that fall: median {np.median(size):.2%}, largest {size[-1]:.2%}")
+        print(f"  relative difference of those that collapse: median {np.median(size):.2%}, largest {size[-1]:.2%}")
 
 
-def summary(results: list[list[Ended]]) -> None:
-    """Print how many agree, how many report an alternative, and how long paths took."""
+def summary(results: list[list[PathEnd]]) -> None:
+    """Print how many samples agree and how many report an alternative."""
     same = [agree(ends) for ends in results]
-    told = [any(one.forks or one.undecided for one in ends) for ends in results]
-    neither = sum(not a and not t for a, t in zip(same, told, strict=True))
+    reported = [any(one.forks or one.undecided for one in ends) for ends in results]
+    neither = sum(not a and not t for a, t in zip(same, reported, strict=True))
     also = sum(a and any(o.forks for o in ends) for a, ends in zip(same, results, strict=True))
-    print(f"\n{len(results)} samples by {len(INCREMENTS)} increments: {sum(same)} agree within {AGREE:.0%}")
-    print(f"  {len(same) - sum(same) - neither} do not, and a path reported an alternative or that it does not know")
-    print(f"  {neither} do neither")
-    print(f"  of those that agree, {also} report alternatives, too")
+    print(f"\n{len(results)} samples with {len(INCREMENTS)} increments: {sum(same)} agree within {AGREE:.0%}")
+    print(f"  {len(same) - sum(same) - neither} do not, and a path reported an alternative or was undecided")
+    print(f"  {neither} do not, and no path reported anything")
+    print(f"  of those that agree, {also} also report alternatives")
     verdicts = sorted({one.verdict for ends in results for one in ends})
     counts = {v: sum(one.verdict == v for ends in results for one in ends) for v in verdicts}
     print("  verdicts: " + ", ".join(f"{count} {name}" for name, count in counts.items()))
 
 
 def main() -> None:
-    """Run what the command line asks for."""
+    """Run the comparison selected on the command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--samples", type=int, help="only so many samples")
+    parser.add_argument("--samples", type=int, help="number of samples")
     parser.add_argument("--disks", type=int, choices=list(SIZES), help="only samples of this size")
     parser.add_argument("--slow", type=int, metavar="N", help="compare N samples of 60 disks with slow dynamics")
     chosen = parser.parse_args()
     if chosen.slow:
-        beside_dynamics(samples({60: chosen.slow}))
+        compare_with_dynamics(samples({60: chosen.slow}))
         return
     some = samples({chosen.disks: SIZES[chosen.disks]} if chosen.disks else SIZES)[: chosen.samples]
     results, longest = [], {}

@@ -1,7 +1,7 @@
-"""The slider's integrator against compiled LSODA (numbalsoda) on the same compiled equations, alternating.
+"""The integrator of the spring-slider and compiled LSODA (numbalsoda) on the same compiled equations, alternating.
 
-LSODA starts anew at every leg, as ours does; both are called once a history, from compiled code. Once tolerances are
-equal, once LSODA's is so much smaller that errors are about equal; errors are those against ours at 1e-13.
+Both restart at every leg and are called once per history, from compiled code. They are compared at equal tolerances,
+and with a smaller tolerance for LSODA that makes errors about equal. Errors are relative to our integrator at 1e-13.
 """
 
 import time
@@ -13,22 +13,22 @@ from rich.console import Console
 from stickslip.friction import kernel
 
 TOLERANCE, TIGHTER, EXACT, SAMPLES, ROUNDS = 1e-10, 1e-12, 1e-13, 500, 25
-PARAMETERS = np.array([0.0247, 0.0178, 5.3e-3, 0.4, 0.02, 168.0, 0.0, 0.0])  # paper 003 and a spring, slip law
+PARAMETERS = np.array([0.0247, 0.0178, 5.3e-3, 0.4, 0.02, 168.0, 0.0, 0.0])  # paper 003, with a spring and the slip law
 HISTORIES = {  # durations [s] and velocities of the load point [m/s]
-    "slider, one velocity step": ([0.2, 1.0], [0.02, 0.2]),
-    "slider, five holds": ([1.0, 0.3, 1.0, 1.0, 1.0, 3.0, 1.0, 10.0, 1.0, 30.0, 1.0], [0.02, 0.0] * 5 + [0.02]),
+    "spring-slider, one velocity step": ([0.2, 1.0], [0.02, 0.2]),
+    "spring-slider, five holds": ([1.0, 0.3, 1.0, 1.0, 1.0, 3.0, 1.0, 10.0, 1.0, 30.0, 1.0], [0.02, 0.0] * 5 + [0.02]),
 }
 console = Console()
 
 
 def ours(duration, velocity, times, tolerance=TOLERANCE) -> np.ndarray:
-    """ln V/V0 and ln V0 θ/D_c at all times by the package's kernel."""
+    """ln V/V0 and ln V0 θ/D_c at all times, from the kernel of stickslip."""
     normal = np.ones(len(duration))
     return kernel.follow(0.0, 0.0, PARAMETERS, 0.0, duration, velocity, normal, 1.0, times, tolerance)[0]
 
 
 def compiled_lsoda():
-    """The same by LSODA in C++, whose callback is the package's compiled equation; ImportError if it is absent."""
+    """Return the same function using LSODA in C++ with the compiled equations as callback; may raise ImportError."""
     from numbalsoda import lsoda, lsoda_sig
 
     @cfunc(lsoda_sig)
@@ -40,7 +40,7 @@ def compiled_lsoda():
     address = rates.address
 
     @njit
-    def followed(duration, velocity, times, parameters, tolerance):
+    def follow_legs(duration, velocity, times, parameters, tolerance):
         found, place, given = np.zeros((len(times), 2)), np.zeros(2), np.append(parameters, 0.0)
         start, k = 0.0, 1
         for leg in range(len(duration)):
@@ -55,15 +55,15 @@ def compiled_lsoda():
             place[:] = rows[-1]
         return found
 
-    return lambda duration, velocity, times, tolerance: followed(duration, velocity, times, PARAMETERS, tolerance)
+    return lambda duration, velocity, times, tolerance: follow_legs(duration, velocity, times, PARAMETERS, tolerance)
 
 
 def rows() -> list[dict]:
-    """Solutions a second of both, and how far they are apart; none without LSODA."""
+    """Solutions per second of both integrators, and their errors; empty without LSODA."""
     try:
         theirs = compiled_lsoda()
     except ImportError:
-        console.print("[yellow]LSODA skipped[/]: `pip install numbalsoda`, which needs a Fortran compiler, brings it")
+        console.print("[yellow]LSODA skipped[/]: install it with `pip install numbalsoda` (needs a Fortran compiler)")
         return []
     found = []
     for case, (duration, velocity) in HISTORIES.items():

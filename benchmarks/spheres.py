@@ -1,4 +1,4 @@
-"""Strain steps of sphere packings against damped dynamics, and the spectrum at size against LAPACK, in one run."""
+"""Strain steps of sphere packings compared with damped dynamics, and spectra of large packings with LAPACK."""
 
 import pickle
 import time
@@ -21,12 +21,12 @@ from stickslip.solve.newton import Factorisation
 
 LAW = ss.laws.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth")
 TOLERANCE, STEP = 5e-14, 1e-5
-STORE = Path("results") / "benchmark-packings"  # packings of thousands of grains take minutes: kept between runs
+STORE = Path("results") / "benchmark-packings"  # large packings take minutes and are saved
 
 
 def packing(n: int, strain: float = 2e-4):
-    """A packing at φ = 0.68, sheared a little so that its contacts carry slip."""
-    path = STORE / f"{n}-{SCHEMA}.pkl"  # of this layout of states
+    """A packing at φ = 0.68, slightly sheared so that its contacts carry slip."""
+    path = STORE / f"{n}-{SCHEMA}.pkl"  # specific to this layout of states
     if path.exists():
         return pickle.loads(path.read_bytes())
     state, _ = jammed(n, packing_fraction=0.68, seed=0)
@@ -38,8 +38,8 @@ def packing(n: int, strain: float = 2e-4):
     return state
 
 
-def damped(state, *, drag, spin_drag, dt):
-    """Force evaluations and seconds until the forces balance, looked at every 200 steps."""
+def relax_damped(state, *, drag, spin_drag, dt):
+    """Force evaluations and seconds until the forces balance, checked every 200 steps."""
     evaluations, start = 0, time.perf_counter()
     here = sheared(state, STEP)
     while True:
@@ -53,7 +53,7 @@ def damped(state, *, drag, spin_drag, dt):
 
 
 def newton_steps(state, count: int, check: str = "buckling", step: float = STEP):
-    """Seconds a strain step once warm, the largest residual, and factorisations a step."""
+    """Seconds per strain step after a warm-up, the largest residual, and factorisations per step."""
     keep, worst = Factorisation(), 0.0
     state, _ = equilibrate(sheared(state, step), LAW, keep=keep, check=check)
     start, before = time.perf_counter(), keep.factorisations
@@ -66,28 +66,28 @@ def newton_steps(state, count: int, check: str = "buckling", step: float = STEP)
 
 
 def long_steps(n: int, count: int) -> list[dict]:
-    """Steps of 1e-5 and of 1e-4 from the same packing, in turn: the long ones factorise again and rearrange."""
+    """Steps of 1e-5 and of 1e-4 from the same packing, alternating; long steps refactorise and rearrange."""
     state, found = packing(n), {}
     for _ in range(3):
         for step in (STEP, 10 * STEP):
             seconds, _, again = newton_steps(state, count, "nothing", step)
             found[step] = min(found.get(step, (np.inf, 0.0)), (seconds, again))
     (short, few), (long, many) = found[STEP], found[10 * STEP]
-    name = f"a step of {STEP:.0e} ({few:.1f} factorisations)"
+    name = f"step of {STEP:.0e} ({few:.1f} factorisations)"
     line = row(f"strain step of {10 * STEP:.0e} ({many:.1f} factorisations)", n, long, short, name)
     return [line | {"ratio": long / short}]
 
 
 def strain_steps() -> list[dict]:
-    """N = 100: Newton with a kept factor, the paper's drag, strong drag, alternating; best of three."""
+    """N = 100: Newton with a reused factorisation, the paper's drag, and strong drag, alternating, best of three."""
     state = packing(100)
     run(state, LAW, 200, 0.1, drag=0.1)
     newton_steps(state, 3)
     ours, paper, strong, call = [], [], [], []
     for _ in range(3):
         ours.append(newton_steps(state, 30)[0])
-        paper.append(damped(state, drag=0.022, spin_drag=0.0, dt=0.1))
-        strong.append(damped(state, drag=0.3, spin_drag=0.3, dt=0.2))
+        paper.append(relax_damped(state, drag=0.022, spin_drag=0.0, dt=0.1))
+        strong.append(relax_damped(state, drag=0.3, spin_drag=0.3, dt=0.2))
         start = time.perf_counter()
         run(state, LAW, 5000, 0.1)
         call.append((time.perf_counter() - start) / 5000)
@@ -110,7 +110,7 @@ def strain_steps() -> list[dict]:
 
 
 def row(case: str, n: int, ours: float, peer: float | None, peer_name: str, unit: str = "s") -> dict:
-    """One line of the table; the ratio is ours over a budget, a peer's over ours."""
+    """One row of the table; the ratio is our time over a budget, or the time of a peer over ours."""
     ratio = ours / peer if peer else None
     return {
         "case": case, "n": n, "threads": 2, "ours": ours, "peer": peer, "peer_name": peer_name, "ratio": ratio,
@@ -119,7 +119,7 @@ def row(case: str, n: int, ours: float, peer: float | None, peer_name: str, unit
 
 
 def steps_at_size(sizes) -> list[dict]:
-    """Seconds a strain step with PARDISO (budget beside) and with SuperLU."""
+    """Seconds per strain step with PARDISO (with a budget) and with SuperLU."""
     rows = []
     for n, budget in sizes:
         state = packing(n)
@@ -137,7 +137,7 @@ def steps_at_size(sizes) -> list[dict]:
 
 
 def pairs_at_size() -> list[dict]:
-    """All complex pairs at N = 1000 against dense LAPACK; both in this run."""
+    """All complex pairs at N = 1000 compared with dense LAPACK, both in this run."""
     from stickslip.solve.pairs import complex_pairs
 
     protocol, state = aqs(LAW), packing(1000)
@@ -175,7 +175,7 @@ def fastest_at_size(sizes) -> list[dict]:
 
 
 def robustness(n: int, steps: int, seeds) -> list[dict]:
-    """Share of strain steps of 1e-3 in which damped dynamics had to help, and the worst residual."""
+    """Number of strain steps of 1e-3 that needed damped dynamics, and the largest residual."""
     rows = []
     for seed, fraction in seeds:
         state, _ = jammed(n, packing_fraction=fraction, seed=seed)
@@ -187,13 +187,13 @@ def robustness(n: int, steps: int, seeds) -> list[dict]:
             helped, worst = helped + outcome.fallback, max(worst, outcome.residual)
         each = (time.perf_counter() - start) / steps
         case = f"{steps} steps of 1e-3 at {fraction}, seed {seed}: steps with fallback"
-        name = f"steps; worst residual {worst:.0e}, {each:.2g} s a step, force {mean_normal_force(state, LAW):.1e}"
+        name = f"steps; largest residual {worst:.0e}, {each:.2g} s per step, force {mean_normal_force(state, LAW):.1e}"
         rows.append(row(case, n, helped, steps, name, ""))
     return rows
 
 
 def rows(full: bool) -> list[dict]:
-    """Every row; the sizes beyond 1000 take a quarter of an hour and come with `--large`."""
+    """All rows. Sizes beyond 1000 take a quarter of an hour and require `--large`."""
     out = strain_steps() + long_steps(100, 30) + steps_at_size([(1000, 0.15)]) + long_steps(1000, 20) + pairs_at_size()
     seeds = [(s, f) for s, f in enumerate((0.66, 0.67, 0.68, 0.69, 0.70))]
     out += robustness(100, 300, seeds) + robustness(1000, 60, [(0, 0.68)])

@@ -36,7 +36,7 @@ def names(namespace: str) -> list[str]:
 
 
 def _links() -> dict[str, str]:
-    """Dotted name of every public name that stands in one namespace only."""
+    """Map public names that occur in exactly one namespace to their dotted names."""
     out, twice = {}, set()
     for namespace in NAMESPACES:
         for name in names(namespace):
@@ -49,7 +49,7 @@ PUBLIC = _links()
 
 
 def write(folder: Path) -> None:
-    """One page for every namespace."""
+    """Write one page per namespace."""
     folder.mkdir(exist_ok=True)
     for namespace in NAMESPACES:
         path, text = folder / f"{namespace}.rst", page(namespace)
@@ -58,7 +58,7 @@ def write(folder: Path) -> None:
 
 
 def page(namespace: str) -> str:
-    """Table of contents of a namespace, from its docstring, and its names."""
+    """Page of a namespace: the table of contents from its docstring, and its names."""
     title = f"``{full(namespace)}``"
     head, _, rest = (import_module(full(namespace)).__doc__ or "").partition("\n\n")
     contents = ["::", "", *(f"    {line}" for line in rest.rstrip().splitlines()), ""] if rest.strip() else []
@@ -67,7 +67,7 @@ def page(namespace: str) -> str:
 
 
 def entry(namespace: str, name: str) -> str:
-    """What Sphinx is to document of a public name."""
+    """Sphinx directive for a public name."""
     thing, where = getattr(import_module(full(namespace)), name), f"{full(namespace)}.{name}"
     if inspect.isclass(thing):
         return f".. autoclass:: {where}\n   :members:\n" + ("   :undoc-members:\n" if is_enum(thing) else "")
@@ -78,19 +78,19 @@ def entry(namespace: str, name: str) -> str:
 
 
 def is_enum(thing) -> bool:
-    """Whether members are values."""
+    """Return True for enumerations."""
     return inspect.isclass(thing) and issubclass(thing, Enum)
 
 
 def above(name: str) -> str:
-    """The comment at a constant."""
+    """Return the comment above or after a constant."""
     source = inspect.getsource(import_module(f"stickslip.{CONSTANTS[name]}"))
     found = re.search(rf"((?:^#.*\n)*)^[A-Z, ]*\b{name}\b.* = [^#\n]*(#.*)?$", source, flags=re.M)
     return " ".join(line.strip("# ") for line in (found[1] + (found[2] or "")).splitlines()) if found else ""
 
 
 def fields(thing) -> list[str]:
-    """The fields of a NamedTuple with the comments that stand beside them, as a list."""
+    """List the fields of a NamedTuple with their comments."""
     try:
         source = inspect.cleandoc("\n" + inspect.getsource(thing))
     except (OSError, TypeError):
@@ -110,7 +110,7 @@ def fields(thing) -> list[str]:
 
 
 def marked(text: str) -> str:
-    """Names in single backticks become links if they are public, else code; what RST would take as markup is kept."""
+    """Turn names in single backticks into links if they are public, otherwise into code; escape RST markup."""
 
     def role(found):
         word = found[1]
@@ -121,7 +121,7 @@ def marked(text: str) -> str:
 
 
 def described(app, what, name, thing, options, lines) -> None:
-    """What follows the name of a parameter is a description in this house, not a type."""
+    """Treat the text after the name of a parameter as a description, not as a type."""
     rules = [k for k, line in enumerate(lines) if line.strip() and set(line.strip()) == {"-"}]
     for k in reversed(rules):
         end = next((rule - 1 for rule in rules if rule > k), len(lines))
@@ -130,15 +130,15 @@ def described(app, what, name, thing, options, lines) -> None:
 
 
 def _parted(line: str) -> list[str]:
-    """A line of a section as it is, or a name and its description below it."""
+    """Split a line of a section into a name and its description; return other lines unchanged."""
     found = re.fullmatch(r"([\w*][\w*, ]*) : (.*)", line)
     return [found[1], f"    {found[2]}"] if found else [line]
 
 
 def mend(app, what, name, thing, options, lines) -> None:
-    """Docstrings as Sphinx reads them: links, literal equations, and fields of NamedTuples."""
+    """Adapt docstrings for Sphinx: links, literal equations, and fields of NamedTuples."""
     lines[:] = marked("\n".join(lines)).split("\n")
-    for k in [k for k, line in enumerate(lines) if line.startswith(":type: ")]:  # what stood before a colon
+    for k in [k for k, line in enumerate(lines) if line.startswith(":type: ")]:  # text before a colon
         lines[:] = [f"{lines[k].removeprefix(':type: ')}: {lines[0]}", *lines[1:k], *lines[k + 1 :]]
     if what == "class" and issubclass(thing, tuple) and hasattr(thing, "_fields"):
         lines += ["", ".. rubric:: Fields", "", *fields(thing), ""]
@@ -148,14 +148,14 @@ def mend(app, what, name, thing, options, lines) -> None:
 
 
 def short(app, what, name, thing, options, signature, back):
-    """No signature where it would be a list of fields that stands below, or of all tables of a scenario."""
+    """Omit signatures that would repeat the list of fields or of all tables of a scenario."""
     if what == "class" and (issubclass(thing, tuple | BaseModel | Enum) or is_enum(thing)):
         return "", None
     return None
 
 
 def skip(app, what, name, thing, skipped, options):
-    """Leave out what says nothing: fields of NamedTuples, which stand in a list, and what pydantic adds."""
+    """Skip fields of NamedTuples, which are listed separately, and attributes added by pydantic."""
     if type(thing).__name__ == "_tuplegetter" or name.startswith("model_"):
         return True
     return None

@@ -1,4 +1,4 @@
-"""Settings of the documentation: `make docs` builds it with warnings as errors."""
+"""Sphinx configuration; `make docs` builds the documentation with warnings as errors."""
 
 import os
 import sys
@@ -6,7 +6,7 @@ from pathlib import Path
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
-# tutorials call `stickslip` by name, whether or not the environment is activated
+# tutorials call `stickslip` by name, even if the environment is not activated
 os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
 
 import api_reference  # noqa: E402
@@ -20,30 +20,30 @@ project_copyright = author
 version = release = stickslip.__version__
 
 extensions = [
-    "myst_nb",  # markdown pages, and tutorials that are run
+    "myst_nb",  # markdown pages and executed tutorials
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "sphinx.ext.mathjax",
-    "sphinx-mathjax-offline",  # equations need no network
+    "sphinx-mathjax-offline",  # equations work offline
     "sphinx_copybutton",
 ]
 exclude_patterns = ["_build", "figures", "reference"]
-nitpicky = True  # a cross-reference that leads nowhere is an error
-nitpick_ignore_regex = [("py:exc", r"\w+Error")]  # those of other packages, and of inner rooms
+nitpicky = True  # broken cross-references are errors
+nitpick_ignore_regex = [("py:exc", r"\w+Error")]  # exceptions of other packages and of internal modules
 
 myst_enable_extensions = ["dollarmath", "amsmath"]
-myst_heading_anchors = 3  # as on code hosts
+myst_heading_anchors = 3  # same anchors as on code hosts
 myst_dmath_double_inline = True
-nb_execution_mode = "cache"  # a tutorial is run again when its code changes
+nb_execution_mode = "cache"  # tutorials are run again when their code changes
 nb_execution_cache_path = str(HERE / "_build" / ".jupyter_cache")
 nb_execution_timeout = 300
 nb_execution_raise_on_error = True
 nb_merge_streams = True
 
 napoleon_google_docstring = False
-napoleon_use_param = napoleon_use_rtype = False  # types are words, not references
+napoleon_use_param = napoleon_use_rtype = False  # types are plain text, not references
 napoleon_custom_sections = ["Source"]
-autodoc_typehints = "none"  # docstrings say units, shapes and what is allowed
+autodoc_typehints = "none"  # docstrings state units, shapes and allowed values
 autodoc_member_order = "bysource"
 python_use_unqualified_type_names = True
 
@@ -57,7 +57,7 @@ copybutton_exclude = ".linenos, .gp, .go"
 
 
 def setup(app):
-    """Write the pages that are made from the sources, and connect what mends docstrings."""
+    """Write the generated pages and connect the handlers that adapt docstrings."""
     scenario_reference.write(HERE / "scenario")
     api_reference.write(HERE / "api")
     app.connect("autodoc-process-docstring", api_reference.described, priority=400)  # before napoleon

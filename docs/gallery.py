@@ -1,7 +1,7 @@
 """Draw every figure from the examples and write docs/gallery.md: `python docs/gallery.py` from the repository's root.
 
-What was simulated is kept in results/gallery, so that the figures can be drawn again in a minute; the first time takes
-some ten minutes on two cores. `python docs/gallery.py flow gouge` draws those alone and leaves the others' pictures.
+Simulation results are saved in results/gallery, so that the figures can be redrawn in a minute; the first run takes
+some ten minutes on two cores. `python docs/gallery.py flow gouge` draws only these and keeps the other pictures.
 """
 
 import io
@@ -22,29 +22,30 @@ from stickslip.experiments.writer import write_result
 from stickslip.figures import grains, style
 
 ROOT = Path(__file__).parents[1]
-KEPT, PICTURES, PAGE = ROOT / "results" / "gallery", ROOT / "docs" / "figures" / "gallery", ROOT / "docs" / "gallery.md"
-SHRINK, COLORS = 0.7, 256  # of a picture on the page, from 300 dots an inch
-# heading, example, and which functions drew its pictures, in the order of their names
+STORE, PICTURES = ROOT / "results" / "gallery", ROOT / "docs" / "figures" / "gallery"
+PAGE = ROOT / "docs" / "gallery.md"
+SHRINK, COLORS = 0.7, 256  # of pictures on the page, from 300 dots per inch
+# heading, example, and functions that draw its pictures, in the order of file names
 SHOWN = {
     "disk-array": (
-        "A row of disks, pushed", "disk_array.toml",
+        "Pushed row of disks", "disk_array.toml",
         "complex_pairs mean_square_displacement trajectory traveling_fronts mode_shape center_of_mass",
     ),
     "sphere-shear": (
-        "A sheared packing of spheres", "sphere_shear.toml",
+        "Sheared packing of spheres", "sphere_shear.toml",
         "pairs_along_strain spectrum_in_time growth trajectories stress_through_failure",
     ),
     "quasi-rigid": ("Quasi-rigid loading", "simple_shear.toml", "curves packing cone stiffness errors"),
-    "flow": ("A collapsing column", "column_collapse.toml", "snapshots time_series"),
+    "flow": ("Column collapse", "column_collapse.toml", "snapshots time_series"),
     "plane-shear": ("Plane shear", "plane_shear.toml", "snapshots time_series velocity_profile"),
     "gouge": ("Fault gouge", "gouge.toml", "steady_sliding velocity_steps holds reslides healing sample"),
     "rate-state": ("Rate-and-state friction", "rate_state.toml", "slid"),
 }  # fmt: skip
 
 
-def kept(name: str, make):
-    """What `make` gives, or gave before."""
-    path = KEPT / f"{name}.pickle"
+def load_or_make(name: str, make):
+    """Return the saved result, or call `make` and save it."""
+    path = STORE / f"{name}.pickle"
     if not path.is_file():
         found = make()
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -52,8 +53,8 @@ def kept(name: str, make):
     return pickle.loads(path.read_bytes())
 
 
-def simulated(name: str, example: str):
-    """The result of an example, and its experiment."""
+def simulate_example(name: str, example: str):
+    """Return the result of an example, and its experiment."""
     chosen = read_scenario(ROOT / "examples" / example)
     experiment = experiment_of(chosen)
 
@@ -61,21 +62,21 @@ def simulated(name: str, example: str):
         with tempfile.TemporaryDirectory() as folder:
             return experiment.simulate(chosen, folder=Path(folder))
 
-    return kept(name, make), experiment
+    return load_or_make(name, make), experiment
 
 
-def shrunk(path: Path, to: Path) -> None:
-    """A picture as the page shows it: fewer pixels and colours."""
+def shrink(path: Path, to: Path) -> None:
+    """Save a picture with fewer pixels and colours for the page."""
     picture = Image.open(path).convert("RGB")
     small = picture.resize([round(SHRINK * k) for k in picture.size], Image.Resampling.LANCZOS)
-    # MAXCOVERAGE keeps colours that few pixels have, such as those of thin lines
+    # MAXCOVERAGE keeps colours of few pixels, such as those of thin lines
     small.quantize(COLORS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(to, optimize=True)
 
 
-def of_example(name: str) -> list[tuple[str, str]]:
-    """Draw an example's figures; (function, file) of each."""
+def draw_example(name: str) -> list[tuple[str, str]]:
+    """Draw the figures of an example and return (function, file) of each."""
     _, example, functions = SHOWN[name]
-    found, experiment = simulated(name, example)
+    found, experiment = simulate_example(name, example)
     out = []
     with tempfile.TemporaryDirectory() as folder, redirect_stdout(io.StringIO()):
         paths = [path for path in write_result(Path(folder), experiment, found) if path.suffix == ".png"]
@@ -83,17 +84,17 @@ def of_example(name: str) -> list[tuple[str, str]]:
         for path in paths:
             number = len(out)
             file = f"{name}_{path.stem}.png"
-            shrunk(path, PICTURES / file)
+            shrink(path, PICTURES / file)
             out.append((names[number] if len(paths) == len(names) else path.stem, file))
     return out
 
 
-def of_packings() -> list[tuple[str, str]]:
-    """The packing in plane and space, with force chains, statuses and an unstable mode."""
+def draw_packings() -> list[tuple[str, str]]:
+    """Draw packings in two and three dimensions, with force chains, statuses and an unstable mode."""
     out = []
-    spheres, _ = simulated("sphere-shear", SHOWN["sphere-shear"][1])
-    flow, _ = simulated("plane-shear", SHOWN["plane-shear"][1])
-    state, law = unstable(spheres)
+    spheres, _ = simulate_example("sphere-shear", SHOWN["sphere-shear"][1])
+    flow, _ = simulate_example("plane-shear", SHOWN["plane-shear"][1])
+    state, law = unstable_state(spheres)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "packing.h5"
         ss.io.write_packing(file, state, law)
@@ -106,14 +107,14 @@ def of_packings() -> list[tuple[str, str]]:
     for name, draw in figures.items():
         path = PICTURES / f"{name}.png"
         style.save(draw(), path)
-        shrunk(path, path)
+        shrink(path, path)
         out.append(("packing", path.name))
     return out
 
 
-def of_fit() -> list[tuple[str, str]]:
-    """Both laws beside a record that one of them made."""
-    slid, experiment = simulated("rate-state", SHOWN["rate-state"][1])
+def draw_fit() -> list[tuple[str, str]]:
+    """Draw fits of both laws to a record computed with one of them."""
+    slid, experiment = simulate_example("rate-state", SHOWN["rate-state"][1])
     with tempfile.TemporaryDirectory() as folder:
         records = [path for path in write_result(Path(folder), experiment, slid) if path.suffix == ".csv"]
         fit = Path(folder) / "fit"
@@ -122,22 +123,22 @@ def of_fit() -> list[tuple[str, str]]:
             v0=None, before=None, detrend=False, normal=False, out=fit, overwrite=False,
         )  # fmt: skip
         (picture,) = [path for path in write(fit, found) if path.suffix == ".png"]
-        shrunk(picture, PICTURES / "fit.png")
+        shrink(picture, PICTURES / "fit.png")
     return [("fitted", "fit.png")]
 
 
-def unstable(result):
-    """The state of the first packing that has one complex pair (or its last), and the law."""
+def unstable_state(result):
+    """Return the state of the first packing with one complex pair (or its last state), and the law."""
     return next(path.single or path.last for path in result.paths if path is not None), result.law
 
 
-def written(sections: dict[str, list[tuple[str, str]]]) -> None:
-    """The page."""
+def write_page(sections: dict[str, list[tuple[str, str]]]) -> None:
+    """Write the page."""
     text = [
         "# Gallery", "",
-        "Every figure takes a result, or what was measured of it, and returns a matplotlib Figure:",
+        "Every figure function takes a result, or measures of it, and returns a matplotlib Figure:",
         "`ss.figures.NAME(…)`. Colours are those of Okabe and Ito, and viridis; a column is 86 mm wide.",
-        "`python docs/gallery.py` draws all of this from `examples/`.", "",
+        "`python docs/gallery.py` draws all figures of this page from `examples/`.", "",
     ]  # fmt: skip
     for heading, pictures in sections.items():
         text += [f"## {heading}", ""]
@@ -147,7 +148,7 @@ def written(sections: dict[str, list[tuple[str, str]]]) -> None:
 
 
 def main(wanted: list[str]) -> None:
-    """Draw what was asked for, or all."""
+    """Draw the given examples, or all."""
     if not wanted and PICTURES.is_dir():
         shutil.rmtree(PICTURES)
     PICTURES.mkdir(parents=True, exist_ok=True)
@@ -156,11 +157,11 @@ def main(wanted: list[str]) -> None:
         if wanted and name not in wanted:
             continue
         print(f"{heading} …", flush=True)
-        sections[heading] = of_example(name)
+        sections[heading] = draw_example(name)
     if wanted:
         return
-    sections["Fits"] = of_fit()
-    written({"Packings": of_packings()} | sections)
+    sections["Fits"] = draw_fit()
+    write_page({"Packings": draw_packings()} | sections)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
-"""Writes docs/scenario: every key of every scenario, from the schema itself.
+"""Write docs/scenario, the reference of all scenario keys, from the schema.
 
-python docs/scenario_reference.py          # `make docs` does so, too; a test compares
+python docs/scenario_reference.py          # also run by `make docs`; a test compares the result
 """
 
 import json
@@ -13,32 +13,32 @@ from stickslip.experiments.sweep.definition import DRAWN, KINDS, MODES, MOST, OP
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 TITLES = {
-    "disk-array": "Keys of disk arrays",
-    "sphere-shear": "Keys of sheared packings",
-    "quasi-rigid": "Keys of quasi-rigid tests",
-    "flow": "Keys of flows",
-    "gouge": "Keys of fault gouge",
-    "rate-state": "Keys of sliders",
+    "disk-array": "Disk array scenarios",
+    "sphere-shear": "Sheared packing scenarios",
+    "quasi-rigid": "Quasi-rigid scenarios",
+    "flow": "Flow scenarios",
+    "gouge": "Fault gouge scenarios",
+    "rate-state": "Rate-and-state scenarios",
 }
 HEAD = "| key | type | default | allowed | unit | |\n|---|---|---|---|---|---|"
 SWEEP = {
-    "mode": ("how keys go together: every value with every other, first with first, or a Latin hypercube", '"grid"'),
-    "number": ('points of a sample, or of every key with `mode = "zip"`', "–"),
-    "draw_seed": ("of all draws", "0"),
+    "mode": ("combination of keys: all combinations, first values together, or a Latin hypercube", '"grid"'),
+    "number": ('number of points of a sample, or of every key with `mode = "zip"`', "–"),
+    "draw_seed": ("seed of all random values", "0"),
 }
 VALUES = {
-    "linspace": "two ends, evenly",
-    "geomspace": "two ends, evenly in the logarithm",
-    "uniform": "drawn between two ends",
-    "loguniform": "drawn between two ends, uniform in the logarithm",
-    "integers": "drawn, both ends possible",
-    "normal": "drawn; mean and sd",
-    "count": "for `seed` alone: the scenario's, the next one, and so on",
+    "linspace": "evenly spaced, including both ends",
+    "geomspace": "evenly spaced in the logarithm, including both ends",
+    "uniform": "random, uniform between two ends",
+    "loguniform": "random between two ends, uniform in the logarithm",
+    "integers": "random, both ends included",
+    "normal": "random, with mean and standard deviation",
+    "count": "for `seed` only: the scenario's seed and the following ones",
 }
 
 
 def write(folder: Path) -> None:
-    """One page for every experiment, one for [sweep], and what leads to them; unchanged pages are left alone."""
+    """Write one page per experiment, one for [sweep], and an overview; unchanged pages are not rewritten."""
     texts = {"README": start(), "sweep": sweep_page()}
     texts |= {name: page(name, one.scenario) for name, one in EXPERIMENTS.items()}
     folder.mkdir(exist_ok=True)
@@ -49,27 +49,27 @@ def write(folder: Path) -> None:
 
 
 def start() -> str:
-    """The page that leads to the others."""
+    """Overview page."""
     rows = "\n".join(f'| `experiment = "{name}"` | [{TITLES[name]}]({name}.md) |' for name in EXPERIMENTS)
-    return f"""# Scenarios, key by key
+    return f"""# Scenario reference
 
 A scenario is a TOML file (or nested dictionaries, `ss.scenario(**tables)`) that defines a run,
-`stickslip run FILE --out FOLDER`. Keys that are not given take their defaults. An unknown key, or a value that is not
-allowed, is refused in one sentence before anything runs.
-These pages are written from the schema by `python docs/scenario_reference.py`.
+`stickslip run FILE --out FOLDER`. Omitted keys have their default values. Unknown keys and invalid
+values are rejected with an error message before anything runs.
+These pages are generated from the schema by `python docs/scenario_reference.py`.
 
 | | |
 |---|---|
 {rows}
-| `[sweep]` in any of them | [Keys of sweeps](sweep.md): many runs from one scenario |
+| `[sweep]` in any of them | [Sweeps](sweep.md): many runs from one scenario |
 
-Where a page says `length`, `mass`, `force`, units are your own, consistent ones; `m`, `s`, `Pa` are SI. A dash as unit
-means a pure number, or words.
+For units such as `length`, `mass` and `force`, any consistent units may be used; `m`, `s` and `Pa` are SI units. A dash
+in the unit column means a dimensionless number or a string.
 """
 
 
 def page(name: str, kind: type[Whole]) -> str:
-    """All tables of one kind of scenario, and its examples."""
+    """Page with all tables of one kind of scenario, and its examples."""
     schema = kind.model_json_schema()
     parts = [f"# {TITLES[name]}", f'`experiment = "{name}"`. {schema["description"]}', _tables(schema, schema, "", {})]
     for path in sorted(EXAMPLES.glob("*.toml")):
@@ -80,7 +80,7 @@ def page(name: str, kind: type[Whole]) -> str:
 
 
 def _tables(table: dict, whole: dict, place: str, seen: dict) -> str:
-    """The rows of one table, then the tables within it; `seen` says where each kind of table stands already."""
+    """Rows of one table, followed by its inner tables; `seen` maps each kind of table to its first occurrence."""
     rows, inner = [], []
     for key, entry in table["properties"].items():
         below = list(_references(entry))
@@ -94,7 +94,7 @@ def _tables(table: dict, whole: dict, place: str, seen: dict) -> str:
         if "const" in found["properties"].get("kind", {}):
             header += f' with kind = "{found["properties"]["kind"]["const"]}"'
         if reference in seen:
-            text += f"\n\n`{header}` is as `{seen[reference]}`."
+            text += f"\n\n`{header}` has the same keys as `{seen[reference]}`."
             continue
         seen[reference] = header
         inside = _tables(found, whole, f"{header.split(']')[0].strip('[')}.", seen)
@@ -103,7 +103,7 @@ def _tables(table: dict, whole: dict, place: str, seen: dict) -> str:
 
 
 def _references(entry) -> list[str]:
-    """Names of the tables that an entry may hold."""
+    """Names of the tables that an entry may contain."""
     if isinstance(entry, dict):
         own = [entry["$ref"].rsplit("/", 1)[1]] if "$ref" in entry else []
         inner = [value for key, value in entry.items() if key not in ("default", "discriminator")]
@@ -113,7 +113,7 @@ def _references(entry) -> list[str]:
 
 def _row(key: str, entry: dict, whole: dict, below: list[str], required: bool) -> str:
     words, unit = split(entry.get("description", ""))
-    default = "**needed**" if required else _default(entry.get("default"), bool(below))
+    default = "**required**" if required else _default(entry.get("default"), bool(below))
     if below and not words:
         words = _plain(whole["$defs"][below[0]]["description"]) if len(below) == 1 else "see below"
     cells = [f"`{key}`", _type(entry), default, _allowed(entry) or "–", unit or "–", words]
@@ -121,7 +121,7 @@ def _row(key: str, entry: dict, whole: dict, below: list[str], required: bool) -
 
 
 def split(description: str) -> tuple[str, str]:
-    """Words, and the unit that stands in brackets at their end."""
+    """Split a description into text and the unit in brackets at its end."""
     found = re.fullmatch(r"(.*?)\s*\[([^\[\]]*)\]", description, flags=re.S)
     return (found[1], found[2]) if found else (description, "")
 
@@ -137,14 +137,14 @@ def _default(value, table: bool) -> str:
 
 
 def _type(entry: dict) -> str:
-    names = {"number": "number", "integer": "whole number", "boolean": "true, false", "string": "word"}
+    names = {"number": "number", "integer": "integer", "boolean": "boolean", "string": "string"}
     if "anyOf" in entry or "oneOf" in entry:
         kinds = [_type(branch) for branch in entry.get("anyOf", entry.get("oneOf"))]
         return " or ".join(dict.fromkeys(kind for kind in kinds if kind))
     if "$ref" in entry:
         return "table"
     if "const" in entry or "enum" in entry:
-        return "word" if isinstance(entry.get("const", entry.get("enum", [""])[0]), str) else "whole number"
+        return "string" if isinstance(entry.get("const", entry.get("enum", [""])[0]), str) else "integer"
     if entry.get("type") == "array":
         if "prefixItems" in entry:
             return f"pair of {_type(entry['prefixItems'][0])}s"
@@ -180,26 +180,26 @@ def _allowed(entry: dict) -> str:
 
 
 def sweep_page() -> str:
-    """The options of [sweep] and the kinds of values, as the code knows them."""
+    """Page with the options of [sweep] and the kinds of values, taken from the code."""
     modes = ", ".join(f'`"{mode}"`' for mode in MODES)
     options = "\n".join(
-        f"| `{name}` | {SWEEP[name][1]} | {modes if name == 'mode' else 'whole number'} | {SWEEP[name][0]} |"
+        f"| `{name}` | {SWEEP[name][1]} | {modes if name == 'mode' else 'integer'} | {SWEEP[name][0]} |"
         for name in OPTIONS
     )
     forms = {name: f"{{{name} = [a, b], number = n}}" for name in (*SPACED, *DRAWN)}
     forms |= {"normal": "{normal = {mean = m, sd = s}, number = n}", "count": "{count = n}"}
     values = "\n".join(f"| `{forms[name]}` | {VALUES[name]} |" for name in KINDS)
     example = (EXAMPLES / "rate_state_sweep.toml").read_text(encoding="utf-8").strip()
-    return f"""# Keys of sweeps
+    return f"""# Sweeps
 
-`[sweep]` is a table in any scenario; `stickslip run` then makes a dataset of all members. What the modes do, what is
-left behind and how clusters are used stands on the page [many runs](../many_runs.md).
+Any scenario may contain a table `[sweep]`; `stickslip run` then collects the results of all members in a dataset. The
+modes, the output files and the use of clusters are described in [many runs](../many_runs.md).
 
 | key | default | allowed | |
 |---|---|---|---|
 {options}
 
-All other keys are keys of the scenario, dotted and in quotes, with entries of lists counted from one
+All other keys are dotted names of scenario keys in quotes, with entries of lists counted from one
 (`"legs.2.velocity"`). At most {MOST} members are allowed. A value is a list, or one of
 
 | | |

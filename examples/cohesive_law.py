@@ -1,7 +1,8 @@
-"""Wet grains: Hertz–Mindlin contacts, and the pull of a liquid bridge, which fades across a gap and is gone at rupture.
+"""Cohesive law for wet grains: Hertz–Mindlin contacts with a liquid bridge that decays across a gap until it ruptures.
 
-The bridge is that of Richefeu, El Youssoufi & Radjai, doi:10.1103/PhysRevE.73.051304, with 2 r_eff for the radius of
-alike grains, and less the pull at rupture, so that the force ends without a jump. It bears no friction.
+The bridge model is that of Richefeu, El Youssoufi & Radjai, doi:10.1103/PhysRevE.73.051304, with 2 r_eff as the radius
+of equal grains. The attraction at rupture is subtracted, so that the force vanishes continuously. The bridge does not
+contribute to the friction cap.
 """
 
 from math import exp, sqrt

@@ -1,4 +1,4 @@
-"""Grains that resist rolling: a linear contact with an elastic, then plastic spring against relative rotation.
+"""Contact law with rolling resistance: a linear contact with an elastic-plastic rolling spring.
 
 Model C of Ai, Chen, Rotter & Ooi, doi:10.1016/j.powtec.2010.09.030, without its dashpot: the moment is k_r times the
 relative rotation, at most mu_r r_eff F_n, with k_r = 2.25 kn (mu_r r_eff)².

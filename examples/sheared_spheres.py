@@ -1,4 +1,4 @@
-"""Writes sheared_spheres.npz, the packing of the documentation's first page: 50 spheres, sheared until a pair is there.
+"""Write sheared_spheres.npz, the packing of the quick start: 50 spheres, sheared until a complex pair exists.
 
 python examples/sheared_spheres.py
 """

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from benchmarks.load_paths import Sample, prepared, samples
+from benchmarks.load_paths import Sample, prepare, samples
 from stickslip.core.control import between
 from stickslip.loading.biaxial import RIGHT, TOP, biaxial_box, sheared_box, with_load
 from stickslip.loading.slow import slow_dynamics
@@ -81,7 +81,7 @@ def test_the_path_converges_with_the_increment(boxed):
 
 def test_slow_dynamics_follow_the_path():
     """Without rattlers, and before a first choice: dynamics has its own rattlers' places and its own choices."""
-    state, law, end = prepared(Sample(60, 115, False, "lid up"))
+    state, law, end = prepare(Sample(60, 115, False, "lid up"))
     path, errors = load_path(state, law, end, increment=0.005), []
     until = min([0.2, 0.8 * path.points[-1].load, *(0.95 * fork.load for fork in path.alternatives)])
     for step in (until / 50, until / 200):
@@ -258,7 +258,7 @@ def test_ends_of_larger_samples_do_not_depend_on_the_increment():
     some = [s for s in samples() if s.n in (100, 200)][::2]
     alike = []
     for sample in some:
-        state, law, end = prepared(sample)
+        state, law, end = prepare(sample)
         alike.append(ends_alike([load_path(state, law, end, increment=h) for h in (0.01, 0.005, 0.002)]))
     assert sum(alike) >= len(some) - 1
 
