@@ -171,7 +171,7 @@ def test_the_dataset_does_not_depend_on_how_members_were_run(tmp_path, cluster):
 
 
 def test_files_of_a_member_travel_when_its_worker_does_not_see_the_folder(tmp_path, monkeypatch):
-    monkeypatch.setattr("stickslip.experiments.sweep.run._sees", lambda path, text: False)
+    monkeypatch.setattr("stickslip.experiments.sweep.run._is_same_sweep", lambda path, text: False)
     swept = run_sweep(small(), tmp_path, workers=1)
     for name in swept.names:
         here = {path.name for path in (tmp_path / MEMBERS / name).iterdir()}

@@ -17,7 +17,7 @@ from stickslip.experiments import terminal
 from stickslip.experiments.claims import claim
 from stickslip.experiments.rate_state.simulate import simulate_slider
 from stickslip.experiments.registry import scenario
-from stickslip.experiments.sweep.definition import differences
+from stickslip.experiments.sweep.definition import describe_differences
 from tests.conftest import stickslip_here
 
 SLIDER = 'experiment = "rate-state"\n[samples]\nnumber = 12\n'
@@ -157,7 +157,7 @@ def test_a_sweep_keeps_its_choice_says_when_nothing_is_left_and_is_replaced_only
 )
 def test_what_makes_another_sweep(change, words):
     base = {"law": {"kt": 0.1}, "sweep": {"law.mu": [1, 2]}}
-    assert differences(base, base | change) == words
+    assert describe_differences(base, base | change) == words
 
 
 def test_colours_and_live_lines_are_for_terminals(monkeypatch):

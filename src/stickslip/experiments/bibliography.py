@@ -25,11 +25,11 @@ def bibtex(*scenarios: Whole) -> str:
     >>> "Charan2020" in bibtex(scenario())
     True
     """
-    entries = _entries()
-    parts = ["% the package\n" + software()]
+    entries = _read_entries()
+    parts = ["% the package\n" + package_entry()]
     groups: dict[str, dict] = {}
     for scenario in scenarios:
-        for title, keys in rests_on(scenario).items():
+        for title, keys in reference_keys(scenario).items():
             groups.setdefault(title, {}).update(dict.fromkeys(keys))
     libraries = groups.pop("libraries", {})
     for title, keys in (groups | {"libraries": libraries}).items():
@@ -51,22 +51,22 @@ def scenarios_of(path: Path) -> list[Whole]:
     return [one.scenario for one in members(sweep(**tables))] if "sweep" in tables else [judged(**tables)]
 
 
-def rests_on(scenario: Whole) -> dict[str, tuple[str, ...]]:
+def reference_keys(scenario: Whole) -> dict[str, tuple[str, ...]]:
     """Keys of references by what they are for; groups that would be empty are left out."""
     groups = experiment_of(scenario).references(scenario)
     groups["libraries"] = LIBRARIES + (("LAMMPS",) if getattr(scenario, "engine", "") == "lammps" else ())
     return {title: keys for title, keys in groups.items() if keys}
 
 
-def _entries() -> dict[str, str]:
+def _read_entries() -> dict[str, str]:
     """Entries of references.bib by key."""
     text = (HERE / "references.bib").read_text(encoding="utf-8")
     return {key: entry for entry, key in re.findall(r"(^@\w+\{(\w+),\n.*?^\})$", text, flags=re.M | re.S)}
 
 
-def software() -> str:
+def package_entry() -> str:
     """The package's own entry, from CITATION.cff."""
-    about = _citation()
+    about = _read_citation()
     fields = {
         "author": " and ".join(about["authors"]),
         "title": "{" + about["title"] + "}",
@@ -78,7 +78,7 @@ def software() -> str:
     return "@misc{stickslip,\n" + "".join(f"  {k} = {{{v}}},\n" for k, v in fields.items()) + "}"
 
 
-def _citation() -> dict:
+def _read_citation() -> dict:
     """What CITATION.cff says of the package: its plain entries, and authors as BibTeX writes them.
 
     A reader of the subset of YAML that the file uses: one entry a line, and a list of authors.
@@ -88,9 +88,9 @@ def _citation() -> dict:
     about = text.partition("\nreferences:")[0]
     found = {key: value.strip('"') for key, value in re.findall(r"^([\w-]+): (.+)$", about, flags=re.M)}
     people = re.findall(r"^  - (.+?)(?=^  - |^\S|\Z)", about, flags=re.M | re.S)
-    found["authors"] = [_name(dict(re.findall(r'([\w-]+): "?([^"\n]+)"?', person))) for person in people]
+    found["authors"] = [_format_author(dict(re.findall(r'([\w-]+): "?([^"\n]+)"?', person))) for person in people]
     return found
 
 
-def _name(person: dict) -> str:
+def _format_author(person: dict) -> str:
     return f"{{{person['name']}}}" if "name" in person else f"{person['family-names']}, {person['given-names']}"

@@ -13,7 +13,7 @@ REFUTED, UNDECIDED, NO_REFERENCE = "refuted", "undecided", "no reference"
 VERDICTS = (REPRODUCED, PARTLY, NOT_REPRODUCED, REFUTED, UNDECIDED, NO_REFERENCE)
 IS, CAN, ALWAYS = "is", "can", "always"  # kinds of statements: something is so, can be so, is always so
 FACTOR = 0.5  # tolerance from which on it is a factor either way: below, a symmetric band is as good
-SEEN = 5e-4  # error, relative, below which it does not show in the three digits of a table
+NEGLIGIBLE = 5e-4  # error, relative, below which it does not show in the three digits of a table
 ROUND_OFF = 1e-12  # relative, on the edges of a band: 1.1 − 1.0 is more than 0.1 in floating point
 
 Value = float | bool | list | None
@@ -58,7 +58,7 @@ def claim(
     >>> claim("speed", "Fig 5: text", 0.075, 0.080, "1", 0.25, error=0.01).verdict
     'reproduced'
     """
-    paper, measured, reference = plain(paper), plain(measured), plain(reference)
+    paper, measured, reference = to_builtin(paper), to_builtin(measured), to_builtin(reference)
     error = None if error is None or not math.isfinite(error) else float(error)
     if not source.partition(":")[2].strip():
         raise ValueError(f"{id}: source {source!r} names no place of the paper, a colon, and what stands there")
@@ -70,7 +70,7 @@ def claim(
     made = Claim(
         id, source, paper, measured, unit, tolerance, word, note, error, reference, reference_source, quantifier
     )
-    said = [note, f"undecided: {reason(made)}" if word == UNDECIDED else "", _beside_reference(made)]
+    said = [note, f"undecided: {undecided_reason(made)}" if word == UNDECIDED else "", _describe_reference(made)]
     return made._replace(note="; ".join(words for words in said if words))
 
 
@@ -101,17 +101,17 @@ def verdict(paper: Value, measured: Value, tolerance: float, error: float | None
         if tolerance or error is negative or the tolerance not finite, if the quantifier is unknown, and if a statement
         stands beside a number, or a window beside something else.
     """
-    paper, measured = plain(paper), plain(measured)
+    paper, measured = to_builtin(paper), to_builtin(measured)
     if not 0 <= tolerance < math.inf:
         raise ValueError(f"a tolerance of {tolerance} was given: a number from 0 on is needed")
     if error is not None and error < 0:
         raise ValueError(f"an error of {error} was given: a standard error is not negative")
     if quantifier not in (IS, CAN, ALWAYS):
         raise ValueError(f"quantifier {quantifier!r} was given: use is, can or always")
-    return NO_REFERENCE if paper is None else _compared(paper, measured, tolerance, error, quantifier)
+    return NO_REFERENCE if paper is None else _compare(paper, measured, tolerance, error, quantifier)
 
 
-def _compared(target: Value, measured: Value, tolerance: float, error: float | None, quantifier: str) -> str:
+def _compare(target: Value, measured: Value, tolerance: float, error: float | None, quantifier: str) -> str:
     if measured is None:
         return UNDECIDED
     if isinstance(target, bool) or isinstance(measured, bool):
@@ -124,14 +124,18 @@ def _compared(target: Value, measured: Value, tolerance: float, error: float | N
     ):
         raise ValueError(f"{measured!r} was measured where {target!r} is printed: windows need windows")
     if isinstance(target, list):
-        ends = [_number(p, m, tolerance, error) for p, m in zip(target, measured, strict=True)] if measured else []
+        ends = (
+            [_compare_numbers(p, m, tolerance, error) for p, m in zip(target, measured, strict=True)]
+            if measured
+            else []
+        )
         if UNDECIDED in ends:
             return UNDECIDED
         return (NOT_REPRODUCED, PARTLY, REPRODUCED)[ends.count(REPRODUCED)]
-    return _number(target, measured, tolerance, error)
+    return _compare_numbers(target, measured, tolerance, error)
 
 
-def _number(target: float, measured: float, tolerance: float, error: float | None) -> str:
+def _compare_numbers(target: float, measured: float, tolerance: float, error: float | None) -> str:
     if error is None or not math.isfinite(error) or not math.isfinite(measured):
         return UNDECIDED
     low, high = band(target, tolerance)
@@ -155,7 +159,7 @@ def band(target: float, tolerance: float, times: int = 1) -> tuple[float, float]
     return min(ends), max(ends)
 
 
-def reason(made: Claim) -> str:
+def undecided_reason(made: Claim) -> str:
     """Why a claim is undecided, in words."""
     if made.measured is None:
         return "left open" if _is_statement(made) else "not measured"
@@ -166,10 +170,10 @@ def reason(made: Claim) -> str:
     return f"its error {made.error:.1e} exceeds the tolerance"
 
 
-def _beside_reference(made: Claim) -> str:
+def _describe_reference(made: Claim) -> str:
     if made.reference is None:
         return ""
-    word = _compared(made.reference, made.measured, made.tolerance, made.error, made.quantifier)
+    word = _compare(made.reference, made.measured, made.tolerance, made.error, made.quantifier)
     how = {REPRODUCED: "agrees with", PARTLY: "is within twice the tolerance of"}.get(word, "differs from")
     how = "cannot be compared with" if word == UNDECIDED else how
     value = "" if _is_statement(made) else f" {shown(made.reference)}"
@@ -205,19 +209,19 @@ def median_error(values) -> float | None:
     return None if error is None else float(np.sqrt(np.pi / 2)) * error
 
 
-def plain(value) -> Value:
+def to_builtin(value) -> Value:
     """A value without NumPy's types; None for a number that is not finite."""
     if value is None or isinstance(value, bool | np.bool_):
         return value if value is None else bool(value)
     if isinstance(value, list | tuple | np.ndarray):
-        ends = [plain(v) for v in value]
+        ends = [to_builtin(v) for v in value]
         return None if None in ends else ends
     if not math.isfinite(value):
         return None
     return int(value) if isinstance(value, int | np.integer) else float(value)
 
 
-def write(path: str | Path, claims: list[Claim]) -> None:
+def write_json(path: str | Path, claims: list[Claim]) -> None:
     """claims.json: a list of objects whose keys are the fields of Claim."""
     Path(path).write_text(json.dumps([c._asdict() for c in claims], indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
@@ -233,9 +237,9 @@ def shown(value: Value) -> str:
     return f"{value:.3g}"
 
 
-def with_error(made: Claim) -> str:
+def format_measured(made: Claim) -> str:
     """What was measured, with its error, as tables print it."""
     words, value = shown(made.measured), made.measured
-    if isinstance(value, bool | list) or value is None or not made.error or made.error < SEEN * abs(value):
+    if isinstance(value, bool | list) or value is None or not made.error or made.error < NEGLIGIBLE * abs(value):
         return words
     return f"{words} ± {made.error:.2g}"

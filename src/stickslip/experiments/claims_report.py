@@ -19,9 +19,9 @@ from .claims import (
     UNDECIDED,
     VERDICTS,
     Claim,
+    format_measured,
     shown,
-    with_error,
-    write,
+    write_json,
 )
 from .run_folder import CHART, CLAIMS, NOTES
 from .terminal import console
@@ -42,9 +42,9 @@ def write_claims(room: Path, claims: list[Claim], shows: Shows, title: str, fail
     """Write claims.json, claims.md and claims.png; what failed, in sentences, is told in claims.md and printed."""
     for words in failures:
         console.print(words, style="yellow")
-    write(room / CLAIMS, claims)
+    write_json(room / CLAIMS, claims)
     (room / NOTES).write_text(markdown(claims, shows, title, failures), encoding="utf-8")
-    save_figure(claims_chart(rows(claims, shows), title), room / CHART)
+    save_figure(claims_chart(chart_rows(claims, shows), title), room / CHART)
 
 
 def place(made: Claim) -> str:
@@ -57,7 +57,7 @@ def variant(made: Claim) -> str:
     return made.id.partition("@")[2]
 
 
-def rows(claims: list[Claim], shows: Shows) -> list[Row]:
+def chart_rows(claims: list[Claim], shows: Shows) -> list[Row]:
     """Claims as the picture takes them, by figure: deviations from the paper's value or the reference, in tolerances.
 
     The paper's own model stands first, then the variants.
@@ -69,7 +69,7 @@ def rows(claims: list[Claim], shows: Shows) -> list[Row]:
         ends, error = deviation(target, c.measured, c.tolerance, c.error)
         group = place(c) + (f" @{variant(c)}" if variant(c) else "")
         label = c.id.partition("@")[0].replace("-", " ")
-        out.append(Row(label, group, c.verdict, ends, error, with_error(c), shown(target), beside))
+        out.append(Row(label, group, c.verdict, ends, error, format_measured(c), shown(target), beside))
     return out
 
 
@@ -97,7 +97,7 @@ def _distance(target: float, measured: float, tolerance: float) -> float:
     return math.copysign(1, target) * math.log(measured / target) / math.log(1 + tolerance)
 
 
-def sentences(claims: list[Claim], shows: Shows) -> tuple[str, str]:
+def summarize(claims: list[Claim], shows: Shows) -> tuple[str, str]:
     """How many claims are reproduced, and the main reason why others are not."""
     own = [c for c in claims if not variant(c)]
     judged = [c for c in own if c.verdict != NO_REFERENCE]
@@ -116,7 +116,7 @@ def sentences(claims: list[Claim], shows: Shows) -> tuple[str, str]:
 def _main_reason(judged: list[Claim], shows: Shows) -> str:
     missed = [c for c in judged if c.verdict in (NOT_REPRODUCED, REFUTED)]
     parts = [_most_missed(missed, shows)] if missed else []
-    why = Counter(_kind(c) for c in judged if c.verdict == UNDECIDED)
+    why = Counter(_undecided_cause(c) for c in judged if c.verdict == UNDECIDED)
     if why:
         parts.append("undecided because " + ", ".join(f"{words} ({n})" for words, n in why.most_common()))
     text = "; ".join(parts) or "every claim agrees within its tolerance"
@@ -132,10 +132,10 @@ def _most_missed(missed: list[Claim], shows: Shows) -> str:
     here = [c for c in missed if place(c) == most]
     what, key = shows.get(most, ("", ""))
     quoted = next((c for c in here if c.id == key), here[0])
-    return f"{how} {most}{f' ({what})' if what else ''}: {_quoted(quoted)}"
+    return f"{how} {most}{f' ({what})' if what else ''}: {_quote(quoted)}"
 
 
-def _kind(made: Claim) -> str:
+def _undecided_cause(made: Claim) -> str:
     """The reason why a claim is undecided, without its numbers."""
     if made.measured is None:
         return "its interval leaves it open" if made.paper is True else "nothing could be measured"
@@ -144,12 +144,12 @@ def _kind(made: Claim) -> str:
     return "its error is not known" if made.error is None else "its error exceeds the tolerance"
 
 
-def _quoted(made: Claim) -> str:
+def _quote(made: Claim) -> str:
     """A claim with its two numbers."""
     if isinstance(made.measured, bool):
         return f"{made.id} {shown(made.measured) if made.paper is None else made.verdict}"
     name, value = ("reference", made.reference) if made.paper is None else ("paper", made.paper)
-    measured = "not measured" if made.measured is None else with_error(made)
+    measured = "not measured" if made.measured is None else format_measured(made)
     return f"{made.id} {measured}" + (f", {name} {shown(value)}" if value is not None else "")
 
 
@@ -158,13 +158,15 @@ def figure_lines(claims: list[Claim], shows: Shows) -> list[tuple[str, str, str,
     out = []
     for name, (words, key) in shows.items():
         here = [c for c in claims if place(c) == name]
-        counted = [_share([c for c in here if variant(c) == v], v) for v in dict.fromkeys(map(variant, here))]
-        quoted = next((_quoted(c) for c in here if c.id == key), "")
+        counted = [
+            _count_reproduced([c for c in here if variant(c) == v], v) for v in dict.fromkeys(map(variant, here))
+        ]
+        quoted = next((_quote(c) for c in here if c.id == key), "")
         out.append((name, words, ", ".join(filter(None, counted)) or "–", quoted))
     return out
 
 
-def _share(here: list[Claim], name: str) -> str:
+def _count_reproduced(here: list[Claim], name: str) -> str:
     judged = [c for c in here if c.verdict != NO_REFERENCE]
     done = sum(c.verdict == REPRODUCED for c in judged)
     return (f"{name} " if name else "") + f"{done} of {len(judged)}" if judged else ""
@@ -172,7 +174,7 @@ def _share(here: list[Claim], name: str) -> str:
 
 def show_claims(claims: list[Claim], shows: Shows) -> None:
     """Print two sentences and one line for each figure of the paper; everything else stands in claims.md."""
-    for words in sentences(claims, shows):
+    for words in summarize(claims, shows):
         console.print(words)
     console.print(_figure_table(figure_lines(claims, shows)))
     console.print(f"All rows, with reasons, are in {NOTES}.")
@@ -196,9 +198,9 @@ def _figure_table(lines: list[tuple[str, str, str, str]]) -> Table:
 
 def markdown(claims: list[Claim], shows: Shows, title: str, failures=()) -> str:
     """claims.md: summary, what failed, the words of verdicts, a table for each figure of the paper, and all notes."""
-    lines = [f"# {title}", "", " ".join(sentences(claims, shows)), "", f"![claims]({CHART})", ""]
+    lines = [f"# {title}", "", " ".join(summarize(claims, shows)), "", f"![claims]({CHART})", ""]
     if failures:
-        lines += ["Missing, because they failed:", "", *(f"- {_safe(words)}" for words in failures), ""]
+        lines += ["Missing, because they failed:", "", *(f"- {_escape(words)}" for words in failures), ""]
     for word in VERDICTS:
         lines.append(f"- **{word}** ({sum(c.verdict == word for c in claims)}): {MEANING[word]}")
     head = "| claim | source | paper | reference | measured | unit | tolerance | verdict |"
@@ -208,23 +210,23 @@ def markdown(claims: list[Claim], shows: Shows, title: str, failures=()) -> str:
         lines += [_markdown_row(c) for c in claims if place(c) == name]
     lines += ["", "## Notes", ""]
     for c in claims:
-        lines += [f"- **{c.id}** ({c.verdict}): {_safe(c.note) or '–'}."]
+        lines += [f"- **{c.id}** ({c.verdict}): {_escape(c.note) or '–'}."]
     return "\n".join(lines) + "\n"
 
 
 def _markdown_row(c: Claim) -> str:
     source = c.source.partition(":")[2].strip() or c.source
-    tolerance = "–" if isinstance(c.measured, bool) or not c.tolerance else _tolerance(c)
+    tolerance = "–" if isinstance(c.measured, bool) or not c.tolerance else _format_tolerance(c)
     cells = (
-        c.id, source, shown(c.paper), shown(c.reference), with_error(c), c.unit or "–", tolerance, f"**{c.verdict}**"
+        c.id, source, shown(c.paper), shown(c.reference), format_measured(c), c.unit or "–", tolerance, f"**{c.verdict}**"
     )  # fmt: skip
-    return "| " + " | ".join(_safe(cell) for cell in cells) + " |"
+    return "| " + " | ".join(_escape(cell) for cell in cells) + " |"
 
 
-def _tolerance(c: Claim) -> str:
+def _format_tolerance(c: Claim) -> str:
     return f"{c.tolerance:.2g}" if c.tolerance < FACTOR else f"a factor {1 + c.tolerance:.2g}"
 
 
-def _safe(words: str) -> str:
+def _escape(words: str) -> str:
     """Words inside a cell of a Markdown table."""
     return words.replace("|", "\\|").replace("\n", " ")

@@ -61,12 +61,12 @@ def open_dataset(place: str | Path) -> xr.DataTree:
             f"{path} holds a sweep that was stopped: stickslip resume {path} goes on, and ends in a dataset"
         )
     if path.is_dir() and not (path / RESULTS).is_file():
-        return _unfinished(path)
+        return _open_unfinished(path)
     path = path / RESULTS if path.is_dir() else path
     if not path.is_file():
         raise ValueError(f"{path} does not exist: give the folder of a run, or its results.h5")
     tree, about, units = archive.read(path), archive.attributes(path), archive.units(path)
-    return _tree(tree, units, about)
+    return _build_tree(tree, units, about)
 
 
 def contact_table(data: xr.DataTree | xr.Dataset, frame) -> pd.DataFrame:
@@ -108,7 +108,7 @@ def contact_table(data: xr.DataTree | xr.Dataset, frame) -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
-def _unfinished(folder: Path) -> xr.DataTree:
+def _open_unfinished(folder: Path) -> xr.DataTree:
     """Pieces that a run has kept so far."""
     paths = sorted((folder / UNFINISHED).rglob("*.h5")) if (folder / UNFINISHED).is_dir() else []
     paths = [path for path in paths if not path.name.startswith(".")]
@@ -121,29 +121,29 @@ def _unfinished(folder: Path) -> xr.DataTree:
         for name, path in zip(names, paths, strict=True)
         for inner, unit in archive.units(path).items()
     }
-    return _tree(tree, units, archive.attributes(paths[0]) | {"finished": "no"})
+    return _build_tree(tree, units, archive.attributes(paths[0]) | {"finished": "no"})
 
 
-def _tree(tree: dict, units: dict[str, str], about: dict) -> xr.DataTree:
+def _build_tree(tree: dict, units: dict[str, str], about: dict) -> xr.DataTree:
     """All nodes; a coordinate that a node above has with other values gets the node's name before its own."""
     states, tables, laws = {}, {}, {}
-    _gathered(tree, "", tree.get("law"), states, tables, laws)
-    states = {name: state for name, state in states.items() if len(state.grains.radius) == _most(states)}
+    _collect(tree, "", tree.get("law"), states, tables, laws)
+    states = {name: state for name, state in states.items() if len(state.grains.radius) == _usual_grain_number(states)}
     nodes = {}
     if states:
-        nodes["frames"] = _frame_node(states, _frames(states, laws, units, _wall_rows(tree, states)))
+        nodes["frames"] = _frame_node(states, _frame_variables(states, laws, units, _wall_indices(tree, states)))
     for group, entries in tables.items():
-        node = _table(group, entries, units)
+        node = _group_dataset(group, entries, units)
         if node.variables:
             nodes[group.strip("/") or "numbers"] = node
     for path in nodes:
-        nodes[path] = _apart(path, nodes)
+        nodes[path] = _rename_clashing(path, nodes)
     words = {"units_of_scenario": tree["units"]} if isinstance(tree.get("units"), str) else {}
     root = xr.Dataset(coords=_AXES, attrs=about | words)
     return xr.DataTree.from_dict({"/": root} | {f"/{path}": node for path, node in nodes.items()})
 
 
-def _apart(path: str, nodes: dict[str, xr.Dataset]) -> xr.Dataset:
+def _rename_clashing(path: str, nodes: dict[str, xr.Dataset]) -> xr.Dataset:
     """A node whose dimensions do not clash with those of the nodes above it."""
     node, parts = nodes[path], path.split("/")
     above = [nodes[name] for k in range(1, len(parts)) if (name := "/".join(parts[:k])) in nodes]
@@ -160,29 +160,29 @@ def _frame_node(states: dict[str, State], variables: dict) -> xr.Dataset:
     if (np.diff(time) > 0).all() and len(time) > 1:
         node = xr.Dataset(variables).swap_dims(frame="time").set_coords("time")
         return node.assign_coords(frame=("time", names))
-    loads = None if all(name.isdigit() for name in names) else _as_numbers(names)
-    if _grows(loads, len(names)):
+    loads = None if all(name.isdigit() for name in names) else _parse_numbers(names)
+    if _is_increasing(loads, len(names)):
         node = xr.Dataset(variables).rename(frame="load").assign_coords(load=loads)
         return node.assign_coords(frame=("load", names))
     return xr.Dataset(variables, {"frame": names})
 
 
-def _as_numbers(names: list[str]) -> np.ndarray | None:
+def _parse_numbers(names: list[str]) -> np.ndarray | None:
     try:
         return np.array([float(name) for name in names])
     except ValueError:
         return None
 
 
-def _most(states: dict[str, State]) -> int:
+def _usual_grain_number(states: dict[str, State]) -> int:
     """The number of grains that most states have."""
     return Counter(len(state.grains.radius) for state in states.values()).most_common(1)[0][0]
 
 
-def _gathered(tree, above: str, law, states: dict, tables: dict, laws: dict) -> None:
+def _collect(tree, above: str, law, states: dict, tables: dict, laws: dict) -> None:
     """Sort a tree into states with their laws, and tables of arrays and numbers by the path of their group."""
     law = tree.get("law", law) if isinstance(tree, dict) else law
-    if _alike(tree):
+    if _is_table(tree):
         tables[above] = {"": tree}
         return
     items = tree.items() if isinstance(tree, dict) else ((f"{k:06d}", item) for k, item in enumerate(tree))
@@ -191,12 +191,12 @@ def _gathered(tree, above: str, law, states: dict, tables: dict, laws: dict) -> 
         if isinstance(value, State):
             states[path], laws[path] = value, law
         elif isinstance(value, dict | tuple | list) and not isinstance(value, Law):
-            _gathered(value._asdict() if hasattr(value, "_asdict") else value, f"{path}/", law, states, tables, laws)
+            _collect(value._asdict() if hasattr(value, "_asdict") else value, f"{path}/", law, states, tables, laws)
         elif isinstance(value, np.ndarray | int | float | complex) and not isinstance(value, Law):
             tables.setdefault(above, {})[name] = np.asarray(value)
 
 
-def _alike(tree) -> bool:
+def _is_table(tree) -> bool:
     """True for the rows of a table: two or more groups of the same single numbers and words, such as stages."""
     rows = list(tree.values()) if isinstance(tree, dict) else []
     return (
@@ -206,7 +206,7 @@ def _alike(tree) -> bool:
     )
 
 
-def _wall_rows(tree: dict, states: dict[str, State]) -> dict[str, np.ndarray]:
+def _wall_indices(tree: dict, states: dict[str, State]) -> dict[str, np.ndarray]:
     """Which wall of the whole run each wall of a state is: others may have been removed before it."""
     names = tree["walls"].split("\n") if isinstance(tree.get("walls"), str) else []
     left = tree.get("frame_walls", {})
@@ -218,7 +218,7 @@ def _wall_rows(tree: dict, states: dict[str, State]) -> dict[str, np.ndarray]:
     return out
 
 
-def _frames(states: dict[str, State], laws: dict, units: dict, walls: dict[str, np.ndarray]) -> dict:
+def _frame_variables(states: dict[str, State], laws: dict, units: dict, walls: dict[str, np.ndarray]) -> dict:
     """Variables of states."""
     first, many = next(iter(states)), list(states.values())
 
@@ -232,20 +232,20 @@ def _frames(states: dict[str, State], laws: dict, units: dict, walls: dict[str, 
         out[name] = (("frame", "grain", "axis")[: values.ndim], values, unit("grains", name))
     if most := max(len(state.walls.mass) for state in many):
         for name in _WALLS:
-            values = np.stack([_placed(getattr(s.walls, name), walls[path], most) for path, s in states.items()])
+            values = np.stack([_scatter_rows(getattr(s.walls, name), walls[path], most) for path, s in states.items()])
             out[f"wall_{name}"] = (("frame", "wall", "axis")[: values.ndim], values, unit("walls", name))
     out["cell"] = (("frame", "vector", "axis"), np.stack([s.cell.vectors for s in many]), unit("cell", "vectors"))
-    return out | _contacts(states, laws, unit, walls)
+    return out | _contact_variables(states, laws, unit, walls)
 
 
-def _placed(values: np.ndarray, rows: np.ndarray, number: int) -> np.ndarray:
+def _scatter_rows(values: np.ndarray, rows: np.ndarray, number: int) -> np.ndarray:
     """Rows of walls, NaN for those that are gone."""
     out = np.full((number, *values.shape[1:]), np.nan)
     out[rows] = values
     return out
 
 
-def _contacts(states: dict[str, State], laws: dict, unit, walls: dict[str, np.ndarray]) -> dict:
+def _contact_variables(states: dict[str, State], laws: dict, unit, walls: dict[str, np.ndarray]) -> dict:
     """Variables of all contacts that touch, frame after frame."""
     rows = [touching(state) for state in states.values()]
     counts = np.array([len(r) for r in rows])
@@ -267,14 +267,14 @@ def _contacts(states: dict[str, State], laws: dict, unit, walls: dict[str, np.nd
     return out
 
 
-def _table(group: str, entries: dict, units: dict) -> xr.Dataset:
+def _group_dataset(group: str, entries: dict, units: dict) -> xr.Dataset:
     """Variables of a group; arrays as long as most of them share a dimension: what grows, else the group's name."""
     label = group.strip("/").rpartition("/")[2]
     if "" in entries:
-        return _rows_of(group, label, entries[""], units)
+        return _row_dataset(group, label, entries[""], units)
     lengths = Counter(len(values) for values in entries.values() if values.ndim)
     common = lengths.most_common(1)[0][0] if lengths else 0
-    along = next((n for n in _ALONG if _grows(entries.get(n), common)), label or "row")
+    along = next((n for n in _ALONG if _is_increasing(entries.get(n), common)), label or "row")
     variables = {}
     for name, values in entries.items():
         if not values.size:
@@ -292,7 +292,7 @@ def _table(group: str, entries: dict, units: dict) -> xr.Dataset:
     return xr.Dataset(variables)
 
 
-def _rows_of(group: str, label: str, rows: dict, units: dict) -> xr.Dataset:
+def _row_dataset(group: str, label: str, rows: dict, units: dict) -> xr.Dataset:
     """One row each, along a dimension of the group's name in the singular; its coordinate is `name`, or the key."""
     first, dim = next(iter(rows)), label.removesuffix("s") or "row"
     columns = {name: np.array([row[name] for row in rows.values()]) for name in rows[first]}
@@ -305,7 +305,7 @@ def _rows_of(group: str, label: str, rows: dict, units: dict) -> xr.Dataset:
     return xr.Dataset(variables, {dim: labels})
 
 
-def _grows(values: np.ndarray | None, length: int) -> bool:
+def _is_increasing(values: np.ndarray | None, length: int) -> bool:
     """True for numbers, `length` of them, each larger than the one before."""
     return (
         values is not None

@@ -8,7 +8,7 @@ from ..core.readable import readable
 from ..data.schema import Whole
 
 
-def _nothing(result) -> tuple:
+def _empty(result) -> tuple:
     return ()
 
 
@@ -44,10 +44,10 @@ class Experiment(NamedTuple):
     numbers: Callable  # result -> contents of the archive
     measures: Callable  # result -> {name: (value, unit)}, the numbers of a sweep
     show: Callable  # result -> None; prints a summary
-    figures: Callable = _nothing  # result -> iterator of (file name, Figure)
-    files: Callable = _nothing  # result -> iterator of (file name, function that writes it)
+    figures: Callable = _empty  # result -> iterator of (file name, Figure)
+    files: Callable = _empty  # result -> iterator of (file name, function that writes it)
     failures: Callable = _failures  # result -> one sentence for each realization that failed
-    announce: Callable = _nothing  # scenario -> None; prints the cost of a long run before it starts
+    announce: Callable = _empty  # scenario -> None; prints the cost of a long run before it starts
     references: Callable = lambda scenario: {}  # scenario -> {what for: keys of references.bib}
     paper: Paper | None = None
     parallel: bool = True  # whether realizations can be spread over workers of a cluster

@@ -12,7 +12,7 @@ from ..data.checkpoint import MEMBERS, UNFINISHED
 from .registry import experiment_of
 from .run_folder import files_of
 from .sweep.dataset import DATASET
-from .sweep.run import Swept
+from .sweep.run import SweepResult
 
 LIBRARIES = ("numpy", "scipy", "numba", "h5py")
 
@@ -49,7 +49,7 @@ def of_run(command: str, folder: Path, result, paths: list[Path], claims=None) -
     # who writes results while some realizations failed keeps the others' pieces
     status = "incomplete" if (folder / UNFINISHED).is_dir() else "finished"
     out = common(command, files=paths, folder=folder, status=status)
-    out |= {"scenario": _scenario(scenario), "measures": measures}
+    out |= {"scenario": _scenario_entry(scenario), "measures": measures}
     if failures := getattr(result, "failures", ()):
         out["failures"] = list(failures)
     if claims is not None:
@@ -59,10 +59,10 @@ def of_run(command: str, folder: Path, result, paths: list[Path], claims=None) -
 
 def of_finished(command: str, folder: Path, scenario) -> dict:
     """A run that was finished before; nothing was done now."""
-    return common(command, files=files_of(folder), folder=folder) | {"scenario": _scenario(scenario)}
+    return common(command, files=files_of(folder), folder=folder) | {"scenario": _scenario_entry(scenario)}
 
 
-def of_sweep(command: str, folder: Path, swept: Swept, ranges: dict) -> dict:
+def of_sweep(command: str, folder: Path, swept: SweepResult, ranges: dict) -> dict:
     """A sweep: its members by number, the ranges of their measures, and who failed with which sentence."""
     failures = {name: words for name, words in zip(swept.names, swept.failures, strict=True) if words}
     total = len(swept.names)
@@ -75,5 +75,5 @@ def of_sweep(command: str, folder: Path, swept: Swept, ranges: dict) -> dict:
     return out | {"scenario": about} | more | {"failures": failures}
 
 
-def _scenario(scenario) -> dict:
+def _scenario_entry(scenario) -> dict:
     return {"experiment": scenario.experiment, "digest": scenario.digest}

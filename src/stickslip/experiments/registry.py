@@ -14,8 +14,8 @@ from .experiment import Experiment
 _ALL = (disk_array, sphere_shear, quasi_rigid, flow, gouge, rate_state)
 # the only list of experiments, by the value of `experiment` in a scenario
 EXPERIMENTS: dict[str, Experiment] = {package.EXPERIMENT.name: package.EXPERIMENT for package in _ALL}
-LARGEST_WHOLE = 2**63 - 1
-WHOLE = "whole numbers are read up to 64 bits, give a smaller one, or write it as 1e30"
+LARGEST_INTEGER = 2**63 - 1
+INTEGER_RANGE = "whole numbers are read up to 64 bits, give a smaller one, or write it as 1e30"
 
 
 def papers() -> dict[str, Experiment]:
@@ -55,7 +55,7 @@ def simulate(
     return run(scenario, folder=None if folder is None else Path(folder), workers=workers, report=report, **more)
 
 
-def kind_of(tables: dict) -> type[Whole]:
+def scenario_class(tables: dict) -> type[Whole]:
     """The class of scenario that `experiment` names; without it, a disk array."""
     name = tables.get("experiment", "disk-array")
     if not isinstance(name, str) or name not in EXPERIMENTS:
@@ -76,7 +76,7 @@ def scenario(**tables) -> Whole:
     >>> scenario(array={"disks": 5}, load={"push": (0.0, 0.05)}, dynamics={"loads": (0.03,)}).array.disks
     5
     """
-    return validated(kind_of(tables), **tables)
+    return validated(scenario_class(tables), **tables)
 
 
 def read_scenario(path: str | Path) -> Whole:
@@ -104,17 +104,17 @@ def tables_of(path: str | Path) -> dict:
         ) from None
     except ValueError as problem:
         raise ScenarioError(str(problem)) from None
-    tables = _parsed(text, path)
+    tables = _parse(text, path)
     if not isinstance(tables, dict):
         raise ScenarioError(f"the scenario {path} holds {type(tables).__name__}, not an object: give that of a run")
     _check_whole_numbers(tables, path)
     if path.suffix == ".json":
         check_sealed(tables, path)
         return tables
-    return _placed(tables, path.parent)
+    return _resolve_law_file(tables, path.parent)
 
 
-def _parsed(text: str, path: Path):
+def _parse(text: str, path: Path):
     try:
         return json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
     except tomllib.TOMLDecodeError as problem:
@@ -129,7 +129,7 @@ def _parsed(text: str, path: Path):
         found = max(re.finditer(r"\d[\d_]*", text), key=lambda digits: len(digits[0].replace("_", "")))
         line, digits = text.count("\n", 0, found.start()) + 1, len(found[0].replace("_", ""))
         raise ScenarioError(
-            f"the scenario {path}, line {line}, holds a whole number of {digits} digits: {WHOLE}"
+            f"the scenario {path}, line {line}, holds a whole number of {digits} digits: {INTEGER_RANGE}"
         ) from None
 
 
@@ -137,13 +137,13 @@ def _check_whole_numbers(tree, path: Path, above: tuple = ()) -> None:
     """Refuse what other readers of TOML and JSON, and files of results, do not hold."""
     items = tree.items() if isinstance(tree, dict) else enumerate(tree, start=1) if isinstance(tree, list) else ()
     for key, value in items:
-        if isinstance(value, int) and not -LARGEST_WHOLE <= value <= LARGEST_WHOLE:
+        if isinstance(value, int) and not -LARGEST_INTEGER <= value <= LARGEST_INTEGER:
             where = shortened(".".join(map(str, (*above, key))))
-            raise ScenarioError(f"the scenario {path} has a whole number beyond 64 bits at {where}: {WHOLE}")
+            raise ScenarioError(f"the scenario {path} has a whole number beyond 64 bits at {where}: {INTEGER_RANGE}")
         _check_whole_numbers(value, path, (*above, key))
 
 
-def _placed(tables: dict, folder: Path) -> dict:
+def _resolve_law_file(tables: dict, folder: Path) -> dict:
     """Tables in which the name of a law's file starts from the folder of the scenario."""
     law = tables.get("law")
     if isinstance(law, dict) and isinstance(law.get("file"), str):

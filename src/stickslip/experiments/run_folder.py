@@ -19,8 +19,8 @@ CLAIMS, NOTES, CHART = "claims.json", "claims.md", "claims.png"
 REPRODUCTION, OPTIONS = "reproduce.json", "sweep-options.json"  # what a call was given, for `stickslip resume`
 PAGE, FILM = "report.html", "movie.gif"  # of stickslip report and movie
 SERIES, CURVES = "series.csv", "curves.csv"
-OURS = (SCENARIO, NUMBERS, CLAIMS, NOTES, CHART, MOVIE, SERIES, CURVES, PAGE, FILM)
-_OURS = re.compile(r"fig\d_\w+\.png|steps_\d+_\d+\.csv|" + "|".join(map(re.escape, OURS)))
+RUN_FILES = (SCENARIO, NUMBERS, CLAIMS, NOTES, CHART, MOVIE, SERIES, CURVES, PAGE, FILM)
+_RUN_FILE = re.compile(r"fig\d_\w+\.png|steps_\d+_\d+\.csv|" + "|".join(map(re.escape, RUN_FILES)))
 SHOWN = 8  # names of files in a sentence
 
 
@@ -34,68 +34,68 @@ def claim_folder(folder: Path, scenario, *, overwrite: bool = False) -> None:
     ValueError
         if it is a file, cannot be written, or holds results of another scenario, or files that no run wrote.
     """
-    checked(folder)
+    check_writable(folder)
     if not folder.is_dir():
         return
     if (folder / SWEEP).exists():
         raise ValueError(f"{folder} holds the results of a sweep: choose another --out")
-    settle(folder)
-    others, known = strange(folder, is_ours), under_way(folder) or folder / SCENARIO
+    install_results(folder)
+    others, known = strange(folder, is_run_file), under_way(folder) or folder / SCENARIO
     if overwrite:
-        _given_up(folder, scenario, others)
+        _discard_previous(folder, scenario, others)
     elif others:
-        raise ValueError(foreign(folder, others))
+        raise ValueError(foreign_files_message(folder, others))
     elif known.exists() and known.read_bytes() != scenario.text.encode():
         what = "an unfinished run" if under_way(folder) else "the results"
         raise ValueError(f"{folder} holds {what} of another scenario: choose another --out, or add --overwrite")
 
 
-def checked(folder: Path) -> None:
+def check_writable(folder: Path) -> None:
     """Raise ValueError with one sentence if nothing can be written to a folder."""
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder} is a file, not a folder: choose another --out")
     if folder.is_dir():
-        check_hidden(folder, is_ours)
+        check_hidden(folder, is_run_file)
     try:
         _probe(folder)
     except OSError as problem:
         raise ValueError(f"the folder {folder} cannot be written ({problem.strerror}): choose another --out") from None
 
 
-def foreign(folder: Path, names: list[str]) -> str:
+def foreign_files_message(folder: Path, names: list[str]) -> str:
     """The sentence about files that no run wrote."""
     return (
-        f"{folder} holds what no run of stickslip wrote, or what was changed since ({listed(names)}): choose another "
+        f"{folder} holds what no run of stickslip wrote, or what was changed since ({join_names(names)}): choose another "
         f"--out, or add --overwrite"
     )
 
 
-def _given_up(folder: Path, scenario, others: list[str]) -> None:
+def _discard_previous(folder: Path, scenario, others: list[str]) -> None:
     """Say what will go, drop the pieces of another run, and note what may be replaced."""
-    going = sorted({path.name for path in files_of(folder)} | {name for name in others if is_ours(name)})
+    going = sorted({path.name for path in files_of(folder)} | {name for name in others if is_run_file(name)})
     if name := next((name for name in going if (folder / name).is_dir()), None):
         raise ValueError(
             f"{folder / name} is a folder where a run writes a file: move it away, or choose another --out"
         )
     if going:
         console.print(
-            f"--overwrite: {listed(going)} in {folder} will be replaced or removed when the new results are complete.",
+            f"--overwrite: {join_names(going)} in {folder} will be replaced or removed when the new results are complete.",
             soft_wrap=True,
         )  # fmt: skip
     if others or going or under_way(folder):
         finished(folder)
-        adopt(folder, [name for name in others if is_ours(name)])
+        adopt(folder, [name for name in others if is_run_file(name)])
         kept_in(folder, scenario).announce()
 
 
-def listed(names: list[str]) -> str:
+def join_names(names: list[str]) -> str:
     """Names in a sentence, the first ones of many."""
     return ", ".join(names[:SHOWN]) + (f" and {len(names) - SHOWN} more" if len(names) > SHOWN else "")
 
 
-def is_ours(name: str) -> bool:
+def is_run_file(name: str) -> bool:
     """Whether runs write files of this name."""
-    return _OURS.fullmatch(name) is not None
+    return _RUN_FILE.fullmatch(name) is not None
 
 
 def _probe(folder: Path) -> None:
@@ -112,7 +112,7 @@ def _probe(folder: Path) -> None:
 
 
 @contextmanager
-def complete(folder: Path, *, failures=()):
+def staged_results(folder: Path, *, failures=()):
     """A room whose files go to the folder at the end, in the place of an earlier run's, when all are complete.
 
     The run is finished then, unless members failed: `stickslip resume` tries these again.
@@ -130,21 +130,21 @@ def complete(folder: Path, *, failures=()):
         with named(folder):
             yield room
         files = {path.name: [digest(path)] for path in room.iterdir()}
-        if others := strange(folder, lambda name: is_ours(name) or name in files):
+        if others := strange(folder, lambda name: is_run_file(name) or name in files):
             raise RuntimeError(
-                f"{folder} holds what another program wrote there meanwhile ({listed(others)}): move it away, then "
+                f"{folder} holds what another program wrote there meanwhile ({join_names(others)}): move it away, then "
                 f"stickslip resume {folder} goes on with what is kept"
             )
         note(room, files)
     except BaseException:
         shutil.rmtree(room, ignore_errors=True)
         raise
-    settle(folder)
+    install_results(folder)
     if not failures:
         finished(folder)
 
 
-def settle(folder: Path) -> None:
+def install_results(folder: Path) -> None:
     """Move complete results into their folder; who was killed while doing so is followed by the next one."""
     room = folder / WRITING
     new = proven(room)
@@ -164,7 +164,7 @@ def settle(folder: Path) -> None:
 
 def files_of(folder: Path) -> list[Path]:
     """Files of ours that a folder holds, sorted."""
-    return sorted(path for path in folder.iterdir() if is_ours(path.name))
+    return sorted(path for path in folder.iterdir() if is_run_file(path.name))
 
 
 def save(room: Path, scenario, numbers: dict) -> None:

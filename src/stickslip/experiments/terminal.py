@@ -27,14 +27,14 @@ def speaking(*, quiet: bool = False, as_json: bool = False):
     """Who hears the console meanwhile: people, nobody, or, where programs read standard output, people beside them."""
     before = console.quiet, console.stderr
     console.stderr = as_json
-    console.quiet = quiet or (as_json and not live())
+    console.quiet = quiet or (as_json and not can_redraw())
     try:
         yield
     finally:
         console.quiet, console.stderr = before
 
 
-def live() -> bool:
+def can_redraw() -> bool:
     """Whether lines can be drawn again: FORCE_COLOR alone does not make a pipe a terminal."""
     return console.is_terminal and console.file.isatty() and not console.is_dumb_terminal
 
@@ -73,9 +73,9 @@ def progress(*, transient: bool = False):
     transient : whether the lines go away at the end (and stages are not named where there is no terminal)
     """
     stages: dict[str, int] = {}
-    plain_line = None if live() else _lines(transient)
-    console.is_interactive = live()
-    with _Bars(*_columns(), console=console, disable=not live(), transient=transient, expand=True) as bar:
+    plain_line = None if can_redraw() else _plain_progress(transient)
+    console.is_interactive = can_redraw()
+    with _Bars(*_columns(), console=console, disable=not can_redraw(), transient=transient, expand=True) as bar:
 
         def tell(stage: str, share: float, words: str, left: float | None = None) -> None:
             if stage not in stages:
@@ -85,7 +85,7 @@ def progress(*, transient: bool = False):
             task, spent = stages[stage], bar.tasks[stages[stage]].elapsed or 0.0
             if left is None and 0 < share < 1 and spent > 2:
                 left = spent * (1 - share) / share
-            bar.update(task, completed=share, words=words, left="" if left is None else f"{duration(left)} left")
+            bar.update(task, completed=share, words=words, left="" if left is None else f"{format_duration(left)} left")
             if plain_line:
                 plain_line(stage, share, words, left)
 
@@ -94,7 +94,7 @@ def progress(*, transient: bool = False):
             bar.update(task, completed=1.0, left="")
 
 
-def _lines(transient: bool):
+def _plain_progress(transient: bool):
     """The same without a terminal: every stage when it begins, and how far it is now and then."""
     known, last = set(), time.monotonic()
 
@@ -107,13 +107,13 @@ def _lines(transient: bool):
                 console.print(f"{stage} …")
         elif time.monotonic() - last >= LINES:
             last = time.monotonic()
-            rest = f"; {duration(left)} left" if left else ""
+            rest = f"; {format_duration(left)} left" if left else ""
             console.print(f"  {share:.0%}: {words}{rest}", soft_wrap=True)
 
     return line
 
 
-def duration(seconds: float) -> str:
+def format_duration(seconds: float) -> str:
     """About how long, in words that are short."""
     for size, name in ((86400, "days"), (3600, "h"), (60, "min")):
         if seconds >= 2 * size:

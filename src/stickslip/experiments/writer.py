@@ -5,20 +5,20 @@ from pathlib import Path
 from ..figures.style import save as save_figure
 from .claims_report import write_claims
 from .experiment import Experiment
-from .run_folder import complete, files_of, save
+from .run_folder import files_of, save, staged_results
 
 
 def write_result(folder: Path, experiment: Experiment, result) -> list[Path]:
     """Write everything that a run leaves, all at once; returns the paths."""
-    with complete(folder, failures=experiment.failures(result)) as room:
+    with staged_results(folder, failures=experiment.failures(result)) as room:
         save(room, result.scenario, experiment.numbers(result))
-        _draw(room, experiment.files(result), experiment.figures(result))
+        _write_files(room, experiment.files(result), experiment.figures(result))
     return files_of(folder)
 
 
 def write_numbers(folder: Path, experiment: Experiment, result) -> None:
     """Write scenario and raw numbers only, as members of a sweep leave them."""
-    with complete(folder) as room:
+    with staged_results(folder) as room:
         save(room, result.scenario, experiment.numbers(result))
 
 
@@ -33,14 +33,14 @@ def write_reproduction(folder: Path, experiment: Experiment, found) -> list[Path
         return own(found) if own else getattr(experiment, name)(found.main)
 
     failures = of("failures")
-    with complete(folder, failures=failures) as room:
+    with staged_results(folder, failures=failures) as room:
         save(room, found.main.scenario, of("numbers"))
-        _draw(room, of("files"), of("figures"))
+        _write_files(room, of("files"), of("figures"))
         write_claims(room, found.claims, paper.shows(), paper.title, failures)
     return files_of(folder)
 
 
-def _draw(room: Path, files, figures) -> None:
+def _write_files(room: Path, files, figures) -> None:
     for name, write in files:
         write(room / name)
     for name, figure in figures:

@@ -56,17 +56,17 @@ def poured(scenario: FlowScenario) -> Poured:
     """
     chosen, dim = scenario.grains, scenario.grains.dim
     rng = np.random.default_rng(scenario.seed)
-    radius = _radii(scenario, rng)
-    position = _placed(scenario, radius, rng)
+    radius = _draw_radii(scenario, rng)
+    position = _place_grains(scenario, radius, rng)
     places, sizes, plates = [position], [radius], {}
     for plate in scenario.plates:
-        row, size = _row(plate, scenario, radius)
+        row, size = _plate_grains(plate, scenario, radius)
         start = sum(map(len, sizes))
         plates[plate.name] = np.arange(start, start + len(row))
         places.append(row)
         sizes.append(np.full(len(row), size))
     all_sizes = np.concatenate(sizes)
-    mass = _masses(scenario, all_sizes)
+    mass = _grain_masses(scenario, all_sizes)
     for plate in scenario.plates:
         if plate.mass is not None:
             mass[plates[plate.name]] = plate.mass / len(plates[plate.name])
@@ -78,23 +78,23 @@ def poured(scenario: FlowScenario) -> Poured:
     size = np.ones(3)
     size[:dim] = scenario.cell.size or np.ones(dim)
     cell = box(size, [axis in scenario.cell.periodic for axis in AXES], dim)
-    names, walls = tuple(wall.name for wall in scenario.walls), _walls(scenario)
-    _refuse_behind(grains.position, walls, names, dim)
+    names, walls = tuple(wall.name for wall in scenario.walls), _make_walls(scenario)
+    _check_walls(grains.position, walls, names, dim)
     state = assembly(grains, walls, cell, control)
     law = flow_law(scenario, radius, mass[: len(radius)])
     start = Poured(state, law, names, plates, _time_step(scenario, law, radius, mass))
-    _refuse_fine_samples(scenario, start.dt)
+    _check_sampling(scenario, start.dt)
     return start
 
 
-def samples_of(stage: Stage, scenario: FlowScenario) -> int:
+def sample_count(stage: Stage, scenario: FlowScenario) -> int:
     """Rows of the time series that a stage gives."""
     return max(1, round(stage.duration * scenario.samples / scenario.duration))
 
 
-def _refuse_fine_samples(scenario: FlowScenario, dt: float) -> None:
+def _check_sampling(scenario: FlowScenario, dt: float) -> None:
     for stage in scenario.stages:
-        count, steps = samples_of(stage, scenario), stage.duration / dt
+        count, steps = sample_count(stage, scenario), stage.duration / dt
         if steps < 0.5 * count:
             raise ScenarioError(
                 f"stage {stage.name!r} has {count} sample(s) in {steps:.3g} time steps of {dt:.3g}: lower samples, or "
@@ -131,7 +131,7 @@ def _with_walls(law: Law, scenario: FlowScenario) -> Law:
     return law
 
 
-def _refuse_behind(position, walls, names: tuple[str, ...], dim: int) -> None:
+def _check_walls(position, walls, names: tuple[str, ...], dim: int) -> None:
     grains, behind = np.nonzero(heights(position, walls) < 0)
     if len(grains):
         place = ", ".join(f"{x:.4g}" for x in position[grains[0], :dim])
@@ -141,7 +141,7 @@ def _refuse_behind(position, walls, names: tuple[str, ...], dim: int) -> None:
         )
 
 
-def _walls(scenario: FlowScenario):
+def _make_walls(scenario: FlowScenario):
     material = [k + 1 if wall.mu is not None else 0 for k, wall in enumerate(scenario.walls)]
     mass = [wall.mass or 1.0 for wall in scenario.walls]
     if not scenario.walls:
@@ -151,7 +151,7 @@ def _walls(scenario: FlowScenario):
     return flat_walls([w.point for w in scenario.walls], normals, mass=mass, material=material)
 
 
-def _radii(scenario: FlowScenario, rng) -> np.ndarray:
+def _draw_radii(scenario: FlowScenario, rng) -> np.ndarray:
     """Sizes of all grains, shuffled."""
     chosen = scenario.grains
     sizes = np.atleast_1d(np.asarray(chosen.radius, float))
@@ -160,14 +160,14 @@ def _radii(scenario: FlowScenario, rng) -> np.ndarray:
     return rng.permutation(radius * (1 + spread))
 
 
-def _masses(scenario: FlowScenario, radius) -> np.ndarray:
+def _grain_masses(scenario: FlowScenario, radius) -> np.ndarray:
     chosen = scenario.grains
     if chosen.mass is not None:
         return np.full(len(radius), chosen.mass)
     return chosen.density * (np.pi * radius**2 if chosen.dim == 2 else 4 / 3 * np.pi * radius**3)
 
 
-def _placed(scenario: FlowScenario, radius, rng) -> np.ndarray:
+def _place_grains(scenario: FlowScenario, radius, rng) -> np.ndarray:
     """(N, 3) positions on a lattice, from the bottom up, each moved at random within its room; none touches another."""
     chosen, dim, largest = scenario.grains, scenario.grains.dim, float(radius.max())
     low, high = np.array(chosen.low), np.array(chosen.high)
@@ -180,7 +180,7 @@ def _placed(scenario: FlowScenario, radius, rng) -> np.ndarray:
         step[1] = wide  # from the bottom up
         rows = -(-len(radius) // int(cells // number[1]))
         lines = [low[k] + (np.arange(number[k]) + 0.5) * step[k] for k in range(dim)]
-        sites = _in_front(scenario, lines, largest * (1 + JITTER * chosen.gap), len(radius), rows)
+        sites = _free_sites(scenario, lines, largest * (1 + JITTER * chosen.gap), len(radius), rows)
     elif cells:
         raise ScenarioError(f"the region of grains has room for {cells:.0e} grains: use a smaller region")
     if len(sites) < len(radius):
@@ -194,9 +194,9 @@ def _placed(scenario: FlowScenario, radius, rng) -> np.ndarray:
     return out
 
 
-def _in_front(scenario: FlowScenario, lines, reach: float, wanted: int, rows: int) -> np.ndarray:
+def _free_sites(scenario: FlowScenario, lines, reach: float, wanted: int, rows: int) -> np.ndarray:
     """Sites of a lattice, from the bottom up, that are nowhere nearer than `reach` to a wall or to a plate's grains."""
-    walls, most = _walls(scenario), float(np.max(scenario.grains.radius)) * (1 + scenario.grains.polydispersity)
+    walls, most = _make_walls(scenario), float(np.max(scenario.grains.radius)) * (1 + scenario.grains.polydispersity)
     found, total = [np.zeros((0, 3))], 0
     for start in range(0, len(lines[1]), rows):
         part = np.meshgrid(lines[1][start : start + rows], *lines[2:], lines[0], indexing="ij")
@@ -212,7 +212,7 @@ def _in_front(scenario: FlowScenario, lines, reach: float, wanted: int, rows: in
     return np.concatenate(found)
 
 
-def _row(plate: Plate, scenario: FlowScenario, radius) -> tuple[np.ndarray, float]:
+def _plate_grains(plate: Plate, scenario: FlowScenario, radius) -> tuple[np.ndarray, float]:
     """Positions of a plate's grains and their radius."""
     dim, size = scenario.grains.dim, plate.radius or float(np.mean(radius))
     spacing = 2.4 * size if plate.spacing is None else plate.spacing
@@ -247,15 +247,15 @@ def _row(plate: Plate, scenario: FlowScenario, radius) -> tuple[np.ndarray, floa
     return row, size
 
 
-def pressing(plate: Plate, scenario: FlowScenario) -> float | None:
+def initial_plate_force(plate: Plate, scenario: FlowScenario) -> float | None:
     """Force along y that presses a plate at the start, None if none does; positive force points to the grains."""
     if plate.force is None and plate.pressure is None:
         return None
     area = float(np.prod([scenario.cell.size[k] for k in range(scenario.grains.dim) if k != 1]))
-    return inward(plate, scenario) * (plate.force if plate.pressure is None else plate.pressure * area)
+    return inward_sign(plate, scenario) * (plate.force if plate.pressure is None else plate.pressure * area)
 
 
-def inward(plate: Plate, scenario: FlowScenario) -> float:
+def inward_sign(plate: Plate, scenario: FlowScenario) -> float:
     """+1 for a plate below the middle of the region of grains, −1 for one above."""
     return 1.0 if plate.height < (scenario.grains.low[1] + scenario.grains.high[1]) / 2 else -1.0
 
@@ -267,7 +267,7 @@ def _time_step(scenario: FlowScenario, law: Law, radius, mass) -> float:
     a fall through the region, plus the largest prescribed velocity; a force on a plate or wall may ask for more.
     """
     q, lightest, r_eff = tuple(law.table[0, 0].tolist()), float(mass.min()), float(radius.min()) / 2
-    depth = _deepest(scenario, law, q, r_eff, float(mass[: len(radius)].max()))
+    depth = _largest_overlap(scenario, law, q, r_eff, float(mass[: len(radius)].max()))
     if isinstance(law.kind, Kind):
         stiffness = stiffest(law, q, r_eff, depth)
     else:
@@ -287,13 +287,13 @@ def _time_step(scenario: FlowScenario, law: Law, radius, mass) -> float:
     return dt
 
 
-def _deepest(scenario: FlowScenario, law: Law, q, r_eff: float, heaviest: float) -> float:
+def _largest_overlap(scenario: FlowScenario, law: Law, q, r_eff: float, heaviest: float) -> float:
     """Overlap at which a contact holds the largest push and stores the energy of the hardest collision [length]."""
     gravities = [g for g in (scenario.gravity, *(s.gravity for s in scenario.stages)) if g is not None]
     g = max((float(np.linalg.norm(v)) for v in gravities), default=0.0)
     height = float(np.linalg.norm(np.subtract(scenario.grains.high, scenario.grains.low)))
-    speed = float(np.sqrt(2 * g * height)) + _fastest(scenario)
-    pushes = [abs(p) for p in (pressing(plate, scenario) for plate in scenario.plates) if p is not None]
+    speed = float(np.sqrt(2 * g * height)) + _largest_velocity(scenario)
+    pushes = [abs(p) for p in (initial_plate_force(plate, scenario) for plate in scenario.plates) if p is not None]
     pushes += [abs(w.force) for w in scenario.walls if w.force is not None]
     pushes += [abs(f) for stage in scenario.stages for f in stage.force.values()]
     span = scenario.cell.size or np.subtract(scenario.grains.high, scenario.grains.low)
@@ -312,7 +312,7 @@ def _deepest(scenario: FlowScenario, law: Law, q, r_eff: float, heaviest: float)
     return max(high, 1e-12 * r_eff)
 
 
-def _fastest(scenario: FlowScenario) -> float:
+def _largest_velocity(scenario: FlowScenario) -> float:
     """The largest velocity that the scenario prescribes along one axis."""
     motions = [body.velocity for body in (*scenario.walls, *scenario.plates)]
     motions += [motion for stage in scenario.stages for motion in stage.velocity.values()]

@@ -27,7 +27,7 @@ class Shaking(Part):
     phase: Finite = Field(0.0, description="φ [rad]")
 
 
-def _course(value):
+def _check_course(value):
     """One sentence for what is no course of time: pydantic would give one for each member of the union."""
     number = isinstance(value, int | float) and not isinstance(value, bool)
     table = isinstance(value, list | tuple) and len(value) > 1
@@ -39,7 +39,7 @@ def _course(value):
     return tuple(value) if table else value
 
 
-Course = Annotated[Finite | tuple[Knot, ...] | Shaking, BeforeValidator(_course)]
+Course = Annotated[Finite | tuple[Knot, ...] | Shaking, BeforeValidator(_check_course)]
 
 
 class Motion(Part):
@@ -88,7 +88,7 @@ class Pour(Part):
         if isinstance(self.radius, tuple) and len(self.radius) > self.number:
             raise ValueError(f"grains.radius has {len(self.radius)} sizes for {self.number} grains: give fewer")
         for name in ("low", "high"):
-            _of_length(f"grains.{name}", getattr(self, name), self.dim)
+            _check_components(f"grains.{name}", getattr(self, name), self.dim)
         for axis, a, b in zip(AXES, self.low, self.high, strict=False):
             if a >= b:
                 raise ValueError(
@@ -235,7 +235,7 @@ class FlowScenario(Whole):
         vectors |= {f"gravity of stage {stage.name!r}": stage.gravity for stage in self.stages}
         for name, vector in vectors.items():
             if vector is not None:
-                _of_length(name, vector, dim)
+                _check_components(name, vector, dim)
         motions = {body.name: body.velocity for body in (*self.walls, *self.plates)}
         for stage in self.stages:
             motions |= {f"{name} in stage {stage.name}": m for name, m in stage.velocity.items()}
@@ -282,8 +282,8 @@ class FlowScenario(Whole):
             if plate.force is not None and plate.pressure is not None:
                 raise ValueError(f"plate {plate.name!r} has force and pressure: give one of them")
         for body in bodies:
-            if _pushed(body):
-                _one_control(body, body.velocity, "")
+            if _has_force(body):
+                _check_control(body, body.velocity, "")
         return self
 
     @model_validator(mode="after")
@@ -308,7 +308,7 @@ class FlowScenario(Whole):
                     )
             gone |= set(stage.remove)
             for name in stage.force:
-                _one_control(bodies[name], stage.velocity.get(name, Motion()), f" in stage {stage.name!r}")
+                _check_control(bodies[name], stage.velocity.get(name, Motion()), f" in stage {stage.name!r}")
         return self
 
     @model_validator(mode="after")
@@ -326,16 +326,16 @@ class FlowScenario(Whole):
         return self
 
 
-def _of_length(name: str, vector: tuple, dim: int) -> None:
+def _check_components(name: str, vector: tuple, dim: int) -> None:
     if len(vector) != dim:
         raise ValueError(f"{name} has {len(vector)} components, but grains.dim = {dim}: give {dim}")
 
 
-def _pushed(body: FlatWall | Plate) -> bool:
+def _has_force(body: FlatWall | Plate) -> bool:
     return body.force is not None or getattr(body, "pressure", None) is not None
 
 
-def axis_of(body: FlatWall | Plate) -> str | None:
+def force_axis(body: FlatWall | Plate) -> str | None:
     """The axis along which a force can move a body: y for plates, that of a wall's normal, None if it is inclined."""
     if isinstance(body, Plate):
         return "y"
@@ -343,9 +343,9 @@ def axis_of(body: FlatWall | Plate) -> str | None:
     return along[0] if len(along) == 1 else None
 
 
-def _one_control(body: FlatWall | Plate, velocity: Motion, where: str) -> None:
+def _check_control(body: FlatWall | Plate, velocity: Motion, where: str) -> None:
     """Raise ValueError where a body cannot be controlled by a force, or is by a velocity, too."""
-    axis = axis_of(body)
+    axis = force_axis(body)
     if axis is None:
         raise ValueError(
             f"wall {body.name!r} has a force{where} but an inclined normal: a force needs one along an axis"

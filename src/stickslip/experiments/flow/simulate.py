@@ -17,14 +17,14 @@ from ...core.readable import readable
 from ...core.state import SLIDE, State
 from ...data.archive import ArchiveError
 from ...data.checkpoint import Kept, kept_in
-from .pouring import Poured, poured, samples_of
+from .pouring import Poured, poured, sample_count
 from .scenario import FlowScenario, Stage
-from .stages import controlled, imposed
+from .stages import stage_conditions, with_controls
 
 Report = Callable[[str, float, str], None]
 BINS = 24  # of the profile along y
 SAVE_EVERY = 20.0  # seconds after which a piece is kept although no frame is due
-MOST = 0.99  # share of the grains that `low` and `high` enclose from either side
+ENCLOSED = 0.99  # share of the grains that `low` and `high` enclose from either side
 
 
 @readable
@@ -109,7 +109,7 @@ def simulate_flow(
         with one sentence, if a grain moves faster than a radius in one step, or a position is not a number.
     """
     start, kept = poured(scenario), kept_in(folder, scenario, Piece, StageEnd)
-    pieces = _pieces(kept) if kept else []
+    pieces = _load_pieces(kept) if kept else []
 
     def keep(piece):
         if kept:
@@ -121,14 +121,14 @@ def simulate_flow(
             _run_stage(scenario, start, number, pieces, keep, threads, report)
     series = Series(*(np.concatenate([piece.rows[name] for piece in pieces]) for name in Series._fields))
     shown = [piece for piece in pieces if piece.frame]
-    walls = [imposed(scenario, [0.0] * (piece.stage + 1)).walls for piece in shown]
+    walls = [stage_conditions(scenario, [0.0] * (piece.stage + 1)).walls for piece in shown]
     return FlowResult(
-        scenario, start.law, start, tuple(piece.end for piece in pieces if piece.end), series, _edges(start),
+        scenario, start.law, start, tuple(piece.end for piece in pieces if piece.end), series, _bin_edges(start),
         (start.state, *(piece.state for piece in shown)), (start.walls, *walls),
     )  # fmt: skip
 
 
-def _pieces(kept: Kept) -> list[Piece]:
+def _load_pieces(kept: Kept) -> list[Piece]:
     """All that a run has kept; ArchiveError if some of it is gone."""
     for k, name in enumerate(kept.names):
         if name != f"{k:06d}":
@@ -138,15 +138,15 @@ def _pieces(kept: Kept) -> list[Piece]:
 
 def _run_stage(scenario: FlowScenario, start: Poured, number: int, pieces: list[Piece], keep, threads, report) -> None:
     """Run what is left of a stage; `keep` adds to the pieces."""
-    stage, edges = scenario.stages[number], _edges(start)
-    state, begin, done, acts = _entered(scenario, start, number, pieces)
-    count = samples_of(stage, scenario)
+    stage, edges = scenario.stages[number], _bin_edges(start)
+    state, begin, done, acts = _enter_stage(scenario, start, number, pieces)
+    count = sample_count(stage, scenario)
     every = max(1, round(scenario.samples / scenario.frames))
     total, rows, saved = sum(len(piece.rows["time"]) for piece in pieces), [], time.monotonic()
     for k in range(done, count):
-        state = _advanced(state, start, acts.drag, begin + (k + 1) * stage.duration / count, threads)
-        rows.append(_measured(state, start, acts.walls, number, edges))
-        words, rests = _words(rows[-1]), stage.until == "rest" and _rests(rows[-1], stage)
+        state = _advance(state, start, acts.drag, begin + (k + 1) * stage.duration / count, threads)
+        rows.append(_measure(state, start, acts.walls, number, edges))
+        words, rests = _describe_row(rows[-1]), stage.until == "rest" and _is_at_rest(rows[-1], stage)
         over = rests or k + 1 == count
         frame = over or (total + k + 1 - done) % every == 0
         if frame or time.monotonic() - saved > SAVE_EVERY:
@@ -159,26 +159,26 @@ def _run_stage(scenario: FlowScenario, start: Poured, number: int, pieces: list[
             return
 
 
-def _entered(scenario: FlowScenario, start: Poured, number: int, pieces: list[Piece]):
+def _enter_stage(scenario: FlowScenario, start: Poured, number: int, pieces: list[Piece]):
     """State, time at which the stage began, its samples that are done, and what acts in it."""
     last = pieces[-1] if pieces else None
     begins = [piece.end.start for piece in pieces if piece.end]
     if last and last.stage == number:
-        return last.state, last.begin, last.samples, imposed(scenario, [*begins, last.begin])
+        return last.state, last.begin, last.samples, stage_conditions(scenario, [*begins, last.begin])
     state = last.state if last else start.state
-    before, acts = imposed(scenario, begins), imposed(scenario, [*begins, state.time])
+    before, acts = stage_conditions(scenario, begins), stage_conditions(scenario, [*begins, state.time])
     begin, stage = state.time, scenario.stages[number]
     state = without_walls(state, [k for k, name in enumerate(before.walls) if name in stage.remove])
-    return controlled(state, start, acts, begin + stage.duration), begin, 0, acts
+    return with_controls(state, start, acts, begin + stage.duration), begin, 0, acts
 
 
-def _edges(start: Poured) -> np.ndarray:
+def _bin_edges(start: Poured) -> np.ndarray:
     """(BINS + 1,) between the bins of the profile [length]."""
     height = start.state.grains.position[:, 1]
     return np.linspace(height.min(), height.max(), BINS + 1)
 
 
-def _advanced(state: State, start: Poured, drag: float, target: float, threads) -> State:
+def _advance(state: State, start: Poured, drag: float, target: float, threads) -> State:
     """The state at the target time, to half a step."""
     steps = round((target - state.time) / start.dt)
     if steps < 1:
@@ -189,7 +189,7 @@ def _advanced(state: State, start: Poured, drag: float, target: float, threads) 
     return state
 
 
-def _measured(state: State, start: Poured, walls: tuple[str, ...], number: int, edges) -> dict:
+def _measure(state: State, start: Poured, walls: tuple[str, ...], number: int, edges) -> dict:
     """One row of the series."""
     grains, loose, n = state.grains, start.loose, len(state.grains.radius)
     loads, _ = forces(state, start.law, memory=FROZEN)
@@ -215,8 +215,8 @@ def _measured(state: State, start: Poured, walls: tuple[str, ...], number: int, 
         "coordination": coordination(state),
         "sliding_fraction": (state.contacts.mode[rows] == SLIDE).mean() if len(rows) else 0.0,
         "center": mass @ position / mass.sum(),
-        "low": np.quantile(position, 1 - MOST, axis=0),
-        "high": np.quantile(position, MOST, axis=0),
+        "low": np.quantile(position, 1 - ENCLOSED, axis=0),
+        "high": np.quantile(position, ENCLOSED, axis=0),
         "wall_point": np.array([state.walls.point[w] if w >= 0 else nothing for w in here]).reshape(-1, 3),
         "wall_force": np.array([loads.force[n + w] if w >= 0 else nothing for w in here]).reshape(-1, 3),
         "plate_position": np.array([grains.position[p].mean(axis=0) for p in plates]).reshape(-1, 3),
@@ -226,11 +226,11 @@ def _measured(state: State, start: Poured, walls: tuple[str, ...], number: int, 
     }
 
 
-def _rests(row: dict, stage: Stage) -> bool:
+def _is_at_rest(row: dict, stage: Stage) -> bool:
     return row["unbalanced"] < stage.unbalanced and row["kinetic_energy"] < stage.kinetic * row["elastic_energy"]
 
 
-def _words(row: dict) -> str:
+def _describe_row(row: dict) -> str:
     """One row in words, while the run goes on."""
     return (
         f"t = {row['time']:.4g}, kinetic {row['kinetic_energy']:.1e}, unbalanced {row['unbalanced']:.0e}, "

@@ -6,13 +6,13 @@ import numpy as np
 
 from ...core.control import driven, time_dependent
 from ...core.state import State, loads
-from .pouring import Poured, inward, pressing
-from .scenario import AXES, FlowScenario, Shaking, Stage, axis_of
+from .pouring import Poured, initial_plate_force, inward_sign
+from .scenario import AXES, FlowScenario, Shaking, Stage, force_axis
 
 KNOTS = 32  # of a period of shaking, between which its velocity is linear: 0.5 per cent off at most
 
 
-class Imposed(NamedTuple):
+class StageConditions(NamedTuple):
     """What acts during a stage."""
 
     walls: tuple[str, ...]  # that are left
@@ -21,42 +21,42 @@ class Imposed(NamedTuple):
     drag: float
 
 
-def imposed(scenario: FlowScenario, begins: list[float]) -> Imposed:
+def stage_conditions(scenario: FlowScenario, begins: list[float]) -> StageConditions:
     """What acts in the last of the stages that began at these times; without any, what the scenario begins with."""
-    acts = Imposed(
-        tuple(wall.name for wall in scenario.walls), _first_motion(scenario),
+    acts = StageConditions(
+        tuple(wall.name for wall in scenario.walls), _initial_motion(scenario),
         scenario.gravity or (0.0,) * scenario.grains.dim, scenario.drag,
     )  # fmt: skip
     for stage, begin in zip(scenario.stages, begins, strict=False):
-        acts = Imposed(
+        acts = StageConditions(
             tuple(name for name in acts.walls if name not in stage.remove),
-            _changed(acts.motion, stage, scenario, begin),
+            _update_motion(acts.motion, stage, scenario, begin),
             stage.gravity or acts.gravity,
             acts.drag if stage.drag is None else stage.drag,
         )
     return acts
 
 
-def _first_motion(scenario: FlowScenario) -> dict:
+def _initial_motion(scenario: FlowScenario) -> dict:
     """What moves each body along each axis: ("velocity", course, when it began) or ("force", size); else it stands."""
     motion = {}
     for body in (*scenario.walls, *scenario.plates):
         motion[body.name] = {axis: ("velocity", course, 0.0) for axis, course in body.velocity.prescribed.items()}
     for plate in scenario.plates:
-        if (push := pressing(plate, scenario)) is not None:
+        if (push := initial_plate_force(plate, scenario)) is not None:
             motion[plate.name]["y"] = ("force", push)
     for wall in scenario.walls:
         if wall.force is not None:
-            motion[wall.name][axis_of(wall)] = ("force", wall.force * _sign(wall))
+            motion[wall.name][force_axis(wall)] = ("force", wall.force * _normal_sign(wall))
     return motion
 
 
-def _sign(wall) -> float:
+def _normal_sign(wall) -> float:
     """Along which way of its axis a wall's normal points."""
     return float(np.sign(sum(wall.normal)))
 
 
-def _changed(motion: dict, stage: Stage, scenario: FlowScenario, now: float) -> dict:
+def _update_motion(motion: dict, stage: Stage, scenario: FlowScenario, now: float) -> dict:
     """What moves each body from the start of a stage on."""
     bodies = {body.name: body for body in (*scenario.walls, *scenario.plates)}
     plates = {plate.name for plate in scenario.plates}
@@ -65,8 +65,8 @@ def _changed(motion: dict, stage: Stage, scenario: FlowScenario, now: float) -> 
         motion[name] |= {axis: ("velocity", course, now) for axis, course in moves.prescribed.items()}
     for name, size in stage.force.items():
         body = bodies[name]
-        sign = inward(body, scenario) if name in plates else _sign(body)
-        motion[name][axis_of(body)] = ("force", sign * size)
+        sign = inward_sign(body, scenario) if name in plates else _normal_sign(body)
+        motion[name][force_axis(body)] = ("force", sign * size)
     return motion
 
 
@@ -86,7 +86,7 @@ def knots(course: float | tuple | Shaking, duration: float) -> tuple[np.ndarray,
     return np.zeros(1), np.full(1, float(course))
 
 
-def controlled(state: State, start: Poured, acts: Imposed, until: float) -> State:
+def with_controls(state: State, start: Poured, acts: StageConditions, until: float) -> State:
     """The state with walls and plates controlled from now to the end of a stage."""
     n, pull = len(state.grains.radius), np.zeros(3)
     pull[: len(acts.gravity)] = acts.gravity

@@ -21,7 +21,7 @@ UNBALANCED = "as the packing is not in equilibrium"
 POSITIVE = "the symmetric part of the stiffness"
 
 
-class More(NamedTuple):
+class Details(NamedTuple):
     """What was computed, or a sentence why it could not be."""
 
     participation: np.ndarray  # (K,) of the modes that grow, in their order
@@ -30,20 +30,20 @@ class More(NamedTuple):
     contacts: ContactSensitivity | str
 
 
-def more_of(state: State, law: Law, found: Stability | DampedStability, *, report=None) -> More:
+def more_of(state: State, law: Law, found: Stability | DampedStability, *, report=None) -> Details:
     """Everything beyond the spectrum that this packing has; report(stage, share done, words) on the way."""
     participation = participation_ratio(found.modes, found.free)
     if not found.balanced:
-        return More(participation, UNBALANCED, UNBALANCED, UNBALANCED)
-    return More(
+        return Details(participation, UNBALANCED, UNBALANCED, UNBALANCED)
+    return Details(
         participation,
-        _tried(elastic_moduli, state, law),
-        _transient(state, law, found, report),
-        _tried(contact_sensitivity, state, law, report=report),
+        _try(elastic_moduli, state, law),
+        _compute_transient(state, law, found, report),
+        _try(contact_sensitivity, state, law, report=report),
     )
 
 
-def _tried(function, *arguments, **options):
+def _try(function, *arguments, **options):
     """What a function returns, or its sentence why not."""
     try:
         return function(*arguments, **options)
@@ -51,45 +51,43 @@ def _tried(function, *arguments, **options):
         return str(problem)
 
 
-def _transient(state: State, law: Law, found, report) -> TransientGrowth | str:
+def _compute_transient(state: State, law: Law, found, report) -> TransientGrowth | str:
     if found.grows:
         return "as something grows exponentially, which outgrows every transient"
-    by_energy = _tried(transient_growth, state, law, report=report)
+    by_energy = _try(transient_growth, state, law, report=report)
     if isinstance(by_energy, str) and by_energy.startswith(POSITIVE):
-        return _tried(transient_growth, state, law, norm="displacement", report=report)
+        return _try(transient_growth, state, law, norm="displacement", report=report)
     return by_energy
 
 
-def as_object(more: More) -> dict:
+def to_dict(more: Details) -> dict:
     """The same as JSON takes it: null where `reasons` says why."""
     m, t, s = more.moduli, more.transient, more.contacts
     parts = {"moduli": m, "transient": t, "contacts": s}
     return {
         "participation_ratio": [float(p) for p in more.participation],
-        "moduli": None if isinstance(m, str) else _moduli_object(m),
-        "transient": None if isinstance(t, str) else _transient_object(t),
-        "contacts": None
-        if isinstance(s, str)
-        else [_contact_object(s, k) for k in range(min(CONTACTS, len(s.contact)))],
+        "moduli": None if isinstance(m, str) else _moduli_dict(m),
+        "transient": None if isinstance(t, str) else _transient_dict(t),
+        "contacts": None if isinstance(s, str) else [_contact_dict(s, k) for k in range(min(CONTACTS, len(s.contact)))],
         "contacts_scope": "" if isinstance(s, str) else s.scope,
         "reasons": {name: part for name, part in parts.items() if isinstance(part, str)},
     }
 
 
-def _moduli_object(m: ElasticModuli) -> dict:
+def _moduli_dict(m: ElasticModuli) -> dict:
     names = ("bulk", "shear", "bulk_affine", "shear_affine", "poisson", "young", "anisotropy", "asymmetry")
     whole = {"voigt": m.voigt.tolist(), "voigt_affine": voigt(m.affine).tolist()}
     numbers = {name: float(getattr(m, name)) for name in names}
     return {name: value if np.isfinite(value) else None for name, value in numbers.items()} | whole
 
 
-def _transient_object(t: TransientGrowth) -> dict:
+def _transient_dict(t: TransientGrowth) -> dict:
     names = ("amplitude", "time", "bound", "of_pair")
     rest = {"norm": t.norm, "duration": float(t.times[-1]), "pair": [float(w) for w in t.pair]}
     return {name: float(getattr(t, name)) for name in names} | rest
 
 
-def _contact_object(s: ContactSensitivity, k: int) -> dict:
+def _contact_dict(s: ContactSensitivity, k: int) -> dict:
     slope = s.growth_derivative[np.searchsorted(s.contacts, s.contact[k])] if len(s.derivative) else None
     after = float(s.after[k]) if s.verified[k] else None
     return {
@@ -101,7 +99,7 @@ def _contact_object(s: ContactSensitivity, k: int) -> dict:
     }  # fmt: skip
 
 
-def show(more: More, found: Stability | DampedStability) -> None:
+def show(more: Details, found: Stability | DampedStability) -> None:
     """The same for the eye."""
     static = found.undamped if isinstance(found, DampedStability) else found
     if len(more.participation):

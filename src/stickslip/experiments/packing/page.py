@@ -29,8 +29,8 @@ from .. import claims as claims_table
 from ..registry import EXPERIMENTS
 from ..run_folder import CLAIMS, FILM, NUMBERS, files_of
 from ..sweep.dataset import DATASET, is_sweep, open_sweep
-from .page_output import placed
-from .report import Settled, causes, judged, law_in_words, modes_of, settled, verdict
+from .page_output import staged_file
+from .report import Settling, causes, describe_law, growing_modes, judged, settled, verdict
 
 SMALL = 500  # grains, up to which the states of a run are searched for one that is unstable
 DRAWN = 2000  # grains, up to which a packing is drawn as a figure, too
@@ -39,7 +39,7 @@ REMEDY = "Give what is missing, or let it come to rest with --settle"
 ROWS = 60  # of a table of measures or members; what is left out is said
 
 
-class Seen(NamedTuple):
+class PageContent(NamedTuple):
     """What there is to show of a run or a packing."""
 
     title: str
@@ -57,7 +57,7 @@ class Seen(NamedTuple):
 
 def seen(
     place: Path, *, modes: Path | None, options: dict, settle: bool = False, report=None, search: bool = True
-) -> Seen:  # fmt: skip
+) -> PageContent:  # fmt: skip
     """What there is to show of a folder or of a packing's file; `options` of `read_packing`, a folder has `frame`."""
     if not place.is_dir() and (place.is_file() or place.suffix):
         return packing_seen(place, modes=modes, options=options, settle=settle, report=report)
@@ -65,10 +65,10 @@ def seen(
     given = [name for name, value in own if value is not None and name != "frame"]
     if given:
         raise ValueError(f"--{given[0].replace('_', '-')} was given with {place}: only the file of a packing takes it")
-    return folder_seen(place, frame=options.get("frame"), search=search, report=report)
+    return folder_content(place, frame=options.get("frame"), search=search, report=report)
 
 
-def folder_seen(folder: Path, *, frame: str | None = None, search: bool = True, report=None) -> Seen:
+def folder_content(folder: Path, *, frame: str | None = None, search: bool = True, report=None) -> PageContent:
     """What the folder of a finished run or sweep holds.
 
     Parameters
@@ -86,27 +86,29 @@ def folder_seen(folder: Path, *, frame: str | None = None, search: bool = True, 
     if not folder.exists():
         raise ValueError(f"{folder} does not exist: give the folder of a run, or a packing")
     if is_sweep(folder):
-        return _sweep_seen(folder)
+        return _sweep_content(folder)
     if not (folder / NUMBERS).is_file():
         if (folder / UNFINISHED).is_dir():
             raise ValueError(f"{folder} holds a run that is not finished: stickslip resume {folder} goes on with it")
         raise ValueError(f"{folder} holds no results: give the folder that stickslip run or reproduce wrote")
     about = archive.attributes(folder / NUMBERS)
-    experiment = _experiment(about["scenario"])
-    states = _states(folder / NUMBERS, frame)
+    experiment = _experiment_name(about["scenario"])
+    states = _read_states(folder / NUMBERS, frame)
     labels = [_label(name, state) for name, state, *_ in states]
     states = [(name, updated(state), law) for name, state, law, _ in states]
     frames = [frame_of(state, law) if law is not None else bare_frame(state) for _, state, law in states]
-    at, modes, why = _unstable(states, frame, report) if search else (0, [], "")
+    at, modes, why = _find_unstable(states, frame, report) if search else (0, [], "")
     sections = []
     if (folder / CLAIMS).is_file():
-        sections.append(("Claims of the paper", _claims(folder / CLAIMS)))
+        sections.append(("Claims of the paper", _claims_table(folder / CLAIMS)))
     else:
         tree, units = archive.read(folder / NUMBERS), archive.units(folder / NUMBERS)
-        if rows := _series(tree.get("series"), units):
-            sections.append(("Measures in time", _rows(["measure", "at the end", "least", "greatest", "unit"], rows)))
-        if rows := _measures(tree, units):
-            sections.append(("Measures", _rows(["measure", "value", "unit"], rows)))
+        if rows := _summarize_series(tree.get("series"), units):
+            sections.append(
+                ("Measures in time", _limited_table(["measure", "at the end", "least", "greatest", "unit"], rows))
+            )
+        if rows := _list_measures(tree, units):
+            sections.append(("Measures", _limited_table(["measure", "value", "unit"], rows)))
     shown = [path for path in files_of(folder) if path.suffix in (".png", ".gif") and path.name != FILM]
     if shown:
         sections.append(("Figures", page.pictures({_caption(path): path.read_bytes() for path in shown})))
@@ -114,21 +116,21 @@ def folder_seen(folder: Path, *, frame: str | None = None, search: bool = True, 
     versions = f"stickslip {about['stickslip']}, {about['versions']}"
     without = "" if frames else "This run keeps no states of grains: there is no packing to look at."
     title = f"{experiment}: {folder.resolve().name}"
-    return Seen(title, versions, frames, labels, at, modes, sections, _si(experiment), without, why, why)
+    return PageContent(title, versions, frames, labels, at, modes, sections, _uses_si(experiment), without, why, why)
 
 
 def _caption(path: Path) -> str:
     return path.stem.partition("_")[2].replace("_", " ") if path.stem.startswith("fig") else path.stem
 
 
-def _experiment(text: str) -> str:
+def _experiment_name(text: str) -> str:
     try:
         return str(json.loads(text)["experiment"])
     except (ValueError, KeyError, TypeError):
         return "run"
 
 
-def _states(path: Path, frame: str | None) -> list:
+def _read_states(path: Path, frame: str | None) -> list:
     """The states that belong together: those of the same group, most of all or that of the frame asked for."""
     try:
         found = read_archive(path, "all")
@@ -153,7 +155,7 @@ def _label(name: str, state) -> str:
     return f"{name.rpartition('/')[2]}, time {state.time:.5g}"
 
 
-def _unstable(states: list, frame: str | None, report) -> tuple[int, list, str]:
+def _find_unstable(states: list, frame: str | None, report) -> tuple[int, list, str]:
     """Which state has the fastest growing mode, its modes, and why the state asked for has none off equilibrium."""
     best, at, modes, why = 0.0, 0, [], ""
     for k, (name, state, law) in enumerate(states):
@@ -167,7 +169,7 @@ def _unstable(states: list, frame: str | None, report) -> tuple[int, list, str]:
             if not (rest := imbalance(state, law)) <= BALANCED_BELOW:
                 why = f"{name}: {unjudged(rest)}" if asked else why
                 continue
-            mine = modes_of(judged(state, law))
+            mine = growing_modes(judged(state, law))
         except (ValueError, ArithmeticError):  # nothing but rattlers, or an eigenvalue problem without a solution
             continue
         if mine and max(s.real for *_, s in mine) > best:
@@ -175,14 +177,14 @@ def _unstable(states: list, frame: str | None, report) -> tuple[int, list, str]:
     return at, modes, why
 
 
-def _claims(path: Path) -> str:
+def _claims_table(path: Path) -> str:
     try:
         found = [claims_table.Claim(**one) for one in json.loads(path.read_text(encoding="utf-8"))]
     except (ValueError, TypeError):
         raise ValueError(f"{path} is damaged: run it again, with --overwrite") from None
     shown = claims_table.shown
     rows = [
-        [c.id.replace("_", " "), c.source, shown(c.paper), shown(c.reference), claims_table.with_error(c), c.unit,
+        [c.id.replace("_", " "), c.source, shown(c.paper), shown(c.reference), claims_table.format_measured(c), c.unit,
          c.verdict, c.note]
         for c in found
     ]  # fmt: skip
@@ -190,24 +192,24 @@ def _claims(path: Path) -> str:
     return page.table(["claim", "source", *list(kinds)[:3], "unit", "verdict", "note"], rows, classes=kinds)
 
 
-def _measures(tree: dict, units: dict[str, str], above: str = "") -> list[list[str]]:
+def _list_measures(tree: dict, units: dict[str, str], above: str = "") -> list[list[str]]:
     """Single numbers of an archive outside of its states, by their path, with units."""
     rows = []
     for name, value in tree.items():
         path = f"{above}{name}"
         if isinstance(value, dict):
-            rows += _measures(value, units, f"{path}/")
+            rows += _list_measures(value, units, f"{path}/")
         elif isinstance(value, int | float) and not isinstance(value, bool) and np.isfinite(value):
             rows.append([path.replace("_", " ").replace("/", " › "), f"{value:.5g}", units.get(path, "")])
     return rows
 
 
-def _si(experiment: str) -> bool:
+def _uses_si(experiment: str) -> bool:
     """Whether results of an experiment are in SI units."""
     return experiment in EXPERIMENTS and EXPERIMENTS[experiment].scenario.si
 
 
-def _series(series, units: dict[str, str]) -> list[list[str]]:
+def _summarize_series(series, units: dict[str, str]) -> list[list[str]]:
     """Last, least and greatest value of each series in time."""
     rows = []
     for name, values in series.items() if isinstance(series, dict) else ():
@@ -218,12 +220,12 @@ def _series(series, units: dict[str, str]) -> list[list[str]]:
     return rows
 
 
-def _rows(columns: list[str], rows: list[list[str]]) -> str:
+def _limited_table(columns: list[str], rows: list[list[str]]) -> str:
     text = page.table(columns, rows[:ROWS], classes=dict.fromkeys(columns[1:-1], "number"))
     return text + (page.paragraph(f"and {len(rows) - ROWS} more in {NUMBERS}", kind="soft") if len(rows) > ROWS else "")
 
 
-def _sweep_seen(folder: Path) -> Seen:
+def _sweep_content(folder: Path) -> PageContent:
     data = open_sweep(folder)
     kept = data.drop_vars([name for name in ("finished", "seconds") if name in data]).to_dataframe().reset_index()
     kept = kept[[name for name in kept.columns if name != "member"] + ["member"]]
@@ -236,12 +238,14 @@ def _sweep_seen(folder: Path) -> Seen:
     without = f"A sweep has no packing of its own: stickslip report {folder}/members/NAME shows that of a member."
     sections = [("Members", text), ("Scenario", page.listing(data.attrs["sweep"]))]
     about = str(data.attrs.get("source", ""))
-    return Seen(f"{data.attrs['title']}: {folder.resolve().name}", about, [], [], 0, [], sections, without=without)
+    return PageContent(
+        f"{data.attrs['title']}: {folder.resolve().name}", about, [], [], 0, [], sections, without=without
+    )
 
 
 def packing_seen(
     file: Path, *, modes: Path | None = None, method: str = "auto", options: dict, settle: bool = False, report=None
-) -> Seen:  # fmt: skip
+) -> PageContent:  # fmt: skip
     """A packing that `read_packing` reads, with its verdict and modes.
 
     Parameters
@@ -263,17 +267,17 @@ def packing_seen(
         except ArithmeticError as problem:
             raise RuntimeError(f"the spectrum could not be computed ({problem}): give --modes") from None
         # modes of a packing off equilibrium are no instability: none is shown
-        mine, facts = modes_of(found)[:MODES] if found.balanced else [], _verdict(found, calm)
+        mine, facts = growing_modes(found)[:MODES] if found.balanced else [], _verdict_rows(found, calm)
         if not found.balanced:
             why = found.verdict
             warning = f"{why}. Likely causes: {'; '.join(causes(found, options, words))}. {REMEDY}."
     else:
         mine = [read_mode(modes, 0, n)]
-        mine += [read_mode(modes, k, n) for k in range(1, min(MODES, _modes_in(modes)))]
+        mine += [read_mode(modes, k, n) for k in range(1, min(MODES, _count_modes(modes)))]
         if not (rest := imbalance(state, law)) <= BALANCED_BELOW:
             why = warning = unjudged(rest)
     frame = frame_of(state, law)
-    facts = [["grains", str(n)], ["contacts", str(len(frame.contacts["i"]))], *facts, ["law", law_in_words(law)]]
+    facts = [["grains", str(n)], ["contacts", str(len(frame.contacts["i"]))], *facts, ["law", describe_law(law)]]
     facts += [["note", line] for line in words]
     sections = [("Packing", page.table(["", "value"], facts))]
     if mine:
@@ -282,15 +286,15 @@ def packing_seen(
         drawn, caption = packing(state, law, mode=mine[0] if mine else None), "contacts"
         sections.append(("Figure", page.pictures({caption + (", and the fastest mode" if mine else ""): png(drawn)})))
     about = f"stickslip {__version__}, {archive.versions()}"
-    return Seen(file.name, about, [frame], [""], 0, mine, sections, warning=warning, unjudged=why)
+    return PageContent(file.name, about, [frame], [""], 0, mine, sections, warning=warning, unjudged=why)
 
 
-def _modes_in(path: Path) -> int:
+def _count_modes(path: Path) -> int:
     with np.load(path, allow_pickle=False) as file:
         return len(file["exponent"])
 
 
-def _verdict(found, calm: Settled | None) -> list[list[str]]:
+def _verdict_rows(found, calm: Settling | None) -> list[list[str]]:
     static = found.undamped if isinstance(found, DampedStability) else found
     out = [["verdict", verdict(found, calm)], ["rattlers", str(len(static.rattlers))]]
     limit = f"an equilibrium has at most {BALANCED_BELOW:g}"
@@ -309,7 +313,7 @@ def _mode_table(modes: list) -> str:
     return page.table(columns, rows, classes=dict.fromkeys(columns, "number"))
 
 
-def write_page(shown: Seen, path: Path, *, colour: str | None = None) -> tuple[Path, list[str]]:
+def write_page(shown: PageContent, path: Path, *, colour: str | None = None) -> tuple[Path, list[str]]:
     """Write the page; returns its path and what it lacks, in words."""
     words = []
     if not shown.frames:
@@ -327,7 +331,7 @@ def write_page(shown: Seen, path: Path, *, colour: str | None = None) -> tuple[P
     view = (page.paragraph(warning, kind="warning") if warning else "") + view
     first = [] if not shown.frames and not shown.without else [("View", view)]
     text = page.page(shown.title, shown.about, [*first, *shown.sections])
-    with placed(path) as part:
+    with staged_file(path) as part:
         part.write_bytes(text.encode())
     return path, words
 
@@ -339,7 +343,7 @@ HELP = (
 
 
 def write_movie(
-    shown: Seen, path: Path, *, colour: str | None = None, fps: int = 15, count: int = 48, amplitude: float = 0.3,
+    shown: PageContent, path: Path, *, colour: str | None = None, fps: int = 15, count: int = 48, amplitude: float = 0.3,
     mode: int | None = None, report=None,
 ) -> Path:  # fmt: skip
     """Write the frames of a run, or one period of a mode, as GIF or MP4.
@@ -369,6 +373,6 @@ def write_movie(
         aside = "; NOT IN EQUILIBRIUM" if shown.unjudged else "; settled packing" if shown.warning else ""
         labels = [f"mode {mode}, s = {chosen[2]:.3g}{aside}"] * len(frames)
     colour = colour or ("speed" if mode is None else DISPLACEMENT)
-    with placed(path) as part:
+    with staged_file(path) as part:
         film.movie(frames, part, labels=labels, mode=chosen, colour=colour, fps=fps, si=shown.si, report=report)
     return path

@@ -9,7 +9,7 @@ from ...data.manifest import digest, note, note_too, proven, strange
 from ...figures.page import MARK
 from ..run_folder import FILM, PAGE
 
-END = 4096  # bytes, in which a mark stands
+MARK_RANGE = 4096  # bytes, in which a mark stands
 
 
 def default_path(place: Path, name: str) -> Path:
@@ -29,35 +29,35 @@ def ready(path: Path, endings: tuple[str, ...], *, overwrite: bool = False, made
         raise ValueError(f"--out {path} ends with {path.suffix or 'nothing'!r}: {' or '.join(endings)} is written")
     if not path.parent.is_dir():
         raise ValueError(f"{path.parent} is no folder: make it first, or give another --out")
-    belongs = _belongs(path)
+    belongs = _belongs_to_run(path)
     if belongs and not overwrite and strange(path.parent, lambda name: name == path.name):
         raise ValueError(
             f"{path} was not written by stickslip, or was changed since: give another --out, or add --overwrite"
         )
-    check_free([path], overwrite=overwrite or belongs or _ours(path), made_from=made_from)
+    check_free([path], overwrite=overwrite or belongs or _is_own_file(path), made_from=made_from)
 
 
 @contextmanager
-def placed(path: Path) -> Iterator[Path]:
+def staged_file(path: Path) -> Iterator[Path]:
     """What takes the place of a page or movie; one in the folder of a run is replaced or removed by the next run."""
     with beside(path) as part:
         yield part
-        if _belongs(path):  # known before it is there: who is killed in between leaves nothing that is not
+        if _belongs_to_run(path):  # known before it is there: who is killed in between leaves nothing that is not
             known = proven(path.parent)
             note(path.parent, known | {path.name: [*known.get(path.name, []), digest(part)]})
-    if _belongs(path):
+    if _belongs_to_run(path):
         note_too(path.parent, path.name)
 
 
-def _ours(path: Path) -> bool:
+def _is_own_file(path: Path) -> bool:
     """Whether a file is a page or movie that this package wrote: its mark stands near the beginning, or the end."""
     if path.is_symlink() or not path.is_file():
         return False
     with path.open("rb") as file:
-        head = file.read(END)
-        file.seek(max(0, path.stat().st_size - END))
-        return MARK.encode() in head + file.read(END)
+        head = file.read(MARK_RANGE)
+        file.seek(max(0, path.stat().st_size - MARK_RANGE))
+        return MARK.encode() in head + file.read(MARK_RANGE)
 
 
-def _belongs(path: Path) -> bool:
+def _belongs_to_run(path: Path) -> bool:
     return path.name in (PAGE, FILM) and bool(proven(path.parent))

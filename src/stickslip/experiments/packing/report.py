@@ -24,12 +24,12 @@ from . import details as stability_more
 
 SHOWN = 12  # pairs in the table
 _MODES = ("eigenvalue", "exponent", "translation", "rotation")  # entries of a file of modes
-SETTLED = 1e-10  # residual over the mean normal contact force to which a packing is settled
-OF_A_LAW = ("law", "coulomb", "kn", "kt", "mu", "young", "poisson", "damping", "damping_n", "damping_t")
+SETTLE_TOLERANCE = 1e-10  # residual over the mean normal contact force to which a packing is settled
+LAW_OPTIONS = ("law", "coulomb", "kn", "kt", "mu", "young", "poisson", "damping", "damping_n", "damping_t")
 UNKNOWN_LAW = "another law"  # how the last of `likely_causes` begins
 
 
-class Settled(NamedTuple):
+class Settling(NamedTuple):
     """What it took to bring a packing to rest: the answer is about the settled one."""
 
     moved: float  # largest displacement of a grain, in its radii
@@ -52,7 +52,7 @@ def judged(state: State, law: Law, *, method: str = "auto", report=None) -> Stab
     return (damped_stability if dashpots(law) else stability)(state, law, method=method, report=report)
 
 
-def settled(state: State, law: Law) -> tuple[State, Settled]:
+def settled(state: State, law: Law) -> tuple[State, Settling]:
     """The packing in equilibrium under a law, and how far that is from the one that was given.
 
     Raises
@@ -61,7 +61,7 @@ def settled(state: State, law: Law) -> tuple[State, Settled]:
         with one sentence, if no equilibrium was found.
     """
     force, before = mean_normal_force(state, law), imbalance(state, law)
-    end, outcome = equilibrate(state, law, tolerance=SETTLED * force or SETTLED, check="nothing")
+    end, outcome = equilibrate(state, law, tolerance=SETTLE_TOLERANCE * force or SETTLE_TOLERANCE, check="nothing")
     if not outcome.ok:
         raise RuntimeError(f"no equilibrium was found under this law: {outcome}")
     moved = np.linalg.norm(end.grains.position - state.grains.position, axis=1) / state.grains.radius
@@ -69,10 +69,10 @@ def settled(state: State, law: Law) -> tuple[State, Settled]:
         raise RuntimeError("the packing fell apart as it settled: only rattlers are left, which nothing holds together")
     old, new = (set(one.contacts.key[touching(one)].tolist()) for one in (state, end))
     rms = float(np.sqrt((moved**2).mean()))
-    return end, Settled(float(moved.max()), rms, len(old - new), len(new - old), before, outcome.how)
+    return end, Settling(float(moved.max()), rms, len(old - new), len(new - old), before, outcome.how)
 
 
-def verdict(found: Stability | DampedStability, calm: Settled | None = None) -> str:
+def verdict(found: Stability | DampedStability, calm: Settling | None = None) -> str:
     """The verdict in one sentence, which says so if it is that of a settled packing."""
     return f"{found.verdict}; {calm}" if calm else found.verdict
 
@@ -80,7 +80,7 @@ def verdict(found: Stability | DampedStability, calm: Settled | None = None) -> 
 def causes(found: Stability | DampedStability, options: dict, words: list[str]) -> list[str]:
     """Why the forces of a packing from a file may not balance: what it shows, and what was said of its law."""
     known = [cause for cause in found.causes if not cause.startswith(UNKNOWN_LAW)]
-    given = [f"--{name.replace('_', '-')}" for name in OF_A_LAW if options.get(name) is not None]
+    given = [f"--{name.replace('_', '-')}" for name in LAW_OPTIONS if options.get(name) is not None]
     assumed = any("the defaults are assumed" in line for line in words)
     if given:
         known.append(f"{UNKNOWN_LAW} than that of the packing: {', '.join(given)} came from the command line")
@@ -90,7 +90,7 @@ def causes(found: Stability | DampedStability, options: dict, words: list[str]) 
 
 
 def as_object(
-    found: Stability | DampedStability, more: stability_more.More | None = None, *, calm: Settled | None = None, why=()
+    found: Stability | DampedStability, more: stability_more.Details | None = None, *, calm: Settling | None = None, why=()
 ) -> dict:  # fmt: skip
     """The documented keys of one JSON object; `why` are likely causes, see `causes`."""
     static = found.undamped if isinstance(found, DampedStability) else found
@@ -115,7 +115,7 @@ def as_object(
         "tolerance": BALANCED_BELOW,
         "balanced": found.balanced,
         "causes": list(why),
-        "settled": None if calm is None else _settled_object(calm),
+        "settled": None if calm is None else _settling_dict(calm),
         "stable": found.stable,
         "at_limit": static.at_limit,
         "if_stuck": found.if_stuck.motion if found.if_stuck else None,
@@ -125,23 +125,23 @@ def as_object(
         "spectrum": "damped" if isinstance(found, DampedStability) else "undamped",
     }
     if more:
-        out["more"] = stability_more.as_object(more)
+        out["more"] = stability_more.to_dict(more)
     return out
 
 
-def _settled_object(calm: Settled) -> dict:
+def _settling_dict(calm: Settling) -> dict:
     return calm._asdict() | {"before": calm.before if np.isfinite(calm.before) else None}
 
 
 def show(
-    found: Stability | DampedStability, law: Law, words: list[str], more: stability_more.More | None = None, *,
-    calm: Settled | None = None, why=(), remedy: str = "",
+    found: Stability | DampedStability, law: Law, words: list[str], more: stability_more.Details | None = None, *,
+    calm: Settling | None = None, why=(), remedy: str = "",
 ) -> None:  # fmt: skip
     """The verdict in words, the pairs in a table, and what else there is; `why` and `remedy` off equilibrium."""
     static = found.undamped if isinstance(found, DampedStability) else found
     for line in words:
         console.print(line, style="yellow")
-    console.print(f"law: {law_in_words(law)}")
+    console.print(f"law: {describe_law(law)}")
     console.print(
         f"{static.n} grains, {static.contacts} contacts, {len(static.rattlers)} rattlers, residual "
         f"{static.residual:.2g} of the mean normal contact force"
@@ -178,7 +178,7 @@ def _show_imbalance(found: Stability | DampedStability, why, remedy: str) -> Non
         console.print(f"spectrum of the motion that begins here, no verdict: {found.motion}")
 
 
-def law_in_words(law: Law) -> str:
+def describe_law(law: Law) -> str:
     """Kind, Coulomb's limit, parameters, damping."""
     coulomb = next(name for name, number in COULOMB.items() if number == law.coulomb)
     values = ", ".join(
@@ -189,7 +189,7 @@ def law_in_words(law: Law) -> str:
     return f"{name}, {coulomb} Coulomb, {values}" + (f" ({damping})" if dashpots(law) else "")
 
 
-def _table(name: str, count: int, columns: tuple[str, ...]) -> Table:
+def _make_table(name: str, count: int, columns: tuple[str, ...]) -> Table:
     title = name + (f", the fastest {SHOWN} of {count}" if count > SHOWN else "")
     table = Table(title=title, **STYLE)
     for column in columns:
@@ -199,7 +199,7 @@ def _table(name: str, count: int, columns: tuple[str, ...]) -> Table:
 
 def _show_exponents(found: DampedStability) -> None:
     if len(found.exponents):
-        table = _table("Growing exponents", len(found.exponents), ("Re s", "Im s", "period", "e-folding time"))
+        table = _make_table("Growing exponents", len(found.exponents), ("Re s", "Im s", "period", "e-folding time"))
         for s in found.exponents[:SHOWN]:
             period = f"{2 * np.pi / s.imag:.4g}" if s.imag > 0 else "–"
             table.add_row(f"{s.real:.5g}", f"{s.imag:.5g}", period, f"{1 / s.real:.4g}")
@@ -212,7 +212,7 @@ def _show_exponents(found: DampedStability) -> None:
 def _show_pairs(found: Stability) -> None:
     if len(found.pairs):
         names = ("Re λ", "Im λ", "ω", "growth rate", "period", "e-folding time")
-        table = _table("Complex pairs", len(found.pairs), names)
+        table = _make_table("Complex pairs", len(found.pairs), names)
         rows = zip(found.pairs[:SHOWN], found.frequency, found.growth_rate, strict=False)
         for pair, w, g in rows:
             period = f"{2 * np.pi / w:.4g}" if w > 0 else "–"
@@ -248,7 +248,7 @@ def write_modes(path: Path, found: Stability | DampedStability) -> Path:
     have unit norm in the mass-weighted metric. Rattlers and what is not free are zero.
     """
     static = found.undamped if isinstance(found, DampedStability) else found
-    values, exponents, full = _shapes(found)
+    values, exponents, full = _expand_modes(found)
     with beside(path) as part, part.open("wb") as file:
         np.savez(
             file, eigenvalue=values, exponent=exponents, translation=full[..., :3], rotation=full[..., 3:],
@@ -257,14 +257,14 @@ def write_modes(path: Path, found: Stability | DampedStability) -> Path:
     return path
 
 
-def modes_of(found: Stability | DampedStability) -> list[tuple[np.ndarray, np.ndarray, complex]]:
+def growing_modes(found: Stability | DampedStability) -> list[tuple[np.ndarray, np.ndarray, complex]]:
     """Translation, rotation (N, 3) complex and exponent s of each mode that grows, the fastest first."""
-    _, exponents, full = _shapes(found)
+    _, exponents, full = _expand_modes(found)
     order = np.argsort(-exponents.real, kind="stable")
     return [(full[k, :, :3], full[k, :, 3:], complex(exponents[k])) for k in order]
 
 
-def _shapes(found: Stability | DampedStability) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _expand_modes(found: Stability | DampedStability) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Eigenvalues λ and exponents s (K,), and modes (K, N, 6) with zeros where nothing is free."""
     static = found.undamped if isinstance(found, DampedStability) else found
     count = found.modes.shape[1]

@@ -14,14 +14,14 @@ from ...friction.fitting import Fit, fit
 from ...friction.laboratory import read_csv, record_data
 from ...friction.model import Data
 from ...friction.model_comparison import LawComparison, compare_laws
-from ..run_folder import foreign
+from ..run_folder import foreign_files_message
 from ..terminal import STYLE, console
 
 NUMBERS, FIGURE = "fit.json", "fit.png"
 UNITS = {"dc": "m", "stiffness": "1/m", "trend": "1/m", "v0": "m/s", "damping": "s/m"}
 
 
-class Fitted(NamedTuple):
+class RecordFits(NamedTuple):
     """A record, the fits of it, and which one the data prefer."""
 
     file: Path
@@ -33,10 +33,10 @@ class Fitted(NamedTuple):
 def fitted(
     file: Path, *, laws, stiffness: float | None, free_stiffness: bool, v0: float | None, before: float | None,
     detrend: bool, normal: bool, out: Path | None, overwrite: bool,
-) -> Fitted:  # fmt: skip
+) -> RecordFits:  # fmt: skip
     """Read a record and fit each law to it; refuses beforehand a folder that cannot take the results."""
     if out is not None:
-        _claim(out, overwrite)
+        _check_folder(out, overwrite)
     if stiffness is not None and free_stiffness:
         raise ValueError("--stiffness and --free-stiffness were both given: choose one")
     record = record_data(read_csv(file), before=before, normal=normal)
@@ -50,29 +50,29 @@ def fitted(
     given = {"stiffness": stiffness, "v0": v0}
     fixed = {name: value for name, value in given.items() if value is not None}
     fits = tuple(fit(record, law=law, fixed=fixed, free=free) for law in laws)
-    return Fitted(file, record, fits, compare_laws(*fits) if len(fits) == 2 else None)
+    return RecordFits(file, record, fits, compare_laws(*fits) if len(fits) == 2 else None)
 
 
-def _claim(out: Path, overwrite: bool) -> None:
+def _check_folder(out: Path, overwrite: bool) -> None:
     if out.exists() and not out.is_dir():
         raise ValueError(f"{out} is a file, not a folder: choose another --out")
     if overwrite:
         return
     if others := strange(out, lambda name: name in (NUMBERS, FIGURE)):
-        raise ValueError(foreign(out, others))
+        raise ValueError(foreign_files_message(out, others))
     if (out / NUMBERS).exists():
         raise ValueError(f"{out} holds the results of a fit: choose another --out, or add --overwrite")
 
 
-def as_json(found: Fitted) -> str:
+def as_json(found: RecordFits) -> str:
     """One object with the documented keys; what is not known is null."""
-    out = {"file": found.file.name, "units": "m, s", "fits": {one.law: _numbers(one) for one in found.fits}}
+    out = {"file": found.file.name, "units": "m, s", "fits": {one.law: _fit_dict(one) for one in found.fits}}
     if found.comparison is not None:
         out["comparison"] = found.comparison._asdict()
-    return json.dumps(_finite(out), indent=1, allow_nan=False)
+    return json.dumps(_replace_nonfinite(out), indent=1, allow_nan=False)
 
 
-def _numbers(one: Fit) -> dict:
+def _fit_dict(one: Fit) -> dict:
     kept = (
         "values",
         "errors",
@@ -90,27 +90,27 @@ def _numbers(one: Fit) -> dict:
     return {name: getattr(one, name) for name in kept} | more | {"a_minus_b": one.difference}
 
 
-def _finite(thing):
+def _replace_nonfinite(thing):
     """The same with None for what is not finite."""
     if isinstance(thing, dict):
-        return {k: _finite(v) for k, v in thing.items()}
+        return {k: _replace_nonfinite(v) for k, v in thing.items()}
     if isinstance(thing, list | tuple):
-        return [_finite(v) for v in thing]
+        return [_replace_nonfinite(v) for v in thing]
     if isinstance(thing, float | np.floating):
         return float(thing) if np.isfinite(thing) else None
     return thing
 
 
-def show(found: Fitted) -> None:
+def show(found: RecordFits) -> None:
     """A table for each law, and the comparison."""
     for one in found.fits:
         table = Table(title=f"{one.law.capitalize()} law", **STYLE)
         for name in ("parameter", "value", "95 % interval", "unit"):
             table.add_column(name, justify="left" if name in ("parameter", "unit") else "right", no_wrap=True)
         for name in one.names:
-            table.add_row(name, *_cells(one.values[name], *one.intervals[name]), UNITS.get(name, ""))
+            table.add_row(name, *_format_cells(one.values[name], *one.intervals[name]), UNITS.get(name, ""))
         if {"a", "b"} & set(one.names):
-            table.add_row("a − b", *_cells(*one.difference), "")
+            table.add_row("a − b", *_format_cells(*one.difference), "")
         for name in ("stiffness", "v0"):
             if name in one.fixed:
                 table.add_row(name, f"{one.fixed[name]:.5g}", "fixed", UNITS[name])
@@ -124,18 +124,18 @@ def show(found: Fitted) -> None:
         console.print(found.comparison.sentence, style="bold")
 
 
-def sentences(found: Fitted) -> list[str]:
+def sentences(found: RecordFits) -> list[str]:
     """The answer in a word: which law the data prefer, or what one fit tells."""
     return [found.comparison.sentence] if found.comparison is not None else [one.sentence for one in found.fits]
 
 
-def _cells(value: float, low: float, high: float) -> tuple[str, str]:
+def _format_cells(value: float, low: float, high: float) -> tuple[str, str]:
     if not np.isfinite(value):
         return "not known", "–"
     return f"{value:.5g}", f"{low:.5g} … {high:.5g}" if np.isfinite(low) else "–"
 
 
-def write(out: Path, found: Fitted) -> list[Path]:
+def write(out: Path, found: RecordFits) -> list[Path]:
     """JSON and figure; returns their paths."""
     out.mkdir(parents=True, exist_ok=True)
     put(out, FIGURE, png(figures.fitted(found.data, found.fits)))

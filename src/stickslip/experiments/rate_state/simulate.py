@@ -13,7 +13,7 @@ from ...friction.stability import Sliding, steady_sliding
 from .scenario import RateStateScenario
 
 Report = Callable[[str, float, str], None]
-EARLY = 1e-4  # share of a leg from which on its first samples are spaced evenly in ln t
+EARLIEST = 1e-4  # share of a leg from which on its first samples are spaced evenly in ln t
 
 
 @readable
@@ -40,15 +40,15 @@ def simulate_slider(
     sliding = tuple(steady_sliding(surface, spring, leg.velocity) for leg in legs if leg.velocity > 0)
     rate = f"stiffness {spring.stiffness:g}, growth rate {max(one.growth_rate for one in sliding):.2e}"
     report("slider", 0.0, f"{len(legs)} legs of the load point, {rate}")
-    history = spring_slider(surface, spring, legs, times=_times(legs, scenario.samples.number))
+    history = spring_slider(surface, spring, legs, times=_sample_times(legs, scenario.samples.number))
     report("slider", 1.0, f"{rate}, friction {history.friction[-1]:.4f} at {history.velocity[-1]:.1e} m/s")
     return SliderResult(scenario, legs, history, history.friction + _noise(scenario, len(history.time)), sliding)
 
 
-def _times(legs, number: int) -> np.ndarray:
+def _sample_times(legs, number: int) -> np.ndarray:
     """Samples of each leg: a third evenly in ln t, the others evenly in t, its end among them."""
     few = number // 3
-    share = np.unique(np.r_[np.geomspace(EARLY, 1.0, few), np.linspace(0, 1, number - few + 1)[1:]])
+    share = np.unique(np.r_[np.geomspace(EARLIEST, 1.0, few), np.linspace(0, 1, number - few + 1)[1:]])
     ends = np.cumsum([leg.duration for leg in legs])
     return np.unique(
         np.r_[0.0, np.concatenate([e - g.duration * (1 - share) for e, g in zip(ends, legs, strict=True)])]

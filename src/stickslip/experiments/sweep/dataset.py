@@ -11,7 +11,7 @@ import xarray as xr
 from ... import __version__
 from ...data.dotted_keys import field_at
 from ...data.manifest import put
-from ..registry import kind_of
+from ..registry import scenario_class
 from .definition import Axis, Sweep
 
 DATASET = "sweep.nc"
@@ -56,12 +56,12 @@ def write_sweep(folder: Path, chosen: Sweep, names: list[str], found: list[dict 
     names, found, failures : of all members in their order: folder; what it left (None if it is not finished) with
         `measures` {name: [value, unit]} and `seconds`; sentence, or nothing
     """
-    put(folder, DATASET, bytes(dataset(chosen, names, found, failures).to_netcdf(engine="scipy")))
+    put(folder, DATASET, bytes(build_dataset(chosen, names, found, failures).to_netcdf(engine="scipy")))
 
 
-def dataset(chosen: Sweep, names: list[str], found: list[dict | None], failures: list[str]) -> xr.Dataset:
+def build_dataset(chosen: Sweep, names: list[str], found: list[dict | None], failures: list[str]) -> xr.Dataset:
     """The dataset of a sweep, arguments as in `write_sweep`."""
-    kind, dims, coordinates = kind_of(chosen.base), [], {}
+    kind, dims, coordinates = scenario_class(chosen.base), [], {}
     for group in chosen.groups:
         dims.append(group[0].key if chosen.mode == "grid" or group[0].kind == "count" else POINT)
         for axis in group:

@@ -20,7 +20,7 @@ from ...core.readable import readable
 from ...data.dotted_keys import field_at, put
 from ...data.law_file import sealed
 from ...data.schema import LARGEST, ScenarioError, Whole
-from ..registry import kind_of, scenario, tables_of
+from ..registry import scenario, scenario_class, tables_of
 
 MODES = ("grid", "zip", "sample")
 OPTIONS = ("mode", "number", "draw_seed")
@@ -75,7 +75,7 @@ class Sweep(NamedTuple):
         return hashlib.sha256(self.text.encode()).hexdigest()[:16]
 
 
-class One(NamedTuple):
+class Member(NamedTuple):
     """A member of a sweep."""
 
     name: str  # of its folder: what is swept, and a digest of the whole scenario
@@ -106,32 +106,32 @@ def sweep(**tables) -> Sweep:
     base, table = {k: v for k, v in tables.items() if k != "sweep"}, tables.get("sweep")
     if not isinstance(table, dict):
         raise ScenarioError("a sweep needs a table [sweep] of keys with lists of values or distributions")
-    kind = kind_of(base)
-    mode, number, seed = _options(table)
-    entries = _flat({k: v for k, v in table.items() if k not in OPTIONS})
+    kind = scenario_class(base)
+    mode, number, seed = _read_options(table)
+    entries = _flatten_entries({k: v for k, v in table.items() if k not in OPTIONS})
     if not entries:
         raise ScenarioError('[sweep] holds no key: give one, such as "law.mu" = [0.2, 0.4]')
     for key in entries:
         field_at(kind, key)
         if key in ("law.file", "law.checksum"):
             raise ScenarioError(f"sweep.{key} was given: a law's file cannot be swept, make a sweep for each")
-    axes = tuple(_axis(key, told, base, mode, number, seed) for key, told in entries.items())
+    axes = tuple(_parse_axis(key, told, base, mode, number, seed) for key, told in entries.items())
     if mode == "sample":
-        axes = _sampled(axes, number, seed)
+        axes = _draw_latin_hypercube(axes, number, seed)
     if mode == "zip":
-        _same_length(axes)
+        _check_same_length(axes)
     found = Sweep(base, axes, mode, json.dumps(tables, indent=1, default=str))
     if found.count > MOST:
         raise ScenarioError(f"[sweep] makes {found.count} members: at most {MOST} are allowed")
     return found
 
 
-def members(chosen: Sweep) -> Iterator[One]:
+def members(chosen: Sweep) -> Iterator[Member]:
     """All members, the last dimension fastest; each is judged when its turn comes, as in `member`."""
     return (member(chosen, k) for k in range(chosen.count))
 
 
-def member(chosen: Sweep, k: int) -> One:
+def member(chosen: Sweep, k: int) -> Member:
     """The member at a place, counted from 0, the last dimension fastest.
 
     Raises
@@ -145,12 +145,12 @@ def member(chosen: Sweep, k: int) -> One:
         one = scenario(**reduce(lambda tables, item: put(tables, *item), values.items(), chosen.base))
     except ScenarioError as problem:
         raise ScenarioError(f"member {', '.join(f'{k} = {v}' for k, v in values.items())}: {problem}") from None
-    return One(_name(values, one), values, one)
+    return Member(_member_name(values, one), values, one)
 
 
-def differences(old: dict, new: dict) -> str:
+def describe_differences(old: dict, new: dict) -> str:
     """What makes the tables of two sweeps different studies, in words; nothing if only values of their keys differ."""
-    (base, keys, mode), (its_base, its_keys, its_mode) = map(_study, (old, new))
+    (base, keys, mode), (its_base, its_keys, its_mode) = map(_split_tables, (old, new))
     words = []
     if set(keys) != set(its_keys):
         words.append(f"that one sweeps {', '.join(keys)}, this one {', '.join(its_keys)}")
@@ -165,44 +165,44 @@ def differences(old: dict, new: dict) -> str:
     return ", ".join(words)
 
 
-def _study(tables: dict) -> tuple[dict, list[str], str]:
+def _split_tables(tables: dict) -> tuple[dict, list[str], str]:
     """Dotted keys of the base with their values, keys that are swept, mode."""
     table = tables.get("sweep", {})
-    base = {"experiment": "disk-array"} | _dotted({k: v for k, v in tables.items() if k != "sweep"})
-    return base, list(_flat({k: v for k, v in table.items() if k not in OPTIONS})), table.get("mode", "grid")
+    base = {"experiment": "disk-array"} | _flatten({k: v for k, v in tables.items() if k != "sweep"})
+    return base, list(_flatten_entries({k: v for k, v in table.items() if k not in OPTIONS})), table.get("mode", "grid")
 
 
-def _dotted(table: dict, above: str = "") -> dict:
+def _flatten(table: dict, above: str = "") -> dict:
     out = {}
     for key, value in table.items():
-        out |= _dotted(value, f"{above}{key}.") if isinstance(value, dict) else {above + key: value}
+        out |= _flatten(value, f"{above}{key}.") if isinstance(value, dict) else {above + key: value}
     return out
 
 
-def _name(values: dict, one: Whole) -> str:
+def _member_name(values: dict, one: Whole) -> str:
     words = ",".join(f"{key}={f'{v:.6g}' if isinstance(v, float) else v}" for key, v in values.items())
     return f"{re.sub(r'[^A-Za-z0-9.=,+_-]+', '_', words)[:80]}-{one.digest[:10]}"
 
 
-def _options(table: dict) -> tuple[str, int | None, int]:
+def _read_options(table: dict) -> tuple[str, int | None, int]:
     mode, number, seed = table.get("mode", "grid"), table.get("number"), table.get("draw_seed", 0)
     if mode not in MODES:
         raise ScenarioError(f"sweep.mode = {mode!r} was given: use {', '.join(map(repr, MODES))}")
     if number is not None:
-        _whole("sweep.number", number, 1)
+        _check_integer("sweep.number", number, 1)
     if mode == "sample" and number is None:
         raise ScenarioError('sweep.mode = "sample" needs the number of points: give sweep.number')
     if mode == "grid" and number is not None:
         raise ScenarioError("sweep.number belongs to zip and sample: give a grid's distributions their own number")
-    return mode, number, _whole("sweep.draw_seed", seed, 0)
+    return mode, number, _check_integer("sweep.draw_seed", seed, 0)
 
 
-def _flat(table: dict, above: str = "") -> dict:
+def _flatten_entries(table: dict, above: str = "") -> dict:
     """Dotted keys: [sweep.law] mu = … and "law.mu" = … are the same."""
     out = {}
     for key, value in table.items():
         if isinstance(value, dict) and not _is_distribution(value):
-            out |= _flat(value, f"{above}{key}.")
+            out |= _flatten_entries(value, f"{above}{key}.")
         else:
             out[above + key] = value
     return out
@@ -212,38 +212,38 @@ def _is_distribution(value: dict) -> bool:
     return not value or not all(isinstance(item, list | dict) for item in value.values()) or bool(set(value) & {*KINDS})
 
 
-def _axis(key: str, told, base: dict, mode: str, number: int | None, seed: int) -> Axis:
+def _parse_axis(key: str, told, base: dict, mode: str, number: int | None, seed: int) -> Axis:
     """What is swept at a key, with its values; those of a sample come later."""
     if isinstance(told, list):
         if not told:
             raise ScenarioError(f"sweep.{key} is an empty list: give at least one value")
-        if mode == "grid" and (twice := _twice(told)):
+        if mode == "grid" and (twice := _find_duplicate(told)):
             raise ScenarioError(f"sweep.{key} holds {twice} twice: give every value once")
         return Axis(key, tuple(told), "list", told)
     if not isinstance(told, dict):
         raise ScenarioError(f"sweep.{key} = {told!r} was given: use a list of values, or {{{' | '.join(KINDS)} = …}}")
-    kind, many = _kind(key, told), told.get("number", number)
+    kind, many = _values_kind(key, told), told.get("number", number)
     if kind == "count":
         if key != "seed":
             raise ScenarioError(f"sweep.{key} has count, which is for seed: use a list, linspace or a distribution")
         first = base.get("seed", 0)
-        count = _whole("sweep.seed.count", told["count"], 1, MOST)
-        return Axis(key, tuple(range(_whole("seed", first, 0), first + count)), kind, told)
-    _check_numbers(key, kind, told[kind])
+        count = _check_integer("sweep.seed.count", told["count"], 1, MOST)
+        return Axis(key, tuple(range(_check_integer("seed", first, 0), first + count)), kind, told)
+    _check_parameters(key, kind, told[kind])
     if mode == "sample":
         if "number" in told:
             raise ScenarioError(f"sweep.{key}.number was given, but a sample has one for all keys: give sweep.number")
         return Axis(key, (), kind, told)
     if many is None:
         raise ScenarioError(f"sweep.{key} has no number of values: give one, as in {{{kind} = …, number = 5}}")
-    many = _whole(f"sweep.{key}.number", many, 1, MOST)
+    many = _check_integer(f"sweep.{key}.number", many, 1, MOST)
     if kind in SPACED:
-        return Axis(key, _spaced(kind, *told[kind], many), kind, told)
+        return Axis(key, _spaced_values(kind, *told[kind], many), kind, told)
     draws = np.random.default_rng([seed, zlib.crc32(key.encode())]).random(many)
     return Axis(key, _quantiles(kind, told[kind], np.sort(draws) if mode == "grid" else draws), kind, told)
 
 
-def _twice(told: list) -> str | None:
+def _find_duplicate(told: list) -> str | None:
     """The first value of a list that stands there twice."""
     seen = set()
     for words in map(str, told):
@@ -253,7 +253,7 @@ def _twice(told: list) -> str | None:
     return None
 
 
-def _kind(key: str, told: dict) -> str:
+def _values_kind(key: str, told: dict) -> str:
     """Which kind of values a table in [sweep] means."""
     kinds, unknown = [k for k in told if k in KINDS], [k for k in told if k not in (*KINDS, "number")]
     if unknown:
@@ -264,7 +264,7 @@ def _kind(key: str, told: dict) -> str:
     return kinds[0]
 
 
-def _check_numbers(key: str, kind: str, told) -> None:
+def _check_parameters(key: str, kind: str, told) -> None:
     """Two ends in order, or mean and sd."""
     if kind == "normal":
         right = isinstance(told, dict) and set(told) == {"mean", "sd"} and all(map(_is_number, told.values()))
@@ -287,14 +287,14 @@ def _is_number(value) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST
 
 
-def _whole(name: str, value, least: int, most: int | None = None) -> int:
+def _check_integer(name: str, value, least: int, most: int | None = None) -> int:
     if not isinstance(value, int) or isinstance(value, bool) or value < least or (most and value > most):
         beyond = f" to {most}" if most else " or more"
         raise ScenarioError(f"{name} = {value!r} was given: use a whole number, {least}{beyond}")
     return value
 
 
-def _spaced(kind: str, first, last, number: int) -> tuple:
+def _spaced_values(kind: str, first, last, number: int) -> tuple:
     values = getattr(np, kind)(float(first), float(last), number)
     whole = isinstance(first, int) and isinstance(last, int) and (values == np.round(values)).all()
     return tuple((values.astype(int) if whole else values).tolist())
@@ -314,7 +314,7 @@ def _quantiles(kind: str, told, share: np.ndarray) -> tuple:
     return tuple((low + share * (high - low)).tolist())
 
 
-def _sampled(axes: tuple[Axis, ...], number: int, seed: int) -> tuple[Axis, ...]:
+def _draw_latin_hypercube(axes: tuple[Axis, ...], number: int, seed: int) -> tuple[Axis, ...]:
     """A Latin hypercube: every axis is cut into `number` parts of equal probability, each of which gives one value.
 
     McKay, Beckman and Conover 1979, doi:10.1080/00401706.1979.10489755.
@@ -334,7 +334,7 @@ def _sampled(axes: tuple[Axis, ...], number: int, seed: int) -> tuple[Axis, ...]
     return tuple(out)
 
 
-def _same_length(axes: tuple[Axis, ...]) -> None:
+def _check_same_length(axes: tuple[Axis, ...]) -> None:
     side = [axis for axis in axes if axis.kind != "count"]
     for axis in side[1:]:
         if len(axis.values) != len(side[0].values):

@@ -12,12 +12,12 @@ from rich.text import Text
 from ...data.checkpoint import ANEW, MEMBERS, SCENARIO, SWEEP
 from ...data.manifest import note, proven, strange
 from ...ensemble import Workers, reach
-from ..resume import noted
-from ..run_folder import OPTIONS, checked, foreign
+from ..resume import read_json
+from ..run_folder import OPTIONS, check_writable, foreign_files_message
 from ..terminal import STYLE, console, progress
 from .dataset import DATASET
-from .definition import Sweep, differences, member
-from .run import MANY, Swept, estimate, finished, judged, run_sweep
+from .definition import Sweep, describe_differences, member
+from .run import MANY, SweepResult, estimate, read_finished, run_sweep, validate_members
 
 OURS = (SWEEP, OPTIONS, DATASET, MEMBERS)
 LISTED = 10  # failures that are listed
@@ -26,7 +26,7 @@ READY = "ready"  # what says that a sweep which replaces another has ended
 
 def simulate(
     chosen: Sweep, out: Path, *, workers: Workers, overwrite: bool, figures: bool, confirm: Callable[[], bool]
-) -> Swept | None:
+) -> SweepResult | None:
     """Say how many members there are, ask if they are many, judge all, run those that are not finished.
 
     Parameters
@@ -34,24 +34,24 @@ def simulate(
     confirm : called after count and estimate were shown, if there are more than MANY members; False runs nothing
     """
     where = reach(workers)
-    _settle(out)
-    others = _claim(out, overwrite)
-    room = out / ANEW if _another(out, chosen, overwrite) or others else out
+    _install_results(out)
+    others = _check_folder(out, overwrite)
+    room = out / ANEW if _holds_other_sweep(out, chosen, overwrite) or others else out
     if room != out:
         going = ", ".join(name for name in OURS if (out / name).exists())
         console.print(f"--overwrite: {going} in {out} will be replaced when the new sweep has ended.", markup=False)
     member(chosen, 0)
-    console.print(_count(chosen))
+    console.print(_describe_size(chosen))
     if chosen.count > MANY:
         console.print(f"On {where.words}: {estimate(chosen, room, where.slots)}.")
         if not confirm():
             return None
     with progress() as tell:
         told = (lambda share, words: tell("checking scenarios", share, words)) if chosen.count > MANY else None
-        names = judged(chosen, told)
+        names = validate_members(chosen, told)
         if room != out:
-            _begin_anew(room, chosen)
-        done = sum(finished(room / MEMBERS / name) is not None for name in set(names)) if room.exists() else 0
+            _discard_other_sweep(room, chosen)
+        done = sum(read_finished(room / MEMBERS / name) is not None for name in set(names)) if room.exists() else 0
         stage = f"{len(set(names)) - done} members to run" + (f", {done} done before" if done else "")
 
         def line(share: float, words: str, left: float | None) -> None:
@@ -61,7 +61,7 @@ def simulate(
         try:
             swept = run_sweep(chosen, room, names=names, workers=workers, figures=figures, report=line)
         except KeyboardInterrupt:
-            done = sum(finished(room / MEMBERS / name) is not None for name in set(names))
+            done = sum(read_finished(room / MEMBERS / name) is not None for name in set(names))
             console.print(
                 f"{done} of {len(names)} members are finished and kept: the same call goes on with the others."
             )
@@ -70,11 +70,11 @@ def simulate(
         if not any(swept.found):
             raise RuntimeError(f"every member failed ({swept.failures[0]}): what was in {out} stays as it was")
         (room / READY).touch()
-        _settle(out)
+        _install_results(out)
     return swept
 
 
-def _count(chosen: Sweep) -> str:
+def _describe_size(chosen: Sweep) -> str:
     dims = " × ".join(
         f"{' with '.join(axis.key for axis in group)} ({n})"
         for group, n in zip(chosen.groups, chosen.shape, strict=True)
@@ -82,7 +82,7 @@ def _count(chosen: Sweep) -> str:
     return f"Sweep: {chosen.count} member{'s' if chosen.count > 1 else ''}, {dims}."
 
 
-def _claim(out: Path, overwrite: bool) -> bool:
+def _check_folder(out: Path, overwrite: bool) -> bool:
     """Whether a folder holds what no sweep wrote, and what is to be replaced.
 
     Raises
@@ -90,21 +90,21 @@ def _claim(out: Path, overwrite: bool) -> bool:
     ValueError
         if it may not be replaced, or the folder cannot be written.
     """
-    checked(out)
+    check_writable(out)
     if (out / SCENARIO).exists() and not (out / SWEEP).exists():
         raise ValueError(f"{out} holds the results of a run: choose another --out")
     others = strange(out, lambda name: name in OURS)
     if others and not overwrite:
-        raise ValueError(foreign(out, others))
+        raise ValueError(foreign_files_message(out, others))
     return bool(others)
 
 
-def _another(out: Path, chosen: Sweep, overwrite: bool) -> bool:
+def _holds_other_sweep(out: Path, chosen: Sweep, overwrite: bool) -> bool:
     """Whether a folder holds another sweep, which then is to be replaced; longer lists of values make none of it."""
     if not (out / SWEEP).is_file():
         return False
     try:
-        differ = differences(noted(out / SWEEP), json.loads(chosen.text))
+        differ = describe_differences(read_json(out / SWEEP), json.loads(chosen.text))
     except ValueError:
         if overwrite:
             return True
@@ -114,7 +114,7 @@ def _another(out: Path, chosen: Sweep, overwrite: bool) -> bool:
     return bool(differ)
 
 
-def _begin_anew(room: Path, chosen: Sweep) -> None:
+def _discard_other_sweep(room: Path, chosen: Sweep) -> None:
     """Keep what an earlier call left of the same sweep, and of no other."""
     try:
         same = (room / SWEEP).read_text(encoding="utf-8") == chosen.text
@@ -124,7 +124,7 @@ def _begin_anew(room: Path, chosen: Sweep) -> None:
         shutil.rmtree(room, ignore_errors=True)
 
 
-def _settle(out: Path) -> None:
+def _install_results(out: Path) -> None:
     """Move a sweep that has ended to its place; who was killed while doing so is followed by the next call."""
     room = out / ANEW
     if not (room / READY).exists():
@@ -140,7 +140,7 @@ def _settle(out: Path) -> None:
     shutil.rmtree(room)
 
 
-def show(swept: Swept) -> None:
+def show(swept: SweepResult) -> None:
     """Ranges of what was measured, and failures."""
     rows = [one for one in swept.found if one]
     table = Table(title=f"Measures of {len(rows)} of {len(swept.names)} members", **STYLE)
@@ -161,7 +161,7 @@ def show(swept: Swept) -> None:
         console.print(f"{swept.reused} members were finished before and not run again.{rest}")
 
 
-def ranges(swept: Swept) -> dict[str, dict]:
+def ranges(swept: SweepResult) -> dict[str, dict]:
     """{measure: unit, how many members have it, least, median and greatest value}."""
     rows, out = [one for one in swept.found if one], {}
     for name, unit in {name: unit for one in rows for name, (_, unit) in one["measures"].items()}.items():
@@ -174,7 +174,7 @@ def ranges(swept: Swept) -> dict[str, dict]:
     return out
 
 
-def verdict(swept: Swept) -> str | None:
+def verdict(swept: SweepResult) -> str | None:
     """One sentence if members failed."""
     failed = sum(map(bool, swept.failures))
     if not failed:

@@ -17,8 +17,8 @@ from ...data.checkpoint import finished as drop_pieces
 from ...data.manifest import note_too, put
 from ...ensemble import Workers, reach, run_members, trial
 from ..registry import experiment_of
-from ..run_folder import NUMBERS, OPTIONS, complete, files_of
-from ..terminal import duration
+from ..run_folder import NUMBERS, OPTIONS, files_of, staged_results
+from ..terminal import format_duration
 from ..writer import write_numbers, write_result
 from .dataset import write_sweep
 from .definition import Sweep, member, sweep
@@ -30,7 +30,7 @@ SOME = 50  # members whose times are looked at
 PROBE = 20.0  # longest trial of the first member, before that [s]
 
 
-class Left(NamedTuple):
+class MemberOutput(NamedTuple):
     """What a member left: its numbers, and its files where they are not in their place already."""
 
     seconds: float
@@ -38,7 +38,7 @@ class Left(NamedTuple):
     files: dict[str, bytes]
 
 
-class Swept(NamedTuple):
+class SweepResult(NamedTuple):
     """What became of all members, in their order."""
 
     sweep: Sweep
@@ -48,7 +48,7 @@ class Swept(NamedTuple):
     reused: int  # finished before
 
 
-def judged(chosen: Sweep, report=None) -> list[str]:
+def validate_members(chosen: Sweep, report=None) -> list[str]:
     """Names of all members, each of which is a scenario that can be run.
 
     Raises
@@ -70,37 +70,39 @@ def estimate(chosen: Sweep, folder: Path, slots: int) -> str:
     That is the median time of members that were finished before, or else that of the first one, tried for at most PROBE
     seconds in a process here.
     """
-    some = (finished(folder / MEMBERS / member(chosen, k).name) for k in range(min(chosen.count, SOME)))
+    some = (read_finished(folder / MEMBERS / member(chosen, k).name) for k in range(min(chosen.count, SOME)))
     known = [one["seconds"] for one in some if one]
     if known:
         one, words = statistics.median(known), "those finished before took {:.2g} s"
     else:
-        tried = trial(_trial, (chosen.text,), PROBE)
+        tried = trial(_time_first_member, (chosen.text,), PROBE)
         if tried is None:
             least = PROBE * chosen.count / max(1, slots)
-            return f"more than {duration(least)}, since the first one takes longer than {PROBE:g} s"
+            return f"more than {format_duration(least)}, since the first one takes longer than {PROBE:g} s"
         if tried.failure:
             return f"how long is unknown, since the first one fails ({tried.failure})"
         one, words = tried.result, "a trial of the first one took {:.2g} s"
-    return f"about {duration(one * chosen.count / max(1, slots))}: {words.format(one)}"
+    return f"about {format_duration(one * chosen.count / max(1, slots))}: {words.format(one)}"
 
 
-def _trial(text: str) -> float:
+def _time_first_member(text: str) -> float:
     """Seconds of the first member, without what a process needs once, such as to load kernels."""
     seconds = PROBE
     for _ in range(2):
         with tempfile.TemporaryDirectory() as room:  # far from the sweep's folder, which it may not see
-            seconds = min(seconds, _run(text, 0, str(Path(room) / MEMBERS / FIRST), False, _unheard).seconds)
+            seconds = min(
+                seconds, _run_member(text, 0, str(Path(room) / MEMBERS / FIRST), False, _ignore_report).seconds
+            )
         if seconds > 0.3 * PROBE:  # a second run might not end in time
             break
     return seconds
 
 
-def _unheard(share: float, words: str) -> None:
+def _ignore_report(share: float, words: str) -> None:
     pass
 
 
-def finished(folder: Path) -> dict | None:
+def read_finished(folder: Path) -> dict | None:
     """Measures and seconds of a member that this version has finished; the folder's name holds what was run."""
     try:
         known = json.loads((folder / MEASURES).read_text(encoding="utf-8"))
@@ -118,7 +120,7 @@ def run_sweep(
     workers: Workers = None,
     figures: bool = False,
     report: Callable = lambda share, words, left: None,
-) -> Swept:
+) -> SweepResult:
     """Run all members that the folder does not hold already, and write the dataset of all that are finished.
 
     Parameters
@@ -128,32 +130,32 @@ def run_sweep(
     figures : whether every member draws its figures, too
     report : called as report(share of what is run, words, seconds left or None)
     """
-    folder, names = Path(folder).resolve(), names or judged(chosen)
+    folder, names = Path(folder).resolve(), names or validate_members(chosen)
     (folder / MEMBERS).mkdir(parents=True, exist_ok=True)
     put(folder, OPTIONS, json.dumps({"figures": figures}).encode())
     put(folder, SWEEP, chosen.text.encode())
     note_too(folder, MEMBERS)
-    found = [finished(folder / MEMBERS / name) for name in names]
+    found = [read_finished(folder / MEMBERS / name) for name in names]
     first = {name: k for k, name in reversed(list(enumerate(names)))}  # a sample may hold a scenario twice
     failures, missing = [""] * len(names), [k for k in first.values() if found[k] is None][::-1]
-    watch = _Watch(len(missing), reach(workers).slots, report)
+    watch = _Progress(len(missing), reach(workers).slots, report)
 
-    def keep(place: int, left: Left) -> None:
-        found[missing[place]] = _kept(folder / MEMBERS / names[missing[place]], left)
+    def keep(place: int, left: MemberOutput) -> None:
+        found[missing[place]] = _store_output(folder / MEMBERS / names[missing[place]], left)
         watch.seconds += left.seconds
 
     tasks = [(chosen.text, k, str(folder / MEMBERS / names[k]), figures) for k in missing]
     try:
-        done = run_members(_run, tasks, workers=workers, live=watch.live, report=watch.report, save=keep)
+        done = run_members(_run_member, tasks, workers=workers, live=watch.live, report=watch.report, save=keep)
         for k, one in zip(missing, done, strict=True):
             failures[k] = one.failure or ""
     finally:
         found = [found[first[name]] for name in names]
         write_sweep(folder, chosen, names, found, failures)
-    return Swept(chosen, names, found, failures, len(first) - len(missing))
+    return SweepResult(chosen, names, found, failures, len(first) - len(missing))
 
 
-class _Watch:
+class _Progress:
     """How far a sweep is, and how long it will take."""
 
     def __init__(self, total: int, slots: int, report):
@@ -177,10 +179,10 @@ class _Watch:
         return missing * self.seconds / good / min(self.slots, missing) if good and missing else None
 
 
-def _kept(folder: Path, left: Left) -> dict:
+def _store_output(folder: Path, left: MemberOutput) -> dict:
     """Put a member's files in their place, and its measures last: with them it is finished."""
     if left.files:
-        with complete(folder) as room:
+        with staged_results(folder) as room:
             for name, data in left.files.items():
                 (room / name).write_bytes(data)
     known = {"stickslip": __version__, "seconds": left.seconds, "measures": left.measures}
@@ -189,33 +191,33 @@ def _kept(folder: Path, left: Left) -> dict:
 
 
 @lru_cache(1)
-def _sweep(text: str) -> Sweep:
+def _parse_sweep(text: str) -> Sweep:
     return sweep(**json.loads(text))
 
 
-def _run(text: str, k: int, folder: str, figures: bool, tell) -> Left:
+def _run_member(text: str, k: int, folder: str, figures: bool, tell) -> MemberOutput:
     """One member, in whichever process; in its own folder if that can be seen from there, else its files travel."""
-    one, place = member(_sweep(text), k), Path(folder)
+    one, place = member(_parse_sweep(text), k), Path(folder)
     assert place.name in (one.name, FIRST), f"{place.name} is not {one.name}"
     words = ", ".join(f"{key} = {v:.6g}" if isinstance(v, float) else f"{key} = {v}" for key, v in one.values.items())
     tell(0.0, words)
-    if _sees(place.parent.parent / SWEEP, text):
-        seconds, measures = _left(one.scenario, place, figures, words, tell)
-        return Left(seconds, measures, {})
+    if _is_same_sweep(place.parent.parent / SWEEP, text):
+        seconds, measures = _run_in_folder(one.scenario, place, figures, words, tell)
+        return MemberOutput(seconds, measures, {})
     with tempfile.TemporaryDirectory() as room:
-        seconds, measures = _left(one.scenario, Path(room) / place.name, figures, words, tell)
+        seconds, measures = _run_in_folder(one.scenario, Path(room) / place.name, figures, words, tell)
         files = files_of(Path(room) / place.name)
-        return Left(seconds, measures, {path.name: path.read_bytes() for path in files})
+        return MemberOutput(seconds, measures, {path.name: path.read_bytes() for path in files})
 
 
-def _sees(path: Path, text: str) -> bool:
+def _is_same_sweep(path: Path, text: str) -> bool:
     try:
         return path.read_text(encoding="utf-8") == text
     except OSError:
         return False
 
 
-def _left(one, folder: Path, figures: bool, words: str, tell) -> tuple[float, dict]:
+def _run_in_folder(one, folder: Path, figures: bool, words: str, tell) -> tuple[float, dict]:
     """Run a scenario, fill its folder: seconds and measures."""
     start, experiment = time.perf_counter(), experiment_of(one)
 
