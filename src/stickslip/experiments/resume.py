@@ -1,4 +1,4 @@
-"""What is left of a run that was stopped, for `stickslip resume`."""
+"""Interrupted runs, for `stickslip resume`."""
 
 import json
 from pathlib import Path
@@ -14,30 +14,30 @@ from .run_folder import NUMBERS, OPTIONS, REPRODUCTION, install_results, is_run_
 
 
 class UnfinishedRun(NamedTuple):
-    """A run that was begun in a folder and is not finished."""
+    """A run that was started in a folder and is not finished."""
 
     scenario: Whole | None
-    reproduction: dict | None = None  # arguments of `reproduce`, if the run is that of a paper
-    sweep: dict | None = None  # tables, if it is one
-    figures: bool = False  # whether its members draw theirs
+    reproduction: dict | None = None  # arguments of `reproduce`, if the run reproduces a paper
+    sweep: dict | None = None  # tables, if it is a sweep
+    figures: bool = False  # whether the members of the sweep draw figures
 
 
 def begin_reproduction(folder: Path, scenario, **arguments) -> None:
-    """Note in the folder which paper's run begins there, for `begun`."""
+    """Record the arguments of a paper's run that starts in a folder, for `begun`."""
     kept_in(folder, scenario).announce()
     replace(folder / UNFINISHED / REPRODUCTION, json.dumps(arguments).encode())
 
 
 def begun(folder: Path) -> UnfinishedRun | None:
-    """What is unfinished in a folder; None if it is finished.
+    """Return the unfinished run in a folder, or None if the run is finished.
 
     Raises
     ------
     ValueError
-        with one sentence, if there is no run.
+        If there is no run; the message is one sentence.
     """
     if not folder.is_dir():
-        raise ValueError(f"{folder} is no folder: give the one of a run that was stopped")
+        raise ValueError(f"{folder} is not a directory: give the folder of an interrupted run")
     check_hidden(folder, is_run_file)
     if (folder / SWEEP).is_file():
         options = folder / OPTIONS
@@ -48,13 +48,13 @@ def begun(folder: Path) -> UnfinishedRun | None:
     install_results(folder)
     known, arguments = under_way(folder), folder / UNFINISHED / REPRODUCTION
     if known is None and not (folder / SCENARIO).is_file():
-        raise ValueError(f"{folder} holds nothing to go on from: begin with stickslip run SCENARIO --out {folder}")
+        raise ValueError(f"{folder} contains nothing to resume: start with stickslip run SCENARIO --out {folder}")
     if known is None and (folder / NUMBERS).is_file():
         return None
     if known and (others := strange(folder, is_run_file)):
         raise ValueError(
-            f"{folder} holds what no run of stickslip wrote, or what was changed since ({join_names(others)}): move it "
-            f"away, then resume goes on"
+            f"{folder} contains files that stickslip did not write or that have changed since ({join_names(others)}): "
+            f"move them away, then resume again"
         )
     return UnfinishedRun(
         read_scenario(known or folder / SCENARIO), read_json(arguments) if arguments.is_file() else None
@@ -62,10 +62,10 @@ def begun(folder: Path) -> UnfinishedRun | None:
 
 
 def read_json(path: Path) -> dict:
-    """What a file of JSON holds; ValueError with one sentence, if it is damaged."""
+    """Read an object from a JSON file; raise ValueError with one sentence if the file is damaged."""
     try:
         if isinstance(found := json.loads(path.read_text(encoding="utf-8")), dict):
             return found
     except (ValueError, RecursionError):
         pass
-    raise ValueError(f"{path} is damaged: begin again, with --overwrite")
+    raise ValueError(f"{path} is damaged: start again with --overwrite")

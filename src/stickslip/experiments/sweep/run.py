@@ -1,4 +1,4 @@
-"""All members of a sweep: each leaves the folder of an ordinary run, all of them one dataset."""
+"""Running of all members of a sweep: each writes the folder of an ordinary run, and together they give one dataset."""
 
 import json
 import statistics
@@ -24,14 +24,14 @@ from .dataset import write_sweep
 from .definition import Sweep, member, sweep
 
 MEASURES = "measures.json"
-MANY = 1000  # members, above which a user is asked
-FIRST = "first"  # of a trial
-SOME = 50  # members whose times are looked at
-PROBE = 20.0  # longest trial of the first member, before that [s]
+MANY = 1000  # number of members above which the user is asked to confirm
+FIRST = "first"  # folder of a timed first member
+SOME = 50  # members whose run times are used for the estimate
+PROBE = 20.0  # longest trial run of the first member [s]
 
 
 class MemberOutput(NamedTuple):
-    """What a member left: its numbers, and its files where they are not in their place already."""
+    """Output of a member: its measures, and its files unless they were written in place."""
 
     seconds: float
     measures: dict  # {name: [value, unit]}
@@ -39,22 +39,22 @@ class MemberOutput(NamedTuple):
 
 
 class SweepResult(NamedTuple):
-    """What became of all members, in their order."""
+    """Outcome of all members, in order."""
 
     sweep: Sweep
     names: list[str]
     found: list[dict | None]  # measures and seconds
-    failures: list[str]  # sentences; nothing where there was none
-    reused: int  # finished before
+    failures: list[str]  # error messages, or empty strings
+    reused: int  # number of members that were already finished
 
 
 def validate_members(chosen: Sweep, report=None) -> list[str]:
-    """Names of all members, each of which is a scenario that can be run.
+    """Validate the scenarios of all members and return their names.
 
     Raises
     ------
     ScenarioError
-        with one sentence that names the first member that is none, and the key.
+        If a member is invalid; the message names the first such member and the key.
     """
     names = []
     for k in range(chosen.count):
@@ -65,35 +65,35 @@ def validate_members(chosen: Sweep, report=None) -> list[str]:
 
 
 def estimate(chosen: Sweep, folder: Path, slots: int) -> str:
-    """How long all members will take, in words, and on what that rests.
+    """Return the estimated time of all members and its basis, as a phrase.
 
-    That is the median time of members that were finished before, or else that of the first one, tried for at most PROBE
-    seconds in a process here.
+    The estimate uses the median time of finished members, or else a trial run of the first one, for at most PROBE
+    seconds in a local process.
     """
     some = (read_finished(folder / MEMBERS / member(chosen, k).name) for k in range(min(chosen.count, SOME)))
     known = [one["seconds"] for one in some if one]
     if known:
-        one, words = statistics.median(known), "those finished before took {:.2g} s"
+        one, words = statistics.median(known), "finished members took {:.2g} s"
     else:
         tried = trial(_time_first_member, (chosen.text,), PROBE)
         if tried is None:
             least = PROBE * chosen.count / max(1, slots)
-            return f"more than {format_duration(least)}, since the first one takes longer than {PROBE:g} s"
+            return f"more than {format_duration(least)}, since the first member takes longer than {PROBE:g} s"
         if tried.failure:
-            return f"how long is unknown, since the first one fails ({tried.failure})"
-        one, words = tried.result, "a trial of the first one took {:.2g} s"
+            return f"unknown time, since the first member fails ({tried.failure})"
+        one, words = tried.result, "a trial run of the first member took {:.2g} s"
     return f"about {format_duration(one * chosen.count / max(1, slots))}: {words.format(one)}"
 
 
 def _time_first_member(text: str) -> float:
-    """Seconds of the first member, without what a process needs once, such as to load kernels."""
+    """Return the run time of the first member in seconds, without one-time costs such as loading kernels."""
     seconds = PROBE
     for _ in range(2):
-        with tempfile.TemporaryDirectory() as room:  # far from the sweep's folder, which it may not see
+        with tempfile.TemporaryDirectory() as scratch:  # outside of the sweep's folder, which may be inaccessible
             seconds = min(
-                seconds, _run_member(text, 0, str(Path(room) / MEMBERS / FIRST), False, _ignore_report).seconds
+                seconds, _run_member(text, 0, str(Path(scratch) / MEMBERS / FIRST), False, _ignore_report).seconds
             )
-        if seconds > 0.3 * PROBE:  # a second run might not end in time
+        if seconds > 0.3 * PROBE:  # a second run might exceed the limit
             break
     return seconds
 
@@ -103,7 +103,10 @@ def _ignore_report(share: float, words: str) -> None:
 
 
 def read_finished(folder: Path) -> dict | None:
-    """Measures and seconds of a member that this version has finished; the folder's name holds what was run."""
+    """Return measures and seconds of a member finished by this version, or None.
+
+    The name of the folder identifies the run.
+    """
     try:
         known = json.loads((folder / MEASURES).read_text(encoding="utf-8"))
         there = known["stickslip"] == __version__ and (folder / NUMBERS).exists()
@@ -121,14 +124,14 @@ def run_sweep(
     figures: bool = False,
     report: Callable = lambda share, words, left: None,
 ) -> SweepResult:
-    """Run all members that the folder does not hold already, and write the dataset of all that are finished.
+    """Run all members that are not in the folder yet, and write the dataset of all finished ones.
 
     Parameters
     ----------
-    names : of all members, if they were judged before
-    workers : processes, each with a member of its own; or a Dask scheduler's address
-    figures : whether every member draws its figures, too
-    report : called as report(share of what is run, words, seconds left or None)
+    names : names of all members, if they were already validated
+    workers : number of processes, each of which runs one member at a time, or the address of a Dask scheduler
+    figures : whether each member also draws its figures
+    report : called as report(fraction of what is run, text, seconds left or None)
     """
     folder, names = Path(folder).resolve(), names or validate_members(chosen)
     (folder / MEMBERS).mkdir(parents=True, exist_ok=True)
@@ -136,7 +139,7 @@ def run_sweep(
     put(folder, SWEEP, chosen.text.encode())
     note_too(folder, MEMBERS)
     found = [read_finished(folder / MEMBERS / name) for name in names]
-    first = {name: k for k, name in reversed(list(enumerate(names)))}  # a sample may hold a scenario twice
+    first = {name: k for k, name in reversed(list(enumerate(names)))}  # a sample may contain a scenario twice
     failures, missing = [""] * len(names), [k for k in first.values() if found[k] is None][::-1]
     watch = _Progress(len(missing), reach(workers).slots, report)
 
@@ -156,7 +159,7 @@ def run_sweep(
 
 
 class _Progress:
-    """How far a sweep is, and how long it will take."""
+    """Progress of a sweep and its estimated remaining time."""
 
     def __init__(self, total: int, slots: int, report):
         self.total, self.slots, self.tell = total, max(1, min(slots, total)), report
@@ -172,7 +175,10 @@ class _Progress:
         self.live(0.0, one.failure or self.last)
 
     def left(self) -> float | None:
-        """Seconds: by what finished members took at first, by their rate when many have finished; None before."""
+        """Return the estimated remaining seconds, or None if unknown.
+
+        The estimate uses the run times of finished members, and their rate once many have finished.
+        """
         good, missing = self.done - self.failed, self.total - self.done
         if self.done >= 3 * self.slots:
             return missing * (time.monotonic() - self.start) / self.done
@@ -180,11 +186,11 @@ class _Progress:
 
 
 def _store_output(folder: Path, left: MemberOutput) -> dict:
-    """Put a member's files in their place, and its measures last: with them it is finished."""
+    """Write the files of a member to its folder, and last its measures, which mark it as finished."""
     if left.files:
-        with staged_results(folder) as room:
+        with staged_results(folder) as staging:
             for name, data in left.files.items():
-                (room / name).write_bytes(data)
+                (staging / name).write_bytes(data)
     known = {"stickslip": __version__, "seconds": left.seconds, "measures": left.measures}
     replace(folder / MEASURES, json.dumps(known, indent=1).encode())
     return known
@@ -196,7 +202,7 @@ def _parse_sweep(text: str) -> Sweep:
 
 
 def _run_member(text: str, k: int, folder: str, figures: bool, tell) -> MemberOutput:
-    """One member, in whichever process; in its own folder if that can be seen from there, else its files travel."""
+    """Run one member in any process, in its folder if that is accessible there; otherwise return its files."""
     one, place = member(_parse_sweep(text), k), Path(folder)
     assert place.name in (one.name, FIRST), f"{place.name} is not {one.name}"
     words = ", ".join(f"{key} = {v:.6g}" if isinstance(v, float) else f"{key} = {v}" for key, v in one.values.items())
@@ -204,9 +210,9 @@ def _run_member(text: str, k: int, folder: str, figures: bool, tell) -> MemberOu
     if _is_same_sweep(place.parent.parent / SWEEP, text):
         seconds, measures = _run_in_folder(one.scenario, place, figures, words, tell)
         return MemberOutput(seconds, measures, {})
-    with tempfile.TemporaryDirectory() as room:
-        seconds, measures = _run_in_folder(one.scenario, Path(room) / place.name, figures, words, tell)
-        files = files_of(Path(room) / place.name)
+    with tempfile.TemporaryDirectory() as scratch:
+        seconds, measures = _run_in_folder(one.scenario, Path(scratch) / place.name, figures, words, tell)
+        files = files_of(Path(scratch) / place.name)
         return MemberOutput(seconds, measures, {path.name: path.read_bytes() for path in files})
 
 
@@ -218,19 +224,19 @@ def _is_same_sweep(path: Path, text: str) -> bool:
 
 
 def _run_in_folder(one, folder: Path, figures: bool, words: str, tell) -> tuple[float, dict]:
-    """Run a scenario, fill its folder: seconds and measures."""
+    """Run a scenario, write its files, and return seconds and measures."""
     start, experiment = time.perf_counter(), experiment_of(one)
 
-    def simulated():
+    def simulate():
         return experiment.simulate(
             one, folder=folder, workers=1, report=lambda *now: tell(now[1], f"{words}: {now[0]}, {now[2]}")
         )
 
     try:
-        result = simulated()
-    except ArchiveError:  # pieces that are damaged, or of another version, while nobody is there to be asked
+        result = simulate()
+    except ArchiveError:  # damaged checkpoint, or one of another version, and no user to ask
         drop_pieces(folder)
-        result = simulated()
+        result = simulate()
     if figures:
         write_result(folder, experiment, result)
     else:
