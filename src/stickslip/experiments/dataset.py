@@ -92,9 +92,7 @@ def contact_table(data: xr.DataTree | xr.Dataset, frame) -> pd.DataFrame:
     names = [str(name) for name in data.frame.values]
     if str(frame) not in names and not (isinstance(frame, int | np.integer) and -len(names) <= frame < len(names)):
         some = ", ".join(names[:4]) + (" …" if len(names) > 4 else "")
-        raise ValueError(
-            f"there is no frame {frame!r}: use {some}, or a number from 0 to {len(names) - 1}"
-        )
+        raise ValueError(f"there is no frame {frame!r}: use {some}, or a number from 0 to {len(names) - 1}")
     number = names.index(str(frame)) if str(frame) in names else range(len(names))[frame]
     ends = np.cumsum(data.contact_count.values)
     rows = slice(ends[number] - int(data.contact_count[number]), ends[number])
@@ -297,7 +295,7 @@ def _group_dataset(group: str, entries: dict, units: dict) -> xr.Dataset:
 
 
 def _row_dataset(group: str, label: str, rows: dict, units: dict) -> xr.Dataset:
-    """Build the dataset of a table along a dimension named after the group in the singular, labelled by `name` or key."""
+    """Build the dataset of a table along a dimension named after the group (singular), labelled by `name` or key."""
     first, dim = next(iter(rows)), label.removesuffix("s") or "row"
     columns = {name: np.array([row[name] for row in rows.values()]) for name in rows[first]}
     labels = columns.pop("name", np.array(list(rows)))

@@ -66,8 +66,8 @@ def check_writable(folder: Path) -> None:
 def foreign_files_message(folder: Path, names: list[str]) -> str:
     """Return the message about files that no run wrote."""
     return (
-        f"{folder} contains files that stickslip did not write or that have changed since ({join_names(names)}): choose "
-        f"another --out, or add --overwrite"
+        f"{folder} contains files that stickslip did not write or that have changed since ({join_names(names)}): "
+        f"choose another --out, or add --overwrite"
     )
 
 

@@ -1,4 +1,4 @@
-"""What `stickslip stability --more` tells beside the spectrum: who takes part, moduli, transient growth, contacts."""
+"""Details of `stickslip stability --more`: participation ratios, moduli, transient growth, decisive contacts."""
 
 from typing import NamedTuple
 
@@ -15,23 +15,23 @@ from ...solve.stability import Stability
 from ...solve.transient import TransientGrowth, transient_growth
 from ..terminal import STYLE, console
 
-CONTACTS = 5  # in the table
-SHOWN = 12  # participation ratios
-UNBALANCED = "as the packing is not in equilibrium"
+CONTACTS = 5  # rows of the table of contacts
+SHOWN = 12  # participation ratios that are printed
+UNBALANCED = "since the packing is not in equilibrium"
 POSITIVE = "the symmetric part of the stiffness"
 
 
 class Details(NamedTuple):
-    """What was computed, or a sentence why it could not be."""
+    """Computed quantities, or the reason why they could not be computed."""
 
-    participation: np.ndarray  # (K,) of the modes that grow, in their order
+    participation: np.ndarray  # (K,) ratios of the growing modes, in their order
     moduli: ElasticModuli | str
     transient: TransientGrowth | str
     contacts: ContactSensitivity | str
 
 
 def more_of(state: State, law: Law, found: Stability | DampedStability, *, report=None) -> Details:
-    """Everything beyond the spectrum that this packing has; report(stage, share done, words) on the way."""
+    """Compute everything beyond the spectrum; progress is reported as report(stage, fraction done, text)."""
     participation = participation_ratio(found.modes, found.free)
     if not found.balanced:
         return Details(participation, UNBALANCED, UNBALANCED, UNBALANCED)
@@ -44,7 +44,7 @@ def more_of(state: State, law: Law, found: Stability | DampedStability, *, repor
 
 
 def _try(function, *arguments, **options):
-    """What a function returns, or its sentence why not."""
+    """Return the result of a function, or the message of its ValueError."""
     try:
         return function(*arguments, **options)
     except ValueError as problem:
@@ -53,7 +53,7 @@ def _try(function, *arguments, **options):
 
 def _compute_transient(state: State, law: Law, found, report) -> TransientGrowth | str:
     if found.grows:
-        return "as something grows exponentially, which outgrows every transient"
+        return "since exponential growth exceeds any transient"
     by_energy = _try(transient_growth, state, law, report=report)
     if isinstance(by_energy, str) and by_energy.startswith(POSITIVE):
         return _try(transient_growth, state, law, norm="displacement", report=report)
@@ -61,7 +61,7 @@ def _compute_transient(state: State, law: Law, found, report) -> TransientGrowth
 
 
 def to_dict(more: Details) -> dict:
-    """The same as JSON takes it: null where `reasons` says why."""
+    """Return the details for JSON: null for quantities with an entry in `reasons`."""
     m, t, s = more.moduli, more.transient, more.contacts
     parts = {"moduli": m, "transient": t, "contacts": s}
     return {
@@ -76,9 +76,9 @@ def to_dict(more: Details) -> dict:
 
 def _moduli_dict(m: ElasticModuli) -> dict:
     names = ("bulk", "shear", "bulk_affine", "shear_affine", "poisson", "young", "anisotropy", "asymmetry")
-    whole = {"voigt": m.voigt.tolist(), "voigt_affine": voigt(m.affine).tolist()}
+    tensors = {"voigt": m.voigt.tolist(), "voigt_affine": voigt(m.affine).tolist()}
     numbers = {name: float(getattr(m, name)) for name in names}
-    return {name: value if np.isfinite(value) else None for name, value in numbers.items()} | whole
+    return {name: value if np.isfinite(value) else None for name, value in numbers.items()} | tensors
 
 
 def _transient_dict(t: TransientGrowth) -> dict:
@@ -100,20 +100,16 @@ def _contact_dict(s: ContactSensitivity, k: int) -> dict:
 
 
 def show(more: Details, found: Stability | DampedStability) -> None:
-    """The same for the eye."""
+    """Print the details."""
     static = found.undamped if isinstance(found, DampedStability) else found
     if len(more.participation):
         ratios = ", ".join(f"{p:.3g}" for p in more.participation[:SHOWN])
         rest = " …" if len(more.participation) > SHOWN else ""
-        console.print(f"\nparticipation ratios of what grows, in this order: {ratios}{rest}")
+        console.print(f"\nparticipation ratios of the growing modes, in this order: {ratios}{rest}")
     for name, part, shown in (
         ("elastic moduli", more.moduli, _show_moduli),
         ("transient growth", more.transient, _show_transient),
-        (
-            "contacts that decide",
-            more.contacts,
-            lambda s: _show_contacts(s, static.n, isinstance(found, DampedStability)),
-        ),
+        ("decisive contacts", more.contacts, lambda s: _show_contacts(s, static.n, isinstance(found, DampedStability))),
     ):
         if isinstance(part, str):
             console.print(f"\n{name}: none, {part}")
@@ -122,16 +118,16 @@ def show(more: Details, found: Stability | DampedStability) -> None:
 
 
 def _show_moduli(m: ElasticModuli) -> None:
-    console.print("\nelastic moduli in force/length^(dim−1), each contact held in its mode")
+    console.print("\nelastic moduli in force/length^(dim−1), with fixed contact modes")
     table = Table(**STYLE)
-    for column in ("", "whole", "affine", "non-affine"):
+    for column in ("", "total", "affine", "non-affine"):
         table.add_column(column, justify="right")
-    for name, whole, affine in (("bulk K", m.bulk, m.bulk_affine), ("shear G", m.shear, m.shear_affine)):
-        table.add_row(name, f"{whole:.5g}", f"{affine:.5g}", f"{whole - affine:.5g}")
+    for name, total, affine in (("bulk K", m.bulk, m.bulk_affine), ("shear G", m.shear, m.shear_affine)):
+        table.add_row(name, f"{total:.5g}", f"{affine:.5g}", f"{total - affine:.5g}")
     console.print(table)
     console.print(
-        f"Young's modulus {m.young:.5g}, Poisson's ratio {m.poisson:.4g}; {100 * m.anisotropy:.2g} % of C is not "
-        f"isotropic, {100 * m.asymmetry:.2g} % not symmetric"
+        f"Young's modulus {m.young:.5g}, Poisson's ratio {m.poisson:.4g}; {100 * m.anisotropy:.2g} % of C is "
+        f"anisotropic, {100 * m.asymmetry:.2g} % antisymmetric"
     )
 
 
@@ -139,16 +135,16 @@ def _show_transient(t: TransientGrowth) -> None:
     what = "√energy" if t.norm == "energy" else "displacements"
     pair = f"; frequencies {t.pair[0]:.6g} and {t.pair[1]:.6g} nearly coincide" if len(t.pair) else ""
     console.print(
-        f"\ntransient growth: {what} ×{t.amplitude:.4g} at time {t.time:.4g}, the most that was found up to time "
-        f"{t.times[-1]:.4g}; never more than ×{t.bound:.4g}{pair}"
+        f"\ntransient growth: {what} ×{t.amplitude:.4g} at time {t.time:.4g}, the largest value found up to "
+        f"time {t.times[-1]:.4g}; upper bound ×{t.bound:.4g}{pair}"
     )
 
 
 def _show_contacts(s: ContactSensitivity, n: int, damped: bool) -> None:
     count, verified = int(s.turns.sum()), int(s.verified.sum())
-    turned, aside = "unstable" if s.verdict == "stable" else "stable", " (dashpots left out)" if damped else ""
+    turned, note = "unstable" if s.verdict == "stable" else "stable", " (dashpots left out)" if damped else ""
     console.print(
-        f"\ncontacts that decide{aside}: {count} of {verified} changes whose spectrum was computed make the packing "
+        f"\ndecisive contacts{note}: {count} of {verified} changes whose spectrum was computed make the packing "
         f"{turned}" + (f"; {s.scope}" if s.scope else "")
     )
     slope = dict(zip(s.contacts, s.growth_derivative, strict=True)) if len(s.derivative) else {}

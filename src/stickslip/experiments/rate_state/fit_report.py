@@ -1,4 +1,4 @@
-"""Fits of a record: from a file to tables, JSON and a figure."""
+"""Fits of a laboratory record: tables, JSON and a figure."""
 
 import json
 from pathlib import Path
@@ -22,7 +22,7 @@ UNITS = {"dc": "m", "stiffness": "1/m", "trend": "1/m", "v0": "m/s", "damping": 
 
 
 class RecordFits(NamedTuple):
-    """A record, the fits of it, and which one the data prefer."""
+    """A record, its fits, and their comparison."""
 
     file: Path
     data: Data
@@ -34,7 +34,7 @@ def fitted(
     file: Path, *, laws, stiffness: float | None, free_stiffness: bool, v0: float | None, before: float | None,
     detrend: bool, normal: bool, out: Path | None, overwrite: bool,
 ) -> RecordFits:  # fmt: skip
-    """Read a record and fit each law to it; refuses beforehand a folder that cannot take the results."""
+    """Read a record and fit each law to it; the output folder is checked first."""
     if out is not None:
         _check_folder(out, overwrite)
     if stiffness is not None and free_stiffness:
@@ -42,9 +42,9 @@ def fitted(
     record = record_data(read_csv(file), before=before, normal=normal)
     sprung = len(record.legs) > 0
     if sprung and stiffness is None and not free_stiffness:
-        raise ValueError("the stiffness of the apparatus is not known: give --stiffness K [1/m], or --free-stiffness")
+        raise ValueError("the stiffness of the apparatus is unknown: give --stiffness K [1/m], or --free-stiffness")
     if not sprung and (stiffness is not None or free_stiffness):
-        raise ValueError(f"{file} holds slip velocity and no load_point, so that no spring enters: leave stiffness out")
+        raise ValueError(f"{file} has slip velocity and no load_point, so there is no spring: leave out the stiffness")
     changes = normal and np.ptp([leg.normal for leg in record.legs]) > 0
     free = tuple(name for name, on in (("stiffness", free_stiffness), ("alpha", changes), ("trend", detrend)) if on)
     given = {"stiffness": stiffness, "v0": v0}
@@ -55,17 +55,17 @@ def fitted(
 
 def _check_folder(out: Path, overwrite: bool) -> None:
     if out.exists() and not out.is_dir():
-        raise ValueError(f"{out} is a file, not a folder: choose another --out")
+        raise ValueError(f"{out} is a file, not a directory: choose another --out")
     if overwrite:
         return
     if others := strange(out, lambda name: name in (NUMBERS, FIGURE)):
         raise ValueError(foreign_files_message(out, others))
     if (out / NUMBERS).exists():
-        raise ValueError(f"{out} holds the results of a fit: choose another --out, or add --overwrite")
+        raise ValueError(f"{out} contains the results of a fit: choose another --out, or add --overwrite")
 
 
 def as_json(found: RecordFits) -> str:
-    """One object with the documented keys; what is not known is null."""
+    """Return one JSON object with the documented keys; unknown values are null."""
     out = {"file": found.file.name, "units": "m, s", "fits": {one.law: _fit_dict(one) for one in found.fits}}
     if found.comparison is not None:
         out["comparison"] = found.comparison._asdict()
@@ -73,7 +73,7 @@ def as_json(found: RecordFits) -> str:
 
 
 def _fit_dict(one: Fit) -> dict:
-    kept = (
+    names = (
         "values",
         "errors",
         "intervals",
@@ -87,11 +87,11 @@ def _fit_dict(one: Fit) -> dict:
         "bic",
     )
     more = {"covariance": one.covariance.tolist(), "noise": one.noise.tolist(), "samples": one.samples}
-    return {name: getattr(one, name) for name in kept} | more | {"a_minus_b": one.difference}
+    return {name: getattr(one, name) for name in names} | more | {"a_minus_b": one.difference}
 
 
 def _replace_nonfinite(thing):
-    """The same with None for what is not finite."""
+    """Replace numbers that are not finite with None."""
     if isinstance(thing, dict):
         return {k: _replace_nonfinite(v) for k, v in thing.items()}
     if isinstance(thing, list | tuple):
@@ -102,7 +102,7 @@ def _replace_nonfinite(thing):
 
 
 def show(found: RecordFits) -> None:
-    """A table for each law, and the comparison."""
+    """Print a table for each law, and the comparison."""
     for one in found.fits:
         table = Table(title=f"{one.law.capitalize()} law", **STYLE)
         for name in ("parameter", "value", "95 % interval", "unit"):
@@ -115,8 +115,8 @@ def show(found: RecordFits) -> None:
             if name in one.fixed:
                 table.add_row(name, f"{one.fixed[name]:.5g}", "fixed", UNITS[name])
         console.print(table)
-        memory = f"as much as {one.effective:.0f} independent ones" if len(one.noise) else "independent of each other"
-        console.print(f"  noise {one.sigma:.2e}; {one.samples} samples, {memory}")
+        count = f"equivalent to {one.effective:.0f} independent ones" if len(one.noise) else "independent of each other"
+        console.print(f"  noise {one.sigma:.2e}; {one.samples} samples, {count}")
         if not (one.identifiable and one.adequate):
             console.print(f"  {one.sentence}", style="yellow")
         console.print()
@@ -125,19 +125,19 @@ def show(found: RecordFits) -> None:
 
 
 def sentences(found: RecordFits) -> list[str]:
-    """The answer in a word: which law the data prefer, or what one fit tells."""
+    """Return the conclusion: the law that the data prefer, or the sentence of a single fit."""
     return [found.comparison.sentence] if found.comparison is not None else [one.sentence for one in found.fits]
 
 
 def _format_cells(value: float, low: float, high: float) -> tuple[str, str]:
     if not np.isfinite(value):
-        return "not known", "–"
+        return "unknown", "–"
     return f"{value:.5g}", f"{low:.5g} … {high:.5g}" if np.isfinite(low) else "–"
 
 
 def write(out: Path, found: RecordFits) -> list[Path]:
-    """JSON and figure; returns their paths."""
+    """Write JSON and figure, and return their paths."""
     out.mkdir(parents=True, exist_ok=True)
     put(out, FIGURE, png(figures.fitted(found.data, found.fits)))
-    put(out, NUMBERS, f"{as_json(found)}\n".encode())  # last: with it the fit is there
+    put(out, NUMBERS, f"{as_json(found)}\n".encode())  # last, since it marks the fit as complete
     return [out / NUMBERS, out / FIGURE]

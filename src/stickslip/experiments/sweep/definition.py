@@ -221,13 +221,11 @@ def _parse_axis(key: str, entry, base: dict, mode: str, number: int | None, seed
             raise ScenarioError(f"sweep.{key} contains {twice} twice: give each value once")
         return Axis(key, tuple(entry), "list", entry)
     if not isinstance(entry, dict):
-        raise ScenarioError(
-            f"sweep.{key} = {entry!r} was given: use a list of values, or {{{' | '.join(KINDS)} = …}}"
-        )
+        raise ScenarioError(f"sweep.{key} = {entry!r} was given: use a list of values, or {{{' | '.join(KINDS)} = …}}")
     kind, many = _values_kind(key, entry), entry.get("number", number)
     if kind == "count":
         if key != "seed":
-            raise ScenarioError(f"sweep.{key} has count, which is only for seed: use a list, linspace or a distribution")
+            raise ScenarioError(f"sweep.{key} has count, valid only for seed: use a list, linspace or a distribution")
         first = base.get("seed", 0)
         count = _check_integer("sweep.seed.count", entry["count"], 1, MOST)
         return Axis(key, tuple(range(_check_integer("seed", first, 0), first + count)), kind, entry)

@@ -63,9 +63,7 @@ def simulate(
             swept = run_sweep(chosen, target, names=names, workers=workers, figures=figures, report=line)
         except KeyboardInterrupt:
             done = sum(read_finished(target / MEMBERS / name) is not None for name in set(names))
-            console.print(
-                f"{done} of {len(names)} members are finished and saved: repeat the call to run the others."
-            )
+            console.print(f"{done} of {len(names)} members are finished and saved: repeat the call to run the others.")
             raise
     if target != out:
         if not any(swept.found):
