@@ -70,7 +70,7 @@ def test_somebodys_files_stay(call, tmp_path, name, words):
     done = call(*words, "--out", "out")
     assert done.code == 2
     assert done.err.count("\n") == 1
-    assert f"what was changed since ({name}): choose another --out, or add --overwrite" in done.err
+    assert f"have changed since ({name}): choose another --out, or add --overwrite" in done.err
     assert contents(tmp_path / "out") == {name: b"mine"}
 
 
@@ -200,9 +200,9 @@ def test_sweeps_prove_their_files_too(call, tmp_path):
     assert call("run", "many.toml", "--out", "many").code == 0
     (tmp_path / "many" / "sweep.nc").write_text("mine")
     assert "(sweep.nc)" in call("run", "many.toml", "--out", "many").err
-    assert "holds the results of a sweep" in call("run", "0.toml", "--out", "many", "--overwrite").err
+    assert "contains the results of a sweep" in call("run", "0.toml", "--out", "many", "--overwrite").err
     assert call("run", "0.toml", "--out", "one").code == 0
-    assert "holds the results of a run" in call("run", "many.toml", "--out", "one", "--overwrite").err
+    assert "contains the results of a run" in call("run", "many.toml", "--out", "one", "--overwrite").err
 
 
 @pytest.mark.parametrize("when", ["members", "settling", "failing"])

@@ -137,7 +137,7 @@ def test_partly_is_between_one_and_two_tolerances(tolerance, inside, near, far):
      (1.0, 1.0, 0.1, 0.0, "often"), ([1.0, 2.0], 1.0, 0.1, 0.0), (1.0, [1.0, 2.0], 0.1, 0.0), ([1, 2], [1], 0.1, 0.0)],
 )  # fmt: skip
 def test_what_cannot_be_compared_is_one_sentence(given):
-    with pytest.raises(ValueError, match=r"(was given: |windows need windows)"):
+    with pytest.raises(ValueError, match=r"(was given: |compare windows)"):
         verdict(*given)
 
 
@@ -161,10 +161,10 @@ def test_a_reference_is_beside_the_paper_and_never_in_its_place():
 @pytest.mark.parametrize(
     ("words", "options"),
     [
-        ("names no place", {"source": "Fig 1"}),
-        ("needs its origin", {"reference": 1.0}),
-        ("needs its origin", {"reference_source": "theory"}),
-        ("a statement beside a number", {"paper": True, "measured": 1.0}),
+        ("use 'PLACE: words'", {"source": "Fig 1"}),
+        ("give reference and reference_source together", {"reference": 1.0}),
+        ("give reference and reference_source together", {"reference_source": "theory"}),
+        ("compare statements with statements", {"paper": True, "measured": 1.0}),
         ("counterexample", {"paper": True, "measured": False, "quantifier": ALWAYS}),
     ],
 )

@@ -83,7 +83,7 @@ def test_a_run_some_of_whose_realizations_failed_is_incomplete(tmp_path):
     [
         (["run", "absent.toml", "--out", "o"], "absent.toml cannot be read"),
         (["reproduce", "disk-aray"], "did you mean 'disk-array'?"),
-        (["resume", "absent"], "is no folder"),
+        (["resume", "absent"], "is not a folder"),
         (["stability", "absent.npz"], "absent.npz"),
         (["fit", "absent.csv"], "no such file"),
         (["cite", "absent.toml"], "absent.toml"),
@@ -127,7 +127,7 @@ def test_a_sweep_keeps_its_choice_says_when_nothing_is_left_and_is_replaced_only
     found, _ = object_of("resume", "out", "--workers", "1", cwd=tmp_path)
     assert found["members"]["reused"] == 1
     assert (gone.parent / "fig1_history.png").exists()
-    assert "The sweep is finished: nothing was left to run." in " ".join(
+    assert "The sweep is finished: there was nothing to run." in " ".join(
         stickslip_here("resume", "out", "--workers", "1", cwd=tmp_path).stdout.split()
     )
     write(values="[0.3, 0.4, 0.5]")

@@ -37,7 +37,7 @@ def begun(folder: Path) -> UnfinishedRun | None:
         If there is no run; the message is one sentence.
     """
     if not folder.is_dir():
-        raise ValueError(f"{folder} is not a directory: give the folder of an interrupted run")
+        raise ValueError(f"{folder} is not a folder: give the folder of an interrupted run")
     check_hidden(folder, is_run_file)
     if (folder / SWEEP).is_file():
         options = folder / OPTIONS

@@ -54,13 +54,13 @@ def claim_folder(folder: Path, scenario, *, overwrite: bool = False) -> None:
 def check_writable(folder: Path) -> None:
     """Raise ValueError with one sentence if a folder is not writable."""
     if folder.exists() and not folder.is_dir():
-        raise ValueError(f"{folder} is a file, not a directory: choose another --out")
+        raise ValueError(f"{folder} is a file, not a folder: choose another --out")
     if folder.is_dir():
         check_hidden(folder, is_run_file)
     try:
         _probe(folder)
     except OSError as problem:
-        raise ValueError(f"the folder {folder} is not writable ({problem.strerror}): choose another --out") from None
+        raise ValueError(f"the folder {folder} cannot be written ({problem.strerror}): choose another --out") from None
 
 
 def foreign_files_message(folder: Path, names: list[str]) -> str:
@@ -76,7 +76,7 @@ def _discard_previous(folder: Path, scenario, others: list[str]) -> None:
     going = sorted({path.name for path in files_of(folder)} | {name for name in others if is_run_file(name)})
     if name := next((name for name in going if (folder / name).is_dir()), None):
         raise ValueError(
-            f"{folder / name} is a directory, but runs write a file of this name: move it away, or choose another --out"
+            f"{folder / name} is a folder, but runs write a file of this name: move it away, or choose another --out"
         )
     if going:
         console.print(

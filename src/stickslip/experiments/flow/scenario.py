@@ -106,7 +106,7 @@ class FlowLaw(LawFile):
         "hertz_mindlin", "hertz_mindlin_reff", "linear", "hertz_mindlin_rescaled", "hertz_mindlin_reff_rescaled"
     ] = Field(
         "linear",
-        description="F_n = k_n δ^(3/2), k_n √R_eff δ^(3/2), or k_n δ; rescaled: slip is reduced as the overlap decreases",
+        description="F_n = k_n δ^(3/2), k_n √R_eff δ^(3/2), or k_n δ; rescaled: slip shrinks as overlap decreases",
     )  # fmt: skip
     coulomb: Literal["smooth", "sharp"] = Field("sharp", description="how F_t approaches the Coulomb limit μ F_n")
     kn: Positive | None = Field(
@@ -337,7 +337,8 @@ class FlowScenario(Whole):
         for name, shaking in shaken:
             if (times := shaking.frequency * self.duration) > MOST:
                 raise ValueError(
-                    f"{name} shakes {times:.3g} times: at most {MOST} are allowed, use a lower frequency or shorter stages"
+                    f"{name} shakes {times:.3g} times: at most {MOST} are allowed, use a lower frequency or shorter "
+                    f"stages"
                 )
         return self
 

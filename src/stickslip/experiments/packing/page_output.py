@@ -28,7 +28,7 @@ def ready(path: Path, endings: tuple[str, ...], *, overwrite: bool = False, made
     if path.suffix.lower() not in endings:
         raise ValueError(f"--out {path} ends with {path.suffix or 'nothing'!r}: use {' or '.join(endings)}")
     if not path.parent.is_dir():
-        raise ValueError(f"{path.parent} is not a directory: create it first, or give another --out")
+        raise ValueError(f"{path.parent} is not a folder: create it first, or give another --out")
     belongs = _belongs_to_run(path)
     if belongs and not overwrite and strange(path.parent, lambda name: name == path.name):
         raise ValueError(

@@ -83,7 +83,7 @@ def causes(found: Stability | DampedStability, options: dict, words: list[str]) 
     given = [f"--{name.replace('_', '-')}" for name in LAW_OPTIONS if options.get(name) is not None]
     assumed = any("the defaults are assumed" in line for line in words)
     if given:
-        known.append(f"{UNKNOWN_LAW} than that of the packing: {', '.join(given)} was given on the command line")
+        known.append(f"{UNKNOWN_LAW} than that of the packing: {', '.join(given)} came from the command line")
     elif assumed:
         known.append(f"{UNKNOWN_LAW} than that of the packing: none was given, so the defaults were used")
     return known or list(found.causes)
@@ -155,7 +155,7 @@ def show(
         _show_imbalance(found, why, remedy)
     if isinstance(found, DampedStability):
         console.print("spectrum: damped, exponents s of exp(st) from M q̈ = J q + C q̇ at rest")
-        console.print(f"without dashpots it would be: {static.motion}")
+        console.print(f"without the dashpots it would be: {static.motion}")
     if found.scope:
         console.print(f"scope: {found.scope}")
     if len(static.rattlers):
@@ -170,7 +170,7 @@ def show(
 
 
 def _show_imbalance(found: Stability | DampedStability, why, remedy: str) -> None:
-    console.print(f"the residual is at most {BALANCED_BELOW:g} in equilibrium; likely causes:")
+    console.print(f"an equilibrium has a residual of at most {BALANCED_BELOW:g}; likely causes:")
     for cause in why:
         console.print(f"  - {cause}")
     if remedy:
@@ -228,9 +228,9 @@ def check_modes(path: Path, packing: Path, *, asked: bool) -> None:
     if path.exists() and packing.exists() and path.samefile(packing):
         raise ValueError(f"--modes {path} would replace the packing: give another name")
     if not path.parent.is_dir():
-        raise ValueError(f"{path.parent} is not a directory: create it first, or give another --modes")
+        raise ValueError(f"{path.parent} is not a folder: create it first, or give another --modes")
     if path.is_dir():
-        raise ValueError(f"{path} is a directory: give the name of a file")
+        raise ValueError(f"{path} is a folder: give the name of a file")
     if not os.path.lexists(path):
         return
     if path.is_file():

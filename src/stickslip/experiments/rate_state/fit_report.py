@@ -55,7 +55,7 @@ def fitted(
 
 def _check_folder(out: Path, overwrite: bool) -> None:
     if out.exists() and not out.is_dir():
-        raise ValueError(f"{out} is a file, not a directory: choose another --out")
+        raise ValueError(f"{out} is a file, not a folder: choose another --out")
     if overwrite:
         return
     if others := strange(out, lambda name: name in (NUMBERS, FIGURE)):
