@@ -40,7 +40,7 @@ def small(**table):
         ({"law.mu": [0.2, 0.2]}, "sweep.law.mu contains 0.2 twice"),
         ({"law.mu": {}}, "sweep.law.mu has 0 kinds of values"),
         ({"law.mu": {"unifrom": [0, 1], "number": 2}}, "sweep.law.mu has no key 'unifrom'"),
-        ({"law.mu": {"logspace": [0, 1], "number": 2}}, "did you mean 'geomspace', which takes the end values themselves"),
+        ({"law.mu": {"logspace": [0, 1], "number": 2}}, "did you mean 'geomspace', which takes the end values"),
         ({"law.mu": {"uniform": [0, 1]}}, "sweep.law.mu has no number of values"),
         ({"law.mu": {"uniform": [1, 0], "number": 2}}, "the first end must be below the second"),
         ({"law.mu": {"uniform": [0, 1, 2], "number": 2}}, r"use two numbers up to 1e\+100, the two ends"),

@@ -71,8 +71,8 @@ def claim(
     made = Claim(
         id, source, paper, measured, unit, tolerance, word, note, error, reference, reference_source, quantifier
     )
-    said = [note, f"undecided: {undecided_reason(made)}" if word == UNDECIDED else "", _describe_reference(made)]
-    return made._replace(note="; ".join(words for words in said if words))
+    notes = [note, f"undecided: {undecided_reason(made)}" if word == UNDECIDED else "", _describe_reference(made)]
+    return made._replace(note="; ".join(words for words in notes if words))
 
 
 def verdict(paper: Value, measured: Value, tolerance: float, error: float | None, quantifier: str = IS) -> str:
@@ -187,8 +187,8 @@ def for_quick_run(claims: list[Claim]) -> list[Claim]:
     """Return the claims, with a note on those that a quick run did not measure."""
     out = []
     for c in claims:
-        said = "left open by a quick run" if _is_statement(c) else "not measured by a quick run"
-        out.append(c if c.measured is not None else c._replace(note="; ".join(filter(None, (said, c.note)))))
+        reason = "left open by a quick run" if _is_statement(c) else "not measured by a quick run"
+        out.append(c if c.measured is not None else c._replace(note="; ".join(filter(None, (reason, c.note)))))
     return out
 
 

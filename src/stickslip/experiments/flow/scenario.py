@@ -110,7 +110,8 @@ class FlowLaw(LawFile):
     )  # fmt: skip
     coulomb: Literal["smooth", "sharp"] = Field("sharp", description="how F_t approaches the Coulomb limit μ F_n")
     kn: Positive | None = Field(
-        None, description="k_n; for Hertz laws divided by length^(1/2), with R_eff by length [force/length]"
+        None,
+        description="k_n; unit over length^(1/2) for hertz_mindlin, over length for hertz_mindlin_reff [force/length]",
     )
     kt: NotNegative | None = Field(None, description="k_t, in the units of `kn`; default: 2/7 of `kn` [force/length]")
     young: Positive | None = Field(None, description="E, determines kn and kt; hertz_mindlin_reff only [force/length²]")
@@ -221,7 +222,7 @@ class Stage(Part):
 
 
 class FlowScenario(Whole):
-    """Everything that defines a flow."""
+    """Complete definition of a flow."""
 
     experiment: Literal["flow"] = "flow"
     seed: Seed = 0

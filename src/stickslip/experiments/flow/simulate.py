@@ -108,12 +108,12 @@ def simulate_flow(
     RuntimeError
         If a grain moves more than a radius in one step or a position is not a number; the message is one sentence.
     """
-    start, kept = poured(scenario), kept_in(folder, scenario, Piece, StageEnd)
-    pieces = _load_pieces(kept) if kept else []
+    start, checkpoint = poured(scenario), kept_in(folder, scenario, Piece, StageEnd)
+    pieces = _load_pieces(checkpoint) if checkpoint else []
 
     def keep(piece):
-        if kept:
-            kept.save(f"{len(pieces):06d}", piece)
+        if checkpoint:
+            checkpoint.save(f"{len(pieces):06d}", piece)
         pieces.append(piece)
 
     for number in range(len(scenario.stages)):
@@ -128,12 +128,12 @@ def simulate_flow(
     )  # fmt: skip
 
 
-def _load_pieces(kept: Kept) -> list[Piece]:
+def _load_pieces(checkpoint: Kept) -> list[Piece]:
     """Load the saved pieces of a run; raise ArchiveError if one is missing."""
-    for k, name in enumerate(kept.names):
+    for k, name in enumerate(checkpoint.names):
         if name != f"{k:06d}":
-            raise ArchiveError(f"the piece {k:06d} is missing in {kept.folder}: start again with --overwrite")
-    return [kept.load(name) for name in kept.names]
+            raise ArchiveError(f"the piece {k:06d} is missing in {checkpoint.folder}: start again with --overwrite")
+    return [checkpoint.load(name) for name in checkpoint.names]
 
 
 def _run_stage(scenario: FlowScenario, start: Poured, number: int, pieces: list[Piece], keep, threads, report) -> None:

@@ -255,8 +255,8 @@ def packing_seen(
     options : options of `read_packing`
     settle : if True, the packing is settled first
     """
-    (state, law, words), said = listened(read_packing, file, **options)
-    words, calm = [*words, *said], None
+    (state, law, words), warnings = listened(read_packing, file, **options)
+    words, calm = [*words, *warnings], None
     if settle:
         state, calm = settled(state, law)
         words.append(f"settled: {calm.how}")

@@ -30,7 +30,7 @@ UNKNOWN_LAW = "another law"  # beginning of the last of `likely_causes`
 
 
 class Settling(NamedTuple):
-    """How much a packing changed when it was settled; the verdict is for the settled packing."""
+    """Change of a packing when it was settled; the verdict is for the settled packing."""
 
     moved: float  # largest displacement of a grain, in its radii
     moved_rms: float  # root mean square over grains, in their radii

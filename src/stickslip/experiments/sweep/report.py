@@ -47,16 +47,18 @@ def simulate(
         console.print(f"On {where.words}: {estimate(chosen, target, where.slots)}.")
         if not confirm():
             return None
-    with progress() as tell:
-        told = (lambda share, words: tell("checking scenarios", share, words)) if chosen.count > MANY else None
-        names = validate_members(chosen, told)
+    with progress() as report:
+        report_checks = (
+            (lambda share, words: report("checking scenarios", share, words)) if chosen.count > MANY else None
+        )
+        names = validate_members(chosen, report_checks)
         if target != out:
             _discard_other_sweep(target, chosen)
         done = sum(read_finished(target / MEMBERS / name) is not None for name in set(names)) if target.exists() else 0
         stage = f"{len(set(names)) - done} members to run" + (f", {done} already done" if done else "")
 
         def line(share: float, words: str, left: float | None) -> None:
-            tell(stage, share, words, left)
+            report(stage, share, words, left)
 
         line(0.0, f"on {where.words}", None)
         try:

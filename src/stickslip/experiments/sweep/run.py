@@ -162,13 +162,13 @@ class _Progress:
     """Progress of a sweep and its estimated remaining time."""
 
     def __init__(self, total: int, slots: int, report):
-        self.total, self.slots, self.tell = total, max(1, min(slots, total)), report
+        self.total, self.slots, self.callback = total, max(1, min(slots, total)), report
         self.start, self.done, self.failed, self.seconds, self.last = time.monotonic(), 0, 0, 0.0, ""
 
     def live(self, share: float, words: str) -> None:
         self.last = words
         failed = f", {self.failed} failed" if self.failed else ""
-        self.tell(self.done / self.total, f"{self.done} of {self.total}{failed}; {words}", self.left())
+        self.callback(self.done / self.total, f"{self.done} of {self.total}{failed}; {words}", self.left())
 
     def report(self, done: int, total: int, one) -> None:
         self.done, self.failed = self.done + 1, self.failed + bool(one.failure)
@@ -201,17 +201,17 @@ def _parse_sweep(text: str) -> Sweep:
     return sweep(**json.loads(text))
 
 
-def _run_member(text: str, k: int, folder: str, figures: bool, tell) -> MemberOutput:
+def _run_member(text: str, k: int, folder: str, figures: bool, report) -> MemberOutput:
     """Run one member in any process, in its folder if that is accessible there; otherwise return its files."""
     one, place = member(_parse_sweep(text), k), Path(folder)
     assert place.name in (one.name, FIRST), f"{place.name} is not {one.name}"
     words = ", ".join(f"{key} = {v:.6g}" if isinstance(v, float) else f"{key} = {v}" for key, v in one.values.items())
-    tell(0.0, words)
+    report(0.0, words)
     if _is_same_sweep(place.parent.parent / SWEEP, text):
-        seconds, measures = _run_in_folder(one.scenario, place, figures, words, tell)
+        seconds, measures = _run_in_folder(one.scenario, place, figures, words, report)
         return MemberOutput(seconds, measures, {})
     with tempfile.TemporaryDirectory() as scratch:
-        seconds, measures = _run_in_folder(one.scenario, Path(scratch) / place.name, figures, words, tell)
+        seconds, measures = _run_in_folder(one.scenario, Path(scratch) / place.name, figures, words, report)
         files = files_of(Path(scratch) / place.name)
         return MemberOutput(seconds, measures, {path.name: path.read_bytes() for path in files})
 
@@ -223,13 +223,13 @@ def _is_same_sweep(path: Path, text: str) -> bool:
         return False
 
 
-def _run_in_folder(one, folder: Path, figures: bool, words: str, tell) -> tuple[float, dict]:
+def _run_in_folder(one, folder: Path, figures: bool, words: str, report) -> tuple[float, dict]:
     """Run a scenario, write its files, and return seconds and measures."""
     start, experiment = time.perf_counter(), experiment_of(one)
 
     def simulate():
         return experiment.simulate(
-            one, folder=folder, workers=1, report=lambda *now: tell(now[1], f"{words}: {now[0]}, {now[2]}")
+            one, folder=folder, workers=1, report=lambda *now: report(now[1], f"{words}: {now[0]}, {now[2]}")
         )
 
     try:
