@@ -111,7 +111,7 @@ def test_a_mode_off_equilibrium_is_filmed_only_if_given_and_says_so(without, tmp
     file = without(*MEMORY)
     for words, said in (
         ([], SENTENCE),
-        (["--settle"], "is stable, or has no mode that grows (this is about the SETTLED"),
+        (["--settle"], "is stable or has no growing mode (the verdict is for the SETTLED"),
     ):
         done = run("movie", file, *words, cwd=tmp_path)
         assert done.returncode == 2 and said in done.stderr and not list(tmp_path.glob("*.gif"))

@@ -287,7 +287,7 @@ def test_the_terminal_shows_two_sentences_and_a_line_for_each_figure(monkeypatch
         text = " ".join(said.get().split())
         assert max(map(len, lines)) <= width
         assert text.startswith("1 of the paper's 8 claims is reproduced, 2 in part, 2 not, 1 refuted, 2 undecided; ")
-        assert "Of the rows that disagree 2 of 3 are in Fig 1 (a thing): far 9, paper 1; undecided because" in text
+        assert "Of the rows that disagree, 2 of 3 are in Fig 1 (a thing): far 9, paper 1; undecided because" in text
         assert "its error exceeds the tolerance (1)" in text
         (fig1,) = (line for line in lines if line.startswith("Fig 1"))
         assert "1 of 7, other 0 of 1" in fig1

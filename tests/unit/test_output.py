@@ -136,7 +136,7 @@ def test_a_sweep_keeps_its_choice_says_when_nothing_is_left_and_is_replaced_only
     before = sorted(path.name for path in (tmp_path / "out" / "members").iterdir())
     refused = stickslip_here(*words, cwd=tmp_path)
     assert refused.returncode == 2
-    assert "holds another sweep (that one sweeps surface.mu0, this one surface.a)" in refused.stderr
+    assert "contains another sweep (the old sweep has keys surface.mu0, the new one surface.a)" in refused.stderr
     assert sorted(path.name for path in (tmp_path / "out" / "members").iterdir()) == before
     assert object_of(*words, "--overwrite", cwd=tmp_path)[0]["members"]["total"] == 1
     assert len(list((tmp_path / "out" / "members").iterdir())) == 1
@@ -148,11 +148,11 @@ def test_a_sweep_keeps_its_choice_says_when_nothing_is_left_and_is_replaced_only
         ({}, ""),
         ({"sweep": {"law.mu": [3, 4]}}, ""),
         ({"experiment": "disk-array"}, ""),
-        ({"law": {"kt": 0.2}}, "law.kt is 0.1 there and 0.2 here"),
-        ({"law": {}}, "law.kt is 0.1 there and left out here"),
-        ({"sweep": {"law.kn": [3, 4]}}, "that one sweeps law.mu, this one law.kn"),
-        ({"sweep": {"law.mu": [3, 4], "mode": "zip"}}, "its mode is grid, not zip"),
-        ({"seed": 3}, "seed is left out there and 3 here"),
+        ({"law": {"kt": 0.2}}, "law.kt was 0.1 and is now 0.2"),
+        ({"law": {}}, "law.kt was 0.1 and is now not given"),
+        ({"sweep": {"law.kn": [3, 4]}}, "the old sweep has keys law.mu, the new one law.kn"),
+        ({"sweep": {"law.mu": [3, 4], "mode": "zip"}}, "the mode was grid and is now zip"),
+        ({"seed": 3}, "seed was not given and is now 3"),
     ],
 )
 def test_what_makes_another_sweep(change, words):

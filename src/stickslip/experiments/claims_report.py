@@ -199,7 +199,7 @@ def markdown(claims: list[Claim], shows: Shows, title: str, failures=()) -> str:
     """Return claims.md: summary, failures, meaning of the verdicts, a table per figure of the paper, and all notes."""
     lines = [f"# {title}", "", " ".join(summarize(claims, shows)), "", f"![claims]({CHART})", ""]
     if failures:
-        lines += ["Missing because they failed:", "", *(f"- {_escape(words)}" for words in failures), ""]
+        lines += ["Missing, because they failed:", "", *(f"- {_escape(words)}" for words in failures), ""]
     for word in VERDICTS:
         lines.append(f"- **{word}** ({sum(c.verdict == word for c in claims)}): {MEANING[word]}")
     head = "| claim | source | paper | reference | measured | unit | tolerance | verdict |"
