@@ -37,26 +37,26 @@ def small(**table):
         ({"law.mu.x": [0.2]}, "sweep.law.mu.x: law.mu is no table"),
         ({"law.mu": 0.4}, "sweep.law.mu = 0.4 was given: use a list"),
         ({"law.mu": []}, "sweep.law.mu is an empty list"),
-        ({"law.mu": [0.2, 0.2]}, "sweep.law.mu holds 0.2 twice"),
+        ({"law.mu": [0.2, 0.2]}, "sweep.law.mu contains 0.2 twice"),
         ({"law.mu": {}}, "sweep.law.mu has 0 kinds of values"),
         ({"law.mu": {"unifrom": [0, 1], "number": 2}}, "sweep.law.mu has no key 'unifrom'"),
-        ({"law.mu": {"logspace": [0, 1], "number": 2}}, "did you mean 'geomspace', whose ends are values"),
+        ({"law.mu": {"logspace": [0, 1], "number": 2}}, "did you mean 'geomspace', which takes the end values"),
         ({"law.mu": {"uniform": [0, 1]}}, "sweep.law.mu has no number of values"),
         ({"law.mu": {"uniform": [1, 0], "number": 2}}, "the first end must be below the second"),
-        ({"law.mu": {"uniform": [0, 1, 2], "number": 2}}, r"use two numbers up to 1e\+100, the ends"),
+        ({"law.mu": {"uniform": [0, 1, 2], "number": 2}}, r"use two numbers up to 1e\+100, the two ends"),
         ({"law.mu": {"loguniform": [0, 1], "number": 2}}, "both ends must be positive"),
         ({"law.mu": {"normal": {"mean": 1}, "number": 2}}, "use {mean = 0.4, sd = 0.1}"),
         ({"law.mu": {"uniform": [0, 1], "number": 0}}, "sweep.law.mu.number = 0 was given"),
         ({"array.disks": {"integers": [1.5, 3], "number": 2}}, "use two whole numbers"),
-        ({"law.mu": {"count": 3}}, "count, which is for seed"),
+        ({"law.mu": {"count": 3}}, "count, valid only for seed"),
         ({"seed": {"count": 0}}, "sweep.seed.count = 0 was given"),
         ({"mode": "gird", "seed": [1]}, "sweep.mode = 'gird' was given: use 'grid', 'zip', 'sample'"),
         ({"mode": "sample", "seed": [1]}, "needs the number of points"),
-        ({"number": 3, "seed": [1]}, "sweep.number belongs to zip and sample"),
-        (LATIN | {"law.mu": {"uniform": [0, 1], "number": 2}}, "a sample has one for all keys"),
+        ({"number": 3, "seed": [1]}, "sweep.number is only for zip and sample"),
+        (LATIN | {"law.mu": {"uniform": [0, 1], "number": 2}}, "a sample has one number for all keys"),
         ({"mode": "zip", "law.mu": [1, 2], "law.kn": [1, 2, 3]}, "sweep.law.mu has 2 values and sweep.law.kn 3"),
-        ({}, "holds no key"),
-        ({"law.mu": {"uniform": [0, 1], "number": 10_000}, "seed": {"count": 101}}, "makes 1010000 members: at most"),
+        ({}, "contains no key"),
+        ({"law.mu": {"uniform": [0, 1], "number": 10_000}, "seed": {"count": 101}}, "defines 1010000 members: at most"),
         ({"law.mu": [0.4, -1.0]}, "member law.mu = -1.0: law.mu = -1.0 was given, but it should be greater"),
         ({"array.disks": [3, 2.5]}, "member array.disks = 2.5: array.disks = 2.5 was given"),
     ],
@@ -137,7 +137,7 @@ def test_no_key_of_a_scenario_is_an_option_of_a_sweep():
 
 
 def test_a_scenario_with_a_sweep_is_not_one_scenario():
-    with pytest.raises(ScenarioError, match=r"holds a \[sweep\], which is many scenarios"):
+    with pytest.raises(ScenarioError, match=r"has a table \[sweep\] for many scenarios"):
         read_scenario(EXAMPLE)
     assert read_sweep(EXAMPLE).shape == (2, 5, 4)
 
@@ -171,7 +171,7 @@ def test_the_dataset_does_not_depend_on_how_members_were_run(tmp_path, cluster):
 
 
 def test_files_of_a_member_travel_when_its_worker_does_not_see_the_folder(tmp_path, monkeypatch):
-    monkeypatch.setattr("stickslip.experiments.sweep.run._sees", lambda path, text: False)
+    monkeypatch.setattr("stickslip.experiments.sweep.run._is_same_sweep", lambda path, text: False)
     swept = run_sweep(small(), tmp_path, workers=1)
     for name in swept.names:
         here = {path.name for path in (tmp_path / MEMBERS / name).iterdir()}
@@ -267,10 +267,10 @@ def test_figures_are_drawn_if_asked_for(tmp_path):
 
 def test_what_is_no_sweep_cannot_be_opened(tmp_path):
     assert not is_sweep(tmp_path)
-    with pytest.raises(ValueError, match="holds no sweep"):
+    with pytest.raises(ValueError, match="does not contain a sweep"):
         open_sweep(tmp_path)
     (tmp_path / DATASET).write_text("broken")
-    with pytest.raises(ValueError, match="holds no sweep"):
+    with pytest.raises(ValueError, match="does not contain a sweep"):
         open_sweep(tmp_path)
 
 

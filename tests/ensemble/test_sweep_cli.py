@@ -50,7 +50,7 @@ def test_a_sweep_says_what_it_is_and_where_everything_is(tmp_path):
     assert "Measures of 4 of 4 members" in run.stdout
     assert "sweep.nc" in run.stdout
     again = stickslip("run", tmp_path / "s.toml", "--out", tmp_path / "out")
-    assert "4 members were finished before and not run again." in again.stdout
+    assert "4 members were already finished and not run again." in again.stdout
 
 
 def test_a_million_members_are_counted_and_estimated_first_and_not_run_unasked(tmp_path):
@@ -59,7 +59,7 @@ def test_a_million_members_are_counted_and_estimated_first_and_not_run_unasked(t
     assert run.returncode == 2
     assert "Sweep: 1000000 members" in run.stdout
     assert ": about " in run.stdout
-    assert "a trial of the first one took" in run.stdout
+    assert "a trial run of the first member took" in run.stdout
     assert run.stderr == "stickslip: 1000000 members are many, and there is no terminal to ask: add --yes\n"
     assert not (tmp_path / "out").exists()
 
@@ -110,11 +110,11 @@ def test_a_folder_of_another_run_is_not_taken(tmp_path):
     assert stickslip("run", ROOT / "examples" / "rate_state.toml", "--out", out).returncode == 0
     run = stickslip("run", sliders(tmp_path / "s.toml"), "--out", out)
     assert run.returncode == 2
-    assert "holds the results of a run: choose another --out" in run.stderr
+    assert "contains the results of a run: choose another --out" in run.stderr
     assert stickslip("run", tmp_path / "s.toml", "--out", tmp_path / "sweep").returncode == 0
     run = stickslip("run", ROOT / "examples" / "rate_state.toml", "--out", tmp_path / "sweep")
     assert run.returncode == 2
-    assert "holds the results of a sweep" in run.stderr
+    assert "contains the results of a sweep" in run.stderr
 
 
 def test_a_member_that_is_no_scenario_stops_the_sweep_before_it_starts(tmp_path):
@@ -128,7 +128,9 @@ def test_members_that_fail_end_with_1_and_the_others_are_kept(tmp_path):
     (tmp_path / "s.toml").write_text(DISKS.format(mu="0.0, ").replace("60000", "200"))
     run = stickslip("run", tmp_path / "s.toml", "--out", tmp_path / "out", "--workers", "2")
     assert run.returncode == 1
-    assert run.stderr == ("stickslip: 1 of 5 members failed: the others are kept, the same call tries these again\n")
+    assert run.stderr == (
+        "stickslip: 1 of 5 members failed: the others are saved, repeat the call to run these again\n"
+    )
     assert "no equilibrium at push = 0.001" in run.stdout
     assert open_sweep(tmp_path / "out").finished.values.tolist() == [0, 1, 1, 1, 1]
 
@@ -151,11 +153,11 @@ def test_a_sweep_that_is_stopped_goes_on_with_the_next_call(end, tmp_path):
     kept = len(list(done.glob("*/measures.json")))
     if end == signal.SIGINT:
         assert run.returncode == 130
-        assert f"{kept} of 4 members are finished and kept" in out
+        assert f"{kept} of 4 members are finished and saved" in out
         assert err.count("\n") == 1
         assert open_sweep(tmp_path / "out").finished.values.sum() == kept
     again = stickslip("run", tmp_path / "s.toml", "--out", tmp_path / "out", "--workers", "2")
     assert again.returncode == 0, again.stderr
-    assert f"{kept} members were finished before and not run again." in again.stdout
+    assert f"{kept} members were already finished and not run again." in again.stdout
     assert open_sweep(tmp_path / "out").finished.values.all()
     assert not [path.name for path in done.iterdir() if path.name.startswith(".")]

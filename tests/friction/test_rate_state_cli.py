@@ -45,7 +45,7 @@ def test_the_series_fitted_again_gives_the_parameters(folder, tmp_path):
     assert found["fits"]["aging"]["intervals"]["a"] == [None, None]
     again = stickslip(*words)
     assert again.returncode == 2
-    assert "holds the results of a fit" in again.stderr
+    assert "contains the results of a fit" in again.stderr
 
 
 def test_tables_for_people(folder, capsys):

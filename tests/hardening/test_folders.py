@@ -16,7 +16,7 @@ from stickslip.experiments import writer
 from stickslip.experiments.rate_state import simulate as slider
 from stickslip.experiments.resume import begun
 from stickslip.experiments.sweep import report as sweep_report
-from stickslip.experiments.sweep.run import Swept
+from stickslip.experiments.sweep.run import SweepResult
 
 SLIDER = """
 experiment = "rate-state"
@@ -70,7 +70,7 @@ def test_somebodys_files_stay(call, tmp_path, name, words):
     done = call(*words, "--out", "out")
     assert done.code == 2
     assert done.err.count("\n") == 1
-    assert f"what was changed since ({name}): choose another --out, or add --overwrite" in done.err
+    assert f"have changed since ({name}): choose another --out, or add --overwrite" in done.err
     assert contents(tmp_path / "out") == {name: b"mine"}
 
 
@@ -150,7 +150,7 @@ def test_overwriting_keeps_the_old_results_until_the_new_ones_are_complete(call,
 
 def test_who_is_killed_while_results_are_moved_in_is_followed_by_the_next_call(call, tmp_path, monkeypatch):
     assert call("run", "0.toml", "--out", "out").code == 0
-    settle = report.settle
+    settle = report.install_results
 
     def killed(folder):
         """Some files are in their places, others are not."""
@@ -163,7 +163,7 @@ def test_who_is_killed_while_results_are_moved_in_is_followed_by_the_next_call(c
     with monkeypatch.context() as now:
         now.setattr(report, "settle", killed)
         assert call("run", "1.toml", "--out", "out", "--overwrite").code == 130
-    assert report.settle is settle
+    assert report.install_results is settle
     assert call("resume", "out").code == 0
     now, told = contents(tmp_path / "out"), manifest.proven(tmp_path / "out")
     assert set(now) == {*told, "manifest.json"}
@@ -184,9 +184,9 @@ def test_the_scenario_of_a_run_of_several_is_its_first(tmp_path, seeds, older):
         for path in (tmp_path / "unfinished").glob("part-*.json"):
             path.rename(path.with_name(path.name.replace("part-", "scenario-")))
     assert under_way(tmp_path).read_text() == ones[0].text
-    assert manifest.strange(tmp_path, report.is_ours) == []
+    assert manifest.strange(tmp_path, report.is_run_file) == []
     report.claim_folder(tmp_path, ones[0])
-    with report.complete(tmp_path) as room:
+    with report.staged_results(tmp_path) as room:
         report.save(room, ones[0], {})
     assert begun(tmp_path) is None
 
@@ -200,9 +200,9 @@ def test_sweeps_prove_their_files_too(call, tmp_path):
     assert call("run", "many.toml", "--out", "many").code == 0
     (tmp_path / "many" / "sweep.nc").write_text("mine")
     assert "(sweep.nc)" in call("run", "many.toml", "--out", "many").err
-    assert "holds the results of a sweep" in call("run", "0.toml", "--out", "many", "--overwrite").err
+    assert "contains the results of a sweep" in call("run", "0.toml", "--out", "many", "--overwrite").err
     assert call("run", "0.toml", "--out", "one").code == 0
-    assert "holds the results of a run" in call("run", "many.toml", "--out", "one", "--overwrite").err
+    assert "contains the results of a run" in call("run", "many.toml", "--out", "one", "--overwrite").err
 
 
 @pytest.mark.parametrize("when", ["members", "settling", "failing"])
@@ -217,7 +217,7 @@ def test_a_sweep_stands_until_the_one_that_overwrites_it_has_ended(call, tmp_pat
         raise KeyboardInterrupt
 
     def failed(chosen, folder, **_):
-        return Swept(chosen, ["a", "b"], [None, None], ["no", "no"], 0)
+        return SweepResult(chosen, ["a", "b"], [None, None], ["no", "no"], 0)
 
     place, stop = {
         "members": ("run_sweep", stopped), "settling": ("note", stopped), "failing": ("run_sweep", failed)

@@ -112,5 +112,5 @@ def test_nothing_else_is_run_in_the_folder_of_a_sweep(here, words, more, monkeyp
     monkeypatch.setattr("stickslip.experiments.quasi_rigid.paper.reproduce", lambda **_: pytest.fail("it runs"))
     run = stickslip_here(*words, "--out", "out", *more, cwd=here)
     assert (run.returncode, run.stderr.count("\n")) == (2, 1)
-    assert "out holds the results of a sweep: choose another --out" in run.stderr
+    assert "out contains the results of a sweep: choose another --out" in run.stderr
     assert listing(here) == before

@@ -31,7 +31,7 @@ def test_a_name_that_nobody_gave_replaces_modes_only(here, content):
     (here / "a-modes.npz").write_bytes(content)
     run = stickslip_here("stability", "a.npz", cwd=here)
     assert run.returncode == 2
-    assert "modes go to a-modes.npz here, which holds something else: say where with --modes" in run.stderr
+    assert "modes would replace a-modes.npz, which does not contain modes: give --modes" in run.stderr
     assert (here / "a-modes.npz").read_bytes() == content
     assert stickslip_here("stability", "a.npz", "--json", cwd=here).returncode in (0, 3)
 

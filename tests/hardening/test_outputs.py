@@ -171,12 +171,12 @@ def test_modes_replace_modes_only_also_under_a_name_that_was_given(here):
     (here / "c.npz").symlink_to("absent")
     (here / "d.npz").mkdir()
     for name in ("b.npz", "c.npz"):
-        words = f"--modes {name} holds something else than modes: give another name, or move it away"
+        words = f"--modes {name} exists and does not contain modes: give another name, or move it away"
         run = stickslip_here("stability", "a.npz", "--modes", name, cwd=here)
         assert (run.returncode, run.stderr) == (2, f"stickslip: {words}\n")
     assert (here / "b.npz").read_bytes() == b"mine"
     assert "d.npz is a folder" in stickslip_here("stability", "a.npz", "--modes", "d.npz", cwd=here).stderr
-    assert "e is no folder: make it" in stickslip_here("stability", "a.npz", "--modes", "e/m.npz", cwd=here).stderr
+    assert "e is not a folder: create it" in stickslip_here("stability", "a.npz", "--modes", "e/m.npz", cwd=here).stderr
     modes_of(here)
     assert stickslip_here("stability", "a.npz", "--modes", "m.npz", cwd=here).returncode == 0
 

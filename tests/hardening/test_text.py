@@ -92,7 +92,7 @@ def test_whole_numbers_of_thousands_of_digits_in_scenarios(tmp_path, name):
         "parts.toml": f"{SLIDER}seed = {'_'.join(DIGITS)}\n",
     }[name]
     (tmp_path / name).write_text(text)
-    refused(f"the scenario {name}, line 2, holds a whole number of 5000 digits", "cite", name, cwd=tmp_path)
+    refused(f"the scenario {name}, line 2, contains an integer of 5000 digits", "cite", name, cwd=tmp_path)
 
 
 @pytest.mark.parametrize("entry", ["seed = X", "samples.number = X", "samples.noise = X", "seed = [X]", "x = X"])

@@ -45,9 +45,9 @@ def test_an_unstable_packing_says_who_takes_part_and_which_contact_decides(swing
     assert done.returncode == 0, done.stderr
     words = " ".join(done.stdout.split())
     ratio = ss.modes.participation_ratio(ss.stability(swinging, LAW).modes, ss.modes.backbone(swinging, LAW))[0]
-    assert f"participation ratios of what grows, in this order: {ratio:.3g}" in words
-    assert "transient growth: none, as something grows exponentially" in words
-    assert re.search(r"contacts that decide: \d+ of \d+ changes", words)
+    assert f"participation ratios of the growing modes, in this order: {ratio:.3g}" in words
+    assert "transient growth: none, since exponential growth" in words
+    assert re.search(r"decisive contacts: \d+ of \d+ changes", words)
     assert "∂/∂ln s" in words and "shear G" in words
 
 
@@ -66,7 +66,7 @@ def test_what_cannot_be_told_has_a_reason(tmp_path):
     done = stickslip_here("stability", file, *OPTIONS, "--more", "--json", cwd=tmp_path)
     assert done.returncode == 3, done.stderr
     more = json.loads(done.stdout)["more"]
-    assert set(more["reasons"].values()) == {"as the packing is not in equilibrium"}
+    assert set(more["reasons"].values()) == {"since the packing is not in equilibrium"}
     assert len(more["reasons"]) == 3
 
 

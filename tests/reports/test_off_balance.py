@@ -56,7 +56,7 @@ def test_programs_are_told_what_is_known(without, tmp_path):
     ]  # fmt: skip
     assert "--mu came from the command line" in found["causes"][2]
     done = run("stability", without(*MEMORY, *LAW), "--json", cwd=tmp_path)
-    assert "the defaults were assumed" in json.loads(done.stdout)["causes"][1]
+    assert "the defaults were used" in json.loads(done.stdout)["causes"][1]
 
 
 def test_the_answer_after_settling_is_about_the_settled_packing(without, tmp_path):
@@ -64,7 +64,7 @@ def test_the_answer_after_settling_is_about_the_settled_packing(without, tmp_pat
     done = run("stability", file, "--settle", cwd=tmp_path)
     words = words_of(done.stdout)
     assert done.returncode == 0 and "not in equilibrium" not in words
-    assert "this is about the SETTLED packing, not about the one in the file" in words
+    assert "the verdict is for the SETTLED packing, not for the one in the file" in words
     assert "grains moved by up to 0.0018 of their radius (rms 0.00068), 0 contact(s) lost and 0 gained" in words
     assert "SETTLED" in run("stability", file, "--settle", "-q", cwd=tmp_path).stdout
     found = json.loads(run("stability", file, "--settle", "--json", cwd=tmp_path).stdout)
@@ -111,7 +111,7 @@ def test_a_mode_off_equilibrium_is_filmed_only_if_given_and_says_so(without, tmp
     file = without(*MEMORY)
     for words, said in (
         ([], SENTENCE),
-        (["--settle"], "is stable, or has no mode that grows (this is about the SETTLED"),
+        (["--settle"], "is stable or has no growing mode (the verdict is for the SETTLED"),
     ):
         done = run("movie", file, *words, cwd=tmp_path)
         assert done.returncode == 2 and said in done.stderr and not list(tmp_path.glob("*.gif"))
@@ -146,4 +146,4 @@ def test_a_frame_of_a_run_that_is_not_at_rest_has_no_modes(tmp_path):
     done = run("movie", tmp_path / "run", "--frame", "0001", "--mode", "0")
     assert done.returncode == 2 and "0001: not in equilibrium" in words_of(done.stderr)
     done = run("report", tmp_path / "run", "--settle")
-    assert done.returncode == 2 and "only the file of a packing takes it" in done.stderr
+    assert done.returncode == 2 and "it is only for packing files" in done.stderr

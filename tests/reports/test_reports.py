@@ -169,8 +169,8 @@ def test_a_report_without_the_viewer_says_how_to_get_it(folder, monkeypatch):
 @pytest.mark.parametrize(
     ("make", "words", "said"),
     [
-        (lambda p: (p / "d").mkdir(), ["d"], "d holds no results"),
-        (lambda p: ((p / "d").mkdir(), (p / "d" / "cv.pdf").write_text("x")), ["d"], "d holds no results"),
+        (lambda p: (p / "d").mkdir(), ["d"], "d contains no results"),
+        (lambda p: ((p / "d").mkdir(), (p / "d" / "cv.pdf").write_text("x")), ["d"], "d contains no results"),
         (lambda p: (p / "d" / "unfinished").mkdir(parents=True), ["d"], "stickslip resume d"),
         (lambda p: ((p / "d").mkdir(), (p / "d" / "results.h5").write_text("x")), ["d"], "is not an archive"),
         (lambda p: None, ["d"], "d does not exist"),
@@ -274,7 +274,7 @@ def test_a_mode_becomes_a_movie(tmp_path):
     assert out.returncode == 0, out.stderr
     with Image.open(tmp_path / "p-movie.gif") as film:
         assert film.n_frames == 4
-    assert "mode 3 was asked for" in run("movie", "p.npz", "--modes", "m.npz", "--mode", "3", cwd=tmp_path).stderr
+    assert "there is no mode 3" in run("movie", "p.npz", "--modes", "m.npz", "--mode", "3", cwd=tmp_path).stderr
 
 
 def test_the_view_shows_itself_in_a_notebook():

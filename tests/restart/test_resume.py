@@ -178,7 +178,7 @@ def test_what_cannot_be_resumed_is_told_in_a_sentence(tmp_path, monkeypatch, cap
     (note,) = (out / "unfinished").glob("scenario-*.json")
     harder = text.replace('"kn": 10000.0', '"kn": 20000.0')
     (out / "scenario.json").write_text(harder)
-    refused(out, "what was changed since (scenario.json)")
+    refused(out, "have changed since (scenario.json)")
     note.write_text(harder)
     refused(out, "was computed for another scenario than the folder's, perhaps with another law")
     note.write_text(text[:100])
@@ -188,9 +188,9 @@ def test_what_cannot_be_resumed_is_told_in_a_sentence(tmp_path, monkeypatch, cap
     first = min(pieces(out))
     first.write_bytes(first.read_bytes()[:-100])
     refused(out, "is damaged")
-    refused(tmp_path / "absent", "is no folder")
+    refused(tmp_path / "absent", "is not a folder")
     (tmp_path / "empty").mkdir()
-    refused(tmp_path / "empty", "holds nothing to go on from")
+    refused(tmp_path / "empty", "contains nothing to resume")
 
 
 def test_pieces_of_another_version_are_refused(tmp_path, monkeypatch):
@@ -237,7 +237,7 @@ def test_a_hundred_kills_lose_no_frame_that_was_said_to_be_kept(tmp_path):
             alive = killed_after(process, rng.uniform(0.8, longest))
             longest *= 1.1  # however slow the machine is, in the end there is time to write results
             kills += alive
-            said = max(said, *(int(n) for n in re.findall(r"(\d+) frames kept", process.said)), 0)
+            said = max(said, *(int(n) for n in re.findall(r"(\d+) frames saved", process.said)), 0)
             most = max(most, said)
             frames = sum(archive.read(path)["piece"]["frame"] for path in pieces(out))
             assert frames >= said or (out / "results.h5").exists()

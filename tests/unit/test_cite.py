@@ -68,7 +68,7 @@ def test_every_example_can_be_cited(path):
     scenarios = sources.scenarios_of(path)
     text = sources.bibtex(*scenarios)
     entries = parsed(text)
-    wanted = [key for keys in sources.rests_on(scenarios[0]).values() for key in keys]
+    wanted = [key for keys in sources.reference_keys(scenarios[0]).values() for key in keys]
     assert list(entries) == ["stickslip", *wanted]
     assert {"NumPy", "Numba"} <= set(wanted)
     assert all(fields.keys() >= REQUIRED[kind] for kind, fields in entries.values())
@@ -99,7 +99,7 @@ def test_every_experiment_knows_its_sources():
 def test_what_is_cited_follows_the_scenario(tables, in_it, not_in_it):
     if tables.get("experiment") == "gouge":
         tables = tables | {"law": {"gamma_n": 1e4}, "protocol": [{"kind": "slide", "velocity": 0.3, "slip": 1.0}]}
-    keys = {key for keys in sources.rests_on(ss.scenario(**tables)).values() for key in keys}
+    keys = {key for keys in sources.reference_keys(ss.scenario(**tables)).values() for key in keys}
     assert keys >= set(in_it.split())
     assert not keys & set(not_in_it.split())
 
@@ -112,7 +112,7 @@ def test_a_sweep_rests_on_what_any_of_its_members_does(tmp_path):
 
 
 def test_the_package_is_cited_as_its_citation_file_says():
-    kind, fields = parsed(sources.software())["stickslip"]
+    kind, fields = parsed(sources.package_entry())["stickslip"]
     said = (ROOT / "CITATION.cff").read_text()
     assert kind == "misc"
     assert f"\nversion: {ss.__version__}\n" in said
@@ -129,7 +129,7 @@ def test_people_in_the_citation_file_are_read(monkeypatch, tmp_path):
         "  - type: article\n    title: no\n"
     )
     monkeypatch.setattr(sources, "HERE", tmp_path)
-    _, fields = parsed(sources.software())["stickslip"]
+    _, fields = parsed(sources.package_entry())["stickslip"]
     assert fields["author"] == "Doe, Jane A. and {The others}"
     assert fields["doi"] == "10.1000/1"
 

@@ -26,12 +26,12 @@ from stickslip.experiments.claims import (
     band,
     claim,
     for_quick_run,
+    format_measured,
     median_error,
     shown,
     standard_error,
     verdict,
-    with_error,
-    write,
+    write_json,
 )
 
 SOURCE = "Fig 1: a sentence"
@@ -137,7 +137,7 @@ def test_partly_is_between_one_and_two_tolerances(tolerance, inside, near, far):
      (1.0, 1.0, 0.1, 0.0, "often"), ([1.0, 2.0], 1.0, 0.1, 0.0), (1.0, [1.0, 2.0], 0.1, 0.0), ([1, 2], [1], 0.1, 0.0)],
 )  # fmt: skip
 def test_what_cannot_be_compared_is_one_sentence(given):
-    with pytest.raises(ValueError, match=r"(was given: |windows need windows)"):
+    with pytest.raises(ValueError, match=r"(was given: |compare windows)"):
         verdict(*given)
 
 
@@ -161,10 +161,10 @@ def test_a_reference_is_beside_the_paper_and_never_in_its_place():
 @pytest.mark.parametrize(
     ("words", "options"),
     [
-        ("names no place", {"source": "Fig 1"}),
-        ("needs its origin", {"reference": 1.0}),
-        ("needs its origin", {"reference_source": "theory"}),
-        ("a statement beside a number", {"paper": True, "measured": 1.0}),
+        ("use 'PLACE: words'", {"source": "Fig 1"}),
+        ("give reference and reference_source together", {"reference": 1.0}),
+        ("give reference and reference_source together", {"reference_source": "theory"}),
+        ("compare statements with statements", {"paper": True, "measured": 1.0}),
         ("counterexample", {"paper": True, "measured": False, "quantifier": ALWAYS}),
     ],
 )
@@ -196,7 +196,7 @@ def test_errors_of_means_are_wide_for_few_values_and_unknown_for_one():
 def test_values_are_shown_short():
     assert [shown(v) for v in (None, True, [0.1, 0.25], [], 1.23456e-5)] == ["–", "yes", "0.1–0.25", "none", "1.23e-05"]
     rows = [claim("a", SOURCE, 1.0, 2.0, "1", 0.1, error=e) for e in (0.5, 1e-9, 0.0, None)]
-    assert [with_error(row) for row in rows] == ["2 ± 0.5", "2", "2", "2"]
+    assert [format_measured(row) for row in rows] == ["2 ± 0.5", "2", "2", "2"]
 
 
 SHOWS = {"Fig 1": ("a thing", "speed"), "Fig 2": ("drawn, without a number", ""), "Sec. V": ("a premise", "premise")}
@@ -266,7 +266,7 @@ def test_claims_png_has_a_row_for_each_claim(room):
 
 
 def test_deviations_are_in_tolerances():
-    drawn = {(row.label, row.group): row for row in claims_report.rows(ROWS, SHOWS)}
+    drawn = {(row.label, row.group): row for row in claims_report.chart_rows(ROWS, SHOWS)}
     assert drawn["speed", "Fig 1"].deviation == pytest.approx([0.005 / (0.25 * 0.075)])
     assert drawn["speed", "Fig 1"].error == pytest.approx(0.005 / (0.25 * 0.075))
     assert drawn["window", "Fig 1"].deviation == pytest.approx([0, 15])
@@ -287,7 +287,7 @@ def test_the_terminal_shows_two_sentences_and_a_line_for_each_figure(monkeypatch
         text = " ".join(said.get().split())
         assert max(map(len, lines)) <= width
         assert text.startswith("1 of the paper's 8 claims is reproduced, 2 in part, 2 not, 1 refuted, 2 undecided; ")
-        assert "Of the rows that disagree 2 of 3 are in Fig 1 (a thing): far 9, paper 1; undecided because" in text
+        assert "Of the rows that disagree, 2 of 3 are in Fig 1 (a thing): far 9, paper 1; undecided because" in text
         assert "its error exceeds the tolerance (1)" in text
         (fig1,) = (line for line in lines if line.startswith("Fig 1"))
         assert "1 of 7, other 0 of 1" in fig1
@@ -300,7 +300,7 @@ def test_the_terminal_shows_two_sentences_and_a_line_for_each_figure(monkeypatch
 
 def test_when_all_is_well_the_terminal_says_so():
     one = [ROWS[0]]
-    assert claims_report.sentences(one, SHOWS) == (
+    assert claims_report.summarize(one, SHOWS) == (
         "1 of the paper's 1 claims is reproduced.", "Every claim agrees within its tolerance.",
     )  # fmt: skip
 
@@ -309,4 +309,4 @@ def test_claims_json_of_an_older_run_is_still_read(tmp_path):
     old = {"id": "a", "source": "Fig 5", "paper": 1.0, "measured": 1.0, "unit": "1", "tolerance": 0.1,
            "verdict": "reproduced", "note": ""}  # fmt: skip
     assert Claim(**old).error is None
-    write(tmp_path / "claims.json", [Claim(**old)])
+    write_json(tmp_path / "claims.json", [Claim(**old)])

@@ -17,7 +17,7 @@ from stickslip.experiments import terminal
 from stickslip.experiments.claims import claim
 from stickslip.experiments.rate_state.simulate import simulate_slider
 from stickslip.experiments.registry import scenario
-from stickslip.experiments.sweep.definition import differences
+from stickslip.experiments.sweep.definition import describe_differences
 from tests.conftest import stickslip_here
 
 SLIDER = 'experiment = "rate-state"\n[samples]\nnumber = 12\n'
@@ -83,7 +83,7 @@ def test_a_run_some_of_whose_realizations_failed_is_incomplete(tmp_path):
     [
         (["run", "absent.toml", "--out", "o"], "absent.toml cannot be read"),
         (["reproduce", "disk-aray"], "did you mean 'disk-array'?"),
-        (["resume", "absent"], "is no folder"),
+        (["resume", "absent"], "is not a folder"),
         (["stability", "absent.npz"], "absent.npz"),
         (["fit", "absent.csv"], "no such file"),
         (["cite", "absent.toml"], "absent.toml"),
@@ -127,7 +127,7 @@ def test_a_sweep_keeps_its_choice_says_when_nothing_is_left_and_is_replaced_only
     found, _ = object_of("resume", "out", "--workers", "1", cwd=tmp_path)
     assert found["members"]["reused"] == 1
     assert (gone.parent / "fig1_history.png").exists()
-    assert "The sweep is finished: nothing was left to run." in " ".join(
+    assert "The sweep is finished: there was nothing to run." in " ".join(
         stickslip_here("resume", "out", "--workers", "1", cwd=tmp_path).stdout.split()
     )
     write(values="[0.3, 0.4, 0.5]")
@@ -136,7 +136,7 @@ def test_a_sweep_keeps_its_choice_says_when_nothing_is_left_and_is_replaced_only
     before = sorted(path.name for path in (tmp_path / "out" / "members").iterdir())
     refused = stickslip_here(*words, cwd=tmp_path)
     assert refused.returncode == 2
-    assert "holds another sweep (that one sweeps surface.mu0, this one surface.a)" in refused.stderr
+    assert "contains another sweep (the old sweep has keys surface.mu0, the new one surface.a)" in refused.stderr
     assert sorted(path.name for path in (tmp_path / "out" / "members").iterdir()) == before
     assert object_of(*words, "--overwrite", cwd=tmp_path)[0]["members"]["total"] == 1
     assert len(list((tmp_path / "out" / "members").iterdir())) == 1
@@ -148,16 +148,16 @@ def test_a_sweep_keeps_its_choice_says_when_nothing_is_left_and_is_replaced_only
         ({}, ""),
         ({"sweep": {"law.mu": [3, 4]}}, ""),
         ({"experiment": "disk-array"}, ""),
-        ({"law": {"kt": 0.2}}, "law.kt is 0.1 there and 0.2 here"),
-        ({"law": {}}, "law.kt is 0.1 there and left out here"),
-        ({"sweep": {"law.kn": [3, 4]}}, "that one sweeps law.mu, this one law.kn"),
-        ({"sweep": {"law.mu": [3, 4], "mode": "zip"}}, "its mode is grid, not zip"),
-        ({"seed": 3}, "seed is left out there and 3 here"),
+        ({"law": {"kt": 0.2}}, "law.kt was 0.1 and is now 0.2"),
+        ({"law": {}}, "law.kt was 0.1 and is now not given"),
+        ({"sweep": {"law.kn": [3, 4]}}, "the old sweep has keys law.mu, the new one law.kn"),
+        ({"sweep": {"law.mu": [3, 4], "mode": "zip"}}, "the mode was grid and is now zip"),
+        ({"seed": 3}, "seed was not given and is now 3"),
     ],
 )
 def test_what_makes_another_sweep(change, words):
     base = {"law": {"kt": 0.1}, "sweep": {"law.mu": [1, 2]}}
-    assert differences(base, base | change) == words
+    assert describe_differences(base, base | change) == words
 
 
 def test_colours_and_live_lines_are_for_terminals(monkeypatch):

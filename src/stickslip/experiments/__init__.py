@@ -1,9 +1,9 @@
-"""Experiments: one package for each, with its scenario, simulation, measures and report.
+"""Experiments: one package each, with its scenario, simulation, measures and report.
 
 disk_array, sphere_shear, quasi_rigid, gouge    the four papers
-flow, rate_state    flows of grains; a spring slider
-EXPERIMENTS, Experiment     the list of experiments, and what one consists of
-ScenarioError       what is wrong with a scenario, in one sentence
+flow, rate_state    granular flows; a spring-slider
+EXPERIMENTS, Experiment     the list of experiments, and the description of one
+ScenarioError       raised for an invalid scenario, with one sentence
 """
 
 from ..lazy import attach

@@ -1,7 +1,7 @@
-"""What a run rests on, as BibTeX: this package, the experiment's paper, laws, methods and libraries.
+"""BibTeX entries to cite for a run: this package, the experiment's paper, laws, methods and libraries.
 
-The package's own entry is made of CITATION.cff, which a wheel holds beside this file; all others stand in
-`references.bib`, and are chosen here by their keys.
+The package's own entry is built from CITATION.cff, which a wheel contains next to this file. All other entries are in
+`references.bib` and are selected here by their keys.
 """
 
 import re
@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ..data.schema import Whole
 from .registry import experiment_of, tables_of
-from .registry import scenario as judged
+from .registry import scenario as make_scenario
 from .sweep.definition import members, sweep
 
 LIBRARIES = ("NumPy", "SciPy", "Numba", "h5py", "Matplotlib")
@@ -17,7 +17,7 @@ HERE, CFF = Path(__file__).parent, "CITATION.cff"
 
 
 def bibtex(*scenarios: Whole) -> str:
-    """BibTeX entries of what runs of scenarios rest on, in groups under a line of comment each.
+    """Return the BibTeX entries to cite for runs of scenarios, in groups that each start with a comment line.
 
     Examples
     --------
@@ -25,11 +25,11 @@ def bibtex(*scenarios: Whole) -> str:
     >>> "Charan2020" in bibtex(scenario())
     True
     """
-    entries = _entries()
-    parts = ["% the package\n" + software()]
+    entries = _read_entries()
+    parts = ["% the package\n" + package_entry()]
     groups: dict[str, dict] = {}
     for scenario in scenarios:
-        for title, keys in rests_on(scenario).items():
+        for title, keys in reference_keys(scenario).items():
             groups.setdefault(title, {}).update(dict.fromkeys(keys))
     libraries = groups.pop("libraries", {})
     for title, keys in (groups | {"libraries": libraries}).items():
@@ -38,35 +38,35 @@ def bibtex(*scenarios: Whole) -> str:
 
 
 def scenarios_of(path: Path) -> list[Whole]:
-    """The scenario of a TOML file or of a folder of results; of a sweep those of all its members.
+    """Return the scenario of a TOML file or results folder, or the scenarios of all members of a sweep.
 
     Raises
     ------
     ScenarioError
-        with one sentence, if there is none.
+        If there is none; the message is one sentence.
     """
     if path.is_dir():
         path = path / ("sweep.json" if (path / "sweep.json").exists() else "scenario.json")
     tables = tables_of(path)
-    return [one.scenario for one in members(sweep(**tables))] if "sweep" in tables else [judged(**tables)]
+    return [one.scenario for one in members(sweep(**tables))] if "sweep" in tables else [make_scenario(**tables)]
 
 
-def rests_on(scenario: Whole) -> dict[str, tuple[str, ...]]:
-    """Keys of references by what they are for; groups that would be empty are left out."""
+def reference_keys(scenario: Whole) -> dict[str, tuple[str, ...]]:
+    """Return reference keys grouped by purpose, without empty groups."""
     groups = experiment_of(scenario).references(scenario)
     groups["libraries"] = LIBRARIES + (("LAMMPS",) if getattr(scenario, "engine", "") == "lammps" else ())
     return {title: keys for title, keys in groups.items() if keys}
 
 
-def _entries() -> dict[str, str]:
-    """Entries of references.bib by key."""
+def _read_entries() -> dict[str, str]:
+    """Return the entries of references.bib by key."""
     text = (HERE / "references.bib").read_text(encoding="utf-8")
     return {key: entry for entry, key in re.findall(r"(^@\w+\{(\w+),\n.*?^\})$", text, flags=re.M | re.S)}
 
 
-def software() -> str:
-    """The package's own entry, from CITATION.cff."""
-    about = _citation()
+def package_entry() -> str:
+    """Return the package's own entry, built from CITATION.cff."""
+    about = _read_citation()
     fields = {
         "author": " and ".join(about["authors"]),
         "title": "{" + about["title"] + "}",
@@ -78,19 +78,19 @@ def software() -> str:
     return "@misc{stickslip,\n" + "".join(f"  {k} = {{{v}}},\n" for k, v in fields.items()) + "}"
 
 
-def _citation() -> dict:
-    """What CITATION.cff says of the package: its plain entries, and authors as BibTeX writes them.
+def _read_citation() -> dict:
+    """Read the plain entries of CITATION.cff, and its authors in BibTeX format.
 
-    A reader of the subset of YAML that the file uses: one entry a line, and a list of authors.
+    Only the subset of YAML that the file uses is supported: one entry per line, and a list of authors.
     """
-    beside = HERE / CFF
-    text = (beside if beside.exists() else HERE.parents[2] / CFF).read_text(encoding="utf-8")
+    bundled = HERE / CFF
+    text = (bundled if bundled.exists() else HERE.parents[2] / CFF).read_text(encoding="utf-8")
     about = text.partition("\nreferences:")[0]
     found = {key: value.strip('"') for key, value in re.findall(r"^([\w-]+): (.+)$", about, flags=re.M)}
     people = re.findall(r"^  - (.+?)(?=^  - |^\S|\Z)", about, flags=re.M | re.S)
-    found["authors"] = [_name(dict(re.findall(r'([\w-]+): "?([^"\n]+)"?', person))) for person in people]
+    found["authors"] = [_format_author(dict(re.findall(r'([\w-]+): "?([^"\n]+)"?', person))) for person in people]
     return found
 
 
-def _name(person: dict) -> str:
+def _format_author(person: dict) -> str:
     return f"{{{person['name']}}}" if "name" in person else f"{person['family-names']}, {person['given-names']}"

@@ -1,4 +1,4 @@
-"""Claims of a paper as files (JSON, Markdown, a picture) and as a summary on the terminal."""
+"""Reports on the claims of a paper: JSON, Markdown and image files, and a summary on the terminal."""
 
 import math
 from collections import Counter
@@ -19,62 +19,62 @@ from .claims import (
     UNDECIDED,
     VERDICTS,
     Claim,
+    format_measured,
     shown,
-    with_error,
-    write,
+    write_json,
 )
 from .run_folder import CHART, CLAIMS, NOTES
 from .terminal import console
 
-Shows = dict[str, tuple[str, str]]  # figure of the paper: what it shows, and the id of the claim to quote
+Shows = dict[str, tuple[str, str]]  # figure of the paper: its content, and the id of the claim to quote
 MEANING = {
     REPRODUCED: "within the tolerance; a statement that holds",
     PARTLY: "within twice the tolerance; one end of a window",
-    NOT_REPRODUCED: "beyond that; a statement that does not hold",
-    REFUTED: "said to hold always, and the note has a counterexample",
-    UNDECIDED: "the error exceeds the tolerance or is not known; not measured; possible, but not seen",
+    NOT_REPRODUCED: "outside of that; a statement that does not hold",
+    REFUTED: "claimed to hold always, with a counterexample in the note",
+    UNDECIDED: "the error exceeds the tolerance or is unknown; not measured; possible, but not observed",
     NO_REFERENCE: "the paper prints nothing to compare with",
 }
-WIDE = 120  # columns from which on a line says what the figure shows, too
+WIDE = 120  # columns from which on each line includes the content of the figure
 
 
-def write_claims(room: Path, claims: list[Claim], shows: Shows, title: str, failures=()) -> None:
-    """Write claims.json, claims.md and claims.png; what failed, in sentences, is told in claims.md and printed."""
+def write_claims(folder: Path, claims: list[Claim], shows: Shows, title: str, failures=()) -> None:
+    """Write claims.json, claims.md and claims.png; `failures` are sentences, printed and listed in claims.md."""
     for words in failures:
         console.print(words, style="yellow")
-    write(room / CLAIMS, claims)
-    (room / NOTES).write_text(markdown(claims, shows, title, failures), encoding="utf-8")
-    save_figure(claims_chart(rows(claims, shows), title), room / CHART)
+    write_json(folder / CLAIMS, claims)
+    (folder / NOTES).write_text(markdown(claims, shows, title, failures), encoding="utf-8")
+    save_figure(claims_chart(chart_rows(claims, shows), title), folder / CHART)
 
 
 def place(made: Claim) -> str:
-    """Figure, table or section of the paper where a claim stands: its source up to the colon."""
+    """Return the figure, table or section of a claim: its source up to the colon."""
     return made.source.partition(":")[0]
 
 
 def variant(made: Claim) -> str:
-    """Variant of the model that a claim was measured on: its id after @, nothing for the paper's own."""
+    """Return the model variant of a claim: its id after @, empty for the paper's own model."""
     return made.id.partition("@")[2]
 
 
-def rows(claims: list[Claim], shows: Shows) -> list[Row]:
-    """Claims as the picture takes them, by figure: deviations from the paper's value or the reference, in tolerances.
+def chart_rows(claims: list[Claim], shows: Shows) -> list[Row]:
+    """Return the rows of the chart, by figure: deviations from the paper's value or the reference, in tolerances.
 
-    The paper's own model stands first, then the variants.
+    The paper's own model comes first, then the variants.
     """
     order, out = list(shows), []
     for c in sorted(claims, key=lambda c: (variant(c), order.index(place(c)))):
-        beside = c.paper is None and c.reference is not None
-        target = c.reference if beside else c.paper
+        uses_reference = c.paper is None and c.reference is not None
+        target = c.reference if uses_reference else c.paper
         ends, error = deviation(target, c.measured, c.tolerance, c.error)
         group = place(c) + (f" @{variant(c)}" if variant(c) else "")
         label = c.id.partition("@")[0].replace("-", " ")
-        out.append(Row(label, group, c.verdict, ends, error, with_error(c), shown(target), beside))
+        out.append(Row(label, group, c.verdict, ends, error, format_measured(c), shown(target), uses_reference))
     return out
 
 
 def deviation(target, measured, tolerance: float, error: float | None) -> tuple[tuple[float, ...], float]:
-    """Distances of numbers from a value, and the error, in tolerances; nothing for statements and what is missing."""
+    """Return the deviations of numbers and their error, in tolerances; empty for statements and missing values."""
     if measured is None or target is None or isinstance(target, bool):
         return (), 0.0
     pairs = list(zip(target, measured, strict=True)) if isinstance(target, list) and measured else [(target, measured)]
@@ -97,8 +97,8 @@ def _distance(target: float, measured: float, tolerance: float) -> float:
     return math.copysign(1, target) * math.log(measured / target) / math.log(1 + tolerance)
 
 
-def sentences(claims: list[Claim], shows: Shows) -> tuple[str, str]:
-    """How many claims are reproduced, and the main reason why others are not."""
+def summarize(claims: list[Claim], shows: Shows) -> tuple[str, str]:
+    """Return two sentences: the number of reproduced claims, and the main reason why others are not."""
     own = [c for c in claims if not variant(c)]
     judged = [c for c in own if c.verdict != NO_REFERENCE]
     count = Counter(c.verdict for c in judged)
@@ -109,14 +109,14 @@ def sentences(claims: list[Claim], shows: Shows) -> tuple[str, str]:
     verb = "is" if count[REPRODUCED] == 1 else "are"
     first = f"{count[REPRODUCED]} of the paper's {len(judged)} claims {verb} reproduced"
     first += f", {', '.join(others)}" if others else ""
-    first += f"; for {lacking} more rows the paper prints nothing to compare with." if lacking else "."
+    first += f"; the paper prints nothing to compare with for {lacking} more rows." if lacking else "."
     return first, _main_reason(judged, shows)
 
 
 def _main_reason(judged: list[Claim], shows: Shows) -> str:
     missed = [c for c in judged if c.verdict in (NOT_REPRODUCED, REFUTED)]
     parts = [_most_missed(missed, shows)] if missed else []
-    why = Counter(_kind(c) for c in judged if c.verdict == UNDECIDED)
+    why = Counter(_undecided_cause(c) for c in judged if c.verdict == UNDECIDED)
     if why:
         parts.append("undecided because " + ", ".join(f"{words} ({n})" for words, n in why.most_common()))
     text = "; ".join(parts) or "every claim agrees within its tolerance"
@@ -124,62 +124,63 @@ def _main_reason(judged: list[Claim], shows: Shows) -> str:
 
 
 def _most_missed(missed: list[Claim], shows: Shows) -> str:
-    """Figure of the paper with most rows that disagree, and one of these: the one to quote, if it is among them."""
+    """Describe the figure with the most disagreeing rows, and one of these rows: the one to quote, if it disagrees."""
     (most, number), *_ = Counter(map(place, missed)).most_common(1)
     share = f"{number} of {len(missed)}"
     verb = "is" if number == 1 else "are"
-    how = "the disagreement is in" if number == len(missed) else f"of the rows that disagree {share} {verb} in"
+    how = "the disagreement is in" if number == len(missed) else f"of the rows that disagree, {share} {verb} in"
     here = [c for c in missed if place(c) == most]
     what, key = shows.get(most, ("", ""))
     quoted = next((c for c in here if c.id == key), here[0])
-    return f"{how} {most}{f' ({what})' if what else ''}: {_quoted(quoted)}"
+    return f"{how} {most}{f' ({what})' if what else ''}: {_quote(quoted)}"
 
 
-def _kind(made: Claim) -> str:
-    """The reason why a claim is undecided, without its numbers."""
+def _undecided_cause(made: Claim) -> str:
+    """Return the reason why a claim is undecided, without numbers."""
     if made.measured is None:
         return "its interval leaves it open" if made.paper is True else "nothing could be measured"
     if made.quantifier == CAN:
-        return "what can happen was not seen"
-    return "its error is not known" if made.error is None else "its error exceeds the tolerance"
+        return "no instance was observed"
+    return "its error is unknown" if made.error is None else "its error exceeds the tolerance"
 
 
-def _quoted(made: Claim) -> str:
-    """A claim with its two numbers."""
+def _quote(made: Claim) -> str:
+    """Format a claim with its two numbers."""
     if isinstance(made.measured, bool):
         return f"{made.id} {shown(made.measured) if made.paper is None else made.verdict}"
     name, value = ("reference", made.reference) if made.paper is None else ("paper", made.paper)
-    measured = "not measured" if made.measured is None else with_error(made)
+    measured = "not measured" if made.measured is None else format_measured(made)
     return f"{made.id} {measured}" + (f", {name} {shown(value)}" if value is not None else "")
 
 
 def figure_lines(claims: list[Claim], shows: Shows) -> list[tuple[str, str, str, str]]:
-    """One line for each figure of the paper: its name, what it shows, how many rows are reproduced, the key number."""
+    """Return a line per figure of the paper: name, content, number of reproduced rows, key number."""
     out = []
     for name, (words, key) in shows.items():
         here = [c for c in claims if place(c) == name]
-        counted = [_share([c for c in here if variant(c) == v], v) for v in dict.fromkeys(map(variant, here))]
-        quoted = next((_quoted(c) for c in here if c.id == key), "")
+        variants = dict.fromkeys(map(variant, here))
+        counted = [_count_reproduced([c for c in here if variant(c) == v], v) for v in variants]
+        quoted = next((_quote(c) for c in here if c.id == key), "")
         out.append((name, words, ", ".join(filter(None, counted)) or "–", quoted))
     return out
 
 
-def _share(here: list[Claim], name: str) -> str:
+def _count_reproduced(here: list[Claim], name: str) -> str:
     judged = [c for c in here if c.verdict != NO_REFERENCE]
     done = sum(c.verdict == REPRODUCED for c in judged)
     return (f"{name} " if name else "") + f"{done} of {len(judged)}" if judged else ""
 
 
 def show_claims(claims: list[Claim], shows: Shows) -> None:
-    """Print two sentences and one line for each figure of the paper; everything else stands in claims.md."""
-    for words in sentences(claims, shows):
+    """Print two sentences and a line per figure of the paper; all else is in claims.md."""
+    for words in summarize(claims, shows):
         console.print(words)
     console.print(_figure_table(figure_lines(claims, shows)))
     console.print(f"All rows, with reasons, are in {NOTES}.")
 
 
 def _figure_table(lines: list[tuple[str, str, str, str]]) -> Table:
-    """The lines of figures; on a narrow terminal the number at the end is folded."""
+    """Build the table of figures; on a narrow terminal the key number is folded."""
     table = Table(box=None, pad_edge=False, header_style="bold", expand=True)
     names = ("paper", "shows", "reproduced", "key number")
     for k, name in enumerate(names):
@@ -195,10 +196,10 @@ def _figure_table(lines: list[tuple[str, str, str, str]]) -> Table:
 
 
 def markdown(claims: list[Claim], shows: Shows, title: str, failures=()) -> str:
-    """claims.md: summary, what failed, the words of verdicts, a table for each figure of the paper, and all notes."""
-    lines = [f"# {title}", "", " ".join(sentences(claims, shows)), "", f"![claims]({CHART})", ""]
+    """Return claims.md: summary, failures, meaning of the verdicts, a table per figure of the paper, and all notes."""
+    lines = [f"# {title}", "", " ".join(summarize(claims, shows)), "", f"![claims]({CHART})", ""]
     if failures:
-        lines += ["Missing, because they failed:", "", *(f"- {_safe(words)}" for words in failures), ""]
+        lines += ["Missing, because they failed:", "", *(f"- {_escape(words)}" for words in failures), ""]
     for word in VERDICTS:
         lines.append(f"- **{word}** ({sum(c.verdict == word for c in claims)}): {MEANING[word]}")
     head = "| claim | source | paper | reference | measured | unit | tolerance | verdict |"
@@ -208,23 +209,24 @@ def markdown(claims: list[Claim], shows: Shows, title: str, failures=()) -> str:
         lines += [_markdown_row(c) for c in claims if place(c) == name]
     lines += ["", "## Notes", ""]
     for c in claims:
-        lines += [f"- **{c.id}** ({c.verdict}): {_safe(c.note) or '–'}."]
+        lines += [f"- **{c.id}** ({c.verdict}): {_escape(c.note) or '–'}."]
     return "\n".join(lines) + "\n"
 
 
 def _markdown_row(c: Claim) -> str:
     source = c.source.partition(":")[2].strip() or c.source
-    tolerance = "–" if isinstance(c.measured, bool) or not c.tolerance else _tolerance(c)
+    tolerance = "–" if isinstance(c.measured, bool) or not c.tolerance else _format_tolerance(c)
     cells = (
-        c.id, source, shown(c.paper), shown(c.reference), with_error(c), c.unit or "–", tolerance, f"**{c.verdict}**"
+        c.id, source, shown(c.paper), shown(c.reference), format_measured(c), c.unit or "–", tolerance,
+        f"**{c.verdict}**",
     )  # fmt: skip
-    return "| " + " | ".join(_safe(cell) for cell in cells) + " |"
+    return "| " + " | ".join(_escape(cell) for cell in cells) + " |"
 
 
-def _tolerance(c: Claim) -> str:
+def _format_tolerance(c: Claim) -> str:
     return f"{c.tolerance:.2g}" if c.tolerance < FACTOR else f"a factor {1 + c.tolerance:.2g}"
 
 
-def _safe(words: str) -> str:
-    """Words inside a cell of a Markdown table."""
+def _escape(words: str) -> str:
+    """Escape text for a cell of a Markdown table."""
     return words.replace("|", "\\|").replace("\n", " ")

@@ -1,7 +1,7 @@
 """Results of a run as an xarray DataTree with units: states by frame, contacts as ragged arrays, tables of numbers.
 
-Contacts of all frames stand one after the other along the dimension `contact`, those that touch, and `contact_count`
-says how many each frame has: CF's contiguous ragged array.
+The touching contacts of all frames are concatenated along the dimension `contact`, and `contact_count` is their number
+in each frame: CF's contiguous ragged array.
 """
 
 from collections import Counter
@@ -20,7 +20,7 @@ from ..data.units import unit_of
 from .sweep.dataset import is_sweep, open_sweep
 
 RESULTS = "results.h5"
-_ALONG = ("time", "strain", "load", "load_point", "slip")  # coordinates of a table, the first that grows
+_ALONG = ("time", "strain", "load", "load_point", "slip")  # coordinate of a table: the first one that increases
 _AXES = {"axis": ["x", "y", "z"]}
 _GRAINS = ("position", "angle", "velocity", "spin", "radius", "mass", "inertia", "material")
 _WALLS = ("point", "normal", "velocity", "mass", "material")
@@ -29,22 +29,23 @@ MODES = {OPEN: "open", STICK: "stick", SLIDE: "slide"}
 
 
 def open_dataset(place: str | Path) -> xr.DataTree:
-    """Results of a run, of a sweep, or what an unfinished run has kept so far.
+    """Open the results of a run or a sweep, or what an unfinished run has saved so far.
 
-    The node `frames` holds the states: position, velocity, … along `time` (or `load`, where frames are loads of a
-    quasi-static path, else `frame`), contacts as a ragged array (see `contact_table`). Every group of the archive is a
-    node of the same name, such as `series`, whose arrays have `time`, `strain` or `load` as their coordinate if that
-    grows. Units are in the attribute `units`: SI, or dimensions where the scenario has units of its own. The scenario's
-    text and versions are attributes of the root. A sweep is the root's dataset, see `open_sweep`.
+    The node `frames` holds the states: position, velocity, … along `time` (or `load` if frames are loads of a
+    quasi-static path, otherwise `frame`), and contacts as a ragged array (see `contact_table`). Every group of the
+    archive is a node of the same name, such as `series`. Its arrays have `time`, `strain` or `load` as their coordinate
+    if it increases. Units are in the attribute `units`: SI units, or dimensions if the scenario defines its own units.
+    The scenario's text and the versions are attributes of the root. A sweep is the dataset of the root, see
+    `open_sweep`.
 
     Parameters
     ----------
-    place : the folder that `--out` named, or a file results.h5
+    place : the folder given by `--out`, or a file results.h5
 
     Raises
     ------
     ValueError
-        with one sentence, if there are no results, or they cannot be read.
+        If there are no results or they cannot be read; the message is one sentence.
 
     Examples
     --------
@@ -58,42 +59,40 @@ def open_dataset(place: str | Path) -> xr.DataTree:
         return xr.DataTree(open_sweep(path))
     if (path / SWEEP).is_file():
         raise ValueError(
-            f"{path} holds a sweep that was stopped: stickslip resume {path} goes on, and ends in a dataset"
+            f"{path} contains an unfinished sweep: finish it with stickslip resume {path} to get its dataset"
         )
     if path.is_dir() and not (path / RESULTS).is_file():
-        return _unfinished(path)
+        return _open_unfinished(path)
     path = path / RESULTS if path.is_dir() else path
     if not path.is_file():
         raise ValueError(f"{path} does not exist: give the folder of a run, or its results.h5")
     tree, about, units = archive.read(path), archive.attributes(path), archive.units(path)
-    return _tree(tree, units, about)
+    return _build_tree(tree, units, about)
 
 
 def contact_table(data: xr.DataTree | xr.Dataset, frame) -> pd.DataFrame:
-    """Contacts of one frame, a row for each that touches.
+    """Return the touching contacts of one frame as a table.
 
-    Columns are `i` and `j` (grains, and walls from the number of grains on), image_x …, slip_x … [length], `mode`
-    (stick or slide), and, where the law is known, force_x … on `i` [force], without dashpots.
+    Columns are `i` and `j` (walls are numbered after the grains), image_x …, slip_x … [length], `mode` (stick or slide)
+    and, if the law is known, force_x … on `i` [force], without dashpots.
 
     Parameters
     ----------
-    data : from `open_dataset`, or its node `frames`
-    frame : name of a frame, or its number
+    data : result of `open_dataset`, or its node `frames`
+    frame : name or number of a frame
 
     Raises
     ------
     ValueError
-        if there is no such frame.
+        If there is no such frame.
     """
     data = data["frames"].to_dataset() if isinstance(data, xr.DataTree) and "frames" in data else data
     if "contact_count" not in data:
-        raise ValueError("the dataset has no contacts: open the folder of a run that keeps states")
+        raise ValueError("the dataset has no contacts: open the folder of a run that saves states")
     names = [str(name) for name in data.frame.values]
     if str(frame) not in names and not (isinstance(frame, int | np.integer) and -len(names) <= frame < len(names)):
         some = ", ".join(names[:4]) + (" …" if len(names) > 4 else "")
-        raise ValueError(
-            f"frame {frame!r} was asked for: the dataset has {some}, or numbers from 0 to {len(names) - 1}"
-        )
+        raise ValueError(f"there is no frame {frame!r}: use {some}, or a number from 0 to {len(names) - 1}")
     number = names.index(str(frame)) if str(frame) in names else range(len(names))[frame]
     ends = np.cumsum(data.contact_count.values)
     rows = slice(ends[number] - int(data.contact_count[number]), ends[number])
@@ -108,12 +107,12 @@ def contact_table(data: xr.DataTree | xr.Dataset, frame) -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
-def _unfinished(folder: Path) -> xr.DataTree:
-    """Pieces that a run has kept so far."""
+def _open_unfinished(folder: Path) -> xr.DataTree:
+    """Open what an unfinished run has saved so far."""
     paths = sorted((folder / UNFINISHED).rglob("*.h5")) if (folder / UNFINISHED).is_dir() else []
     paths = [path for path in paths if not path.name.startswith(".")]
     if not paths:
-        raise ValueError(f"{folder} holds no results: give the folder of a run, or its results.h5")
+        raise ValueError(f"{folder} contains no results: give the folder of a run, or its results.h5")
     names = [str(path.relative_to(folder / UNFINISHED).with_suffix("")) for path in paths]
     tree = {name: archive.read(path)["piece"] for name, path in zip(names, paths, strict=True)}
     units = {
@@ -121,30 +120,30 @@ def _unfinished(folder: Path) -> xr.DataTree:
         for name, path in zip(names, paths, strict=True)
         for inner, unit in archive.units(path).items()
     }
-    return _tree(tree, units, archive.attributes(paths[0]) | {"finished": "no"})
+    return _build_tree(tree, units, archive.attributes(paths[0]) | {"finished": "no"})
 
 
-def _tree(tree: dict, units: dict[str, str], about: dict) -> xr.DataTree:
-    """All nodes; a coordinate that a node above has with other values gets the node's name before its own."""
+def _build_tree(tree: dict, units: dict[str, str], about: dict) -> xr.DataTree:
+    """Build all nodes; a dimension that clashes with one of a parent node is prefixed with the node's name."""
     states, tables, laws = {}, {}, {}
-    _gathered(tree, "", tree.get("law"), states, tables, laws)
-    states = {name: state for name, state in states.items() if len(state.grains.radius) == _most(states)}
+    _collect(tree, "", tree.get("law"), states, tables, laws)
+    states = {name: state for name, state in states.items() if len(state.grains.radius) == _usual_grain_number(states)}
     nodes = {}
     if states:
-        nodes["frames"] = _frame_node(states, _frames(states, laws, units, _wall_rows(tree, states)))
+        nodes["frames"] = _frame_node(states, _frame_variables(states, laws, units, _wall_indices(tree, states)))
     for group, entries in tables.items():
-        node = _table(group, entries, units)
+        node = _group_dataset(group, entries, units)
         if node.variables:
             nodes[group.strip("/") or "numbers"] = node
     for path in nodes:
-        nodes[path] = _apart(path, nodes)
+        nodes[path] = _rename_clashing(path, nodes)
     words = {"units_of_scenario": tree["units"]} if isinstance(tree.get("units"), str) else {}
     root = xr.Dataset(coords=_AXES, attrs=about | words)
     return xr.DataTree.from_dict({"/": root} | {f"/{path}": node for path, node in nodes.items()})
 
 
-def _apart(path: str, nodes: dict[str, xr.Dataset]) -> xr.Dataset:
-    """A node whose dimensions do not clash with those of the nodes above it."""
+def _rename_clashing(path: str, nodes: dict[str, xr.Dataset]) -> xr.Dataset:
+    """Rename the dimensions of a node that clash with those of its parents."""
     node, parts = nodes[path], path.split("/")
     above = [nodes[name] for k in range(1, len(parts)) if (name := "/".join(parts[:k])) in nodes]
     taken = {dim for other in above for dim in other.dims} & set(node.dims) - {"axis"}
@@ -152,7 +151,7 @@ def _apart(path: str, nodes: dict[str, xr.Dataset]) -> xr.Dataset:
 
 
 def _frame_node(states: dict[str, State], variables: dict) -> xr.Dataset:
-    """The states, along `time` if it grows from each to the next, along `load` if their names are loads that grow."""
+    """Build the node of states, along `time` if it increases, or along `load` if their names are increasing loads."""
     names = list(states)
     if len({name.rpartition("/")[0] for name in names}) == 1:
         names = [name.rpartition("/")[2] for name in names]
@@ -160,29 +159,29 @@ def _frame_node(states: dict[str, State], variables: dict) -> xr.Dataset:
     if (np.diff(time) > 0).all() and len(time) > 1:
         node = xr.Dataset(variables).swap_dims(frame="time").set_coords("time")
         return node.assign_coords(frame=("time", names))
-    loads = None if all(name.isdigit() for name in names) else _as_numbers(names)
-    if _grows(loads, len(names)):
+    loads = None if all(name.isdigit() for name in names) else _parse_numbers(names)
+    if _is_increasing(loads, len(names)):
         node = xr.Dataset(variables).rename(frame="load").assign_coords(load=loads)
         return node.assign_coords(frame=("load", names))
     return xr.Dataset(variables, {"frame": names})
 
 
-def _as_numbers(names: list[str]) -> np.ndarray | None:
+def _parse_numbers(names: list[str]) -> np.ndarray | None:
     try:
         return np.array([float(name) for name in names])
     except ValueError:
         return None
 
 
-def _most(states: dict[str, State]) -> int:
-    """The number of grains that most states have."""
+def _usual_grain_number(states: dict[str, State]) -> int:
+    """Return the most common number of grains."""
     return Counter(len(state.grains.radius) for state in states.values()).most_common(1)[0][0]
 
 
-def _gathered(tree, above: str, law, states: dict, tables: dict, laws: dict) -> None:
-    """Sort a tree into states with their laws, and tables of arrays and numbers by the path of their group."""
+def _collect(tree, above: str, law, states: dict, tables: dict, laws: dict) -> None:
+    """Collect the states of a tree with their laws, and its arrays and numbers by the path of their group."""
     law = tree.get("law", law) if isinstance(tree, dict) else law
-    if _alike(tree):
+    if _is_table(tree):
         tables[above] = {"": tree}
         return
     items = tree.items() if isinstance(tree, dict) else ((f"{k:06d}", item) for k, item in enumerate(tree))
@@ -191,13 +190,13 @@ def _gathered(tree, above: str, law, states: dict, tables: dict, laws: dict) -> 
         if isinstance(value, State):
             states[path], laws[path] = value, law
         elif isinstance(value, dict | tuple | list) and not isinstance(value, Law):
-            _gathered(value._asdict() if hasattr(value, "_asdict") else value, f"{path}/", law, states, tables, laws)
+            _collect(value._asdict() if hasattr(value, "_asdict") else value, f"{path}/", law, states, tables, laws)
         elif isinstance(value, np.ndarray | int | float | complex) and not isinstance(value, Law):
             tables.setdefault(above, {})[name] = np.asarray(value)
 
 
-def _alike(tree) -> bool:
-    """True for the rows of a table: two or more groups of the same single numbers and words, such as stages."""
+def _is_table(tree) -> bool:
+    """Return True for rows of a table: two or more groups with the same scalars and strings, such as stages."""
     rows = list(tree.values()) if isinstance(tree, dict) else []
     return (
         len(rows) > 1
@@ -206,20 +205,20 @@ def _alike(tree) -> bool:
     )
 
 
-def _wall_rows(tree: dict, states: dict[str, State]) -> dict[str, np.ndarray]:
-    """Which wall of the whole run each wall of a state is: others may have been removed before it."""
+def _wall_indices(tree: dict, states: dict[str, State]) -> dict[str, np.ndarray]:
+    """Map the walls of each state to the walls of the whole run, since some may have been removed."""
     names = tree["walls"].split("\n") if isinstance(tree.get("walls"), str) else []
-    left = tree.get("frame_walls", {})
+    remaining = tree.get("frame_walls", {})
     out = {}
     for path, state in states.items():
-        mine = left.get(path.rpartition("/")[2], "").split("\n")
+        mine = remaining.get(path.rpartition("/")[2], "").split("\n")
         known = len(mine) == len(state.walls.mass) and set(mine) <= set(names)
         out[path] = np.array([names.index(name) for name in mine] if known else range(len(state.walls.mass)), int)
     return out
 
 
-def _frames(states: dict[str, State], laws: dict, units: dict, walls: dict[str, np.ndarray]) -> dict:
-    """Variables of states."""
+def _frame_variables(states: dict[str, State], laws: dict, units: dict, walls: dict[str, np.ndarray]) -> dict:
+    """Return the variables of the states."""
     first, many = next(iter(states)), list(states.values())
 
     def unit(noun, name):
@@ -232,21 +231,21 @@ def _frames(states: dict[str, State], laws: dict, units: dict, walls: dict[str, 
         out[name] = (("frame", "grain", "axis")[: values.ndim], values, unit("grains", name))
     if most := max(len(state.walls.mass) for state in many):
         for name in _WALLS:
-            values = np.stack([_placed(getattr(s.walls, name), walls[path], most) for path, s in states.items()])
+            values = np.stack([_scatter_rows(getattr(s.walls, name), walls[path], most) for path, s in states.items()])
             out[f"wall_{name}"] = (("frame", "wall", "axis")[: values.ndim], values, unit("walls", name))
     out["cell"] = (("frame", "vector", "axis"), np.stack([s.cell.vectors for s in many]), unit("cell", "vectors"))
-    return out | _contacts(states, laws, unit, walls)
+    return out | _contact_variables(states, laws, unit, walls)
 
 
-def _placed(values: np.ndarray, rows: np.ndarray, number: int) -> np.ndarray:
-    """Rows of walls, NaN for those that are gone."""
+def _scatter_rows(values: np.ndarray, rows: np.ndarray, number: int) -> np.ndarray:
+    """Place values at the rows of their walls, with NaN for removed walls."""
     out = np.full((number, *values.shape[1:]), np.nan)
     out[rows] = values
     return out
 
 
-def _contacts(states: dict[str, State], laws: dict, unit, walls: dict[str, np.ndarray]) -> dict:
-    """Variables of all contacts that touch, frame after frame."""
+def _contact_variables(states: dict[str, State], laws: dict, unit, walls: dict[str, np.ndarray]) -> dict:
+    """Return the variables of all touching contacts, frame after frame."""
     rows = [touching(state) for state in states.values()]
     counts = np.array([len(r) for r in rows])
     out = {"contact_count": ("frame", counts, {"sample_dimension": "contact"})}
@@ -267,14 +266,17 @@ def _contacts(states: dict[str, State], laws: dict, unit, walls: dict[str, np.nd
     return out
 
 
-def _table(group: str, entries: dict, units: dict) -> xr.Dataset:
-    """Variables of a group; arrays as long as most of them share a dimension: what grows, else the group's name."""
+def _group_dataset(group: str, entries: dict, units: dict) -> xr.Dataset:
+    """Build the dataset of a group.
+
+    Arrays of the most common length share a dimension: the first coordinate that increases, or the group's name.
+    """
     label = group.strip("/").rpartition("/")[2]
     if "" in entries:
-        return _rows_of(group, label, entries[""], units)
+        return _row_dataset(group, label, entries[""], units)
     lengths = Counter(len(values) for values in entries.values() if values.ndim)
     common = lengths.most_common(1)[0][0] if lengths else 0
-    along = next((n for n in _ALONG if _grows(entries.get(n), common)), label or "row")
+    along = next((n for n in _ALONG if _is_increasing(entries.get(n), common)), label or "row")
     variables = {}
     for name, values in entries.items():
         if not values.size:
@@ -286,14 +288,14 @@ def _table(group: str, entries: dict, units: dict) -> xr.Dataset:
         if values.ndim > 1 and values.shape[-1] == 3:
             dims[-1] = "axis"
         found = units.get(f"{group}{name}", unit_of(name))
-        # a variable of several dimensions must not have the name of one of them
+        # a multidimensional variable must not share its name with one of its dimensions
         key = f"{name}_values" if name in dims and (values.ndim > 1 or dims[0] != name or name != along) else name
         variables[key] = (dims, values, {"units": found} if found else {})
     return xr.Dataset(variables)
 
 
-def _rows_of(group: str, label: str, rows: dict, units: dict) -> xr.Dataset:
-    """One row each, along a dimension of the group's name in the singular; its coordinate is `name`, or the key."""
+def _row_dataset(group: str, label: str, rows: dict, units: dict) -> xr.Dataset:
+    """Build the dataset of a table along a dimension named after the group (singular), labelled by `name` or key."""
     first, dim = next(iter(rows)), label.removesuffix("s") or "row"
     columns = {name: np.array([row[name] for row in rows.values()]) for name in rows[first]}
     labels = columns.pop("name", np.array(list(rows)))
@@ -305,8 +307,8 @@ def _rows_of(group: str, label: str, rows: dict, units: dict) -> xr.Dataset:
     return xr.Dataset(variables, {dim: labels})
 
 
-def _grows(values: np.ndarray | None, length: int) -> bool:
-    """True for numbers, `length` of them, each larger than the one before."""
+def _is_increasing(values: np.ndarray | None, length: int) -> bool:
+    """Return True for an array of `length` strictly increasing numbers."""
     return (
         values is not None
         and values.shape == (length,)

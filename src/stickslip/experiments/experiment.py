@@ -1,4 +1,4 @@
-"""Description of one experiment: everything that commands, sweeps, restarts and documentation need to know about it."""
+"""Description of one experiment: everything that commands, sweeps, restarts and the documentation need."""
 
 from collections.abc import Callable
 from importlib import import_module
@@ -8,7 +8,7 @@ from ..core.readable import readable
 from ..data.schema import Whole
 
 
-def _nothing(result) -> tuple:
+def _empty(result) -> tuple:
     return ()
 
 
@@ -23,11 +23,11 @@ class Paper(NamedTuple):
     """
 
     title: str  # of the claims table
-    cuts: str  # what a quick run leaves out
+    cuts: str  # parts that a quick run omits
     scenario: Callable  # (quick, seed) -> scenario of the main run
     reproduce: Callable  # (quick, seed, folder, workers, report) -> reproduction
-    shows: Callable  # () -> figures of the paper, what they show, and the claims to quote
-    # functions of the reproduction; None: that of the experiment, of the main run
+    shows: Callable  # () -> figures of the paper, their content, and the claims to quote
+    # functions of the reproduction; None: use the function of the experiment on the main run
     numbers: Callable | None = None
     figures: Callable | None = None
     files: Callable | None = None
@@ -36,7 +36,7 @@ class Paper(NamedTuple):
 
 @readable
 class Experiment(NamedTuple):
-    """One experiment; `late` keeps its modules from being imported before they are needed."""
+    """One experiment; `late` defers the import of its modules until they are needed."""
 
     scenario: type[Whole]
     words: str  # one line for help and completion
@@ -44,13 +44,13 @@ class Experiment(NamedTuple):
     numbers: Callable  # result -> contents of the archive
     measures: Callable  # result -> {name: (value, unit)}, the numbers of a sweep
     show: Callable  # result -> None; prints a summary
-    figures: Callable = _nothing  # result -> iterator of (file name, Figure)
-    files: Callable = _nothing  # result -> iterator of (file name, function that writes it)
+    figures: Callable = _empty  # result -> iterator of (file name, Figure)
+    files: Callable = _empty  # result -> iterator of (file name, function that writes it)
     failures: Callable = _failures  # result -> one sentence for each realization that failed
-    announce: Callable = _nothing  # scenario -> None; prints the cost of a long run before it starts
-    references: Callable = lambda scenario: {}  # scenario -> {what for: keys of references.bib}
+    announce: Callable = _empty  # scenario -> None; prints the cost of a long run before it starts
+    references: Callable = lambda scenario: {}  # scenario -> {purpose: keys of references.bib}
     paper: Paper | None = None
-    parallel: bool = True  # whether realizations can be spread over workers of a cluster
+    parallel: bool = True  # whether realizations can be distributed over the workers of a cluster
 
     @property
     def name(self) -> str:
@@ -59,7 +59,7 @@ class Experiment(NamedTuple):
 
 
 def late(package: str, path: str) -> Callable:
-    """Function `path` ("module.function") of a package, imported when it is first called."""
+    """Return a function that imports `path` ("module.function") of a package on its first call."""
     module, _, name = path.partition(".")
 
     def call(*args, **options):

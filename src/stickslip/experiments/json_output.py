@@ -1,4 +1,4 @@
-"""What programs read: one JSON object for each command, described in docs/command_line.md."""
+"""JSON output of the commands: one object per command, described in docs/command_line.md."""
 
 import json
 from collections.abc import Sequence
@@ -12,18 +12,18 @@ from ..data.checkpoint import MEMBERS, UNFINISHED
 from .registry import experiment_of
 from .run_folder import files_of
 from .sweep.dataset import DATASET
-from .sweep.run import Swept
+from .sweep.run import SweepResult
 
 LIBRARIES = ("numpy", "scipy", "numba", "h5py")
 
 
 def text(answer: dict) -> str:
-    """An object as JSON, in letters that every terminal and code page has; what is no number is null."""
+    """Return an object as ASCII JSON; numbers that are not finite are null."""
     return json.dumps(finite(answer), allow_nan=False)
 
 
 def finite(thing):
-    """The same with None for numbers that are not finite, and without NumPy's types."""
+    """Replace numbers that are not finite with None, and NumPy types with built-in types."""
     if isinstance(thing, dict):
         return {str(k): finite(v) for k, v in thing.items()}
     if isinstance(thing, list | tuple):
@@ -36,20 +36,20 @@ def finite(thing):
 
 
 def common(command: str, *, files: Sequence[Path] = (), folder: Path | None = None, status: str = "finished") -> dict:
-    """What every command tells."""
+    """Return the fields common to all commands."""
     versions = {"stickslip": __version__} | {name: version(name) for name in LIBRARIES}
     return {"command": command, "status": status, "folder": folder, "files": list(files), "versions": versions}
 
 
 def of_run(command: str, folder: Path, result, paths: list[Path], claims=None) -> dict:
-    """A run, with its measures, and its claims if it is that of a paper."""
+    """Describe a run with its measures, and the claims of a paper's run."""
     scenario = result.scenario
     found = experiment_of(scenario).measures(result)
     measures = {name: {"value": float(value), "unit": unit} for name, (value, unit) in found.items()}
-    # who writes results while some realizations failed keeps the others' pieces
+    # the checkpoint remains if results were written although some realizations failed
     status = "incomplete" if (folder / UNFINISHED).is_dir() else "finished"
     out = common(command, files=paths, folder=folder, status=status)
-    out |= {"scenario": _scenario(scenario), "measures": measures}
+    out |= {"scenario": _scenario_entry(scenario), "measures": measures}
     if failures := getattr(result, "failures", ()):
         out["failures"] = list(failures)
     if claims is not None:
@@ -58,12 +58,12 @@ def of_run(command: str, folder: Path, result, paths: list[Path], claims=None) -
 
 
 def of_finished(command: str, folder: Path, scenario) -> dict:
-    """A run that was finished before; nothing was done now."""
-    return common(command, files=files_of(folder), folder=folder) | {"scenario": _scenario(scenario)}
+    """Describe a run that was already finished, so that nothing was done."""
+    return common(command, files=files_of(folder), folder=folder) | {"scenario": _scenario_entry(scenario)}
 
 
-def of_sweep(command: str, folder: Path, swept: Swept, ranges: dict) -> dict:
-    """A sweep: its members by number, the ranges of their measures, and who failed with which sentence."""
+def of_sweep(command: str, folder: Path, swept: SweepResult, ranges: dict) -> dict:
+    """Describe a sweep: numbers of members, ranges of their measures, and failures with their messages."""
     failures = {name: words for name, words in zip(swept.names, swept.failures, strict=True) if words}
     total = len(swept.names)
     members = {"total": total, "finished": total - sum(map(bool, swept.failures)), "reused": swept.reused}
@@ -75,5 +75,5 @@ def of_sweep(command: str, folder: Path, swept: Swept, ranges: dict) -> dict:
     return out | {"scenario": about} | more | {"failures": failures}
 
 
-def _scenario(scenario) -> dict:
+def _scenario_entry(scenario) -> dict:
     return {"experiment": scenario.experiment, "digest": scenario.digest}

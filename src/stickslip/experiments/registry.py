@@ -1,4 +1,4 @@
-"""A scenario: everything that defines a run, validated, hashable, readable from TOML or built in Python."""
+"""The registry of experiments, and scenarios read from TOML or JSON files or built in Python."""
 
 import json
 import re
@@ -12,19 +12,19 @@ from . import disk_array, flow, gouge, quasi_rigid, rate_state, sphere_shear
 from .experiment import Experiment
 
 _ALL = (disk_array, sphere_shear, quasi_rigid, flow, gouge, rate_state)
-# the only list of experiments, by the value of `experiment` in a scenario
+# the single list of experiments, by the value of `experiment` in a scenario
 EXPERIMENTS: dict[str, Experiment] = {package.EXPERIMENT.name: package.EXPERIMENT for package in _ALL}
-LARGEST_WHOLE = 2**63 - 1
-WHOLE = "whole numbers are read up to 64 bits, give a smaller one, or write it as 1e30"
+LARGEST_INTEGER = 2**63 - 1
+INTEGER_RANGE = "integers are limited to 64 bits, use a smaller one or write it as a float such as 1e30"
 
 
 def papers() -> dict[str, Experiment]:
-    """Experiments that reproduce a paper, by name."""
+    """Return the experiments that reproduce a paper, by name."""
     return {name: one for name, one in EXPERIMENTS.items() if one.paper}
 
 
 def experiment_of(scenario: Whole) -> Experiment:
-    """The experiment that a scenario belongs to."""
+    """Return the experiment of a scenario."""
     return EXPERIMENTS[scenario.experiment]
 
 
@@ -35,15 +35,16 @@ def simulate(
 
     Parameters
     ----------
-    scenario : as `scenario(...)` and `read_scenario` make it
-    folder : where finished parts are saved as the run goes on; with the same folder, a run that was stopped continues
+    scenario : from `scenario(...)` or `read_scenario`
+    folder : where finished parts are saved during the run; with the same folder, an interrupted run continues
     workers : processes, or the address of a Dask scheduler, for independent realizations (threads of a flow)
-    report : called as report(stage, share done, words with the quantities that matter)
-    more : further options of the experiment
+    report : called as report(stage, fraction done, text with the main quantities)
+    more : other options of the experiment
 
     Returns
     -------
-    Result, FlowResult, GougeResult, QuasiResult, ShearResult or Slid, with the scenario as `result.scenario`.
+    DiskArrayResult, FlowResult, GougeResult, QuasiResult, ShearResult or SliderResult, with the scenario as
+    `result.scenario`.
 
     Examples
     --------
@@ -55,8 +56,8 @@ def simulate(
     return run(scenario, folder=None if folder is None else Path(folder), workers=workers, report=report, **more)
 
 
-def kind_of(tables: dict) -> type[Whole]:
-    """The class of scenario that `experiment` names; without it, a disk array."""
+def scenario_class(tables: dict) -> type[Whole]:
+    """Return the scenario class named by `experiment`, by default that of the disk array."""
     name = tables.get("experiment", "disk-array")
     if not isinstance(name, str) or name not in EXPERIMENTS:
         raise ScenarioError(f"experiment = {str(name)[:100]!r} was given: use {', '.join(map(repr, EXPERIMENTS))}")
@@ -64,36 +65,36 @@ def kind_of(tables: dict) -> type[Whole]:
 
 
 def scenario(**tables) -> Whole:
-    """A scenario from nested dictionaries, as in the TOML file; `experiment` says of what.
+    """Create a scenario from nested dictionaries, as in the TOML file; `experiment` names the experiment.
 
     Raises
     ------
     ScenarioError
-        with one sentence that names the key, what was got and what is allowed.
+        If the scenario is invalid; the message names the key, the value given and the values allowed.
 
     Examples
     --------
     >>> scenario(array={"disks": 5}, load={"push": (0.0, 0.05)}, dynamics={"loads": (0.03,)}).array.disks
     5
     """
-    return validated(kind_of(tables), **tables)
+    return validated(scenario_class(tables), **tables)
 
 
 def read_scenario(path: str | Path) -> Whole:
-    """A scenario from a TOML file, or from the canonical text that a run left behind."""
+    """Read a scenario from a TOML file, or from the canonical text in the folder of a run."""
     tables = tables_of(path)
     if "sweep" in tables:
-        raise ScenarioError(f"{path} holds a [sweep], which is many scenarios: use read_sweep, or leave the table out")
+        raise ScenarioError(f"{path} has a table [sweep] for many scenarios: use read_sweep, or remove the table")
     return scenario(**tables)
 
 
 def tables_of(path: str | Path) -> dict:
-    """What a TOML or JSON file holds.
+    """Read the tables of a TOML or JSON file.
 
     Raises
     ------
     ScenarioError
-        with one sentence, if it cannot be read.
+        If the file cannot be read; the message is one sentence.
     """
     path = Path(path)
     try:
@@ -104,17 +105,19 @@ def tables_of(path: str | Path) -> dict:
         ) from None
     except ValueError as problem:
         raise ScenarioError(str(problem)) from None
-    tables = _parsed(text, path)
+    tables = _parse(text, path)
     if not isinstance(tables, dict):
-        raise ScenarioError(f"the scenario {path} holds {type(tables).__name__}, not an object: give that of a run")
+        raise ScenarioError(
+            f"the scenario {path} contains a {type(tables).__name__}, not an object: give the scenario.json of a run"
+        )
     _check_whole_numbers(tables, path)
     if path.suffix == ".json":
         check_sealed(tables, path)
         return tables
-    return _placed(tables, path.parent)
+    return _resolve_law_file(tables, path.parent)
 
 
-def _parsed(text: str, path: Path):
+def _parse(text: str, path: Path):
     try:
         return json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
     except tomllib.TOMLDecodeError as problem:
@@ -123,28 +126,28 @@ def _parsed(text: str, path: Path):
         raise ScenarioError(f"the scenario {path} is not valid JSON: {problem}") from None
     except RecursionError:
         raise ScenarioError(
-            f"the scenario {path} is nested too deeply: tables of a scenario are five deep at most"
+            f"the scenario {path} is nested too deeply: at most five levels of tables are allowed"
         ) from None
-    except ValueError:  # of all numbers, Python reads whole ones up to some length only
+    except ValueError:  # Python limits the number of digits of integers
         found = max(re.finditer(r"\d[\d_]*", text), key=lambda digits: len(digits[0].replace("_", "")))
         line, digits = text.count("\n", 0, found.start()) + 1, len(found[0].replace("_", ""))
         raise ScenarioError(
-            f"the scenario {path}, line {line}, holds a whole number of {digits} digits: {WHOLE}"
+            f"the scenario {path}, line {line}, contains an integer of {digits} digits: {INTEGER_RANGE}"
         ) from None
 
 
 def _check_whole_numbers(tree, path: Path, above: tuple = ()) -> None:
-    """Refuse what other readers of TOML and JSON, and files of results, do not hold."""
+    """Reject integers that other TOML and JSON readers and the result files cannot hold."""
     items = tree.items() if isinstance(tree, dict) else enumerate(tree, start=1) if isinstance(tree, list) else ()
     for key, value in items:
-        if isinstance(value, int) and not -LARGEST_WHOLE <= value <= LARGEST_WHOLE:
+        if isinstance(value, int) and not -LARGEST_INTEGER <= value <= LARGEST_INTEGER:
             where = shortened(".".join(map(str, (*above, key))))
-            raise ScenarioError(f"the scenario {path} has a whole number beyond 64 bits at {where}: {WHOLE}")
+            raise ScenarioError(f"the scenario {path} has an integer beyond 64 bits at {where}: {INTEGER_RANGE}")
         _check_whole_numbers(value, path, (*above, key))
 
 
-def _placed(tables: dict, folder: Path) -> dict:
-    """Tables in which the name of a law's file starts from the folder of the scenario."""
+def _resolve_law_file(tables: dict, folder: Path) -> dict:
+    """Return the tables with the path of a law's file made absolute, relative to the folder of the scenario."""
     law = tables.get("law")
     if isinstance(law, dict) and isinstance(law.get("file"), str):
         tables["law"] = law | {"file": str(folder.absolute() / law["file"])}

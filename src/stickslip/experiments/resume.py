@@ -1,4 +1,4 @@
-"""What is left of a run that was stopped, for `stickslip resume`."""
+"""Interrupted runs, for `stickslip resume`."""
 
 import json
 from pathlib import Path
@@ -10,60 +10,62 @@ from ..data.law_file import check_sealed
 from ..data.manifest import check_hidden, strange
 from ..data.schema import Whole
 from .registry import read_scenario as read_scenario
-from .run_folder import NUMBERS, OPTIONS, REPRODUCTION, is_ours, listed, settle
+from .run_folder import NUMBERS, OPTIONS, REPRODUCTION, install_results, is_run_file, join_names
 
 
-class Begun(NamedTuple):
-    """A run that was begun in a folder and is not finished."""
+class UnfinishedRun(NamedTuple):
+    """A run that was started in a folder and is not finished."""
 
     scenario: Whole | None
-    reproduction: dict | None = None  # arguments of `reproduce`, if the run is that of a paper
-    sweep: dict | None = None  # tables, if it is one
-    figures: bool = False  # whether its members draw theirs
+    reproduction: dict | None = None  # arguments of `reproduce`, if the run reproduces a paper
+    sweep: dict | None = None  # tables, if it is a sweep
+    figures: bool = False  # whether the members of the sweep draw figures
 
 
 def begin_reproduction(folder: Path, scenario, **arguments) -> None:
-    """Note in the folder which paper's run begins there, for `begun`."""
+    """Record the arguments of a paper's run that starts in a folder, for `begun`."""
     kept_in(folder, scenario).announce()
     replace(folder / UNFINISHED / REPRODUCTION, json.dumps(arguments).encode())
 
 
-def begun(folder: Path) -> Begun | None:
-    """What is unfinished in a folder; None if it is finished.
+def begun(folder: Path) -> UnfinishedRun | None:
+    """Return the unfinished run in a folder, or None if the run is finished.
 
     Raises
     ------
     ValueError
-        with one sentence, if there is no run.
+        If there is no run; the message is one sentence.
     """
     if not folder.is_dir():
-        raise ValueError(f"{folder} is no folder: give the one of a run that was stopped")
-    check_hidden(folder, is_ours)
+        raise ValueError(f"{folder} is not a folder: give the folder of an interrupted run")
+    check_hidden(folder, is_run_file)
     if (folder / SWEEP).is_file():
         options = folder / OPTIONS
-        figures = noted(options).get("figures", False) if options.is_file() else False
-        tables = noted(folder / SWEEP)
+        figures = read_json(options).get("figures", False) if options.is_file() else False
+        tables = read_json(folder / SWEEP)
         check_sealed(tables, folder / SWEEP)
-        return Begun(None, sweep=tables, figures=figures)
-    settle(folder)
+        return UnfinishedRun(None, sweep=tables, figures=figures)
+    install_results(folder)
     known, arguments = under_way(folder), folder / UNFINISHED / REPRODUCTION
     if known is None and not (folder / SCENARIO).is_file():
-        raise ValueError(f"{folder} holds nothing to go on from: begin with stickslip run SCENARIO --out {folder}")
+        raise ValueError(f"{folder} contains nothing to resume: start with stickslip run SCENARIO --out {folder}")
     if known is None and (folder / NUMBERS).is_file():
         return None
-    if known and (others := strange(folder, is_ours)):
+    if known and (others := strange(folder, is_run_file)):
         raise ValueError(
-            f"{folder} holds what no run of stickslip wrote, or what was changed since ({listed(others)}): move it "
-            f"away, then resume goes on"
+            f"{folder} contains files that stickslip did not write or that have changed since ({join_names(others)}): "
+            f"move them away, then resume again"
         )
-    return Begun(read_scenario(known or folder / SCENARIO), noted(arguments) if arguments.is_file() else None)
+    return UnfinishedRun(
+        read_scenario(known or folder / SCENARIO), read_json(arguments) if arguments.is_file() else None
+    )
 
 
-def noted(path: Path) -> dict:
-    """What a file of JSON holds; ValueError with one sentence, if it is damaged."""
+def read_json(path: Path) -> dict:
+    """Read an object from a JSON file; raise ValueError with one sentence if the file is damaged."""
     try:
         if isinstance(found := json.loads(path.read_text(encoding="utf-8")), dict):
             return found
     except (ValueError, RecursionError):
         pass
-    raise ValueError(f"{path} is damaged: begin again, with --overwrite")
+    raise ValueError(f"{path} is damaged: start again with --overwrite")

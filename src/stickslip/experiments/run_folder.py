@@ -1,4 +1,4 @@
-"""What every run leaves in its folder and on the terminal: scenario, raw numbers, claims table, progress."""
+"""Folder of a run: checks before the run, and installation of its complete results."""
 
 import re
 import shutil
@@ -16,90 +16,92 @@ from .terminal import console
 
 NUMBERS, MOVIE = "results.h5", "transition.gif"
 CLAIMS, NOTES, CHART = "claims.json", "claims.md", "claims.png"
-REPRODUCTION, OPTIONS = "reproduce.json", "sweep-options.json"  # what a call was given, for `stickslip resume`
-PAGE, FILM = "report.html", "movie.gif"  # of stickslip report and movie
+REPRODUCTION, OPTIONS = "reproduce.json", "sweep-options.json"  # arguments of a call, for `stickslip resume`
+PAGE, FILM = "report.html", "movie.gif"  # written by stickslip report and movie
 SERIES, CURVES = "series.csv", "curves.csv"
-OURS = (SCENARIO, NUMBERS, CLAIMS, NOTES, CHART, MOVIE, SERIES, CURVES, PAGE, FILM)
-_OURS = re.compile(r"fig\d_\w+\.png|steps_\d+_\d+\.csv|" + "|".join(map(re.escape, OURS)))
-SHOWN = 8  # names of files in a sentence
+RUN_FILES = (SCENARIO, NUMBERS, CLAIMS, NOTES, CHART, MOVIE, SERIES, CURVES, PAGE, FILM)
+_RUN_FILE = re.compile(r"fig\d_\w+\.png|steps_\d+_\d+\.csv|" + "|".join(map(re.escape, RUN_FILES)))
+SHOWN = 8  # file names listed in a message
 
 
 def claim_folder(folder: Path, scenario, *, overwrite: bool = False) -> None:
-    """Make sure that results can go to a folder before anything is computed.
+    """Check before any computation that results can be written to a folder.
 
-    With `overwrite`, what is kept of an unfinished run goes away; results go when those of the new run are complete.
+    With `overwrite`, the checkpoint of an unfinished run is removed now, and existing results when those of the new run
+    are complete.
 
     Raises
     ------
     ValueError
-        if it is a file, cannot be written, or holds results of another scenario, or files that no run wrote.
+        If the folder is a file, is not writable, or contains results of another scenario or files that no run wrote.
     """
-    checked(folder)
+    check_writable(folder)
     if not folder.is_dir():
         return
     if (folder / SWEEP).exists():
-        raise ValueError(f"{folder} holds the results of a sweep: choose another --out")
-    settle(folder)
-    others, known = strange(folder, is_ours), under_way(folder) or folder / SCENARIO
+        raise ValueError(f"{folder} contains the results of a sweep: choose another --out")
+    install_results(folder)
+    others, known = strange(folder, is_run_file), under_way(folder) or folder / SCENARIO
     if overwrite:
-        _given_up(folder, scenario, others)
+        _discard_previous(folder, scenario, others)
     elif others:
-        raise ValueError(foreign(folder, others))
+        raise ValueError(foreign_files_message(folder, others))
     elif known.exists() and known.read_bytes() != scenario.text.encode():
         what = "an unfinished run" if under_way(folder) else "the results"
-        raise ValueError(f"{folder} holds {what} of another scenario: choose another --out, or add --overwrite")
+        raise ValueError(f"{folder} contains {what} of another scenario: choose another --out, or add --overwrite")
 
 
-def checked(folder: Path) -> None:
-    """Raise ValueError with one sentence if nothing can be written to a folder."""
+def check_writable(folder: Path) -> None:
+    """Raise ValueError with one sentence if a folder is not writable."""
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder} is a file, not a folder: choose another --out")
     if folder.is_dir():
-        check_hidden(folder, is_ours)
+        check_hidden(folder, is_run_file)
     try:
         _probe(folder)
     except OSError as problem:
         raise ValueError(f"the folder {folder} cannot be written ({problem.strerror}): choose another --out") from None
 
 
-def foreign(folder: Path, names: list[str]) -> str:
-    """The sentence about files that no run wrote."""
+def foreign_files_message(folder: Path, names: list[str]) -> str:
+    """Return the message about files that no run wrote."""
     return (
-        f"{folder} holds what no run of stickslip wrote, or what was changed since ({listed(names)}): choose another "
-        f"--out, or add --overwrite"
+        f"{folder} contains files that stickslip did not write or that have changed since ({join_names(names)}): "
+        f"choose another --out, or add --overwrite"
     )
 
 
-def _given_up(folder: Path, scenario, others: list[str]) -> None:
-    """Say what will go, drop the pieces of another run, and note what may be replaced."""
-    going = sorted({path.name for path in files_of(folder)} | {name for name in others if is_ours(name)})
+def _discard_previous(folder: Path, scenario, others: list[str]) -> None:
+    """Print what will be replaced, remove the checkpoint of another run, and record which files may be replaced."""
+    going = sorted({path.name for path in files_of(folder)} | {name for name in others if is_run_file(name)})
     if name := next((name for name in going if (folder / name).is_dir()), None):
         raise ValueError(
-            f"{folder / name} is a folder where a run writes a file: move it away, or choose another --out"
+            f"{folder / name} is a folder, but runs write a file of this name: move it away, or choose another --out"
         )
     if going:
         console.print(
-            f"--overwrite: {listed(going)} in {folder} will be replaced or removed when the new results are complete.",
+            f"--overwrite: {join_names(going)} in {folder} will be replaced or removed when the new results are "
+            f"complete.",
             soft_wrap=True,
         )  # fmt: skip
     if others or going or under_way(folder):
         finished(folder)
-        adopt(folder, [name for name in others if is_ours(name)])
+        adopt(folder, [name for name in others if is_run_file(name)])
         kept_in(folder, scenario).announce()
 
 
-def listed(names: list[str]) -> str:
-    """Names in a sentence, the first ones of many."""
+def join_names(names: list[str]) -> str:
+    """Join names for a message; of many, only the first ones are listed."""
     return ", ".join(names[:SHOWN]) + (f" and {len(names) - SHOWN} more" if len(names) > SHOWN else "")
 
 
-def is_ours(name: str) -> bool:
-    """Whether runs write files of this name."""
-    return _OURS.fullmatch(name) is not None
+def is_run_file(name: str) -> bool:
+    """Return True if runs write files of this name."""
+    return _RUN_FILE.fullmatch(name) is not None
 
 
 def _probe(folder: Path) -> None:
-    """Write and remove a file there, and every folder that this needed."""
+    """Write and remove a temporary file in a folder, and any folders created for it."""
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -112,42 +114,42 @@ def _probe(folder: Path) -> None:
 
 
 @contextmanager
-def complete(folder: Path, *, failures=()):
-    """A room whose files go to the folder at the end, in the place of an earlier run's, when all are complete.
+def staged_results(folder: Path, *, failures=()):
+    """Context manager of a staging folder whose files replace those of an earlier run when all are complete.
 
-    The run is finished then, unless members failed: `stickslip resume` tries these again.
+    The run is then finished, unless members failed: `stickslip resume` runs these again.
 
     Raises
     ------
     RuntimeError
-        with one sentence, where a file of somebody else is in the way; nothing is replaced or removed then.
+        If a file of another program is in the way; the message is one sentence, and nothing is replaced or removed.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    room = folder / WRITING
-    shutil.rmtree(room, ignore_errors=True)
-    room.mkdir()
+    staging = folder / WRITING
+    shutil.rmtree(staging, ignore_errors=True)
+    staging.mkdir()
     try:
         with named(folder):
-            yield room
-        files = {path.name: [digest(path)] for path in room.iterdir()}
-        if others := strange(folder, lambda name: is_ours(name) or name in files):
+            yield staging
+        files = {path.name: [digest(path)] for path in staging.iterdir()}
+        if others := strange(folder, lambda name: is_run_file(name) or name in files):
             raise RuntimeError(
-                f"{folder} holds what another program wrote there meanwhile ({listed(others)}): move it away, then "
-                f"stickslip resume {folder} goes on with what is kept"
+                f"{folder} contains files that another program wrote during the run ({join_names(others)}): move them "
+                f"away, then continue from the saved results with stickslip resume {folder}"
             )
-        note(room, files)
+        note(staging, files)
     except BaseException:
-        shutil.rmtree(room, ignore_errors=True)
+        shutil.rmtree(staging, ignore_errors=True)
         raise
-    settle(folder)
+    install_results(folder)
     if not failures:
         finished(folder)
 
 
-def settle(folder: Path) -> None:
-    """Move complete results into their folder; who was killed while doing so is followed by the next one."""
-    room = folder / WRITING
-    new = proven(room)
+def install_results(folder: Path) -> None:
+    """Move complete results into their folder; if the process is killed meanwhile, the next call finishes the move."""
+    staging = folder / WRITING
+    new = proven(staging)
     if not new:
         return
     old = proven(folder)
@@ -156,25 +158,25 @@ def settle(folder: Path) -> None:
         if path.name not in new:
             path.unlink()
     for name in new:
-        if (room / name).exists():
-            (room / name).replace(folder / name)
+        if (staging / name).exists():
+            (staging / name).replace(folder / name)
     note(folder, new)
-    shutil.rmtree(room, ignore_errors=True)
+    shutil.rmtree(staging, ignore_errors=True)
 
 
 def files_of(folder: Path) -> list[Path]:
-    """Files of ours that a folder holds, sorted."""
-    return sorted(path for path in folder.iterdir() if is_ours(path.name))
+    """Return the sorted paths of the run files in a folder."""
+    return sorted(path for path in folder.iterdir() if is_run_file(path.name))
 
 
-def save(room: Path, scenario, numbers: dict) -> None:
-    """Scenario and raw numbers."""
-    archive.write(room / NUMBERS, numbers, scenario=scenario.text, version=__version__, si=scenario.si)
-    (room / SCENARIO).write_text(scenario.text, encoding="utf-8")
+def save(staging: Path, scenario, numbers: dict) -> None:
+    """Write the scenario and the raw numbers."""
+    archive.write(staging / NUMBERS, numbers, scenario=scenario.text, version=__version__, si=scenario.si)
+    (staging / SCENARIO).write_text(scenario.text, encoding="utf-8")
 
 
 def plain(record) -> dict:
-    """Fields of a NamedTuple that a file can hold: None is left out, tuples of words become lines."""
+    """Return the fields of a NamedTuple for an archive: None is omitted, tuples of strings become lines."""
     out = {}
     for name, value in record._asdict().items():
         if value is None:

@@ -1,4 +1,4 @@
-"""Keys of references.bib for contact laws and laws of rate-and-state friction."""
+"""Keys of references.bib for contact laws and rate-and-state friction laws."""
 
 CONTACT = {
     "hertz_mindlin": ("Hertz1882", "Mindlin1949", "Cundall1979"),
@@ -10,5 +10,5 @@ STATE = {"aging": ("Dieterich1979", "Ruina1983"), "slip": ("Ruina1983",)}
 
 
 def of_law(law) -> tuple[str, ...]:
-    """Sources of a built-in law; those of a law in a file are its author's to name."""
+    """Return the references of a built-in law; a law from a file has none, since only its author knows them."""
     return CONTACT[law.kind] if law.file is None else ()

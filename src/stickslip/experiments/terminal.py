@@ -1,4 +1,4 @@
-"""Terminal output of every command: console, tables, progress with physical quantities."""
+"""Terminal output of all commands: console, tables, progress with physical quantities."""
 
 import time
 from contextlib import contextmanager
@@ -10,37 +10,35 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Column
 from rich.text import Text
 
-console = Console(soft_wrap=False, markup=False, highlight=False)  # paths and names are shown as they are
+console = Console(soft_wrap=False, markup=False, highlight=False)  # paths and names are printed verbatim
 
-
-WIDE = 110  # columns from which on a stage and its words share a line
-
-
-LINES = 30.0  # between two lines where there is no terminal [s]
-
-
+WIDE = 110  # columns from which on a stage and its text share a line
+LINES = 30.0  # time between lines without a terminal [s]
 STYLE = {"title_justify": "left", "header_style": "bold", "box": SIMPLE_HEAD, "pad_edge": False}
 
 
 @contextmanager
 def speaking(*, quiet: bool = False, as_json: bool = False):
-    """Who hears the console meanwhile: people, nobody, or, where programs read standard output, people beside them."""
+    """Route console output to standard output, to nowhere if `quiet`, or to standard error if standard output is JSON.
+
+    With `as_json`, output is printed only if standard error is a terminal.
+    """
     before = console.quiet, console.stderr
     console.stderr = as_json
-    console.quiet = quiet or (as_json and not live())
+    console.quiet = quiet or (as_json and not can_redraw())
     try:
         yield
     finally:
         console.quiet, console.stderr = before
 
 
-def live() -> bool:
-    """Whether lines can be drawn again: FORCE_COLOR alone does not make a pipe a terminal."""
+def can_redraw() -> bool:
+    """Return True if the console supports redrawing lines. FORCE_COLOR does not turn a pipe into a terminal."""
     return console.is_terminal and console.file.isatty() and not console.is_dumb_terminal
 
 
 class _Bars(Progress):
-    """A line for each stage; where the terminal is narrow its words stand below."""
+    """A line for each stage, with its text below on narrow terminals."""
 
     def get_renderables(self):
         if console.width >= WIDE:
@@ -52,7 +50,7 @@ class _Bars(Progress):
 
 
 def _columns():
-    """Stage, bar, time spent, time left, and words where there is room."""
+    """Yield the columns: stage, bar, elapsed time, remaining time, and the text on wide terminals."""
     stage = Column(no_wrap=True, overflow="ellipsis", **({"width": 34} if console.width >= WIDE else {"ratio": 1}))
     left = Column(no_wrap=True, justify="right", width=13)
     yield TextColumn("{task.description}", table_column=stage, markup=False)
@@ -66,18 +64,18 @@ def _columns():
 
 @contextmanager
 def progress(*, transient: bool = False):
-    """A live line for each stage: time spent and left, the quantities that matter; without a terminal, plain lines.
+    """Show the time and the main quantities of each stage: live, or as plain lines without a terminal.
 
     Parameters
     ----------
-    transient : whether the lines go away at the end (and stages are not named where there is no terminal)
+    transient : whether the lines are removed at the end (without a terminal, stages are then not printed)
     """
     stages: dict[str, int] = {}
-    plain_line = None if live() else _lines(transient)
-    console.is_interactive = live()
-    with _Bars(*_columns(), console=console, disable=not live(), transient=transient, expand=True) as bar:
+    plain_line = None if can_redraw() else _plain_progress(transient)
+    console.is_interactive = can_redraw()
+    with _Bars(*_columns(), console=console, disable=not can_redraw(), transient=transient, expand=True) as bar:
 
-        def tell(stage: str, share: float, words: str, left: float | None = None) -> None:
+        def update(stage: str, share: float, words: str, left: float | None = None) -> None:
             if stage not in stages:
                 for task in stages.values():
                     bar.update(task, completed=1.0, left="")
@@ -85,17 +83,17 @@ def progress(*, transient: bool = False):
             task, spent = stages[stage], bar.tasks[stages[stage]].elapsed or 0.0
             if left is None and 0 < share < 1 and spent > 2:
                 left = spent * (1 - share) / share
-            bar.update(task, completed=share, words=words, left="" if left is None else f"{duration(left)} left")
+            bar.update(task, completed=share, words=words, left="" if left is None else f"{format_duration(left)} left")
             if plain_line:
                 plain_line(stage, share, words, left)
 
-        yield tell
+        yield update
         for task in stages.values():
             bar.update(task, completed=1.0, left="")
 
 
-def _lines(transient: bool):
-    """The same without a terminal: every stage when it begins, and how far it is now and then."""
+def _plain_progress(transient: bool):
+    """Return a function that prints each stage when it starts, and its progress from time to time."""
     known, last = set(), time.monotonic()
 
     def line(stage: str, share: float, words: str, left: float | None) -> None:
@@ -107,14 +105,14 @@ def _lines(transient: bool):
                 console.print(f"{stage} …")
         elif time.monotonic() - last >= LINES:
             last = time.monotonic()
-            rest = f"; {duration(left)} left" if left else ""
+            rest = f"; {format_duration(left)} left" if left else ""
             console.print(f"  {share:.0%}: {words}{rest}", soft_wrap=True)
 
     return line
 
 
-def duration(seconds: float) -> str:
-    """About how long, in words that are short."""
+def format_duration(seconds: float) -> str:
+    """Format a duration in a short form."""
     for size, name in ((86400, "days"), (3600, "h"), (60, "min")):
         if seconds >= 2 * size:
             return f"{seconds / size:.3g} {name}"
@@ -122,7 +120,7 @@ def duration(seconds: float) -> str:
 
 
 def show_paths(paths: list[Path]) -> None:
-    """Where everything is, one path a line."""
+    """Print the paths of the files written, one per line."""
     console.print("Written:")
     for path in paths:
         console.print(f"  {path}", soft_wrap=True)

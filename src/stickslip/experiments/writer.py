@@ -1,47 +1,47 @@
-"""Results of a run as files: raw numbers, scenario, tables, figures and, of a paper, claims."""
+"""Output files of a run: raw numbers, scenario, tables, figures and, for a paper, claims."""
 
 from pathlib import Path
 
 from ..figures.style import save as save_figure
 from .claims_report import write_claims
 from .experiment import Experiment
-from .run_folder import complete, files_of, save
+from .run_folder import files_of, save, staged_results
 
 
 def write_result(folder: Path, experiment: Experiment, result) -> list[Path]:
-    """Write everything that a run leaves, all at once; returns the paths."""
-    with complete(folder, failures=experiment.failures(result)) as room:
-        save(room, result.scenario, experiment.numbers(result))
-        _draw(room, experiment.files(result), experiment.figures(result))
+    """Write all files of a run as a unit and return the paths."""
+    with staged_results(folder, failures=experiment.failures(result)) as staging:
+        save(staging, result.scenario, experiment.numbers(result))
+        _write_files(staging, experiment.files(result), experiment.figures(result))
     return files_of(folder)
 
 
 def write_numbers(folder: Path, experiment: Experiment, result) -> None:
-    """Write scenario and raw numbers only, as members of a sweep leave them."""
-    with complete(folder) as room:
-        save(room, result.scenario, experiment.numbers(result))
+    """Write only the scenario and raw numbers, as for members of a sweep."""
+    with staged_results(folder) as staging:
+        save(staging, result.scenario, experiment.numbers(result))
 
 
 def write_reproduction(folder: Path, experiment: Experiment, found) -> list[Path]:
-    """Write what the reproduction of a paper leaves, with its claims; returns the paths."""
+    """Write all files of the reproduction of a paper, with its claims, and return the paths."""
     paper = experiment.paper
     if paper is None:
-        raise ValueError(f"{experiment.name} reproduces no paper")
+        raise ValueError(f"{experiment.name} does not reproduce a paper")
 
     def of(name: str):
         own = getattr(paper, name)
         return own(found) if own else getattr(experiment, name)(found.main)
 
     failures = of("failures")
-    with complete(folder, failures=failures) as room:
-        save(room, found.main.scenario, of("numbers"))
-        _draw(room, of("files"), of("figures"))
-        write_claims(room, found.claims, paper.shows(), paper.title, failures)
+    with staged_results(folder, failures=failures) as staging:
+        save(staging, found.main.scenario, of("numbers"))
+        _write_files(staging, of("files"), of("figures"))
+        write_claims(staging, found.claims, paper.shows(), paper.title, failures)
     return files_of(folder)
 
 
-def _draw(room: Path, files, figures) -> None:
+def _write_files(staging: Path, files, figures) -> None:
     for name, write in files:
-        write(room / name)
+        write(staging / name)
     for name, figure in figures:
-        save_figure(figure, room / name)
+        save_figure(figure, staging / name)

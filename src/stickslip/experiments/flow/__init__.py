@@ -1,4 +1,4 @@
-"""Flows of grains: pouring, walls, plates, gates, gravity, in stages."""
+"""Granular flows: pouring, walls, plates, gates and gravity, in stages."""
 
 from functools import partial
 
@@ -11,7 +11,7 @@ _here = partial(late, __name__)
 
 
 def references(scenario: FlowScenario) -> dict[str, tuple[str, ...]]:
-    """Keys of references.bib, by what they are for."""
+    """Return keys of references.bib, grouped by purpose."""
     law = scenario.law
     dashpots = law.damping or ("viscoelastic" if law.kind.startswith("hertz_mindlin_reff") else "mass_velocity")
     damped = law.restitution is not None or law.damping_n or law.damping_t
@@ -25,7 +25,7 @@ def references(scenario: FlowScenario) -> dict[str, tuple[str, ...]]:
 
 EXPERIMENT = Experiment(
     scenario=FlowScenario,
-    words="flows of grains: pouring, walls, plates, gates, in stages",
+    words="granular flows: pouring, walls, plates and gates, in stages",
     simulate=_here("simulate.simulate_on_workers"),
     numbers=_here("report.numbers"),
     measures=_here("report.measures"),

@@ -1,4 +1,4 @@
-"""A flow in the words of the field: the deposit that it left, friction and inertial number of plane shear."""
+"""Measures of a flow: its deposit, velocity profile, and friction and inertial number of plane shear."""
 
 from typing import NamedTuple
 
@@ -15,16 +15,16 @@ from .simulate import FlowResult
 
 @readable
 class Deposit(NamedTuple):
-    """The largest cluster of grains with gaps below a radius: without those that fly or roll away."""
+    """The largest cluster of grains with gaps below a radius, without grains that fly or roll away."""
 
-    grains: np.ndarray  # numbers
-    low: np.ndarray  # (3,) to where it reaches, radii included [length]
-    high: np.ndarray  # (3,)
+    grains: np.ndarray  # indices
+    low: np.ndarray  # (3,) lower corner of the bounding box, including radii [length]
+    high: np.ndarray  # (3,) upper corner
 
 
 @readable
 class PlaneShear(NamedTuple):
-    """Steady shear between two plates: means over the second half of the last stage, and standard deviations."""
+    """Steady shear between two plates: means over the second half of the last stage and a standard deviation."""
 
     friction: float  # shear over normal force on the upper plate
     friction_deviation: float
@@ -32,11 +32,11 @@ class PlaneShear(NamedTuple):
     shear_rate: float  # velocity difference over the height between the plates' surfaces [1/time]
     inertial_number: float
     packing_fraction: float  # poured grains over the space between the plates' surfaces
-    height: float  # between the plates' surfaces [length]
+    height: float  # distance between the plates' surfaces [length]
 
 
 def deposit(state: State, loose: np.ndarray) -> Deposit:
-    """The deposit of a state; `loose` are the numbers of the poured grains.
+    """Return the deposit of a state; `loose` are the indices of the poured grains.
 
     Examples
     --------
@@ -57,7 +57,7 @@ def deposit(state: State, loose: np.ndarray) -> Deposit:
 
 
 def plane_shear(result: FlowResult) -> PlaneShear | None:
-    """Numbers of plane shear; None unless two plates move against each other along x at the end.
+    """Return the measures of plane shear, or None unless two plates move relative to each other along x at the end.
 
     I = γ̇ d √(ρ/P) with the mean diameter d and the grains' density ρ.
 
@@ -93,13 +93,13 @@ def plane_shear(result: FlowResult) -> PlaneShear | None:
 
 
 def second_half(result: FlowResult) -> np.ndarray:
-    """(T,) bool: samples in the second half of the last stage."""
+    """Select the samples in the second half of the last stage, (T,) bool."""
     last = result.stages[-1]
     return result.series.time > 0.5 * (last.start + last.end)
 
 
 def velocity_profile(result: FlowResult) -> np.ndarray:
-    """(BINS, 3) mean velocity of the grains at each height in the second half of the last stage, NaN without any."""
+    """Mean velocity (BINS, 3) of the grains at each height in the second half of the last stage, NaN without grains."""
     late = second_half(result)
     count, velocity = result.series.profile_count[late], result.series.profile_velocity[late]
     total = count.sum(axis=0)[:, None]
@@ -108,7 +108,7 @@ def velocity_profile(result: FlowResult) -> np.ndarray:
 
 
 def profile_deviation(result: FlowResult) -> np.ndarray:
-    """(BINS, 3) standard deviation in time of what `velocity_profile` averages, NaN where there are no grains."""
+    """Standard deviation in time (BINS, 3) of the velocities averaged by `velocity_profile`, NaN without grains."""
     late = second_half(result)
     count, velocity = result.series.profile_count[late], result.series.profile_velocity[late]
     total = count.sum(axis=0)[:, None]

@@ -1,4 +1,4 @@
-"""The start of a flow: grains on a loose lattice between walls and plates, their law, and a time step for them."""
+"""Initial state of a flow: grains on a loose lattice between walls and plates, their law, and a time step."""
 
 from typing import NamedTuple
 
@@ -25,48 +25,48 @@ from ...data.schema import ScenarioError
 from ...solve.collision import with_restitution
 from .scenario import AXES, MOST, FlowScenario, Plate, Shaking, Stage
 
-SAFETY = 0.1  # of √(m/k): a twentieth of a collision's π √(m/2k), a sixth of what a grain with six contacts bears
-LIMIT = 0.58  # of √(m/k), 2/√12: six neighbours at rest, each with the stiffness k
-JITTER = 0.9  # of the room that a lattice leaves to each grain
+SAFETY = 0.1  # in √(m/k): a twentieth of a collision's π √(m/2k), a sixth of the stability limit with six contacts
+LIMIT = 0.58  # in √(m/k), 2/√12: stability limit with six neighbours at rest, each contact with stiffness k
+JITTER = 0.9  # fraction of the free space around each grain on the lattice
 
 
 @readable
 class Poured(NamedTuple):
-    """A flow before its first stage."""
+    """State of a flow before its first stage."""
 
     state: State
     law: Law
     walls: tuple[str, ...]  # names, in the order of the state's walls
-    plates: dict[str, np.ndarray]  # numbers of the grains of each plate
+    plates: dict[str, np.ndarray]  # indices of the grains of each plate
     dt: float  # [time]
 
     @property
     def loose(self) -> np.ndarray:
-        """Numbers of the grains that are in no plate."""
+        """Indices of the grains that belong to no plate."""
         return np.flatnonzero(self.state.control.group[: len(self.state.grains.radius)] < 0)
 
 
 def poured(scenario: FlowScenario) -> Poured:
-    """Grains, walls and plates of a scenario, at rest and without contacts.
+    """Return grains, walls and plates of a scenario, at rest and without contacts.
 
     Raises
     ------
     ScenarioError
-        with one sentence, if the grains do not fit, lie behind a wall, or dt is too long for them.
+        If the grains do not fit or lie behind a wall, or dt is too long; the message is one sentence.
     """
     chosen, dim = scenario.grains, scenario.grains.dim
     rng = np.random.default_rng(scenario.seed)
-    radius = _radii(scenario, rng)
-    position = _placed(scenario, radius, rng)
+    radius = _draw_radii(scenario, rng)
+    position = _place_grains(scenario, radius, rng)
     places, sizes, plates = [position], [radius], {}
     for plate in scenario.plates:
-        row, size = _row(plate, scenario, radius)
+        row, size = _plate_grains(plate, scenario, radius)
         start = sum(map(len, sizes))
         plates[plate.name] = np.arange(start, start + len(row))
         places.append(row)
         sizes.append(np.full(len(row), size))
     all_sizes = np.concatenate(sizes)
-    mass = _masses(scenario, all_sizes)
+    mass = _grain_masses(scenario, all_sizes)
     for plate in scenario.plates:
         if plate.mass is not None:
             mass[plates[plate.name]] = plate.mass / len(plates[plate.name])
@@ -78,32 +78,32 @@ def poured(scenario: FlowScenario) -> Poured:
     size = np.ones(3)
     size[:dim] = scenario.cell.size or np.ones(dim)
     cell = box(size, [axis in scenario.cell.periodic for axis in AXES], dim)
-    names, walls = tuple(wall.name for wall in scenario.walls), _walls(scenario)
-    _refuse_behind(grains.position, walls, names, dim)
+    names, walls = tuple(wall.name for wall in scenario.walls), _make_walls(scenario)
+    _check_walls(grains.position, walls, names, dim)
     state = assembly(grains, walls, cell, control)
     law = flow_law(scenario, radius, mass[: len(radius)])
     start = Poured(state, law, names, plates, _time_step(scenario, law, radius, mass))
-    _refuse_fine_samples(scenario, start.dt)
+    _check_sampling(scenario, start.dt)
     return start
 
 
-def samples_of(stage: Stage, scenario: FlowScenario) -> int:
-    """Rows of the time series that a stage gives."""
+def sample_count(stage: Stage, scenario: FlowScenario) -> int:
+    """Return the number of samples of a stage in the time series."""
     return max(1, round(stage.duration * scenario.samples / scenario.duration))
 
 
-def _refuse_fine_samples(scenario: FlowScenario, dt: float) -> None:
+def _check_sampling(scenario: FlowScenario, dt: float) -> None:
     for stage in scenario.stages:
-        count, steps = samples_of(stage, scenario), stage.duration / dt
+        count, steps = sample_count(stage, scenario), stage.duration / dt
         if steps < 0.5 * count:
             raise ScenarioError(
-                f"stage {stage.name!r} has {count} sample(s) in {steps:.3g} time steps of {dt:.3g}: lower samples, or "
-                f"give a longer stage or a smaller dt"
+                f"stage {stage.name!r} has {count} sample(s) in {steps:.3g} time steps of {dt:.3g}: use fewer samples, "
+                f"a longer stage or a smaller dt"
             )
 
 
 def flow_law(scenario: FlowScenario, radius, mass) -> Law:
-    """The law of a scenario: grains are material 0, wall k has material k + 1 if its friction is its own."""
+    """Return the law of a scenario: grains are material 0, wall k is material k + 1 if it has its own friction."""
     chosen, r, m = scenario.law, float(np.mean(radius)), float(np.mean(mass))
     if chosen.file is not None:
         return _with_walls(law_in(chosen), scenario)
@@ -117,42 +117,42 @@ def flow_law(scenario: FlowScenario, radius, mass) -> Law:
         damping_t=chosen.damping_t or 0.0, tension=chosen.tension,
     )  # fmt: skip
     if chosen.restitution is not None:
-        # a linear law's restitution does not depend on the speed: any that is of the problem's size will do
+        # the restitution of a linear law does not depend on the speed: any value of a suitable magnitude works
         speed = chosen.speed or 0.01 * r * float(np.sqrt(kn / m))
         law = with_restitution(law, chosen.restitution, radius=r, mass=m, speed=speed)
     return _with_walls(law, scenario)
 
 
 def _with_walls(law: Law, scenario: FlowScenario) -> Law:
-    """The law with the friction of walls that have their own."""
+    """Return the law with the friction coefficients of walls that have their own."""
     for k, wall in enumerate(scenario.walls):
         if wall.mu is not None:
             law = for_pair(law, 0, k + 1, mu=wall.mu)
     return law
 
 
-def _refuse_behind(position, walls, names: tuple[str, ...], dim: int) -> None:
+def _check_walls(position, walls, names: tuple[str, ...], dim: int) -> None:
     grains, behind = np.nonzero(heights(position, walls) < 0)
     if len(grains):
         place = ", ".join(f"{x:.4g}" for x in position[grains[0], :dim])
         raise ScenarioError(
             f"grain {grains[0] + 1} at ({place}) lies behind wall {names[behind[0]]!r}: move the wall or the grains, "
-            f"or turn the wall's normal towards them"
+            f"or turn the wall's normal towards the grains"
         )
 
 
-def _walls(scenario: FlowScenario):
+def _make_walls(scenario: FlowScenario):
     material = [k + 1 if wall.mu is not None else 0 for k, wall in enumerate(scenario.walls)]
     mass = [wall.mass or 1.0 for wall in scenario.walls]
     if not scenario.walls:
         return flat_walls()
     normals = np.array([w.normal for w in scenario.walls])
-    normals /= np.abs(normals).max(axis=1, keepdims=True)  # so that its square is finite, whatever its length is
+    normals /= np.abs(normals).max(axis=1, keepdims=True)  # keeps the square finite for any length
     return flat_walls([w.point for w in scenario.walls], normals, mass=mass, material=material)
 
 
-def _radii(scenario: FlowScenario, rng) -> np.ndarray:
-    """Sizes of all grains, shuffled."""
+def _draw_radii(scenario: FlowScenario, rng) -> np.ndarray:
+    """Draw the radii of all grains, in random order."""
     chosen = scenario.grains
     sizes = np.atleast_1d(np.asarray(chosen.radius, float))
     radius = sizes[np.arange(chosen.number) * len(sizes) // chosen.number]
@@ -160,43 +160,43 @@ def _radii(scenario: FlowScenario, rng) -> np.ndarray:
     return rng.permutation(radius * (1 + spread))
 
 
-def _masses(scenario: FlowScenario, radius) -> np.ndarray:
+def _grain_masses(scenario: FlowScenario, radius) -> np.ndarray:
     chosen = scenario.grains
     if chosen.mass is not None:
         return np.full(len(radius), chosen.mass)
     return chosen.density * (np.pi * radius**2 if chosen.dim == 2 else 4 / 3 * np.pi * radius**3)
 
 
-def _placed(scenario: FlowScenario, radius, rng) -> np.ndarray:
-    """(N, 3) positions on a lattice, from the bottom up, each moved at random within its room; none touches another."""
+def _place_grains(scenario: FlowScenario, radius, rng) -> np.ndarray:
+    """Place grains on a lattice from the bottom up, with random displacements and no contacts; returns (N, 3)."""
     chosen, dim, largest = scenario.grains, scenario.grains.dim, float(radius.max())
     low, high = np.array(chosen.low), np.array(chosen.high)
     wide = 2 * largest * (1 + chosen.gap)
-    room = np.floor((high - low) / wide * (1 + 1e-12))
-    cells, sites = float(np.prod(room)), np.zeros((0, 3))
+    counts = np.floor((high - low) / wide * (1 + 1e-12))
+    cells, sites = float(np.prod(counts)), np.zeros((0, 3))
     if 0 < cells <= 1e8:
-        number = room.astype(int)
+        number = counts.astype(int)
         step = (high - low) / number
         step[1] = wide  # from the bottom up
         rows = -(-len(radius) // int(cells // number[1]))
         lines = [low[k] + (np.arange(number[k]) + 0.5) * step[k] for k in range(dim)]
-        sites = _in_front(scenario, lines, largest * (1 + JITTER * chosen.gap), len(radius), rows)
+        sites = _free_sites(scenario, lines, largest * (1 + JITTER * chosen.gap), len(radius), rows)
     elif cells:
         raise ScenarioError(f"the region of grains has room for {cells:.0e} grains: use a smaller region")
     if len(sites) < len(radius):
         raise ScenarioError(
             f"grains.number = {len(radius)} was given, but the region from {list(chosen.low)} to {list(chosen.high)} "
-            f"has room for {len(sites)} grains of radius {largest:.4g} in front of the walls and beside the plates: "
-            f"use a larger region, fewer grains or a smaller gap"
+            f"has room for {len(sites)} grains of radius {largest:.4g} clear of walls and plates: use a larger "
+            f"region, fewer grains or a smaller gap"
         )
     out = sites[: len(radius)]
     out[:, :dim] += rng.uniform(-1, 1, (len(out), dim)) * JITTER * chosen.gap * largest
     return out
 
 
-def _in_front(scenario: FlowScenario, lines, reach: float, wanted: int, rows: int) -> np.ndarray:
-    """Sites of a lattice, from the bottom up, that are nowhere nearer than `reach` to a wall or to a plate's grains."""
-    walls, most = _walls(scenario), float(np.max(scenario.grains.radius)) * (1 + scenario.grains.polydispersity)
+def _free_sites(scenario: FlowScenario, lines, reach: float, wanted: int, rows: int) -> np.ndarray:
+    """Return lattice sites, from the bottom up, at least `reach` away from walls and from the grains of plates."""
+    walls, most = _make_walls(scenario), float(np.max(scenario.grains.radius)) * (1 + scenario.grains.polydispersity)
     found, total = [np.zeros((0, 3))], 0
     for start in range(0, len(lines[1]), rows):
         part = np.meshgrid(lines[1][start : start + rows], *lines[2:], lines[0], indexing="ij")
@@ -212,20 +212,22 @@ def _in_front(scenario: FlowScenario, lines, reach: float, wanted: int, rows: in
     return np.concatenate(found)
 
 
-def _row(plate: Plate, scenario: FlowScenario, radius) -> tuple[np.ndarray, float]:
-    """Positions of a plate's grains and their radius."""
+def _plate_grains(plate: Plate, scenario: FlowScenario, radius) -> tuple[np.ndarray, float]:
+    """Return the positions of a plate's grains and their radius."""
     dim, size = scenario.grains.dim, plate.radius or float(np.mean(radius))
     spacing = 2.4 * size if plate.spacing is None else plate.spacing
     if spacing < 2 * size:
         raise ScenarioError(
-            f"plate {plate.name!r} has spacing = {spacing:g}, below the diameter {2 * size:g} of its grains: use more"
+            f"plate {plate.name!r} has spacing = {spacing:g}, below the diameter {2 * size:g} of its grains: "
+            f"use a larger spacing"
         )
     lengths = [scenario.cell.size[k] for k in range(dim) if k != 1]
-    # the nearest number of grains that fill the length, without overlap
+    # the number of grains closest to this spacing that fills the length without overlap
     number = [min(round(length / spacing), int(length / (2 * size) * (1 + 1e-12))) for length in lengths]
     if min(number) < 1:
         raise ScenarioError(
-            f"plate {plate.name!r} has spacing = {spacing:g}, longer than the cell ({min(lengths):g}): use less"
+            f"plate {plate.name!r} has spacing = {spacing:g}, longer than the cell ({min(lengths):g}): use a "
+            f"smaller spacing"
         )
     wide = max(length / n for length, n in zip(lengths, number, strict=True)) * (1 if dim == 2 else np.sqrt(2))
     if wide >= 2 * (size + float(radius.min())):
@@ -247,27 +249,28 @@ def _row(plate: Plate, scenario: FlowScenario, radius) -> tuple[np.ndarray, floa
     return row, size
 
 
-def pressing(plate: Plate, scenario: FlowScenario) -> float | None:
-    """Force along y that presses a plate at the start, None if none does; positive force points to the grains."""
+def initial_plate_force(plate: Plate, scenario: FlowScenario) -> float | None:
+    """Return the initial force on a plate along y, or None; forces in the scenario are positive towards the grains."""
     if plate.force is None and plate.pressure is None:
         return None
     area = float(np.prod([scenario.cell.size[k] for k in range(scenario.grains.dim) if k != 1]))
-    return inward(plate, scenario) * (plate.force if plate.pressure is None else plate.pressure * area)
+    return inward_sign(plate, scenario) * (plate.force if plate.pressure is None else plate.pressure * area)
 
 
-def inward(plate: Plate, scenario: FlowScenario) -> float:
-    """+1 for a plate below the middle of the region of grains, −1 for one above."""
+def inward_sign(plate: Plate, scenario: FlowScenario) -> float:
+    """Return +1 for a plate below the middle of the region of grains and −1 for one above."""
     return 1.0 if plate.height < (scenario.grains.low[1] + scenario.grains.high[1]) / 2 else -1.0
 
 
 def _time_step(scenario: FlowScenario, law: Law, radius, mass) -> float:
-    """dt from the stiffness that contacts will have: k of the law, at the overlap of the hardest expected collision.
+    """Return dt from the stiffness of the law at the overlap of the hardest expected collision.
 
-    There are no contacts at the start, and Hertz's stiffness grows with the overlap. The collision's speed is that of
-    a fall through the region, plus the largest prescribed velocity; a force on a plate or wall may ask for more.
+    There are no contacts at the start, and the Hertz stiffness increases with overlap. The speed of the collision is
+    that of a fall through the region, plus the largest prescribed velocity. A force on a plate or wall may cause a
+    larger overlap.
     """
     q, lightest, r_eff = tuple(law.table[0, 0].tolist()), float(mass.min()), float(radius.min()) / 2
-    depth = _deepest(scenario, law, q, r_eff, float(mass[: len(radius)].max()))
+    depth = _largest_overlap(scenario, law, q, r_eff, float(mass[: len(radius)].max()))
     if isinstance(law.kind, Kind):
         stiffness = stiffest(law, q, r_eff, depth)
     else:
@@ -276,24 +279,25 @@ def _time_step(scenario: FlowScenario, law: Law, radius, mass) -> float:
     unit = float(np.sqrt(lightest / stiffness))
     if scenario.dt is not None and scenario.dt > LIMIT * unit:
         raise ScenarioError(
-            f"dt = {scenario.dt:g} was given, but the lightest grain with six contacts is stable up to "
-            f"{LIMIT * unit:.3g} only: leave dt out, for {SAFETY * unit:.3g}, or give at most that"
+            f"dt = {scenario.dt:g} was given, but the lightest grain with six contacts is stable only up to "
+            f"{LIMIT * unit:.3g}: give less, or leave dt out to use {SAFETY * unit:.3g}"
         )
     dt = scenario.dt or SAFETY * unit
     if scenario.duration / dt > 1e9:
         raise ScenarioError(
-            f"the stages take {scenario.duration:g}, more than 1e9 steps of {dt:.3g}: use softer grains or less time"
+            f"the stages take {scenario.duration:g}, more than 1e9 steps of {dt:.3g}: use softer grains or "
+            f"shorter stages"
         )
     return dt
 
 
-def _deepest(scenario: FlowScenario, law: Law, q, r_eff: float, heaviest: float) -> float:
-    """Overlap at which a contact holds the largest push and stores the energy of the hardest collision [length]."""
+def _largest_overlap(scenario: FlowScenario, law: Law, q, r_eff: float, heaviest: float) -> float:
+    """Return the overlap [length] at which a contact bears the largest force and stores the collision energy."""
     gravities = [g for g in (scenario.gravity, *(s.gravity for s in scenario.stages)) if g is not None]
     g = max((float(np.linalg.norm(v)) for v in gravities), default=0.0)
     height = float(np.linalg.norm(np.subtract(scenario.grains.high, scenario.grains.low)))
-    speed = float(np.sqrt(2 * g * height)) + _fastest(scenario)
-    pushes = [abs(p) for p in (pressing(plate, scenario) for plate in scenario.plates) if p is not None]
+    speed = float(np.sqrt(2 * g * height)) + _largest_velocity(scenario)
+    pushes = [abs(p) for p in (initial_plate_force(plate, scenario) for plate in scenario.plates) if p is not None]
     pushes += [abs(w.force) for w in scenario.walls if w.force is not None]
     pushes += [abs(f) for stage in scenario.stages for f in stage.force.values()]
     span = scenario.cell.size or np.subtract(scenario.grains.high, scenario.grains.low)
@@ -301,7 +305,7 @@ def _deepest(scenario: FlowScenario, law: Law, q, r_eff: float, heaviest: float)
     static = max(pushes, default=0.0) * min(float(share), 1.0)
     energy = 0.25 * heaviest * speed**2
     low, high = 0.0, 2 * r_eff
-    for _ in range(60):  # at most a radius: beyond it no law means anything
+    for _ in range(60):  # at most a radius, beyond which no law is meaningful
         middle = 0.5 * (low + high)
         force = float(normal_force(law.kind, q, r_eff, middle))
         if isinstance(law.kind, Kind):
@@ -312,8 +316,8 @@ def _deepest(scenario: FlowScenario, law: Law, q, r_eff: float, heaviest: float)
     return max(high, 1e-12 * r_eff)
 
 
-def _fastest(scenario: FlowScenario) -> float:
-    """The largest velocity that the scenario prescribes along one axis."""
+def _largest_velocity(scenario: FlowScenario) -> float:
+    """Return the largest velocity that the scenario prescribes along an axis."""
     motions = [body.velocity for body in (*scenario.walls, *scenario.plates)]
     motions += [motion for stage in scenario.stages for motion in stage.velocity.values()]
     most = 0.0

@@ -1,4 +1,4 @@
-"""What a flow leaves in its folder and on the terminal."""
+"""Output of a flow: files, archive, terminal summary and measures."""
 
 from functools import partial
 from pathlib import Path
@@ -23,12 +23,12 @@ def figures(result: FlowResult):
 
 
 def files(result: FlowResult):
-    """Yield (file name, function that writes it): the series as CSV."""
+    """Yield (file name, function that writes it) for the time series as CSV."""
     yield SERIES, partial(_write_series, result)
 
 
 def numbers(result: FlowResult) -> dict:
-    """What the archive holds besides scenario and version."""
+    """Return the contents of the archive, besides scenario and version."""
     found, shear = {}, plane_shear(result)
     if shear:
         found["plane_shear"] = plain(shear)
@@ -52,7 +52,7 @@ def numbers(result: FlowResult) -> dict:
 
 
 def _write_series(result: FlowResult, path: Path) -> None:
-    """One row a sample, with a header; vectors as columns _x, _y, _z, walls and plates by their names."""
+    """Write one row per sample, with a header; vectors have columns _x, _y, _z, walls and plates have their names."""
     series, columns = result.series, {}
     bodies = {"wall": result.poured.walls, "plate": tuple(result.poured.plates)}
     for name in Series._fields:
@@ -69,7 +69,7 @@ def _write_series(result: FlowResult, path: Path) -> None:
 
 
 def show(result: FlowResult) -> None:
-    """How every stage ended, and the numbers of plane shear, on the terminal."""
+    """Print the end of each stage and the measures of plane shear."""
     table = Table(title="Stages", **STYLE)
     for name in ("stage", "until", "energy", "unbalanced", "z", "deposit along x", "top"):
         table.add_column(name, justify="right", no_wrap=True)
@@ -85,7 +85,7 @@ def show(result: FlowResult) -> None:
     console.print(table)
     for stage in result.stages:
         if stage.rested is False:
-            words = f"stage {stage.name!r} used up its duration before rest: allow more, or more drag"
+            words = f"stage {stage.name!r} reached its duration before rest: use a longer duration or more drag"
             console.print(words, style="yellow")
     if shear := plane_shear(result):
         console.print(
@@ -96,7 +96,7 @@ def show(result: FlowResult) -> None:
 
 
 def measures(result: FlowResult) -> dict[str, tuple[float, str]]:
-    """{name: (value, unit)} of a run, for sweeps: the deposit at its end, in units of the scenario, and plane shear."""
+    """Return {name: (value, unit)} for sweeps: the final deposit, in units of the scenario, and plane shear."""
     series, left = result.series, deposit(result.frames[-1], result.poured.loose)
     out = {
         "end": (series.time[-1], "time"),

@@ -1,6 +1,6 @@
-"""A scenario of flow: grains poured between walls and plates, and stages in which walls go, plates move, gravity turns.
+"""Scenario of a flow: grains poured between walls and plates, then stages that remove walls, move plates, tilt gravity.
 
-Along y is up for plates and for pouring, but gravity is a vector. Units are the user's own, consistent ones.
+For plates and pouring, y points upwards; gravity is an arbitrary vector. Units are any consistent ones.
 """
 
 from itertools import pairwise
@@ -12,83 +12,85 @@ from ...data.law_file import LawFile
 from ...data.schema import Duration, Finite, Listed, NotNegative, Part, Positive, Seed, Several, Whole
 
 AXES = "xyz"
-MOST = 1_000_000  # grains of a pouring or a plate, and periods of a shaking
+MOST = 1_000_000  # grains that are poured or form a plate, and periods of shaking
 Vector = Annotated[tuple[Finite, ...], Listed, Field(min_length=2, max_length=3)]
 Knot = Annotated[tuple[Finite, Finite], Listed]
-Name = Annotated[str, Field(pattern=r"^[ .]*[\w+-][\w .+-]*$", max_length=40)]  # a word for tables, files and sentences
+Name = Annotated[str, Field(pattern=r"^[ .]*[\w+-][\w .+-]*$", max_length=40)]  # for tables, files and messages
 Names = Annotated[tuple[str, ...], Listed]
 
 
 class Shaking(Part):
-    """A velocity of A sin(2π f t + φ), t from the start of its stage."""
+    """A velocity A sin(2π f t + φ), with t measured from the start of the stage."""
 
-    amplitude: Finite = Field(description="of the velocity; over 2π f that of the displacement [length/time]")
-    frequency: Positive = Field(description="f, not angular [1/time]")
+    amplitude: Finite = Field(description="velocity amplitude A; the displacement amplitude is A/(2π f) [length/time]")
+    frequency: Positive = Field(description="f, not the angular frequency [1/time]")
     phase: Finite = Field(0.0, description="φ [rad]")
 
 
-def _course(value):
-    """One sentence for what is no course of time: pydantic would give one for each member of the union."""
+def _check_course(value):
+    """Check a velocity course, with one message instead of pydantic's message for each member of the union."""
     number = isinstance(value, int | float) and not isinstance(value, bool)
     table = isinstance(value, list | tuple) and len(value) > 1
     if not (number or table or isinstance(value, dict | Shaking)):
         raise ValueError(
-            f"a velocity of {str(value)[:100]!r} was given: it is a number, a table [[time, velocity], …] of two rows "
-            f"or more, or {{amplitude, frequency, phase}}"
+            f"a velocity of {str(value)[:100]!r} was given: use a number, a table [[time, velocity], …] of two or more "
+            f"rows, or {{amplitude, frequency, phase}}"
         )
     return tuple(value) if table else value
 
 
-Course = Annotated[Finite | tuple[Knot, ...] | Shaking, BeforeValidator(_course)]
+Course = Annotated[Finite | tuple[Knot, ...] | Shaking, BeforeValidator(_check_course)]
 
 
 class Motion(Part):
-    """Velocity along each axis that is prescribed; along the others nothing changes."""
+    """Prescribed velocity along some axes; the motion along the others does not change."""
 
-    x: Course | None = Field(None, description="a number, [[time, velocity], …], or a shaking [length/time]")
+    x: Course | None = Field(None, description="a number, [[time, velocity], …] or shaking [length/time]")
     y: Course | None = Field(None, description="as `x` [length/time]")
-    z: Course | None = Field(None, description="as `x`, in three dimensions [length/time]")
+    z: Course | None = Field(None, description="as `x`, in three dimensions only [length/time]")
 
     @model_validator(mode="after")
-    def _in_order(self):
+    def _check_times(self):
         for axis, course in self.prescribed.items():
             times = [t for t, _ in course] if isinstance(course, tuple) else []
             if times and (times[0] < 0 or any(b <= a for a, b in pairwise(times))):
                 raise ValueError(
-                    f"the table of a velocity along {axis} needs times from 0 on that increase, not {times}"
+                    f"the velocity along {axis} has a table with times {times}: use increasing times from 0 on"
                 )
         return self
 
     @property
     def prescribed(self) -> dict[str, float | tuple | Shaking]:
-        """The courses that are given, by axis."""
+        """The prescribed velocity courses, by axis."""
         return {axis: getattr(self, axis) for axis in AXES if getattr(self, axis) is not None}
 
 
 class Pour(Part):
-    """Grains, poured onto a loose lattice in a region, without overlap, from its bottom up."""
+    """Grains placed on a loose lattice in a region, without overlap, from the bottom up."""
 
-    number: Annotated[int, Field(ge=1, le=MOST)] = Field(description="of grains")
+    number: Annotated[int, Field(ge=1, le=MOST)] = Field(description="number of grains")
     low: Vector = Field(description="corner of the region [length]")
     high: Vector = Field(description="opposite corner [length]")
     dim: Literal[2, 3] = Field(2, description="2: disks in the plane, 3: spheres")
-    radius: Several = Field(0.5, description="one, or several sizes of equally many grains each [length]")
+    radius: Several = Field(0.5, description="one radius, or several with equal numbers of grains [length]")
     polydispersity: Annotated[float, Field(ge=0, le=0.5)] = Field(
-        0.0, description="radii vary by up to this share, uniformly"
+        0.0, description="largest relative deviation of the radii, uniformly distributed"
     )
-    density: Positive | None = Field(None, description="over volume, in two dimensions area [mass/length^dim]")
-    mass: Positive | None = Field(None, description="of every grain, in place of density [mass]")
-    i0: Positive | None = Field(None, description="moment of inertia I0 m R²; 2/5 for spheres, 1/2 for disks")
-    gap: Annotated[float, Field(gt=0, le=2)] = Field(0.1, description="of the lattice, in largest diameters")
+    density: Positive | None = Field(None, description="mass per volume, in two dimensions per area [mass/length^dim]")
+    mass: Positive | None = Field(None, description="mass of each grain, instead of density [mass]")
+    i0: Positive | None = Field(
+        None, description="I0 in the moment of inertia I0 m R²; default: 2/5 for spheres, 1/2 for disks"
+    )
+    gap: Annotated[float, Field(gt=0, le=2)] = Field(0.1, description="gap between lattice sites, in largest diameters")
 
     @model_validator(mode="after")
-    def _makes_sense(self):
+    def _check_grains(self):
         if (self.density is None) == (self.mass is None):
-            raise ValueError("grains.density and grains.mass: give one of them, and not both")
+            raise ValueError("give exactly one of grains.density and grains.mass")
         if isinstance(self.radius, tuple) and len(self.radius) > self.number:
             raise ValueError(f"grains.radius has {len(self.radius)} sizes for {self.number} grains: give fewer")
         for name in ("low", "high"):
-            _of_length(f"grains.{name}", getattr(self, name), self.dim)
+            _check_components(f"grains.{name}", getattr(self, name), self.dim)
         for axis, a, b in zip(AXES, self.low, self.high, strict=False):
             if a >= b:
                 raise ValueError(
@@ -98,35 +100,38 @@ class Pour(Part):
 
 
 class FlowLaw(LawFile):
-    """Contact law: stiffness by k_n and k_t or by elastic constants, damping by coefficients or by a restitution."""
+    """Contact law: stiffness from k_n and k_t or elastic constants, damping from coefficients or a restitution."""
 
     kind: Literal[
         "hertz_mindlin", "hertz_mindlin_reff", "linear", "hertz_mindlin_rescaled", "hertz_mindlin_reff_rescaled"
     ] = Field(
         "linear",
-        description="F_n = k_n δ^(3/2), k_n √R_eff δ^(3/2), or k_n δ; rescaled: slips shorten as overlaps fall",
+        description="F_n = k_n δ^(3/2), k_n √R_eff δ^(3/2), or k_n δ; rescaled: slip shrinks as overlap decreases",
     )  # fmt: skip
-    coulomb: Literal["smooth", "sharp"] = Field("sharp", description="how F_t comes to Coulomb's limit μ F_n")
+    coulomb: Literal["smooth", "sharp"] = Field("sharp", description="how F_t approaches the Coulomb limit μ F_n")
     kn: Positive | None = Field(
-        None, description="k_n; Hertz: over length^(1/2), with R_eff over length, too [force/length]"
+        None,
+        description="k_n; unit over length^(1/2) for hertz_mindlin, over length for hertz_mindlin_reff [force/length]",
     )
-    kt: NotNegative | None = Field(None, description="k_t, as `kn`; 2/7 of it unless given [force/length]")
-    young: Positive | None = Field(None, description="E, for kn and kt; hertz_mindlin_reff only [force/length²]")
+    kt: NotNegative | None = Field(None, description="k_t, in the units of `kn`; default: 2/7 of `kn` [force/length]")
+    young: Positive | None = Field(None, description="E, determines kn and kt; hertz_mindlin_reff only [force/length²]")
     poisson: Annotated[float, Field(gt=-1, le=0.5)] | None = Field(None, description="ν")
-    mu: NotNegative = Field(0.5, description="friction between grains")
+    mu: NotNegative = Field(0.5, description="friction coefficient between grains")
     damping: Literal["velocity", "mass_velocity", "viscoelastic"] | None = Field(
-        None, description="what γ multiplies; viscoelastic for hertz_mindlin_reff, else mass_velocity"
+        None, description="what γ multiplies; default: viscoelastic for hertz_mindlin_reff, otherwise mass_velocity"
     )
-    damping_n: NotNegative | None = Field(None, description="γ_n, in units that `damping` makes; 0 unless given")
-    damping_t: NotNegative | None = Field(None, description="γ_t, as damping_n")
+    damping_n: NotNegative | None = Field(None, description="γ_n, in units that depend on `damping`; default: 0")
+    damping_t: NotNegative | None = Field(None, description="γ_t, as `damping_n`")
     restitution: Annotated[float, Field(gt=0, le=1)] | None = Field(
-        None, description="of two grains of mean size at `speed`, in place of damping coefficients"
+        None, description="restitution of two grains of mean size at `speed`, instead of damping coefficients"
     )
-    speed: Positive | None = Field(None, description="of the restitution; a linear law needs none [length/time]")
-    tension: bool = Field(False, description="whether a dashpot may make a contact pull")
+    speed: Positive | None = Field(
+        None, description="collision speed for `restitution`; not needed by a linear law [length/time]"
+    )
+    tension: bool = Field(False, description="whether dashpots may make contact forces attractive")
 
     @model_validator(mode="after")
-    def _one_way(self):
+    def _check_parameters(self):
         if self.file is not None:
             return self
         elastic = [name for name in ("young", "poisson") if getattr(self, name) is not None]
@@ -148,64 +153,76 @@ class FlowLaw(LawFile):
             raise ValueError("law.speed was given without law.restitution: leave it out")
         if self.restitution not in (None, 1.0) and self.kind != "linear" and self.speed is None:
             raise ValueError(
-                f"law.restitution of a {self.kind} law depends on the speed of the collision: give law.speed, too"
+                f"law.restitution of a {self.kind} law depends on the collision speed: also give law.speed"
             )
         return self
 
 
 class Box(Part):
-    """The cell: its lengths from the origin, and the axes along which it repeats."""
+    """The cell: its lengths from the origin, and its periodic axes."""
 
-    size: Vector | None = Field(None, description="needed for periodic axes and for plates, which span it [length]")
-    periodic: Annotated[tuple[Literal["x", "y", "z"], ...], Listed] = Field((), description="axes")
+    size: Vector | None = Field(
+        None, description="lengths; needed for periodic axes and for plates, which span the cell [length]"
+    )
+    periodic: Annotated[tuple[Literal["x", "y", "z"], ...], Listed] = Field((), description="periodic axes")
 
 
 class FlatWall(Part):
-    """An infinite flat wall: frozen, driven at a velocity, or pushed along its normal by a force."""
+    """An infinite flat wall: fixed, driven at a velocity, or loaded by a force along its normal."""
 
-    name: Name = Field(description="by which stages and files call it")
-    point: Vector = Field(description="on its surface [length]")
-    normal: Vector = Field(description="towards the grains; of any length")
+    name: Name = Field(description="name in stages and files")
+    point: Vector = Field(description="point on the surface [length]")
+    normal: Vector = Field(description="normal towards the grains, of any length")
     velocity: Motion = Motion()
-    force: Finite | None = Field(None, description="along the normal, towards the grains; its weight adds [force]")
-    mass: Positive | None = Field(None, description="needed with a force [mass]")
-    mu: NotNegative | None = Field(None, description="friction with grains where it is not law.mu")
+    force: Finite | None = Field(
+        None, description="force along the normal, towards the grains; the weight is added [force]"
+    )
+    mass: Positive | None = Field(None, description="mass, needed with a force [mass]")
+    mu: NotNegative | None = Field(None, description="friction coefficient with grains; default: law.mu")
 
 
 class Plate(Part):
-    """A rough plate: one row (in three dimensions a square lattice) of glued grains across the cell, rigid."""
+    """A rigid rough plate of glued grains across the cell: one row, or in three dimensions a square lattice."""
 
-    name: Name = Field(description="by which stages and files call it")
-    height: Finite = Field(description="y of its grains [length]")
-    radius: Positive | None = Field(None, description="of its grains; the mean radius unless given [length]")
-    spacing: Positive | None = Field(None, description="of its grains, about; or 1.2 of their diameter [length]")
-    mass: Positive | None = Field(None, description="of the plate; that of its grains unless given [mass]")
+    name: Name = Field(description="name in stages and files")
+    height: Finite = Field(description="y coordinate of its grains [length]")
+    radius: Positive | None = Field(None, description="radius of its grains; default: the mean radius [length]")
+    spacing: Positive | None = Field(
+        None, description="approximate distance of its grains; default: 1.2 diameters [length]"
+    )
+    mass: Positive | None = Field(None, description="mass of the plate; default: that of its grains [mass]")
     velocity: Motion = Motion()
-    force: Finite | None = Field(None, description="along y, towards the poured grains; its weight adds [force]")
-    pressure: Finite | None = Field(None, description="in place of a force [force/length^(dim−1)]")
+    force: Finite | None = Field(
+        None, description="force along y, towards the poured grains; the weight is added [force]"
+    )
+    pressure: Finite | None = Field(None, description="pressure instead of a force [force/length^(dim−1)]")
 
 
 class Stage(Part):
-    """A part of the run, and what changes when it starts; what does not change stays as it was."""
+    """A part of the run, and the changes at its start; everything else stays as it was."""
 
-    name: Name = Field(description="by which progress and files call it")
-    duration: Duration = Field(description="of the stage, with `until` at most [time]")
-    until: Literal["rest"] | None = Field(None, description='"rest" ends the stage early; duration is the longest')
+    name: Name = Field(description="name in progress messages and files")
+    duration: Duration = Field(description="duration, or longest duration with `until` [time]")
+    until: Literal["rest"] | None = Field(
+        None, description='"rest" ends the stage early, as soon as the grains are at rest'
+    )
     unbalanced: Positive = Field(
-        1e-2, description="at rest: mean unbalanced force of the grains over mean contact force"
+        1e-2, description="limit at rest: mean unbalanced force of grains over mean contact force"
     )
     kinetic: Positive = Field(
-        1e-4, description="and at rest: kinetic over elastic energy; 1e-4 lets forces still swing by 1 %"
+        1e-4, description="limit at rest: kinetic over elastic energy; at 1e-4, forces still oscillate by 1 %"
     )
-    remove: Names = Field((), description="walls")
-    velocity: dict[str, Motion] = Field({}, description="of walls and plates, by name: see [[walls]] [length/time]")
-    force: dict[str, Finite] = Field({}, description="on walls and plates, by name, towards the grains [force]")
-    gravity: Vector | None = Field(None, description="from here on; as before unless given [length/time²]")
-    drag: NotNegative | None = Field(None, description="from here on; as before unless given [1/time]")
+    remove: Names = Field((), description="names of walls to remove")
+    velocity: dict[str, Motion] = Field(
+        {}, description="velocity of walls and plates, by name: see [[walls]] [length/time]"
+    )
+    force: dict[str, Finite] = Field({}, description="force on walls and plates, by name, towards the grains [force]")
+    gravity: Vector | None = Field(None, description="gravity from this stage on; default: as before [length/time²]")
+    drag: NotNegative | None = Field(None, description="drag from this stage on; default: as before [1/time]")
 
 
 class FlowScenario(Whole):
-    """Everything that defines a flow."""
+    """Complete definition of a flow."""
 
     experiment: Literal["flow"] = "flow"
     seed: Seed = 0
@@ -214,20 +231,20 @@ class FlowScenario(Whole):
     cell: Box = Box()
     walls: Annotated[tuple[FlatWall, ...], Listed] = ()
     plates: Annotated[tuple[Plate, ...], Listed] = ()
-    gravity: Vector | None = Field(None, description="none unless given [length/time²]")
-    drag: NotNegative = Field(0.0, description="of translations and rotations [1/time]")
+    gravity: Vector | None = Field(None, description="gravity; default: none [length/time²]")
+    drag: NotNegative = Field(0.0, description="drag on translations and rotations [1/time]")
     stages: Annotated[tuple[Stage, ...], Listed, Field(min_length=1)]
-    dt: Positive | None = Field(None, description="time step; a twentieth of a collision unless given [time]")
+    dt: Positive | None = Field(None, description="time step; default: a twentieth of a collision [time]")
     samples: Annotated[int, Field(ge=2, le=100_000)] = Field(400, description="rows of the time series")
-    frames: Annotated[int, Field(ge=2, le=10_000)] = Field(20, description="states that are kept")
+    frames: Annotated[int, Field(ge=2, le=10_000)] = Field(20, description="number of saved states")
 
     @property
     def duration(self) -> float:
-        """The longest that all stages together can take [time]."""
+        """Longest possible duration of all stages together [time]."""
         return sum(stage.duration for stage in self.stages)
 
     @model_validator(mode="after")
-    def _lies_in_space(self):
+    def _check_dimensions(self):
         dim = self.grains.dim
         vectors = {"gravity": self.gravity, "cell.size": self.cell.size}
         for wall in self.walls:
@@ -235,17 +252,17 @@ class FlowScenario(Whole):
         vectors |= {f"gravity of stage {stage.name!r}": stage.gravity for stage in self.stages}
         for name, vector in vectors.items():
             if vector is not None:
-                _of_length(name, vector, dim)
+                _check_components(name, vector, dim)
         motions = {body.name: body.velocity for body in (*self.walls, *self.plates)}
         for stage in self.stages:
             motions |= {f"{name} in stage {stage.name}": m for name, m in stage.velocity.items()}
         for name, motion in motions.items():
             if dim == 2 and motion.z is not None:
-                raise ValueError(f"the velocity of {name} has a component z, but grains.dim = 2: leave it out")
+                raise ValueError(f"the velocity of {name} has a z component, but grains.dim = 2: leave it out")
         return self
 
     @model_validator(mode="after")
-    def _cell_fits(self):
+    def _check_cell(self):
         dim, size, periodic = self.grains.dim, self.cell.size, self.cell.periodic
         if (periodic or self.plates) and size is None:
             raise ValueError("cell.size is missing: periodic axes and plates need it")
@@ -254,7 +271,7 @@ class FlowScenario(Whole):
         for axis in periodic:
             k = AXES.index(axis)
             if k >= dim:
-                raise ValueError(f'cell.periodic holds "{axis}", but grains.dim = {dim}: leave it out')
+                raise ValueError(f'cell.periodic contains "{axis}", but grains.dim = {dim}: leave it out')
             if self.grains.high[k] - self.grains.low[k] > size[k] * (1 + 1e-12):
                 raise ValueError(f"the region of grains is longer than the periodic cell along {axis}: shorten it")
             for wall in self.walls:
@@ -263,31 +280,31 @@ class FlowScenario(Whole):
                         f"wall {wall.name!r} crosses the cell, which is periodic along {axis}: leave one of them out"
                     )
         if "y" in periodic and self.plates:
-            raise ValueError('plates bound the cell along y, which cell.periodic holds: leave "y" out')
+            raise ValueError('plates bound the cell along y, but cell.periodic contains "y": leave it out')
         return self
 
     @model_validator(mode="after")
-    def _bodies_are_sound(self):
+    def _check_bodies(self):
         bodies = (*self.walls, *self.plates)
         names = [body.name for body in bodies]
         for name in names:
             if names.count(name) > 1:
-                raise ValueError(f"two walls or plates are called {name!r}: give each a name of its own")
+                raise ValueError(f"two walls or plates are called {name!r}: give each a different name")
         for wall in self.walls:
             if not any(wall.normal):
                 raise ValueError(
-                    f"wall {wall.name!r} has a normal of length zero: give one that points towards the grains"
+                    f"wall {wall.name!r} has a normal of length zero: give a vector that points towards the grains"
                 )
         for plate in self.plates:
             if plate.force is not None and plate.pressure is not None:
                 raise ValueError(f"plate {plate.name!r} has force and pressure: give one of them")
         for body in bodies:
-            if _pushed(body):
-                _one_control(body, body.velocity, "")
+            if _has_force(body):
+                _check_control(body, body.velocity, "")
         return self
 
     @model_validator(mode="after")
-    def _stages_are_sound(self):
+    def _check_stages(self):
         bodies = {body.name: body for body in (*self.walls, *self.plates)}
         walls, gone = {wall.name for wall in self.walls}, set()
         for stage in self.stages:
@@ -308,44 +325,45 @@ class FlowScenario(Whole):
                     )
             gone |= set(stage.remove)
             for name in stage.force:
-                _one_control(bodies[name], stage.velocity.get(name, Motion()), f" in stage {stage.name!r}")
+                _check_control(bodies[name], stage.velocity.get(name, Motion()), f" in stage {stage.name!r}")
         return self
 
     @model_validator(mode="after")
-    def _affordable(self):
+    def _check_cost(self):
         if self.dt is not None and self.duration / self.dt > 1e9:
-            raise ValueError(f"dt = {self.dt:g} makes more than 1e9 steps: use shorter stages or a longer dt")
+            raise ValueError(f"dt = {self.dt:g} gives more than 1e9 steps: use shorter stages or a longer dt")
         motions = [(body.name, body.velocity) for body in (*self.walls, *self.plates)]
         motions += [item for stage in self.stages for item in stage.velocity.items()]
         shaken = [(name, way) for name, one in motions for way in one.prescribed.values() if isinstance(way, Shaking)]
         for name, shaking in shaken:
             if (times := shaking.frequency * self.duration) > MOST:
                 raise ValueError(
-                    f"{name} shakes {times:.3g} times: at most {MOST} are allowed, lower the frequency or run shorter"
+                    f"{name} shakes {times:.3g} times: at most {MOST} are allowed, use a lower frequency or shorter "
+                    f"stages"
                 )
         return self
 
 
-def _of_length(name: str, vector: tuple, dim: int) -> None:
+def _check_components(name: str, vector: tuple, dim: int) -> None:
     if len(vector) != dim:
         raise ValueError(f"{name} has {len(vector)} components, but grains.dim = {dim}: give {dim}")
 
 
-def _pushed(body: FlatWall | Plate) -> bool:
+def _has_force(body: FlatWall | Plate) -> bool:
     return body.force is not None or getattr(body, "pressure", None) is not None
 
 
-def axis_of(body: FlatWall | Plate) -> str | None:
-    """The axis along which a force can move a body: y for plates, that of a wall's normal, None if it is inclined."""
+def force_axis(body: FlatWall | Plate) -> str | None:
+    """Return the axis along which a force can move a body: y for plates, that of a wall's normal, None if inclined."""
     if isinstance(body, Plate):
         return "y"
     along = [axis for axis, n in zip(AXES, body.normal, strict=False) if n]
     return along[0] if len(along) == 1 else None
 
 
-def _one_control(body: FlatWall | Plate, velocity: Motion, where: str) -> None:
-    """Raise ValueError where a body cannot be controlled by a force, or is by a velocity, too."""
-    axis = axis_of(body)
+def _check_control(body: FlatWall | Plate, velocity: Motion, where: str) -> None:
+    """Raise ValueError if a body cannot be controlled by a force or is also controlled by a velocity."""
+    axis = force_axis(body)
     if axis is None:
         raise ValueError(
             f"wall {body.name!r} has a force{where} but an inclined normal: a force needs one along an axis"

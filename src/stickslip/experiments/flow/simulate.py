@@ -1,4 +1,4 @@
-"""A flow, run: grains poured, then stage after stage in chunks between samples, each told in physical quantities."""
+"""Simulation of a flow: grains are poured and its stages run in chunks between samples, with progress reports."""
 
 import time
 from collections.abc import Callable
@@ -17,72 +17,72 @@ from ...core.readable import readable
 from ...core.state import SLIDE, State
 from ...data.archive import ArchiveError
 from ...data.checkpoint import Kept, kept_in
-from .pouring import Poured, poured, samples_of
+from .pouring import Poured, poured, sample_count
 from .scenario import FlowScenario, Stage
-from .stages import controlled, imposed
+from .stages import stage_conditions, with_controls
 
 Report = Callable[[str, float, str], None]
 BINS = 24  # of the profile along y
-SAVE_EVERY = 20.0  # seconds after which a piece is kept although no frame is due
-MOST = 0.99  # share of the grains that `low` and `high` enclose from either side
+SAVE_EVERY = 20.0  # time after which a piece is saved even if no frame is due [s]
+ENCLOSED = 0.99  # fraction of the grains below `high`, and above `low`
 
 
 @readable
 class Series(NamedTuple):
-    """What was measured, T rows: of the poured grains, W walls and P plates, in the order of the scenario."""
+    """Time series with T rows: of the poured grains, W walls and P plates, in the order of the scenario."""
 
     time: np.ndarray  # (T,) [time]
-    stage: np.ndarray  # (T,) number of the stage that ends or goes on here
+    stage: np.ndarray  # (T,) index of the stage that the sample belongs to
     kinetic_energy: np.ndarray  # (T,) translations and rotations [energy]
     elastic_energy: np.ndarray  # (T,) stored in normal springs, plates included [energy]
     speed: np.ndarray  # (T,) mean [length/time]
-    unbalanced: np.ndarray  # (T,) mean unbalanced force of a grain over mean contact force; infinite without contacts
-    coordination: np.ndarray  # (T,) contacts of a grain that is no rattler
-    sliding_fraction: np.ndarray  # (T,) share of the contacts that is at Coulomb's limit
+    unbalanced: np.ndarray  # (T,) mean unbalanced force of grains over mean contact force; infinite without contacts
+    coordination: np.ndarray  # (T,) mean number of contacts of grains that are not rattlers
+    sliding_fraction: np.ndarray  # (T,) fraction of contacts at the Coulomb limit
     center: np.ndarray  # (T, 3) of mass [length]
-    low: np.ndarray  # (T, 3) below which 1 % of the grains' centres lie, along each axis [length]
-    high: np.ndarray  # (T, 3) above which 1 % of them lie [length]
-    wall_point: np.ndarray  # (T, W, 3) [length], NaN once removed
-    wall_force: np.ndarray  # (T, W, 3) of the grains on the wall [force], NaN once removed
+    low: np.ndarray  # (T, 3) position along each axis below which 1 % of the grains' centres lie [length]
+    high: np.ndarray  # (T, 3) position above which 1 % of them lie [length]
+    wall_point: np.ndarray  # (T, W, 3) [length], NaN after removal
+    wall_force: np.ndarray  # (T, W, 3) of the grains on the wall [force], NaN after removal
     plate_position: np.ndarray  # (T, P, 3) of the plate's centre [length]
     plate_force: np.ndarray  # (T, P, 3) of the grains on the plate [force]
-    profile_count: np.ndarray  # (T, BINS) grains by height
-    profile_velocity: np.ndarray  # (T, BINS, 3) their mean velocity, NaN without any [length/time]
+    profile_count: np.ndarray  # (T, BINS) number of grains by height
+    profile_velocity: np.ndarray  # (T, BINS, 3) their mean velocity, NaN without grains [length/time]
 
 
 class StageEnd(NamedTuple):
-    """How a stage ended."""
+    """End of a stage."""
 
     name: str
     start: float  # [time]
     end: float  # [time]
-    rested: bool | None  # whether rest was reached, None where it was not asked for
+    rested: bool | None  # whether rest was reached; None if not requested
 
 
 @readable
 class FlowResult(NamedTuple):
-    """Everything that a flow scenario found."""
+    """Result of a flow scenario."""
 
     scenario: FlowScenario
     law: Law
     poured: Poured
     stages: tuple[StageEnd, ...]
     series: Series
-    edges: np.ndarray  # (BINS + 1,) heights between the bins of the profile [length]
-    frames: tuple[State, ...]  # at the start, the ends of stages, and in between
+    edges: np.ndarray  # (BINS + 1,) heights of the bin edges of the profile [length]
+    frames: tuple[State, ...]  # at the start, at the ends of stages, and in between
     frame_walls: tuple[tuple[str, ...], ...]  # names of the walls that each frame still has
 
 
 class Piece(NamedTuple):
-    """What a run has done since the piece before, and what the rest of it needs."""
+    """Part of a run since the previous piece, and the state needed to continue."""
 
     stage: int
     begin: float  # of the stage [time]
-    samples: int  # of the stage that are done
+    samples: int  # finished samples of the stage
     rows: dict[str, np.ndarray]  # columns of `Series`
     state: State
-    frame: bool  # whether the result shows the state
-    end: StageEnd | None  # of the stage, where it is over
+    frame: bool  # whether the state is a frame of the result
+    end: StageEnd | None  # of the stage, if it is finished
 
 
 def simulate_flow(
@@ -96,24 +96,24 @@ def simulate_flow(
 
     Parameters
     ----------
-    folder : where frames are kept as soon as they are there. A run that was killed goes on from what is kept, and gives
-        the bits of one that was not
+    folder : where frames are saved during the run. An interrupted run continues from the saved frames, and its result
+        is bitwise the same as that of an uninterrupted run
     threads : as in `run`
-    report : called as report(stage, share done, words) after every sample
+    report : called as report(stage, fraction done, text) after every sample
 
     Raises
     ------
     ScenarioError
-        with one sentence, before anything is run, if grains, walls, plates and dt do not go together.
+        If grains, walls, plates and dt are incompatible; raised before the run, with one sentence.
     RuntimeError
-        with one sentence, if a grain moves faster than a radius in one step, or a position is not a number.
+        If a grain moves more than a radius in one step or a position is not a number; the message is one sentence.
     """
-    start, kept = poured(scenario), kept_in(folder, scenario, Piece, StageEnd)
-    pieces = _pieces(kept) if kept else []
+    start, checkpoint = poured(scenario), kept_in(folder, scenario, Piece, StageEnd)
+    pieces = _load_pieces(checkpoint) if checkpoint else []
 
     def keep(piece):
-        if kept:
-            kept.save(f"{len(pieces):06d}", piece)
+        if checkpoint:
+            checkpoint.save(f"{len(pieces):06d}", piece)
         pieces.append(piece)
 
     for number in range(len(scenario.stages)):
@@ -121,32 +121,32 @@ def simulate_flow(
             _run_stage(scenario, start, number, pieces, keep, threads, report)
     series = Series(*(np.concatenate([piece.rows[name] for piece in pieces]) for name in Series._fields))
     shown = [piece for piece in pieces if piece.frame]
-    walls = [imposed(scenario, [0.0] * (piece.stage + 1)).walls for piece in shown]
+    walls = [stage_conditions(scenario, [0.0] * (piece.stage + 1)).walls for piece in shown]
     return FlowResult(
-        scenario, start.law, start, tuple(piece.end for piece in pieces if piece.end), series, _edges(start),
+        scenario, start.law, start, tuple(piece.end for piece in pieces if piece.end), series, _bin_edges(start),
         (start.state, *(piece.state for piece in shown)), (start.walls, *walls),
     )  # fmt: skip
 
 
-def _pieces(kept: Kept) -> list[Piece]:
-    """All that a run has kept; ArchiveError if some of it is gone."""
-    for k, name in enumerate(kept.names):
+def _load_pieces(checkpoint: Kept) -> list[Piece]:
+    """Load the saved pieces of a run; raise ArchiveError if one is missing."""
+    for k, name in enumerate(checkpoint.names):
         if name != f"{k:06d}":
-            raise ArchiveError(f"the piece {k:06d} is missing in {kept.folder}: begin again with --overwrite")
-    return [kept.load(name) for name in kept.names]
+            raise ArchiveError(f"the piece {k:06d} is missing in {checkpoint.folder}: start again with --overwrite")
+    return [checkpoint.load(name) for name in checkpoint.names]
 
 
 def _run_stage(scenario: FlowScenario, start: Poured, number: int, pieces: list[Piece], keep, threads, report) -> None:
-    """Run what is left of a stage; `keep` adds to the pieces."""
-    stage, edges = scenario.stages[number], _edges(start)
-    state, begin, done, acts = _entered(scenario, start, number, pieces)
-    count = samples_of(stage, scenario)
+    """Run the rest of a stage; `keep` appends to the pieces."""
+    stage, edges = scenario.stages[number], _bin_edges(start)
+    state, begin, done, conditions = _enter_stage(scenario, start, number, pieces)
+    count = sample_count(stage, scenario)
     every = max(1, round(scenario.samples / scenario.frames))
     total, rows, saved = sum(len(piece.rows["time"]) for piece in pieces), [], time.monotonic()
     for k in range(done, count):
-        state = _advanced(state, start, acts.drag, begin + (k + 1) * stage.duration / count, threads)
-        rows.append(_measured(state, start, acts.walls, number, edges))
-        words, rests = _words(rows[-1]), stage.until == "rest" and _rests(rows[-1], stage)
+        state = _advance(state, start, conditions.drag, begin + (k + 1) * stage.duration / count, threads)
+        rows.append(_measure(state, start, conditions.walls, number, edges))
+        words, rests = _describe_row(rows[-1]), stage.until == "rest" and _is_at_rest(rows[-1], stage)
         over = rests or k + 1 == count
         frame = over or (total + k + 1 - done) % every == 0
         if frame or time.monotonic() - saved > SAVE_EVERY:
@@ -154,32 +154,32 @@ def _run_stage(scenario: FlowScenario, start: Poured, number: int, pieces: list[
             columns = {name: np.array([row[name] for row in rows]) for name in Series._fields}
             keep(Piece(number, begin, k + 1, columns, state, frame, end))
             rows, saved = [], time.monotonic()
-        report(stage.name, (k + 1) / count, f"{words}, {sum(piece.frame for piece in pieces)} frames kept")
+        report(stage.name, (k + 1) / count, f"{words}, {sum(piece.frame for piece in pieces)} frames saved")
         if over:
             return
 
 
-def _entered(scenario: FlowScenario, start: Poured, number: int, pieces: list[Piece]):
-    """State, time at which the stage began, its samples that are done, and what acts in it."""
+def _enter_stage(scenario: FlowScenario, start: Poured, number: int, pieces: list[Piece]):
+    """Return the state, the start time of the stage, its finished samples and its conditions."""
     last = pieces[-1] if pieces else None
     begins = [piece.end.start for piece in pieces if piece.end]
     if last and last.stage == number:
-        return last.state, last.begin, last.samples, imposed(scenario, [*begins, last.begin])
+        return last.state, last.begin, last.samples, stage_conditions(scenario, [*begins, last.begin])
     state = last.state if last else start.state
-    before, acts = imposed(scenario, begins), imposed(scenario, [*begins, state.time])
+    before, conditions = stage_conditions(scenario, begins), stage_conditions(scenario, [*begins, state.time])
     begin, stage = state.time, scenario.stages[number]
     state = without_walls(state, [k for k, name in enumerate(before.walls) if name in stage.remove])
-    return controlled(state, start, acts, begin + stage.duration), begin, 0, acts
+    return with_controls(state, start, conditions, begin + stage.duration), begin, 0, conditions
 
 
-def _edges(start: Poured) -> np.ndarray:
-    """(BINS + 1,) between the bins of the profile [length]."""
+def _bin_edges(start: Poured) -> np.ndarray:
+    """Return the (BINS + 1,) edges between the bins of the profile [length]."""
     height = start.state.grains.position[:, 1]
     return np.linspace(height.min(), height.max(), BINS + 1)
 
 
-def _advanced(state: State, start: Poured, drag: float, target: float, threads) -> State:
-    """The state at the target time, to half a step."""
+def _advance(state: State, start: Poured, drag: float, target: float, threads) -> State:
+    """Advance the state to the target time, to within half a time step."""
     steps = round((target - state.time) / start.dt)
     if steps < 1:
         return state
@@ -189,8 +189,8 @@ def _advanced(state: State, start: Poured, drag: float, target: float, threads) 
     return state
 
 
-def _measured(state: State, start: Poured, walls: tuple[str, ...], number: int, edges) -> dict:
-    """One row of the series."""
+def _measure(state: State, start: Poured, walls: tuple[str, ...], number: int, edges) -> dict:
+    """Return one row of the time series."""
     grains, loose, n = state.grains, start.loose, len(state.grains.radius)
     loads, _ = forces(state, start.law, memory=FROZEN)
     velocity, position, mass = grains.velocity[loose], grains.position[loose], grains.mass[loose]
@@ -215,8 +215,8 @@ def _measured(state: State, start: Poured, walls: tuple[str, ...], number: int, 
         "coordination": coordination(state),
         "sliding_fraction": (state.contacts.mode[rows] == SLIDE).mean() if len(rows) else 0.0,
         "center": mass @ position / mass.sum(),
-        "low": np.quantile(position, 1 - MOST, axis=0),
-        "high": np.quantile(position, MOST, axis=0),
+        "low": np.quantile(position, 1 - ENCLOSED, axis=0),
+        "high": np.quantile(position, ENCLOSED, axis=0),
         "wall_point": np.array([state.walls.point[w] if w >= 0 else nothing for w in here]).reshape(-1, 3),
         "wall_force": np.array([loads.force[n + w] if w >= 0 else nothing for w in here]).reshape(-1, 3),
         "plate_position": np.array([grains.position[p].mean(axis=0) for p in plates]).reshape(-1, 3),
@@ -226,12 +226,12 @@ def _measured(state: State, start: Poured, walls: tuple[str, ...], number: int, 
     }
 
 
-def _rests(row: dict, stage: Stage) -> bool:
+def _is_at_rest(row: dict, stage: Stage) -> bool:
     return row["unbalanced"] < stage.unbalanced and row["kinetic_energy"] < stage.kinetic * row["elastic_energy"]
 
 
-def _words(row: dict) -> str:
-    """One row in words, while the run goes on."""
+def _describe_row(row: dict) -> str:
+    """Describe a row for progress reports."""
     return (
         f"t = {row['time']:.4g}, kinetic {row['kinetic_energy']:.1e}, unbalanced {row['unbalanced']:.0e}, "
         f"z {row['coordination']:.1f}, {row['sliding_fraction']:.0%} sliding, speed {row['speed']:.1e}"
@@ -239,5 +239,5 @@ def _words(row: dict) -> str:
 
 
 def simulate_on_workers(scenario: FlowScenario, *, workers: int | None = None, **options) -> FlowResult:
-    """Run a scenario as experiments are called: `workers` are the threads of the one run."""
+    """Run a scenario with the signature of all experiments; `workers` is the number of threads of the single run."""
     return simulate_flow(scenario, threads=workers, **options)

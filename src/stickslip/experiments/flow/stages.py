@@ -1,4 +1,4 @@
-"""What moves walls and plates in the stages of a flow, gravity and drag."""
+"""Conditions in the stages of a flow: motion of walls and plates, gravity and drag."""
 
 from typing import NamedTuple
 
@@ -6,58 +6,58 @@ import numpy as np
 
 from ...core.control import driven, time_dependent
 from ...core.state import State, loads
-from .pouring import Poured, inward, pressing
-from .scenario import AXES, FlowScenario, Shaking, Stage, axis_of
+from .pouring import Poured, initial_plate_force, inward_sign
+from .scenario import AXES, FlowScenario, Shaking, Stage, force_axis
 
-KNOTS = 32  # of a period of shaking, between which its velocity is linear: 0.5 per cent off at most
+KNOTS = 32  # per period of shaking, with linear velocity in between: the error is at most 0.5 %
 
 
-class Imposed(NamedTuple):
-    """What acts during a stage."""
+class StageConditions(NamedTuple):
+    """Conditions during a stage."""
 
-    walls: tuple[str, ...]  # that are left
-    motion: dict[str, dict]  # of walls and plates, by axis: ("velocity", course, when it began) or ("force", size)
+    walls: tuple[str, ...]  # names of the remaining walls
+    motion: dict[str, dict]  # of walls and plates, by axis: ("velocity", course, start time) or ("force", value)
     gravity: tuple[float, ...]
     drag: float
 
 
-def imposed(scenario: FlowScenario, begins: list[float]) -> Imposed:
-    """What acts in the last of the stages that began at these times; without any, what the scenario begins with."""
-    acts = Imposed(
-        tuple(wall.name for wall in scenario.walls), _first_motion(scenario),
+def stage_conditions(scenario: FlowScenario, begins: list[float]) -> StageConditions:
+    """Return the conditions of the last stage from the start times of all stages so far; if none, the initial ones."""
+    conditions = StageConditions(
+        tuple(wall.name for wall in scenario.walls), _initial_motion(scenario),
         scenario.gravity or (0.0,) * scenario.grains.dim, scenario.drag,
     )  # fmt: skip
     for stage, begin in zip(scenario.stages, begins, strict=False):
-        acts = Imposed(
-            tuple(name for name in acts.walls if name not in stage.remove),
-            _changed(acts.motion, stage, scenario, begin),
-            stage.gravity or acts.gravity,
-            acts.drag if stage.drag is None else stage.drag,
+        conditions = StageConditions(
+            tuple(name for name in conditions.walls if name not in stage.remove),
+            _update_motion(conditions.motion, stage, scenario, begin),
+            stage.gravity or conditions.gravity,
+            conditions.drag if stage.drag is None else stage.drag,
         )
-    return acts
+    return conditions
 
 
-def _first_motion(scenario: FlowScenario) -> dict:
-    """What moves each body along each axis: ("velocity", course, when it began) or ("force", size); else it stands."""
+def _initial_motion(scenario: FlowScenario) -> dict:
+    """Return the initial motion of each body, as in `StageConditions`; along other axes, bodies are fixed."""
     motion = {}
     for body in (*scenario.walls, *scenario.plates):
         motion[body.name] = {axis: ("velocity", course, 0.0) for axis, course in body.velocity.prescribed.items()}
     for plate in scenario.plates:
-        if (push := pressing(plate, scenario)) is not None:
+        if (push := initial_plate_force(plate, scenario)) is not None:
             motion[plate.name]["y"] = ("force", push)
     for wall in scenario.walls:
         if wall.force is not None:
-            motion[wall.name][axis_of(wall)] = ("force", wall.force * _sign(wall))
+            motion[wall.name][force_axis(wall)] = ("force", wall.force * _normal_sign(wall))
     return motion
 
 
-def _sign(wall) -> float:
-    """Along which way of its axis a wall's normal points."""
+def _normal_sign(wall) -> float:
+    """Return the sign of a wall's normal along its axis."""
     return float(np.sign(sum(wall.normal)))
 
 
-def _changed(motion: dict, stage: Stage, scenario: FlowScenario, now: float) -> dict:
-    """What moves each body from the start of a stage on."""
+def _update_motion(motion: dict, stage: Stage, scenario: FlowScenario, now: float) -> dict:
+    """Return the motion of each body from the start of a stage on."""
     bodies = {body.name: body for body in (*scenario.walls, *scenario.plates)}
     plates = {plate.name for plate in scenario.plates}
     motion = {name: dict(axes) for name, axes in motion.items()}
@@ -65,13 +65,13 @@ def _changed(motion: dict, stage: Stage, scenario: FlowScenario, now: float) -> 
         motion[name] |= {axis: ("velocity", course, now) for axis, course in moves.prescribed.items()}
     for name, size in stage.force.items():
         body = bodies[name]
-        sign = inward(body, scenario) if name in plates else _sign(body)
-        motion[name][axis_of(body)] = ("force", sign * size)
+        sign = inward_sign(body, scenario) if name in plates else _normal_sign(body)
+        motion[name][force_axis(body)] = ("force", sign * size)
     return motion
 
 
 def knots(course: float | tuple | Shaking, duration: float) -> tuple[np.ndarray, np.ndarray]:
-    """Times and values of a course, linear between them and constant after the last.
+    """Return times and values of a velocity course, linear in between and constant after the last.
 
     Examples
     --------
@@ -86,16 +86,16 @@ def knots(course: float | tuple | Shaking, duration: float) -> tuple[np.ndarray,
     return np.zeros(1), np.full(1, float(course))
 
 
-def controlled(state: State, start: Poured, acts: Imposed, until: float) -> State:
-    """The state with walls and plates controlled from now to the end of a stage."""
+def with_controls(state: State, start: Poured, conditions: StageConditions, until: float) -> State:
+    """Return the state with the control of walls and plates until the end of a stage."""
     n, pull = len(state.grains.radius), np.zeros(3)
-    pull[: len(acts.gravity)] = acts.gravity
-    control = loads(n, len(acts.walls), gravity=pull)._replace(group=state.control.group)
-    for name in (*acts.walls, *start.plates):
+    pull[: len(conditions.gravity)] = conditions.gravity
+    control = loads(n, len(conditions.walls), gravity=pull)._replace(group=state.control.group)
+    for name in (*conditions.walls, *start.plates):
         rows = start.plates.get(name)
-        rows = np.array([n + acts.walls.index(name)]) if rows is None else rows
+        rows = np.array([n + conditions.walls.index(name)]) if rows is None else rows
         control = driven(control, rows, 0.0)
-        for axis, way in acts.motion[name].items():
+        for axis, way in conditions.motion[name].items():
             k = AXES.index(axis)
             if way[0] == "force":
                 control.free[rows, k], control.force[rows[0], k] = True, way[1]

@@ -1,1 +1,1 @@
-"""Reports on one packing: stability, details, and the page that `stickslip report` writes."""
+"""Reports on one packing: stability, details, and the page written by `stickslip report`."""

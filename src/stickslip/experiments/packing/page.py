@@ -1,4 +1,4 @@
-"""A run, or anybody's packing, to look at: one page with everything in it, or a movie."""
+"""Pages and movies of a run or a packing; a page is one self-contained file."""
 
 import json
 from collections import Counter
@@ -29,107 +29,107 @@ from .. import claims as claims_table
 from ..registry import EXPERIMENTS
 from ..run_folder import CLAIMS, FILM, NUMBERS, files_of
 from ..sweep.dataset import DATASET, is_sweep, open_sweep
-from .page_output import placed
-from .report import Settled, causes, judged, law_in_words, modes_of, settled, verdict
+from .page_output import staged_file
+from .report import Settling, causes, describe_law, growing_modes, judged, settled, verdict
 
-SMALL = 500  # grains, up to which the states of a run are searched for one that is unstable
-DRAWN = 2000  # grains, up to which a packing is drawn as a figure, too
-MODES = 6  # that a page animates
-REMEDY = "Give what is missing, or let it come to rest with --settle"
-ROWS = 60  # of a table of measures or members; what is left out is said
+SMALL = 500  # grains up to which the states of a run are searched for an unstable one
+DRAWN = 2000  # grains up to which a packing is also drawn as a figure
+MODES = 6  # modes that a page animates
+REMEDY = "Give the missing data, or settle the packing with --settle"
+ROWS = 60  # of a table of measures or members; the number of omitted rows is shown
 
 
-class Seen(NamedTuple):
-    """What there is to show of a run or a packing."""
+class PageContent(NamedTuple):
+    """Content of the page of a run or a packing."""
 
     title: str
     about: str
     frames: list[Frame]
     labels: list[str]
-    at: int  # the frame whose modes these are
+    at: int  # index of the frame that `modes` belong to
     modes: list  # translation, rotation, exponent of each, the fastest first
     sections: list[tuple[str, str]]  # heading and HTML, without the view
     si: bool = False
-    without: str = ""  # why there is nothing to see in three dimensions
-    warning: str = ""  # what must not be overlooked: that there is no equilibrium, or that the packing was settled
-    unjudged: str = ""  # why no mode of the frame `at` is an instability: its forces do not balance
+    without: str = ""  # reason why there is no view in three dimensions
+    warning: str = ""  # prominent warning: there is no equilibrium, or the packing was settled
+    unjudged: str = ""  # reason why no mode of the frame `at` is an instability: its forces do not balance
 
 
 def seen(
     place: Path, *, modes: Path | None, options: dict, settle: bool = False, report=None, search: bool = True
-) -> Seen:  # fmt: skip
-    """What there is to show of a folder or of a packing's file; `options` of `read_packing`, a folder has `frame`."""
+) -> PageContent:  # fmt: skip
+    """Load the content for a folder or packing file; `options` are those of `read_packing`, or `frame` for a folder."""
     if not place.is_dir() and (place.is_file() or place.suffix):
         return packing_seen(place, modes=modes, options=options, settle=settle, report=report)
     own = (*options.items(), ("modes", modes), ("settle", settle or None))
     given = [name for name, value in own if value is not None and name != "frame"]
     if given:
-        raise ValueError(f"--{given[0].replace('_', '-')} was given with {place}: only the file of a packing takes it")
-    return folder_seen(place, frame=options.get("frame"), search=search, report=report)
+        raise ValueError(f"--{given[0].replace('_', '-')} was given with {place}: it is only for packing files")
+    return folder_content(place, frame=options.get("frame"), search=search, report=report)
 
 
-def folder_seen(folder: Path, *, frame: str | None = None, search: bool = True, report=None) -> Seen:
-    """What the folder of a finished run or sweep holds.
+def folder_content(folder: Path, *, frame: str | None = None, search: bool = True, report=None) -> PageContent:
+    """Load the content of the folder of a finished run or sweep.
 
     Parameters
     ----------
-    frame : a state by its name, whose modes are shown; without it, the fastest growing mode of any state at rest is, if
-        there are no more than `SMALL` grains
-    search : False looks for no modes
-    report : called with (stage, share, words)
+    frame : name of the state whose modes are shown. Without it, the state with the fastest growing mode is selected if
+        there are at most `SMALL` grains
+    search : if False, no modes are computed
+    report : called as report(stage, fraction done, text)
 
     Raises
     ------
     ValueError
-        with one sentence, if there is nothing of ours, or a run that is not finished.
+        If there are no results or the run is not finished; the message is one sentence.
     """
     if not folder.exists():
         raise ValueError(f"{folder} does not exist: give the folder of a run, or a packing")
     if is_sweep(folder):
-        return _sweep_seen(folder)
+        return _sweep_content(folder)
     if not (folder / NUMBERS).is_file():
         if (folder / UNFINISHED).is_dir():
-            raise ValueError(f"{folder} holds a run that is not finished: stickslip resume {folder} goes on with it")
-        raise ValueError(f"{folder} holds no results: give the folder that stickslip run or reproduce wrote")
+            raise ValueError(f"{folder} contains an unfinished run: finish it with stickslip resume {folder}")
+        raise ValueError(f"{folder} contains no results: give a folder written by stickslip run or reproduce")
     about = archive.attributes(folder / NUMBERS)
-    experiment = _experiment(about["scenario"])
-    states = _states(folder / NUMBERS, frame)
+    experiment = _experiment_name(about["scenario"])
+    states = _read_states(folder / NUMBERS, frame)
     labels = [_label(name, state) for name, state, *_ in states]
     states = [(name, updated(state), law) for name, state, law, _ in states]
     frames = [frame_of(state, law) if law is not None else bare_frame(state) for _, state, law in states]
-    at, modes, why = _unstable(states, frame, report) if search else (0, [], "")
+    at, modes, why = _find_unstable(states, frame, report) if search else (0, [], "")
     sections = []
     if (folder / CLAIMS).is_file():
-        sections.append(("Claims of the paper", _claims(folder / CLAIMS)))
+        sections.append(("Claims of the paper", _claims_table(folder / CLAIMS)))
     else:
         tree, units = archive.read(folder / NUMBERS), archive.units(folder / NUMBERS)
-        if rows := _series(tree.get("series"), units):
-            sections.append(("Measures in time", _rows(["measure", "at the end", "least", "greatest", "unit"], rows)))
-        if rows := _measures(tree, units):
-            sections.append(("Measures", _rows(["measure", "value", "unit"], rows)))
+        if rows := _summarize_series(tree.get("series"), units):
+            sections.append(("Time series", _limited_table(["measure", "final", "least", "greatest", "unit"], rows)))
+        if rows := _list_measures(tree, units):
+            sections.append(("Measures", _limited_table(["measure", "value", "unit"], rows)))
     shown = [path for path in files_of(folder) if path.suffix in (".png", ".gif") and path.name != FILM]
     if shown:
         sections.append(("Figures", page.pictures({_caption(path): path.read_bytes() for path in shown})))
     sections.append(("Scenario", page.listing(about["scenario"])))
     versions = f"stickslip {about['stickslip']}, {about['versions']}"
-    without = "" if frames else "This run keeps no states of grains: there is no packing to look at."
+    without = "" if frames else "This run saved no states of grains, so there is no packing to show."
     title = f"{experiment}: {folder.resolve().name}"
-    return Seen(title, versions, frames, labels, at, modes, sections, _si(experiment), without, why, why)
+    return PageContent(title, versions, frames, labels, at, modes, sections, _uses_si(experiment), without, why, why)
 
 
 def _caption(path: Path) -> str:
     return path.stem.partition("_")[2].replace("_", " ") if path.stem.startswith("fig") else path.stem
 
 
-def _experiment(text: str) -> str:
+def _experiment_name(text: str) -> str:
     try:
         return str(json.loads(text)["experiment"])
     except (ValueError, KeyError, TypeError):
         return "run"
 
 
-def _states(path: Path, frame: str | None) -> list:
-    """The states that belong together: those of the same group, most of all or that of the frame asked for."""
+def _read_states(path: Path, frame: str | None) -> list:
+    """Read the states of one group: the largest one, or that of the requested frame."""
     try:
         found = read_archive(path, "all")
     except PackingError:
@@ -139,7 +139,7 @@ def _states(path: Path, frame: str | None) -> list:
         full = [name for name, *_ in found if frame in (name, name.rpartition("/")[2])]
         if not full:
             some = ", ".join(name for name, *_ in found[:4]) + (" …" if len(found) > 4 else "")
-            raise ValueError(f"frame {frame!r} was asked for: {path} has {some}")
+            raise ValueError(f"there is no frame {frame!r} in {path}: use {some}")
         group = full[0].rpartition("/")[0]
     else:
         group = max(groups, key=lambda name: groups[name])
@@ -153,8 +153,11 @@ def _label(name: str, state) -> str:
     return f"{name.rpartition('/')[2]}, time {state.time:.5g}"
 
 
-def _unstable(states: list, frame: str | None, report) -> tuple[int, list, str]:
-    """Which state has the fastest growing mode, its modes, and why the state asked for has none off equilibrium."""
+def _find_unstable(states: list, frame: str | None, report) -> tuple[int, list, str]:
+    """Find the state with the fastest growing mode.
+
+    Returns its index, its modes, and the reason if the requested state has none because it is not in equilibrium.
+    """
     best, at, modes, why = 0.0, 0, [], ""
     for k, (name, state, law) in enumerate(states):
         asked = frame is not None and frame in (name, name.rpartition("/")[2])
@@ -167,22 +170,22 @@ def _unstable(states: list, frame: str | None, report) -> tuple[int, list, str]:
             if not (rest := imbalance(state, law)) <= BALANCED_BELOW:
                 why = f"{name}: {unjudged(rest)}" if asked else why
                 continue
-            mine = modes_of(judged(state, law))
-        except (ValueError, ArithmeticError):  # nothing but rattlers, or an eigenvalue problem without a solution
+            mine = growing_modes(judged(state, law))
+        except (ValueError, ArithmeticError):  # only rattlers, or an eigenvalue problem without a solution
             continue
         if mine and max(s.real for *_, s in mine) > best:
             best, at, modes = max(s.real for *_, s in mine), k, mine[:MODES]
     return at, modes, why
 
 
-def _claims(path: Path) -> str:
+def _claims_table(path: Path) -> str:
     try:
         found = [claims_table.Claim(**one) for one in json.loads(path.read_text(encoding="utf-8"))]
     except (ValueError, TypeError):
-        raise ValueError(f"{path} is damaged: run it again, with --overwrite") from None
+        raise ValueError(f"{path} is damaged: run again with --overwrite") from None
     shown = claims_table.shown
     rows = [
-        [c.id.replace("_", " "), c.source, shown(c.paper), shown(c.reference), claims_table.with_error(c), c.unit,
+        [c.id.replace("_", " "), c.source, shown(c.paper), shown(c.reference), claims_table.format_measured(c), c.unit,
          c.verdict, c.note]
         for c in found
     ]  # fmt: skip
@@ -190,25 +193,25 @@ def _claims(path: Path) -> str:
     return page.table(["claim", "source", *list(kinds)[:3], "unit", "verdict", "note"], rows, classes=kinds)
 
 
-def _measures(tree: dict, units: dict[str, str], above: str = "") -> list[list[str]]:
-    """Single numbers of an archive outside of its states, by their path, with units."""
+def _list_measures(tree: dict, units: dict[str, str], above: str = "") -> list[list[str]]:
+    """List the scalars of an archive outside of its states, with their paths and units."""
     rows = []
     for name, value in tree.items():
         path = f"{above}{name}"
         if isinstance(value, dict):
-            rows += _measures(value, units, f"{path}/")
+            rows += _list_measures(value, units, f"{path}/")
         elif isinstance(value, int | float) and not isinstance(value, bool) and np.isfinite(value):
             rows.append([path.replace("_", " ").replace("/", " › "), f"{value:.5g}", units.get(path, "")])
     return rows
 
 
-def _si(experiment: str) -> bool:
-    """Whether results of an experiment are in SI units."""
+def _uses_si(experiment: str) -> bool:
+    """Return True if the results of an experiment are in SI units."""
     return experiment in EXPERIMENTS and EXPERIMENTS[experiment].scenario.si
 
 
-def _series(series, units: dict[str, str]) -> list[list[str]]:
-    """Last, least and greatest value of each series in time."""
+def _summarize_series(series, units: dict[str, str]) -> list[list[str]]:
+    """Return the last, least and greatest value of each time series."""
     rows = []
     for name, values in series.items() if isinstance(series, dict) else ():
         known = values[np.isfinite(values)] if getattr(values, "ndim", 0) == 1 and values.dtype.kind == "f" else ()
@@ -218,12 +221,12 @@ def _series(series, units: dict[str, str]) -> list[list[str]]:
     return rows
 
 
-def _rows(columns: list[str], rows: list[list[str]]) -> str:
+def _limited_table(columns: list[str], rows: list[list[str]]) -> str:
     text = page.table(columns, rows[:ROWS], classes=dict.fromkeys(columns[1:-1], "number"))
     return text + (page.paragraph(f"and {len(rows) - ROWS} more in {NUMBERS}", kind="soft") if len(rows) > ROWS else "")
 
 
-def _sweep_seen(folder: Path) -> Seen:
+def _sweep_content(folder: Path) -> PageContent:
     data = open_sweep(folder)
     kept = data.drop_vars([name for name in ("finished", "seconds") if name in data]).to_dataframe().reset_index()
     kept = kept[[name for name in kept.columns if name != "member"] + ["member"]]
@@ -233,25 +236,27 @@ def _sweep_seen(folder: Path) -> Seen:
     text = page.table(columns, rows[:ROWS])
     if len(rows) > ROWS:
         text += page.paragraph(f"and {len(rows) - ROWS} more in {DATASET}", kind="soft")
-    without = f"A sweep has no packing of its own: stickslip report {folder}/members/NAME shows that of a member."
+    without = f"A sweep has no packing: show that of a member with stickslip report {folder}/members/NAME."
     sections = [("Members", text), ("Scenario", page.listing(data.attrs["sweep"]))]
     about = str(data.attrs.get("source", ""))
-    return Seen(f"{data.attrs['title']}: {folder.resolve().name}", about, [], [], 0, [], sections, without=without)
+    return PageContent(
+        f"{data.attrs['title']}: {folder.resolve().name}", about, [], [], 0, [], sections, without=without
+    )
 
 
 def packing_seen(
     file: Path, *, modes: Path | None = None, method: str = "auto", options: dict, settle: bool = False, report=None
-) -> Seen:  # fmt: skip
-    """A packing that `read_packing` reads, with its verdict and modes.
+) -> PageContent:  # fmt: skip
+    """Load a packing file with `read_packing`, and its verdict and modes.
 
     Parameters
     ----------
-    modes : file that `stickslip stability` wrote; without it, the verdict is computed
-    options : of `read_packing`
-    settle : True lets it come to rest first
+    modes : file written by `stickslip stability`; without it, the verdict is computed
+    options : options of `read_packing`
+    settle : if True, the packing is settled first
     """
-    (state, law, words), said = listened(read_packing, file, **options)
-    words, calm = [*words, *said], None
+    (state, law, words), warnings = listened(read_packing, file, **options)
+    words, calm = [*words, *warnings], None
     if settle:
         state, calm = settled(state, law)
         words.append(f"settled: {calm.how}")
@@ -262,41 +267,41 @@ def packing_seen(
             found = judged(state, law, method=method, report=report)
         except ArithmeticError as problem:
             raise RuntimeError(f"the spectrum could not be computed ({problem}): give --modes") from None
-        # modes of a packing off equilibrium are no instability: none is shown
-        mine, facts = modes_of(found)[:MODES] if found.balanced else [], _verdict(found, calm)
+        # modes of a packing that is not in equilibrium are no instabilities, so none is shown
+        mine, facts = growing_modes(found)[:MODES] if found.balanced else [], _verdict_rows(found, calm)
         if not found.balanced:
             why = found.verdict
             warning = f"{why}. Likely causes: {'; '.join(causes(found, options, words))}. {REMEDY}."
     else:
         mine = [read_mode(modes, 0, n)]
-        mine += [read_mode(modes, k, n) for k in range(1, min(MODES, _modes_in(modes)))]
+        mine += [read_mode(modes, k, n) for k in range(1, min(MODES, _count_modes(modes)))]
         if not (rest := imbalance(state, law)) <= BALANCED_BELOW:
             why = warning = unjudged(rest)
     frame = frame_of(state, law)
-    facts = [["grains", str(n)], ["contacts", str(len(frame.contacts["i"]))], *facts, ["law", law_in_words(law)]]
+    facts = [["grains", str(n)], ["contacts", str(len(frame.contacts["i"]))], *facts, ["law", describe_law(law)]]
     facts += [["note", line] for line in words]
     sections = [("Packing", page.table(["", "value"], facts))]
     if mine:
-        sections.append(("Modes off equilibrium: no verdict" if why else "Growing modes", _mode_table(mine)))
+        sections.append(("Modes out of equilibrium: no verdict" if why else "Growing modes", _mode_table(mine)))
     if n <= DRAWN:
         drawn, caption = packing(state, law, mode=mine[0] if mine else None), "contacts"
         sections.append(("Figure", page.pictures({caption + (", and the fastest mode" if mine else ""): png(drawn)})))
     about = f"stickslip {__version__}, {archive.versions()}"
-    return Seen(file.name, about, [frame], [""], 0, mine, sections, warning=warning, unjudged=why)
+    return PageContent(file.name, about, [frame], [""], 0, mine, sections, warning=warning, unjudged=why)
 
 
-def _modes_in(path: Path) -> int:
+def _count_modes(path: Path) -> int:
     with np.load(path, allow_pickle=False) as file:
         return len(file["exponent"])
 
 
-def _verdict(found, calm: Settled | None) -> list[list[str]]:
+def _verdict_rows(found, calm: Settling | None) -> list[list[str]]:
     static = found.undamped if isinstance(found, DampedStability) else found
     out = [["verdict", verdict(found, calm)], ["rattlers", str(len(static.rattlers))]]
-    limit = f"an equilibrium has at most {BALANCED_BELOW:g}"
+    limit = f"at most {BALANCED_BELOW:g} in equilibrium"
     out.append(["residual", f"{found.residual:.2g} of the mean normal contact force; {limit}"])
     if found.grows and not found.balanced:
-        out.append(["spectrum of the motion that begins here, no verdict", found.motion])
+        out.append(["spectrum of the initial motion, no verdict", found.motion])
     return out + ([["scope", found.scope]] if found.scope else [])
 
 
@@ -309,8 +314,8 @@ def _mode_table(modes: list) -> str:
     return page.table(columns, rows, classes=dict.fromkeys(columns, "number"))
 
 
-def write_page(shown: Seen, path: Path, *, colour: str | None = None) -> tuple[Path, list[str]]:
-    """Write the page; returns its path and what it lacks, in words."""
+def write_page(shown: PageContent, path: Path, *, colour: str | None = None) -> tuple[Path, list[str]]:
+    """Write the page; return its path and messages about missing parts."""
     words = []
     if not shown.frames:
         view = page.paragraph(shown.without, kind="absent")
@@ -321,54 +326,54 @@ def write_page(shown: Seen, path: Path, *, colour: str | None = None) -> tuple[P
             )  # fmt: skip
             view = page.inner(inside, "the packing in three dimensions") + page.paragraph(HELP, kind="soft")
         except MissingExtraError as problem:
-            words.append(f"without the view in three dimensions: {problem}")
+            words.append(f"the page has no view in three dimensions: {problem}")
             view = page.paragraph(f"The view in three dimensions is missing: {problem}.", kind="absent")
     warning = shown.warning[:1].upper() + shown.warning[1:]
     view = (page.paragraph(warning, kind="warning") if warning else "") + view
     first = [] if not shown.frames and not shown.without else [("View", view)]
     text = page.page(shown.title, shown.about, [*first, *shown.sections])
-    with placed(path) as part:
+    with staged_file(path) as part:
         part.write_bytes(text.encode())
     return path, words
 
 
 HELP = (
-    "Drag to turn, scroll or pinch to come nearer, drag with the right button to shift. Contacts of periodic packings "
+    "Drag to rotate, scroll or pinch to zoom, drag with the right button to pan. Contacts across periodic boundaries "
     "lead out of the cell to the image of their second grain. Rotations are not drawn."
 )
 
 
 def write_movie(
-    shown: Seen, path: Path, *, colour: str | None = None, fps: int = 15, count: int = 48, amplitude: float = 0.3,
-    mode: int | None = None, report=None,
+    shown: PageContent, path: Path, *, colour: str | None = None, fps: int = 15, count: int = 48,
+    amplitude: float = 0.3, mode: int | None = None, report=None,
 ) -> Path:  # fmt: skip
     """Write the frames of a run, or one period of a mode, as GIF or MP4.
 
     Parameters
     ----------
-    colour : one of `quantities`; without it, the speed of a run, the displacement of a mode
-    mode : number of a mode; None takes the frames of a run, and the first mode where there is one frame only
-    count, amplitude : of a mode's period, see `mode_frames`
+    colour : one of `quantities`; by default the speed for a run and the displacement for a mode
+    mode : number of a mode; None shows the frames of a run, or the first mode if there is only one frame
+    count, amplitude : frames and amplitude of a mode's period, see `mode_frames`
     """
     if not shown.frames:
-        raise ValueError(f"there is nothing to film: {shown.without}")
+        raise ValueError(f"there are no frames for a movie: {shown.without}")
     if mode is None and len(shown.frames) == 1:
         mode = 0
     if mode is None:
         frames, labels, chosen = shown.frames, shown.labels, None
     else:
         if not 0 <= mode < len(shown.modes):
-            has = f"has 0 to {len(shown.modes) - 1}" if shown.modes else "is stable, or has no mode that grows"
+            has = f"has 0 to {len(shown.modes) - 1}" if shown.modes else "is stable or has no growing mode"
             if shown.unjudged:
                 has = f"is {shown.unjudged}; {REMEDY.lower()}"
             elif shown.warning:
                 has += f" ({shown.warning})"
-            raise ValueError(f"mode {mode} was asked for: {shown.title} {has}")
+            raise ValueError(f"there is no mode {mode}: {shown.title} {has}")
         chosen = shown.modes[mode]
         frames = mode_frames(shown.frames[shown.at], *chosen, count=count, amplitude=amplitude)
-        aside = "; NOT IN EQUILIBRIUM" if shown.unjudged else "; settled packing" if shown.warning else ""
-        labels = [f"mode {mode}, s = {chosen[2]:.3g}{aside}"] * len(frames)
+        note = "; NOT IN EQUILIBRIUM" if shown.unjudged else "; settled packing" if shown.warning else ""
+        labels = [f"mode {mode}, s = {chosen[2]:.3g}{note}"] * len(frames)
     colour = colour or ("speed" if mode is None else DISPLACEMENT)
-    with placed(path) as part:
+    with staged_file(path) as part:
         film.movie(frames, part, labels=labels, mode=chosen, colour=colour, fps=fps, si=shown.si, report=report)
     return path

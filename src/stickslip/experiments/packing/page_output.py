@@ -1,4 +1,4 @@
-"""Where pages and movies go: into the folder of a run, to which they belong then, or where a user says."""
+"""Output paths of pages and movies: in the folder of a run, where they are run files, or elsewhere."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,55 +9,58 @@ from ...data.manifest import digest, note, note_too, proven, strange
 from ...figures.page import MARK
 from ..run_folder import FILM, PAGE
 
-END = 4096  # bytes, in which a mark stands
+MARK_RANGE = 4096  # bytes at the beginning and end of a file that may contain the mark
 
 
 def default_path(place: Path, name: str) -> Path:
-    """Where a page or movie goes: into the folder of a run, or beside nothing else here."""
+    """Default output path: inside a run folder, otherwise in the current directory."""
     return place / name if place.is_dir() else Path(f"{place.stem}-{name}")
 
 
 def ready(path: Path, endings: tuple[str, ...], *, overwrite: bool = False, made_from=()) -> None:
-    """Raise ValueError if a file cannot be meant, or would replace somebody else's, before anything is computed.
+    """Raise ValueError before any computation if a path is unsuitable or would replace a foreign file.
 
     Parameters
     ----------
-    overwrite : whether it may replace what is there; pages replace pages of this package anyway, and movies movies
-    made_from : files that it never replaces
+    overwrite : whether any existing file may be replaced; pages and movies of this package may always be
+    made_from : files that are never replaced
     """
     if path.suffix.lower() not in endings:
-        raise ValueError(f"--out {path} ends with {path.suffix or 'nothing'!r}: {' or '.join(endings)} is written")
+        raise ValueError(f"--out {path} ends with {path.suffix or 'nothing'!r}: use {' or '.join(endings)}")
     if not path.parent.is_dir():
-        raise ValueError(f"{path.parent} is no folder: make it first, or give another --out")
-    belongs = _belongs(path)
+        raise ValueError(f"{path.parent} is not a folder: create it first, or give another --out")
+    belongs = _belongs_to_run(path)
     if belongs and not overwrite and strange(path.parent, lambda name: name == path.name):
         raise ValueError(
-            f"{path} was not written by stickslip, or was changed since: give another --out, or add --overwrite"
+            f"{path} was not written by stickslip or has changed since: give another --out, or add --overwrite"
         )
-    check_free([path], overwrite=overwrite or belongs or _ours(path), made_from=made_from)
+    check_free([path], overwrite=overwrite or belongs or _is_own_file(path), made_from=made_from)
 
 
 @contextmanager
-def placed(path: Path) -> Iterator[Path]:
-    """What takes the place of a page or movie; one in the folder of a run is replaced or removed by the next run."""
+def staged_file(path: Path) -> Iterator[Path]:
+    """Context manager of a temporary file that replaces a page or movie.
+
+    A page or movie in the folder of a run is replaced or removed by the next run.
+    """
     with beside(path) as part:
         yield part
-        if _belongs(path):  # known before it is there: who is killed in between leaves nothing that is not
+        if _belongs_to_run(path):  # recorded before it exists, so that a killed process leaves no unknown file
             known = proven(path.parent)
             note(path.parent, known | {path.name: [*known.get(path.name, []), digest(part)]})
-    if _belongs(path):
+    if _belongs_to_run(path):
         note_too(path.parent, path.name)
 
 
-def _ours(path: Path) -> bool:
-    """Whether a file is a page or movie that this package wrote: its mark stands near the beginning, or the end."""
+def _is_own_file(path: Path) -> bool:
+    """Return True for a page or movie of this package, which has a mark near its beginning or end."""
     if path.is_symlink() or not path.is_file():
         return False
     with path.open("rb") as file:
-        head = file.read(END)
-        file.seek(max(0, path.stat().st_size - END))
-        return MARK.encode() in head + file.read(END)
+        head = file.read(MARK_RANGE)
+        file.seek(max(0, path.stat().st_size - MARK_RANGE))
+        return MARK.encode() in head + file.read(MARK_RANGE)
 
 
-def _belongs(path: Path) -> bool:
+def _belongs_to_run(path: Path) -> bool:
     return path.name in (PAGE, FILM) and bool(proven(path.parent))

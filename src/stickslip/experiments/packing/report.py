@@ -1,4 +1,4 @@
-"""The stability of a packing, on the terminal, as JSON, and its modes in a file."""
+"""Stability of a packing: terminal output, JSON, and a file of modes."""
 
 import os
 from contextlib import suppress
@@ -22,77 +22,78 @@ from ...solve.stability import Stability, stability
 from ..terminal import STYLE, console
 from . import details as stability_more
 
-SHOWN = 12  # pairs in the table
-_MODES = ("eigenvalue", "exponent", "translation", "rotation")  # entries of a file of modes
-SETTLED = 1e-10  # residual over the mean normal contact force to which a packing is settled
-OF_A_LAW = ("law", "coulomb", "kn", "kt", "mu", "young", "poisson", "damping", "damping_n", "damping_t")
-UNKNOWN_LAW = "another law"  # how the last of `likely_causes` begins
+SHOWN = 12  # pairs listed in the table
+_MODES = ("eigenvalue", "exponent", "translation", "rotation")  # arrays in a file of modes
+SETTLE_TOLERANCE = 1e-10  # residual over the mean normal contact force
+LAW_OPTIONS = ("law", "coulomb", "kn", "kt", "mu", "young", "poisson", "damping", "damping_n", "damping_t")
+UNKNOWN_LAW = "another law"  # beginning of the last of `likely_causes`
 
 
-class Settled(NamedTuple):
-    """What it took to bring a packing to rest: the answer is about the settled one."""
+class Settling(NamedTuple):
+    """Change of a packing when it was settled; the verdict is for the settled packing."""
 
     moved: float  # largest displacement of a grain, in its radii
     moved_rms: float  # root mean square over grains, in their radii
     lost: int  # contacts
     gained: int
     before: float  # residual of the packing as it was given
-    how: str  # what the solver did, in words
+    how: str  # description of what the solver did
 
     def __str__(self) -> str:
         return (
-            f"this is about the SETTLED packing, not about the one in the file: grains moved by up to "
+            f"the verdict is for the SETTLED packing, not for the one in the file: grains moved by up to "
             f"{self.moved:.2g} of their radius (rms {self.moved_rms:.2g}), {self.lost} contact(s) lost and "
             f"{self.gained} gained"
         )
 
 
 def judged(state: State, law: Law, *, method: str = "auto", report=None) -> Stability | DampedStability:
-    """The verdict by the spectrum that belongs to the law: with dashpots, the damped one."""
+    """Analyse stability by the spectrum that fits the law: the damped one if there are dashpots."""
     return (damped_stability if dashpots(law) else stability)(state, law, method=method, report=report)
 
 
-def settled(state: State, law: Law) -> tuple[State, Settled]:
-    """The packing in equilibrium under a law, and how far that is from the one that was given.
+def settled(state: State, law: Law) -> tuple[State, Settling]:
+    """Return the packing in equilibrium under a law, and how much it changed.
 
     Raises
     ------
     RuntimeError
-        with one sentence, if no equilibrium was found.
+        If no equilibrium was found; the message is one sentence.
     """
     force, before = mean_normal_force(state, law), imbalance(state, law)
-    end, outcome = equilibrate(state, law, tolerance=SETTLED * force or SETTLED, check="nothing")
+    end, outcome = equilibrate(state, law, tolerance=SETTLE_TOLERANCE * force or SETTLE_TOLERANCE, check="nothing")
     if not outcome.ok:
         raise RuntimeError(f"no equilibrium was found under this law: {outcome}")
     moved = np.linalg.norm(end.grains.position - state.grains.position, axis=1) / state.grains.radius
     if not len(backbone(end, law)):
-        raise RuntimeError("the packing fell apart as it settled: only rattlers are left, which nothing holds together")
+        raise RuntimeError("the packing fell apart as it settled: only rattlers are left")
     old, new = (set(one.contacts.key[touching(one)].tolist()) for one in (state, end))
     rms = float(np.sqrt((moved**2).mean()))
-    return end, Settled(float(moved.max()), rms, len(old - new), len(new - old), before, outcome.how)
+    return end, Settling(float(moved.max()), rms, len(old - new), len(new - old), before, outcome.how)
 
 
-def verdict(found: Stability | DampedStability, calm: Settled | None = None) -> str:
-    """The verdict in one sentence, which says so if it is that of a settled packing."""
+def verdict(found: Stability | DampedStability, calm: Settling | None = None) -> str:
+    """Return the verdict in one sentence, which mentions if the packing was settled."""
     return f"{found.verdict}; {calm}" if calm else found.verdict
 
 
 def causes(found: Stability | DampedStability, options: dict, words: list[str]) -> list[str]:
-    """Why the forces of a packing from a file may not balance: what it shows, and what was said of its law."""
+    """Return the likely causes of unbalanced forces, from the packing and the options given for its law."""
     known = [cause for cause in found.causes if not cause.startswith(UNKNOWN_LAW)]
-    given = [f"--{name.replace('_', '-')}" for name in OF_A_LAW if options.get(name) is not None]
+    given = [f"--{name.replace('_', '-')}" for name in LAW_OPTIONS if options.get(name) is not None]
     assumed = any("the defaults are assumed" in line for line in words)
     if given:
         known.append(f"{UNKNOWN_LAW} than that of the packing: {', '.join(given)} came from the command line")
     elif assumed:
-        known.append(f"{UNKNOWN_LAW} than that of the packing: none was given, and the defaults were assumed")
+        known.append(f"{UNKNOWN_LAW} than that of the packing: none was given, so the defaults were used")
     return known or list(found.causes)
 
 
 def as_object(
-    found: Stability | DampedStability, more: stability_more.More | None = None, *, calm: Settled | None = None, why=()
+    found: Stability | DampedStability, more: stability_more.Details | None = None, *,
+    calm: Settling | None = None, why=(),
 ) -> dict:  # fmt: skip
-    """The documented keys of one JSON object; `why` are likely causes, see `causes`."""
+    """Return the JSON object with the documented keys; `why` are the likely causes, see `causes`."""
     static = found.undamped if isinstance(found, DampedStability) else found
     if isinstance(found, DampedStability):
         swings = found.exponents.imag > 0
@@ -115,7 +116,7 @@ def as_object(
         "tolerance": BALANCED_BELOW,
         "balanced": found.balanced,
         "causes": list(why),
-        "settled": None if calm is None else _settled_object(calm),
+        "settled": None if calm is None else _settling_dict(calm),
         "stable": found.stable,
         "at_limit": static.at_limit,
         "if_stuck": found.if_stuck.motion if found.if_stuck else None,
@@ -125,23 +126,23 @@ def as_object(
         "spectrum": "damped" if isinstance(found, DampedStability) else "undamped",
     }
     if more:
-        out["more"] = stability_more.as_object(more)
+        out["more"] = stability_more.to_dict(more)
     return out
 
 
-def _settled_object(calm: Settled) -> dict:
+def _settling_dict(calm: Settling) -> dict:
     return calm._asdict() | {"before": calm.before if np.isfinite(calm.before) else None}
 
 
 def show(
-    found: Stability | DampedStability, law: Law, words: list[str], more: stability_more.More | None = None, *,
-    calm: Settled | None = None, why=(), remedy: str = "",
+    found: Stability | DampedStability, law: Law, words: list[str], more: stability_more.Details | None = None, *,
+    calm: Settling | None = None, why=(), remedy: str = "",
 ) -> None:  # fmt: skip
-    """The verdict in words, the pairs in a table, and what else there is; `why` and `remedy` off equilibrium."""
+    """Print the verdict, a table of pairs and the details; `why` and `remedy` if the packing is not in equilibrium."""
     static = found.undamped if isinstance(found, DampedStability) else found
     for line in words:
         console.print(line, style="yellow")
-    console.print(f"law: {law_in_words(law)}")
+    console.print(f"law: {describe_law(law)}")
     console.print(
         f"{static.n} grains, {static.contacts} contacts, {len(static.rattlers)} rattlers, residual "
         f"{static.residual:.2g} of the mean normal contact force"
@@ -159,7 +160,7 @@ def show(
         console.print(f"scope: {found.scope}")
     if len(static.rattlers):
         some = ", ".join(map(str, static.rattlers[:20])) + (" …" if len(static.rattlers) > 20 else "")
-        console.print(f"rattlers (left out): {some}")
+        console.print(f"rattlers (excluded): {some}")
     if isinstance(found, DampedStability):
         _show_exponents(found)
     else:
@@ -175,11 +176,11 @@ def _show_imbalance(found: Stability | DampedStability, why, remedy: str) -> Non
     if remedy:
         console.print(remedy)
     if found.grows:
-        console.print(f"spectrum of the motion that begins here, no verdict: {found.motion}")
+        console.print(f"spectrum of the initial motion, no verdict: {found.motion}")
 
 
-def law_in_words(law: Law) -> str:
-    """Kind, Coulomb's limit, parameters, damping."""
+def describe_law(law: Law) -> str:
+    """Describe a law: kind, Coulomb limit, parameters, damping."""
     coulomb = next(name for name, number in COULOMB.items() if number == law.coulomb)
     values = ", ".join(
         f"{name} = {value:.4g}" for name, value in zip(names_of(law), law.table[0, 0], strict=True) if value
@@ -189,7 +190,7 @@ def law_in_words(law: Law) -> str:
     return f"{name}, {coulomb} Coulomb, {values}" + (f" ({damping})" if dashpots(law) else "")
 
 
-def _table(name: str, count: int, columns: tuple[str, ...]) -> Table:
+def _make_table(name: str, count: int, columns: tuple[str, ...]) -> Table:
     title = name + (f", the fastest {SHOWN} of {count}" if count > SHOWN else "")
     table = Table(title=title, **STYLE)
     for column in columns:
@@ -199,7 +200,7 @@ def _table(name: str, count: int, columns: tuple[str, ...]) -> Table:
 
 def _show_exponents(found: DampedStability) -> None:
     if len(found.exponents):
-        table = _table("Growing exponents", len(found.exponents), ("Re s", "Im s", "period", "e-folding time"))
+        table = _make_table("Growing exponents", len(found.exponents), ("Re s", "Im s", "period", "e-folding time"))
         for s in found.exponents[:SHOWN]:
             period = f"{2 * np.pi / s.imag:.4g}" if s.imag > 0 else "–"
             table.add_row(f"{s.real:.5g}", f"{s.imag:.5g}", period, f"{1 / s.real:.4g}")
@@ -212,7 +213,7 @@ def _show_exponents(found: DampedStability) -> None:
 def _show_pairs(found: Stability) -> None:
     if len(found.pairs):
         names = ("Re λ", "Im λ", "ω", "growth rate", "period", "e-folding time")
-        table = _table("Complex pairs", len(found.pairs), names)
+        table = _make_table("Complex pairs", len(found.pairs), names)
         rows = zip(found.pairs[:SHOWN], found.frequency, found.growth_rate, strict=False)
         for pair, w, g in rows:
             period = f"{2 * np.pi / w:.4g}" if w > 0 else "–"
@@ -223,11 +224,11 @@ def _show_pairs(found: Stability) -> None:
 
 
 def check_modes(path: Path, packing: Path, *, asked: bool) -> None:
-    """Raise ValueError if modes would replace the packing, or what are no modes."""
+    """Raise ValueError if the file of modes would replace the packing or a file that contains no modes."""
     if path.exists() and packing.exists() and path.samefile(packing):
         raise ValueError(f"--modes {path} would replace the packing: give another name")
     if not path.parent.is_dir():
-        raise ValueError(f"{path.parent} is no folder: make it first, or give another --modes")
+        raise ValueError(f"{path.parent} is not a folder: create it first, or give another --modes")
     if path.is_dir():
         raise ValueError(f"{path} is a folder: give the name of a file")
     if not os.path.lexists(path):
@@ -237,18 +238,18 @@ def check_modes(path: Path, packing: Path, *, asked: bool) -> None:
             if set(_MODES) <= set(file.files):
                 return
     if asked:
-        raise ValueError(f"--modes {path} holds something else than modes: give another name, or move it away")
-    raise ValueError(f"modes go to {path} here, which holds something else: say where with --modes, or move it away")
+        raise ValueError(f"--modes {path} exists and does not contain modes: give another name, or move it away")
+    raise ValueError(f"modes would replace {path}, which does not contain modes: give --modes, or move it away")
 
 
 def write_modes(path: Path, found: Stability | DampedStability) -> Path:
-    """Modes of what grows: `eigenvalue` λ and `exponent` s (K,), `translation` and `rotation` (K, N, 3) complex.
+    """Write the growing modes: `eigenvalue` λ and `exponent` s (K,), `translation` and `rotation` (K, N, 3) complex.
 
     The motion is Re(mode exp(st)), with s = −i√λ of the damped or the undamped spectrum. A rotation is R·angle; modes
-    have unit norm in the mass-weighted metric. Rattlers and what is not free are zero.
+    have unit norm in the mass-weighted metric. Rattlers and constrained coordinates are zero.
     """
     static = found.undamped if isinstance(found, DampedStability) else found
-    values, exponents, full = _shapes(found)
+    values, exponents, full = _expand_modes(found)
     with beside(path) as part, part.open("wb") as file:
         np.savez(
             file, eigenvalue=values, exponent=exponents, translation=full[..., :3], rotation=full[..., 3:],
@@ -257,15 +258,15 @@ def write_modes(path: Path, found: Stability | DampedStability) -> Path:
     return path
 
 
-def modes_of(found: Stability | DampedStability) -> list[tuple[np.ndarray, np.ndarray, complex]]:
-    """Translation, rotation (N, 3) complex and exponent s of each mode that grows, the fastest first."""
-    _, exponents, full = _shapes(found)
+def growing_modes(found: Stability | DampedStability) -> list[tuple[np.ndarray, np.ndarray, complex]]:
+    """Return translation, rotation (N, 3) complex and exponent s of each growing mode, the fastest first."""
+    _, exponents, full = _expand_modes(found)
     order = np.argsort(-exponents.real, kind="stable")
     return [(full[k, :, :3], full[k, :, 3:], complex(exponents[k])) for k in order]
 
 
-def _shapes(found: Stability | DampedStability) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Eigenvalues λ and exponents s (K,), and modes (K, N, 6) with zeros where nothing is free."""
+def _expand_modes(found: Stability | DampedStability) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return eigenvalues λ and exponents s (K,), and modes (K, N, 6) with zeros for constrained coordinates."""
     static = found.undamped if isinstance(found, DampedStability) else found
     count = found.modes.shape[1]
     full = np.array([found.free.spread(mode)[: static.n] for mode in found.modes.T]).reshape(count, static.n, 6)

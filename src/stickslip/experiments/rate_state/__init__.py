@@ -1,4 +1,4 @@
-"""A spring slider with rate-and-state friction."""
+"""A spring-slider with rate-and-state friction."""
 
 from functools import partial
 
@@ -11,7 +11,7 @@ _here = partial(late, __name__)
 
 
 def references(scenario: RateStateScenario) -> dict[str, tuple[str, ...]]:
-    """Keys of references.bib, by what they are for."""
+    """Return keys of references.bib, grouped by purpose."""
     surface = scenario.surface
     more = ("Linker1992",) if surface.alpha else ()
     return {"rate-and-state friction": STATE[surface.law] + more}
@@ -19,7 +19,7 @@ def references(scenario: RateStateScenario) -> dict[str, tuple[str, ...]]:
 
 EXPERIMENT = Experiment(
     scenario=RateStateScenario,
-    words="a spring slider with rate-and-state friction",
+    words="a spring-slider with rate-and-state friction",
     simulate=_here("simulate.simulate_slider"),
     numbers=_here("report.numbers"),
     measures=_here("report.measures"),

@@ -1,4 +1,4 @@
-"""Fits of a record: from a file to tables, JSON and a figure."""
+"""Fits of a laboratory record: tables, JSON and a figure."""
 
 import json
 from pathlib import Path
@@ -14,15 +14,15 @@ from ...friction.fitting import Fit, fit
 from ...friction.laboratory import read_csv, record_data
 from ...friction.model import Data
 from ...friction.model_comparison import LawComparison, compare_laws
-from ..run_folder import foreign
+from ..run_folder import foreign_files_message
 from ..terminal import STYLE, console
 
 NUMBERS, FIGURE = "fit.json", "fit.png"
 UNITS = {"dc": "m", "stiffness": "1/m", "trend": "1/m", "v0": "m/s", "damping": "s/m"}
 
 
-class Fitted(NamedTuple):
-    """A record, the fits of it, and which one the data prefer."""
+class RecordFits(NamedTuple):
+    """A record, its fits, and their comparison."""
 
     file: Path
     data: Data
@@ -33,47 +33,47 @@ class Fitted(NamedTuple):
 def fitted(
     file: Path, *, laws, stiffness: float | None, free_stiffness: bool, v0: float | None, before: float | None,
     detrend: bool, normal: bool, out: Path | None, overwrite: bool,
-) -> Fitted:  # fmt: skip
-    """Read a record and fit each law to it; refuses beforehand a folder that cannot take the results."""
+) -> RecordFits:  # fmt: skip
+    """Read a record and fit each law to it; the output folder is checked first."""
     if out is not None:
-        _claim(out, overwrite)
+        _check_folder(out, overwrite)
     if stiffness is not None and free_stiffness:
         raise ValueError("--stiffness and --free-stiffness were both given: choose one")
     record = record_data(read_csv(file), before=before, normal=normal)
     sprung = len(record.legs) > 0
     if sprung and stiffness is None and not free_stiffness:
-        raise ValueError("the stiffness of the apparatus is not known: give --stiffness K [1/m], or --free-stiffness")
+        raise ValueError("the stiffness of the apparatus is unknown: give --stiffness K [1/m], or --free-stiffness")
     if not sprung and (stiffness is not None or free_stiffness):
-        raise ValueError(f"{file} holds slip velocity and no load_point, so that no spring enters: leave stiffness out")
+        raise ValueError(f"{file} has slip velocity and no load_point, so there is no spring: leave out the stiffness")
     changes = normal and np.ptp([leg.normal for leg in record.legs]) > 0
     free = tuple(name for name, on in (("stiffness", free_stiffness), ("alpha", changes), ("trend", detrend)) if on)
     given = {"stiffness": stiffness, "v0": v0}
     fixed = {name: value for name, value in given.items() if value is not None}
     fits = tuple(fit(record, law=law, fixed=fixed, free=free) for law in laws)
-    return Fitted(file, record, fits, compare_laws(*fits) if len(fits) == 2 else None)
+    return RecordFits(file, record, fits, compare_laws(*fits) if len(fits) == 2 else None)
 
 
-def _claim(out: Path, overwrite: bool) -> None:
+def _check_folder(out: Path, overwrite: bool) -> None:
     if out.exists() and not out.is_dir():
         raise ValueError(f"{out} is a file, not a folder: choose another --out")
     if overwrite:
         return
     if others := strange(out, lambda name: name in (NUMBERS, FIGURE)):
-        raise ValueError(foreign(out, others))
+        raise ValueError(foreign_files_message(out, others))
     if (out / NUMBERS).exists():
-        raise ValueError(f"{out} holds the results of a fit: choose another --out, or add --overwrite")
+        raise ValueError(f"{out} contains the results of a fit: choose another --out, or add --overwrite")
 
 
-def as_json(found: Fitted) -> str:
-    """One object with the documented keys; what is not known is null."""
-    out = {"file": found.file.name, "units": "m, s", "fits": {one.law: _numbers(one) for one in found.fits}}
+def as_json(found: RecordFits) -> str:
+    """Return one JSON object with the documented keys; unknown values are null."""
+    out = {"file": found.file.name, "units": "m, s", "fits": {one.law: _fit_dict(one) for one in found.fits}}
     if found.comparison is not None:
         out["comparison"] = found.comparison._asdict()
-    return json.dumps(_finite(out), indent=1, allow_nan=False)
+    return json.dumps(_replace_nonfinite(out), indent=1, allow_nan=False)
 
 
-def _numbers(one: Fit) -> dict:
-    kept = (
+def _fit_dict(one: Fit) -> dict:
+    names = (
         "values",
         "errors",
         "intervals",
@@ -87,36 +87,36 @@ def _numbers(one: Fit) -> dict:
         "bic",
     )
     more = {"covariance": one.covariance.tolist(), "noise": one.noise.tolist(), "samples": one.samples}
-    return {name: getattr(one, name) for name in kept} | more | {"a_minus_b": one.difference}
+    return {name: getattr(one, name) for name in names} | more | {"a_minus_b": one.difference}
 
 
-def _finite(thing):
-    """The same with None for what is not finite."""
+def _replace_nonfinite(thing):
+    """Replace numbers that are not finite with None."""
     if isinstance(thing, dict):
-        return {k: _finite(v) for k, v in thing.items()}
+        return {k: _replace_nonfinite(v) for k, v in thing.items()}
     if isinstance(thing, list | tuple):
-        return [_finite(v) for v in thing]
+        return [_replace_nonfinite(v) for v in thing]
     if isinstance(thing, float | np.floating):
         return float(thing) if np.isfinite(thing) else None
     return thing
 
 
-def show(found: Fitted) -> None:
-    """A table for each law, and the comparison."""
+def show(found: RecordFits) -> None:
+    """Print a table for each law, and the comparison."""
     for one in found.fits:
         table = Table(title=f"{one.law.capitalize()} law", **STYLE)
         for name in ("parameter", "value", "95 % interval", "unit"):
             table.add_column(name, justify="left" if name in ("parameter", "unit") else "right", no_wrap=True)
         for name in one.names:
-            table.add_row(name, *_cells(one.values[name], *one.intervals[name]), UNITS.get(name, ""))
+            table.add_row(name, *_format_cells(one.values[name], *one.intervals[name]), UNITS.get(name, ""))
         if {"a", "b"} & set(one.names):
-            table.add_row("a − b", *_cells(*one.difference), "")
+            table.add_row("a − b", *_format_cells(*one.difference), "")
         for name in ("stiffness", "v0"):
             if name in one.fixed:
                 table.add_row(name, f"{one.fixed[name]:.5g}", "fixed", UNITS[name])
         console.print(table)
-        memory = f"as much as {one.effective:.0f} independent ones" if len(one.noise) else "independent of each other"
-        console.print(f"  noise {one.sigma:.2e}; {one.samples} samples, {memory}")
+        count = f"equivalent to {one.effective:.0f} independent ones" if len(one.noise) else "independent of each other"
+        console.print(f"  noise {one.sigma:.2e}; {one.samples} samples, {count}")
         if not (one.identifiable and one.adequate):
             console.print(f"  {one.sentence}", style="yellow")
         console.print()
@@ -124,20 +124,20 @@ def show(found: Fitted) -> None:
         console.print(found.comparison.sentence, style="bold")
 
 
-def sentences(found: Fitted) -> list[str]:
-    """The answer in a word: which law the data prefer, or what one fit tells."""
+def sentences(found: RecordFits) -> list[str]:
+    """Return the conclusion: the law that the data prefer, or the sentence of a single fit."""
     return [found.comparison.sentence] if found.comparison is not None else [one.sentence for one in found.fits]
 
 
-def _cells(value: float, low: float, high: float) -> tuple[str, str]:
+def _format_cells(value: float, low: float, high: float) -> tuple[str, str]:
     if not np.isfinite(value):
-        return "not known", "–"
+        return "unknown", "–"
     return f"{value:.5g}", f"{low:.5g} … {high:.5g}" if np.isfinite(low) else "–"
 
 
-def write(out: Path, found: Fitted) -> list[Path]:
-    """JSON and figure; returns their paths."""
+def write(out: Path, found: RecordFits) -> list[Path]:
+    """Write JSON and figure, and return their paths."""
     out.mkdir(parents=True, exist_ok=True)
     put(out, FIGURE, png(figures.fitted(found.data, found.fits)))
-    put(out, NUMBERS, f"{as_json(found)}\n".encode())  # last: with it the fit is there
+    put(out, NUMBERS, f"{as_json(found)}\n".encode())  # last, since it marks the fit as complete
     return [out / NUMBERS, out / FIGURE]

@@ -1,4 +1,4 @@
-"""A slider's history: what it leaves in its folder and on the terminal."""
+"""Output of a spring-slider: files, archive, terminal summary and measures."""
 
 from functools import partial
 from pathlib import Path
@@ -19,27 +19,27 @@ def figures(result: SliderResult):
 
 
 def files(result: SliderResult):
-    """Yield (file name, function that writes it): the series as CSV, which `stickslip fit` reads."""
+    """Yield (file name, function that writes it) for the time series as CSV, which `stickslip fit` reads."""
     yield SERIES, partial(_write_series, result)
 
 
 def _write_series(result: SliderResult, path: Path) -> None:
     h, noise = result.history, result.scenario.samples.noise
     record = LabRecord(h.time, result.recorded, h.load_point, slip=h.slip, velocity=h.velocity, theta=h.theta)
-    said = f"noise of {noise:g} is in friction" if noise else "no noise"
-    write_csv(path, record, (f"stickslip, experiment rate-state: {said}",))
+    note = f"noise of {noise:g} is in friction" if noise else "no noise"
+    write_csv(path, record, (f"stickslip, experiment rate-state: {note}",))
 
 
 def numbers(result: SliderResult) -> dict:
-    """What the archive holds besides scenario and version."""
+    """Return the contents of the archive, besides scenario and version."""
     history = plain(result.history._replace(end=result.history.end.value))
     return {"history": history, "recorded": result.recorded, "units": "m, s"}
 
 
 def show(result: SliderResult) -> None:
-    """Stability of each leg and how the history ended, on the terminal."""
+    """Print the legs, their stability and the end of the history."""
     h, table = result.history, Table(title="Legs of the load point", **STYLE)
-    for name in ("velocity [m/s]", "until [s]", "friction at its end", "least", "greatest"):
+    for name in ("velocity [m/s]", "until [s]", "final friction", "least", "greatest"):
         table.add_column(name, justify="right", no_wrap=True)
     ends = np.cumsum([leg.duration for leg in result.legs])
     for leg, end in zip(result.legs, ends, strict=True):
@@ -56,7 +56,7 @@ def show(result: SliderResult) -> None:
 
 
 def measures(result: SliderResult) -> dict[str, tuple[float, str]]:
-    """{name: (value, unit)} of a run, for sweeps; stability is that of the last leg that moves."""
+    """Return {name: (value, unit)} for sweeps; stability is that of the last moving leg."""
     h, surface = result.history, result.scenario.surface
     velocity = [leg.velocity for leg in result.legs if leg.velocity > 0][-1]
     return {

@@ -1,4 +1,4 @@
-"""A scenario of rate-and-state friction: a slider on a spring under a history of load."""
+"""Scenario of rate-and-state friction: a spring-slider under a load history."""
 
 from typing import Annotated, ClassVar, Literal
 
@@ -10,56 +10,60 @@ from ...data.schema import Finite, Listed, NotNegative, Part, Positive, Seed, Wh
 class Surface(Part):
     """μ = μ0 + a ln(V/V0) + b ln(V0 θ/D_c)."""
 
-    law: Literal["aging", "slip"] = Field("slip", description="by which the state θ evolves")
-    a: Positive = Field(0.0247, description="direct effect; these three are paper 003's")
+    law: Literal["aging", "slip"] = Field("slip", description="evolution law of the state θ")
+    a: Positive = Field(0.0247, description="direct effect; the defaults of a, b and dc are those of paper 003")
     b: NotNegative = Field(0.0178, description="evolution effect")
-    dc: Positive = Field(5.3e-3, description="slip over which the state evolves [m]")
-    mu0: Finite = Field(0.4, description="steady friction at v0")
-    v0: Positive = Field(0.02, description="at which steady friction is mu0 [m/s]")
+    dc: Positive = Field(5.3e-3, description="characteristic slip of the state evolution [m]")
+    mu0: Finite = Field(0.4, description="steady-state friction at v0")
+    v0: Positive = Field(0.02, description="velocity at which steady-state friction is mu0 [m/s]")
     alpha: NotNegative = Field(
-        0.0, description="of Linker and Dieterich: how changes of normal stress act on the state"
+        0.0, description="Linker and Dieterich's parameter for the effect of normal stress changes on the state"
     )
 
 
 class Drive(Part):
     """The spring between load point and slider."""
 
-    stiffness: Positive = Field(200.0, description="friction per displacement [1/m]")
-    damping: NotNegative = Field(0.0, description="radiation damping over normal stress; 0 is quasi-static [s/m]")
+    stiffness: Positive = Field(200.0, description="stiffness, friction per displacement [1/m]")
+    damping: NotNegative = Field(0.0, description="radiation damping over normal stress; 0: quasi-static [s/m]")
 
 
 class Stretch(Part):
-    """One leg of the load point: its velocity, and how long or how far."""
+    """One leg of the load point: its velocity, and its duration or distance."""
 
-    velocity: NotNegative = Field(description="0 is a hold [m/s]")
-    duration: Positive | None = Field(None, description="of the leg [s]")
-    distance: Positive | None = Field(None, description="of the load point, in place of duration [m]")
-    normal: Positive = Field(1.0, description="normal stress over its reference")
+    velocity: NotNegative = Field(description="velocity; 0 is a hold [m/s]")
+    duration: Positive | None = Field(None, description="duration of the leg [s]")
+    distance: Positive | None = Field(None, description="distance of the load point, instead of duration [m]")
+    normal: Positive = Field(1.0, description="normal stress over its reference value")
 
     @model_validator(mode="after")
-    def _one_length(self):
+    def _check_length(self):
         if (self.duration is None) == (self.distance is None):
-            raise ValueError("a leg needs either duration or distance: give one of them")
+            raise ValueError("a leg needs either duration or distance: give exactly one of them")
         if self.velocity == 0 and self.duration is None:
             raise ValueError("a leg with velocity 0 (a hold) has no distance: give its duration")
         return self
 
     @property
     def time(self) -> float:
-        """How long it lasts [s]."""
+        """Duration [s]."""
         return self.duration if self.duration is not None else self.distance / self.velocity
 
 
 class Samples(Part):
-    """What is recorded."""
+    """Recorded samples."""
 
-    number: Annotated[int, Field(ge=10, le=100_000)] = Field(150, description="for each leg, the first ones closer")
+    number: Annotated[int, Field(ge=10, le=100_000)] = Field(
+        150, description="number of samples of each leg; the first ones are closer in time"
+    )
     noise: NotNegative = Field(0.0, description="standard deviation of noise added to the recorded friction")
-    correlation: Annotated[float, Field(ge=0, lt=1)] = Field(0.0, description="of the noise of neighbouring samples")
+    correlation: Annotated[float, Field(ge=0, lt=1)] = Field(
+        0.0, description="correlation of the noise of neighbouring samples"
+    )
 
 
 class RateStateScenario(Whole):
-    """Everything that defines the history of a slider with rate-and-state friction."""
+    """Complete definition of the history of a slider with rate-and-state friction."""
 
     si: ClassVar[bool] = True
     experiment: Literal["rate-state"] = "rate-state"
@@ -74,9 +78,9 @@ class RateStateScenario(Whole):
     samples: Samples = Samples()
 
     @model_validator(mode="after")
-    def _starts(self):
+    def _check_start(self):
         if self.legs[0].velocity == 0:
-            raise ValueError("the first leg is a hold: start with a leg of positive velocity, where sliding is steady")
+            raise ValueError("the first leg is a hold: start with a leg of positive velocity, with steady sliding")
         if self.surface.alpha > 0 and self.surface.b == 0:
             raise ValueError("surface.alpha acts through the state: give surface.b > 0, or leave alpha out")
         return self

@@ -1,4 +1,4 @@
-"""A spring slider, from its scenario to its history."""
+"""Simulation of a spring-slider."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -13,12 +13,12 @@ from ...friction.stability import Sliding, steady_sliding
 from .scenario import RateStateScenario
 
 Report = Callable[[str, float, str], None]
-EARLY = 1e-4  # share of a leg from which on its first samples are spaced evenly in ln t
+EARLIEST = 1e-4  # first sample of each leg that is spaced evenly in ln t, as a fraction of the leg
 
 
 @readable
 class SliderResult(NamedTuple):
-    """A scenario and what came of it."""
+    """Result of a scenario."""
 
     scenario: RateStateScenario
     legs: tuple[LoadStep, ...]
@@ -34,21 +34,21 @@ def simulate_slider(
     workers: int | None = None,
     report: Report = lambda stage, share, words: None,
 ) -> SliderResult:
-    """Run a scenario; one slider needs one process, and nothing is saved on the way."""
+    """Run a scenario in one process; nothing is saved during the run."""
     surface, spring = RateState(**scenario.surface.model_dump()), Spring(**scenario.spring.model_dump())
     legs = tuple(LoadStep(leg.time, leg.velocity, leg.normal) for leg in scenario.legs)
     sliding = tuple(steady_sliding(surface, spring, leg.velocity) for leg in legs if leg.velocity > 0)
     rate = f"stiffness {spring.stiffness:g}, growth rate {max(one.growth_rate for one in sliding):.2e}"
     report("slider", 0.0, f"{len(legs)} legs of the load point, {rate}")
-    history = spring_slider(surface, spring, legs, times=_times(legs, scenario.samples.number))
+    history = spring_slider(surface, spring, legs, times=_sample_times(legs, scenario.samples.number))
     report("slider", 1.0, f"{rate}, friction {history.friction[-1]:.4f} at {history.velocity[-1]:.1e} m/s")
     return SliderResult(scenario, legs, history, history.friction + _noise(scenario, len(history.time)), sliding)
 
 
-def _times(legs, number: int) -> np.ndarray:
-    """Samples of each leg: a third evenly in ln t, the others evenly in t, its end among them."""
+def _sample_times(legs, number: int) -> np.ndarray:
+    """Return sample times: a third of each leg evenly in ln t, the others evenly in t, including its end."""
     few = number // 3
-    share = np.unique(np.r_[np.geomspace(EARLY, 1.0, few), np.linspace(0, 1, number - few + 1)[1:]])
+    share = np.unique(np.r_[np.geomspace(EARLIEST, 1.0, few), np.linspace(0, 1, number - few + 1)[1:]])
     ends = np.cumsum([leg.duration for leg in legs])
     return np.unique(
         np.r_[0.0, np.concatenate([e - g.duration * (1 - share) for e, g in zip(ends, legs, strict=True)])]

@@ -1,1 +1,1 @@
-"""Many scenarios at once: a table `[sweep]`, its members, and the dataset that they leave."""
+"""Sweeps: many scenarios defined by a table `[sweep]`, and the dataset of their results."""

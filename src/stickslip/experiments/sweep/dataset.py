@@ -1,6 +1,6 @@
-"""The dataset of a sweep: swept keys are dimensions, what its members measured are variables with units.
+"""Dataset of a sweep: swept keys are dimensions, and the measures of its members are variables with units.
 
-It is NetCDF 3, which xarray reads with SciPy alone, and which every program of the geosciences reads.
+The format is NetCDF 3, which xarray reads with SciPy alone and which geoscience programs read.
 """
 
 from pathlib import Path
@@ -11,29 +11,29 @@ import xarray as xr
 from ... import __version__
 from ...data.dotted_keys import field_at
 from ...data.manifest import put
-from ..registry import kind_of
+from ..registry import scenario_class
 from .definition import Axis, Sweep
 
 DATASET = "sweep.nc"
-POINT = "point"  # the dimension along which axes go side by side
-WORDS = 300  # of a failure that are kept
+POINT = "point"  # dimension along which several axes vary together
+WORDS = 300  # characters of a failure message that are saved
 
 
 def is_sweep(folder: str | Path) -> bool:
-    """Whether a folder holds the results of a sweep."""
+    """Return True if a folder contains the results of a sweep."""
     return (Path(folder) / DATASET).is_file()
 
 
 def open_sweep(folder: str | Path) -> xr.Dataset:
-    """The results of a sweep, from its folder (or its file), loaded.
+    """Load the results of a sweep from its folder or file.
 
-    Variables have a dimension for every swept key (in a grid; else `point`, and `seed` if it was counted), NaN where a
-    member is not finished; `member` names the folders of the members, `failure` says what went wrong.
+    In a grid, variables have a dimension for every swept key; otherwise `point`, and `seed` if it is counted. Values of
+    unfinished members are NaN. `member` is the folder of each member, and `failure` its error message.
 
     Raises
     ------
     ValueError
-        if there is none.
+        If there is no sweep.
 
     Examples
     --------
@@ -45,23 +45,24 @@ def open_sweep(folder: str | Path) -> xr.Dataset:
         with xr.open_dataset(path, engine="scipy") as found:
             return found.load()
     except (OSError, TypeError, ValueError):
-        raise ValueError(f"{path} holds no sweep: give the folder of a finished `stickslip run` of one") from None
+        raise ValueError(f"{path} does not contain a sweep: give the folder of a finished sweep") from None
 
 
 def write_sweep(folder: Path, chosen: Sweep, names: list[str], found: list[dict | None], failures: list[str]) -> None:
-    """Write the dataset, all or nothing.
+    """Write the dataset atomically.
 
     Parameters
     ----------
-    names, found, failures : of all members in their order: folder; what it left (None if it is not finished) with
-        `measures` {name: [value, unit]} and `seconds`; sentence, or nothing
+    names : folder of each member, in order
+    found : output of each member, `measures` {name: [value, unit]} and `seconds`; None if it is not finished
+    failures : error message of each member, or an empty string
     """
-    put(folder, DATASET, bytes(dataset(chosen, names, found, failures).to_netcdf(engine="scipy")))
+    put(folder, DATASET, bytes(build_dataset(chosen, names, found, failures).to_netcdf(engine="scipy")))
 
 
-def dataset(chosen: Sweep, names: list[str], found: list[dict | None], failures: list[str]) -> xr.Dataset:
-    """The dataset of a sweep, arguments as in `write_sweep`."""
-    kind, dims, coordinates = kind_of(chosen.base), [], {}
+def build_dataset(chosen: Sweep, names: list[str], found: list[dict | None], failures: list[str]) -> xr.Dataset:
+    """Build the dataset of a sweep; arguments are those of `write_sweep`."""
+    kind, dims, coordinates = scenario_class(chosen.base), [], {}
     for group in chosen.groups:
         dims.append(group[0].key if chosen.mode == "grid" or group[0].kind == "count" else POINT)
         for axis in group:
@@ -73,7 +74,7 @@ def dataset(chosen: Sweep, names: list[str], found: list[dict | None], failures:
     units = {name: unit for one in found if one for name, (_, unit) in one["measures"].items()}
     variables = {name: shaped([_value(one, name) for one in found], units=unit) for name, unit in units.items()}
     spent = [one["seconds"] if one else np.nan for one in found]
-    variables["seconds"] = shaped(spent, units="s", long_name="time that the member took")
+    variables["seconds"] = shaped(spent, units="s", long_name="run time of the member")
     variables["finished"] = shaped(np.array([one is not None for one in found], np.int8))
     variables["member"] = shaped(np.array(names), long_name="folder in members/")
     if any(failures):
@@ -87,7 +88,7 @@ def dataset(chosen: Sweep, names: list[str], found: list[dict | None], failures:
 
 
 def _labels(axis: Axis) -> np.ndarray:
-    """Values of an axis as a file holds them: numbers, or words."""
+    """Return the values of an axis as numbers, or else as strings."""
     if all(isinstance(v, int) and not isinstance(v, bool) and abs(v) < 2**31 for v in axis.values):
         return np.array(axis.values, np.int32)
     if all(isinstance(v, int | float) and not isinstance(v, bool) for v in axis.values):
@@ -96,7 +97,7 @@ def _labels(axis: Axis) -> np.ndarray:
 
 
 def _attributes(description: str | None) -> dict:
-    """Description and unit, which stands in its last brackets, of a key in the scenario."""
+    """Return the attributes of a scenario key: its description, and the unit in the last brackets of it."""
     if not description:
         return {}
     words, bracket, unit = description.rpartition("[")

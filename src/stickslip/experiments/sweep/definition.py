@@ -1,7 +1,7 @@
-"""A sweep: many scenarios from one, by a table [sweep] of keys with lists of values or distributions.
+"""Definition of a sweep: many scenarios from one, by a table [sweep] of keys with lists of values or distributions.
 
-A value of the table is a list, or a table with one of the kinds below and `number`. Draws depend on `draw_seed` and on
-their own key alone, so that another key in the table does not change them.
+A value in the table is a list, or a table with one of the kinds below and `number`. Random values depend only on
+`draw_seed` and their own key, so adding another key does not change them.
 """
 
 import hashlib
@@ -20,30 +20,30 @@ from ...core.readable import readable
 from ...data.dotted_keys import field_at, put
 from ...data.law_file import sealed
 from ...data.schema import LARGEST, ScenarioError, Whole
-from ..registry import kind_of, scenario, tables_of
+from ..registry import scenario, scenario_class, tables_of
 
 MODES = ("grid", "zip", "sample")
 OPTIONS = ("mode", "number", "draw_seed")
 SPACED, DRAWN = ("linspace", "geomspace"), ("uniform", "loguniform", "integers", "normal")
 KINDS = (*SPACED, *DRAWN, "count")
-MOST = 1_000_000  # members: their names and numbers are held in memory
+MOST = 1_000_000  # members, since their names and measures are held in memory
 
 
 class Axis(NamedTuple):
-    """One key that is swept, with its values; in a sample without values there is what they are drawn from."""
+    """A swept key and its values; `values` is empty for a distribution that is still to be sampled."""
 
     key: str
     values: tuple
     kind: str  # "list", or one of KINDS
-    told: Any  # the entry of the table
+    entry: Any  # of the table
 
 
 @readable
 class Sweep(NamedTuple):
-    """Many scenarios: `base` with the values of `axes` in their places.
+    """Many scenarios: `base`, with the values of `axes` substituted.
 
-    In a grid every axis is a dimension. Otherwise all axes but a counted seed go side by side along one dimension, and
-    every point is repeated with all seeds.
+    In a grid, every axis is a dimension. Otherwise all axes except a counted seed vary together along one dimension,
+    and every point is repeated for all seeds.
     """
 
     base: dict
@@ -53,12 +53,12 @@ class Sweep(NamedTuple):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Members along every dimension."""
+        """Number of members along each dimension."""
         return tuple(len(group[0].values) for group in self.groups)
 
     @property
     def groups(self) -> tuple[tuple[Axis, ...], ...]:
-        """Axes that vary together, for every dimension."""
+        """Axes that vary together, for each dimension."""
         if self.mode == "grid":
             return tuple((axis,) for axis in self.axes)
         points = tuple(axis for axis in self.axes if axis.kind != "count")
@@ -75,69 +75,69 @@ class Sweep(NamedTuple):
         return hashlib.sha256(self.text.encode()).hexdigest()[:16]
 
 
-class One(NamedTuple):
+class Member(NamedTuple):
     """A member of a sweep."""
 
-    name: str  # of its folder: what is swept, and a digest of the whole scenario
+    name: str  # of its folder: the swept values, and a digest of the whole scenario
     values: dict  # {key: value}
     scenario: Whole
 
 
 def read_sweep(path: str | Path) -> Sweep:
-    """A sweep from a TOML file with a table [sweep], or from the sweep.json that a run left behind."""
+    """Read a sweep from a TOML file with a table [sweep], or from the sweep.json of a run."""
     return sweep(**tables_of(path))
 
 
 def sweep(**tables) -> Sweep:
-    """A sweep from nested dictionaries, as in the TOML file; nothing but the table [sweep] is judged here.
+    """Create a sweep from nested dictionaries, as in the TOML file; only the table [sweep] is validated here.
 
     Raises
     ------
     ScenarioError
-        with one sentence that names the key, what was got and what is allowed.
+        If the table is invalid; the message names the key, the value given and the values allowed.
 
     Examples
     --------
-    >>> both = sweep(experiment="rate-state", sweep={"surface.a": [0.01, 0.02], "seed": {"count": 3}})
-    >>> both.count, [one.values for one in members(both)][1]
+    >>> grid = sweep(experiment="rate-state", sweep={"surface.a": [0.01, 0.02], "seed": {"count": 3}})
+    >>> grid.count, [one.values for one in members(grid)][1]
     (6, {'surface.a': 0.01, 'seed': 1})
     """
     tables = sealed(tables)
     base, table = {k: v for k, v in tables.items() if k != "sweep"}, tables.get("sweep")
     if not isinstance(table, dict):
         raise ScenarioError("a sweep needs a table [sweep] of keys with lists of values or distributions")
-    kind = kind_of(base)
-    mode, number, seed = _options(table)
-    entries = _flat({k: v for k, v in table.items() if k not in OPTIONS})
+    kind = scenario_class(base)
+    mode, number, seed = _read_options(table)
+    entries = _flatten_entries({k: v for k, v in table.items() if k not in OPTIONS})
     if not entries:
-        raise ScenarioError('[sweep] holds no key: give one, such as "law.mu" = [0.2, 0.4]')
+        raise ScenarioError('[sweep] contains no key: give one, such as "law.mu" = [0.2, 0.4]')
     for key in entries:
         field_at(kind, key)
         if key in ("law.file", "law.checksum"):
-            raise ScenarioError(f"sweep.{key} was given: a law's file cannot be swept, make a sweep for each")
-    axes = tuple(_axis(key, told, base, mode, number, seed) for key, told in entries.items())
+            raise ScenarioError(f"sweep.{key} was given, but law files cannot be swept: make one sweep for each file")
+    axes = tuple(_parse_axis(key, entry, base, mode, number, seed) for key, entry in entries.items())
     if mode == "sample":
-        axes = _sampled(axes, number, seed)
+        axes = _draw_latin_hypercube(axes, number, seed)
     if mode == "zip":
-        _same_length(axes)
+        _check_same_length(axes)
     found = Sweep(base, axes, mode, json.dumps(tables, indent=1, default=str))
     if found.count > MOST:
-        raise ScenarioError(f"[sweep] makes {found.count} members: at most {MOST} are allowed")
+        raise ScenarioError(f"[sweep] defines {found.count} members: at most {MOST} are allowed")
     return found
 
 
-def members(chosen: Sweep) -> Iterator[One]:
-    """All members, the last dimension fastest; each is judged when its turn comes, as in `member`."""
+def members(chosen: Sweep) -> Iterator[Member]:
+    """Iterate over all members, the last dimension fastest; each is validated when it is reached, as in `member`."""
     return (member(chosen, k) for k in range(chosen.count))
 
 
-def member(chosen: Sweep, k: int) -> One:
-    """The member at a place, counted from 0, the last dimension fastest.
+def member(chosen: Sweep, k: int) -> Member:
+    """Return member `k`, counted from 0 with the last dimension fastest.
 
     Raises
     ------
     ScenarioError
-        with one sentence that names the member, and the key with what is wrong.
+        If the scenario is invalid; the message names the member, the key and the problem.
     """
     places = zip(np.unravel_index(k, chosen.shape), chosen.groups, strict=True)
     values = {axis.key: axis.values[place] for place, group in places for axis in group}
@@ -145,64 +145,64 @@ def member(chosen: Sweep, k: int) -> One:
         one = scenario(**reduce(lambda tables, item: put(tables, *item), values.items(), chosen.base))
     except ScenarioError as problem:
         raise ScenarioError(f"member {', '.join(f'{k} = {v}' for k, v in values.items())}: {problem}") from None
-    return One(_name(values, one), values, one)
+    return Member(_member_name(values, one), values, one)
 
 
-def differences(old: dict, new: dict) -> str:
-    """What makes the tables of two sweeps different studies, in words; nothing if only values of their keys differ."""
-    (base, keys, mode), (its_base, its_keys, its_mode) = map(_study, (old, new))
+def describe_differences(old: dict, new: dict) -> str:
+    """Describe the differences between the tables of two sweeps; empty if only the values of swept keys differ."""
+    (base, keys, mode), (its_base, its_keys, its_mode) = map(_split_tables, (old, new))
     words = []
     if set(keys) != set(its_keys):
-        words.append(f"that one sweeps {', '.join(keys)}, this one {', '.join(its_keys)}")
+        words.append(f"the old sweep has keys {', '.join(keys)}, the new one {', '.join(its_keys)}")
     if mode != its_mode:
-        words.append(f"its mode is {mode}, not {its_mode}")
+        words.append(f"the mode was {mode} and is now {its_mode}")
     changed = [key for key in dict.fromkeys((*base, *its_base)) if base.get(key) != its_base.get(key)]
     for key in changed[:3]:
-        there, here = (json.dumps(one[key])[:60] if key in one else "left out" for one in (base, its_base))
-        words.append(f"{key} is {there} there and {here} here")
+        there, here = (json.dumps(one[key])[:60] if key in one else "not given" for one in (base, its_base))
+        words.append(f"{key} was {there} and is now {here}")
     if len(changed) > 3:
         words.append(f"{len(changed) - 3} more keys differ")
     return ", ".join(words)
 
 
-def _study(tables: dict) -> tuple[dict, list[str], str]:
-    """Dotted keys of the base with their values, keys that are swept, mode."""
+def _split_tables(tables: dict) -> tuple[dict, list[str], str]:
+    """Return the dotted keys of the base with their values, the swept keys, and the mode."""
     table = tables.get("sweep", {})
-    base = {"experiment": "disk-array"} | _dotted({k: v for k, v in tables.items() if k != "sweep"})
-    return base, list(_flat({k: v for k, v in table.items() if k not in OPTIONS})), table.get("mode", "grid")
+    base = {"experiment": "disk-array"} | _flatten({k: v for k, v in tables.items() if k != "sweep"})
+    return base, list(_flatten_entries({k: v for k, v in table.items() if k not in OPTIONS})), table.get("mode", "grid")
 
 
-def _dotted(table: dict, above: str = "") -> dict:
+def _flatten(table: dict, above: str = "") -> dict:
     out = {}
     for key, value in table.items():
-        out |= _dotted(value, f"{above}{key}.") if isinstance(value, dict) else {above + key: value}
+        out |= _flatten(value, f"{above}{key}.") if isinstance(value, dict) else {above + key: value}
     return out
 
 
-def _name(values: dict, one: Whole) -> str:
+def _member_name(values: dict, one: Whole) -> str:
     words = ",".join(f"{key}={f'{v:.6g}' if isinstance(v, float) else v}" for key, v in values.items())
     return f"{re.sub(r'[^A-Za-z0-9.=,+_-]+', '_', words)[:80]}-{one.digest[:10]}"
 
 
-def _options(table: dict) -> tuple[str, int | None, int]:
+def _read_options(table: dict) -> tuple[str, int | None, int]:
     mode, number, seed = table.get("mode", "grid"), table.get("number"), table.get("draw_seed", 0)
     if mode not in MODES:
         raise ScenarioError(f"sweep.mode = {mode!r} was given: use {', '.join(map(repr, MODES))}")
     if number is not None:
-        _whole("sweep.number", number, 1)
+        _check_integer("sweep.number", number, 1)
     if mode == "sample" and number is None:
         raise ScenarioError('sweep.mode = "sample" needs the number of points: give sweep.number')
     if mode == "grid" and number is not None:
-        raise ScenarioError("sweep.number belongs to zip and sample: give a grid's distributions their own number")
-    return mode, number, _whole("sweep.draw_seed", seed, 0)
+        raise ScenarioError("sweep.number is only for zip and sample: in a grid, give each distribution its number")
+    return mode, number, _check_integer("sweep.draw_seed", seed, 0)
 
 
-def _flat(table: dict, above: str = "") -> dict:
-    """Dotted keys: [sweep.law] mu = … and "law.mu" = … are the same."""
+def _flatten_entries(table: dict, above: str = "") -> dict:
+    """Flatten tables to dotted keys: [sweep.law] mu = … is the same as "law.mu" = …"""
     out = {}
     for key, value in table.items():
         if isinstance(value, dict) and not _is_distribution(value):
-            out |= _flat(value, f"{above}{key}.")
+            out |= _flatten_entries(value, f"{above}{key}.")
         else:
             out[above + key] = value
     return out
@@ -212,101 +212,101 @@ def _is_distribution(value: dict) -> bool:
     return not value or not all(isinstance(item, list | dict) for item in value.values()) or bool(set(value) & {*KINDS})
 
 
-def _axis(key: str, told, base: dict, mode: str, number: int | None, seed: int) -> Axis:
-    """What is swept at a key, with its values; those of a sample come later."""
-    if isinstance(told, list):
-        if not told:
+def _parse_axis(key: str, entry, base: dict, mode: str, number: int | None, seed: int) -> Axis:
+    """Parse the entry of a swept key; the values of a sample are drawn later."""
+    if isinstance(entry, list):
+        if not entry:
             raise ScenarioError(f"sweep.{key} is an empty list: give at least one value")
-        if mode == "grid" and (twice := _twice(told)):
-            raise ScenarioError(f"sweep.{key} holds {twice} twice: give every value once")
-        return Axis(key, tuple(told), "list", told)
-    if not isinstance(told, dict):
-        raise ScenarioError(f"sweep.{key} = {told!r} was given: use a list of values, or {{{' | '.join(KINDS)} = …}}")
-    kind, many = _kind(key, told), told.get("number", number)
+        if mode == "grid" and (twice := _find_duplicate(entry)):
+            raise ScenarioError(f"sweep.{key} contains {twice} twice: give each value once")
+        return Axis(key, tuple(entry), "list", entry)
+    if not isinstance(entry, dict):
+        raise ScenarioError(f"sweep.{key} = {entry!r} was given: use a list of values, or {{{' | '.join(KINDS)} = …}}")
+    kind, many = _values_kind(key, entry), entry.get("number", number)
     if kind == "count":
         if key != "seed":
-            raise ScenarioError(f"sweep.{key} has count, which is for seed: use a list, linspace or a distribution")
+            raise ScenarioError(f"sweep.{key} has count, valid only for seed: use a list, linspace or a distribution")
         first = base.get("seed", 0)
-        count = _whole("sweep.seed.count", told["count"], 1, MOST)
-        return Axis(key, tuple(range(_whole("seed", first, 0), first + count)), kind, told)
-    _check_numbers(key, kind, told[kind])
+        count = _check_integer("sweep.seed.count", entry["count"], 1, MOST)
+        return Axis(key, tuple(range(_check_integer("seed", first, 0), first + count)), kind, entry)
+    _check_parameters(key, kind, entry[kind])
     if mode == "sample":
-        if "number" in told:
-            raise ScenarioError(f"sweep.{key}.number was given, but a sample has one for all keys: give sweep.number")
-        return Axis(key, (), kind, told)
+        if "number" in entry:
+            raise ScenarioError(f"sweep.{key}.number was given: a sample has one number for all keys, sweep.number")
+        return Axis(key, (), kind, entry)
     if many is None:
-        raise ScenarioError(f"sweep.{key} has no number of values: give one, as in {{{kind} = …, number = 5}}")
-    many = _whole(f"sweep.{key}.number", many, 1, MOST)
+        raise ScenarioError(f"sweep.{key} has no number of values: give it, as in {{{kind} = …, number = 5}}")
+    many = _check_integer(f"sweep.{key}.number", many, 1, MOST)
     if kind in SPACED:
-        return Axis(key, _spaced(kind, *told[kind], many), kind, told)
+        return Axis(key, _spaced_values(kind, *entry[kind], many), kind, entry)
     draws = np.random.default_rng([seed, zlib.crc32(key.encode())]).random(many)
-    return Axis(key, _quantiles(kind, told[kind], np.sort(draws) if mode == "grid" else draws), kind, told)
+    return Axis(key, _quantiles(kind, entry[kind], np.sort(draws) if mode == "grid" else draws), kind, entry)
 
 
-def _twice(told: list) -> str | None:
-    """The first value of a list that stands there twice."""
+def _find_duplicate(values: list) -> str | None:
+    """Return the first value that occurs twice in a list, or None."""
     seen = set()
-    for words in map(str, told):
+    for words in map(str, values):
         if words in seen:
             return words
         seen.add(words)
     return None
 
 
-def _kind(key: str, told: dict) -> str:
-    """Which kind of values a table in [sweep] means."""
-    kinds, unknown = [k for k in told if k in KINDS], [k for k in told if k not in (*KINDS, "number")]
+def _values_kind(key: str, entry: dict) -> str:
+    """Return the kind of values that a table in [sweep] defines."""
+    kinds, unknown = [k for k in entry if k in KINDS], [k for k in entry if k not in (*KINDS, "number")]
     if unknown:
-        hint = "did you mean 'geomspace', whose ends are values?" if unknown[0] == "logspace" else None
+        hint = "did you mean 'geomspace', which takes the end values themselves?" if unknown[0] == "logspace" else None
         raise ScenarioError(f"sweep.{key} has no key {unknown[0]!r}: {hint or 'it has ' + ', '.join(KINDS)}")
     if len(kinds) != 1:
         raise ScenarioError(f"sweep.{key} has {len(kinds)} kinds of values: give one of {', '.join(KINDS)}")
     return kinds[0]
 
 
-def _check_numbers(key: str, kind: str, told) -> None:
-    """Two ends in order, or mean and sd."""
+def _check_parameters(key: str, kind: str, entry) -> None:
+    """Check the parameters of a distribution: two ends in order, or mean and sd."""
     if kind == "normal":
-        right = isinstance(told, dict) and set(told) == {"mean", "sd"} and all(map(_is_number, told.values()))
-        if not (right and told["sd"] > 0):
+        right = isinstance(entry, dict) and set(entry) == {"mean", "sd"} and all(map(_is_number, entry.values()))
+        if not (right and entry["sd"] > 0):
             raise ScenarioError(
-                f"sweep.{key}.normal = {told} was given: use {{mean = 0.4, sd = 0.1}} with sd > 0, up to {LARGEST:g}"
+                f"sweep.{key}.normal = {entry} was given: use {{mean = 0.4, sd = 0.1}} with sd > 0, up to {LARGEST:g}"
             )
         return
-    if not (isinstance(told, list) and len(told) == 2 and all(map(_is_number, told))):
-        raise ScenarioError(f"sweep.{key}.{kind} = {told} was given: use two numbers up to {LARGEST:g}, the ends")
-    if not told[0] < told[1] and kind in DRAWN:
-        raise ScenarioError(f"sweep.{key}.{kind} = {told} was given: the first end must be below the second")
-    if kind in ("geomspace", "loguniform") and min(told) <= 0:
-        raise ScenarioError(f"sweep.{key}.{kind} = {told} was given: both ends must be positive")
-    if kind == "integers" and not all(isinstance(value, int) for value in told):
-        raise ScenarioError(f"sweep.{key}.integers = {told} was given: use two whole numbers, both may be drawn")
+    if not (isinstance(entry, list) and len(entry) == 2 and all(map(_is_number, entry))):
+        raise ScenarioError(f"sweep.{key}.{kind} = {entry} was given: use two numbers up to {LARGEST:g}, the two ends")
+    if not entry[0] < entry[1] and kind in DRAWN:
+        raise ScenarioError(f"sweep.{key}.{kind} = {entry} was given: the first end must be below the second")
+    if kind in ("geomspace", "loguniform") and min(entry) <= 0:
+        raise ScenarioError(f"sweep.{key}.{kind} = {entry} was given: both ends must be positive")
+    if kind == "integers" and not all(isinstance(value, int) for value in entry):
+        raise ScenarioError(f"sweep.{key}.integers = {entry} was given: use two whole numbers, both included")
 
 
 def _is_number(value) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST
 
 
-def _whole(name: str, value, least: int, most: int | None = None) -> int:
+def _check_integer(name: str, value, least: int, most: int | None = None) -> int:
     if not isinstance(value, int) or isinstance(value, bool) or value < least or (most and value > most):
         beyond = f" to {most}" if most else " or more"
         raise ScenarioError(f"{name} = {value!r} was given: use a whole number, {least}{beyond}")
     return value
 
 
-def _spaced(kind: str, first, last, number: int) -> tuple:
+def _spaced_values(kind: str, first, last, number: int) -> tuple:
     values = getattr(np, kind)(float(first), float(last), number)
     whole = isinstance(first, int) and isinstance(last, int) and (values == np.round(values)).all()
     return tuple((values.astype(int) if whole else values).tolist())
 
 
-def _quantiles(kind: str, told, share: np.ndarray) -> tuple:
-    """Values below which a share of the distribution lies."""
+def _quantiles(kind: str, entry, share: np.ndarray) -> tuple:
+    """Return the quantiles of a distribution at given probabilities."""
     if kind == "normal":
         from scipy.special import ndtri
 
-        return tuple((told["mean"] + told["sd"] * ndtri(np.clip(share, 1e-16, 1 - 1e-16))).tolist())
-    low, high = told
+        return tuple((entry["mean"] + entry["sd"] * ndtri(np.clip(share, 1e-16, 1 - 1e-16))).tolist())
+    low, high = entry
     if kind == "integers":
         return tuple(np.minimum(low + np.floor(share * (high - low + 1)), high).astype(int).tolist())
     if kind in ("loguniform", "geomspace"):
@@ -314,8 +314,8 @@ def _quantiles(kind: str, told, share: np.ndarray) -> tuple:
     return tuple((low + share * (high - low)).tolist())
 
 
-def _sampled(axes: tuple[Axis, ...], number: int, seed: int) -> tuple[Axis, ...]:
-    """A Latin hypercube: every axis is cut into `number` parts of equal probability, each of which gives one value.
+def _draw_latin_hypercube(axes: tuple[Axis, ...], number: int, seed: int) -> tuple[Axis, ...]:
+    """Draw a Latin hypercube sample: each axis has `number` intervals of equal probability, with one value in each.
 
     McKay, Beckman and Conover 1979, doi:10.1080/00401706.1979.10489755.
     """
@@ -327,18 +327,18 @@ def _sampled(axes: tuple[Axis, ...], number: int, seed: int) -> tuple[Axis, ...]
         rng = np.random.default_rng([seed, zlib.crc32(axis.key.encode())])
         share = (rng.permutation(number) + rng.random(number)) / number
         if axis.kind == "list":
-            values = tuple(axis.told[int(s * len(axis.told))] for s in share)
+            values = tuple(axis.entry[int(s * len(axis.entry))] for s in share)
         else:
-            values = _quantiles(axis.kind, axis.told[axis.kind], share)
+            values = _quantiles(axis.kind, axis.entry[axis.kind], share)
         out.append(axis._replace(values=values))
     return tuple(out)
 
 
-def _same_length(axes: tuple[Axis, ...]) -> None:
+def _check_same_length(axes: tuple[Axis, ...]) -> None:
     side = [axis for axis in axes if axis.kind != "count"]
     for axis in side[1:]:
         if len(axis.values) != len(side[0].values):
             raise ScenarioError(
                 f"sweep.{side[0].key} has {len(side[0].values)} values and sweep.{axis.key} {len(axis.values)}: in the "
-                "mode zip all have the same number"
+                "mode zip, all keys need the same number of values"
             )

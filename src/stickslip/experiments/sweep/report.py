@@ -1,4 +1,4 @@
-"""A sweep from beginning to end, with what it tells on the terminal."""
+"""A complete sweep with its messages on the terminal."""
 
 import json
 import shutil
@@ -12,69 +12,70 @@ from rich.text import Text
 from ...data.checkpoint import ANEW, MEMBERS, SCENARIO, SWEEP
 from ...data.manifest import note, proven, strange
 from ...ensemble import Workers, reach
-from ..resume import noted
-from ..run_folder import OPTIONS, checked, foreign
+from ..resume import read_json
+from ..run_folder import OPTIONS, check_writable, foreign_files_message
 from ..terminal import STYLE, console, progress
 from .dataset import DATASET
-from .definition import Sweep, differences, member
-from .run import MANY, Swept, estimate, finished, judged, run_sweep
+from .definition import Sweep, describe_differences, member
+from .run import MANY, SweepResult, estimate, read_finished, run_sweep, validate_members
 
 OURS = (SWEEP, OPTIONS, DATASET, MEMBERS)
 LISTED = 10  # failures that are listed
-READY = "ready"  # what says that a sweep which replaces another has ended
+READY = "ready"  # file that marks a sweep that replaces another one as complete
 
 
 def simulate(
     chosen: Sweep, out: Path, *, workers: Workers, overwrite: bool, figures: bool, confirm: Callable[[], bool]
-) -> Swept | None:
-    """Say how many members there are, ask if they are many, judge all, run those that are not finished.
+) -> SweepResult | None:
+    """Print the number of members, ask for confirmation if they are many, validate all and run the unfinished ones.
 
     Parameters
     ----------
-    confirm : called after count and estimate were shown, if there are more than MANY members; False runs nothing
+    confirm : called after the number and the estimated time were printed, if there are more than MANY members; if it
+        returns False, nothing is run
     """
     where = reach(workers)
-    _settle(out)
-    others = _claim(out, overwrite)
-    room = out / ANEW if _another(out, chosen, overwrite) or others else out
-    if room != out:
+    _install_results(out)
+    others = _check_folder(out, overwrite)
+    target = out / ANEW if _holds_other_sweep(out, chosen, overwrite) or others else out
+    if target != out:
         going = ", ".join(name for name in OURS if (out / name).exists())
-        console.print(f"--overwrite: {going} in {out} will be replaced when the new sweep has ended.", markup=False)
+        console.print(f"--overwrite: {going} in {out} will be replaced when the new sweep is complete.", markup=False)
     member(chosen, 0)
-    console.print(_count(chosen))
+    console.print(_describe_size(chosen))
     if chosen.count > MANY:
-        console.print(f"On {where.words}: {estimate(chosen, room, where.slots)}.")
+        console.print(f"On {where.words}: {estimate(chosen, target, where.slots)}.")
         if not confirm():
             return None
-    with progress() as tell:
-        told = (lambda share, words: tell("checking scenarios", share, words)) if chosen.count > MANY else None
-        names = judged(chosen, told)
-        if room != out:
-            _begin_anew(room, chosen)
-        done = sum(finished(room / MEMBERS / name) is not None for name in set(names)) if room.exists() else 0
-        stage = f"{len(set(names)) - done} members to run" + (f", {done} done before" if done else "")
+    with progress() as report:
+        report_checks = (
+            (lambda share, words: report("checking scenarios", share, words)) if chosen.count > MANY else None
+        )
+        names = validate_members(chosen, report_checks)
+        if target != out:
+            _discard_other_sweep(target, chosen)
+        done = sum(read_finished(target / MEMBERS / name) is not None for name in set(names)) if target.exists() else 0
+        stage = f"{len(set(names)) - done} members to run" + (f", {done} already done" if done else "")
 
         def line(share: float, words: str, left: float | None) -> None:
-            tell(stage, share, words, left)
+            report(stage, share, words, left)
 
         line(0.0, f"on {where.words}", None)
         try:
-            swept = run_sweep(chosen, room, names=names, workers=workers, figures=figures, report=line)
+            swept = run_sweep(chosen, target, names=names, workers=workers, figures=figures, report=line)
         except KeyboardInterrupt:
-            done = sum(finished(room / MEMBERS / name) is not None for name in set(names))
-            console.print(
-                f"{done} of {len(names)} members are finished and kept: the same call goes on with the others."
-            )
+            done = sum(read_finished(target / MEMBERS / name) is not None for name in set(names))
+            console.print(f"{done} of {len(names)} members are finished and saved: repeat the call to run the others.")
             raise
-    if room != out:
+    if target != out:
         if not any(swept.found):
-            raise RuntimeError(f"every member failed ({swept.failures[0]}): what was in {out} stays as it was")
-        (room / READY).touch()
-        _settle(out)
+            raise RuntimeError(f"every member failed ({swept.failures[0]}): {out} was left unchanged")
+        (target / READY).touch()
+        _install_results(out)
     return swept
 
 
-def _count(chosen: Sweep) -> str:
+def _describe_size(chosen: Sweep) -> str:
     dims = " × ".join(
         f"{' with '.join(axis.key for axis in group)} ({n})"
         for group, n in zip(chosen.groups, chosen.shape, strict=True)
@@ -82,66 +83,66 @@ def _count(chosen: Sweep) -> str:
     return f"Sweep: {chosen.count} member{'s' if chosen.count > 1 else ''}, {dims}."
 
 
-def _claim(out: Path, overwrite: bool) -> bool:
-    """Whether a folder holds what no sweep wrote, and what is to be replaced.
+def _check_folder(out: Path, overwrite: bool) -> bool:
+    """Return True if a folder contains files that no sweep wrote and that may be replaced.
 
     Raises
     ------
     ValueError
-        if it may not be replaced, or the folder cannot be written.
+        If they may not be replaced, or the folder is not writable.
     """
-    checked(out)
+    check_writable(out)
     if (out / SCENARIO).exists() and not (out / SWEEP).exists():
-        raise ValueError(f"{out} holds the results of a run: choose another --out")
+        raise ValueError(f"{out} contains the results of a run: choose another --out")
     others = strange(out, lambda name: name in OURS)
     if others and not overwrite:
-        raise ValueError(foreign(out, others))
+        raise ValueError(foreign_files_message(out, others))
     return bool(others)
 
 
-def _another(out: Path, chosen: Sweep, overwrite: bool) -> bool:
-    """Whether a folder holds another sweep, which then is to be replaced; longer lists of values make none of it."""
+def _holds_other_sweep(out: Path, chosen: Sweep, overwrite: bool) -> bool:
+    """Return True if a folder contains another sweep, which may be replaced; values of the same keys may differ."""
     if not (out / SWEEP).is_file():
         return False
     try:
-        differ = differences(noted(out / SWEEP), json.loads(chosen.text))
+        differ = describe_differences(read_json(out / SWEEP), json.loads(chosen.text))
     except ValueError:
         if overwrite:
             return True
         raise
     if differ and not overwrite:
-        raise ValueError(f"{out} holds another sweep ({differ}): choose another --out, or add --overwrite")
+        raise ValueError(f"{out} contains another sweep ({differ}): choose another --out, or add --overwrite")
     return bool(differ)
 
 
-def _begin_anew(room: Path, chosen: Sweep) -> None:
-    """Keep what an earlier call left of the same sweep, and of no other."""
+def _discard_other_sweep(target: Path, chosen: Sweep) -> None:
+    """Remove a folder unless an earlier call wrote it for the same sweep."""
     try:
-        same = (room / SWEEP).read_text(encoding="utf-8") == chosen.text
+        same = (target / SWEEP).read_text(encoding="utf-8") == chosen.text
     except (OSError, ValueError):
         same = False
     if not same:
-        shutil.rmtree(room, ignore_errors=True)
+        shutil.rmtree(target, ignore_errors=True)
 
 
-def _settle(out: Path) -> None:
-    """Move a sweep that has ended to its place; who was killed while doing so is followed by the next call."""
-    room = out / ANEW
-    if not (room / READY).exists():
+def _install_results(out: Path) -> None:
+    """Move a complete sweep to its place; if the process is killed meanwhile, the next call finishes the move."""
+    target = out / ANEW
+    if not (target / READY).exists():
         return
-    old, new = proven(out), proven(room)
+    old, new = proven(out), proven(target)
     note(out, {name: old.get(name, []) + new.get(name, []) for name in old | new})
     for name in OURS:
-        if (room / name).exists():
+        if (target / name).exists():
             if (out / name).is_dir():
                 shutil.rmtree(out / name)
-            (room / name).replace(out / name)
+            (target / name).replace(out / name)
     note(out, new)
-    shutil.rmtree(room)
+    shutil.rmtree(target)
 
 
-def show(swept: Swept) -> None:
-    """Ranges of what was measured, and failures."""
+def show(swept: SweepResult) -> None:
+    """Print the ranges of the measures, and the failures."""
     rows = [one for one in swept.found if one]
     table = Table(title=f"Measures of {len(rows)} of {len(swept.names)} members", **STYLE)
     for name in ("measure", "unit", "members", "least", "median", "greatest"):
@@ -155,14 +156,14 @@ def show(swept: Swept) -> None:
     for name, words in failed[:LISTED]:
         console.print(Text.assemble((name, "yellow"), f": {words}"), soft_wrap=True)
     if len(failed) > LISTED:
-        console.print(f"… and {len(failed) - LISTED} more, see the variable `failure` of the dataset")
+        console.print(f"… and {len(failed) - LISTED} more: see the variable `failure` of the dataset")
     if swept.reused:
-        rest = " The sweep is finished: nothing was left to run." if swept.reused == len(set(swept.names)) else ""
-        console.print(f"{swept.reused} members were finished before and not run again.{rest}")
+        rest = " The sweep is finished: there was nothing to run." if swept.reused == len(set(swept.names)) else ""
+        console.print(f"{swept.reused} members were already finished and not run again.{rest}")
 
 
-def ranges(swept: Swept) -> dict[str, dict]:
-    """{measure: unit, how many members have it, least, median and greatest value}."""
+def ranges(swept: SweepResult) -> dict[str, dict]:
+    """Return {measure: unit, number of members that have it, least, median and greatest value}."""
     rows, out = [one for one in swept.found if one], {}
     for name, unit in {name: unit for one in rows for name, (_, unit) in one["measures"].items()}.items():
         values = np.array([one["measures"].get(name, (np.nan,))[0] for one in rows])
@@ -174,9 +175,9 @@ def ranges(swept: Swept) -> dict[str, dict]:
     return out
 
 
-def verdict(swept: Swept) -> str | None:
-    """One sentence if members failed."""
+def verdict(swept: SweepResult) -> str | None:
+    """Return one sentence if members failed, otherwise None."""
     failed = sum(map(bool, swept.failures))
     if not failed:
         return None
-    return f"{failed} of {len(swept.names)} members failed: the others are kept, the same call tries these again"
+    return f"{failed} of {len(swept.names)} members failed: the others are saved, repeat the call to run these again"

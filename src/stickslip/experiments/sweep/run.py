@@ -1,4 +1,4 @@
-"""All members of a sweep: each leaves the folder of an ordinary run, all of them one dataset."""
+"""Running of all members of a sweep: each writes the folder of an ordinary run, and together they give one dataset."""
 
 import json
 import statistics
@@ -17,44 +17,44 @@ from ...data.checkpoint import finished as drop_pieces
 from ...data.manifest import note_too, put
 from ...ensemble import Workers, reach, run_members, trial
 from ..registry import experiment_of
-from ..run_folder import NUMBERS, OPTIONS, complete, files_of
-from ..terminal import duration
+from ..run_folder import NUMBERS, OPTIONS, files_of, staged_results
+from ..terminal import format_duration
 from ..writer import write_numbers, write_result
 from .dataset import write_sweep
 from .definition import Sweep, member, sweep
 
 MEASURES = "measures.json"
-MANY = 1000  # members, above which a user is asked
-FIRST = "first"  # of a trial
-SOME = 50  # members whose times are looked at
-PROBE = 20.0  # longest trial of the first member, before that [s]
+MANY = 1000  # number of members above which the user is asked to confirm
+FIRST = "first"  # folder of a timed first member
+SOME = 50  # members whose run times are used for the estimate
+PROBE = 20.0  # longest trial run of the first member [s]
 
 
-class Left(NamedTuple):
-    """What a member left: its numbers, and its files where they are not in their place already."""
+class MemberOutput(NamedTuple):
+    """Output of a member: its measures, and its files unless they were written in place."""
 
     seconds: float
     measures: dict  # {name: [value, unit]}
     files: dict[str, bytes]
 
 
-class Swept(NamedTuple):
-    """What became of all members, in their order."""
+class SweepResult(NamedTuple):
+    """Outcome of all members, in order."""
 
     sweep: Sweep
     names: list[str]
     found: list[dict | None]  # measures and seconds
-    failures: list[str]  # sentences; nothing where there was none
-    reused: int  # finished before
+    failures: list[str]  # error messages, or empty strings
+    reused: int  # number of members that were already finished
 
 
-def judged(chosen: Sweep, report=None) -> list[str]:
-    """Names of all members, each of which is a scenario that can be run.
+def validate_members(chosen: Sweep, report=None) -> list[str]:
+    """Validate the scenarios of all members and return their names.
 
     Raises
     ------
     ScenarioError
-        with one sentence that names the first member that is none, and the key.
+        If a member is invalid; the message names the first such member and the key.
     """
     names = []
     for k in range(chosen.count):
@@ -65,43 +65,48 @@ def judged(chosen: Sweep, report=None) -> list[str]:
 
 
 def estimate(chosen: Sweep, folder: Path, slots: int) -> str:
-    """How long all members will take, in words, and on what that rests.
+    """Return the estimated time of all members and its basis, as a phrase.
 
-    That is the median time of members that were finished before, or else that of the first one, tried for at most PROBE
-    seconds in a process here.
+    The estimate uses the median time of finished members, or else a trial run of the first one, for at most PROBE
+    seconds in a local process.
     """
-    some = (finished(folder / MEMBERS / member(chosen, k).name) for k in range(min(chosen.count, SOME)))
+    some = (read_finished(folder / MEMBERS / member(chosen, k).name) for k in range(min(chosen.count, SOME)))
     known = [one["seconds"] for one in some if one]
     if known:
-        one, words = statistics.median(known), "those finished before took {:.2g} s"
+        one, words = statistics.median(known), "finished members took {:.2g} s"
     else:
-        tried = trial(_trial, (chosen.text,), PROBE)
+        tried = trial(_time_first_member, (chosen.text,), PROBE)
         if tried is None:
             least = PROBE * chosen.count / max(1, slots)
-            return f"more than {duration(least)}, since the first one takes longer than {PROBE:g} s"
+            return f"more than {format_duration(least)}, since the first member takes longer than {PROBE:g} s"
         if tried.failure:
-            return f"how long is unknown, since the first one fails ({tried.failure})"
-        one, words = tried.result, "a trial of the first one took {:.2g} s"
-    return f"about {duration(one * chosen.count / max(1, slots))}: {words.format(one)}"
+            return f"unknown time, since the first member fails ({tried.failure})"
+        one, words = tried.result, "a trial run of the first member took {:.2g} s"
+    return f"about {format_duration(one * chosen.count / max(1, slots))}: {words.format(one)}"
 
 
-def _trial(text: str) -> float:
-    """Seconds of the first member, without what a process needs once, such as to load kernels."""
+def _time_first_member(text: str) -> float:
+    """Return the run time of the first member in seconds, without one-time costs such as loading kernels."""
     seconds = PROBE
     for _ in range(2):
-        with tempfile.TemporaryDirectory() as room:  # far from the sweep's folder, which it may not see
-            seconds = min(seconds, _run(text, 0, str(Path(room) / MEMBERS / FIRST), False, _unheard).seconds)
-        if seconds > 0.3 * PROBE:  # a second run might not end in time
+        with tempfile.TemporaryDirectory() as scratch:  # outside of the sweep's folder, which may be inaccessible
+            seconds = min(
+                seconds, _run_member(text, 0, str(Path(scratch) / MEMBERS / FIRST), False, _ignore_report).seconds
+            )
+        if seconds > 0.3 * PROBE:  # a second run might exceed the limit
             break
     return seconds
 
 
-def _unheard(share: float, words: str) -> None:
+def _ignore_report(share: float, words: str) -> None:
     pass
 
 
-def finished(folder: Path) -> dict | None:
-    """Measures and seconds of a member that this version has finished; the folder's name holds what was run."""
+def read_finished(folder: Path) -> dict | None:
+    """Return measures and seconds of a member finished by this version, or None.
+
+    The name of the folder identifies the run.
+    """
     try:
         known = json.loads((folder / MEASURES).read_text(encoding="utf-8"))
         there = known["stickslip"] == __version__ and (folder / NUMBERS).exists()
@@ -118,117 +123,120 @@ def run_sweep(
     workers: Workers = None,
     figures: bool = False,
     report: Callable = lambda share, words, left: None,
-) -> Swept:
-    """Run all members that the folder does not hold already, and write the dataset of all that are finished.
+) -> SweepResult:
+    """Run all members that are not in the folder yet, and write the dataset of all finished ones.
 
     Parameters
     ----------
-    names : of all members, if they were judged before
-    workers : processes, each with a member of its own; or a Dask scheduler's address
-    figures : whether every member draws its figures, too
-    report : called as report(share of what is run, words, seconds left or None)
+    names : names of all members, if they were already validated
+    workers : number of processes, each of which runs one member at a time, or the address of a Dask scheduler
+    figures : whether each member also draws its figures
+    report : called as report(fraction of what is run, text, seconds left or None)
     """
-    folder, names = Path(folder).resolve(), names or judged(chosen)
+    folder, names = Path(folder).resolve(), names or validate_members(chosen)
     (folder / MEMBERS).mkdir(parents=True, exist_ok=True)
     put(folder, OPTIONS, json.dumps({"figures": figures}).encode())
     put(folder, SWEEP, chosen.text.encode())
     note_too(folder, MEMBERS)
-    found = [finished(folder / MEMBERS / name) for name in names]
-    first = {name: k for k, name in reversed(list(enumerate(names)))}  # a sample may hold a scenario twice
+    found = [read_finished(folder / MEMBERS / name) for name in names]
+    first = {name: k for k, name in reversed(list(enumerate(names)))}  # a sample may contain a scenario twice
     failures, missing = [""] * len(names), [k for k in first.values() if found[k] is None][::-1]
-    watch = _Watch(len(missing), reach(workers).slots, report)
+    watch = _Progress(len(missing), reach(workers).slots, report)
 
-    def keep(place: int, left: Left) -> None:
-        found[missing[place]] = _kept(folder / MEMBERS / names[missing[place]], left)
+    def keep(place: int, left: MemberOutput) -> None:
+        found[missing[place]] = _store_output(folder / MEMBERS / names[missing[place]], left)
         watch.seconds += left.seconds
 
     tasks = [(chosen.text, k, str(folder / MEMBERS / names[k]), figures) for k in missing]
     try:
-        done = run_members(_run, tasks, workers=workers, live=watch.live, report=watch.report, save=keep)
+        done = run_members(_run_member, tasks, workers=workers, live=watch.live, report=watch.report, save=keep)
         for k, one in zip(missing, done, strict=True):
             failures[k] = one.failure or ""
     finally:
         found = [found[first[name]] for name in names]
         write_sweep(folder, chosen, names, found, failures)
-    return Swept(chosen, names, found, failures, len(first) - len(missing))
+    return SweepResult(chosen, names, found, failures, len(first) - len(missing))
 
 
-class _Watch:
-    """How far a sweep is, and how long it will take."""
+class _Progress:
+    """Progress of a sweep and its estimated remaining time."""
 
     def __init__(self, total: int, slots: int, report):
-        self.total, self.slots, self.tell = total, max(1, min(slots, total)), report
+        self.total, self.slots, self.callback = total, max(1, min(slots, total)), report
         self.start, self.done, self.failed, self.seconds, self.last = time.monotonic(), 0, 0, 0.0, ""
 
     def live(self, share: float, words: str) -> None:
         self.last = words
         failed = f", {self.failed} failed" if self.failed else ""
-        self.tell(self.done / self.total, f"{self.done} of {self.total}{failed}; {words}", self.left())
+        self.callback(self.done / self.total, f"{self.done} of {self.total}{failed}; {words}", self.left())
 
     def report(self, done: int, total: int, one) -> None:
         self.done, self.failed = self.done + 1, self.failed + bool(one.failure)
         self.live(0.0, one.failure or self.last)
 
     def left(self) -> float | None:
-        """Seconds: by what finished members took at first, by their rate when many have finished; None before."""
+        """Return the estimated remaining seconds, or None if unknown.
+
+        The estimate uses the run times of finished members, and their rate once many have finished.
+        """
         good, missing = self.done - self.failed, self.total - self.done
         if self.done >= 3 * self.slots:
             return missing * (time.monotonic() - self.start) / self.done
         return missing * self.seconds / good / min(self.slots, missing) if good and missing else None
 
 
-def _kept(folder: Path, left: Left) -> dict:
-    """Put a member's files in their place, and its measures last: with them it is finished."""
+def _store_output(folder: Path, left: MemberOutput) -> dict:
+    """Write the files of a member to its folder, and last its measures, which mark it as finished."""
     if left.files:
-        with complete(folder) as room:
+        with staged_results(folder) as staging:
             for name, data in left.files.items():
-                (room / name).write_bytes(data)
+                (staging / name).write_bytes(data)
     known = {"stickslip": __version__, "seconds": left.seconds, "measures": left.measures}
     replace(folder / MEASURES, json.dumps(known, indent=1).encode())
     return known
 
 
 @lru_cache(1)
-def _sweep(text: str) -> Sweep:
+def _parse_sweep(text: str) -> Sweep:
     return sweep(**json.loads(text))
 
 
-def _run(text: str, k: int, folder: str, figures: bool, tell) -> Left:
-    """One member, in whichever process; in its own folder if that can be seen from there, else its files travel."""
-    one, place = member(_sweep(text), k), Path(folder)
+def _run_member(text: str, k: int, folder: str, figures: bool, report) -> MemberOutput:
+    """Run one member in any process, in its folder if that is accessible there; otherwise return its files."""
+    one, place = member(_parse_sweep(text), k), Path(folder)
     assert place.name in (one.name, FIRST), f"{place.name} is not {one.name}"
     words = ", ".join(f"{key} = {v:.6g}" if isinstance(v, float) else f"{key} = {v}" for key, v in one.values.items())
-    tell(0.0, words)
-    if _sees(place.parent.parent / SWEEP, text):
-        seconds, measures = _left(one.scenario, place, figures, words, tell)
-        return Left(seconds, measures, {})
-    with tempfile.TemporaryDirectory() as room:
-        seconds, measures = _left(one.scenario, Path(room) / place.name, figures, words, tell)
-        files = files_of(Path(room) / place.name)
-        return Left(seconds, measures, {path.name: path.read_bytes() for path in files})
+    report(0.0, words)
+    if _is_same_sweep(place.parent.parent / SWEEP, text):
+        seconds, measures = _run_in_folder(one.scenario, place, figures, words, report)
+        return MemberOutput(seconds, measures, {})
+    with tempfile.TemporaryDirectory() as scratch:
+        seconds, measures = _run_in_folder(one.scenario, Path(scratch) / place.name, figures, words, report)
+        files = files_of(Path(scratch) / place.name)
+        return MemberOutput(seconds, measures, {path.name: path.read_bytes() for path in files})
 
 
-def _sees(path: Path, text: str) -> bool:
+def _is_same_sweep(path: Path, text: str) -> bool:
     try:
         return path.read_text(encoding="utf-8") == text
     except OSError:
         return False
 
 
-def _left(one, folder: Path, figures: bool, words: str, tell) -> tuple[float, dict]:
-    """Run a scenario, fill its folder: seconds and measures."""
+def _run_in_folder(one, folder: Path, figures: bool, words: str, report) -> tuple[float, dict]:
+    """Run a scenario, write its files, and return seconds and measures."""
     start, experiment = time.perf_counter(), experiment_of(one)
 
-    def simulated():
+    def simulate():
         return experiment.simulate(
-            one, folder=folder, workers=1, report=lambda *now: tell(now[1], f"{words}: {now[0]}, {now[2]}")
+            one, folder=folder, workers=1, report=lambda *now: report(now[1], f"{words}: {now[0]}, {now[2]}")
         )
 
     try:
-        result = simulated()
-    except ArchiveError:  # pieces that are damaged, or of another version, while nobody is there to be asked
+        result = simulate()
+    except ArchiveError:  # damaged checkpoint, or one of another version, and no user to ask
         drop_pieces(folder)
-        result = simulated()
+        result = simulate()
     if figures:
         write_result(folder, experiment, result)
     else:
