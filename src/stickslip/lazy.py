@@ -28,12 +28,12 @@ def attach(package: str, file: str):
             if module == ".":
                 return import_module(f".{inner}", package)
             return getattr(import_module(module, package), inner)
-        raise AttributeError(missing(package, name, where))
+        raise AttributeError(missing_attribute(package, name, where))
 
     return get, lambda: sorted(where), sorted(where)
 
 
-def missing(package: str, name: str, known: dict[str, tuple[str, str]]) -> str:
+def missing_attribute(package: str, name: str, known: dict[str, tuple[str, str]]) -> str:
     """Error message for an attribute that a package lacks: where else it is, or the nearest name."""
     spaces = [] if name.startswith("_") else [inner for module, inner in known.values() if module == "."]
     there = [f"{package}.{s}.{name}" for s in spaces if name in import_module(f".{s}", package).__all__]

@@ -8,9 +8,9 @@ from scipy.stats import t as student
 
 from stickslip.friction.fitting import fit
 from stickslip.friction.loads import LoadStep, load_steps, slide_hold_slide, velocity_steps
-from stickslip.friction.model import Data, prepared
+from stickslip.friction.model import Data, prepare
 from stickslip.friction.model_comparison import compare_laws
-from stickslip.friction.noise import autoregression, effective, whitened
+from stickslip.friction.noise import autoregression, effective_samples, whitened
 from stickslip.friction.problem import Task, jacobian, residual
 from stickslip.friction.ratestate import RateState, Spring, spring_slider
 
@@ -317,7 +317,7 @@ def test_a_trend_in_displacement_is_taken_out():
 
 
 def test_jacobian_of_a_fit_by_richardson():
-    case = prepared(record(STEPS, PAPER, noise=1e-3))
+    case = prepare(record(STEPS, PAPER, noise=1e-3))
     names = ("a", "b", "dc", "mu0", "stiffness", "trend")
     fixed = {"v0": 0.02, "damping": 0.0, "alpha": 0.0, "theta": 1.0}
     task = Task([case], "slip", names, [{name: k for k, name in enumerate(names)}], fixed, 0.01)
@@ -335,7 +335,7 @@ def test_noise_is_recognised_and_whitened():
     noise = correlated(3, 20_000, 0.7)
     filters = autoregression([noise])
     assert filters[0] == pytest.approx([0.7], abs=0.02)
-    assert effective(filters, 20_000) == pytest.approx(20_000 * 0.3 / 1.7, rel=0.1)
+    assert effective_samples(filters, 20_000) == pytest.approx(20_000 * 0.3 / 1.7, rel=0.1)
     white = whitened(noise, filters, [slice(0, 12_000), slice(12_000, 20_000)])
     assert autoregression([white])[0].size == 0
     assert np.var(white) == pytest.approx(1 - 0.7**2, rel=0.03)

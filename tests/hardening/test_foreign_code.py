@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from stickslip.ensemble.worker import Helper
+from stickslip.ensemble.worker import WorkerProcess
 from stickslip.experiments.registry import ScenarioError, tables_of
 from stickslip.experiments.resume import begun
 
@@ -39,7 +39,7 @@ def test_in_an_interactive_session_functions_beside_it_are_found_and_nothing_is_
 
 def test_helpers_of_helpers_do_not_either(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    helper = Helper()
+    helper = WorkerProcess()
     helper.end()
     assert "-P" in helper.process.args
 

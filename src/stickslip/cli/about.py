@@ -46,7 +46,7 @@ def doctor(
     from ..experiments import json_output, terminal
 
     with terminal.speaking(quiet=quiet, as_json=as_json):
-        ok, told = examined.told(as_json=as_json)
+        ok, told = examined.examine(as_json=as_json)
     if as_json:
         about = json_output.common("doctor", status="finished" if ok else "failed")
         print(json_output.text(about | json.loads(told)))

@@ -19,7 +19,7 @@ app = typer.Typer(
     help="A laboratory for frictional grains: build them, load them, know when and how they will slip.",
 )
 
-FIRST = f"""\
+WELCOME = f"""\
 stickslip {__version__}: a laboratory for frictional grains
 
 Type first, in a clone of the repository:
@@ -33,7 +33,7 @@ Type first, in a clone of the repository:
 All commands: stickslip --help. Of each, with examples: stickslip run --help."""
 
 
-def completes(names: dict[str, str]):
+def complete_from(names: dict[str, str]):
     """Values for shells, with a word on each."""
     return lambda incomplete: [pair for pair in names.items() if pair[0].startswith(incomplete)]
 
@@ -60,7 +60,7 @@ def examples(*pairs: tuple[str, str]) -> str:
     return "\b\nExamples:\n" + "\n".join(lines)
 
 
-def one_of(name: str, got: str, allowed: Iterable[str]) -> None:
+def check_choice(name: str, got: str, allowed: Iterable[str]) -> None:
     """Raise ValueError with a sentence, unless a word is among those allowed; it suggests the near one."""
     allowed = list(allowed)
     if got not in allowed:
@@ -84,18 +84,18 @@ def finish(
         terminal.show_paths(paths)
 
 
-def _version(wanted: bool) -> None:
+def _show_version(wanted: bool) -> None:
     if wanted:
         print(f"stickslip {__version__}")
         raise typer.Exit
 
 
 @app.callback()
-def _main(
+def _show_welcome(
     context: typer.Context,
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version.")
     ] = False,
 ) -> None:
     if context.invoked_subcommand is None:
-        print(FIRST)
+        print(WELCOME)

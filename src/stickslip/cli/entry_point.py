@@ -11,9 +11,9 @@ from contextlib import contextmanager
 from ..extras import MissingExtraError
 from .app import app
 
-LONGEST = 1000  # characters of a sentence
+MAX_LENGTH = 1000  # characters of a sentence
 STOPPED = 130  # what shells expect of a process that ctrl-C ended
-SPELLED = {
+ASCII_SPELLING = {
     "λ": "lambda", "ω": "omega", "φ": "phi", "σ": "sigma", "μ": "mu", "θ": "theta", "δ": "delta", "Δ": "Delta",
     "×": "x", "±": "+-", "−": "-", "–": "-", "—": "-", "√": "sqrt", "≤": "<=", "≥": ">=", "°": "deg", "─": "-",
 }  # fmt: skip
@@ -28,7 +28,7 @@ class FailedError(RuntimeError):
 
 
 @contextmanager
-def working():
+def convert_errors():
     """Turn errors that occur after the input was accepted into a failed run (exit code 1)."""
     from ..data.archive import ArchiveError
     from ..data.schema import ScenarioError
@@ -44,7 +44,7 @@ def working():
 def main() -> None:
     """Entry point: bad input ends with one sentence and exit code 2, a failed run with one and exit code 1."""
     codecs.register_error("spelled", _transliterate)
-    _open_closed()
+    _reopen_closed_streams()
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="spelled")
@@ -52,10 +52,10 @@ def main() -> None:
         code = app(prog_name="stickslip", standalone_mode=False)
         sys.stdout.flush()
     except BrokenPipeError:
-        _silent()  # who read has heard enough
+        _discard_stdout()  # who read has heard enough
         sys.exit(1)
     except (ValueError, OSError) as problem:
-        _fail(_words(problem), 2)
+        _fail(_error_message(problem), 2)
     except RuntimeError as problem:
         _fail(str(problem), 1, getattr(problem, "answer", None))
     except KeyboardInterrupt:
@@ -69,7 +69,7 @@ def main() -> None:
     sys.exit(code or 0)
 
 
-def _open_closed() -> None:
+def _reopen_closed_streams() -> None:
     """Connect closed standard streams to the null device; a results file could otherwise get their number."""
     for name in ("stdin", "stdout", "stderr"):
         if getattr(sys, name) is None:
@@ -80,23 +80,25 @@ def _open_closed() -> None:
 def _transliterate(problem: UnicodeError) -> tuple[str, int]:
     """Transliterate characters that the terminal's code page lacks to ASCII."""
     lacking = problem.object[problem.start : problem.end]
-    near = (SPELLED.get(c) or unicodedata.normalize("NFKD", c).encode("ascii", "ignore").decode() for c in lacking)
+    near = (
+        ASCII_SPELLING.get(c) or unicodedata.normalize("NFKD", c).encode("ascii", "ignore").decode() for c in lacking
+    )
     return "".join(letters or "?" for letters in near), problem.end
 
 
-def _words(problem: Exception) -> str:
+def _error_message(problem: Exception) -> str:
     if isinstance(problem, OSError) and problem.strerror:
         full = problem.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
         remedy = ": what was there before is whole; make room, then a run's own call goes on" if full else ""
         if full and not problem.filename:
-            _silent()
+            _discard_stdout()
             return f"standard output cannot be written ({problem.strerror.lower()}): send it elsewhere"
         place = f"{problem.filename}: " if problem.filename else ""
         return f"{place}{problem.strerror.lower()}{remedy}"
     return str(problem)
 
 
-def _silent() -> None:
+def _discard_stdout() -> None:
     """Say no more on standard output, which cannot be written: what is left in its buffer goes nowhere."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
@@ -104,7 +106,7 @@ def _silent() -> None:
 def _fail(sentence: str, code: int, answer: dict | None = None) -> None:
     """End with a sentence for people, and with --json also with an object for programs."""
     line = " ".join(sentence.split())
-    line = line if len(line) <= LONGEST else line[:LONGEST] + " …"
+    line = line if len(line) <= MAX_LENGTH else line[:MAX_LENGTH] + " …"
     if "--json" in sys.argv[1:]:
         told = {"status": "stopped" if code == STOPPED else "failed", "error": line, "exit_code": code}
         print(json.dumps((answer or {}) | told), flush=True)

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from .app import AsJson, OverwriteFile, Quiet, app, completes, examples, finish
+from .app import AsJson, OverwriteFile, Quiet, app, complete_from, examples, finish
 
 LAWS = {
     "hertz_mindlin": "k δ^(3/2), as in papers 000 and 001",
@@ -23,7 +23,7 @@ METHODS = {
     "auto": "by the number of grains", "dense": "all eigenvalues", "pairs": "all complex pairs",
     "fastest": "the fastest growth alone",
 }  # fmt: skip
-UNJUDGED = 3  # exit code where there is no verdict
+NO_VERDICT = 3  # exit code where there is no verdict
 REMEDY = "give what is missing; or --settle lets it come to rest first: the answer is then about the settled packing"
 STABILITY = examples(
     ("stability examples/sheared_spheres.npz", "verdict and pairs; modes go to sheared_spheres-modes.npz here"),
@@ -44,23 +44,23 @@ CONVERT = examples(
 )
 
 
-def _packing(
+def _packing_options(
     law: Annotated[
         str | None,
         typer.Option(
             help="hertz_mindlin, linear, hertz_mindlin_reff (Hertzian ones also …_rescaled) or a Python file of yours; "
             "wins over the file.",
-            autocompletion=completes(LAWS),
+            autocompletion=complete_from(LAWS),
         ),
     ] = None,
-    coulomb: Annotated[str | None, typer.Option(help="smooth or sharp.", autocompletion=completes(COULOMB))] = None,
+    coulomb: Annotated[str | None, typer.Option(help="smooth or sharp.", autocompletion=complete_from(COULOMB))] = None,
     kn: Annotated[float | None, typer.Option(help="Normal stiffness.")] = None,
     kt: Annotated[float | None, typer.Option(help="Tangential stiffness.")] = None,
     mu: Annotated[float | None, typer.Option(help="Friction coefficient.")] = None,
     young: Annotated[float | None, typer.Option(help="Young's modulus, with --poisson instead of --kn, --kt.")] = None,
     poisson: Annotated[float | None, typer.Option(help="Poisson's ratio.")] = None,
     damping: Annotated[
-        str | None, typer.Option(help="velocity, mass_velocity or viscoelastic.", autocompletion=completes(DAMPING))
+        str | None, typer.Option(help="velocity, mass_velocity or viscoelastic.", autocompletion=complete_from(DAMPING))
     ] = None,
     damping_n: Annotated[float | None, typer.Option(help="Coefficient of the normal dashpots.")] = None,
     damping_t: Annotated[float | None, typer.Option(help="Coefficient of the tangential dashpots.")] = None,
@@ -73,9 +73,9 @@ def _packing(
     """Options of every command that reads a packing; see `read_packing`."""
 
 
-def reads_packing(command):
-    """Give a command the options of `_packing`, which reach it as one dictionary called `options`."""
-    own, more = (list(signature(f).parameters.values()) for f in (command, _packing))
+def with_packing_options(command):
+    """Give a command the options of `_packing_options`, which reach it as one dictionary called `options`."""
+    own, more = (list(signature(f).parameters.values()) for f in (command, _packing_options))
     names = [parameter.name for parameter in more]
 
     @wraps(command)
@@ -90,12 +90,12 @@ def reads_packing(command):
 
 
 @app.command(epilog=STABILITY, short_help="Is this packing stable?")
-@reads_packing
+@with_packing_options
 def stability(
     file: Annotated[Path, typer.Argument(help="A packing: .npz, .h5, .gsd, LAMMPS .data or .dump.")],
     options: dict,
     method: Annotated[
-        str, typer.Option("--method", help="auto, dense, pairs or fastest.", autocompletion=completes(METHODS))
+        str, typer.Option("--method", help="auto, dense, pairs or fastest.", autocompletion=complete_from(METHODS))
     ] = "auto",
     settle: Annotated[
         bool, typer.Option("--settle", help="Let it come to rest under this law first; judge that.")
@@ -148,11 +148,11 @@ def stability(
         if paths:
             terminal.show_paths(paths)
     if found.stable is None:
-        raise typer.Exit(UNJUDGED)
+        raise typer.Exit(NO_VERDICT)
 
 
 @app.command(epilog=CONVERT, short_help="Write a packing for OVITO, ParaView, ASE, LAMMPS.")
-@reads_packing
+@with_packing_options
 def convert(
     file: Annotated[Path, typer.Argument(help="A packing: .npz, .h5, .gsd, LAMMPS .data or .dump.")],
     to: Annotated[Path, typer.Option("--to", help="Where: .gsd, .vtu, .xyz, .data, .npz or .h5.")],

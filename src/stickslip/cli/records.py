@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from .app import Out, Quiet, app, completes, examples, one_of
+from .app import Out, Quiet, app, check_choice, complete_from, examples
 
 LAWS = {
     "aging": "heals with time at rest (Dieterich)", "slip": "evolves with slip alone (Ruina)",
@@ -22,7 +22,9 @@ FIT = examples(
 @app.command(epilog=FIT, short_help="Fit rate-and-state friction to a record.")
 def fit(
     file: Annotated[Path, typer.Argument(help="A record as CSV: time [s], load_point [um], friction [-], …")],
-    law: Annotated[str, typer.Option("--law", help="aging, slip or both.", autocompletion=completes(LAWS))] = "both",
+    law: Annotated[
+        str, typer.Option("--law", help="aging, slip or both.", autocompletion=complete_from(LAWS))
+    ] = "both",
     stiffness: Annotated[
         float | None, typer.Option("--stiffness", help="Friction per displacement, known [1/m].")
     ] = None,
@@ -41,7 +43,7 @@ def fit(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
 ) -> None:
     """Fit rate-and-state friction to a record: a, b, D_c and more with intervals, and which law the data prefer."""
-    one_of("law", law, LAWS)
+    check_choice("law", law, LAWS)
     from ..experiments import json_output, terminal
     from ..experiments.rate_state import fit_report
 

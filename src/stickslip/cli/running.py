@@ -7,8 +7,21 @@ from typing import Annotated
 import typer
 
 from ..experiments.registry import EXPERIMENTS, experiment_of, papers
-from .app import ENGINES, AsJson, Out, Overwrite, Quiet, Scheduler, Workers, app, completes, examples, finish, one_of
-from .entry_point import FailedError, working
+from .app import (
+    ENGINES,
+    AsJson,
+    Out,
+    Overwrite,
+    Quiet,
+    Scheduler,
+    Workers,
+    app,
+    check_choice,
+    complete_from,
+    examples,
+    finish,
+)
+from .entry_point import FailedError, convert_errors
 
 REPRODUCE = examples(
     ("reproduce disk-array --quick", "a minute; results/disk-array-quick, with figures and claims"),
@@ -33,7 +46,7 @@ def reproduce(
         str,
         typer.Argument(
             help="Which paper: disk-array, sphere-shear, quasi-rigid or gouge.",
-            autocompletion=completes({name: one.words for name, one in papers().items()}),
+            autocompletion=complete_from({name: one.words for name, one in papers().items()}),
         ),
     ],
     quick: Annotated[
@@ -51,20 +64,20 @@ def reproduce(
     as_json: AsJson = False,
 ) -> None:
     """Run a paper's experiment end to end: figures, raw numbers, and every claim judged (claims.md, claims.png)."""
-    one_of("experiment", experiment, papers())
+    check_choice("experiment", experiment, papers())
     if full and (quick or experiment != "gouge"):
         raise ValueError(
             "--full was given with --quick: give one of them" if quick else f"{experiment} has no --full: leave it out"
         )
-    spread = _spread(workers, scheduler)
-    from ..data.lock import alone
+    spread = _choose_workers(workers, scheduler)
+    from ..data.lock import lock_folder
     from ..experiments import run_folder, terminal
     from ..experiments.resume import begin_reproduction
 
     chosen = EXPERIMENTS[experiment].paper.scenario(quick=quick, seed=seed)
     folder = out or Path("results") / (experiment + ("-quick" if quick else ""))
     how = {"quiet": quiet, "as_json": as_json}
-    with terminal.speaking(**how), alone(folder):
+    with terminal.speaking(**how), lock_folder(folder):
         run_folder.claim_folder(folder, chosen, overwrite=overwrite)
         asked = {"experiment": experiment, "quick": quick, "seed": seed} | ({"full": True} if full else {})
         begin_reproduction(folder, chosen, **asked)
@@ -80,7 +93,7 @@ def _reproduce_in(command: str, folder: Path, spread, how: dict, *, experiment: 
     chosen = EXPERIMENTS[experiment]
     if quick:
         terminal.console.print(f"--quick cuts: {chosen.paper.cuts}.")
-    with working(), terminal.progress() as tell:
+    with convert_errors(), terminal.progress() as tell:
         found = chosen.paper.reproduce(quick=quick, **asked, folder=folder, workers=spread, report=tell)
         tell("figures", 0.0, str(folder))
         paths = write_reproduction(folder, chosen, found)
@@ -96,7 +109,7 @@ def run(
     out: Annotated[Path, typer.Option("--out", help="Folder for results; made if it does not exist.")],
     engine: Annotated[
         str | None,
-        typer.Option("--engine", help="stickslip or lammps, of fault gouge.", autocompletion=completes(ENGINES)),
+        typer.Option("--engine", help="stickslip or lammps, of fault gouge.", autocompletion=complete_from(ENGINES)),
     ] = None,
     workers: Workers = None,
     scheduler: Scheduler = None,
@@ -107,21 +120,21 @@ def run(
     as_json: AsJson = False,
 ) -> None:
     """Run your own scenario, or with a table [sweep] many: arrays, packings, tests, flows, gouge, sliders."""
-    from ..data.lock import alone
+    from ..data.lock import lock_folder
     from ..experiments import run_folder, terminal
     from ..experiments.registry import scenario as judged
     from ..experiments.registry import tables_of
 
     tables, how = tables_of(scenario), {"quiet": quiet, "as_json": as_json}
     if "sweep" in tables:
-        tables, spread = _swept(tables, engine), _spread(workers, scheduler)
-        with terminal.speaking(**how), alone(out):
-            return _sweep("run", tables, out, spread, how, overwrite=overwrite, yes=yes, figures=figures)
+        tables, spread = _sweep_tables(tables, engine), _choose_workers(workers, scheduler)
+        with terminal.speaking(**how), lock_folder(out):
+            return _run_sweep_in("run", tables, out, spread, how, overwrite=overwrite, yes=yes, figures=figures)
     chosen = judged(**tables)
     if engine is not None:
         chosen = _with_engine(chosen, engine)
-    spread = _spread(workers, scheduler, chosen)
-    with terminal.speaking(**how), alone(out):
+    spread = _choose_workers(workers, scheduler, chosen)
+    with terminal.speaking(**how), lock_folder(out):
         run_folder.claim_folder(out, chosen, overwrite=overwrite)
         return _run_in("run", chosen, out, spread, how)
 
@@ -133,7 +146,7 @@ def _run_in(command: str, chosen, folder: Path, spread, how: dict) -> None:
 
     experiment = experiment_of(chosen)
     experiment.announce(chosen)
-    with working(), terminal.progress() as tell:
+    with convert_errors(), terminal.progress() as tell:
         found = experiment.simulate(chosen, folder=folder, workers=spread, report=tell)
         tell("figures", 0.0, str(folder))
         paths = write_result(folder, experiment, found)
@@ -151,27 +164,27 @@ def resume(
     as_json: AsJson = False,
 ) -> None:
     """Go on with a run that was killed: dynamics to the last bit, quasi-static steps to their solver's tolerance."""
-    from ..data.lock import alone
+    from ..data.lock import lock_folder
     from ..experiments import terminal
     from ..experiments.resume import begun
 
     how = {"quiet": quiet, "as_json": as_json}
     with terminal.speaking(**how):
         if begun(folder) is None:
-            return _nothing_left(folder, how)
-        with alone(folder):
+            return _report_finished(folder, how)
+        with lock_folder(folder):
             found = begun(folder)  # again: another process may have ended in between
             if found is None:
-                return _nothing_left(folder, how)
-            spread = _spread(workers, scheduler, found.scenario)
+                return _report_finished(folder, how)
+            spread = _choose_workers(workers, scheduler, found.scenario)
             if found.reproduction:
                 return _reproduce_in("resume", folder, spread, how, **found.reproduction)
             if found.sweep:
-                return _sweep("resume", found.sweep, folder, spread, how, yes=True, figures=found.figures)
+                return _run_sweep_in("resume", found.sweep, folder, spread, how, yes=True, figures=found.figures)
             return _run_in("resume", found.scenario, folder, spread, how)
 
 
-def _nothing_left(folder: Path, how: dict) -> None:
+def _report_finished(folder: Path, how: dict) -> None:
     """Say that a run has ended, and what it left."""
     from ..data.checkpoint import SCENARIO
     from ..experiments import json_output, run_folder, terminal
@@ -184,7 +197,7 @@ def _nothing_left(folder: Path, how: dict) -> None:
     )  # fmt: skip
 
 
-def _sweep(
+def _run_sweep_in(
     command: str, tables: dict, out: Path, spread, how: dict, *, yes: bool, figures: bool, overwrite: bool = False
 ) -> None:
     """Many runs; those that fail end with exit code 1, and the others are kept."""
@@ -218,15 +231,15 @@ def _sweep(
     return None
 
 
-def _swept(tables: dict, engine: str | None) -> dict:
+def _sweep_tables(tables: dict, engine: str | None) -> dict:
     """The tables of a sweep, run by another engine."""
     if engine is None:
         return tables
-    one_of("engine", engine, ENGINES)
+    check_choice("engine", engine, ENGINES)
     return tables | {"engine": engine}
 
 
-def _spread(workers: int | None, scheduler: str | None, chosen=None) -> int | str | None:
+def _choose_workers(workers: int | None, scheduler: str | None, chosen=None) -> int | str | None:
     """Check the options for parallel runs before anything starts, and return the number of workers or the address."""
     if scheduler and chosen and not experiment_of(chosen).parallel:
         raise ValueError(f"--scheduler was given, but experiment = {chosen.experiment!r} is one run: leave it out")
@@ -242,7 +255,7 @@ def _spread(workers: int | None, scheduler: str | None, chosen=None) -> int | st
 
 def _with_engine(chosen, engine: str):
     """The scenario, run by another engine."""
-    one_of("engine", engine, ENGINES)
+    check_choice("engine", engine, ENGINES)
     if chosen.experiment != "gouge":
         raise ValueError(f'--engine was given with experiment = {chosen.experiment!r}: only "gouge" has a choice')
     return chosen.model_copy(update={"engine": engine})

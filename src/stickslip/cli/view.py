@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from .app import AsJson, OverwriteFile, Quiet, app, examples, finish
-from .packings import reads_packing
+from .packings import with_packing_options
 
 REPORT = examples(
     ("report examples/sheared_spheres.npz", "sheared_spheres-report.html: its unstable mode moves in a browser"),
@@ -24,7 +24,7 @@ Modes = Annotated[Path | None, typer.Option("--modes", help="Modes that `stabili
 
 
 @app.command(epilog=REPORT, short_help="A run or a packing as a page for browsers.")
-@reads_packing
+@with_packing_options
 def report(
     place: Place,
     options: dict,
@@ -44,7 +44,7 @@ def report(
     from ..experiments.packing import page_output as look_out
 
     path = out or look_out.default_path(place, run_folder.PAGE)
-    look_out.ready(path, (".html", ".htm"), overwrite=overwrite, made_from=_read(place, modes, options))
+    look_out.ready(path, (".html", ".htm"), overwrite=overwrite, made_from=_input_files(place, modes, options))
     with terminal.speaking(quiet=quiet, as_json=as_json), terminal.progress(transient=True) as tell:
         found = look.seen(place, modes=modes, options=options, settle=settle, report=tell)
         path, words = look.write_page(found, path, colour=colour)
@@ -62,7 +62,7 @@ def report(
 
 
 @app.command(epilog=MOVIE, short_help="A run, or a mode of a packing, as GIF or MP4.")
-@reads_packing
+@with_packing_options
 def movie(
     place: Place,
     options: dict,
@@ -94,8 +94,8 @@ def movie(
     from ..experiments.packing import page_output as look_out
 
     path = out or look_out.default_path(place, run_folder.FILM)
-    look_out.ready(path, look.film.ENDINGS, overwrite=overwrite, made_from=_read(place, modes, options))
-    look.film.checked(path, fps)
+    look_out.ready(path, look.film.ENDINGS, overwrite=overwrite, made_from=_input_files(place, modes, options))
+    look.film.check_movie(path, fps)
     with terminal.speaking(quiet=quiet, as_json=as_json), terminal.progress(transient=True) as tell:
         found = look.seen(
             place, modes=modes, options=options, settle=settle, report=tell, search=mode is not None
@@ -114,6 +114,6 @@ def movie(
     )  # fmt: skip
 
 
-def _read(place: Path, modes: Path | None, options: dict) -> tuple:
+def _input_files(place: Path, modes: Path | None, options: dict) -> tuple:
     """Files that a command reads."""
     return place, modes, options["contacts"], options["law"]

@@ -27,15 +27,15 @@ from ..core.laws.builtin import Law
 from ..core.laws.dispatch import Kind, described, recalled
 from ..core.state import Cell, Contacts, Control, Grains, Instant, State, Walls
 from .atomic import replace
-from .sound import sound, sound_law
+from .sound import validate_law, validate_state
 from .units import unit_of
 
 SCHEMA = 4
-_BLOCK, _SEAL = 512, b"stickslip archive, SHA-256 of what follows this block:\n"
+_BLOCK, _HEADER = 512, b"stickslip archive, SHA-256 of what follows this block:\n"
 _NOUNS = (State, Grains, Walls, Cell, Contacts, Control, Instant, Law)
 _VERSIONS = ("numpy", "numba", "scipy", "h5py")
 LARGE, EXPANDS = 2**26, 100  # bytes that an array may have anyway, and how often the size of its file
-_EVERY_PAIR = ("i", "j", "image", "key", "slip", "mode", "pair", "roll", "reached", "rolling")
+_PER_CONTACT = ("i", "j", "image", "key", "slip", "mode", "pair", "roll", "reached", "rolling")
 # what HDF5 and what is made of its contents raise where a file is damaged
 _DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError, OverflowError, MemoryError)
 
@@ -65,15 +65,15 @@ def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = ""
         file.attrs["schema"], file.attrs["scenario"], file.attrs["stickslip"] = SCHEMA, scenario, version
         file.attrs["versions"] = versions()
         for name, value in sorted(tree.items()):
-            _put(file, name, value, si)
+            _store(file, name, value, si)
         file.flush()
         image = file.id.get_file_image()
-    replace(path, _sealed(image))
+    replace(path, _with_checksum(image))
 
 
-def _sealed(image: bytes) -> bytes:
+def _with_checksum(image: bytes) -> bytes:
     """An image behind a block that holds its checksum."""
-    return _SEAL + hashlib.sha256(image).hexdigest().encode().ljust(_BLOCK - len(_SEAL), b"\n") + image
+    return _HEADER + hashlib.sha256(image).hexdigest().encode().ljust(_BLOCK - len(_HEADER), b"\n") + image
 
 
 @cache
@@ -98,28 +98,28 @@ def read(path: str | Path, *, nouns: Iterable[type] = ()) -> dict:
         if the file is not an archive, is cut short, or is of a schema that this version does not read.
     """
     known = {noun.__name__: noun for noun in (*_NOUNS, *nouns)}
-    with _opened(path) as file:
-        return {name: _take(value, known) for name, value in file.items()}
+    with _open(path) as file:
+        return {name: _load(value, known) for name, value in file.items()}
 
 
 def units(path: str | Path) -> dict[str, str]:
     """Units of an archive's datasets, by their path; errors as in `read`."""
     found = {}
-    with _opened(path) as file:
+    with _open(path) as file:
         file.visititems(lambda name, item: found.update({name: item.attrs["units"]} if "units" in item.attrs else {}))
     return found
 
 
 def attributes(path: str | Path) -> dict[str, str]:
     """`scenario`, `stickslip` (version) and `versions` of an archive; errors as in `read`."""
-    with _opened(path) as file:
+    with _open(path) as file:
         return {name: str(file.attrs.get(name, "")) for name in ("scenario", "stickslip", "versions")}
 
 
 @contextmanager
-def _opened(path):
+def _open(path):
     try:
-        _check_seal(path)
+        _check_checksum(path)
         with h5py.File(path) as file:
             _check_schema(path, file.attrs.get("schema"))
             yield file
@@ -130,13 +130,13 @@ def _opened(path):
         raise ArchiveError(f"{path} cannot be read as an archive ({words}): give the results.h5 of a run") from None
 
 
-def _check_seal(path) -> None:
+def _check_checksum(path) -> None:
     with open(path, "rb") as file:
         block = file.read(_BLOCK)
-        if not block.startswith(_SEAL):
+        if not block.startswith(_HEADER):
             raise ArchiveError(f"{path} is not an archive: give the results.h5 of a run")
         digest = hashlib.file_digest(file, "sha256").hexdigest().encode()
-    if block[len(_SEAL) :].strip() != digest:
+    if block[len(_HEADER) :].strip() != digest:
         raise ArchiveError(
             f"{path} is damaged, or was changed since it was written (its checksum): take a copy, or run it again"
         )
@@ -148,7 +148,7 @@ def _check_schema(path, schema) -> None:
         raise ArchiveError(f"{path} has archive schema {schema}, and this version reads schema {SCHEMA}: {remedy}")
 
 
-def _put(group, name: str, value, si: bool, noun: str | None = None) -> None:
+def _store(group, name: str, value, si: bool, noun: str | None = None) -> None:
     if isinstance(value, Contacts):
         value = trimmed(value)
     if isinstance(value, Enum):
@@ -159,9 +159,9 @@ def _put(group, name: str, value, si: bool, noun: str | None = None) -> None:
         child = group.create_group(name)
         child.attrs["noun"] = noun = type(value).__name__
         for key, item in sorted(value._asdict().items()):
-            _put(child, key, item, si, noun)
+            _store(child, key, item, si, noun)
         if isinstance(value, Law) and isinstance(value.kind, Kind):
-            _put(child, "own", described(value), si)
+            _store(child, "own", described(value), si)
     elif isinstance(value, dict):
         child = group.create_group(name)
         numbers = [key for key in value if not isinstance(key, str)]
@@ -169,17 +169,17 @@ def _put(group, name: str, value, si: bool, noun: str | None = None) -> None:
             child.attrs["keys"] = type(numbers[0]).__name__
         named = {key if isinstance(key, str) else repr(key): item for key, item in value.items()}
         for key, item in sorted(named.items()):
-            _put(child, key, item, si)
-    elif isinstance(value, tuple | list) and not _plain(value):
+            _store(child, key, item, si)
+    elif isinstance(value, tuple | list) and not _is_homogeneous(value):
         child = group.create_group(name)
         child.attrs["sequence"] = type(value).__name__
         for k, item in enumerate(value):
-            _put(child, f"{k:06d}", item, si)
+            _store(child, f"{k:06d}", item, si)
     else:
-        _put_array(group, name, value, si, noun)
+        _store_array(group, name, value, si, noun)
 
 
-def _put_array(group, name: str, value, si: bool, noun: str | None) -> None:
+def _store_array(group, name: str, value, si: bool, noun: str | None) -> None:
     if value is None:
         group.create_dataset(name, data=h5py.Empty("f8"))
         return
@@ -197,7 +197,7 @@ def _put_array(group, name: str, value, si: bool, noun: str | None) -> None:
         made.attrs["units"] = unit
 
 
-def _plain(value) -> bool:
+def _is_homogeneous(value) -> bool:
     """Whether an array holds a sequence as it is: all floats, or all integers."""
     return bool(value) and any(all(type(v) is kind for v in value) for kind in (float, int))
 
@@ -205,14 +205,14 @@ def _plain(value) -> bool:
 def trimmed(contacts: Contacts) -> Contacts:
     """The list without the room behind its last pair."""
     count = int(contacts.count[0])
-    return contacts._replace(**{name: getattr(contacts, name)[:count] for name in _EVERY_PAIR})
+    return contacts._replace(**{name: getattr(contacts, name)[:count] for name in _PER_CONTACT})
 
 
-def _take(item, known: dict):
+def _load(item, known: dict):
     if isinstance(item, h5py.Dataset):
-        value, noun = _taken_array(item), known.get(item.attrs.get("noun"))
+        value, noun = _load_array(item), known.get(item.attrs.get("noun"))
         return noun[value] if noun else value
-    tree = {name: _take(child, known) for name, child in item.items()}
+    tree = {name: _load(child, known) for name, child in item.items()}
     if "sequence" in item.attrs:
         made = list(tree.values())
         return tuple(made) if item.attrs["sequence"] == "tuple" else made
@@ -221,19 +221,19 @@ def _take(item, known: dict):
         return {number(name): value for name, value in tree.items()}
     noun = known.get(item.attrs.get("noun"))
     if noun is Law and "own" in tree:
-        tree["kind"] = _recalled(tree["kind"], tree.pop("own"))
+        tree["kind"] = _load_kind(tree["kind"], tree.pop("own"))
     made = noun(**tree) if noun else tree
-    return sound(made) if noun is State else sound_law(made) if noun is Law else made
+    return validate_state(made) if noun is State else validate_law(made) if noun is Law else made
 
 
-def _recalled(kind: int, about: dict) -> Kind:
+def _load_kind(kind: int, about: dict) -> Kind:
     try:
         return recalled(kind, about)
     except ValueError as problem:
         raise ArchiveError(f"this archive cannot be read yet: {problem}") from None
 
 
-def _taken_array(item: h5py.Dataset):
+def _load_array(item: h5py.Dataset):
     stored = item.file.id.get_filesize()
     if item.nbytes > max(LARGE, EXPANDS * stored):
         raise ArchiveError(

@@ -45,19 +45,19 @@ def put(tables: dict, key: str, value) -> dict:
     >>> put({"law": {"mu": 0.3, "kn": 1.0}}, "law.mu", 0.5)
     {'law': {'mu': 0.5, 'kn': 1.0}}
     """
-    return _put(tables, key.split("."), value, key)
+    return _with_value(tables, key.split("."), value, key)
 
 
-def _put(tables, parts: list[str], value, key: str):
+def _with_value(tables, parts: list[str], value, key: str):
     part, below = parts[0], parts[1:]
     if part.isdigit():
         if not isinstance(tables, list | tuple) or not 1 <= int(part) <= len(tables):
             many = len(tables) if isinstance(tables, list | tuple) else "no"
             raise ScenarioError(f"sweep.{key} means entry {part}, but the scenario gives {many} entries there")
         here = int(part) - 1
-        new = _put(tables[here], below, value, key) if below else value
+        new = _with_value(tables[here], below, value, key) if below else value
         return [*tables[:here], new, *tables[here + 1 :]]
     if not isinstance(tables, dict):
         raise ScenarioError(f"sweep.{key}: {part!r} stands in a list, name its entry as in legs.2.velocity")
     default = [] if below and below[0].isdigit() else {}
-    return tables | {part: _put(tables.get(part, default), below, value, key) if below else value}
+    return tables | {part: _with_value(tables.get(part, default), below, value, key) if below else value}

@@ -85,7 +85,7 @@ def law_in(choice: LawFile) -> Law:
     return from_file(path, **choice.parameters)
 
 
-def law_of_options(path: str, given: dict) -> tuple[Law, dict]:
+def split_law_options(path: str, given: dict) -> tuple[Law, dict]:
     """The law of a file that was named on the command line, and the options that are not parameters of it."""
     law = from_file(path)
     values = {name: given[name] for name in ("kn", "kt", "mu", "damping_n", "damping_t") if name in given}

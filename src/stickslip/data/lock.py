@@ -20,7 +20,7 @@ LOCK, HOLDER = ".lock", ".lock.json"  # neither is there any more when the work 
 
 
 @contextmanager
-def alone(folder: Path) -> Iterator[None]:
+def lock_folder(folder: Path) -> Iterator[None]:
     """Work in a folder, which is made if it is missing, while no other process does.
 
     A member of a sweep is held with the whole sweep. Where the system's locks do not reach, as between machines on some
@@ -31,29 +31,31 @@ def alone(folder: Path) -> Iterator[None]:
     ValueError
         with one sentence that says which process works there and since when, or why nothing can be written there.
     """
-    place = _place(folder)
+    place = _folder_to_lock(folder)
     if place.is_file():
         raise ValueError(f"{folder} is a file, not a folder: choose another --out")
-    if name := _in_the_way(place):
+    if name := _find_foreign_file(place):
         raise ValueError(f"{folder} holds {name}, which stickslip did not write: move it away, or choose another --out")
     made = [path for path in (place, *place.parents) if not path.exists()]
     lock = FileLock(place / LOCK, timeout=0)
     try:
         _acquire(place, lock)
     except Timeout:
-        raise ValueError(f"{folder} is in use: {_holder(place)}; wait until it ends, or choose another --out") from None
+        raise ValueError(
+            f"{folder} is in use: {_describe_holder(place)}; wait until it ends, or choose another --out"
+        ) from None
     except OSError as problem:
-        _remove(made)
+        _remove_empty(made)
         raise ValueError(f"the folder {folder} cannot be written ({problem.strerror}): choose another --out") from None
     try:
-        _note(place)
+        _write_holder(place)
         yield
     finally:
         for name in (HOLDER, LOCK):  # under the lock: who opens the old file now sees that it is gone, and tries again
             with suppress(OSError):
                 (place / name).unlink()
         lock.release()
-        _remove(made)
+        _remove_empty(made)
 
 
 def _acquire(place: Path, lock: FileLock) -> None:
@@ -68,21 +70,21 @@ def _acquire(place: Path, lock: FileLock) -> None:
                 raise
 
 
-def _place(folder: Path) -> Path:
+def _folder_to_lock(folder: Path) -> Path:
     """Where the lock is: a member's stands in the sweep's folder."""
     whole = folder.absolute()
     above = whole.parent.parent
     return above if whole.parent.name == MEMBERS and (above / SWEEP).is_file() else whole
 
 
-def _note(place: Path) -> None:
+def _write_holder(place: Path) -> None:
     words = " ".join(["stickslip", *sys.argv[1:2]])
     told = {"pid": os.getpid(), "host": socket.gethostname(), "since": time.strftime("%Y-%m-%d %H:%M:%S"), "by": words}
     with suppress(OSError):  # a full disk is told when results are written
         whole.replace(place / HOLDER, json.dumps(told).encode())
 
 
-def _holder(place: Path) -> str:
+def _describe_holder(place: Path) -> str:
     """Who works there, in words; a note that is being written or is gone tells nothing."""
     try:
         told = json.loads((place / HOLDER).read_text(encoding="utf-8"))
@@ -91,7 +93,7 @@ def _holder(place: Path) -> str:
         return "another process works in it"
 
 
-def _in_the_way(place: Path) -> str | None:
+def _find_foreign_file(place: Path) -> str | None:
     """Somebody's file or link by the name of the lock, which is empty, or of the note about who holds it."""
     for name in (LOCK, HOLDER):
         path = place / name
@@ -104,7 +106,7 @@ def _in_the_way(place: Path) -> str | None:
     return None
 
 
-def _remove(folders: list[Path]) -> None:
+def _remove_empty(folders: list[Path]) -> None:
     """Those that were made here and hold nothing."""
     for path in folders:
         with suppress(OSError):

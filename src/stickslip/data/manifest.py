@@ -17,11 +17,11 @@ from .checkpoint import ANEW, GONE, MEMBERS, SCENARIO, SWEEP, UNFINISHED, WRITIN
 MANIFEST = "manifest.json"
 _ABOUT = "SHA-256 of the files that stickslip wrote here: it replaces no others"
 _FOLDER, _OTHER = "folder", "neither"  # what stands for the digest of one, and of what is no file
-_ADOPTED = "overwritten.json"  # beside the pieces: what --overwrite gave up, until the run has taken its place
+_OVERWRITABLE = "overwritten.json"  # beside the pieces: what --overwrite gave up, until the run has taken its place
 
 _PART = re.compile(r"\..+\.\d+(\.\w+)?")  # of a file that is being written
-_PIECE = re.compile(r".+\.h5|(scenario|part)(-\w+)?\.json|reproduce\.json|" + re.escape(_ADOPTED))
-_SWEEPS = (MANIFEST, SWEEP, "sweep-options.json", "sweep.nc", MEMBERS, "ready")
+_PIECE = re.compile(r".+\.h5|(scenario|part)(-\w+)?\.json|reproduce\.json|" + re.escape(_OVERWRITABLE))
+_SWEEP_FILES = (MANIFEST, SWEEP, "sweep-options.json", "sweep.nc", MEMBERS, "ready")
 
 Files = dict[str, list[str]]  # digests by name: one, or two where a file is about to be replaced
 
@@ -70,18 +70,18 @@ def strange(folder: Path, ours: Callable[[str], bool]) -> list[str]:
     """
     if not folder.is_dir():
         return []
-    own, adopted, begun = proven(folder), _read(folder / UNFINISHED / _ADOPTED), under_way(folder)
+    own, adopted, begun = proven(folder), _read(folder / UNFINISHED / _OVERWRITABLE), under_way(folder)
     known = {name: own.get(name, []) + adopted.get(name, []) for name in own | adopted}
     if begun is not None:  # which wrote its scenario before there was a manifest
         known[SCENARIO] = [*known.get(SCENARIO, []), digest(begun)]
     trace = bool(own) or begun is not None
-    seen = (path for path in folder.iterdir() if not path.name.startswith(".") and not _just_made(path))
+    seen = (path for path in folder.iterdir() if not path.name.startswith(".") and not _is_empty_run_folder(path))
     mine = {MANIFEST, UNFINISHED} if trace else set()
     rest = (path for path in seen if path.name not in mine and (ours(path.name) or not trace))
     return sorted(path.name for path in rest if path.name not in known or digest(path) not in known[path.name])
 
 
-def _just_made(path: Path) -> bool:
+def _is_empty_run_folder(path: Path) -> bool:
     """Whether it is one of the folders with which runs begin, and holds no file yet: who made it was stopped then."""
     if path.name not in (UNFINISHED, MEMBERS) or path.is_symlink() or not path.is_dir():
         return False
@@ -107,7 +107,7 @@ def check_hidden(folder: Path, ours: Callable[[str], bool]) -> None:
         inside = path.rglob("*") if piece else path.iterdir()
         if path.is_symlink() or not path.is_dir():
             there = name
-        elif other := next((p for p in inside if not _hidden_ours(p, piece, ours)), None):
+        elif other := next((p for p in inside if not _is_own_hidden(p, piece, ours)), None):
             there = str(other.relative_to(folder))
         else:
             continue
@@ -116,21 +116,21 @@ def check_hidden(folder: Path, ours: Callable[[str], bool]) -> None:
         )
 
 
-def _hidden_ours(path: Path, piece: bool, ours: Callable[[str], bool]) -> bool:
+def _is_own_hidden(path: Path, piece: bool, ours: Callable[[str], bool]) -> bool:
     if path.is_symlink():
         return False
     if _PART.fullmatch(path.name):
         return True
     if piece:
         return path.is_dir() or (path.is_file() and _PIECE.fullmatch(path.name) is not None)
-    return ours(path.name) or path.name in _SWEEPS
+    return ours(path.name) or path.name in _SWEEP_FILES
 
 
 def adopt(folder: Path, names: Iterable[str]) -> None:
     """Give up files of others: the run that begins there may replace them when it has ended."""
     (folder / UNFINISHED).mkdir(exist_ok=True)
     told = {"files": {name: [digest(folder / name)] for name in names}}
-    whole.replace(folder / UNFINISHED / _ADOPTED, json.dumps(told).encode())
+    whole.replace(folder / UNFINISHED / _OVERWRITABLE, json.dumps(told).encode())
 
 
 def _read(path: Path) -> Files:

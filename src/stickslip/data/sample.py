@@ -71,9 +71,9 @@ def from_arrays(
         raise PackingError(f"dim = {dim} was given: 2 and 3 are allowed")
     motion = {"velocity": velocity, "spin": spin, "angle": angle}
     if dim == 2:
-        position, image, slip, external_force = map(_in_space, (position, image, slip, external_force))
-        motion["velocity"] = _in_space(velocity)
-    state = _grains(position, radius, mass, motion, _cell(cell, periodic, dim), external_force, i0)
+        position, image, slip, external_force = map(_padded, (position, image, slip, external_force))
+        motion["velocity"] = _padded(velocity)
+    state = _build_state(position, radius, mass, motion, _build_cell(cell, periodic, dim), external_force, i0)
     if dim == 2 and slip is not None and np.any(np.asarray(slip)[..., 2:]):
         raise PackingError("position or slip leaves the plane although dim is 2: z must be zero")
     if pair_i is not None or pair_j is not None:
@@ -83,19 +83,19 @@ def from_arrays(
     return accepted(state, law, modes=mode is not None)
 
 
-def _grains(position, radius, mass, motion: dict, cell, force, i0) -> State:
+def _build_state(position, radius, mass, motion: dict, cell, force, i0) -> State:
     """The state without memory, its box and overlaps checked."""
-    position, radius = _array("position", position, (None, 3)), _array("radius", radius, (None,))
+    position, radius = _check_array("position", position, (None, 3)), _check_array("radius", radius, (None,))
     n, dim = len(position), cell.dim
     if len(radius) != n:
         raise PackingError(f"radius has {len(radius)} entries for {n} positions: give one for each grain")
     if dim == 2 and position[:, 2].any():
         raise PackingError("position or slip leaves the plane although dim is 2: z must be zero")
-    rest = {name: _array(name, value, (n, 3)) for name, value in motion.items() if value is not None}
-    mass = _array("mass", np.broadcast_to(mass, (n,)) if np.ndim(mass) == 0 else mass, (n,))
-    force = 0.0 if force is None else _array("external_force", force, (n, 3))
+    rest = {name: _check_array(name, value, (n, 3)) for name, value in motion.items() if value is not None}
+    mass = _check_array("mass", np.broadcast_to(mass, (n,)) if np.ndim(mass) == 0 else mass, (n,))
+    force = 0.0 if force is None else _check_array("external_force", force, (n, 3))
     if i0 is not None:
-        rest["i0"] = _array("i0", i0, () if np.ndim(i0) == 0 else (n,))
+        rest["i0"] = _check_array("i0", i0, () if np.ndim(i0) == 0 else (n,))
     try:
         grains = (disks if dim == 2 else spheres)(position, radius, mass=mass, **rest)
         state = assembly(grains, cell=cell, control=loads(n, force=force))
@@ -107,7 +107,7 @@ def _grains(position, radius, mass, motion: dict, cell, force, i0) -> State:
     return state
 
 
-def law_from(
+def law_by_name(
     law="hertz_mindlin", coulomb="smooth", kn=None, kt=None, mu=10.0, *, young=None, poisson=None, damping=None,
     damping_n=0.0, damping_t=0.0,
 ) -> Law:  # fmt: skip
@@ -135,7 +135,7 @@ def law_from(
         raise PackingError(str(problem)) from None
 
 
-def _array(name: str, value, shape: tuple, kind=float) -> np.ndarray:
+def _check_array(name: str, value, shape: tuple, kind=float) -> np.ndarray:
     try:
         array = np.asarray(value)
         if array.dtype.kind in "cmM":
@@ -157,25 +157,25 @@ def _array(name: str, value, shape: tuple, kind=float) -> np.ndarray:
     return array
 
 
-def _in_space(rows):
+def _padded(rows):
     """Rows of two components with a third one of zero; anything else as it is."""
     if rows is None or np.ndim(rows) != 2 or np.shape(rows)[1] != 2:
         return rows
     return np.pad(np.asarray(rows), ((0, 0), (0, 1)))
 
 
-def _cell(cell, periodic, dim: int):
+def _build_cell(cell, periodic, dim: int):
     if cell is None:
         if periodic is not None and np.any(periodic):
             raise PackingError("periodic was given without a cell: give the box vectors as rows of cell")
         return box(dim=dim)
     if dim == 2 and np.shape(cell) in ((2,), (2, 2)):
-        cell = np.diag([*cell, 1.0]) if np.ndim(cell) == 1 else np.vstack([_in_space(cell), [0.0, 0.0, 1.0]])
-    cell = _array("cell", np.diag(cell) if np.shape(cell) == (3,) else cell, (3, 3))
+        cell = np.diag([*cell, 1.0]) if np.ndim(cell) == 1 else np.vstack([_padded(cell), [0.0, 0.0, 1.0]])
+    cell = _check_array("cell", np.diag(cell) if np.shape(cell) == (3,) else cell, (3, 3))
     short = np.linalg.norm(cell, axis=1).min()
     if short < 1 / HUGE:
         raise PackingError(f"the cell has a vector of length {short:.3g}: give three vectors that span the box")
-    flags = [True, True, dim == 3] if periodic is None else _array("periodic", periodic, (3,), bool)
+    flags = [True, True, dim == 3] if periodic is None else _check_array("periodic", periodic, (3,), bool)
     if dim == 2:
         if cell[2, :2].any() or cell[:2, 2].any():
             raise PackingError("cell leaves the plane although dim is 2: its third row must be along z, others in it")
@@ -211,12 +211,12 @@ def _with_contacts(state: State, law: Law, pair_i, pair_j, image, slip, mode) ->
     if pair_i is None or pair_j is None:
         raise PackingError("only one of pair_i and pair_j was given: give both")
     n = len(state.grains.radius)
-    i = _array("pair_i", pair_i, (None,), int)
+    i = _check_array("pair_i", pair_i, (None,), int)
     m = len(i)
-    j = _array("pair_j", pair_j, (m,), int)
-    image = np.zeros((m, 3), int) if image is None else _array("image", image, (m, 3), int)
-    slip = np.zeros((m, 3)) if slip is None else _array("slip", slip, (m, 3))
-    mode = np.full(m, STICK) if mode is None else _array("mode", mode, (m,), int)
+    j = _check_array("pair_j", pair_j, (m,), int)
+    image = np.zeros((m, 3), int) if image is None else _check_array("image", image, (m, 3), int)
+    slip = np.zeros((m, 3)) if slip is None else _check_array("slip", slip, (m, 3))
+    mode = np.full(m, STICK) if mode is None else _check_array("mode", mode, (m,), int)
     if not np.isin(mode, (STICK, SLIDE)).all():
         raise PackingError("mode holds something else than 1 and 2: 1 is a contact that sticks, 2 one that slides")
     if m and not (min(i.min(), j.min()) >= 0 and max(i.max(), j.max()) < n):
@@ -295,14 +295,14 @@ def accepted(state: State, law: Law, *, memory: int = FREE, modes: bool = False,
     cut = np.linalg.norm(trial.slip[:count], axis=1) < wanted * (1 - 1e-9)
     if modes:
         cut &= state.contacts.mode[:count] != SLIDE
-        _take_modes(state, law, trial, cut, within)
+        _apply_modes(state, law, trial, cut, within)
     if cut.any():
         words = f"{int(cut.sum())} slip(s) exceed Coulomb's limit and were cut to it"
         warnings.warn(words, PackingWarning, stacklevel=3)
     return accept(state, trial)
 
 
-def _take_modes(state: State, law: Law, trial, cut, within: float) -> None:
+def _apply_modes(state: State, law: Law, trial, cut, within: float) -> None:
     """Put the modes of a state, and the slip of what slides, into trial memory, but for contacts that were cut.
 
     What is said to slide far below the limit did so under another law, or under none with friction: its slip decides.

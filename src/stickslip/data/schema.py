@@ -12,14 +12,14 @@ from ..core.readable import folded
 LARGEST, SMALLEST = 1e100, 1e-100  # in size, as of parameters of laws: products of two, and of three, do not overflow
 
 
-def _sized(value: float) -> float:
+def _check_size(value: float) -> float:
     if value and not SMALLEST <= abs(value) <= LARGEST:
         raise PydanticCustomError("size", "it must be 0, or between {small} and {large} in size", SIZES)
     return value
 
 
 SIZES = {"small": f"{SMALLEST:g}", "large": f"{LARGEST:g}"}
-Sized = AfterValidator(_sized)
+Sized = AfterValidator(_check_size)
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False), Sized]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False), Sized]
 Finite = Annotated[float, Field(allow_inf_nan=False), Sized]
@@ -65,12 +65,12 @@ class Whole(Part):
     __str__ = __repr__
 
 
-def sentence(problem: ValidationError, kind: type[BaseModel]) -> str:
+def error_message(problem: ValidationError, kind: type[BaseModel]) -> str:
     """The first thing that is wrong: the key, what was got and what is allowed."""
     first = problem.errors()[0]
     if first["type"] == "extra_forbidden":
         return unknown_key(first["loc"], kind)
-    keys, _, entry = _walked(first["loc"], kind)
+    keys, _, entry = _locate(first["loc"], kind)
     message = first["msg"].removeprefix("Value error, ")
     message = message[0].lower() + message[1:]
     if first["type"] == "value_error":
@@ -86,7 +86,7 @@ def sentence(problem: ValidationError, kind: type[BaseModel]) -> str:
     return f"{'.'.join(keys) or 'the scenario'}{entry} = {got} was given, but {message.replace('input ', 'it ')}"
 
 
-def _walked(where, table: type[BaseModel]):
+def _locate(where, table: type[BaseModel]):
     """The keys of a location without pydantic's words for branches of a union, the last table, and which entry."""
     keys, entry, branches = [], "", []
     for part in where:
@@ -113,7 +113,7 @@ def tables_in(annotation) -> list[type[BaseModel]]:
 
 def unknown_key(where, kind: type[BaseModel]) -> str:
     """That a table has no such key, and what may have been meant."""
-    keys, table, entry = _walked(where[:-1], kind)
+    keys, table, entry = _locate(where[:-1], kind)
     known, key = list(table.model_fields), str(where[-1])
     place = f"the table [{'.'.join(keys)}]{entry}" if keys else "a scenario"
     near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
@@ -132,4 +132,4 @@ def validated(kind: type[Whole], /, **tables):
     try:
         return kind.model_validate(tables)
     except ValidationError as problem:
-        raise ScenarioError(sentence(problem, kind)) from None
+        raise ScenarioError(error_message(problem, kind)) from None

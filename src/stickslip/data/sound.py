@@ -49,7 +49,7 @@ _SHAPES = {
 }
 
 
-def sound(state: State) -> State:
+def validate_state(state: State) -> State:
     """The state, if all of its arrays have the shapes and types that they need, and its indices point at what is there.
 
     Raises
@@ -77,7 +77,7 @@ def sound(state: State) -> State:
     return state
 
 
-def sound_law(law: Law) -> Law:
+def validate_law(law: Law) -> Law:
     """The law, if compiled code knows its kinds, and its table has the shape and the numbers that it needs.
 
     Raises

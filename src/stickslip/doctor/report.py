@@ -9,13 +9,13 @@ from rich.text import Text
 
 from ..experiments.terminal import STYLE, console, progress
 from . import machine
-from .machine import Part
+from .machine import OptionalPart
 from .selfcheck import Selfcheck, selfcheck
 
 COMPILING = "the first time kernels are compiled: up to a minute"
 
 
-def told(*, as_json: bool = False) -> tuple[bool, str]:
+def examine(*, as_json: bool = False) -> tuple[bool, str]:
     """Examine this installation and show what was found: whether every number is right, and JSON or the verdict."""
     found = machine.versions(), machine.threads(), machine.caches(), machine.parts()
     if not as_json:
@@ -23,16 +23,16 @@ def told(*, as_json: bool = False) -> tuple[bool, str]:
     with progress(transient=True) as tell:
         check = selfcheck(lambda words: tell("self-check", 0.0, f"{words} ({COMPILING})"))
     if as_json:
-        return check.ok, in_json(*found, check)
+        return check.ok, to_json(*found, check)
     show_checks(check)
     return check.ok, _verdict(check)
 
 
-def show_machine(versions: dict, threads: dict, caches: dict, parts: list[Part]) -> None:
+def show_machine(versions: dict, threads: dict, caches: dict, parts: list[OptionalPart]) -> None:
     """Tables of versions, threads, caches and optional parts."""
-    _pairs("Versions", versions)
-    _pairs("Threads", threads)
-    _pairs("Compiled kernels", _cache_words(caches))
+    _print_pairs("Versions", versions)
+    _print_pairs("Threads", threads)
+    _print_pairs("Compiled kernels", _describe_caches(caches))
     table = Table("extra", "for", "found", title="Optional parts", **STYLE)
     for part in parts:
         color = "green" if part.ok else "yellow"
@@ -67,9 +67,9 @@ def _verdict(found: Selfcheck) -> str:
     return f"{words}, in {found.seconds:.1f} s"
 
 
-def in_json(versions: dict, threads: dict, caches: dict, parts: list[Part], found: Selfcheck) -> str:
+def to_json(versions: dict, threads: dict, caches: dict, parts: list[OptionalPart], found: Selfcheck) -> str:
     """One object with the keys of the tables; a number that could not be measured is null."""
-    rows = [{key: _finite(value) for key, value in check._asdict().items()} for check in found.checks]
+    rows = [{key: _nan_to_none(value) for key, value in check._asdict().items()} for check in found.checks]
     out = {
         "ok": found.ok,
         "versions": versions,
@@ -83,19 +83,19 @@ def in_json(versions: dict, threads: dict, caches: dict, parts: list[Part], foun
     return json.dumps(out, indent=1, ensure_ascii=False, allow_nan=False)
 
 
-def _pairs(title: str, rows: dict) -> None:
+def _print_pairs(title: str, rows: dict) -> None:
     table = Table(title=title, show_header=False, **STYLE)
     for name, value in rows.items():
         table.add_row(name, str(value))
     console.print(table)
 
 
-def _cache_words(caches: dict) -> dict[str, str]:
+def _describe_caches(caches: dict) -> dict[str, str]:
     size = caches["bytes"] / 2**20
     writable = "writable" if caches["writable"] else "not writable: kernels are compiled in every process"
     if not caches["kept"]:
         writable = "of this process alone, as no other folder could be written: set NUMBA_CACHE_DIR"
-    words = {"folder": _short(caches["folder"]), "state": f"{writable}; chosen by {caches['chosen_by']}"}
+    words = {"folder": _abbreviate_home(caches["folder"]), "state": f"{writable}; chosen by {caches['chosen_by']}"}
     words["content"] = f"{caches['files']} files, {size:.1f} MiB" + (
         "" if caches["files"] else "; filled by first runs"
     )
@@ -104,10 +104,10 @@ def _cache_words(caches: dict) -> dict[str, str]:
     return words
 
 
-def _short(path: str) -> str:
+def _abbreviate_home(path: str) -> str:
     home = str(Path.home())
     return f"~{path[len(home) :]}" if path.startswith(f"{home}/") else path
 
 
-def _finite(value):
+def _nan_to_none(value):
     return None if isinstance(value, float) and math.isnan(value) else value

@@ -19,19 +19,19 @@ from uuid import uuid4
 
 from ..extras import needed
 from .local import TRIES
-from .worker import Helper, SchedulerGoneError, WorkerDiedError, ready, sentence
+from .worker import SchedulerGoneError, WorkerDiedError, WorkerProcess, describe_error, ensure_running
 
 PROTOCOLS = ("tcp", "tls", "ws", "wss", "ucx", "inproc")
 PATIENCE = 10.0  # for the scheduler's first answer [s]
 PAUSE = 1.0  # at least, between two words of one task: a scheduler hears of many [s]
-LOOK = 2.0  # between two looks at the cluster [s]
+POLL = 2.0  # between two looks at the cluster [s]
 AHEAD = 256  # tasks, at least, that wait on the scheduler for a free worker
 
-_idle: list[Helper] = []  # of this process, which is a worker of a cluster
+_idle: list[WorkerProcess] = []  # of this process, which is a worker of a cluster
 
 
 @contextmanager
-def connected(address):
+def connect(address):
     """A client of the scheduler at an address, at the one in a JSON file, or a client as it is.
 
     Raises
@@ -44,7 +44,7 @@ def connected(address):
         yield address
         return
     try:
-        client = distributed.Client(_answering(str(address)), timeout=PATIENCE, set_as_default=False)
+        client = distributed.Client(_resolve_address(str(address)), timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError, TypeError, KeyError) as problem:
         said = " ".join(str(problem).split())[:150] or type(problem).__name__
         raise ValueError(
@@ -60,7 +60,7 @@ def connected(address):
         log.setLevel(before)
 
 
-def _written(path: str, tries: int = 10):
+def _read_json(path: str, tries: int = 10):
     """What a JSON file holds; a scheduler that has just started may not have written it to its end."""
     with open(path, encoding="utf-8-sig") as file:
         try:
@@ -69,15 +69,15 @@ def _written(path: str, tries: int = 10):
             if not tries:
                 raise
     time.sleep(0.1)
-    return _written(path, tries - 1)
+    return _read_json(path, tries - 1)
 
 
-def _answering(address: str) -> str:
+def _resolve_address(address: str) -> str:
     """The address, or the one in a JSON file, after a scheduler has answered there: a client would try for long."""
     if address.endswith(".json"):
         if not os.path.exists(address):
             raise OSError("there is no such file")
-        address = str(_written(address)["address"])
+        address = str(_read_json(address)["address"])
     kind, found, host = address.rpartition("://")
     if found and kind not in PROTOCOLS:
         raise ValueError(f"its protocol is {kind}, not {', '.join(PROTOCOLS)}")
@@ -88,7 +88,7 @@ def _answering(address: str) -> str:
         socket.create_connection((name.strip("[]"), int(port)), timeout=PATIENCE).close()
     try:
         with ThreadPoolExecutor(1) as apart:  # a loop may be running already, as in notebooks
-            kind = apart.submit(asyncio.run, asyncio.wait_for(_identity(address), PATIENCE)).result()["type"]
+            kind = apart.submit(asyncio.run, asyncio.wait_for(_request_identity(address), PATIENCE)).result()["type"]
     except TimeoutError:
         raise OSError(f"who listens there says nothing for {PATIENCE:g} s") from None
     except Exception:  # whatever another program's words look like, when they are read as those of a scheduler
@@ -98,7 +98,7 @@ def _answering(address: str) -> str:
     return address
 
 
-async def _identity(address: str) -> dict:
+async def _request_identity(address: str) -> dict:
     """What whoever listens at an address says of itself."""
     core, security = needed("distributed.core", "cluster"), needed("distributed.security", "cluster")
     comm = await core.connect(address, timeout=PATIENCE, **security.Security().get_connection_args("client"))
@@ -109,7 +109,7 @@ async def _identity(address: str) -> dict:
         comm.abort()
 
 
-def spread(packed, address, keep, heard) -> None:
+def run_tasks(packed, address, keep, heard) -> None:
     """Run all tasks; arguments as in `local.spread`, and the scheduler's address.
 
     Raises
@@ -118,12 +118,12 @@ def spread(packed, address, keep, heard) -> None:
         if the scheduler is gone before the last result is here.
     """
     topic, events, source, futures = f"stickslip-{uuid4().hex}", queue.SimpleQueue(), iter(packed), {}
-    with connected(address) as client:
+    with connect(address) as client:
 
         def ask(most: int) -> None:
             for k, task in islice(source, max(0, most - len(futures))):
                 name = f"{topic}-{k}"
-                futures[k] = client.submit(hosted, task, k, topic if heard else None, key=name, pure=False)
+                futures[k] = client.submit(run_hosted, task, k, topic if heard else None, key=name, pure=False)
                 futures[k].add_done_callback(lambda future, k=k: events.put(("done", k)))
 
         if heard:
@@ -131,7 +131,7 @@ def spread(packed, address, keep, heard) -> None:
         try:
             for kind, *rest in _events(client, events, futures, ask):
                 if kind == "done":
-                    keep(rest[0], *_answer(futures.pop(rest[0])))
+                    keep(rest[0], *_result_of(futures.pop(rest[0])))
                 elif heard and rest[0] in futures:
                     heard(*rest)
         finally:
@@ -143,24 +143,24 @@ def spread(packed, address, keep, heard) -> None:
 
 def _events(client, events, futures: dict, ask):
     """Yield what happens until no task is left; a cluster without workers is waited for, and that is said."""
-    ahead, looked = AHEAD, -LOOK
+    ahead, looked = AHEAD, -POLL
     ask(ahead)
     while futures:
         if client.status != "running":
             raise SchedulerGoneError("the Dask scheduler is gone")
-        if time.monotonic() - looked >= LOOK:
+        if time.monotonic() - looked >= POLL:
             looked, slots = time.monotonic(), sum(client.nthreads().values())
             ahead = max(AHEAD, 2 * slots)
             if not slots:
                 yield "said", next(iter(futures)), 0.0, "the cluster has no workers yet: waiting for the first"
         try:
-            yield events.get(timeout=LOOK)
+            yield events.get(timeout=POLL)
         except queue.Empty:
             continue
         ask(ahead)
 
 
-def _answer(future) -> tuple[bytes | None, str | None]:
+def _result_of(future) -> tuple[bytes | None, str | None]:
     """What a task has come to, or why not."""
     killed = needed("distributed.scheduler", "cluster").KilledWorker
     if future.cancelled():
@@ -172,10 +172,10 @@ def _answer(future) -> tuple[bytes | None, str | None]:
     except WorkerDiedError as problem:
         return None, str(problem)
     except Exception as problem:
-        return None, sentence(problem)
+        return None, describe_error(problem)
 
 
-def hosted(packed: bytes, k: int, topic: str | None) -> tuple[bytes | None, str | None]:
+def run_hosted(packed: bytes, k: int, topic: str | None) -> tuple[bytes | None, str | None]:
     """One task on a worker of the cluster, in a process of its own; it ends if the client does not want it any more."""
     from distributed import get_worker
 
@@ -190,8 +190,8 @@ def hosted(packed: bytes, k: int, topic: str | None) -> tuple[bytes | None, str 
         worker.log_event(topic, [k, share, words])
 
     for tries in range(1, TRIES + 1):
-        helper, finished = ready(_idle.pop() if _idle else None), threading.Event()
-        threading.Thread(target=_watch, args=(helper, finished, unwanted), daemon=True).start()
+        helper, finished = ensure_running(_idle.pop() if _idle else None), threading.Event()
+        threading.Thread(target=_kill_when_unwanted, args=(helper, finished, unwanted), daemon=True).start()
         try:
             answer = helper.call(packed, PAUSE if topic else None, heard)
         except WorkerDiedError as problem:
@@ -206,9 +206,9 @@ def hosted(packed: bytes, k: int, topic: str | None) -> tuple[bytes | None, str 
     raise AssertionError("the last try returns")
 
 
-def _watch(helper: Helper, finished: threading.Event, unwanted) -> None:
+def _kill_when_unwanted(helper: WorkerProcess, finished: threading.Event, unwanted) -> None:
     """End a process whose task was cancelled; the thread that waits for it could not."""
-    while not finished.wait(LOOK):
+    while not finished.wait(POLL):
         if unwanted():
             helper.process.kill()
             return

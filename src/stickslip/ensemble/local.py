@@ -3,13 +3,13 @@
 import queue
 import threading
 
-from .worker import Helper, WorkerDiedError, ready
+from .worker import WorkerDiedError, WorkerProcess, ensure_running
 
 TRIES = 2  # of a task whose process dies
 PAUSE = 0.2  # at least, between two words of one task [s]
 
 
-def spread(packed, workers: int, keep, heard) -> None:
+def run_tasks(packed, workers: int, keep, heard) -> None:
     """Run all tasks.
 
     Parameters
@@ -20,9 +20,9 @@ def spread(packed, workers: int, keep, heard) -> None:
     """
     waiting, events = queue.SimpleQueue(), queue.SimpleQueue()
     source = iter(packed)
-    hands = [_Hand(waiting, events, PAUSE if heard else None) for _ in range(workers)]
+    hands = [_WorkerThread(waiting, events, PAUSE if heard else None) for _ in range(workers)]
     try:
-        left = sum(_next(source, waiting) for _ in range(2 * workers))
+        left = sum(_enqueue_next(source, waiting) for _ in range(2 * workers))
         for hand in hands:
             hand.start()
         while left:
@@ -32,7 +32,7 @@ def spread(packed, workers: int, keep, heard) -> None:
                 continue
             if kind == "stopped":
                 raise rest[0]
-            left += _next(source, waiting) - 1
+            left += _enqueue_next(source, waiting) - 1
             keep(*rest)
     finally:
         for hand in hands:
@@ -43,7 +43,7 @@ def spread(packed, workers: int, keep, heard) -> None:
 
 def trial(packed: bytes, seconds: float) -> tuple[bytes | None, str | None] | None:
     """One task in a process that is ended after some seconds; None if it was, or died."""
-    helper = Helper()
+    helper = WorkerProcess()
     clock = threading.Timer(seconds, helper.process.kill)
     clock.start()
     try:
@@ -55,7 +55,7 @@ def trial(packed: bytes, seconds: float) -> tuple[bytes | None, str | None] | No
         helper.end()
 
 
-def _next(source, waiting) -> int:
+def _enqueue_next(source, waiting) -> int:
     """Ask for one more task, if there is one: how many were added."""
     task = next(source, None)
     if task is None:
@@ -64,7 +64,7 @@ def _next(source, waiting) -> int:
     return 1
 
 
-class _Hand(threading.Thread):
+class _WorkerThread(threading.Thread):
     """A thread with one process at a time; it takes tasks and says what becomes of them."""
 
     def __init__(self, waiting, events, pause: float | None):
@@ -81,7 +81,7 @@ class _Hand(threading.Thread):
                 self.events.put(("stopped", problem))
 
     def _do(self, k: int, packed: bytes, tries: int) -> None:
-        self.helper = ready(self.helper)
+        self.helper = ensure_running(self.helper)
         try:
             answer = self.helper.call(packed, self.pause, lambda *said: self.events.put(("said", k, *said)))
         except WorkerDiedError as problem:

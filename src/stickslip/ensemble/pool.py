@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from ..core.readable import readable
 from . import local
-from .worker import SchedulerGoneError, sentence
+from .worker import SchedulerGoneError, describe_error
 
 Workers = int | str | None  # processes here, or a Dask scheduler's address; None is one process a core
 
@@ -52,7 +52,7 @@ def reach(workers: Workers) -> Spread:
         return Spread(number, f"{number} process{'es' if number > 1 else ''}")
     from . import cluster
 
-    with cluster.connected(workers) as client:
+    with cluster.connect(workers) as client:
         slots = sum(client.nthreads().values())
         now = f"{slots or 'no'} slot{'' if slots == 1 else 's'} now"
         return Spread(slots, f"the Dask cluster at {client.scheduler.address}, {now}")
@@ -120,7 +120,7 @@ def run_members(
 
     if missing:
         try:
-            _spread(function, {k: tasks[k] for k in missing}, workers, keep, heard if live else None)
+            _run_tasks(function, {k: tasks[k] for k in missing}, workers, keep, heard if live else None)
         except SchedulerGoneError as problem:
             raise RuntimeError(f"{problem}; {members.count(None)} of {len(tasks)} members were not finished") from None
     return members
@@ -131,32 +131,32 @@ def trial(function: Callable, task: tuple, seconds: float) -> Member | None:
     found = local.trial(pickle.dumps((function, task), protocol=5), seconds)
     members = []
     if found is not None:
-        _unpacked(lambda _, one: members.append(one), 0, *found)
+        _unpack_result(lambda _, one: members.append(one), 0, *found)
     return members[0] if members else None
 
 
-def _spread(function, tasks: dict[int, tuple], workers: Workers, keep, heard) -> None:
+def _run_tasks(function, tasks: dict[int, tuple], workers: Workers, keep, heard) -> None:
     """Run the tasks here, in processes or on a cluster."""
     if workers is not None and not isinstance(workers, int):
         from . import cluster
 
-        return cluster.spread(_packed(function, tasks), workers, partial(_unpacked, keep), heard)
+        return cluster.run_tasks(_pack_tasks(function, tasks), workers, partial(_unpack_result, keep), heard)
     if workers is not None and workers < 1:
         raise ValueError(f"workers = {workers} was given: at least 1 is needed")
     workers = min(workers or default_workers(), len(tasks))
     if workers > 1:
-        return local.spread(_packed(function, tasks), workers, partial(_unpacked, keep), heard)
+        return local.run_tasks(_pack_tasks(function, tasks), workers, partial(_unpack_result, keep), heard)
     for k, task in tasks.items():
         more = (partial(heard, k),) if heard else ()
         try:
             member = Member(function(*task, *more), None)
         except Exception as problem:
-            member = Member(None, sentence(problem))
+            member = Member(None, describe_error(problem))
         keep(k, member)
     return None
 
 
-def _packed(function, tasks: dict[int, tuple]):
+def _pack_tasks(function, tasks: dict[int, tuple]):
     """Yield (k, bytes of a task), each when it is needed."""
     function = _importable(function)
     for k, task in tasks.items():
@@ -176,9 +176,9 @@ def _importable(function: Callable) -> Callable:
     return attrgetter(function.__qualname__)(import_module(spec.name))
 
 
-def _unpacked(keep, k: int, packed: bytes | None, failure: str | None) -> None:
+def _unpack_result(keep, k: int, packed: bytes | None, failure: str | None) -> None:
     try:
         member = Member(None, failure) if packed is None else Member(pickle.loads(packed), None)
     except Exception as problem:
-        member = Member(None, f"its result cannot be read here ({sentence(problem)})")
+        member = Member(None, f"its result cannot be read here ({describe_error(problem)})")
     keep(k, member)

@@ -41,17 +41,17 @@ class SchedulerGoneError(RuntimeError):
     """A cluster's scheduler does not answer any more."""
 
 
-def sentence(problem: Exception) -> str:
+def describe_error(problem: Exception) -> str:
     """What went wrong, with its kind."""
     return f"{type(problem).__name__}: {problem}"
 
 
-def ready(helper: "Helper | None") -> "Helper":
+def ensure_running(helper: "WorkerProcess | None") -> "WorkerProcess":
     """The same, or a new one if there is none or it has ended."""
-    return helper if helper and helper.process.poll() is None else Helper()
+    return helper if helper and helper.process.poll() is None else WorkerProcess()
 
 
-class Helper:
+class WorkerProcess:
     """The process, from the side of whoever started it; one thread at a time may use it."""
 
     def __init__(self):
@@ -92,9 +92,9 @@ class Helper:
                     return None, rest[0]
                 heard(*rest)
         except (OSError, EOFError, ValueError):
-            raise WorkerDiedError(f"worker died ({self._how()})") from None
+            raise WorkerDiedError(f"worker died ({self._describe_exit()})") from None
 
-    def _how(self) -> str:
+    def _describe_exit(self) -> str:
         try:
             code = self.process.wait(5)
         except subprocess.TimeoutExpired:
@@ -119,10 +119,10 @@ def _send(stream, data: bytes) -> None:
 
 
 def _receive(stream) -> bytes:
-    return _exactly(stream, struct.unpack("<Q", _exactly(stream, 8))[0])
+    return _read_exactly(stream, struct.unpack("<Q", _read_exactly(stream, 8))[0])
 
 
-def _exactly(stream, size: int) -> bytes:
+def _read_exactly(stream, size: int) -> bytes:
     data = stream.read(size)
     if len(data) < size:
         raise EOFError
@@ -162,7 +162,7 @@ def _serve() -> None:
         except queue.Empty:
             return
         if version == __version__:
-            answer = _answer(packed, () if pause is None else (_teller(out, pause),))
+            answer = _run_task(packed, () if pause is None else (_make_reporter(out, pause),))
         else:
             answer = FAILED, f"this worker has stickslip {__version__}, but {version} asks: install the same there"
         _send(out, pickle.dumps(answer, protocol=5))
@@ -177,15 +177,15 @@ def _listen(stream, asked) -> None:
         os._exit(0)
 
 
-def _answer(packed: bytes, more: tuple) -> tuple:
+def _run_task(packed: bytes, more: tuple) -> tuple:
     try:
         function, task = pickle.loads(packed)
         return DONE, pickle.dumps(function(*task, *more), protocol=5)
     except Exception as problem:
-        return FAILED, sentence(problem)
+        return FAILED, describe_error(problem)
 
 
-def _teller(out, pause: float):
+def _make_reporter(out, pause: float):
     """tell(share, words), which lets through the first words, and others after a pause."""
     last = -math.inf
 

@@ -11,7 +11,7 @@ from PIL import Image
 
 from ..data.exchange.frame import Frame
 from ..extras import needed
-from .grains import draw, legend, look_of
+from .grains import draw, draw_legend, layout_of
 from .page import MARK
 from .quantities import Mode
 from .style import plt, styled
@@ -46,8 +46,8 @@ def movie(
     RuntimeError
         if ffmpeg ends before its time.
     """
-    checked(path, fps)
-    look = look_of(frames, colour=colour, mode=mode, si=si)
+    check_movie(path, fps)
+    look = layout_of(frames, colour=colour, mode=mode, si=si)
     wide, tall = look.high - look.low
     inches = PIXELS / 100
     height = min(inches * tall / wide, 1.3 * inches) + (1.1 if colour else 0.6)
@@ -57,12 +57,12 @@ def movie(
         below, above = (0.85 if colour else 0.4) / height, 0.28 / height
         axes = figure.add_axes([0.01, below, 0.98, 1 - below - above])
         bar = None
-        writer = _writer(path, fps)
-        with _encoding(), writer.saving(figure, str(path), 100):
+        writer = _make_writer(path, fps)
+        with _explain_ffmpeg_failure(), writer.saving(figure, str(path), 100):
             for k, frame in enumerate(frames):
                 axes.clear()
                 drawn = draw(axes, frame, look, mode=mode, first=frames[0], si=si, near=False)
-                legend(axes, frame, near=False)
+                draw_legend(axes, frame, near=False)
                 axes.set_title(labels[k], fontsize=11, pad=4)
                 if colour and bar is None:
                     place = figure.add_axes([0.25, 0.42 / height, 0.5, 0.1 / height])
@@ -75,18 +75,18 @@ def movie(
     return path
 
 
-def checked(path: Path, fps: int) -> None:
+def check_movie(path: Path, fps: int) -> None:
     """Raise ValueError, or MissingExtraError, if such a movie cannot be made."""
     if path.suffix.lower() not in ENDINGS:
         raise ValueError(f"{path} ends with {path.suffix or 'nothing'!r}: a movie is {' or '.join(ENDINGS)}")
     if not 1 <= fps <= 100:
         raise ValueError(f"{fps} frames in a second were asked for: give 1 to 100")
     if path.suffix.lower() == ".mp4":
-        _ffmpeg()
+        _find_ffmpeg()
 
 
 @contextmanager
-def _encoding():
+def _explain_ffmpeg_failure():
     """Where ffmpeg ends before its time, as on a full disk, there is a sentence."""
     try:
         yield
@@ -97,29 +97,29 @@ def _encoding():
         ) from None
 
 
-def _writer(path: Path, fps: int):
+def _make_writer(path: Path, fps: int):
     if path.suffix.lower() == ".gif":
-        return _Gif(fps=fps)
-    plt.rcParams["animation.ffmpeg_path"] = _ffmpeg()
+        return _GifWriter(fps=fps)
+    plt.rcParams["animation.ffmpeg_path"] = _find_ffmpeg()
     extra = ["-pix_fmt", "yuv420p", "-loglevel", "error"]
     return FFMpegWriter(fps=fps, codec="libx264", extra_args=extra, metadata={"comment": MARK})
 
 
-class _Gif(PillowWriter):
+class _GifWriter(PillowWriter):
     """A GIF whose palette keeps colours that few pixels have, such as those of lines that slide."""
 
     def finish(self):
         """Write the file."""
-        frames = [self._kept(frame) for frame in self._frames]
+        frames = [self._reduced(frame) for frame in self._frames]
         frames[0].save(
             self.outfile, save_all=True, append_images=frames[1:], duration=round(1000 / self.fps), loop=0, comment=MARK
         )  # fmt: skip
 
     @staticmethod
-    def _kept(frame: Image.Image) -> Image.Image:
+    def _reduced(frame: Image.Image) -> Image.Image:
         return frame.convert("RGB").quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
 
 
-def _ffmpeg() -> str:
+def _find_ffmpeg() -> str:
     """Where ffmpeg is: that of the machine, or the one that a wheel brings."""
     return which("ffmpeg") or needed("imageio_ffmpeg", "report").get_ffmpeg_exe()

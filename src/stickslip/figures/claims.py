@@ -48,7 +48,7 @@ def claims_chart(rows: list[Row], title: str):
     axes.axvline(0, color=BLACK, lw=0.7, zorder=1)
     groups = [row.group for row in rows]
     for k, row in enumerate(rows):
-        _draw(axes, k, row)
+        _draw_row(axes, k, row)
         if k and groups[k] != groups[k - 1]:
             axes.axhline(k - 0.5, color="0.75", lw=0.4, zorder=0)
     axes.set(xlim=(-1.15 * REACH, 1.15 * REACH), ylim=(len(rows) - 0.5, -0.5))
@@ -59,7 +59,7 @@ def claims_chart(rows: list[Row], title: str):
     for x, words in zip(COLUMNS, ("measured", "paper", "verdict"), strict=True):
         axes.text(x, 1.0, words, transform=axes.transAxes, fontsize=6.5, weight="bold", va="bottom")
     figure.text(0.01, 1 - 0.06 / height, title, fontsize=8, va="top")
-    _legend(figure, rows)
+    _draw_legend(figure, rows)
     return figure
 
 
@@ -72,7 +72,7 @@ def _label(groups: list[str], k: int, row: Row) -> str:
     return words if k and groups[k] == groups[k - 1] else f"{row.group}:  {words}"
 
 
-def _draw(axes, k: int, row: Row) -> None:
+def _draw_row(axes, k: int, row: Row) -> None:
     color, marker, filled = MARKS[row.verdict]
     face = color if filled else "white"
     style = {"marker": marker, "ms": 4, "color": color, "mfc": face, "mew": 0.9, "ls": "", "clip_on": False}
@@ -101,7 +101,7 @@ def _draw(axes, k: int, row: Row) -> None:
     axes.text(COLUMNS[2] + 0.035, k, row.verdict, **place, color=color if row.verdict != "no reference" else "0.4")
 
 
-def _legend(figure, rows: list[Row]) -> None:
+def _draw_legend(figure, rows: list[Row]) -> None:
     """Which mark is which verdict, of those that occur, and what the others are."""
     seen = [word for word in MARKS if any(row.verdict == word for row in rows)]
     handles = [

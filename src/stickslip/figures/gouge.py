@@ -4,8 +4,8 @@ import numpy as np
 from matplotlib import pyplot as plt
 
 from ..core.measure import wrapped
-from .flow import grains_by_speed
-from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, PURPLE, RED, WIDTH, axes_of, styled
+from .flow import draw_grains_by_speed
+from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, PURPLE, RED, WIDTH, column_axes, styled
 
 
 @styled
@@ -17,7 +17,7 @@ def steady_sliding(realizations, diameter: float):
     realizations : of a `GougeResult`
     diameter : D, by which slip and thickness are divided [m]
     """
-    figure, (above, below) = axes_of(2, 3.4, sharex=True)
+    figure, (above, below) = column_axes(2, 3.4, sharex=True)
     for number, one in enumerate(realizations):
         series, color = one.tests[0].series, COLORS[number % len(COLORS)]
         above.plot(series.slip / diameter, series.friction, color=color, lw=0.5, alpha=0.8)
@@ -30,9 +30,9 @@ def steady_sliding(realizations, diameter: float):
 @styled
 def velocity_steps(curves, *, twins: bool = True):
     """Friction after each step, less that of a copy without it (`twins`) or its later mean, ± two standard errors."""
-    figure, axes = axes_of(1, 2.4)
+    figure, axes = column_axes(1, 2.4)
     for number, curve in enumerate(curves):
-        _band(axes, curve, COLORS[2 * number % len(COLORS)], errors=True)
+        _plot_band(axes, curve, COLORS[2 * number % len(COLORS)], errors=True)
     axes.axhline(0, color=BLACK, lw=0.5)
     axes.set(
         xlabel="slip of the load point / $D$",
@@ -50,10 +50,10 @@ def holds(panels):
     ----------
     panels : pairs of curves (each a `Curve`) and predictions, {law: (times, change of friction)}
     """
-    figure, rows = axes_of(len(panels), 0.6 + 2.0 * len(panels), sharex=False, squeeze=False)
+    figure, rows = column_axes(len(panels), 0.6 + 2.0 * len(panels), sharex=False, squeeze=False)
     for axes, (curves, laws) in zip(rows[:, 0], panels, strict=True):
         for number, curve in enumerate(curves):
-            _band(axes, curve, (BLUE, ORANGE, RED)[number % 3])
+            _plot_band(axes, curve, (BLUE, ORANGE, RED)[number % 3])
         for (law, (time, change)), color in zip(laws.items(), (PURPLE, GREEN), strict=False):
             axes.plot(time, change, color=color, label=f"{law} law", ls="--")
         axes.set(xscale="log", ylabel=r"$\mu - \mu(0)$")
@@ -71,7 +71,7 @@ def rest(ratios, creep, sliding: float):
     ratios, creep : a `Curve` for each damping
     sliding : kinetic over elastic energy in steady sliding before the holds
     """
-    figure, (above, below) = axes_of(2, 3.6, sharex=True)
+    figure, (above, below) = column_axes(2, 3.6, sharex=True)
     for number, (ratio, velocity) in enumerate(zip(ratios, creep, strict=True)):
         color = (BLUE, ORANGE, RED)[number % 3]
         above.plot(ratio.x, ratio.mean, color=color)
@@ -98,7 +98,7 @@ def reslides(curves, ratios, peaks, slope, offset: float):
     offset : C, with which curves collapse
     """
     rows = 3 if len(ratios) > 1 else 2
-    figure, panels = axes_of(rows, 1.7 * rows + 0.4)
+    figure, panels = column_axes(rows, 1.7 * rows + 0.4)
     above, below = panels[:2]
     for number, (curve, ratio) in enumerate(zip(curves, ratios, strict=True)):
         color = COLORS[2 * number % len(COLORS)]
@@ -132,7 +132,7 @@ def healing(times, peaks, slope, b: float, thickness):
     b : of rate-and-state friction
     thickness : `Curve` of the change of thickness over D in holds
     """
-    figure, (above, below) = axes_of(2, 3.8, sharex=True)
+    figure, (above, below) = column_axes(2, 3.8, sharex=True)
     x, y = np.asarray(times), np.array([p.value for p in peaks])
     above.errorbar(x, y, yerr=np.nan_to_num([p.half for p in peaks]), fmt="o", color=BLUE)
     middle = np.exp(np.log(x).mean())
@@ -142,7 +142,7 @@ def healing(times, peaks, slope, b: float, thickness):
         above.plot(x, y.mean() + rate * np.log(x / middle), color=color, ls=style, label=words)
     above.set(xscale="log", ylabel=r"$\mu_{peak} - \mu_{ss}$")
     above.legend()
-    _band(below, thickness, GREEN)
+    _plot_band(below, thickness, GREEN)
     below.set(xscale="log", xlabel="time held [s]", ylabel=r"$\Delta H/D$")
     return figure
 
@@ -161,13 +161,13 @@ def sample(realization, scenario):
         grains=state.grains._replace(radius=1e3 * state.grains.radius),
         cell=state.cell._replace(vectors=1e3 * state.cell.vectors),
     )
-    drawn = grains_by_speed(axes, shown, 1e3 * place, loose, float(np.quantile(speed, 0.95)) or 1.0)
+    drawn = draw_grains_by_speed(axes, shown, 1e3 * place, loose, float(np.quantile(speed, 0.95)) or 1.0)
     axes.set(xlim=(0, length), ylim=(low, high), aspect="equal", xlabel="$x$ [mm]", ylabel="$y$ [mm]")
     figure.colorbar(drawn, ax=axes, location="bottom", label="speed [m/s]", shrink=0.8, aspect=30)
     return figure
 
 
-def _band(axes, curve, color, *, errors: bool = False):
+def _plot_band(axes, curve, color, *, errors: bool = False):
     """Mean and band: two standard deviations over branches, or two standard errors."""
     width = 2 * np.nan_to_num(curve.error) if errors else curve.band
     axes.plot(curve.x, curve.mean, color=color, label=curve.label)

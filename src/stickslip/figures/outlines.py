@@ -46,9 +46,9 @@ def wall_edges(frame: Frame) -> np.ndarray:
     return np.array(out).reshape(-1, 2, 3)
 
 
-def eye(frame: Frame) -> np.ndarray:
+def view_basis(frame: Frame) -> np.ndarray:
     """(3, 3) rows to the right, up and toward the eye; space is seen from aside and above, the plane from above."""
-    up = np.array(upward(frame))
+    up = np.array(up_direction(frame))
     if frame.state.cell.dim == 2:
         return np.eye(3)
     side = np.cross(up, [1.0, 0, 0]) if abs(up[0]) < 0.9 else np.cross(up, [0, 1.0, 0])
@@ -59,7 +59,7 @@ def eye(frame: Frame) -> np.ndarray:
     return np.stack([right, np.cross(toward, right), toward])
 
 
-def upward(frame: Frame) -> list[float]:
+def up_direction(frame: Frame) -> list[float]:
     """Where up is: against gravity where it acts; else y in the plane; in space the one open direction, or z."""
     gravity, cell = np.asarray(frame.state.control.gravity, float), frame.state.cell
     if gravity.any():

@@ -38,7 +38,7 @@ def quantities(
         "radius": (grains.radius, length),
         "material": (grains.material, ""),
         "coordination": (frame.grains["coordination"], ""),
-        "sliding contacts": (_sliding(frame), ""),
+        "sliding contacts": (_count_sliding(frame), ""),
     }
     if "force_n" in frame.contacts:
         unit = "Pa" if si and dim == 3 else f"{force}/{length}" + ("²" if dim == 3 else "")
@@ -61,7 +61,7 @@ def _by_grain(frame: Frame, i: np.ndarray, j: np.ndarray) -> np.ndarray:
     return np.bincount(ends[ends < n], values[ends < n], minlength=n)
 
 
-def _sliding(frame: Frame) -> np.ndarray:
+def _count_sliding(frame: Frame) -> np.ndarray:
     slides = (frame.contacts["mode"] == SLIDE).astype(float)
     return _by_grain(frame, slides, slides).astype(int)
 

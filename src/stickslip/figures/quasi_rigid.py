@@ -4,7 +4,7 @@ from itertools import cycle
 
 import numpy as np
 
-from .style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, SKY, axes_of, plt, styled
+from .style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, SKY, column_axes, plt, styled
 
 SHOWN = 6  # contacts in the cone
 GREY = "#bbbbbb"
@@ -15,7 +15,7 @@ COLORS = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK)  # of samples: neighbour
 @styled
 def curves(tested, test: str):
     """Stress ratio and volumetric strain against strain: the path, slow dynamics on it, unloading."""
-    figure, (top, bottom) = axes_of(2, 4.4, sharex=True)
+    figure, (top, bottom) = column_axes(2, 4.4, sharex=True)
     scale = _scale(max(np.abs(one.curve.strain).max() for one in tested))
     for color, one in zip(cycle(COLORS), tested, strict=False):
         for axes, name in ((top, "ratio"), (bottom, "volumetric")):
@@ -54,7 +54,7 @@ def _scale(largest: float) -> float:
 @styled
 def cone(one, mu: float):
     """Contact forces on the way, in the Coulomb cone: those contacts that move farthest across it (Fig 3)."""
-    figure, axes = axes_of(1, 3.0)
+    figure, axes = column_axes(1, 3.0)
     force = one.forces / one.forces[0, :, 0].mean()
     mobilised = np.abs(force[..., 1]) / (mu * np.maximum(force[..., 0], 1e-12))
     reach = np.where(force[..., 0].min(axis=0) > 0.05, np.ptp(mobilised, axis=0), 0.0)
@@ -76,7 +76,7 @@ def cone(one, mu: float):
 @styled
 def stiffness(one):
     """Number of sliding contacts, smallest eigenvalues, complex pairs along a path."""
-    figure, (top, middle, bottom) = axes_of(3, 5.0, sharex=True)
+    figure, (top, middle, bottom) = column_axes(3, 5.0, sharex=True)
     load = one.path.load
     top.step(load, [p.sliding for p in one.path.points], where="post", color=RED)
     top.set_ylabel("sliding contacts")
@@ -99,7 +99,7 @@ def stiffness(one):
 @styled
 def errors(tested):
     """Difference of path and dynamics against the time of the load."""
-    figure, axes = axes_of(1, 2.4)
+    figure, axes = column_axes(1, 2.4)
     for color, one in zip(cycle(COLORS), tested, strict=False):
         runs = sorted(one.slow, key=lambda run: run.time)
         time, error = [r.time for r in runs], [r.error for r in runs]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .style import BLACK, BLUE, GREEN, ORANGE, axes_of, styled
+from .style import BLACK, BLUE, GREEN, ORANGE, column_axes, styled
 
 LAW_COLORS = {"aging": BLUE, "slip": ORANGE}
 GREY = "0.6"
@@ -12,7 +12,7 @@ BOTTOM = 1e-12  # velocity and state are drawn over at most so many orders of ma
 @styled
 def slid(history, recorded, legs):
     """Friction, velocity and state, against displacement of the load point, or against time if it ever stands still."""
-    figure, panels = axes_of(3, 4.6, sharex=True)
+    figure, panels = column_axes(3, 4.6, sharex=True)
     x, label, ends = _abscissa(history.time, history.load_point, legs)
     noisy = not np.array_equal(recorded, history.friction)
     if noisy:
@@ -46,7 +46,7 @@ def slid(history, recorded, legs):
 @styled
 def fitted(data, fits):
     """A record with fits of it, and what is left over."""
-    figure, (top, bottom) = axes_of(2, 3.6, sharex=True, height_ratios=(2, 1))
+    figure, (top, bottom) = column_axes(2, 3.6, sharex=True, height_ratios=(2, 1))
     time = np.asarray(data.time)
     if data.legs:
         ends = np.cumsum([leg.duration for leg in data.legs])

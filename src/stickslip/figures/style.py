@@ -57,7 +57,7 @@ def styled(function):
     return inner
 
 
-def axes_of(rows: int = 1, height: float = 2.5, **options):
+def column_axes(rows: int = 1, height: float = 2.5, **options):
     """A figure of one column with axes below each other; height in inches."""
     return plt.subplots(rows, 1, figsize=(WIDTH, height), **options)
 

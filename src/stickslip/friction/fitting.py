@@ -11,18 +11,28 @@ import numpy as np
 from scipy.stats import t as student
 
 from ..core.readable import readable
-from .identifiability import Known, known, spread, without_intervals
-from .model import DEFAULTS, FIT, NAMES, OWN, Data, modelled, prepared
-from .noise import WHITE, autoregression, effective, log_head, whitened
-from .problem import Task, best, filtered, jacobian, open_sides, pieces, residual, solve, values_of
+from .identifiability import Estimates, covariance, estimate, without_intervals
+from .model import DEFAULTS, FIT, NAMES, OWN, Data, model_friction, prepare
+from .noise import WHITE, autoregression, effective_samples, log_head_volume, whitened
+from .problem import (
+    Task,
+    filtered_residual,
+    find_best,
+    find_open_sides,
+    jacobian,
+    parameters_of,
+    pieces,
+    residual,
+    solve,
+)
 from .ratestate import LAWS, RateState
 
-SLOW = 3.0  # independent samples for each parameter, below which residuals are no noise
+MIN_INDEPENDENT = 3.0  # independent samples for each parameter, below which residuals are no noise
 MISFIT = (
     "what is left over is as slow as the signal: the law does not describe these data, or their noise is too slow; the "
     "values are the best fit, intervals cannot be given"
 )
-LED_AWAY = (
+MAX_EXCESS = (
     1.0  # excess of the sum of squares over m/n_eff: at most 0.54 in 240 fits of the right law, 1.4 to 3.7 of wrong
 )
 ROUNDS = 3  # of noise and parameters in turn
@@ -123,18 +133,18 @@ def fit(
     for name in own:
         if name not in NAMES:
             raise ValueError(f"{name!r} was given in own: parameters are {', '.join(NAMES)}")
-    cases = [prepared(one, windows) for one in records]
-    fixed, names = _chosen(cases, law, dict(fixed or {}), tuple(free), noise)
-    task = _task(cases, law, names, fixed, own)
-    x, evaluations = best(task)
+    cases = [prepare(one, windows) for one in records]
+    fixed, names = _check_parameters(cases, law, dict(fixed or {}), tuple(free), noise)
+    task = _build_task(cases, law, names, fixed, own)
+    x, evaluations = find_best(task)
     filters, adequate = WHITE, True
     if noise == "correlated":
-        x, filters, adequate, more = _with_memory(task, x)
+        x, filters, adequate, more = _fit_correlated(task, x)
         evaluations += more
-    return _finished(task, x, filters, evaluations, adequate)
+    return _build_fit(task, x, filters, evaluations, adequate)
 
 
-def _with_memory(task: Task, start) -> tuple[np.ndarray, tuple, bool, int]:
+def _fit_correlated(task: Task, start) -> tuple[np.ndarray, tuple, bool, int]:
     """Parameters and noise in turn: x, filters, whether residuals are noise, and evaluations.
 
     They are not if fewer than SLOW independent samples are left for each parameter, or if filtering has led away from
@@ -149,27 +159,27 @@ def _with_memory(task: Task, start) -> tuple[np.ndarray, tuple, bool, int]:
     runs = pieces(task)
     first = filters = autoregression([rest[run] for run in runs])
     for _ in range(ROUNDS):
-        if effective(filters, len(rest)) < SLOW * len(x):
+        if effective_samples(filters, len(rest)) < MIN_INDEPENDENT * len(x):
             return start, first, False, evaluations
         solved = solve(task, x, filters)
         x, evaluations = solved.x, evaluations + solved.nfev
         rest = residual(task, x)
-        taken = [[column[run] for run in runs] for column in _taken(task, x, filters)]
+        taken = [[column[run] for run in runs] for column in _absorbed_noise(task, x, filters)]
         filters = autoregression([rest[run] for run in runs], taken=taken)
-    if (float(rest @ rest) / max(least, TINY) - 1) * effective(filters, len(rest)) / len(x) > LED_AWAY:
+    if (float(rest @ rest) / max(least, TINY) - 1) * effective_samples(filters, len(rest)) / len(x) > MAX_EXCESS:
         return start, first, False, evaluations
     return x, filters, True, evaluations
 
 
-def _taken(task: Task, x, filters) -> np.ndarray:
+def _absorbed_noise(task: Task, x, filters) -> np.ndarray:
     """(m, N) rows g with Σ g gᵀ = J C Jᵀ: how far the model follows the noise, for C = (JᵀΣ⁻¹J)⁻¹ of the parameters."""
-    rest, rows = filtered(task, x, filters), jacobian(task, x)
-    size, vectors = np.linalg.eigh(spread(whitened(rows, filters, pieces(task)))[0])
+    rest, rows = filtered_residual(task, x, filters), jacobian(task, x)
+    size, vectors = np.linalg.eigh(covariance(whitened(rows, filters, pieces(task)))[0])
     variance = float(rest @ rest) / (len(rest) - len(x))
     return (rows @ (vectors * np.sqrt(variance * np.maximum(size, 0.0)))).T
 
 
-def _chosen(cases, law: str, fixed: dict, free, noise: str) -> tuple[dict, tuple[str, ...]]:
+def _check_parameters(cases, law: str, fixed: dict, free, noise: str) -> tuple[dict, tuple[str, ...]]:
     """All fixed values, and the names of what is free."""
     if law not in LAWS:
         raise ValueError(f"law = {law!r} was given: use 'aging' or 'slip'")
@@ -197,7 +207,7 @@ def _chosen(cases, law: str, fixed: dict, free, noise: str) -> tuple[dict, tuple
     return {"v0": cases[0].before, "stiffness": 1.0, **DEFAULTS, **fixed}, names
 
 
-def _task(cases, law: str, names, fixed: dict, own) -> Task:
+def _build_task(cases, law: str, names, fixed: dict, own) -> Task:
     several, slots, labels = len(cases) > 1, [{} for _ in cases], []
     for name in names:
         for number, slot in enumerate(slots):
@@ -213,40 +223,40 @@ def _task(cases, law: str, names, fixed: dict, own) -> Task:
     return Task(cases, law, tuple(labels), slots, {k: v for k, v in fixed.items() if k not in names}, scatter)
 
 
-def _told(task: Task, x, filters) -> Known:
+def _evaluate(task: Task, x, filters) -> Estimates:
     """Values with intervals and the verdict, for noise as the filters have it."""
-    rest, m = filtered(task, x, filters), len(x)
-    n, independent = len(rest), effective(filters, len(rest))
+    rest, m = filtered_residual(task, x, filters), len(x)
+    n, independent = len(rest), effective_samples(filters, len(rest))
     size = max(float(np.sqrt(rest @ rest / (n - m))), TINY)
     spare = max(independent - m, 1.0)
     # what a fit takes out of n_eff samples is lost to the estimate of slow noise, too
     reach = float(student.ppf(0.975, spare)) * float(np.sqrt(max(independent / spare * (n - m) / n, 1.0)))
-    inner, blind = spread(whitened(jacobian(task, x, central=True), filters, pieces(task)) / size)
+    inner, blind = covariance(whitened(jacobian(task, x, central=True), filters, pieces(task)) / size)
     wide = np.where(task.logs & ~blind, reach * np.sqrt(np.diag(inner)), 0.0)
-    sides = open_sides(task, x, filters, size * reach, wide)
-    return known(inner, blind, x, task.names, task.logs, reach, sides)
+    sides = find_open_sides(task, x, filters, size * reach, wide)
+    return estimate(inner, blind, x, task.names, task.logs, reach, sides)
 
 
-def _finished(task: Task, x, filters, evaluations: int, adequate: bool) -> Fit:
-    told = _told(task, x, filters) if adequate else without_intervals(_told(task, x, WHITE), MISFIT)
-    rest = filtered(task, x, filters)
+def _build_fit(task: Task, x, filters, evaluations: int, adequate: bool) -> Fit:
+    told = _evaluate(task, x, filters) if adequate else without_intervals(_evaluate(task, x, WHITE), MISFIT)
+    rest = filtered_residual(task, x, filters)
     n, peak = len(rest), max(float(np.sqrt(np.mean(rest**2))), TINY)
     weights = sum(float(np.log(case.sigma[case.used]).sum()) for case in task.cases)
-    likelihood = -n * (0.5 * np.log(2 * np.pi) + 0.5 + np.log(peak)) - weights - log_head(filters, pieces(task))
+    likelihood = -n * (0.5 * np.log(2 * np.pi) + 0.5 + np.log(peak)) - weights - log_head_volume(filters, pieces(task))
     count = len(x) + 1 + len(filters[0])
-    models = tuple(modelled(case, values_of(task, x, k), task.law) for k, case in enumerate(task.cases))
+    models = tuple(model_friction(case, parameters_of(task, x, k), task.law) for k, case in enumerate(task.cases))
     gap = told.gap + task.fixed.get("a", 0.0) - task.fixed.get("b", 0.0)
     return Fit(
         law=task.law, names=task.names, values=told.values, errors=told.errors, intervals=told.intervals,
-        covariance=told.covariance, fixed=_kept(task), difference=(gap, gap - told.error, gap + told.error),
+        covariance=told.covariance, fixed=_fixed_values(task), difference=(gap, gap - told.error, gap + told.error),
         identifiable=told.identifiable, adequate=adequate, sentence=told.sentence,
         residuals=tuple(case.friction - one for case, one in zip(task.cases, models, strict=True)), models=models,
         sigma=peak * float(np.sqrt(n / (n - len(x)))) / (filters[1][0, 0] if len(filters[0]) else 1.0),
-        noise=filters[0], effective=effective(filters, n), innovations=rest / peak, log_likelihood=likelihood,
+        noise=filters[0], effective=effective_samples(filters, n), innovations=rest / peak, log_likelihood=likelihood,
         aic=2 * count - 2 * likelihood, bic=count * np.log(n) - 2 * likelihood, evaluations=evaluations,
     )  # fmt: skip
 
 
-def _kept(task: Task) -> dict:
+def _fixed_values(task: Task) -> dict:
     spring = any(case.legs is not None for case in task.cases)
     return {k: v for k, v in task.fixed.items() if spring or k not in ("stiffness", "damping")}

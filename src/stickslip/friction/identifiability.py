@@ -11,7 +11,7 @@ WIDEST = np.log(10.0)  # half width of an interval of a logarithm above which it
 PART = 0.25  # share of a parameter in a direction, over the largest, from which on it is named
 
 
-class Known(NamedTuple):
+class Estimates(NamedTuple):
     """Values, and which of them mean something."""
 
     values: dict
@@ -24,7 +24,7 @@ class Known(NamedTuple):
     error: float  # half width of its interval
 
 
-def spread(jacobian) -> tuple[np.ndarray, np.ndarray]:
+def covariance(jacobian) -> tuple[np.ndarray, np.ndarray]:
     """Covariance (JᵀJ)⁻¹ by singular values, and which parameters take part in directions that change nothing.
 
     Parameters
@@ -41,7 +41,7 @@ def spread(jacobian) -> tuple[np.ndarray, np.ndarray]:
     return (right.T / floor**2) @ right / np.outer(size, size), blind
 
 
-def known(inner, blind, x, names, logs, reach: float, open_sides: dict) -> Known:
+def estimate(inner, blind, x, names, logs, reach: float, open_sides: dict) -> Estimates:
     """Values with intervals, and the verdict.
 
     A parameter is not known if it takes part in a direction in which the data do not change, if the 95 % interval of
@@ -49,7 +49,7 @@ def known(inner, blind, x, names, logs, reach: float, open_sides: dict) -> Known
 
     Parameters
     ----------
-    inner, blind : from `spread`
+    inner, blind : from `covariance`
     x : (m,) logarithms where `logs`, else values
     reach : Student's quantile
     open_sides : name → (limit, "above" or "below") of what fits as well however far one goes
@@ -70,10 +70,10 @@ def known(inner, blind, x, names, logs, reach: float, open_sides: dict) -> Known
     if unknown.any() and not error < 0.5 * max((raw[k] for k, n in enumerate(names) if n in ("a", "b")), default=1.0):
         gap, error = np.nan, np.nan
     sentence = _sentence(names, unknown, inner, open_sides, (gap, error))
-    return Known(values, errors, intervals, cover, not unknown.any(), sentence, gap, error)
+    return Estimates(values, errors, intervals, cover, not unknown.any(), sentence, gap, error)
 
 
-def without_intervals(told: Known, reason: str) -> Known:
+def without_intervals(told: Estimates, reason: str) -> Estimates:
     """The same values, but nothing about how well they are known, as the noise is not."""
     nothing = dict.fromkeys(told.errors, np.nan)
     sentence = reason if told.identifiable else f"{reason}; {told.sentence}"

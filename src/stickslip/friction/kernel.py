@@ -41,7 +41,7 @@ def rates(w, f, p, velocity, normal):
 
 
 @njit(cache=True, error_model="numpy")
-def slopes(w, f, p, velocity, normal):
+def rate_derivatives(w, f, p, velocity, normal):
     """Derivatives of `rates`: of dw/dt by w and by f, of df/dt by w and by f."""
     speed = p[4] / p[2]
     e = np.exp(w)
@@ -56,9 +56,9 @@ def slopes(w, f, p, velocity, normal):
 
 
 @njit(cache=True, error_model="numpy")
-def leap(w, f, h, p, velocity, normal, tolerance, table):
+def extrapolate(w, f, h, p, velocity, normal, tolerance, table):
     """One step of length h: new w and f, and how many columns it took (0 if the tolerance was not met)."""
-    ww, wf, fw, ff = slopes(w, f, p, velocity, normal)
+    ww, wf, fw, ff = rate_derivatives(w, f, p, velocity, normal)
     for j in range(ORDERS):
         d = h / (j + 1)
         det = (1.0 - d * ww) * (1.0 - d * ff) - d * d * wf * fw
@@ -83,7 +83,7 @@ def leap(w, f, h, p, velocity, normal, tolerance, table):
 
 
 @njit(cache=True, error_model="numpy")
-def shifted(w, f, p, alpha, old, new):
+def after_normal_jump(w, f, p, alpha, old, new):
     """w and f after the normal stress has jumped from `old` to `new`.
 
     θ → θ (new/old)^(−α/b) (Linker and Dieterich 1992), while the spring's force F = n(μ0 + a w + b f) + ηV is the same.
@@ -105,7 +105,7 @@ def shifted(w, f, p, alpha, old, new):
 
 
 @njit(cache=True, error_model="numpy")
-def follow(w, f, p, alpha, duration, velocity, normal, start_normal, times, tolerance):
+def integrate(w, f, p, alpha, duration, velocity, normal, start_normal, times, tolerance):
     """w and f at `times` (ascending, from the start of the first leg on), and how it ended: code, time reached.
 
     At the end of a leg the values are those before the next one begins.
@@ -118,7 +118,7 @@ def follow(w, f, p, alpha, duration, velocity, normal, start_normal, times, tole
         k += 1
     for leg in range(len(duration)):
         if normal[leg] != before:
-            w, f = shifted(w, f, p, alpha, before, normal[leg])
+            w, f = after_normal_jump(w, f, p, alpha, before, normal[leg])
             before = normal[leg]
         ends = began + duration[leg]
         last, t = leg == len(duration) - 1, 0.0
@@ -129,7 +129,7 @@ def follow(w, f, p, alpha, duration, velocity, normal, start_normal, times, tole
             steps = 0
             while t < target:
                 d = min(h, target - t)
-                w, f, columns = leap(w, f, d, p, velocity[leg], normal[leg], tolerance, table)
+                w, f, columns = extrapolate(w, f, d, p, velocity[leg], normal[leg], tolerance, table)
                 steps += 1
                 if columns == 0:
                     h = 0.25 * d
@@ -154,7 +154,7 @@ def follow(w, f, p, alpha, duration, velocity, normal, start_normal, times, tole
 
 
 @njit(cache=True, error_model="numpy")
-def states(f, duration, velocity, v0, dc, law):
+def state_history(f, duration, velocity, v0, dc, law):
     """ln(V0 θ/D_c) at the ends of pieces of constant slip velocity, from its value f at the start: exact."""
     out = np.empty(len(duration))
     for k in range(len(duration)):

@@ -55,12 +55,12 @@ def read_csv(path: str | Path) -> LabRecord:
         with one sentence: which column, unit or line is wrong, and what is allowed.
     """
     path = Path(path)
-    header, rows = _table(path)
-    found = _columns(path, header)
-    _complete(path, found)
+    header, rows = _read_table(path)
+    found = _match_columns(path, header)
+    _check_columns(path, found)
     if len(rows) < LEAST:
         raise ValueError(f"{path} has {len(rows)} rows of numbers: give at least {LEAST}")
-    values = {name: np.array([_number(path, row, k, name) for row in rows]) for name, (k, _) in found.items()}
+    values = {name: np.array([_parse_number(path, row, k, name) for row in rows]) for name, (k, _) in found.items()}
     for name, (_, factor) in found.items():
         values[name] *= factor
     if "friction" not in values:
@@ -115,7 +115,7 @@ def record_data(record: LabRecord, *, before: float | None = None, normal: bool 
     return Data(time, record.friction, legs, before=before)
 
 
-def _table(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
+def _read_table(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """The header's fields, and each row's line number and fields."""
     text = text_of(path, remedy="give a CSV file")
     lines = [(k, line) for k, line in enumerate(text.splitlines(), start=1) if line.strip() and line.lstrip()[0] != "#"]
@@ -138,7 +138,7 @@ def _table(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     return split[0], [(number, row) for (number, _), row in zip(lines[1:], split[1:], strict=True)]
 
 
-def _columns(path: Path, header: list[str]) -> dict[str, tuple[int, float]]:
+def _match_columns(path: Path, header: list[str]) -> dict[str, tuple[int, float]]:
     """Known columns: their place, and the factor to metres, seconds and pascals."""
     found = {}
     for k, field in enumerate(header):
@@ -154,16 +154,16 @@ def _columns(path: Path, header: list[str]) -> dict[str, tuple[int, float]]:
             raise ValueError(f"{path}: column {word!r} has no unit: write it as '{word} [{next(iter(units))}]'")
         known = unit.lower() if units is STRESS else unit.replace(" ", "")
         if known not in units:
-            raise ValueError(f"{path}: {word} has the unit {shortened(unit)!r}: use {', '.join(_short(units))}")
+            raise ValueError(f"{path}: {word} has the unit {shortened(unit)!r}: use {', '.join(_common_units(units))}")
         found[name] = (k, units[known])
     return found
 
 
-def _short(units: dict) -> list[str]:
+def _common_units(units: dict) -> list[str]:
     return [unit for unit in units if unit][:8]
 
 
-def _complete(path: Path, found: dict) -> None:
+def _check_columns(path: Path, found: dict) -> None:
     """Refuse a header that lacks what a fit needs."""
     have = f"{path} has {', '.join(found) or 'no known columns'}"
     example = "as in 'time [s], load_point [um], friction [-]'"
@@ -177,7 +177,7 @@ def _complete(path: Path, found: dict) -> None:
         raise ValueError(f"{have} but neither load_point nor velocity: add one of them, {example}")
 
 
-def _number(path: Path, row: tuple[int, list[str]], k: int, name: str) -> float:
+def _parse_number(path: Path, row: tuple[int, list[str]], k: int, name: str) -> float:
     line, fields = row
     try:
         value = float(fields[k])

@@ -32,7 +32,7 @@ def velocity_steps(velocities, *, distance: float) -> tuple[LoadStep, ...]:
     if not (distance > 0 and np.isfinite(distance)):
         raise ValueError(f"distance = {distance} was given: every leg needs a positive length")
     for v in velocities:
-        _positive("velocity", v)
+        _check_positive("velocity", v)
     return tuple(LoadStep(float(distance / v), float(v)) for v in velocities)
 
 
@@ -51,14 +51,14 @@ def slide_hold_slide(holds, *, velocity: float, distance: float, reslide: float 
     >>> [leg.velocity for leg in slide_hold_slide([1.0, 10.0], velocity=1e-5, distance=1e-4)]
     [1e-05, 0.0, 1e-05, 0.0, 1e-05]
     """
-    _positive("velocity", velocity)
+    _check_positive("velocity", velocity)
     again = velocity if reslide is None else reslide
-    _positive("reslide", again)
+    _check_positive("reslide", again)
     if not (distance > 0 and np.isfinite(distance)):
         raise ValueError(f"distance = {distance} was given: between holds the load point needs a positive length")
     legs = [LoadStep(float(distance / velocity), float(velocity))]
     for hold in holds:
-        _positive("hold", hold)
+        _check_positive("hold", hold)
         legs += [LoadStep(float(hold), 0.0), LoadStep(float(distance / again), float(again))]
     return tuple(legs)
 
@@ -84,14 +84,14 @@ def load_steps(time, load_point, normal=None, *, roughness: float = 1e-3) -> tup
     slack = roughness * float(np.median(moved[moved > 0])) if (moved > 0).any() else 0.0
     legs, first = [], 0
     while first < len(time) - 1:
-        last = _straight(time, place, factor, first, slack)
+        last = _end_of_line(time, place, factor, first, slack)
         span = float(time[last] - time[first])
         legs.append(LoadStep(span, float(place[last] - place[first]) / span, float(factor[first])))
         first = last
     return tuple(legs)
 
 
-def _straight(time, place, factor, first: int, slack: float) -> int:
+def _end_of_line(time, place, factor, first: int, slack: float) -> int:
     """The last sample that a straight line from sample `first` reaches within `slack` of all between."""
     low, high, last = -np.inf, np.inf, first + 1
     for k in range(first + 1, len(time)):
@@ -102,7 +102,7 @@ def _straight(time, place, factor, first: int, slack: float) -> int:
     return last
 
 
-def columns(legs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def leg_arrays(legs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Durations, velocities and normal factors of legs, checked."""
     table = np.array([tuple(leg) for leg in legs], float).reshape(-1, 3)
     if len(table) == 0:
@@ -133,6 +133,6 @@ def check_times(time) -> None:
         )
 
 
-def _positive(name: str, value: float) -> None:
+def _check_positive(name: str, value: float) -> None:
     if not (value > 0 and np.isfinite(value)):
         raise ValueError(f"{name} = {value} was given: use a positive, finite number")

@@ -23,7 +23,7 @@ class Healing(NamedTuple):
     interval: tuple[float, float]  # 95 %
 
 
-class Held(NamedTuple):
+class HoldResponse(NamedTuple):
     """What K holds of a record show."""
 
     hold: np.ndarray  # [time]
@@ -48,7 +48,7 @@ def steady_mean(values) -> Mean:
     >>> abs(found.mean) < 3 * found.error + 0.01
     True
     """
-    x = _series(values, least=8)
+    x = _check_series(values, least=8)
     n, mean = len(x), float(x.mean())
     rest = x - mean
     variance = float(rest @ rest) / n
@@ -74,7 +74,7 @@ def steady_start(values, *, batch: int = 5) -> int:
     ----------
     values : (N,), evenly sampled
     """
-    x = _series(values, least=4 * batch)
+    x = _check_series(values, least=4 * batch)
     means = x[: len(x) // batch * batch].reshape(-1, batch).mean(axis=1)[::-1]
     count = np.arange(1, len(means) + 1)
     spread = np.maximum(np.cumsum(means**2) - np.cumsum(means) ** 2 / count, 0.0)
@@ -104,7 +104,7 @@ def healing(hold, excess) -> Healing:
     return Healing(slope, intercept, error, (slope - reach, slope + reach))
 
 
-def hold_response(time, friction, legs, *, before: float = 0.2) -> Held:
+def hold_response(time, friction, legs, *, before: float = 0.2) -> HoldResponse:
     """Drop in and peak after every hold of a record: steady friction is the mean over the last share of the leg before.
 
     Parameters
@@ -130,10 +130,10 @@ def hold_response(time, friction, legs, *, before: float = 0.2) -> Held:
         found.append((legs[k].duration, level, level - float(within[-1]), float(after.max()) - level))
     if not found:
         raise ValueError("the legs have no hold (velocity 0) between two others: nothing to measure")
-    return Held(*np.array(found).T)
+    return HoldResponse(*np.array(found).T)
 
 
-def _series(values, least: int) -> np.ndarray:
+def _check_series(values, least: int) -> np.ndarray:
     x = np.asarray(values, float)
     if x.ndim != 1 or len(x) < least:
         raise ValueError(f"values have shape {x.shape}: give one row of at least {least}")

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..core.readable import readable
 from . import kernel
-from .loads import check_times, columns
+from .loads import check_times, leg_arrays
 from .ratestate import LAWS
 
 TOLERANCE = 1e-10
@@ -51,7 +51,7 @@ class Prepared(NamedTuple):
         return [slice(i, j) for i, j in pairwise(edges)]
 
 
-def prepared(data: Data, windows=None) -> Prepared:
+def prepare(data: Data, windows=None) -> Prepared:
     """Check data and turn them into arrays.
 
     Parameters
@@ -67,7 +67,7 @@ def prepared(data: Data, windows=None) -> Prepared:
         raise ValueError(f"sigma must be {len(time)} positive numbers, one for each time, or None")
     if (data.velocity is None) == (len(data.legs) == 0):
         raise ValueError("data need either legs of the load point or the measured slip velocity: give one of them")
-    used = np.ones(len(time), bool) if windows is None else _within(time, windows)
+    used = np.ones(len(time), bool) if windows is None else _in_windows(time, windows)
     if used.sum() < 8:
         raise ValueError(f"only {used.sum()} samples are used: a fit needs at least 8, give wider windows or more data")
     if data.velocity is not None:
@@ -79,7 +79,7 @@ def prepared(data: Data, windows=None) -> Prepared:
         mean = 0.5 * (velocity[1:] + velocity[:-1])
         place = np.r_[0.0, np.cumsum(mean * np.diff(time))]
         return Prepared(time, friction, place, None, velocity, sigma, used, data.before or float(velocity[0]))
-    duration, speed, normal = columns(data.legs)
+    duration, speed, normal = leg_arrays(data.legs)
     ends = np.cumsum(duration)
     if time[0] < 0 or time[-1] > ends[-1] * (1 + 1e-9):
         raise ValueError(
@@ -92,7 +92,7 @@ def prepared(data: Data, windows=None) -> Prepared:
     return Prepared(np.minimum(time, ends[-1]), friction, place, (duration, speed, normal), None, sigma, used, before)
 
 
-def _within(time, windows) -> np.ndarray:
+def _in_windows(time, windows) -> np.ndarray:
     used = np.zeros(len(time), bool)
     for window in windows:
         if len(window) != 2 or not window[0] < window[1]:
@@ -101,7 +101,7 @@ def _within(time, windows) -> np.ndarray:
     return used
 
 
-def modelled(case: Prepared, values: dict, law: str, tolerance: float = TOLERANCE) -> np.ndarray | None:
+def model_friction(case: Prepared, values: dict, law: str, tolerance: float = TOLERANCE) -> np.ndarray | None:
     """Friction at all samples; None if the slider runs away.
 
     Parameters
@@ -112,13 +112,13 @@ def modelled(case: Prepared, values: dict, law: str, tolerance: float = TOLERANC
     start = np.log(v["theta"] * v["v0"] / case.before)
     if case.legs is None:
         mean = 0.5 * (case.velocity[1:] + case.velocity[:-1])
-        f = kernel.states(start, np.diff(case.time), mean, v["v0"], v["dc"], LAWS[law])
+        f = kernel.state_history(start, np.diff(case.time), mean, v["v0"], v["dc"], LAWS[law])
         w = np.log(case.velocity / v["v0"])
         return v["mu0"] + v["a"] * w + v["b"] * np.r_[start, f] + v["trend"] * case.place
     p = np.array([v["a"], v["b"], v["dc"], v["mu0"], v["v0"], v["stiffness"], v["damping"], LAWS[law]], float)
     w = np.log(case.before / v["v0"])
     duration, speed, normal = case.legs
-    out, code, _ = kernel.follow(w, start, p, v["alpha"], duration, speed, normal, normal[0], case.time, tolerance)
+    out, code, _ = kernel.integrate(w, start, p, v["alpha"], duration, speed, normal, normal[0], case.time, tolerance)
     if code != kernel.DONE or not np.isfinite(out).all():
         return None
     return v["mu0"] + v["a"] * out[:, 0] + v["b"] * out[:, 1] + v["trend"] * case.place

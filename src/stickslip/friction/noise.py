@@ -74,7 +74,7 @@ def whitened(rows, noise, pieces) -> np.ndarray:
     return out
 
 
-def effective(noise, total: int) -> float:
+def effective_samples(noise, total: int) -> float:
     """How many independent samples tell as much about a mean as `total` with this noise."""
     phi, head = noise
     if len(phi) == 0:
@@ -82,7 +82,7 @@ def effective(noise, total: int) -> float:
     return min(total / head[0, 0] ** 2 * (1 - phi.sum()) ** 2, float(total))
 
 
-def log_head(noise, pieces) -> float:
+def log_head_volume(noise, pieces) -> float:
     """What the heads of the pieces add to ln of the noise's volume."""
     phi, head = noise
     logs = -np.cumsum(np.log(np.diag(head))) if len(phi) else np.zeros(0)

@@ -6,15 +6,15 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from .identifiability import WIDEST
-from .initial_guess import starts
-from .model import DEFAULTS, LOGARITHMIC, Prepared, modelled
+from .initial_guess import initial_guesses
+from .model import DEFAULTS, LOGARITHMIC, Prepared, model_friction
 from .noise import WHITE, whitened
 
 BLANK = {"a": 1.0, "b": 0.0, "dc": 1.0, "mu0": 0.0, "stiffness": 1.0, **DEFAULTS}  # before the coarse search
 STEP = 1e-5  # of logarithms, in differences; the model is exact to 1e-9
-FAR = 1e3  # residual over the record's scatter where the slider runs away
+RUNAWAY_RESIDUAL = 1e3  # residual over the record's scatter where the slider runs away
 SAME = 1e-4  # share by which sums of squares differ in the same valley
-FARTHEST = 7.0  # that a logarithm moves from where it starts: a factor of a thousand
+MAX_SHIFT = 7.0  # that a logarithm moves from where it starts: a factor of a thousand
 WIDE = 0.3  # half width of an interval of a logarithm from which on its ends are looked at
 
 
@@ -34,7 +34,7 @@ class Task(NamedTuple):
         return np.array([label.split("[")[0] in LOGARITHMIC for label in self.names])
 
 
-def values_of(task: Task, x, number: int) -> dict:
+def parameters_of(task: Task, x, number: int) -> dict:
     """All parameters of one record, by name."""
     found = {name: float(x[k]) for name, k in task.slots[number].items()}
     return task.fixed | {k: float(np.exp(v)) if k in LOGARITHMIC else v for k, v in found.items()}
@@ -44,8 +44,8 @@ def residual(task: Task, x) -> np.ndarray:
     """(data − model)/sigma of all samples that count."""
     out = []
     for number, case in enumerate(task.cases):
-        model = modelled(case, values_of(task, x, number), task.law)
-        rest = np.full(len(case.time), FAR * task.scatter) if model is None else case.friction - model
+        model = model_friction(case, parameters_of(task, x, number), task.law)
+        rest = np.full(len(case.time), RUNAWAY_RESIDUAL * task.scatter) if model is None else case.friction - model
         out.append((rest / case.sigma)[case.used])
     return np.concatenate(out)
 
@@ -82,7 +82,7 @@ def pieces(task: Task) -> list[slice]:
     return out
 
 
-def filtered(task: Task, x, filters) -> np.ndarray:
+def filtered_residual(task: Task, x, filters) -> np.ndarray:
     """The residual as white noise."""
     return whitened(residual(task, x), filters, pieces(task))
 
@@ -91,7 +91,7 @@ def solve(task: Task, x, filters, most: int = 60, held: int | None = None, close
     """Least squares from x on, with one number held where it is if asked for."""
     runs = pieces(task)
     moves = np.array([k != held for k in range(len(x))])
-    span = np.array([FARTHEST if label.split("[")[0] in LOGARITHMIC else np.inf for label in task.names])[moves]
+    span = np.array([MAX_SHIFT if label.split("[")[0] in LOGARITHMIC else np.inf for label in task.names])[moves]
 
     def whole(y):
         return np.where(moves, np.insert(y, held, 0.0) if held is not None else y, x)
@@ -109,11 +109,11 @@ def solve(task: Task, x, filters, most: int = 60, held: int | None = None, close
     )
 
 
-def best(task: Task) -> tuple[np.ndarray, int]:
+def find_best(task: Task) -> tuple[np.ndarray, int]:
     """The lowest of the valleys that the coarse search leads to."""
     free = {label.split("[")[0] for label in task.names}
     found, count = [], 0
-    for start in starts(task.cases, task.law, free, {**BLANK, **task.fixed}):
+    for start in initial_guesses(task.cases, task.law, free, {**BLANK, **task.fixed}):
         x = np.zeros(len(task.names))
         for slot, linear in zip(task.slots, start["linear"], strict=True):
             extra = dict(zip([n for n in ("mu0", "trend") if n in free], linear, strict=True))
@@ -134,7 +134,7 @@ def best(task: Task) -> tuple[np.ndarray, int]:
     return solved.x, count + solved.nfev
 
 
-def open_sides(task: Task, x, filters, worst: float, half) -> dict:
+def find_open_sides(task: Task, x, filters, worst: float, half) -> dict:
     """Where a wide interval does not end: far beyond it, with all else fitted again, the data are met as well.
 
     Intervals follow from slopes at the best point. As k → ∞, say, those vanish while the sum of squares stays finite.

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..core.readable import readable
 from . import kernel
-from .loads import check_times, columns
+from .loads import check_times, leg_arrays
 
 LAWS = {"aging": kernel.AGING, "slip": kernel.SLIP}
 EARLY, POINTS = 1e-5, 60  # default times of a leg: from this share of it on, this many each in logarithm and in time
@@ -134,7 +134,7 @@ def spring_slider(
     -0.011513
     """
     check(rs)
-    duration, velocity, normal = columns(legs)
+    duration, velocity, normal = leg_arrays(legs)
     check_spring(spring)
     start = float(velocity[0]) if before is None else before
     if not (start > 0 and np.isfinite(start)):
@@ -142,19 +142,19 @@ def spring_slider(
     if theta is not None and not (theta > 0 and np.isfinite(theta)):
         raise ValueError(f"theta = {theta} was given: use a positive, finite number")
     ends = np.cumsum(duration)
-    times = _default_times(duration, ends) if times is None else _checked_times(times, ends[-1])
+    times = _default_times(duration, ends) if times is None else _times_within(times, ends[-1])
     w, f = np.log(start / rs.v0), np.log(rs.v0 * (theta or rs.dc / start) / rs.dc)
-    p = numbers(rs, spring)
-    out, code, reached = kernel.follow(w, f, p, rs.alpha, duration, velocity, normal, normal[0], times, tolerance)
+    p = kernel_parameters(rs, spring)
+    out, code, reached = kernel.integrate(w, f, p, rs.alpha, duration, velocity, normal, normal[0], times, tolerance)
     kept = ~np.isnan(out[:, 0])
     factor = normal[np.minimum(np.searchsorted(ends, times[kept]), len(ends) - 1)]
     place = np.interp(times[kept], np.r_[0.0, ends], np.r_[0.0, np.cumsum(duration * velocity)])
-    return _history(rs, spring, times[kept], place, out[kept], factor, (w, f, normal[0]))._replace(
+    return _build_history(rs, spring, times[kept], place, out[kept], factor, (w, f, normal[0]))._replace(
         end=tuple(End)[code], reached=float(reached)
     )
 
 
-def numbers(rs: RateState, spring: Spring) -> np.ndarray:
+def kernel_parameters(rs: RateState, spring: Spring) -> np.ndarray:
     """What the kernel takes."""
     return np.array([rs.a, rs.b, rs.dc, rs.mu0, rs.v0, spring.stiffness, spring.damping, LAWS[rs.law]], float)
 
@@ -167,7 +167,7 @@ def check_spring(spring: Spring) -> None:
         raise ValueError(f"damping = {spring.damping} was given: use 0 (quasi-static) or a positive, finite number")
 
 
-def _history(rs, spring, time, place, out, normal, start) -> SlipHistory:
+def _build_history(rs, spring, time, place, out, normal, start) -> SlipHistory:
     """All columns from ln(V/V0) and ln(V0 θ/D_c); slip from the spring's force, which the friction balances."""
     w, f = out.T
     velocity, friction = rs.v0 * np.exp(w), rs.mu0 + rs.a * w + rs.b * f
@@ -177,7 +177,7 @@ def _history(rs, spring, time, place, out, normal, start) -> SlipHistory:
     return SlipHistory(time, place, slip, velocity, rs.dc / rs.v0 * np.exp(f), friction, normal)
 
 
-def _checked_times(times, end: float) -> np.ndarray:
+def _times_within(times, end: float) -> np.ndarray:
     times = np.atleast_1d(np.asarray(times, float))
     if len(times) > 1:
         check_times(times)
@@ -221,7 +221,7 @@ def prescribed(rs: RateState, time, velocity, *, theta: float | None = None) -> 
     if theta is None and velocity[0] == 0:
         raise ValueError("slip starts with velocity 0, where no state is steady: give theta")
     start = rs.dc / velocity[0] if theta is None else theta
-    f = kernel.states(np.log(rs.v0 * start / rs.dc), np.diff(time), velocity, rs.v0, rs.dc, LAWS[rs.law])
+    f = kernel.state_history(np.log(rs.v0 * start / rs.dc), np.diff(time), velocity, rs.v0, rs.dc, LAWS[rs.law])
     slip = np.cumsum(np.diff(time) * velocity)
     moves = velocity > 0
     w = np.where(moves, np.log(np.where(moves, velocity, 1.0) / rs.v0), np.nan)

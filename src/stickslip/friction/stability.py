@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .kernel import slopes
-from .ratestate import RateState, Spring, check, check_spring, numbers
+from .kernel import rate_derivatives
+from .ratestate import RateState, Spring, check, check_spring, kernel_parameters
 
 
 class Sliding(NamedTuple):
@@ -61,7 +61,7 @@ def steady_sliding(rs: RateState, spring: Spring, velocity: float) -> Sliding:
     if not (velocity > 0 and np.isfinite(velocity)):
         raise ValueError(f"velocity = {velocity} was given: steady sliding needs a positive one")
     w = np.log(velocity / rs.v0)
-    ww, wf, fw, ff = slopes(w, -w, numbers(rs, spring), velocity, 1.0)
+    ww, wf, fw, ff = rate_derivatives(w, -w, kernel_parameters(rs, spring), velocity, 1.0)
     values = np.linalg.eigvals(np.array([[ww, wf], [fw, ff]], complex))
     critical = critical_stiffness(rs, velocity, spring.damping)
     growth, frequency = float(values.real.max()), float(np.abs(values.imag).max())

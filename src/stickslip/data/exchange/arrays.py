@@ -10,8 +10,8 @@ from ...core.laws.dispatch import Kind
 from ...core.state import State
 from .. import archive
 from ..atomic import beside
-from ..sample import PackingError, law_from
-from .frame import Frame, law_words, unheld, without_walls
+from ..sample import PackingError, law_by_name
+from .frame import Frame, law_to_dict, list_losses, without_walls
 
 REQUIRED = ("position", "radius")
 CONTACTS = ("pair_i", "pair_j", "image", "slip", "mode")
@@ -37,14 +37,14 @@ def write_npz(path: str | Path, frame: Frame) -> list[str]:
         arrays["external_force"] = control.force[:n]
     rest = frame._replace(state=state._replace(control=control._replace(force=np.zeros_like(control.force))))
     own = isinstance(law.kind, Kind)
-    lost = unheld(rest, law=len(law.table) > 1 or own)
+    lost = list_losses(rest, law=len(law.table) > 1 or own)
     if len(state.contacts.rolling):
         lost.append("the memory of rolling")
     if law.damping & NO_TENSION:
         lost.append("that dashpots do not make contacts pull")
     if len(law.table) == 1 and not own:
         values = law.table[0, 0]
-        arrays |= {k: v for k, v in law_words(law).items() if k in ("law", "coulomb", "damping")}
+        arrays |= {k: v for k, v in law_to_dict(law).items() if k in ("law", "coulomb", "damping")}
         numbers = {"kn": KN, "kt": KT, "mu": MU, "damping_n": DAMPING_N, "damping_t": DAMPING_T}
         arrays |= {name: values[column] for name, column in numbers.items()}
     with beside(Path(path)) as part:
@@ -53,7 +53,7 @@ def write_npz(path: str | Path, frame: Frame) -> list[str]:
 
 
 def read_npz(path: Path) -> tuple[dict, dict]:
-    """Arrays for `from_arrays`, and options for `law_from`; PackingError in one sentence if it is none of ours."""
+    """Arrays for `from_arrays`, and options for `law_by_name`; PackingError in one sentence if it is none of ours."""
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
@@ -98,7 +98,7 @@ def write_archive(path: str | Path, frames: list[Frame]) -> list[str]:
 def read_archive(path: Path, wanted: str | None) -> list[tuple[str, State, Law | None, list[str]]]:
     """States of an archive, each with its path in it and the law that stands nearest above it."""
     tree = archive.read(path)
-    states = dict(_states(tree))
+    states = dict(_find_states(tree))
     if not states:
         raise PackingError(f"{path} holds no state: give an archive of states, or an .npz")
     some = ", ".join(list(states)[:4]) + (" …" if len(states) > 4 else "")
@@ -118,15 +118,15 @@ def _law_above(tree: dict, name: str) -> Law | None:
     return law
 
 
-def _states(tree: dict, above: str = ""):
+def _find_states(tree: dict, above: str = ""):
     """Names and values of all states in an archive, however deep."""
     for name, value in tree.items():
         if isinstance(value, State):
             yield above + name, value
         elif isinstance(value, dict):
-            yield from _states(value, f"{above}{name}/")
+            yield from _find_states(value, f"{above}{name}/")
 
 
-def law_given(options: dict) -> Law:
+def law_from_options(options: dict) -> Law:
     """The law of options that may be None."""
-    return law_from(**{name: value for name, value in options.items() if value is not None})
+    return law_by_name(**{name: value for name, value in options.items() if value is not None})

@@ -9,12 +9,12 @@ from ...core.contacts.neighbors import updated
 from ...core.laws.builtin import SHARP, Law, alike
 from ...core.state import State
 from ..atomic import check_free
-from ..law_file import law_of_options
-from ..sample import NO_CONTACTS, PackingError, PackingWarning, accepted, from_arrays, law_from
-from .arrays import law_given, read_archive, read_npz, write_archive, write_npz
+from ..law_file import split_law_options
+from ..sample import NO_CONTACTS, PackingError, PackingWarning, accepted, from_arrays, law_by_name
+from .arrays import law_from_options, read_archive, read_npz, write_archive, write_npz
 from .frame import Frame, frame_of
 from .gsd_file import read_gsd, write_gsd
-from .lammps_file import contact_law, read_lammps
+from .lammps_file import complete_law_options, read_lammps
 from .lammps_write import contacts_path, write_lammps
 from .motion import mode_frames, read_mode
 from .vtk_file import vtk_paths, write_vtk
@@ -25,7 +25,7 @@ READ = (".npz", *ARCHIVE, ".gsd", *LAMMPS_DATA, *DUMP)
 SERIES = {".gsd": write_gsd, ".xyz": write_xyz, ".extxyz": write_xyz, ".vtu": write_vtk}
 SINGLE = {".npz": write_npz} | dict.fromkeys(LAMMPS_DATA, write_lammps)
 WRITTEN = (".npz", *ARCHIVE, *SERIES, *LAMMPS_DATA)
-OF_LAMMPS = ("contacts", "columns", "boundary")
+LAMMPS_OPTIONS = ("contacts", "columns", "boundary")
 
 
 def read_packing(path: str | Path, **options) -> tuple[State, Law, list[str]]:
@@ -35,7 +35,7 @@ def read_packing(path: str | Path, **options) -> tuple[State, Law, list[str]]:
 
     Parameters
     ----------
-    law, coulomb, kn, kt, mu, young, poisson, damping, damping_n, damping_t : of `law_from`; None where not given. What
+    law, coulomb, kn, kt, mu, young, poisson, damping, damping_n, damping_t : of `law_by_name`; None where not given. What
         is given wins over the file. LAMMPS's files have no law, and contacts of its dumps need all of it
     i0 : float, moment of inertia I0 m R²
     frame : which state: a path in an archive such as main/frames/0.030000, the number of a frame in GSD, a time step in
@@ -68,18 +68,18 @@ def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> 
         raise PackingError(f"{path} is no file: give a packing, {', '.join(READ)}")
     suffix = path.suffix.lower()
     given = {name: value for name, value in options.items() if value is not None}
-    given, own = _own_law(given)
-    i0, of_lammps = given.pop("i0", None), {name: given.pop(name) for name in OF_LAMMPS if name in given}
+    given, own = _law_from_file(given)
+    i0, of_lammps = given.pop("i0", None), {name: given.pop(name) for name in LAMMPS_OPTIONS if name in given}
     if suffix in LAMMPS_DATA + DUMP:
-        return [_with_i0(found, i0) for found in _from_lammps(path, frame, given, of_lammps, own)]
+        return [_with_i0(found, i0) for found in _read_lammps(path, frame, given, of_lammps, own)]
     if of_lammps:
         raise PackingError(f"{', '.join(of_lammps)} was given with {path.name}: only files of LAMMPS take it")
     if suffix in ARCHIVE:
-        return [_whole(*found, given, i0, own) for found in read_archive(path, frame)]
+        return [_with_options(*found, given, i0, own) for found in read_archive(path, frame)]
     if suffix == ".gsd":
-        return [_whole(*found, given, i0, own) for found in read_gsd(path, frame)]
+        return [_with_options(*found, given, i0, own) for found in read_gsd(path, frame)]
     if suffix != ".npz":
-        raise PackingError(_unknown(path, READ, "read"))
+        raise PackingError(_unknown_suffix(path, READ, "read"))
     if frame not in (None, "all"):
         raise PackingError(f"frame {frame!r} was asked for, but {path} has one state: leave it out")
     arrays, in_file = read_npz(path)
@@ -89,16 +89,16 @@ def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> 
     words = [] if given or own else ["no contact law was given: the defaults are assumed"]
     if "pair_i" not in arrays:
         words = [NO_CONTACTS, *words]
-    law = own or law_given(given)
+    law = own or law_from_options(given)
     return [(path.stem, from_arrays(arrays.pop("position"), arrays.pop("radius"), law, **arrays), law, words)]
 
 
-def _own_law(given: dict) -> tuple[dict, Law | None]:
+def _law_from_file(given: dict) -> tuple[dict, Law | None]:
     """Options without those of a law, and the law, if the user named a Python file of their own: no other is run."""
     if not str(given.get("law", "")).endswith(".py"):
         return given, None
     try:
-        law, rest = law_of_options(given["law"], given)
+        law, rest = split_law_options(given["law"], given)
     except ValueError as problem:
         raise PackingError(str(problem)) from None
     lost = [name for name in ("coulomb", "young", "poisson", "damping") if name in rest]
@@ -107,15 +107,15 @@ def _own_law(given: dict) -> tuple[dict, Law | None]:
     return {name: value for name, value in rest.items() if name != "law"}, law
 
 
-def _from_lammps(path: Path, frame: str | None, given: dict, of_lammps: dict, own: Law | None):
+def _read_lammps(path: Path, frame: str | None, given: dict, of_lammps: dict, own: Law | None):
     contacts = of_lammps.pop("contacts", None)
     if contacts is not None:
         contacts = Path(contacts)
         if not contacts.is_file():
             raise PackingError(f"{contacts} is no file: give the contacts that LAMMPS's `dump local` wrote")
-        law, words = own or law_from(**contact_law(given)), []
+        law, words = own or law_by_name(**complete_law_options(given)), []
     else:
-        law = own or law_given(given)
+        law = own or law_from_options(given)
         words = [] if given or own else ["no contact law was given: the defaults are assumed"]
     found = read_lammps(path, law, contacts=contacts, wanted=frame, **of_lammps)
     return [(name, state, law, said + words) for name, state, law, said in found]
@@ -123,10 +123,10 @@ def _from_lammps(path: Path, frame: str | None, given: dict, of_lammps: dict, ow
 
 def _with_i0(found, i0: float | None):
     name, state, law, words = found
-    return name, _inertia(state, i0), law, words
+    return name, _with_inertia(state, i0), law, words
 
 
-def _inertia(state: State, i0: float | None) -> State:
+def _with_inertia(state: State, i0: float | None) -> State:
     if i0 is None:
         return state
     if not (i0 > 0 and i0 < float("inf")):
@@ -135,15 +135,17 @@ def _inertia(state: State, i0: float | None) -> State:
     return state._replace(grains=grains._replace(inertia=i0 * grains.mass * grains.radius**2))
 
 
-def _whole(name: str, found: State | dict, its_law: Law | None, words: list[str], given: dict, i0: float | None, own):
+def _with_options(
+    name: str, found: State | dict, its_law: Law | None, words: list[str], given: dict, i0: float | None, own
+):
     """A state as it was, if its law is left to it; else with the slip that another law allows."""
     if not given and its_law is None and not own:
         words = [*words, "the file has no contact law: the defaults are assumed"]
-    law = own or (law_given(given) if given or its_law is None else its_law)
+    law = own or (law_from_options(given) if given or its_law is None else its_law)
     if isinstance(found, dict):
-        return name, _inertia(from_arrays(law=law, **found), i0), law, words
+        return name, _with_inertia(from_arrays(law=law, **found), i0), law, words
     same = its_law is not None and not given and (own is None or alike(own, its_law))
-    state = updated(_inertia(found, i0))
+    state = updated(_with_inertia(found, i0))
     return name, accepted(state, law, **({"memory": FROZEN} if same else {})), law, words
 
 
@@ -172,7 +174,7 @@ def write_packing(path: str | Path, states, law: Law | None = None) -> list[str]
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in WRITTEN:
-        raise PackingError(_unknown(path, WRITTEN, "written"))
+        raise PackingError(_unknown_suffix(path, WRITTEN, "written"))
     if isinstance(states, State):
         states = [frame_of(states, law)]
     frames: list[Frame] = list(states)
@@ -211,7 +213,7 @@ def convert(
     """
     path, to = Path(path), Path(to)
     if to.suffix.lower() not in WRITTEN:
-        raise PackingError(_unknown(to, WRITTEN, "written"))
+        raise PackingError(_unknown_suffix(to, WRITTEN, "written"))
     if modes is None:
         chosen = {} if options.get("frame") is None else {"frame": options["frame"]}
         found = read_packings(path, **{**options, "frame": "all", **chosen})
@@ -222,7 +224,7 @@ def convert(
         of_mode = read_mode(modes, mode, len(state.grains.radius))
         frames = mode_frames(frame_of(state, law), *of_mode, count=count, amplitude=amplitude, grow=grow)
         words = [*words, f"mode {mode}: s = {of_mode[2]:.4g}, {count} frames of one period"]
-    targets = _targets(to, frames)
+    targets = _output_files(to, frames)
     check_free(targets, overwrite=overwrite, made_from=(path, modes, options.get("contacts"), options.get("law")))
     words += write_packing(to, frames)
     if to.suffix.lower() == ".vtu" and len(frames) > 1:
@@ -231,7 +233,7 @@ def convert(
     return targets, words
 
 
-def _targets(to: Path, frames: list[Frame]) -> list[Path]:
+def _output_files(to: Path, frames: list[Frame]) -> list[Path]:
     """All files that a packing becomes, those of its first frame in front."""
     if to.suffix.lower() == ".vtu":
         pairs = zip(vtk_paths(to, len(frames)), frames, strict=True)
@@ -240,7 +242,7 @@ def _targets(to: Path, frames: list[Frame]) -> list[Path]:
     return [to, *([contacts_path(to)] if holds else [])]
 
 
-def _unknown(path: Path, known: tuple[str, ...], done: str) -> str:
+def _unknown_suffix(path: Path, known: tuple[str, ...], done: str) -> str:
     near = difflib.get_close_matches(path.suffix.lower(), known, n=1)
     hint = f"did you mean {near[0]!r}?" if near else f"{', '.join(known)} are {done}"
     return f"{path} ends with {path.suffix or 'nothing'!r}, which is not {done}: {hint}"

@@ -60,7 +60,7 @@ def without_walls(frame: Frame) -> tuple[dict[str, np.ndarray], list[str]]:
     return {name: column[between] for name, column in frame.contacts.items()}, words
 
 
-def law_words(law: Law) -> dict:
+def law_to_dict(law: Law) -> dict:
     """A law as names and numbers that JSON holds to the last bit."""
     own = {"own": described(law)} if isinstance(law.kind, Kind) else {}
     return own | {
@@ -72,8 +72,8 @@ def law_words(law: Law) -> dict:
     }
 
 
-def law_of(words: dict) -> Law:
-    """The law that `law_words` described; ValueError, KeyError or TypeError if there is none such."""
+def law_from_dict(words: dict) -> Law:
+    """The law that `law_to_dict` described; ValueError, KeyError or TypeError if there is none such."""
     table = np.array(words["table"], float)
     if table.ndim != 3 or table.shape[0] != table.shape[1] or table.shape[2] < 5 or not np.isfinite(table).all():
         raise ValueError(f"a law's table of shape {table.shape}")
@@ -82,7 +82,7 @@ def law_of(words: dict) -> Law:
     return Law(kind, COULOMB[words["coulomb"]], table, damping)
 
 
-def lower_triangular(state: State, name: str) -> np.ndarray:
+def lower_triangular_vectors(state: State, name: str) -> np.ndarray:
     """(3, 3) box vectors with the first along x and the second in the plane of x and y, as most formats want them."""
     vectors = state.cell.vectors
     if np.triu(vectors, 1).any() or not (np.diag(vectors) > 0).all():
@@ -93,7 +93,7 @@ def lower_triangular(state: State, name: str) -> np.ndarray:
     return vectors
 
 
-def shown_box(state: State, name: str) -> tuple[np.ndarray, np.ndarray]:
+def bounding_box(state: State, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Box vectors and corner of a box that holds every grain: the cell's where it is periodic, around them elsewhere.
 
     Returns
@@ -103,7 +103,7 @@ def shown_box(state: State, name: str) -> tuple[np.ndarray, np.ndarray]:
     grains, cell = state.grains, state.cell
     vectors, corner = np.diag([1.0, 1.0, 1.0]), np.zeros(3)
     if cell.periodic.any():
-        vectors = np.where(cell.periodic[:, None], lower_triangular(state, name), 0.0)
+        vectors = np.where(cell.periodic[:, None], lower_triangular_vectors(state, name), 0.0)
     low = (grains.position - grains.radius[:, None]).min(axis=0)
     high = (grains.position + grains.radius[:, None]).max(axis=0)
     for k in np.flatnonzero(~cell.periodic):
@@ -121,7 +121,7 @@ def wrapped_into(position: np.ndarray, vectors, corner, periodic) -> tuple[np.nd
     return inside, image
 
 
-def unheld(frame: Frame, *, walls: bool = True, law: bool = True, imposed: bool = True) -> list[str]:
+def list_losses(frame: Frame, *, walls: bool = True, law: bool = True, imposed: bool = True) -> list[str]:
     """In words, what a format loses of a frame: walls, the law, what `Control` imposes besides free grains."""
     state, words = frame.state, []
     control, n = state.control, len(state.grains.radius)

@@ -23,16 +23,16 @@ from ...core.laws.builtin import MU, SHARP, Law, dashpots
 from ...core.measure import branch_vectors, touching
 from ...core.state import OPEN, SLIDE, STICK, State
 from ..sample import NO_CONTACTS, PackingError, PackingWarning, accepted, from_arrays
-from .lammps_text import Table, dumped_grains, read_data, read_dump
+from .lammps_text import Table, grains_from_dump, read_data, read_dump
 
 NEEDED = ("law", "kn", "kt", "mu", "damping_n", "damping_t")
 # of the columns of contacts that carry no names; more may follow
 ORDER = ["i", "j", "dist", "dx", "dy", "dz", "fx", "fy", "fz", "tx", "ty", "tz"]
-SAME = {"patom1": "i", "patom2": "j", "id1": "i", "id2": "j", "p1": "tx", "p2": "ty", "p3": "tz"}
+ALIASES = {"patom1": "i", "patom2": "j", "id1": "i", "id2": "j", "p1": "tx", "p2": "ty", "p3": "tz"}
 AT_LIMIT = 1e-5  # share of Coulomb's limit within which a contact slides: six digits are what a dump has at least
-STRANGE = 0.05  # of the mean normal force: a law that misses LAMMPS's by more is another one
-FAITHFUL = 1e-6  # the same, below which nothing is said
-ONE_BY_ONE = "`dump_modify ID format float %20.15g` makes LAMMPS write all digits"
+OTHER_LAW = 0.05  # of the mean normal force: a law that misses LAMMPS's by more is another one
+NEGLIGIBLE = 1e-6  # the same, below which nothing is said
+ALL_DIGITS = "`dump_modify ID format float %20.15g` makes LAMMPS write all digits"
 
 
 class Pairs(NamedTuple):
@@ -70,16 +70,16 @@ def read_grains(path: Path, *, wanted: str | None = None, boundary: str | None =
         said = many if wanted is None and len(steps) > 1 else []
         found = []
         for table in tables:
-            ids, arrays, words = dumped_grains(table, path)
-            found.append(Packing(table.step, ids, *_in_box(table, arrays, boundary, words + said)))
+            ids, arrays, words = grains_from_dump(table, path)
+            found.append(Packing(table.step, ids, *_add_box(table, arrays, boundary, words + said)))
         return found
     ids, arrays, box, words = read_data(path)
     if wanted not in (None, "all"):
         raise PackingError(f"{path} is a data file, which has one state: leave out the choice of {wanted}")
-    return [Packing(box.step, ids, *_in_box(box, arrays, boundary, words))]
+    return [Packing(box.step, ids, *_add_box(box, arrays, boundary, words))]
 
 
-def _in_box(table: Table, arrays: dict, boundary: str | None, words: list[str]) -> tuple[dict, list[str]]:
+def _add_box(table: Table, arrays: dict, boundary: str | None, words: list[str]) -> tuple[dict, list[str]]:
     """Arrays with cell, periodic flags and dimension."""
     periodic = table.periodic
     if boundary is not None:
@@ -106,7 +106,7 @@ def read_pairs(path: Path, packing: Packing, columns: str | None = None) -> Pair
     tables, steps = read_dump(path, None if packing.step < 0 else str(packing.step))
     if packing.step < 0 and len(steps) > 1:
         warnings.warn(f"{path.name} has {len(steps)} time steps: the last was taken", PackingWarning, stacklevel=3)
-    table = _named(tables[0], path, columns)
+    table = _rename_columns(tables[0], path, columns)
     if packing.ids is None:
         raise PackingError("the grains carry no ids, which contacts name: add the column id to their dump")
     ends = table.numbers("i", "j").astype(np.int64)
@@ -124,7 +124,7 @@ def read_pairs(path: Path, packing: Packing, columns: str | None = None) -> Pair
     return Pairs(*place.T, vectors("dx", "dy", "dz"), vectors("dist"), vectors("fx", "fy", "fz"), tangential)
 
 
-def _named(table: Table, path: Path, columns: str | None) -> Table:
+def _rename_columns(table: Table, path: Path, columns: str | None) -> Table:
     """The table with our names of its columns."""
     names = list(table.columns)
     if columns is not None:
@@ -134,7 +134,7 @@ def _named(table: Table, path: Path, columns: str | None) -> Table:
         names = given
     elif all(re.fullmatch(r"[cfv]_\w+(\[\d+\])?", name) for name in names) and len(names) >= len(ORDER):
         names = ORDER + names[len(ORDER) :]
-    names = [SAME.get(name, name) for name in names]
+    names = [ALIASES.get(name, name) for name in names]
     found = table._replace(columns=dict(zip(names, table.columns.values(), strict=True)))
     if not found.has("i", "j", "tx", "ty", "tz"):
         raise PackingError(
@@ -144,7 +144,7 @@ def _named(table: Table, path: Path, columns: str | None) -> Table:
     return found
 
 
-def with_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
+def reconstruct_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
     """The accepted state of a packing with slip reconstructed from tangential forces.
 
     Raises
@@ -162,16 +162,16 @@ def with_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
             f"omegax omegay omegaz to the dump of grains, or Velocities to the data file"
         )
     state = from_arrays(law=law, **arrays)
-    rows, entries, sign = _matched(state, pairs)
+    rows, entries, sign = _match_pairs(state, pairs)
     c = linearise(state, law)
-    vn, vt = approach(state, rows, c.normal[rows])
+    vn, vt = relative_velocity(state, rows, c.normal[rows])
     tangential = sign[:, None] * pairs.tangential[entries]
     stiffness = c.stiffness_t[rows, None]
     pull = tangential + c.damping_t[rows, None] * vt
     force_n = c.force_n[rows] - c.damping_n[rows] * vn
     if pairs.normal is not None:
         theirs = sign * np.einsum("ck,ck->c", pairs.normal[entries], c.normal[rows])
-        _compare(force_n, theirs)
+        _check_normal_forces(force_n, theirs)
         force_n = theirs
     slip = np.divide(-pull, stiffness, out=np.zeros_like(pull), where=stiffness > 0)
     slides = np.linalg.norm(tangential, axis=1) >= (1 - AT_LIMIT) * np.abs(law.table[0, 0, MU] * force_n)
@@ -183,7 +183,7 @@ def with_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
     return accepted(state._replace(contacts=new), law, modes=True, within=1.0)
 
 
-def approach(state: State, rows: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def relative_velocity(state: State, rows: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Normal part (M,) and tangential vector (M, 3) of the velocity of i relative to j at contacts between grains."""
     grains, i, j = state.grains, state.contacts.i[rows], state.contacts.j[rows]
     turn = grains.radius[:, None] * grains.spin
@@ -192,20 +192,20 @@ def approach(state: State, rows: np.ndarray, normal: np.ndarray) -> tuple[np.nda
     return vn, v - vn[:, None] * normal
 
 
-def _compare(ours: np.ndarray, theirs: np.ndarray) -> None:
+def _check_normal_forces(ours: np.ndarray, theirs: np.ndarray) -> None:
     """Say how far the law misses LAMMPS's normal forces; SampleError if it is another law."""
     miss = float(np.abs(ours - theirs).max(initial=0.0)) / (float(np.abs(theirs).mean()) if len(theirs) else 1.0)
-    if miss > STRANGE:
+    if miss > OTHER_LAW:
         raise PackingError(
             f"the law's normal forces miss those in the dump by up to {miss:.2g} of their mean: give the law, kn and "
-            f"damping_n that LAMMPS had, and a packing with enough digits ({ONE_BY_ONE})"
+            f"damping_n that LAMMPS had, and a packing with enough digits ({ALL_DIGITS})"
         )
-    if miss > FAITHFUL:
+    if miss > NEGLIGIBLE:
         words = f"the law's normal forces miss those in the dump by up to {miss:.1g} of their mean"
-        warnings.warn(f"{words}: {ONE_BY_ONE}", PackingWarning, stacklevel=4)
+        warnings.warn(f"{words}: {ALL_DIGITS}", PackingWarning, stacklevel=4)
 
 
-def _matched(state: State, pairs: Pairs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _match_pairs(state: State, pairs: Pairs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rows of the list that pairs stand for, the pairs' numbers, and −1 where a pair names its grains the other way."""
     rows, n = touching(state), len(state.grains.radius)
     key = state.contacts.i[rows].astype(np.int64) * n + state.contacts.j[rows]
@@ -223,7 +223,7 @@ def _matched(state: State, pairs: Pairs) -> tuple[np.ndarray, np.ndarray, np.nda
     entries = np.flatnonzero(~open_pair)
     chosen = first[entries].copy()
     for k in np.flatnonzero(last[entries] - first[entries] > 1):  # a grain touches two images of another
-        chosen[k] = _nearest(state, rows, first[entries[k]], last[entries[k]], pairs, entries[k], sign)
+        chosen[k] = _nearest_image(state, rows, first[entries[k]], last[entries[k]], pairs, entries[k], sign)
     matched = rows[chosen]
     if len(np.unique(matched)) < len(matched):
         raise PackingError("a contact is listed twice: give the contacts of one time step, once, with dx dy dz")
@@ -233,7 +233,7 @@ def _matched(state: State, pairs: Pairs) -> tuple[np.ndarray, np.ndarray, np.nda
     return matched, entries, sign[entries]
 
 
-def _nearest(state: State, rows, first: int, last: int, pairs: Pairs, entry: int, sign) -> int:
+def _nearest_image(state: State, rows, first: int, last: int, pairs: Pairs, entry: int, sign) -> int:
     """Which of several images of a pair an entry stands for, by its branch or its length."""
     own = branch_vectors(state)[rows[first:last]]
     if pairs.branch is not None:
@@ -248,7 +248,7 @@ def _nearest(state: State, rows, first: int, last: int, pairs: Pairs, entry: int
     return first + int(np.argmin(miss))
 
 
-def contact_law(given: dict) -> dict:
+def complete_law_options(given: dict) -> dict:
     """Options for `law_from` of a law whose slip is to be reconstructed: all must be there."""
     known = dict(given)
     if "young" in known and "poisson" in known:
@@ -266,7 +266,7 @@ def contact_law(given: dict) -> dict:
     return out
 
 
-def _boundary(contacts: Path) -> str | None:
+def _read_boundary(contacts: Path) -> str | None:
     """What the head of a dump says of its box's boundaries: a data file does not know them."""
     with contacts.open(encoding="utf-8-sig", errors="replace") as file:
         head = re.search(r"ITEM: BOX BOUNDS.*?([pfsm]{2}) ([pfsm]{2}) ([pfsm]{2})\s*\n", file.read(4096))
@@ -280,13 +280,13 @@ def read_lammps(
     """States of a data file or a dump, with memory where there is a `dump local` of contacts."""
     out = []
     if contacts is not None and boundary is None:
-        boundary = _boundary(contacts)
+        boundary = _read_boundary(contacts)
     for packing in read_grains(path, wanted=wanted, boundary=boundary):
         if contacts is None:
             words = [*packing.words, NO_CONTACTS]
             out.append((str(packing.step), from_arrays(law=law, **packing.arrays), law, words))
         else:
-            state = with_memory(packing, read_pairs(contacts, packing, columns), law)
+            state = reconstruct_memory(packing, read_pairs(contacts, packing, columns), law)
             sliding = int((state.contacts.mode[: state.contacts.count[0]] == SLIDE).sum())
             count = int((state.contacts.mode[: state.contacts.count[0]] != OPEN).sum())
             words = [*packing.words, f"slip of {count} contacts reconstructed, {sliding} of them at Coulomb's limit"]

@@ -11,7 +11,7 @@ from ..sample import HUGE, PackingError
 
 HEADER = re.compile(r"(?m)^\s*([A-Z][A-Za-z /]*?)\s*(?:#\s*(\S+)\s*)?$")  # of a section in a data file
 VOLUME = 4 / 3 * np.pi
-WHERE = ("x", "y", "z")
+AXES = ("x", "y", "z")
 VELOCITY, SPIN = ("vx", "vy", "vz"), ("omegax", "omegay", "omegaz")
 
 
@@ -39,7 +39,7 @@ class Table(NamedTuple):
 
 def read_dump(path: Path, wanted: str | None = None) -> tuple[list[Table], list[int]]:
     """Time steps of a dump and the numbers of all that it has; `wanted`: one of them, "all", or None for the last."""
-    pieces = _text(path).split("ITEM: TIMESTEP")[1:]
+    pieces = _read_text(path).split("ITEM: TIMESTEP")[1:]
     if not pieces:
         raise PackingError(f"{path} holds no ITEM: TIMESTEP: give a dump that LAMMPS wrote as text")
     try:
@@ -48,14 +48,14 @@ def read_dump(path: Path, wanted: str | None = None) -> tuple[list[Table], list[
             some = ", ".join(map(str, steps[:6])) + (" …" if len(steps) > 6 else "")
             raise PackingError(f"{path} has no time step {wanted}: it has {some}")
         chosen = [k for k, s in enumerate(steps) if wanted == "all" or (wanted is not None and str(s) == wanted)]
-        return [_table(steps[k], pieces[k]) for k in (chosen or [len(pieces) - 1])], steps
+        return [_parse_step(steps[k], pieces[k]) for k in (chosen or [len(pieces) - 1])], steps
     except (ValueError, IndexError, KeyError) as problem:
         if isinstance(problem, PackingError):
             raise
         raise PackingError(f"{path} is truncated or no dump of LAMMPS ({problem})") from None
 
 
-def _text(path: Path) -> str:
+def _read_text(path: Path) -> str:
     try:
         text = text_of(path, remedy="give files of LAMMPS as text, not binary or compressed")
     except ValueError as problem:
@@ -65,7 +65,7 @@ def _text(path: Path) -> str:
     return text
 
 
-def _table(step: int, piece: str) -> Table:
+def _parse_step(step: int, piece: str) -> Table:
     """One time step; ValueError, IndexError or KeyError if it is cut off."""
     items = {}
     for item in piece.split("ITEM: ")[1:]:
@@ -75,7 +75,7 @@ def _table(step: int, piece: str) -> Table:
             body,
         )
     rows = whole_number(items["NUMBER"][1].split()[0])
-    vectors, corner, periodic = _box(*items["BOX BOUNDS"])
+    vectors, corner, periodic = _parse_bounds(*items["BOX BOUNDS"])
     head, body = items["ATOMS"] if "ATOMS" in items else items["ENTRIES"]
     names, words = head.split()[1:], body.split()
     if len(words) != rows * len(names):
@@ -85,7 +85,7 @@ def _table(step: int, piece: str) -> Table:
     return Table(step, vectors, corner, periodic, {name: words[k :: len(names)] for k, name in enumerate(names)})
 
 
-def _box(head: str, body: str):
+def _parse_bounds(head: str, body: str):
     """Vectors, corner and periodic flags of ITEM: BOX BOUNDS in any of its variants."""
     marks = head.split()[2:]
     flags = [mark for mark in marks if len(mark) == 2 and set(mark) <= set("pfsm")]
@@ -101,15 +101,15 @@ def _box(head: str, body: str):
     high[0] -= max(0.0, xy, xz, xy + xz)
     low[1] -= min(0.0, yz)
     high[1] -= max(0.0, yz)
-    return restricted(high - low, xy, xz, yz), low, periodic
+    return restricted_box(high - low, xy, xz, yz), low, periodic
 
 
-def restricted(size, xy: float, xz: float, yz: float) -> np.ndarray:
+def restricted_box(size, xy: float, xz: float, yz: float) -> np.ndarray:
     """(3, 3) box vectors as rows of LAMMPS's restricted triclinic box."""
     return np.array([[size[0], 0, 0], [xy, size[1], 0], [xz, yz, size[2]]], float)
 
 
-def dumped_grains(table: Table, path: Path) -> tuple[np.ndarray | None, dict, list[str]]:
+def grains_from_dump(table: Table, path: Path) -> tuple[np.ndarray | None, dict, list[str]]:
     """Ids, arrays for `from_arrays` and words of a dump of grains, in the order of their ids."""
     words, arrays = [], {"position": _position(table, path)}
     if table.has("radius") or table.has("diameter"):
@@ -137,38 +137,38 @@ def _position(table: Table, path: Path) -> np.ndarray:
     vectors, corner = table.vectors, table.corner
     whole = table.numbers("ix", "iy", "iz") @ vectors if table.has("ix", "iy", "iz") else 0.0
     for mark in ("u", ""):
-        if table.has(*(axis + mark for axis in WHERE)):
-            place = table.numbers(*(axis + mark for axis in WHERE))
+        if table.has(*(axis + mark for axis in AXES)):
+            place = table.numbers(*(axis + mark for axis in AXES))
             return place if mark else place + whole
     for mark in ("su", "s"):
-        if table.has(*(axis + mark for axis in WHERE)):
-            place = corner + table.numbers(*(axis + mark for axis in WHERE)) @ vectors
+        if table.has(*(axis + mark for axis in AXES)):
+            place = corner + table.numbers(*(axis + mark for axis in AXES)) @ vectors
             return place + (whole if mark == "s" else 0.0)
     raise PackingError(f"{path} has no positions: it needs columns x y z, xu yu zu, xs ys zs or xsu ysu zsu")
 
 
 def read_data(path: Path) -> tuple[np.ndarray, dict, Table, list[str]]:
     """Ids, arrays for `from_arrays`, the box (with the time step, −1 if unknown) and words of a data file."""
-    text = _text(path)
+    text = _read_text(path)
     first = text.partition("\n")[0]
-    sections = _sections(text.partition("\n")[2])
+    sections = _split_sections(text.partition("\n")[2])
     head = sections.pop("")[1]
     try:
         if "Atoms" not in sections:
             raise PackingError(f"{path} has no section Atoms: give a data file of LAMMPS, or a dump")
         style, body = sections["Atoms"]
         count = whole_number(re.search(r"(?m)^\s*(\d+)\s+atoms\b", head)[1])
-        rows = _numbers(body, count, "Atoms")
+        rows = _parse_rows(body, count, "Atoms")
         if style not in (None, "sphere") or rows.shape[1] not in (7, 10):
             raise PackingError(
                 f"{path} has atoms of style {style or 'unknown'} with {rows.shape[1]} columns: atom_style sphere is "
                 f"read, with id type diameter density x y z and, maybe, ix iy iz"
             )
-        vectors, corner = _data_box(head)
+        vectors, corner = _parse_data_box(head)
         step = re.search(r"timestep = (\d+)", first)
         box = Table(whole_number(step[1]) if step else -1, vectors, corner, None, {})
         rows = rows[np.argsort(rows[:, 0], kind="stable")]
-        motion = _numbers(sections["Velocities"][1], count, "Velocities") if "Velocities" in sections else None
+        motion = _parse_rows(sections["Velocities"][1], count, "Velocities") if "Velocities" in sections else None
     except (ValueError, IndexError, TypeError) as problem:
         if isinstance(problem, PackingError):
             raise
@@ -183,7 +183,7 @@ def read_data(path: Path) -> tuple[np.ndarray, dict, Table, list[str]]:
     return rows[:, 0].astype(np.int64), arrays, box, []
 
 
-def _sections(text: str) -> dict[str, tuple[str | None, str]]:
+def _split_sections(text: str) -> dict[str, tuple[str | None, str]]:
     """Head and sections of a data file by name, each with the hint after its #."""
     found, name, hint, start = {}, "", None, 0
     for mark in HEADER.finditer(text):
@@ -193,7 +193,7 @@ def _sections(text: str) -> dict[str, tuple[str | None, str]]:
     return found
 
 
-def _numbers(body: str, rows: int, name: str) -> np.ndarray:
+def _parse_rows(body: str, rows: int, name: str) -> np.ndarray:
     lines = body.strip().split("\n")
     if "#" in body:
         lines = [line.partition("#")[0] for line in lines]
@@ -206,7 +206,7 @@ def _numbers(body: str, rows: int, name: str) -> np.ndarray:
     return values
 
 
-def _data_box(head: str) -> tuple[np.ndarray, np.ndarray]:
+def _parse_data_box(head: str) -> tuple[np.ndarray, np.ndarray]:
     def line(*names):
         found = re.search(r"(?m)^\s*(.+?)\s+" + r"\s+".join(names) + r"\b", head)
         values = None if found is None else np.array(found[1].split(), float)
@@ -217,6 +217,6 @@ def _data_box(head: str) -> tuple[np.ndarray, np.ndarray]:
     general = [line(name) for name in ("avec", "bvec", "cvec")]
     if all(v is not None for v in general):
         return np.array(general), line("abc", "origin")
-    bounds = np.array([line(f"{axis}lo", f"{axis}hi") for axis in WHERE])
+    bounds = np.array([line(f"{axis}lo", f"{axis}hi") for axis in AXES])
     tilt = line("xy", "xz", "yz")
-    return restricted(bounds[:, 1] - bounds[:, 0], *((0, 0, 0) if tilt is None else tilt)), bounds[:, 0]
+    return restricted_box(bounds[:, 1] - bounds[:, 0], *((0, 0, 0) if tilt is None else tilt)), bounds[:, 0]

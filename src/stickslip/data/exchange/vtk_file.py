@@ -12,7 +12,7 @@ import numpy as np
 from ...extras import needed
 from ..atomic import named
 from ..sample import PackingError
-from .frame import Frame, unheld, wrapped_into
+from .frame import Frame, list_losses, wrapped_into
 
 
 def vtk_paths(path: Path, count: int) -> list[tuple[Path, Path]]:
@@ -32,19 +32,19 @@ def write_vtk(path: str | Path, frames: list[Frame]) -> list[str]:
     with named(path), TemporaryDirectory(prefix=f".{path.stem}.", dir=path.parent) as folder:
         made = []
         for frame, targets in zip(frames, pairs, strict=True):
-            for target, write in zip(targets, (_grains, _lines), strict=True):
-                if write is _lines and not len(frame.contacts["i"]):
+            for target, write in zip(targets, (_write_grains, _write_lines), strict=True):
+                if write is _write_lines and not len(frame.contacts["i"]):
                     continue  # pyevtk writes no empty file
                 made.append((Path(write(hl, str(Path(folder) / target.stem), frame)), target))
         for part, target in made:
             part.replace(target)
-    lost = ["the cell", "the images of contacts", *unheld(frames[0])]
+    lost = ["the cell", "the images of contacts", *list_losses(frames[0])]
     bare = sum(not len(frame.contacts["i"]) for frame in frames)
     words = [f"{bare} frame(s) have no contacts: no file of lines was written for them"] if bare else []
     return [*words, f"VTK does not hold {', '.join(lost)}; it is written, not read back"]
 
 
-def _places(frame: Frame) -> np.ndarray:
+def _positions(frame: Frame) -> np.ndarray:
     """Positions inside the box; of an animation as they are, so that no grain jumps across."""
     state = frame.state
     if frame.moving or not state.cell.periodic.any():
@@ -53,30 +53,30 @@ def _places(frame: Frame) -> np.ndarray:
     return wrapped_into(state.grains.position, vectors, corner, state.cell.periodic)[0]
 
 
-def _grains(hl, path: str, frame: Frame) -> str:
+def _write_grains(hl, path: str, frame: Frame) -> str:
     grains = frame.state.grains
     columns = {name: getattr(grains, name) for name in ("radius", "mass", "inertia", "material")}
     columns |= {"diameter": 2 * grains.radius, "velocity": grains.velocity, "spin": grains.spin, "angle": grains.angle}
-    return hl.pointsToVTK(path, *_axes(_places(frame)), data=_plain(columns | frame.grains))
+    return hl.pointsToVTK(path, *_split_axes(_positions(frame)), data=_to_vtk_columns(columns | frame.grains))
 
 
-def _lines(hl, path: str, frame: Frame) -> str:
+def _write_lines(hl, path: str, frame: Frame) -> str:
     """Each line runs from i along the branch to j, or to the surface of a wall, across the box's boundary or not."""
     c = frame.contacts
-    start = _places(frame)[c["i"]]
+    start = _positions(frame)[c["i"]]
     ends = np.stack([start, start - c["branch"]], axis=1).reshape(-1, 3)
     columns = {name: column for name, column in c.items() if name != "image"}
-    return hl.linesToVTK(path, *_axes(ends), cellData=_plain(columns))
+    return hl.linesToVTK(path, *_split_axes(ends), cellData=_to_vtk_columns(columns))
 
 
-def _axes(points: np.ndarray):
+def _split_axes(points: np.ndarray):
     return (np.ascontiguousarray(axis) for axis in points.T)
 
 
-def _plain(columns: dict) -> dict:
+def _to_vtk_columns(columns: dict) -> dict:
     """Columns as pyevtk wants them: vectors as three arrays, small integers as 32 bits."""
     out = {}
     for name, column in columns.items():
         values = column.astype(np.int32) if column.dtype.kind in "iub" else column
-        out[name] = tuple(_axes(values)) if values.ndim == 2 else np.ascontiguousarray(values)
+        out[name] = tuple(_split_axes(values)) if values.ndim == 2 else np.ascontiguousarray(values)
     return out
