@@ -1,6 +1,6 @@
-"""Names of a package that are imported when they are first used, read from its stub (`__init__.pyi`).
+"""Lazy imports: the names in a package's stub (`__init__.pyi`) are imported on first use.
 
-Type checkers and editors read the same stub, so that a name is listed once.
+Type checkers and editors read the same stub, so that each name is listed once.
 """
 
 import ast
@@ -10,7 +10,7 @@ from pathlib import Path
 
 
 def attach(package: str, file: str):
-    """`__getattr__`, `__dir__` and `__all__` of a package from the imports in its stub.
+    """Return `__getattr__`, `__dir__` and `__all__` of a package, from the imports in its stub.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def attach(package: str, file: str):
 
 
 def missing_attribute(package: str, name: str, known: dict[str, tuple[str, str]]) -> str:
-    """Error message for an attribute that a package lacks: where else it is, or the nearest name."""
+    """Error message for a missing attribute, with the namespace that has it or the closest name."""
     spaces = [] if name.startswith("_") else [inner for module, inner in known.values() if module == "."]
     there = [f"{package}.{s}.{name}" for s in spaces if name in import_module(f".{s}", package).__all__]
     near = there or [f"{package}.{one}" for one in difflib.get_close_matches(name, known, n=1, cutoff=0.6)]

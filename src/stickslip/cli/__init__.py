@@ -1,4 +1,4 @@
-"""The command line: thin; every command calls one function of the layer below and shows what came back."""
+"""Command line: a thin layer in which every command calls one function of the layer below and shows its result."""
 
 # isort: off
 from . import running, packings, view, records, about  # in the order of stickslip --help

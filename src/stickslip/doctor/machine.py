@@ -1,4 +1,4 @@
-"""What this installation is made of: versions, threads, caches and optional parts."""
+"""Description of an installation: versions, threads, caches and optional parts."""
 
 import os
 import platform
@@ -20,19 +20,19 @@ from ..experiments.gouge.lammps import cannot_load
 from ..solve.linear import factorised
 
 CORE = ("numpy", "scipy", "numba", "llvmlite", "h5py", "matplotlib", "xarray", "pydantic", "typer", "rich")
-DISTRIBUTIONS = {"xdist": "pytest-xdist", "importlinter": "import-linter"}  # where the name of the package is another
-MPI = "`pip install mpich` brings the library"
+DISTRIBUTIONS = {"xdist": "pytest-xdist", "importlinter": "import-linter"}  # if it differs from the import name
+MPI = "`pip install mpich` installs the library"
 
 
 class Fault(NamedTuple):
-    """What is wrong with a part that is installed, and what mends it if that is not to install it again."""
+    """Defect of an installed part, and the remedy if that is not to install it again."""
 
     words: str
     remedy: str = ""
 
 
 class OptionalPart(NamedTuple):
-    """An optional part: what is there, in words, and whether it works; `remedy` is what mends it."""
+    """An optional part: what was found, whether it works, and the remedy if not."""
 
     name: str
     purpose: str
@@ -42,7 +42,7 @@ class OptionalPart(NamedTuple):
 
 
 def versions() -> dict[str, str]:
-    """Of this package, Python, the machine, and the libraries that every run needs."""
+    """Versions of this package, Python, the machine, and the required libraries."""
     found = {
         "stickslip": __version__,
         "python": platform.python_version(),
@@ -52,7 +52,7 @@ def versions() -> dict[str, str]:
 
 
 def threads() -> dict[str, str]:
-    """Cores, and the threads that Numba and BLAS would use."""
+    """Number of cores, and the threads that Numba and BLAS would use."""
     found = {"cores": f"{default_workers()} of {os.cpu_count()} for this process", "numba": _describe_numba()}
     for pool in threadpool_info():
         if pool["user_api"] == "blas":
@@ -66,7 +66,7 @@ def threads() -> dict[str, str]:
 
 
 def caches() -> dict[str, str | int | bool]:
-    """Where compiled kernels are kept, whether that can be written, and how much is there."""
+    """Folder of compiled kernels, whether it is writable, and its size."""
     folder = Path(core.numba.config.CACHE_DIR)  # `core` chose it
     chosen = "NUMBA_CACHE_DIR" in os.environ
     files = [path for path in folder.rglob("*") if path.is_file()] if folder.exists() else []
@@ -86,7 +86,7 @@ def caches() -> dict[str, str | int | bool]:
 
 
 def parts() -> list[OptionalPart]:
-    """Every extra and external engine."""
+    """Check every extra and external engine."""
     return [
         _check_extra("fast", "PARDISO, a solver", _check_pardiso),
         _check_extra("cluster", "Dask clusters"),
@@ -115,10 +115,10 @@ def _check_extra(name: str, purpose: str, works=None) -> OptionalPart:
 
 
 def _check_pardiso() -> Fault | None:
-    """It is loaded and solves, as being installed does not mean that."""
+    """Load PARDISO and solve a small system, because an installed library may not work."""
     try:
         got = factorised(sparse.csc_array(np.diag([2.0, 4.0])), method="pardiso")(np.array([2.0, 4.0]))
-    except Exception as problem:  # what a library without its MKL raises is its own affair
+    except Exception as problem:  # a library without its MKL may raise anything
         return Fault(f"it cannot be loaded ({_one_line(problem.__cause__ or problem)})")
     return None if np.allclose(got, 1.0) else Fault(f"it found x = {got} for diag(2, 4) x = (2, 4)")
 
@@ -143,9 +143,9 @@ def _check_yade() -> OptionalPart:
 
 
 def _describe_numba() -> str:
-    """Threads, and the first layer of its list that can be loaded, which is the one that it will take."""
+    """Threads, and the first layer of Numba's list that can be loaded, which is the one it will use."""
     if numba.config.THREADING_LAYER not in ("default", "safe", "threadsafe", "forksafe"):
-        return f"{_format_threads(numba.config.NUMBA_NUM_THREADS)}, layer {numba.config.THREADING_LAYER} (asked for)"
+        return f"{_format_threads(numba.config.NUMBA_NUM_THREADS)}, layer {numba.config.THREADING_LAYER} (requested)"
     for layer in numba.config.THREADING_LAYER_PRIORITY:
         try:
             __import__(f"numba.np.ufunc.{'workqueue' if layer == 'workqueue' else layer + 'pool'}")

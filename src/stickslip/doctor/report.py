@@ -1,4 +1,4 @@
-"""What the doctor found, on the terminal or as JSON."""
+"""Report of `stickslip doctor`, on the terminal or as JSON."""
 
 import json
 import math
@@ -16,7 +16,7 @@ COMPILING = "the first time kernels are compiled: up to a minute"
 
 
 def examine(*, as_json: bool = False) -> tuple[bool, str]:
-    """Examine this installation and show what was found: whether every number is right, and JSON or the verdict."""
+    """Examine this installation and show the results; return True if every number is right, and JSON or the verdict."""
     found = machine.versions(), machine.threads(), machine.caches(), machine.parts()
     if not as_json:
         show_machine(*found)
@@ -29,7 +29,7 @@ def examine(*, as_json: bool = False) -> tuple[bool, str]:
 
 
 def show_machine(versions: dict, threads: dict, caches: dict, parts: list[OptionalPart]) -> None:
-    """Tables of versions, threads, caches and optional parts."""
+    """Print tables of versions, threads, caches and optional parts."""
     _print_pairs("Versions", versions)
     _print_pairs("Threads", threads)
     _print_pairs("Compiled kernels", _describe_caches(caches))
@@ -42,7 +42,7 @@ def show_machine(versions: dict, threads: dict, caches: dict, parts: list[Option
 
 
 def show_checks(found: Selfcheck) -> None:
-    """The self-check line by line, and the verdict."""
+    """Print the self-check line by line, and the verdict."""
     table = Table("number", "measured", "deviation", "allowed", "", title="Self-check against stored numbers", **STYLE)
     for check in found.checks:
         color, word = ("green", "ok") if check.ok else ("red", "failed")
@@ -54,7 +54,7 @@ def show_checks(found: Selfcheck) -> None:
     console.print(table)
     wrong = [check for check in found.checks if not check.ok]
     for check in wrong:
-        words = f"{check.name}: stored {check.stored}, measured {check.measured}; allowed for {check.note}"
+        words = f"{check.name}: stored {check.stored}, measured {check.measured}; tolerance for {check.note}"
         console.print(words, style="red")
     if found.problem:
         console.print(found.problem, style="red")
@@ -68,7 +68,7 @@ def _verdict(found: Selfcheck) -> str:
 
 
 def to_json(versions: dict, threads: dict, caches: dict, parts: list[OptionalPart], found: Selfcheck) -> str:
-    """One object with the keys of the tables; a number that could not be measured is null."""
+    """JSON object with the keys of the tables; a number that could not be measured is null."""
     rows = [{key: _nan_to_none(value) for key, value in check._asdict().items()} for check in found.checks]
     out = {
         "ok": found.ok,
@@ -94,13 +94,13 @@ def _describe_caches(caches: dict) -> dict[str, str]:
     size = caches["bytes"] / 2**20
     writable = "writable" if caches["writable"] else "not writable: kernels are compiled in every process"
     if not caches["kept"]:
-        writable = "of this process alone, as no other folder could be written: set NUMBA_CACHE_DIR"
+        writable = "for this process only, because no other folder is writable: set NUMBA_CACHE_DIR"
     words = {"folder": _abbreviate_home(caches["folder"]), "state": f"{writable}; chosen by {caches['chosen_by']}"}
     words["content"] = f"{caches['files']} files, {size:.1f} MiB" + (
         "" if caches["files"] else "; filled by first runs"
     )
     if caches["of_other_versions"]:
-        words["other versions"] = f"{caches['of_other_versions']} folders beside it, safe to delete"
+        words["other versions"] = f"{caches['of_other_versions']} folders next to it, safe to delete"
     return words
 
 

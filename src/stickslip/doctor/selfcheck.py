@@ -1,7 +1,7 @@
-"""The self-check: a number or two from every room against `numbers.json`.
+"""Self-check: a few numbers from every subpackage are compared with `numbers.json`.
 
-The stored numbers are written again by `python -m stickslip.doctor.selfcheck`, which is to be done only where a change
-of the numbers is meant. All cases share one contact law and one dimension, so that few kernels are compiled.
+`python -m stickslip.doctor.selfcheck` updates the stored numbers; do this only if they are meant to change. All cases
+share one contact law and one dimension, so that few kernels are compiled.
 """
 
 import hashlib
@@ -49,15 +49,15 @@ class Check(NamedTuple):
 
 
 class Selfcheck(NamedTuple):
-    """The whole self-check."""
+    """Result of the self-check."""
 
     checks: list[Check]
-    problem: str  # what went wrong on the way, if anything did
+    problem: str  # errors during the measurements, or empty
     seconds: float
 
     @property
     def ok(self) -> bool:
-        """True if every number is right."""
+        """Return True if every number is right."""
         return all(check.ok for check in self.checks)
 
 
@@ -75,7 +75,7 @@ def measure_forces(law: Law) -> dict[str, float]:
 
 
 def pushed_array(law: Law) -> State:
-    """Ten disks on a substrate, pushed until one complex pair has been born (paper 000)."""
+    """Ten disks on a substrate, pushed until one complex pair exists (paper 000)."""
     state, _ = relax(disk_array(10, press=5e-5), law)
     for push in PUSHES:
         state = _require_success(*relax(with_push(state, push), law))
@@ -92,7 +92,7 @@ def measure_pair(state: State, law: Law) -> dict[str, float]:
 
 
 def measure_dynamics(state: State, law: Law) -> dict[str, float | str]:
-    """Where the pushed disk is after a thousand steps, and the bits of all positions."""
+    """Position of the pushed disk after a thousand steps, and the bits of all positions."""
     end, _, outcome = run(perturbed(state, seed=1, velocity=1e-4), law, 1000, 0.1)
     end = _require_success(end, outcome)
     bits = hashlib.sha256(np.ascontiguousarray(end.grains.position).tobytes()).hexdigest()[:16]
@@ -108,7 +108,7 @@ def measure_slider() -> dict[str, float]:
 
 
 def measure_contact_status() -> dict[str, float]:
-    """Which of four critical contacts of disks in a row slide under two forces (paper 002); their slip is given."""
+    """Contact status of four critical contacts of disks in a row under two forces (paper 002); their slip is given."""
     law = for_pair(linear(kn=1.0, kt=0.5, mu=0.5), 0, 1)
     state = disk_array(5, press=1e-3, gap=-1e-3)
     lifted = state.grains.position - [0, 1e-3, 0]
@@ -135,7 +135,7 @@ def measure_array(law: Law) -> dict[str, float | str]:
 
 
 def measure(report: Callable[[str], None] = lambda words: None) -> dict[str, float | str]:
-    """All numbers, by name; what went wrong on the way stands under `PROBLEM`."""
+    """All numbers by name; errors are listed under `PROBLEM`."""
     law, found = for_pair(hertz_mindlin(kn=1.0, kt=2 / 7, mu=10.0, coulomb="smooth"), 0, 1), {}
     groups = {
         "contact forces": partial(measure_forces, law),
@@ -147,16 +147,16 @@ def measure(report: Callable[[str], None] = lambda words: None) -> dict[str, flo
         report(words)
         try:
             found |= {name: value if isinstance(value, str) else float(value) for name, value in group().items()}
-        except Exception as problem:  # a broken compiler or library is what the doctor is asked for
+        except Exception as problem:  # a broken compiler or library is what the self-check looks for
             said = f"{words}: {type(problem).__name__}: {' '.join(str(problem).split())[:300]}"
             found[PROBLEM] = "; ".join(filter(None, [found.get(PROBLEM), said]))
     return found
 
 
-# relative deviations that are no reason to worry, on any processor and with any BLAS; each with its reason
+# relative deviations that are acceptable on any processor and with any BLAS, each with its reason
 TOLERANCES = {
-    "contact force": (1e-12, "round-off of one evaluation, with fused operations or not"),
-    "Jacobian": (1e-6, "equilibria are found to 1e-14 of residual force; eigenvalues follow, as LAPACK's do"),
+    "contact force": (1e-12, "round-off of one evaluation, with or without fused operations"),
+    "Jacobian": (1e-6, "equilibria with a residual force of 1e-14, and LAPACK's eigenvalues"),
     "dynamics": (1e-9, "a thousand steps from such an equilibrium; nothing is chaotic yet"),
     "rate": (1e-6, "tolerance of the integrator"),
     "quasi-rigid": (1e-9, "one sparse or dense solve"),
@@ -164,10 +164,10 @@ TOLERANCES = {
 
 
 def compare(found: dict, stored: dict) -> list[Check]:
-    """Every stored number beside what was measured now.
+    """Compare every stored number with the measured one.
 
-    Bits are compared too, but may differ on another processor or with another Numba: only that machine type promises
-    them, so other bits are told and do not fail.
+    Bits are also compared, but they are only guaranteed on the same type of machine and may differ with another
+    processor or version of Numba: different bits are reported and do not fail.
     """
     rows = []
     for name, right in stored["numbers"].items():
@@ -184,7 +184,7 @@ def compare(found: dict, stored: dict) -> list[Check]:
 
 
 def selfcheck(report: Callable[[str], None] = lambda words: None) -> Selfcheck:
-    """Measure and compare."""
+    """Measure all numbers and compare them with the stored ones."""
     start = time.perf_counter()
     found = measure(report)
     checks = compare(found, json.loads(STORED.read_text(encoding="utf-8")))
@@ -192,7 +192,7 @@ def selfcheck(report: Callable[[str], None] = lambda words: None) -> Selfcheck:
 
 
 def write() -> None:
-    """Store the numbers of this machine."""
+    """Store the numbers measured on this machine."""
     with_what = {name: version(name) for name in ("numpy", "scipy", "numba")}
     with_what |= {"python": platform.python_version(), "machine": platform.machine()}
     made = {"made_by": "python -m stickslip.doctor.selfcheck", "with": with_what, "numbers": measure()}
@@ -203,7 +203,7 @@ def write() -> None:
 
 def _require_success(end: State, outcome: Outcome) -> State:
     if not outcome.ok:
-        raise RuntimeError(f"the self-check could not end: {outcome}")
+        raise RuntimeError(f"the self-check could not finish: {outcome}")
     return end
 
 

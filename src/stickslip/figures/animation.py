@@ -1,4 +1,4 @@
-"""A movie of a packing, GIF or MP4: frames of a run, or one period of a mode."""
+"""Movies of a packing as GIF or MP4: frames of a run, or one period of a mode."""
 
 from collections.abc import Callable
 from contextlib import contextmanager
@@ -25,33 +25,33 @@ def movie(
     frames: list[Frame], path: Path, *, labels: list[str], mode: Mode | None = None, colour: str | None = None,
     fps: int = 15, si: bool = False, report: Callable[[str, float, str], None] | None = None,
 ) -> Path:  # fmt: skip
-    """Draw frames one after the other; the limits of drawing and colours are those of all of them.
+    """Draw frames one after the other, with common limits of axes and colours.
 
     Parameters
     ----------
-    frames : as `frame_of` or `mode_frames` make them
-    path : its ending says the format: .gif, or .mp4, for which ffmpeg is needed
+    frames : from `frame_of` or `mode_frames`
+    path : its extension selects the format: .gif, or .mp4, which requires ffmpeg
     labels : a title for each frame
-    mode : that the frames show, for the colour "mode displacement"
+    mode : the mode that the frames show, for the colour "mode displacement"
     colour : one of `quantities`
-    fps : frames in a second
+    fps : frames per second
     report : called with (stage, share, words)
 
     Raises
     ------
     ValueError
-        if the ending or the colour is not known.
+        if the extension or the colour is not known.
     MissingExtraError
         if there is no ffmpeg for an MP4.
     RuntimeError
-        if ffmpeg ends before its time.
+        if ffmpeg ends prematurely.
     """
     check_movie(path, fps)
-    look = layout_of(frames, colour=colour, mode=mode, si=si)
-    wide, tall = look.high - look.low
+    layout = layout_of(frames, colour=colour, mode=mode, si=si)
+    wide, tall = layout.high - layout.low
     inches = PIXELS / 100
     height = min(inches * tall / wide, 1.3 * inches) + (1.1 if colour else 0.6)
-    height = round(50 * height) / 50  # an even number of pixels, which H.264 wants
+    height = round(50 * height) / 50  # an even number of pixels, which H.264 requires
     with plt.rc_context({"figure.constrained_layout.use": False, "savefig.dpi": 100, "font.size": 11}):
         figure = plt.figure(figsize=(inches, height), dpi=100)
         below, above = (0.85 if colour else 0.4) / height, 0.28 / height
@@ -61,12 +61,12 @@ def movie(
         with _explain_ffmpeg_failure(), writer.saving(figure, str(path), 100):
             for k, frame in enumerate(frames):
                 axes.clear()
-                drawn = draw(axes, frame, look, mode=mode, first=frames[0], si=si, near=False)
+                drawn = draw(axes, frame, layout, mode=mode, first=frames[0], si=si, near=False)
                 draw_legend(axes, frame, near=False)
                 axes.set_title(labels[k], fontsize=11, pad=4)
                 if colour and bar is None:
                     place = figure.add_axes([0.25, 0.42 / height, 0.5, 0.1 / height])
-                    label = f"{colour} [{look.unit}]" if look.unit else colour
+                    label = f"{colour} [{layout.unit}]" if layout.unit else colour
                     bar = figure.colorbar(drawn, cax=place, orientation="horizontal", label=label)
                 writer.grab_frame()
                 if report:
@@ -76,24 +76,24 @@ def movie(
 
 
 def check_movie(path: Path, fps: int) -> None:
-    """Raise ValueError, or MissingExtraError, if such a movie cannot be made."""
+    """Raise ValueError or MissingExtraError if a movie cannot be written."""
     if path.suffix.lower() not in ENDINGS:
         raise ValueError(f"{path} ends with {path.suffix or 'nothing'!r}: a movie is {' or '.join(ENDINGS)}")
     if not 1 <= fps <= 100:
-        raise ValueError(f"{fps} frames in a second were asked for: give 1 to 100")
+        raise ValueError(f"{fps} frames per second were requested: give 1 to 100")
     if path.suffix.lower() == ".mp4":
         _find_ffmpeg()
 
 
 @contextmanager
 def _explain_ffmpeg_failure():
-    """Where ffmpeg ends before its time, as on a full disk, there is a sentence."""
+    """Turn a premature end of ffmpeg, as on a full disk, into a one-sentence error."""
     try:
         yield
     except (CalledProcessError, BrokenPipeError) as problem:
         how = f"exit code {problem.returncode}" if isinstance(problem, CalledProcessError) else "it closed its pipe"
         raise RuntimeError(
-            f"ffmpeg ended before the movie was whole ({how}): make room, if the disk is full, or write a .gif"
+            f"ffmpeg ended before the movie was complete ({how}): free some disk space if it is full, or write a .gif"
         ) from None
 
 
@@ -106,7 +106,7 @@ def _make_writer(path: Path, fps: int):
 
 
 class _GifWriter(PillowWriter):
-    """A GIF whose palette keeps colours that few pixels have, such as those of lines that slide."""
+    """GIF writer whose palette keeps rare colours, such as those of sliding contacts."""
 
     def finish(self):
         """Write the file."""
@@ -121,5 +121,5 @@ class _GifWriter(PillowWriter):
 
 
 def _find_ffmpeg() -> str:
-    """Where ffmpeg is: that of the machine, or the one that a wheel brings."""
+    """Path of ffmpeg: that of the system, or the one installed by a wheel."""
     return which("ffmpeg") or needed("imageio_ffmpeg", "report").get_ffmpeg_exe()

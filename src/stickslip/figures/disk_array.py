@@ -11,17 +11,17 @@ from matplotlib.patches import Circle
 
 from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, PURPLE, RED, SKY, TIME, column_axes, styled
 
-LOAD = r"push $F_x$"  # in the unit that the scenario gives to its forces
+LOAD = r"push $F_x$"  # in the force unit of the scenario
 
 
 @styled
 def complex_pairs(results: dict, paper: dict | None = None):
-    """Im λ of every complex pair against the push, one panel a result, with births and deaths (Fig 2).
+    """Im λ of every complex pair against the push, one panel per result, with births and deaths (Fig 2).
 
     Parameters
     ----------
-    results : title -> Result
-    paper : load -> Im λ that the paper prints, drawn as crosses
+    results : title -> DiskArrayResult
+    paper : load -> Im λ printed in the paper, drawn as crosses
     """
     figure, panels = column_axes(len(results), 1.0 + 1.45 * len(results), sharex=True, squeeze=False)
     for axes, (title, result) in zip(panels[:, 0], results.items(), strict=True):
@@ -52,7 +52,7 @@ def complex_pairs(results: dict, paper: dict | None = None):
 
 @styled
 def mean_square_displacement(result):
-    """M(t) at every load with the predicted growth beside it (Fig 3)."""
+    """M(t) at every load, with the predicted growth (Fig 3)."""
     figure, axes = column_axes(height=2.7)
     for color, (load, free) in zip(COLORS * 5, result.free_runs.items(), strict=False):
         shown = free.msd > 0
@@ -76,7 +76,7 @@ def mean_square_displacement(result):
 
 @styled
 def trajectory(result, grain: int = 3):
-    """Path of one disk in the x–y plane, coloured by time: the growing spiral, then all until its breach (Fig 4)."""
+    """Path of one disk in the x–y plane, coloured by time: the growing spiral, and the path until breach (Fig 4)."""
     data = result.trajectory
     figure, panels = column_axes(2, 4.6)
     end = data.breach[grain] if np.isfinite(data.breach[grain]) else data.time[-1]
@@ -86,7 +86,7 @@ def trajectory(result, grain: int = 3):
             (first - 150, first),
             f"disk {grain + 1}, $F_x$ = {data.load:.3f}, before any contact reaches Coulomb's limit",
         ),
-        ((first, end), "from there until its own contact with the substrate does"),
+        ((first, end), "from there until its contact with the substrate does"),
     )
     for axes, ((start, stop), title) in zip(panels, windows, strict=True):
         shown = (data.time >= start) & (data.time <= max(stop, start + 150))
@@ -146,7 +146,7 @@ def traveling_fronts(forward: dict, backward, threshold: float):
 
 @styled
 def mode_shape(spectrum, index: int):
-    """Components of one mode by coordinate: x, then y, then R·angle of all disks (Fig 6)."""
+    """Components of one mode by coordinate: x, y and R·angle of all disks (Fig 6)."""
     figure, axes = column_axes(height=2.3)
     mode = spectrum.modes[:, index]
     mode = mode * np.exp(-1j * np.angle(mode[np.argmax(np.abs(mode))]))
@@ -170,9 +170,9 @@ def center_of_mass(result, load: float, line=None, printed=None):
 
     Parameters
     ----------
-    load : of the upper panel
+    load : load of the upper panel
     line : measured velocities with their fit, or None
-    printed : (slope, intercept) that the paper's figure shows, dashed
+    printed : (slope, intercept) shown in the paper's figure, drawn dashed
     """
     figure, (top, bottom) = column_axes(2, 5.0)
     free = result.free_runs[load]
@@ -220,7 +220,7 @@ STUCK, AT_LIMIT, SLIDES = "stuck", "has reached Coulomb's limit at the substrate
 
 @styled
 def transition_movie(result, path: str | Path, frames: int = 90) -> Path:
-    """Animation of the transition as a GIF: disks coloured by what has happened to each."""
+    """Write an animation of the transition as a GIF, with disks coloured by their state."""
     data, radius = result.trajectory, result.pressed.grains.radius
     events = np.concatenate([data.breach, data.slide])
     events = events[np.isfinite(events)]

@@ -1,4 +1,4 @@
-"""Figures of a flow: snapshots coloured by speed, time series, and the profile of velocity."""
+"""Figures of a flow: snapshots coloured by speed, time series, and the velocity profile."""
 
 import numpy as np
 from matplotlib import pyplot as plt
@@ -10,12 +10,12 @@ from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, RED, WIDTH, column_axes, 
 
 WIDE = 2.07 * WIDTH  # two columns and the gap between them
 PANELS = 6
-HIDDEN = 0.002  # share of the grains at either end that need not be in view: a few that roll away would shrink the rest
+HIDDEN = 0.002  # fraction of grains that may be out of view at either end: grains that roll away would shrink the rest
 
 
 @styled
 def snapshots(result):
-    """States in time, seen along z: poured grains coloured by speed, plates grey, walls as lines."""
+    """Snapshots seen along z: poured grains coloured by speed, plates grey, walls as lines."""
     shown = _select_frames(result)
     places = [wrapped(state) for state in shown]
     low, high = _view_limits(result, shown, places)
@@ -48,7 +48,7 @@ def snapshots(result):
 
 
 def _select_frames(result) -> list:
-    """Frames at nearly even times, the first and the last among them; of the last stage if there are several."""
+    """Frames at nearly equal intervals, including the first and the last; of the last stage if there are several."""
     start = result.stages[-1].start if len(result.stages) > 1 else -np.inf
     frames = [state for state in result.frames if state.time >= start * (1 - 1e-9)] or list(result.frames)
     wanted = np.linspace(frames[0].time, frames[-1].time, PANELS)
@@ -57,7 +57,7 @@ def _select_frames(result) -> list:
 
 
 def _view_limits(result, shown, places):
-    """Corners of what is drawn."""
+    """Lower and upper corner of the drawing."""
     radius, periodic = shown[0].grains.radius.max(), shown[0].cell.periodic
     low = np.min([np.quantile(p[:, :2], HIDDEN, axis=0) for p in places], axis=0) - 2 * radius
     high = np.max([np.quantile(p[:, :2], 1 - HIDDEN, axis=0) for p in places], axis=0) + 2 * radius
@@ -67,7 +67,7 @@ def _view_limits(result, shown, places):
 
 
 def draw_grains_by_speed(axes, state, place, loose, top: float):
-    """Disks, those nearer to the eye on top; returns what the colours stand for."""
+    """Draw disks coloured by speed, nearer ones on top; return the mappable for a colour bar."""
     n = len(state.grains.radius)
     speed = np.full(n, np.nan)
     speed[loose] = np.linalg.norm(state.grains.velocity[loose], axis=1)
@@ -77,7 +77,7 @@ def draw_grains_by_speed(axes, state, place, loose, top: float):
     options = {"units": "xy", "offset_transform": axes.transData, "linewidths": 0.1, "edgecolors": BLACK}
     around = state.cell.vectors[0, 0] if state.cell.periodic[0] else 0.0
     drawn = None
-    for shift in (around, -around, 0.0) if around else (0.0,):  # grains at an edge are seen at both
+    for shift in (around, -around, 0.0) if around else (0.0,):  # grains at an edge are drawn at both edges
         at = place[:, :2] + [shift, 0.0]
         for rows, color in ((glued, {"facecolors": "0.6"}), (order, {"array": speed[order], "clim": (0.0, top)})):
             drawn = axes.add_collection(
@@ -89,7 +89,7 @@ def draw_grains_by_speed(axes, state, place, loose, top: float):
 
 
 def _draw_walls(axes, state) -> None:
-    """Lines where walls cut the plane of the drawing; those that face the eye are left out."""
+    """Draw lines where walls intersect the plane of the drawing; walls parallel to it are omitted."""
     for point, normal in zip(state.walls.point, state.walls.normal, strict=True):
         if np.hypot(normal[0], normal[1]) > 1e-9:
             axes.axline(point[:2], (point[0] - normal[1], point[1] + normal[0]), color=RED, lw=0.8)
@@ -97,7 +97,7 @@ def _draw_walls(axes, state) -> None:
 
 @styled
 def time_series(result):
-    """Energies; contacts; where the grains are, or the plates' friction and height."""
+    """Energies, contacts, and the extent of the flow or the friction and distance of plates."""
     series, plates = result.series, list(result.poured.plates)
     sheared = len(plates) > 1
     figure, panels = column_axes(5 if sheared else 4, 6.6 if sheared else 5.6, sharex=True)
@@ -142,7 +142,7 @@ def _plot_contacts(axes, series) -> None:
 
 
 def _plot_extent(axes, series) -> None:
-    """Centre of mass and the far ends of the grains along x and y."""
+    """Plot the centre of mass and the largest coordinates of the grains along x and y."""
     for k, color, end in ((0, BLUE, "front, $x$"), (1, GREEN, "top, $y$")):
         axes.plot(series.time, series.center[:, k], color=color, label=f"centre of mass, ${'xy'[k]}$")
         axes.plot(series.time, series.high[:, k], color=color, ls="--", label=f"{end} (99 %)")
@@ -152,7 +152,7 @@ def _plot_extent(axes, series) -> None:
 
 
 def _plot_plates(top, bottom, series, names) -> None:
-    """Shear over normal force on each plate, with its running mean, and the height between the outermost."""
+    """Plot shear over normal force on each plate, with its running mean, and the distance of the outermost plates."""
     span = max(1, len(series.time) // 40)
     seen = [0.1]
     for k, name in enumerate(names):
@@ -178,11 +178,11 @@ def _plot_plates(top, bottom, series, names) -> None:
 
 @styled
 def velocity_profile(edges, velocity, deviation):
-    """Mean velocity along x against height, ± its standard deviation in time.
+    """Mean velocity along x against height, with its standard deviation in time.
 
     Parameters
     ----------
-    edges : of the bins of height [length]
+    edges : edges of the height bins [length]
     velocity, deviation : (bins, 3) [length/time]
     """
     figure, axes = column_axes(1, 2.6)

@@ -15,7 +15,7 @@ def steady_sliding(realizations, diameter: float):
     Parameters
     ----------
     realizations : of a `GougeResult`
-    diameter : D, by which slip and thickness are divided [m]
+    diameter : D, the unit of slip and thickness [m]
     """
     figure, (above, below) = column_axes(2, 3.4, sharex=True)
     for number, one in enumerate(realizations):
@@ -29,14 +29,17 @@ def steady_sliding(realizations, diameter: float):
 
 @styled
 def velocity_steps(curves, *, twins: bool = True):
-    """Friction after each step, less that of a copy without it (`twins`) or its later mean, ± two standard errors."""
+    """Change of friction after each step, ± two standard errors.
+
+    The reference is a copy without the step (`twins`) or the later mean.
+    """
     figure, axes = column_axes(1, 2.4)
     for number, curve in enumerate(curves):
         _plot_band(axes, curve, COLORS[2 * number % len(COLORS)], errors=True)
     axes.axhline(0, color=BLACK, lw=0.5)
     axes.set(
         xlabel="slip of the load point / $D$",
-        ylabel=r"$\Delta\mu$, step less no step" if twins else r"$\mu - \mu_{ss}$ after the step",
+        ylabel=r"$\Delta\mu$, step minus no step" if twins else r"$\mu - \mu_{ss}$ after the step",
     )
     axes.legend()
     return figure
@@ -44,7 +47,7 @@ def velocity_steps(curves, *, twins: bool = True):
 
 @styled
 def holds(panels):
-    """Change of friction in holds against time, mean and 2σ over branches, with what both laws predict.
+    """Change of friction during holds against time, mean and 2σ over branches, with the predictions of both laws.
 
     Parameters
     ----------
@@ -64,11 +67,11 @@ def holds(panels):
 
 @styled
 def rest(ratios, creep, sliding: float):
-    """Kinetic over elastic energy, and velocity of the plate, against the time held.
+    """Kinetic over elastic energy, and velocity of the plate, against the hold time.
 
     Parameters
     ----------
-    ratios, creep : a `Curve` for each damping
+    ratios, creep : one `Curve` per damping
     sliding : kinetic over elastic energy in steady sliding before the holds
     """
     figure, (above, below) = column_axes(2, 3.6, sharex=True)
@@ -87,15 +90,15 @@ def rest(ratios, creep, sliding: float):
 
 @styled
 def reslides(curves, ratios, peaks, slope, offset: float):
-    """Friction after holds, for each velocity: with two standard errors, over C + ln(V_r/V_i), and peak against ratio.
+    """Friction after holds for each velocity, with two standard errors and divided by C + ln(V_r/V_i), and its peak.
 
     Parameters
     ----------
-    curves : a `Curve` for each velocity ratio
+    curves : one `Curve` per velocity ratio
     ratios : V_r/V_i
-    peaks : `Number` for each
-    slope : `Number` of peaks against the logarithm of the ratio
-    offset : C, with which curves collapse
+    peaks : one `Number` per ratio
+    slope : `Number`, slope of peaks against the logarithm of the ratio
+    offset : C, for which the curves collapse
     """
     rows = 3 if len(ratios) > 1 else 2
     figure, panels = column_axes(rows, 1.7 * rows + 0.4)
@@ -105,7 +108,7 @@ def reslides(curves, ratios, peaks, slope, offset: float):
         above.plot(curve.x, curve.mean, color=color, label=f"$V_r/V_i$ = {ratio:.3g}")
         width = 2 * np.nan_to_num(curve.error)
         above.fill_between(curve.x, curve.mean - width, curve.mean + width, color=color, alpha=0.15, lw=0)
-        if offset + np.log(ratio) > 0.1 * offset:  # else the collapse has no meaning
+        if offset + np.log(ratio) > 0.1 * offset:  # otherwise the collapse is meaningless
             below.plot(curve.x, curve.mean / (offset + np.log(ratio)), color=color)
     above.set_ylabel(r"$\mu - \mu_{ss}$")
     above.legend()
@@ -122,15 +125,15 @@ def reslides(curves, ratios, peaks, slope, offset: float):
 
 @styled
 def healing(times, peaks, slope, b: float, thickness):
-    """Peak friction after holds against their time, with the slopes b and b/2; thickness during holds.
+    """Peak friction after holds against hold time, with the slopes b and b/2, and thickness during holds.
 
     Parameters
     ----------
-    times : of holds [s]
-    peaks : `Number` for each
-    slope : `Number`, peak per e-fold of hold
-    b : of rate-and-state friction
-    thickness : `Curve` of the change of thickness over D in holds
+    times : hold times [s]
+    peaks : one `Number` per hold
+    slope : `Number`, peak per e-fold of hold time
+    b : parameter of rate-and-state friction
+    thickness : `Curve` of the change of thickness over D during holds
     """
     figure, (above, below) = column_axes(2, 3.8, sharex=True)
     x, y = np.asarray(times), np.array([p.value for p in peaks])
@@ -149,7 +152,7 @@ def healing(times, peaks, slope, b: float, thickness):
 
 @styled
 def sample(realization, scenario):
-    """The sample at steady sliding, seen along z: mobile grains coloured by speed, plates grey."""
+    """Sample in steady sliding, seen along z: mobile grains coloured by speed, plates grey."""
     state = realization.states["steady"]
     loose = np.flatnonzero(state.control.group[: len(state.grains.radius)] < 0)
     place, radius = wrapped(state), float(state.grains.radius.max())
@@ -168,7 +171,7 @@ def sample(realization, scenario):
 
 
 def _plot_band(axes, curve, color, *, errors: bool = False):
-    """Mean and band: two standard deviations over branches, or two standard errors."""
+    """Plot the mean and a band of two standard deviations over branches, or of two standard errors."""
     width = 2 * np.nan_to_num(curve.error) if errors else curve.band
     axes.plot(curve.x, curve.mean, color=color, label=curve.label)
     axes.fill_between(curve.x, curve.mean - width, curve.mean + width, color=color, alpha=0.2, lw=0)

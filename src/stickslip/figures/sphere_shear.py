@@ -37,7 +37,7 @@ def pairs_along_strain(paths, fine: float):
 
 @styled
 def spectrum_in_time(run):
-    """Im λ of all eigenvalues of the momentary state during a Newtonian run, above M(t) (Fig 2)."""
+    """Im λ of all eigenvalues of the current state during a Newtonian run, above M(t) (Fig 2)."""
     figure, (top, bottom) = column_axes(2, 3.8, sharex=True)
     time = np.repeat(run.snapshot_time, run.snapshots.shape[1])
     im = run.snapshots.imag.ravel()
@@ -56,7 +56,7 @@ def spectrum_in_time(run):
 
 @styled
 def growth(run):
-    """M(t) with the growth that the spectrum predicts, and the fitted oscillation in close-up (Fig 3)."""
+    """M(t) with the growth predicted by the spectrum, and a close-up of the fitted oscillation (Fig 3)."""
     figure, (top, bottom) = column_axes(2, 4.2)
     time, msd = run.time[1:], run.msd[1:]
     top.semilogy(time, msd, color=BLUE, lw=0.7)
@@ -80,7 +80,7 @@ def growth(run):
         bottom.legend(loc="upper left", ncol=2)
         bottom.set_ylim(top=1.25 * y.max() / 10.0**power)
     else:
-        bottom.text(0.5, 0.5, "M did not cross the window of the fit", ha="center", transform=bottom.transAxes)
+        bottom.text(0.5, 0.5, "M did not cross the fit window", ha="center", transform=bottom.transAxes)
     top.set(xlabel=TIME, ylabel=r"$M$ [$(2\sigma_1)^2$]")
     top.set_title(rf"$\gamma$ = {run.strain:.3g}", fontsize=7.5)
     return figure
@@ -95,7 +95,7 @@ def _oscillation(time, growth):
 
 @styled
 def trajectories(run, dim: int, grains: int = 4):
-    """Displacements while the instability grows, single turns of many: some grains in space, one in time (Fig 4)."""
+    """Displacements during growth of the instability, some turns of many: grains in space, one in time (Fig 4)."""
     figure = plt.figure(figsize=(WIDTH, 5.4 if dim == 3 else 4.6))
     if not len(run.turns):
         figure.text(0.5, 0.5, "M did not grow far enough", ha="center")
@@ -122,7 +122,7 @@ def trajectories(run, dim: int, grains: int = 4):
 
 
 def _label_axes(axes, names, dim: int) -> None:
-    """Names at the axes, close to the ticks in three dimensions."""
+    """Label the axes, close to the ticks in three dimensions."""
     axes.set(**{f"{c}label": name for c, name in zip("xyz", names, strict=False)})
     if dim == 3:
         axes.set_box_aspect((1, 1, 0.8), zoom=0.85)
@@ -134,7 +134,7 @@ def _label_axes(axes, names, dim: int) -> None:
 
 @styled
 def stress_through_failure(first, later=None):
-    """Shear stress over the initial pressure, and contacts, through one or two runs (Fig 5)."""
+    """Shear stress over the initial pressure, and number of contacts, during one or two runs (Fig 5)."""
     figure, (top, middle, bottom) = column_axes(3, 5.2)
     _plot_stress_and_contacts(top, first)
     early = first.msd < 1e-11

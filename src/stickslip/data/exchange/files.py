@@ -1,4 +1,4 @@
-"""Packings from files and into files: a path's ending says the format."""
+"""Reading and writing of packings; the file extension selects the format."""
 
 import difflib
 import warnings
@@ -35,19 +35,24 @@ def read_packing(path: str | Path, **options) -> tuple[State, Law, list[str]]:
 
     Parameters
     ----------
-    law, coulomb, kn, kt, mu, young, poisson, damping, damping_n, damping_t : of `law_by_name`; None where not given. What
-        is given wins over the file. LAMMPS's files have no law, and contacts of its dumps need all of it
+    law, coulomb, kn, kt, mu, young, poisson, damping, damping_n, damping_t : options of `law_by_name`, or None. They
+        take precedence over the law in the file. LAMMPS files contain no law; contacts from a dump need all of it
     i0 : float, moment of inertia I0 m R²
-    frame : which state: a path in an archive such as main/frames/0.030000, the number of a frame in GSD, a time step in
-        a dump; the last one of these two where it is left out
-    contacts : path of a `dump local` that belongs to the grains, which gives them their memory
-    columns : names of its columns, where it has none: i j dist dx dy dz fx fy fz tx ty tz
-    boundary : three letters as in LAMMPS, such as ppf, where the file does not say what is periodic
+    frame : the state to read: a path in an archive such as main/frames/0.030000, the number of a frame in GSD, or a
+        time step in a dump; for GSD and dumps, the last one by default
+    contacts : path of the `dump local` that belongs to the grains and provides their memory
+    columns : names of its columns, if the file has none: i j dist dx dy dz fx fy fz tx ty tz
+    boundary : three letters as in LAMMPS, such as ppf, if the file does not say what is periodic
 
     Raises
     ------
-    SampleError
-        with one sentence, if a file is not what it should be. A SampleWarning tells what was changed in a packing.
+    PackingError
+        if a file cannot be used; the message is one sentence.
+
+    Warns
+    -----
+    PackingWarning
+        if something in the packing was changed.
 
     Examples
     --------
@@ -62,10 +67,10 @@ def read_packing(path: str | Path, **options) -> tuple[State, Law, list[str]]:
 
 
 def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> list[tuple[str, State, Law, list[str]]]:
-    """All states of a file, each with its name, law and words; options as in `read_packing`."""
+    """Read all states of a file, each with its name, law and notes; options as in `read_packing`."""
     path = Path(path)
     if not path.is_file():
-        raise PackingError(f"{path} is no file: give a packing, {', '.join(READ)}")
+        raise PackingError(f"{path} is not a file: give a packing, {', '.join(READ)}")
     suffix = path.suffix.lower()
     given = {name: value for name, value in options.items() if value is not None}
     given, own = _law_from_file(given)
@@ -73,7 +78,7 @@ def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> 
     if suffix in LAMMPS_DATA + DUMP:
         return [_with_i0(found, i0) for found in _read_lammps(path, frame, given, of_lammps, own)]
     if of_lammps:
-        raise PackingError(f"{', '.join(of_lammps)} was given with {path.name}: only files of LAMMPS take it")
+        raise PackingError(f"{', '.join(of_lammps)} was given with {path.name}: only LAMMPS files take it")
     if suffix in ARCHIVE:
         return [_with_options(*found, given, i0, own) for found in read_archive(path, frame)]
     if suffix == ".gsd":
@@ -81,7 +86,7 @@ def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> 
     if suffix != ".npz":
         raise PackingError(_unknown_suffix(path, READ, "read"))
     if frame not in (None, "all"):
-        raise PackingError(f"frame {frame!r} was asked for, but {path} has one state: leave it out")
+        raise PackingError(f"frame {frame!r} was requested, but {path} has one state: leave it out")
     arrays, in_file = read_npz(path)
     given = {} if own else in_file | given
     if i0 is not None:
@@ -94,7 +99,7 @@ def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> 
 
 
 def _law_from_file(given: dict) -> tuple[dict, Law | None]:
-    """Options without those of a law, and the law, if the user named a Python file of their own: no other is run."""
+    """Split options into those without a law, and the law if the user named a Python file (no other file is run)."""
     if not str(given.get("law", "")).endswith(".py"):
         return given, None
     try:
@@ -112,7 +117,7 @@ def _read_lammps(path: Path, frame: str | None, given: dict, of_lammps: dict, ow
     if contacts is not None:
         contacts = Path(contacts)
         if not contacts.is_file():
-            raise PackingError(f"{contacts} is no file: give the contacts that LAMMPS's `dump local` wrote")
+            raise PackingError(f"{contacts} is not a file: give the contacts that LAMMPS's `dump local` wrote")
         law, words = own or law_by_name(**complete_law_options(given)), []
     else:
         law = own or law_from_options(given)
@@ -138,7 +143,7 @@ def _with_inertia(state: State, i0: float | None) -> State:
 def _with_options(
     name: str, found: State | dict, its_law: Law | None, words: list[str], given: dict, i0: float | None, own
 ):
-    """A state as it was, if its law is left to it; else with the slip that another law allows."""
+    """Apply options to a state: unchanged memory if its law stays the same, else the slip that the new law allows."""
     if not given and its_law is None and not own:
         words = [*words, "the file has no contact law: the defaults are assumed"]
     law = own or (law_from_options(given) if given or its_law is None else its_law)
@@ -150,17 +155,17 @@ def _with_options(
 
 
 def write_packing(path: str | Path, states, law: Law | None = None) -> list[str]:
-    """Write an accepted state, or several as a trajectory, in the format that the path's ending says.
+    """Write an accepted state, or several as a trajectory, in the format selected by the file extension.
 
     Parameters
     ----------
-    path : .npz, .h5, .gsd (OVITO), .vtu (ParaView), .xyz (ASE), .data (LAMMPS). A file is replaced whole or not at all
-    states : State with `law`, or a list of Frame, as `frame_of` and `mode_frames` make them
+    path : .npz, .h5, .gsd (OVITO), .vtu (ParaView), .xyz (ASE), .data (LAMMPS). Files are replaced atomically
+    states : State with `law`, or a list of Frame from `frame_of` or `mode_frames`
 
     Returns
     -------
     list of str
-        sentences about what the format does not hold
+        notes on what the format does not store
 
     Examples
     --------
@@ -169,7 +174,7 @@ def write_packing(path: str | Path, states, law: Law | None = None) -> list[str]
     >>> law = ss.laws.hertz_mindlin()
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     write_packing(f"{folder}/p.xyz", ss.packings.from_arrays([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], law), law)
-    ['extended XYZ does not hold contacts and their memory']
+    ['extended XYZ does not store contacts and their memory']
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -186,7 +191,7 @@ def write_packing(path: str | Path, states, law: Law | None = None) -> list[str]
         return write_archive(path, frames)
     if len(frames) > 1:
         raise PackingError(
-            f"{len(frames)} states cannot be written as {suffix}, which holds one: choose one with --frame, or write "
+            f"{len(frames)} states cannot be written as {suffix}, which stores one: choose one with --frame, or write "
             f"{', '.join((*SERIES, ARCHIVE[0]))}"
         )
     return SINGLE[suffix](path, frames[0])
@@ -196,20 +201,20 @@ def convert(
     path: str | Path, to: str | Path, *, modes: str | Path | None = None, mode: int = 0, count: int = 48,
     amplitude: float = 0.3, grow: bool = False, overwrite: bool = False, **options,
 ) -> tuple[list[Path], list[str]]:  # fmt: skip
-    """Read a packing and write it in another format, all its states or the chosen one; or animate one of its modes.
+    """Convert a packing to another format, all its states or a chosen one, or animate one of its modes.
 
     Parameters
     ----------
     modes : file of modes that `stickslip stability` wrote; `mode`, `count`, `amplitude` and `grow`: see `mode_frames`
-    overwrite : whether files that are there are replaced; those that are read never are
+    overwrite : True if existing files may be replaced; input files never are
     options : of `read_packing`
 
     Returns
     -------
     list of Path
-        what was written
+        files that were written
     list of str
-        what was taken from the file, and what the other format does not hold
+        notes on what was read, and on what the new format does not store
     """
     path, to = Path(path), Path(to)
     if to.suffix.lower() not in WRITTEN:
@@ -234,7 +239,7 @@ def convert(
 
 
 def _output_files(to: Path, frames: list[Frame]) -> list[Path]:
-    """All files that a packing becomes, those of its first frame in front."""
+    """Output files for the frames of a packing, those of the first frame first."""
     if to.suffix.lower() == ".vtu":
         pairs = zip(vtk_paths(to, len(frames)), frames, strict=True)
         return [path for (grains, lines), f in pairs for path in (grains, *([lines] if len(f.contacts["i"]) else []))]
@@ -244,12 +249,12 @@ def _output_files(to: Path, frames: list[Frame]) -> list[Path]:
 
 def _unknown_suffix(path: Path, known: tuple[str, ...], done: str) -> str:
     near = difflib.get_close_matches(path.suffix.lower(), known, n=1)
-    hint = f"did you mean {near[0]!r}?" if near else f"{', '.join(known)} are {done}"
-    return f"{path} ends with {path.suffix or 'nothing'!r}, which is not {done}: {hint}"
+    hint = f"did you mean {near[0]!r}?" if near else f"{', '.join(known)} can be {done}"
+    return f"{path} ends with {path.suffix or 'nothing'!r}, which cannot be {done}: {hint}"
 
 
 def listened(call, *given, **options):
-    """What a call returns, and what SampleWarnings said on the way."""
+    """Call a function and return its result together with the messages of its PackingWarnings."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", PackingWarning)
         found = call(*given, **options)

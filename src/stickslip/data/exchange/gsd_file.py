@@ -1,9 +1,9 @@
-"""GSD, which OVITO, freud and VMD read: grains, contacts as bonds with their forces, and the whole state beside.
+"""GSD files, which OVITO, freud and VMD read: grains, contacts as bonds with their forces, and the complete state.
 
-The standard chunks are what other programs show, in single precision and in a box around the origin. Under
-`log/particles/` and `log/bonds/` are columns by grain and by contact. Under `stickslip/`, where other programs do not
-look, is the state itself, every array as it is: a file of ours is read back to the last bit. Of a foreign file only the
-standard chunks are read.
+Other programs display the standard chunks, which are in single precision and in a box around the origin. Columns per
+grain and per contact are under `log/particles/` and `log/bonds/`. All arrays of the state are under `stickslip/`, which
+other programs ignore: files written by this package are read back to the last bit. From other files only the standard
+chunks are read.
 """
 
 import json
@@ -20,7 +20,7 @@ from ..sample import PackingError
 from ..sound import validate_state
 from .frame import Frame, bounding_box, law_from_dict, law_to_dict, without_walls, wrapped_into
 
-SCHEMA = 1  # of what is under stickslip/
+SCHEMA = 1  # of the chunks under stickslip/
 PREFIX = "stickslip/"
 META = f"{PREFIX}meta"
 NOUNS = {
@@ -33,7 +33,7 @@ NOUNS = {
 
 
 def write_gsd(path: str | Path, frames: list[Frame]) -> list[str]:
-    """Write frames as a trajectory; returns sentences about what other programs do not see in it."""
+    """Write frames as a trajectory; return notes on what other programs do not see in it."""
     hoomd = needed("gsd.hoomd", "exchange")
     words = []
     with beside(Path(path)) as part, hoomd.open(str(part), "w") as file:
@@ -47,7 +47,7 @@ def write_gsd(path: str | Path, frames: list[Frame]) -> list[str]:
 
 
 def _to_hoomd(hoomd, frame: Frame, step: int):
-    """One frame as gsd wants it."""
+    """Convert one frame to `gsd.hoomd.Frame`."""
     state, out = frame.state, hoomd.Frame()
     grains, cell, n = state.grains, state.cell, len(state.grains.radius)
     vectors, corner = bounding_box(state, "GSD")
@@ -77,19 +77,19 @@ def _to_hoomd(hoomd, frame: Frame, step: int):
             f"bonds/{name}": _exported(column) for name, column in pairs.items() if name not in ("i", "j", "image")
         }
     if not cell.periodic[: cell.dim].all():
-        words.append("GSD knows no box that is open: other programs see a periodic one around the grains")
+        words.append("GSD has no open boxes: other programs see a periodic box around the grains")
     if len(state.walls.mass):
-        words.append(f"{len(state.walls.mass)} wall(s) are kept for stickslip, other programs do not see them")
+        words.append(f"{len(state.walls.mass)} wall(s) are stored for stickslip, other programs do not see them")
     return out, words
 
 
 def _exported(column: np.ndarray) -> np.ndarray:
-    """A column as other programs read it: small integers with 32 bits."""
+    """Column in a type that other programs read: small integers as 32-bit integers."""
     return np.ascontiguousarray(column.astype(np.int32) if column.dtype.kind in "iub" else column)
 
 
 def _state_chunks(frame: Frame) -> dict[str, np.ndarray]:
-    """The state as chunks: what is in it, flat, with shapes and the law as JSON."""
+    """Chunks of the complete state: flattened arrays, with their shapes and the law as JSON."""
     if frame.moving:
         return {META: _json_chunk({"schema": SCHEMA, "moving": True})}
     chunks, shapes, count = {}, {}, int(frame.state.contacts.count[0])
@@ -117,7 +117,7 @@ def _json_chunk(words: dict) -> np.ndarray:
 
 
 def read_gsd(path: str | Path, wanted: str | None = None) -> list[tuple[str, State | dict, Law | None, list[str]]]:
-    """Frames of a GSD file: name, state (of a foreign file, arrays for `from_arrays`), law, notes on what is missing.
+    """Read frames of a GSD file: name, state (or arrays for `from_arrays`, from foreign files), law, notes.
 
     Parameters
     ----------
@@ -125,8 +125,8 @@ def read_gsd(path: str | Path, wanted: str | None = None) -> list[tuple[str, Sta
 
     Raises
     ------
-    SampleError
-        with one sentence, if the file is truncated, of another version, or no GSD file at all.
+    PackingError
+        if the file is truncated, of another version, or not a GSD file.
     """
     hoomd = needed("gsd.hoomd", "exchange")
     try:
@@ -139,13 +139,13 @@ def read_gsd(path: str | Path, wanted: str | None = None) -> list[tuple[str, Sta
         why = str(problem).replace("\n", " ").strip("'\"")
         raise PackingError(
             f"{path} cannot be read as GSD ({type(problem).__name__}: {why[:120]}): it is truncated, of another "
-            f"version, or no GSD file"
+            f"version, or not a GSD file"
         ) from None
 
 
 def _frame_numbers(path, count: int, wanted: str | None) -> range:
     if not count:
-        raise PackingError(f"{path} holds no frame: give a GSD file with at least one")
+        raise PackingError(f"{path} has no frames: give a GSD file with at least one")
     if wanted in (None, "all"):
         return range(count) if wanted else range(count - 1, count)
     if not wanted.isdecimal() or int(wanted) >= count:
@@ -154,14 +154,14 @@ def _frame_numbers(path, count: int, wanted: str | None) -> range:
 
 
 def _read_frame(path, file, number: int):
-    """State or arrays, law, words of a frame."""
+    """Read one frame: state or arrays, law, notes."""
     if not file.file.chunk_exists(number, META):
         return _read_foreign(file[number])
     meta = json.loads(file.file.read_chunk(number, META).tobytes().decode())
     if meta["schema"] != SCHEMA:
         raise PackingError(f"{path} has schema {meta['schema']} of stickslip's GSD: this version reads {SCHEMA}")
     if meta["moving"]:
-        raise PackingError(f"{path} is an animation of a mode, not a state: give the packing that it was made from")
+        raise PackingError(f"{path} is an animation of a mode, not a state: give the packing it was made from")
     parts = {}
     for noun, kind in NOUNS.items():
         there = [n for n in kind._fields if f"{noun}/{n}" in meta["shapes"] or n not in kind._field_defaults]
@@ -177,14 +177,14 @@ def _read_frame(path, file, number: int):
 def _read_array(file, number: int, shapes: dict, name: str) -> np.ndarray:
     dtype, shape = np.dtype(shapes[name][0]), tuple(shapes[name][1])
     if dtype.kind not in "biuf":
-        raise ValueError(f"{name} is of type {dtype}")
+        raise ValueError(f"{name} has type {dtype}")
     if not np.prod(shape, dtype=int):
         return np.zeros(shape, dtype)
     return file.read_chunk(number, PREFIX + name).astype(dtype).reshape(shape)
 
 
 def _read_foreign(frame):
-    """Arrays of the standard chunks, which know neither slip nor law."""
+    """Read arrays from the standard chunks, which contain neither slip nor law."""
     p, (a, b, c, xy, xz, yz) = frame.particles, frame.configuration.box.astype(float)
     dim = int(frame.configuration.dimensions)
     vectors = np.array([[a, 0, 0], [xy * b, b, 0], [xz * c, yz * c, c or 1.0]])
@@ -205,7 +205,7 @@ def _read_foreign(frame):
         "the file was not written by stickslip: positions have seven digits, contacts have no memory, there is no law"
     ]
     if (p.diameter == 1).all():
-        words.append("all diameters are 1, which GSD takes where none are given")
+        words.append("all diameters are 1, the default of GSD if none are given")
     if (inertia[:, 2] > 0).all():
         arrays["i0"] = inertia[:, 2] / (arrays["mass"] * arrays["radius"] ** 2)
     return arrays, None, words
