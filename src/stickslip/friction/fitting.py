@@ -1,7 +1,7 @@
-"""Fits of rate-and-state parameters to records: least squares with noise that remembers, intervals, and a verdict.
+"""Fits of rate-and-state parameters to records: least squares with correlated noise, intervals, and identifiability.
 
-The residuals' correlation from sample to sample is modelled as autoregressive, of an order that BIC chooses, and
-filtered out of data and model alike (generalised least squares); intervals and likelihood are those of the filtered
+Correlation of the residuals between samples is modelled as an autoregressive process, whose order is selected by BIC,
+and filtered out of data and model (generalised least squares). Intervals and likelihood are those of the filtered
 problem.
 """
 
@@ -27,33 +27,31 @@ from .problem import (
 )
 from .ratestate import LAWS, RateState
 
-MIN_INDEPENDENT = 3.0  # independent samples for each parameter, below which residuals are no noise
+MIN_INDEPENDENT = 3.0  # independent samples per parameter, below which residuals are not noise
 MISFIT = (
-    "what is left over is as slow as the signal: the law does not describe these data, or their noise is too slow; the "
+    "the residuals vary as slowly as the signal: the law does not describe these data, or their noise is too slow; the "
     "values are the best fit, intervals cannot be given"
 )
-MAX_EXCESS = (
-    1.0  # excess of the sum of squares over m/n_eff: at most 0.54 in 240 fits of the right law, 1.4 to 3.7 of wrong
-)
-ROUNDS = 3  # of noise and parameters in turn
-EXACT = 1e-7  # residuals over the scatter of friction, below which they are the integration's own
-TINY = 1e-15  # least size of noise
+MAX_EXCESS = 1.0  # excess of the sum of squares over m/n_eff: at most 0.54 in 240 fits of the right law, 1.4 to 3.7 of a wrong one
+ROUNDS = 3  # alternations between noise and parameters
+EXACT = 1e-7  # residuals over the scatter of friction, below which they are integration errors
+TINY = 1e-15  # smallest size of noise
 
 
 @readable
 class Fit(NamedTuple):
-    """Parameters of one law. What the data cannot tell is NaN, and `sentence` says so and what to fix."""
+    """Fitted parameters of one law. Parameters that the data do not determine are NaN; `sentence` says what to fix."""
 
     law: str
-    names: tuple[str, ...]  # of the m free parameters; "mu0[2]" is that of the second data set
+    names: tuple[str, ...]  # of the m free parameters; "mu0[2]" belongs to the second data set
     values: dict  # name → value
     errors: dict  # name → standard error
     intervals: dict  # name → (low, high), 95 %
-    covariance: np.ndarray  # (m, m), in the order of names; NaN for what is not known
-    fixed: dict  # name → value, with v0
+    covariance: np.ndarray  # (m, m), in the order of names; NaN for undetermined parameters
+    fixed: dict  # name → value, including v0
     difference: tuple[float, float, float]  # a − b and its 95 % interval
-    identifiable: bool  # whether the data tell all parameters
-    adequate: bool  # whether the residuals are faster than the signal, as noise is
+    identifiable: bool  # True if the data determine all parameters
+    adequate: bool  # True if the residuals vary faster than the signal, as noise does
     sentence: str
     residuals: tuple[np.ndarray, ...]  # data − model, one array for each data set
     models: tuple[np.ndarray, ...]  # friction of the model at all samples
@@ -68,11 +66,11 @@ class Fit(NamedTuple):
 
     @property
     def samples(self) -> int:
-        """How many samples were used."""
+        """Number of samples used."""
         return len(self.innovations)
 
     def rate_state(self, number: int = 1) -> RateState:
-        """The surface that was found, with mu0 of one of the data sets (counted from 1)."""
+        """Fitted parameters as a `RateState`, with mu0 of one of the data sets (counted from 1)."""
         both = {**self.fixed, **self.values}
         one = {name: both.get(name, both.get(f"{name}[{number}]")) for name in ("a", "b", "dc", "mu0", "v0", "alpha")}
         return RateState(**one, law=self.law)
@@ -88,32 +86,33 @@ def fit(
     windows=None,
     noise: str = "correlated",
 ) -> Fit:
-    """Fit a, b, D_c, μ0 and what else is free to one record or to several at once.
+    """Fit a, b, D_c, μ0 and other free parameters to one or several records.
 
-    Least squares of μ0 + a ln(V/V0) + b ln(V0 θ/D_c) + trend × displacement over whole records: slider and state are
-    followed from the first leg to the last. Positive parameters are fitted as logarithms; starting values come from a
-    coarse search, so that no guess is needed. Compare Reinen and Weeks 1993, doi:10.1029/93JB00780.
+    Least squares of μ0 + a ln(V/V0) + b ln(V0 θ/D_c) + trend × displacement over complete records: slider and state are
+    integrated from the first leg to the last. Positive parameters are fitted as logarithms. Starting values come from a
+    coarse search, so that no initial guess is needed. Compare Reinen and Weeks 1993, doi:10.1029/93JB00780.
 
     Parameters
     ----------
-    data : one record, or several that share all parameters but those in `own`
+    data : one record, or several that share all parameters except those in `own`
     law : "aging" or "slip"
-    fixed : values of parameters that are known, as {"stiffness": 1e4}; of a, b, dc, mu0, v0, stiffness, damping, alpha,
-        theta (state at the start over the steady one, 1 if not given) and trend (0 if not given)
-    free : parameters to fit beside a, b, dc and mu0, as ("stiffness", "trend")
-    own : parameters of which each of several records has its own
-    windows : pairs (start, end) of times; only samples within them count, while slip goes on between. None for all
-    noise : "correlated", or "white" where neighbouring samples are known to be independent
+    fixed : known parameters, such as {"stiffness": 1e4}; any of a, b, dc, mu0, v0, stiffness, damping, alpha, theta
+        (initial state over the steady one, default 1) and trend (default 0)
+    free : parameters to fit in addition to a, b, dc and mu0, such as ("stiffness", "trend")
+    own : parameters with a separate value for each of several records
+    windows : pairs (start, end) of times; only samples within them are fitted, but slip continues between them. None
+        for all samples
+    noise : "correlated", or "white" if neighbouring samples are known to be independent
 
     Returns
     -------
     Fit
-        with NaN and a sentence for what these data cannot tell.
+        with NaN and an explanation for parameters that these data do not determine.
 
     Raises
     ------
     ValueError
-        if the input makes no sense.
+        if the input is not valid.
     RuntimeError
         if the slider runs away with all parameters that were tried.
 
@@ -145,11 +144,12 @@ def fit(
 
 
 def _fit_correlated(task: Task, start) -> tuple[np.ndarray, tuple, bool, int]:
-    """Parameters and noise in turn: x, filters, whether residuals are noise, and evaluations.
+    """Estimate parameters and noise alternately; return x, filters, whether residuals are noise, and evaluations.
 
-    They are not if fewer than SLOW independent samples are left for each parameter, or if filtering has led away from
-    the least squares, whose sum a right law exceeds by a share of m/n_eff only. Then what is left over is as slow as
-    the signal, and filtered out it takes the signal along: the least squares are kept.
+    Residuals are not noise if fewer than MIN_INDEPENDENT independent samples are left per parameter, or if filtering
+    has led away from the least squares, whose sum the right law exceeds only by a fraction of order m/n_eff. The
+    residuals are then as slow as the signal, and filtering them removes the signal as well, so the ordinary least
+    squares are returned.
     """
     x, evaluations = start, 0
     rest = residual(task, x)
@@ -172,7 +172,7 @@ def _fit_correlated(task: Task, start) -> tuple[np.ndarray, tuple, bool, int]:
 
 
 def _absorbed_noise(task: Task, x, filters) -> np.ndarray:
-    """(m, N) rows g with Σ g gᵀ = J C Jᵀ: how far the model follows the noise, for C = (JᵀΣ⁻¹J)⁻¹ of the parameters."""
+    """(m, N) rows g with Σ g gᵀ = J C Jᵀ, the noise absorbed by the fit, for C = (JᵀΣ⁻¹J)⁻¹ of the parameters."""
     rest, rows = filtered_residual(task, x, filters), jacobian(task, x)
     size, vectors = np.linalg.eigh(covariance(whitened(rows, filters, pieces(task)))[0])
     variance = float(rest @ rest) / (len(rest) - len(x))
@@ -180,7 +180,7 @@ def _absorbed_noise(task: Task, x, filters) -> np.ndarray:
 
 
 def _check_parameters(cases, law: str, fixed: dict, free, noise: str) -> tuple[dict, tuple[str, ...]]:
-    """All fixed values, and the names of what is free."""
+    """Check the options; return all fixed values and the names of the free parameters."""
     if law not in LAWS:
         raise ValueError(f"law = {law!r} was given: use 'aging' or 'slip'")
     if noise not in ("correlated", "white"):
@@ -199,9 +199,9 @@ def _check_parameters(cases, law: str, fixed: dict, free, noise: str) -> tuple[d
     if with_spring and "stiffness" not in (*fixed, *names):
         raise ValueError("the stiffness is not known: give fixed={'stiffness': …} [1/length] or free=('stiffness',)")
     if not with_spring and {"stiffness", "damping"} & set(free):
-        raise ValueError("slip was measured, so that no spring enters: leave stiffness and damping out")
+        raise ValueError("the slip velocity was measured, so there is no spring: leave stiffness and damping out")
     if "alpha" in names and not any(case.legs is not None and np.ptp(case.legs[2]) > 0 for case in cases):
-        raise ValueError("alpha cannot be fitted: the normal stress never changes in these data")
+        raise ValueError("alpha cannot be fitted because the normal stress never changes in these data: leave it out")
     if not names:
         raise ValueError("nothing is left to fit: leave some of a, b, dc and mu0 out of `fixed`")
     return {"v0": cases[0].before, "stiffness": 1.0, **DEFAULTS, **fixed}, names
@@ -217,19 +217,19 @@ def _build_task(cases, law: str, names, fixed: dict, own) -> Task:
     scatter = float(np.mean([np.std(case.friction[case.used]) for case in cases]))
     samples = sum(int(case.used.sum()) for case in cases)
     if samples < len(labels) + 4:
-        raise ValueError(f"{samples} samples cannot tell {len(labels)} parameters: use more data or fix some")
+        raise ValueError(f"{samples} samples cannot determine {len(labels)} parameters: use more data or fix some")
     if all(np.ptp(case.friction[case.used]) == 0 for case in cases):
         raise ValueError("friction never changes in these data: there is nothing to fit")
     return Task(cases, law, tuple(labels), slots, {k: v for k, v in fixed.items() if k not in names}, scatter)
 
 
 def _evaluate(task: Task, x, filters) -> Estimates:
-    """Values with intervals and the verdict, for noise as the filters have it."""
+    """Values with intervals and identifiability, for the noise described by the filters."""
     rest, m = filtered_residual(task, x, filters), len(x)
     n, independent = len(rest), effective_samples(filters, len(rest))
     size = max(float(np.sqrt(rest @ rest / (n - m))), TINY)
     spare = max(independent - m, 1.0)
-    # what a fit takes out of n_eff samples is lost to the estimate of slow noise, too
+    # degrees of freedom that a fit takes from n_eff samples are also missing in the estimate of slow noise
     reach = float(student.ppf(0.975, spare)) * float(np.sqrt(max(independent / spare * (n - m) / n, 1.0)))
     inner, blind = covariance(whitened(jacobian(task, x, central=True), filters, pieces(task)) / size)
     wide = np.where(task.logs & ~blind, reach * np.sqrt(np.diag(inner)), 0.0)

@@ -1,23 +1,23 @@
-"""What data can tell: covariance of fitted parameters, and the sentence where they trade off."""
+"""Identifiability of fitted parameters: covariance, intervals, and an explanation of trade-offs."""
 
 from typing import NamedTuple
 
 import numpy as np
 
 SINGULAR = (
-    1e-5  # singular value of the scaled Jacobian, over the largest, below which nothing is known: differences' error
+    1e-5  # singular value of the scaled Jacobian, over the largest, below which it is an error of finite differences
 )
-WIDEST = np.log(10.0)  # half width of an interval of a logarithm above which its parameter counts as unknown
-PART = 0.25  # share of a parameter in a direction, over the largest, from which on it is named
+WIDEST = np.log(10.0)  # half width of the interval of a logarithm above which its parameter is not determined
+PART = 0.25  # component of a parameter in a direction, over the largest, above which it is named
 
 
 class Estimates(NamedTuple):
-    """Values, and which of them mean something."""
+    """Fitted values, with NaN for those that the data do not determine."""
 
     values: dict
     errors: dict
     intervals: dict
-    covariance: np.ndarray  # (m, m), NaN for what is not known
+    covariance: np.ndarray  # (m, m), NaN for undetermined parameters
     identifiable: bool
     sentence: str
     gap: float  # a − b
@@ -25,7 +25,7 @@ class Estimates(NamedTuple):
 
 
 def covariance(jacobian) -> tuple[np.ndarray, np.ndarray]:
-    """Covariance (JᵀJ)⁻¹ by singular values, and which parameters take part in directions that change nothing.
+    """Covariance (JᵀJ)⁻¹ by singular values, and the parameters involved in directions that do not change the model.
 
     Parameters
     ----------
@@ -42,17 +42,17 @@ def covariance(jacobian) -> tuple[np.ndarray, np.ndarray]:
 
 
 def estimate(inner, blind, x, names, logs, reach: float, open_sides: dict) -> Estimates:
-    """Values with intervals, and the verdict.
+    """Values with intervals and identifiability.
 
-    A parameter is not known if it takes part in a direction in which the data do not change, if the 95 % interval of
-    its logarithm is wider than a factor of 10 either way, or if values far beyond that interval fit as well.
+    A parameter is not determined if it is involved in a direction that does not change the model, if the 95 % interval
+    of its logarithm is wider than a factor of 10 either way, or if values far beyond that interval fit equally well.
 
     Parameters
     ----------
     inner, blind : from `covariance`
     x : (m,) logarithms where `logs`, else values
     reach : Student's quantile
-    open_sides : name → (limit, "above" or "below") of what fits as well however far one goes
+    open_sides : name → (limit, "above" or "below") of parameters that fit equally well without bound
     """
     half = reach * np.sqrt(np.diag(inner))
     unknown = blind | (logs & (half > WIDEST)) | np.array([name in open_sides for name in names])
@@ -74,7 +74,7 @@ def estimate(inner, blind, x, names, logs, reach: float, open_sides: dict) -> Es
 
 
 def without_intervals(told: Estimates, reason: str) -> Estimates:
-    """The same values, but nothing about how well they are known, as the noise is not."""
+    """Return the same values without errors and intervals, which are not known if the noise is not."""
     nothing = dict.fromkeys(told.errors, np.nan)
     sentence = reason if told.identifiable else f"{reason}; {told.sentence}"
     return told._replace(
@@ -84,14 +84,14 @@ def without_intervals(told: Estimates, reason: str) -> Estimates:
 
 
 def difference(names, raw, full, reach: float) -> tuple[float, float]:
-    """a − b as far as both are free (a fixed one counts as 0), and the half width of its interval."""
+    """a − b of the free parameters (a fixed one counts as 0), and the half width of its interval."""
     weights = np.array([{"a": 1.0, "b": -1.0}.get(name, 0.0) for name in names])
     return float(weights @ raw), reach * float(np.sqrt(max(weights @ full @ weights, 0.0)))
 
 
 def _sentence(names, unknown, inner, open_sides: dict, gap) -> str:
     if not unknown.any():
-        return "all parameters are known from these data"
+        return "these data determine all parameters"
     among = np.flatnonzero(unknown)
     lost = ", ".join(names[k] for k in among)
     _, vectors = np.linalg.eigh(inner[np.ix_(among, among)])
@@ -99,11 +99,11 @@ def _sentence(names, unknown, inner, open_sides: dict, gap) -> str:
     involved = [names[k] for k in part]
     if open_sides:
         limits = " and ".join(f"any {name} {side} {limit:.2g}" for name, (limit, side) in open_sides.items())
-        hint = f"{limits} fits as well: fix {' or '.join(open_sides)}, or add data in which it matters"
+        hint = f"{limits} fits equally well: fix {' or '.join(open_sides)}, or add data that depend on it"
     elif len(part) == 1:
-        hint = f"{involved[0]} hardly changes what was measured: fix it, or add data in which it matters"
+        hint = f"{involved[0]} hardly affects the data: fix it, or add data that depend on it"
     else:
         hint = f"{' and '.join(involved)} trade off against each other: fix one of them, or add data that separate them"
     if {"a", "b"} <= {names[k] for k in among} and np.isfinite(gap[1]):
         hint = f"only a − b = {gap[0]:.3g} ± {gap[1]:.1g} is known; {hint}"
-    return f"these data do not tell {lost}: {hint}"
+    return f"these data do not determine {lost}: {hint}"

@@ -1,4 +1,4 @@
-"""Where fits start: a coarse search over a, b, D_c and the spring, since a poor guess ends in another valley."""
+"""Initial guesses for fits: a coarse search over a, b, D_c and the spring, to avoid other local minima."""
 
 from itertools import product
 
@@ -7,14 +7,14 @@ import numpy as np
 from .model import Prepared, model_friction
 
 RATIOS = (0.5, 0.8, 1.25, 2.0)  # b/a
-SIZES = (0.3, 1.0, 3.0)  # of a, over what the record's range suggests
-LENGTHS = 9  # of D_c, from a three-hundredth of the shortest leg on
-STIFFNESSES = (0.6, 1.5, 4.0)  # over the steepest slope of the record
-BEST = 5
+SIZES = (0.3, 1.0, 3.0)  # a over the estimate from the record's range
+LENGTHS = 9  # number of values of D_c, the smallest 1/300 of the length of a leg
+STIFFNESSES = (0.6, 1.5, 4.0)  # stiffness over the steepest slope of the record
+BEST = 5  # number of guesses that are returned
 
 
 def initial_guesses(cases: list[Prepared], law: str, free, fixed: dict) -> list[dict]:
-    """The best points of a grid, each with mu0 and trend by linear least squares, best first."""
+    """Best points of a grid, each with mu0 and trend from linear least squares, best first."""
     grid = {name: _grid(name, cases) if name in free else (fixed[name],) for name in ("a", "dc", "stiffness")}
     grid["b/a"] = RATIOS if "b" in free else (None,)
     found = []
@@ -28,7 +28,7 @@ def initial_guesses(cases: list[Prepared], law: str, free, fixed: dict) -> list[
 
 
 def _cost(cases, law: str, values: dict, free) -> tuple[float, list]:
-    """Sum of squares with the best mu0 and trend of each data set."""
+    """Sum of squares for the best mu0 and trend of each data set."""
     cost, linear = 0.0, []
     for case in cases:
         model = model_friction(case, values, law, tolerance=1e-5)
@@ -59,7 +59,7 @@ def _grid(name: str, cases) -> tuple[float, ...]:
 
 
 def _direct_effect(cases) -> float:
-    """The range of friction over that of ln V, which is 5 or so if the load point stands still."""
+    """Range of friction over the range of ln V, which is about 5 if the load point stops."""
     sizes = []
     for case in cases:
         speed = np.abs(case.velocity if case.legs is None else np.r_[case.before, case.legs[1]])
@@ -70,7 +70,7 @@ def _direct_effect(cases) -> float:
 
 
 def _slip_length(cases) -> float:
-    """Displacement over which one velocity lasts: the median of the legs that move, or a third of the whole slip."""
+    """Typical displacement at one velocity: the median over moving legs, or a third of the total slip."""
     longest = []
     for case in cases:
         if case.legs is None:
@@ -84,7 +84,7 @@ def _slip_length(cases) -> float:
 
 
 def _steepest_slope(cases) -> float:
-    """Steepest slope of friction against displacement of the load point, over five samples, seldom noise."""
+    """Steepest slope of friction against load-point displacement, over five samples to suppress noise."""
     steepest = []
     for case in cases:
         x, y = case.place, case.friction

@@ -1,11 +1,11 @@
 """Compiled integration of a slider with rate-and-state friction on a spring.
 
-The unknowns are w = ln(V/V0) and f = ln(V0 θ/D_c): velocity and state cover many orders of magnitude in a hold, their
-logarithms do not. All kernels are in this one file, since Numba's disk cache does not see changes in other files.
+The unknowns are w = ln(V/V0) and f = ln(V0 θ/D_c), because velocity and state vary over many orders of magnitude during
+a hold. All kernels are in this one file, because Numba's disk cache does not detect changes in other files.
 
 Extrapolation of the linearly implicit Euler method (P. Deuflhard, SIAM Rev. 27, 505 (1985), doi:10.1137/1027140) needs
-no table of coefficients, adapts its order, and takes the 2 × 2 systems by Cramer's rule. It ends a step at every time
-that is asked for, so that nothing is interpolated. `python -m benchmarks --friction` times it beside LSODA.
+no table of coefficients, adapts its order, and solves the 2 × 2 systems by Cramer's rule. A step ends at every
+requested time, so that nothing is interpolated. `python -m benchmarks --friction` compares its speed with LSODA.
 """
 
 import numpy as np
@@ -13,14 +13,14 @@ from numba import njit
 
 AGING, SLIP = 0, 1
 DONE, RUNAWAY, STEPS_SPENT = 0, 1, 2
-ORDERS = 10  # most columns of the extrapolation
-FASTEST = 200.0  # ln(V/V0) above which nothing is physical any more: quasi-static slip runs away in finite time
-MOST_STEPS = 200_000  # between two times that are asked for
+ORDERS = 10  # largest number of columns of the extrapolation
+FASTEST = 200.0  # ln(V/V0) above which slip has run away: quasi-static slip does so in finite time
+MOST_STEPS = 200_000  # between two requested times
 
 
 @njit(cache=True, error_model="numpy")
 def rates(w, f, p, velocity, normal):
-    """dw/dt and df/dt.
+    """Time derivatives dw/dt and df/dt.
 
     f' = (V0/D_c)(e^{−f} − e^{w}) (aging) or −(V0/D_c) e^{w} (w + f) (slip), and the balance of forces
     n(μ0 + a w + b f) + ηV = k(x_lp − x), differentiated: (n a + ηV) w' = k(V_lp − V) − n b f'.
@@ -42,7 +42,7 @@ def rates(w, f, p, velocity, normal):
 
 @njit(cache=True, error_model="numpy")
 def rate_derivatives(w, f, p, velocity, normal):
-    """Derivatives of `rates`: of dw/dt by w and by f, of df/dt by w and by f."""
+    """Derivatives of `rates`: of dw/dt with respect to w and f, and of df/dt with respect to w and f."""
     speed = p[4] / p[2]
     e = np.exp(w)
     if p[7] == AGING:
@@ -57,7 +57,7 @@ def rate_derivatives(w, f, p, velocity, normal):
 
 @njit(cache=True, error_model="numpy")
 def extrapolate(w, f, h, p, velocity, normal, tolerance, table):
-    """One step of length h: new w and f, and how many columns it took (0 if the tolerance was not met)."""
+    """Take one step of length h; return new w and f and the number of columns used (0 if the tolerance was not met)."""
     ww, wf, fw, ff = rate_derivatives(w, f, p, velocity, normal)
     for j in range(ORDERS):
         d = h / (j + 1)
@@ -84,9 +84,9 @@ def extrapolate(w, f, h, p, velocity, normal, tolerance, table):
 
 @njit(cache=True, error_model="numpy")
 def after_normal_jump(w, f, p, alpha, old, new):
-    """w and f after the normal stress has jumped from `old` to `new`.
+    """w and f after a jump of the normal stress from `old` to `new`.
 
-    θ → θ (new/old)^(−α/b) (Linker and Dieterich 1992), while the spring's force F = n(μ0 + a w + b f) + ηV is the same.
+    θ → θ (new/old)^(−α/b) (Linker and Dieterich 1992), at constant spring force F = n(μ0 + a w + b f) + ηV.
     """
     a, b, mu0 = p[0], p[1], p[3]
     eta = p[6] * p[4]
@@ -95,7 +95,7 @@ def after_normal_jump(w, f, p, alpha, old, new):
     w = (force / new - mu0 - b * f) / a
     if eta > 0.0:
         w = min(w, np.log(max(abs(force), eta) / eta))
-        for _ in range(100):  # Newton's method; the function is convex and grows, so that it comes from above
+        for _ in range(100):  # Newton's method; the function is convex and increasing, so it converges from above
             push = eta * np.exp(w)
             step = (new * (mu0 + a * w + b * f) + push - force) / (new * a + push)
             w -= step
@@ -106,9 +106,9 @@ def after_normal_jump(w, f, p, alpha, old, new):
 
 @njit(cache=True, error_model="numpy")
 def integrate(w, f, p, alpha, duration, velocity, normal, start_normal, times, tolerance):
-    """w and f at `times` (ascending, from the start of the first leg on), and how it ended: code, time reached.
+    """Integrate w and f to `times` (ascending, from the start of the legs); return also a code and the time reached.
 
-    At the end of a leg the values are those before the next one begins.
+    At the end of a leg the values are those before the next leg begins.
     """
     out = np.full((len(times), 2), np.nan)
     table = np.empty((ORDERS, 2))
@@ -155,7 +155,7 @@ def integrate(w, f, p, alpha, duration, velocity, normal, start_normal, times, t
 
 @njit(cache=True, error_model="numpy")
 def state_history(f, duration, velocity, v0, dc, law):
-    """ln(V0 θ/D_c) at the ends of pieces of constant slip velocity, from its value f at the start: exact."""
+    """Exact ln(V0 θ/D_c) at the ends of pieces of constant slip velocity, from its initial value f."""
     out = np.empty(len(duration))
     for k in range(len(duration)):
         x, v = velocity[k] * duration[k] / dc, velocity[k]
