@@ -174,10 +174,10 @@ def rewritten(path, change):
         (lambda meta, chunks: meta.update(schema=9), "has schema 9"),
         (lambda meta, chunks: meta.pop("law"), "cannot be read"),
         (lambda meta, chunks: meta["law"].update(table=[[[1, 2]]]), "law's table"),
-        (lambda meta, chunks: meta["shapes"].update({"grains/radius": ["|O", [64]]}), "of type object"),
+        (lambda meta, chunks: meta["shapes"].update({"grains/radius": ["|O", [64]]}), "has type object"),
         (lambda meta, chunks: meta["shapes"].update({"grains/radius": ["<f8", [65]]}), "cannot be read"),
-        (lambda meta, chunks: chunks["stickslip/contacts/j"].__setitem__(0, 9999), "contacts.j holds"),
-        (lambda meta, chunks: chunks["stickslip/contacts/key"].__setitem__(0, 1), "out of order"),
+        (lambda meta, chunks: chunks["stickslip/contacts/j"].__setitem__(0, 9999), "contacts.j has values"),
+        (lambda meta, chunks: chunks["stickslip/contacts/key"].__setitem__(0, 1), "not sorted"),
         (lambda meta, chunks: chunks["stickslip/grains/position"].__setitem__(0, np.nan), "NaN"),
     ],
 )

@@ -230,8 +230,8 @@ def test_steady_parts_tell_only_the_difference():
             {"b", "dc"},
             "b and dc trade off",
         ),
-        ((LoadStep(5.0, 0.02),), {"fixed": {"stiffness": STIFFNESS}}, {"a", "b", "dc"}, "do not tell a, b, dc"),
-        (STEPS, {"fixed": {"a": 0.0247}, "free": ("stiffness", "theta")}, {"theta"}, "theta hardly changes"),
+        ((LoadStep(5.0, 0.02),), {"fixed": {"stiffness": STIFFNESS}}, {"a", "b", "dc"}, "do not determine a, b, dc"),
+        (STEPS, {"fixed": {"a": 0.0247}, "free": ("stiffness", "theta")}, {"theta"}, "theta hardly affects"),
     ],
     ids=["short-hold", "one-velocity", "steady-start"],
 )
@@ -258,7 +258,7 @@ def test_a_stiffness_beyond_the_data_is_only_bounded():
     clean = spring_slider(PAPER, Spring(1e6), STEPS, times=time).friction
     found = fit(Data(time, clean + 1e-3 * correlated(0, len(time), 0.0), STEPS), law="slip", free=("stiffness",))
     assert np.isnan(found.values["stiffness"])
-    assert found.sentence.startswith("these data do not tell stiffness: ")
+    assert found.sentence.startswith("these data do not determine stiffness: ")
     assert found.intervals["dc"][0] <= 5.3e-3 <= found.intervals["dc"][1]
 
 

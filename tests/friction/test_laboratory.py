@@ -70,7 +70,7 @@ def test_what_is_written_is_read_and_fitted(tmp_path):
             [f"{k}, {k}, 1, 0" for k in range(12)],
             "must be positive",
         ),
-        ("", [], "holds no data"),
+        ("", [], "contains no data"),
     ],
 )
 def test_refusals(tmp_path, head, rows, sentence):

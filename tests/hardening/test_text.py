@@ -124,7 +124,7 @@ def test_huge_numbers_in_sweeps(tmp_path, entry, value):
 def test_whole_numbers_of_thousands_of_digits_in_tables(tmp_path):
     (tmp_path / "a.csv").write_text(SERIES + f"{DIGITS},200,0.4\n")
     refused("line 22: time is 7777", "fit", "a.csv", cwd=tmp_path)
-    refused("use finite numbers only", "fit", "a.csv", cwd=tmp_path)
+    refused("not a finite number", "fit", "a.csv", cwd=tmp_path)
     (tmp_path / "a.csv").write_text(f"{DIGITS} [s], friction [-], load_point [{DIGITS}]\n" + SERIES)
     refused("load_point has the unit '7777", "fit", "a.csv", cwd=tmp_path)
     for old in ("TIMESTEP\n0", "ATOMS\n2"):

@@ -274,7 +274,7 @@ def test_a_mode_becomes_a_movie(tmp_path):
     assert out.returncode == 0, out.stderr
     with Image.open(tmp_path / "p-movie.gif") as film:
         assert film.n_frames == 4
-    assert "mode 3 was asked for" in run("movie", "p.npz", "--modes", "m.npz", "--mode", "3", cwd=tmp_path).stderr
+    assert "mode 3 was requested" in run("movie", "p.npz", "--modes", "m.npz", "--mode", "3", cwd=tmp_path).stderr
 
 
 def test_the_view_shows_itself_in_a_notebook():

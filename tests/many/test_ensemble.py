@@ -132,7 +132,7 @@ def test_a_worker_of_another_version_says_so(monkeypatch):
     answer, failure = helper.call(b"", None, None)
     helper.end()
     assert answer is None
-    assert "0.0.1 asks: install the same there" in failure
+    assert "the client 0.0.1: install the same version" in failure
 
 
 def test_a_helper_that_is_gone_is_a_death():

@@ -69,7 +69,10 @@ def test_a_bad_sweep_is_one_sentence(table, words):
 
 @pytest.mark.parametrize(
     ("key", "words"),
-    [("legs.velocity", "name its entry"), ("legs.2.velocity", "entry 2, but the scenario gives 1 entries")],
+    [
+        ("legs.velocity", "give the number of the entry"),
+        ("legs.2.velocity", "entry 2, but the scenario gives 1 entries"),
+    ],
 )
 def test_entries_of_lists_are_counted_from_one(key, words):
     with pytest.raises(ScenarioError, match=words):

@@ -49,8 +49,8 @@ def test_a_broken_library_is_told_from_a_missing_one(text, said, tmp_path, monke
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(extras.MissingExtraError) as caught:
         extras.needed("broken_library", "fast")
-    again = '`pip install --force-reinstall "stickslip[fast]"` may mend it'
-    assert str(caught.value) == f"broken_library is installed, but cannot be loaded ({said}): {again}"
+    again = '`pip install --force-reinstall "stickslip[fast]"` may repair it'
+    assert str(caught.value) == f"broken_library is installed but cannot be loaded ({said}): {again}"
 
 
 def test_the_command_line_ends_with_the_sentence_and_exit_code_2():

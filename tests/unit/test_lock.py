@@ -44,7 +44,7 @@ def test_a_second_process_is_told_who_works_there_and_a_killed_one_leaves_it_fre
         run = stickslip_here(*words, "--out", "out", cwd=tmp_path)
         assert run.returncode == 2
         assert f"out is in use: process {holder.pid} on " in run.stderr
-        assert "has worked in it since 2" in run.stderr
+        assert "has been using it since 2" in run.stderr
         assert "choose another --out" in run.stderr
         assert run.stderr.count("\n") == 1
         assert sorted(path.name for path in out.iterdir()) == before

@@ -18,7 +18,7 @@ LAWS = {
     "hertz_mindlin_reff_rescaled": "as LAMMPS mindlin_rescale",
 }
 COULOMB = {"smooth": "friction approaches its limit", "sharp": "friction is truncated at its limit"}
-DAMPING = {"velocity": "by velocity", "mass_velocity": "by mass and velocity", "viscoelastic": "by overlap, too"}
+DAMPING = {"velocity": "by velocity", "mass_velocity": "by mass and velocity", "viscoelastic": "also by overlap"}
 METHODS = {
     "auto": "by the number of grains", "dense": "all eigenvalues", "pairs": "all complex pairs",
     "fastest": "only the fastest growth",

@@ -76,7 +76,7 @@ def caches() -> dict[str, str | int | bool]:
     )
     return {
         "folder": str(folder),
-        "chosen_by": "NUMBA_CACHE_DIR" if chosen else "stickslip" if kept else "stickslip, for this process alone",
+        "chosen_by": "NUMBA_CACHE_DIR" if chosen else "stickslip" if kept else "stickslip, for this process only",
         "writable": _is_writable(folder),
         "kept": kept,
         "files": len(files),

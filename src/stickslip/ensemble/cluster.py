@@ -152,7 +152,7 @@ def _events(client, events, futures: dict, ask):
             looked, slots = time.monotonic(), sum(client.nthreads().values())
             ahead = max(AHEAD, 2 * slots)
             if not slots:
-                yield "said", next(iter(futures)), 0.0, "the cluster has no workers yet: waiting for the first one"
+                yield "said", next(iter(futures)), 0.0, "the cluster has no workers yet: waiting for the first"
         try:
             yield events.get(timeout=POLL)
         except queue.Empty:

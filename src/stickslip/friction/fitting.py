@@ -32,7 +32,8 @@ MISFIT = (
     "the residuals vary as slowly as the signal: the law does not describe these data, or their noise is too slow; the "
     "values are the best fit, intervals cannot be given"
 )
-MAX_EXCESS = 1.0  # excess of the sum of squares over m/n_eff: at most 0.54 in 240 fits of the right law, 1.4 to 3.7 of a wrong one
+# excess of the sum of squares over m/n_eff: at most 0.54 in 240 fits of the right law, 1.4 to 3.7 of a wrong law
+MAX_EXCESS = 1.0
 ROUNDS = 3  # alternations between noise and parameters
 EXACT = 1e-7  # residuals over the scatter of friction, below which they are integration errors
 TINY = 1e-15  # smallest size of noise
@@ -238,18 +239,19 @@ def _evaluate(task: Task, x, filters) -> Estimates:
 
 
 def _build_fit(task: Task, x, filters, evaluations: int, adequate: bool) -> Fit:
-    told = _evaluate(task, x, filters) if adequate else without_intervals(_evaluate(task, x, WHITE), MISFIT)
+    estimates = _evaluate(task, x, filters) if adequate else without_intervals(_evaluate(task, x, WHITE), MISFIT)
     rest = filtered_residual(task, x, filters)
     n, peak = len(rest), max(float(np.sqrt(np.mean(rest**2))), TINY)
     weights = sum(float(np.log(case.sigma[case.used]).sum()) for case in task.cases)
     likelihood = -n * (0.5 * np.log(2 * np.pi) + 0.5 + np.log(peak)) - weights - log_head_volume(filters, pieces(task))
     count = len(x) + 1 + len(filters[0])
     models = tuple(model_friction(case, parameters_of(task, x, k), task.law) for k, case in enumerate(task.cases))
-    gap = told.gap + task.fixed.get("a", 0.0) - task.fixed.get("b", 0.0)
+    gap = estimates.gap + task.fixed.get("a", 0.0) - task.fixed.get("b", 0.0)
     return Fit(
-        law=task.law, names=task.names, values=told.values, errors=told.errors, intervals=told.intervals,
-        covariance=told.covariance, fixed=_fixed_values(task), difference=(gap, gap - told.error, gap + told.error),
-        identifiable=told.identifiable, adequate=adequate, sentence=told.sentence,
+        law=task.law, names=task.names, values=estimates.values, errors=estimates.errors, intervals=estimates.intervals,
+        covariance=estimates.covariance, fixed=_fixed_values(task),
+        difference=(gap, gap - estimates.error, gap + estimates.error),
+        identifiable=estimates.identifiable, adequate=adequate, sentence=estimates.sentence,
         residuals=tuple(case.friction - one for case, one in zip(task.cases, models, strict=True)), models=models,
         sigma=peak * float(np.sqrt(n / (n - len(x)))) / (filters[1][0, 0] if len(filters[0]) else 1.0),
         noise=filters[0], effective=effective_samples(filters, n), innovations=rest / peak, log_likelihood=likelihood,

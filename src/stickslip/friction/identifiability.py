@@ -73,13 +73,13 @@ def estimate(inner, blind, x, names, logs, reach: float, open_sides: dict) -> Es
     return Estimates(values, errors, intervals, cover, not unknown.any(), sentence, gap, error)
 
 
-def without_intervals(told: Estimates, reason: str) -> Estimates:
+def without_intervals(estimates: Estimates, reason: str) -> Estimates:
     """Return the same values without errors and intervals, which are not known if the noise is not."""
-    nothing = dict.fromkeys(told.errors, np.nan)
-    sentence = reason if told.identifiable else f"{reason}; {told.sentence}"
-    return told._replace(
+    nothing = dict.fromkeys(estimates.errors, np.nan)
+    sentence = reason if estimates.identifiable else f"{reason}; {estimates.sentence}"
+    return estimates._replace(
         errors=nothing, intervals=dict.fromkeys(nothing, (np.nan, np.nan)), sentence=sentence, error=np.nan,
-        covariance=np.full_like(told.covariance, np.nan),
+        covariance=np.full_like(estimates.covariance, np.nan),
     )  # fmt: skip
 
 
