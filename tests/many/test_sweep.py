@@ -34,7 +34,7 @@ def small(**table):
         ({"law.my": [0.2]}, r"sweep.law.my: the table \[law\] has no key 'my': did you mean 'mu'"),
         ({"lw.mu": [0.2]}, "sweep.lw.mu: a scenario has no key 'lw': did you mean 'law'"),
         ({"law": [0.2]}, "sweep.law is a table: name one of its keys, file, parameters, checksum, kind, coulomb"),
-        ({"law.mu.x": [0.2]}, "sweep.law.mu.x: law.mu is no table"),
+        ({"law.mu.x": [0.2]}, "sweep.law.mu.x: law.mu is not a table"),
         ({"law.mu": 0.4}, "sweep.law.mu = 0.4 was given: use a list"),
         ({"law.mu": []}, "sweep.law.mu is an empty list"),
         ({"law.mu": [0.2, 0.2]}, "sweep.law.mu holds 0.2 twice"),

@@ -16,8 +16,8 @@ SLIDER = 'experiment = "rate-state"\n[samples]\nnumber = 12\n'
 HOLD = """
 import sys
 from pathlib import Path
-from stickslip.data.lock import alone
-with alone(Path(sys.argv[1])):
+from stickslip.data.lock import lock_folder
+with lock_folder(Path(sys.argv[1])):
     print("held", flush=True)
     sys.stdin.read()
 """
