@@ -383,7 +383,7 @@ GOOD = Data(np.linspace(0, 5.5, 50), np.linspace(0.4, 0.5, 50), STEPS)
         (GOOD._replace(friction=np.full(50, np.nan)), {}, "50 finite numbers"),
         (GOOD._replace(time=GOOD.time[::-1]), {}, "sort the samples"),
         (GOOD._replace(time=GOOD.time * 2), {}, "must cover the data"),
-        (GOOD._replace(legs=()), {}, "give one of them"),
+        (GOOD._replace(legs=()), {}, "give exactly one"),
         (GOOD._replace(legs=(LoadStep(6.0, 0.0),)), {}, "give `before`"),
         (GOOD._replace(legs=(), velocity=np.zeros(50)), {}, "must be positive at every sample"),
         (GOOD._replace(sigma=np.zeros(50)), {}, "sigma must be 50 positive"),

@@ -65,7 +65,7 @@ def test_the_note_of_who_works_there_may_be_gone_or_damaged(holder, tmp_path):
         if content is not None:
             (tmp_path / "out" / HOLDER).write_text(content)
         with (
-            pytest.raises(ValueError, match="out is in use: another process works in it; wait"),
+            pytest.raises(ValueError, match="out is in use: another process is using it; wait"),
             lock_folder(tmp_path / "out"),
         ):
             pass

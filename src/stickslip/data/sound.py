@@ -94,7 +94,7 @@ def validate_law(law: Law) -> Law:
     materials = len(np.atleast_1d(law.table))
     _check_array("law.table", law.table, _FLOAT, [materials, materials, len(names_of(law))])
     if not np.isfinite(law.table).all():
-        raise ValueError("law.table contains NaN or infinity")
+        raise ValueError("law.table contains entries that are not finite")
     return law
 
 
