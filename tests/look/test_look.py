@@ -174,7 +174,7 @@ def test_a_report_without_the_viewer_says_how_to_get_it(folder, monkeypatch):
         (lambda p: (p / "d" / "unfinished").mkdir(parents=True), ["d"], "stickslip resume d"),
         (lambda p: ((p / "d").mkdir(), (p / "d" / "results.h5").write_text("x")), ["d"], "is not an archive"),
         (lambda p: None, ["d"], "d does not exist"),
-        (lambda p: None, ["p.npz"], "p.npz is no file"),
+        (lambda p: None, ["p.npz"], "p.npz is not a file"),
         (lambda p: (p / "d").mkdir(), ["d", "--kn", "1"], "--kn was given with d"),
         (lambda p: (p / "d").mkdir(), ["d", "--out", "a.pdf"], "a.pdf ends with '.pdf'"),
         (lambda p: (p / "d").mkdir(), ["d", "--out", "e/a.html"], ""),
@@ -274,7 +274,7 @@ def test_a_mode_becomes_a_movie(tmp_path):
     assert out.returncode == 0, out.stderr
     with Image.open(tmp_path / "p-movie.gif") as film:
         assert film.n_frames == 4
-    assert "mode 3 was requested" in run("movie", "p.npz", "--modes", "m.npz", "--mode", "3", cwd=tmp_path).stderr
+    assert "mode 3 was asked for" in run("movie", "p.npz", "--modes", "m.npz", "--mode", "3", cwd=tmp_path).stderr
 
 
 def test_the_view_shows_itself_in_a_notebook():
