@@ -24,7 +24,7 @@ console = Console()
 def ours(duration, velocity, times, tolerance=TOLERANCE) -> np.ndarray:
     """ln V/V0 and ln V0 θ/D_c at all times, from the kernel of stickslip."""
     normal = np.ones(len(duration))
-    return kernel.follow(0.0, 0.0, PARAMETERS, 0.0, duration, velocity, normal, 1.0, times, tolerance)[0]
+    return kernel.integrate(0.0, 0.0, PARAMETERS, 0.0, duration, velocity, normal, 1.0, times, tolerance)[0]
 
 
 def compiled_lsoda():

@@ -6,20 +6,20 @@ Packings and states
     OPEN, STICK, SLIDE      mode of each contact
     packings    make packings, take them from arrays, prepare them for a test
     laws        contact laws: choose one, combine several, write your own
-    control     what is imposed: fixed, driven, force-controlled bodies; springs; cells
+    control     boundary conditions: fixed, driven, force-controlled bodies; springs; cells
 
 Forces, equilibrium, dynamics
     Law         a contact law with its parameters
     forces, accept      evaluate contact forces; commit the memory of the contacts
-    FREE, HELD, FROZEN      what an evaluation may do to that memory
-    equilibrate, newton, relax      bring a packing to equilibrium
+    FREE, HELD, FROZEN      how an evaluation treats that memory
+    equilibrate, newton, relax      find an equilibrium
     Outcome, Status, NotInEquilibriumError      how a solve ended
     run         integrate the equations of motion
     protocols   load paths, free runs, release from unstable states
     measure     stress, fabric, coordination, contact forces
 
 Stability
-    stability   the verdict on a packing: complex pairs, growth rates, floppy modes
+    stability   stability of a packing: complex pairs, growth rates, floppy modes
     spectrum    all eigenvalues and modes of -M^-1 J
     jacobian, freedom       the matrix and its coordinates
     modes       pairs of large packings, moduli, transient growth, sensitivity
@@ -27,15 +27,15 @@ Stability
 
 Experiments and files
     scenario, read_scenario, simulate       define an experiment, run it
-    sweep, run_sweep    many scenarios at once
+    sweep, run_sweep    many scenarios in one run
     experiments     scenario classes and measures of each experiment
     friction    rate-and-state friction: slider, fits, laboratory records
-    io          packings of this and other programs, results as datasets
+    io          packings from this and other programs, results as datasets
     figures     figures of all results
     results     types of results, for annotations
     ensemble    independent tasks in processes or on a cluster
 
-Every name is imported when it is first used: `import stickslip` loads nothing heavy.
+Names are imported on first use, so `import stickslip` loads no heavy library.
 """
 
 from .lazy import attach

@@ -1,4 +1,4 @@
-"""`python -m stickslip` is the command line."""
+"""Command line, as `python -m stickslip`."""
 
 from .cli import main
 

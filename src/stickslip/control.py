@@ -1,4 +1,4 @@
-"""What is imposed on a state: `Control` in, changed `Control` out.
+"""Boundary conditions and loads; every function maps a `Control` to a changed copy.
 
 loads               forces, torques and gravity on free grains
 fixed               bodies that do not move
@@ -7,10 +7,10 @@ time_dependent      rates multiplied by a function of time
 force_controlled    walls or rigid groups that move until contacts balance a force
 rigid               bodies that move as one, without rotation
 spring_loaded       bodies pulled by a spring whose end moves
-spring_forces       the forces of these springs
-strained_at         cell that deforms at a velocity gradient
+spring_forces       forces of these springs
+strained_at         cell that deforms at a given velocity gradient
 stress_controlled   cell whose strain follows the stress
-between             the control part of the way between two others
+between             interpolation between two controls
 """
 
 from .core.control import (

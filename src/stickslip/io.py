@@ -1,14 +1,14 @@
-"""Files.
+"""Input and output of packings and results.
 
 Packings
-    read_packing, read_packings     one state, or all states, of .npz, archive, GSD, LAMMPS data or dump
+    read_packing, read_packings     one state, or all states, from .npz, archive, GSD, LAMMPS data or dump
     write_packing       .npz, GSD, VTK, extended XYZ, LAMMPS data
-    frame_of            columns of a state as these formats hold them
-    read_mode, mode_frames  a mode of `stickslip stability`, and its motion as frames
+    frame_of            columns of a state as these formats store them
+    read_mode, mode_frames  a mode from `stickslip stability`, and its motion as frames
 
 Results
     open_dataset        results of a run as an xarray dataset
-    open_sweep          results of a sweep, likewise
+    open_sweep          results of a sweep as an xarray dataset
     read_sweep          definition of a sweep
     contact_table       contacts of one frame, one row each
 """

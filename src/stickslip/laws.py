@@ -8,15 +8,15 @@ Built-in laws
     for_pair            other parameters for one pair of materials
     frictionless        the same normal force without friction and dashpots
 
-Your own
+User-defined laws
     custom              a law from Python functions of scalars
     from_file           the same from a Python file
-    LawWarning          something in such a law is unusual
+    LawWarning          warning about an unusual property of such a law
 
 Dashpots
-    with_restitution    choose γ_n for a coefficient of restitution at a stated size and speed
+    with_restitution    choose γ_n for a coefficient of restitution at a given size and speed
     collision           integrate the head-on collision of two grains
-    eq8_damping         γ_n by Eq 8 of paper 003, read literally
+    eq8_damping         γ_n by Eq 8 of paper 003, taken literally
 """
 
 from .core.laws.builtin import elastic_constants, for_pair, hertz_mindlin, hertz_mindlin_reff, linear

@@ -1,6 +1,6 @@
-"""Names of a package that are imported when they are first used, read from its stub (`__init__.pyi`).
+"""Lazy imports: the names in a package's stub (`__init__.pyi`) are imported on first use.
 
-Type checkers and editors read the same stub, so that a name is listed once.
+Type checkers and editors read the same stub, so that each name is listed once.
 """
 
 import ast
@@ -11,7 +11,7 @@ from pathlib import Path
 
 
 def attach(package: str, file: str):
-    """`__getattr__`, `__dir__` and `__all__` of a package from the imports in its stub.
+    """Return `__getattr__`, `__dir__` and `__all__` of a package, from the imports in its stub.
 
     Parameters
     ----------
@@ -29,14 +29,14 @@ def attach(package: str, file: str):
             if module == ".":
                 return import_module(f".{inner}", package)
             return getattr(import_module(module, package), inner)
-        raise AttributeError(missing(package, name, where))
+        raise AttributeError(missing_attribute(package, name, where))
 
     return get, lambda: sorted(where), sorted(where)
 
 
-def missing(package: str, name: str, known: dict[str, tuple[str, str]]) -> str:
-    """Error message for an attribute that a package lacks: where else it is, or the nearest name."""
-    if find_spec(f"{package}.{name}"):  # asked for by `from package import module`, which then imports it
+def missing_attribute(package: str, name: str, known: dict[str, tuple[str, str]]) -> str:
+    """Error message for a missing attribute, with the namespace that has it or the closest name."""
+    if find_spec(f"{package}.{name}"):  # `from package import module` asks first, then imports the module
         return f"{package}.{name} is a module that was not imported: import {package}.{name}"
     spaces = [] if name.startswith("_") else [inner for module, inner in known.values() if module == "."]
     there = [f"{package}.{s}.{name}" for s in spaces if name in import_module(f".{s}", package).__all__]

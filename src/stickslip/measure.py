@@ -4,8 +4,8 @@ Contacts
     contact_forces      elastic force on body i of every pair
     contact_numbers     contacts of each grain
     coordination        mean number of contacts without rattlers
-    rattlers            grains that hold nothing
-    touching            rows of the contact list that touch
+    rattlers            grains that carry no load
+    touching            rows of the contact list whose bodies touch
     branch_vectors      vectors from body j to body i of all pairs
 
 Continuum
@@ -19,8 +19,8 @@ Continuum
 Equilibrium
     unbalanced_forces   generalised force on every body
     residual            the largest of them
-    imbalance           the same over the mean contact force; BALANCED_BELOW is the limit for a verdict
-    likely_causes       why the forces of a packing may not balance
+    imbalance           the residual over the mean contact force; BALANCED_BELOW is the limit for a verdict
+    likely_causes       likely reasons why forces do not balance
 
 Space and time
     heights             distances of points from walls

@@ -5,10 +5,10 @@ Complex pairs
     fastest_pair        the fastest growing pair of a very large one
     track_pairs         pairs along a load path, with births and deaths
     match_pairs         pairs matched from one spectrum to the next
-    contact_sensitivity what each contact does to a pair
+    contact_sensitivity effect of each contact on a pair
 
 With dashpots and drag
-    damped_stability    verdict with the dashpots of the law
+    damped_stability    stability with the dashpots of the law
     damped_growth       exponents with drag
 
 Density of states and response
@@ -19,9 +19,9 @@ Density of states and response
 Matrices
     dynamical_matrix    −M^(−1/2) J M^(−1/2), sparse
     contact_blocks      derivatives of each contact force
-    assembled           matrix of generalised coordinates from such blocks
+    assembled           matrix in generalised coordinates, assembled from such blocks
     residual_vector     unbalanced forces in generalised coordinates
-    displaced           the state with its coordinates moved
+    displaced           state with displaced coordinates
     backbone            coordinates without rattlers
     UnstableEquilibriumWarning  forces balance, but the equilibrium is unstable
 """

@@ -1,24 +1,24 @@
-"""Packings: make them, take them from arrays, prepare them for a test.
+"""Packings: generate them, build them from arrays, prepare them for tests.
 
-Make
+Generate
     jammed          frictionless jammed packing of disks or spheres in a periodic box
     disk_array      row of disks on a substrate, as in paper 000
     biaxial_box     disks between four walls under a pressure; its walls are LEFT, BOTTOM, RIGHT, TOP
     sheared_box     disks in a periodic cell under a pressure
     poured          grains, walls and plates of a flow scenario
-    from_arrays     positions, radii and, where known, contacts with their slip
+    from_arrays     state from positions, radii and, if known, contacts with their slip
 
-Change
+Modify
     strained, sheared   affine deformation of cell and grains; simple shear
     reduced_cell        the same packing in its least skewed cell
-    with_push           another force on one disk of an array
+    with_push           a different force on one disk of an array
     perturbed           random velocities
     without_walls       some walls removed
 
 Check
     check           raise an error if a state is not valid
     PackingError    a packing cannot be used
-    PackingWarning  something was changed or is missing
+    PackingWarning  something in a packing was changed or is missing
 """
 
 from .core.contacts.neighbors import without_walls

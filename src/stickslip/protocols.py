@@ -1,10 +1,10 @@
-"""Load paths and what follows them.
+"""Load paths, free runs and release from unstable states.
 
 Protocol        how loads are applied and equilibria are found
 load_path       values of the load between turning points
 ramp            equilibria along a path of loads
 aqs             protocol of athermal quasi-static shear
-stable_window   loads without complex pairs nearest to a given one
+stable_window   range of loads without complex pairs nearest to a given load
 free_run        Newtonian dynamics from a state, with M(t) and events
 fit_growth      growth rate and frequency fitted to M(t)
 release         undamped run from an unstable state, with snapshots of its spectrum

@@ -1,4 +1,4 @@
-"""Types of results, for annotations and `isinstance`; each is returned by the function in brackets.
+"""Types of results, for annotations and `isinstance`; the function that returns each is in parentheses.
 
 Stability: Spectrum (spectrum), Stability (stability), ComplexPairs, FastestPair, ContactSensitivity, DampedStability,
     DensityOfStates, ElasticModuli, TransientGrowth (functions of `modes`), Freedom (freedom), Factorisation (newton)

@@ -12,7 +12,7 @@ import pytest
 
 from stickslip.ensemble import cluster as cluster_room
 from stickslip.ensemble import reach, run_members
-from stickslip.ensemble.cluster import connected
+from stickslip.ensemble.cluster import connect
 from tests.ensemble import tasks
 from tests.ensemble.test_ensemble import ended, until
 
@@ -144,5 +144,5 @@ def test_a_scheduler_file_that_is_still_being_written_is_waited_for(tmp_path):
     path.write_text('{"address": ', encoding="utf-8")
     timer = threading.Timer(0.25, path.write_text, ['{"address": "tcp://127.0.0.1:1"}'])
     timer.start()
-    with pytest.raises(ValueError, match=r"no Dask scheduler answers.*refused"), connected(str(path)):
+    with pytest.raises(ValueError, match=r"no Dask scheduler answers.*refused"), connect(str(path)):
         pass

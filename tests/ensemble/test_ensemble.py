@@ -10,7 +10,7 @@ import time
 import pytest
 
 from stickslip.ensemble import reach, run_members, trial
-from stickslip.ensemble.worker import Helper, WorkerDiedError
+from stickslip.ensemble.worker import WorkerDiedError, WorkerProcess
 from tests.ensemble import tasks
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals are those of POSIX")
@@ -127,16 +127,16 @@ def test_a_trial_ends_in_time():
 
 
 def test_a_worker_of_another_version_says_so(monkeypatch):
-    helper = Helper()
+    helper = WorkerProcess()
     monkeypatch.setattr("stickslip.ensemble.worker.__version__", "0.0.1")
     answer, failure = helper.call(b"", None, None)
     helper.end()
     assert answer is None
-    assert "0.0.1 asks: install the same there" in failure
+    assert "the client 0.0.1: install the same version" in failure
 
 
 def test_a_helper_that_is_gone_is_a_death():
-    helper = Helper()
+    helper = WorkerProcess()
     helper.process.kill()
     with pytest.raises(WorkerDiedError, match="killed, or out of memory"):
         helper.call(b"", None, None)

@@ -34,7 +34,7 @@ def small(**table):
         ({"law.my": [0.2]}, r"sweep.law.my: the table \[law\] has no key 'my': did you mean 'mu'"),
         ({"lw.mu": [0.2]}, "sweep.lw.mu: a scenario has no key 'lw': did you mean 'law'"),
         ({"law": [0.2]}, "sweep.law is a table: name one of its keys, file, parameters, checksum, kind, coulomb"),
-        ({"law.mu.x": [0.2]}, "sweep.law.mu.x: law.mu is no table"),
+        ({"law.mu.x": [0.2]}, "sweep.law.mu.x: law.mu is not a table"),
         ({"law.mu": 0.4}, "sweep.law.mu = 0.4 was given: use a list"),
         ({"law.mu": []}, "sweep.law.mu is an empty list"),
         ({"law.mu": [0.2, 0.2]}, "sweep.law.mu contains 0.2 twice"),
@@ -69,7 +69,10 @@ def test_a_bad_sweep_is_one_sentence(table, words):
 
 @pytest.mark.parametrize(
     ("key", "words"),
-    [("legs.velocity", "name its entry"), ("legs.2.velocity", "entry 2, but the scenario gives 1 entries")],
+    [
+        ("legs.velocity", "give the number of the entry"),
+        ("legs.2.velocity", "entry 2, but the scenario gives 1 entries"),
+    ],
 )
 def test_entries_of_lists_are_counted_from_one(key, words):
     with pytest.raises(ScenarioError, match=words):

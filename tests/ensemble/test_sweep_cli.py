@@ -60,7 +60,7 @@ def test_a_million_members_are_counted_and_estimated_first_and_not_run_unasked(t
     assert "Sweep: 1000000 members" in run.stdout
     assert ": about " in run.stdout
     assert "a trial run of the first member took" in run.stdout
-    assert run.stderr == "stickslip: 1000000 members are many, and there is no terminal to ask: add --yes\n"
+    assert run.stderr == "stickslip: the sweep has 1000000 members and there is no terminal to confirm: add --yes\n"
     assert not (tmp_path / "out").exists()
 
 

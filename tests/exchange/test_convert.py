@@ -142,13 +142,13 @@ def test_with_dashpots_the_damped_spectrum_answers(unstable, tmp_path):
     ("words", "said"),
     [
         (["convert", "{p}", "--to", "{d}/x.gds"], "did you mean '.gsd'"),
-        (["convert", "{p}", "--to", "{p}"], "would replace the file that it is made from"),
-        (["convert", "{p}", "--to", "{d}/no/x.gsd"], "does not exist: make it first"),
-        (["convert", "{d}/none.npz", "--to", "{d}/x.gsd"], "is no file"),
-        (["convert", "{p}", "--to", "{d}/x.gsd", "--modes", "{d}/none.npz"], "is no file"),
-        (["convert", "{p}", "--to", "{d}/x.gsd", "--modes", "{p}"], "holds no modes"),
+        (["convert", "{p}", "--to", "{p}"], "would replace its own input file"),
+        (["convert", "{p}", "--to", "{d}/no/x.gsd"], "does not exist: create it first"),
+        (["convert", "{d}/none.npz", "--to", "{d}/x.gsd"], "is not a file"),
+        (["convert", "{p}", "--to", "{d}/x.gsd", "--modes", "{d}/none.npz"], "is not a file"),
+        (["convert", "{p}", "--to", "{d}/x.gsd", "--modes", "{p}"], "contains no modes"),
         (["convert", "{p}", "--to", "{d}/x.gsd", "--frame", "3"], "has one state"),
-        (["stability", "{p}", "--contacts", "{p}"], "only files of LAMMPS take it"),
+        (["stability", "{p}", "--contacts", "{p}"], "only LAMMPS files take it"),
         (["stability", "{p}", "--young", "1"], "only one of young and poisson"),
         (["stability", "{p}", "--damping-n", "-1"], "not negative"),
     ],
@@ -167,7 +167,7 @@ def test_modes_of_another_packing_are_refused(unstable, tmp_path):
     np.savez(tmp_path / "m.npz", exponent=np.ones(1), translation=np.ones((1, 3, 3)), rotation=np.ones((1, 3, 3)))
     with pytest.raises(ss.packings.PackingError, match="modes of 3 grains, the packing has 30"):
         ss.io.read_mode(tmp_path / "m.npz", 0, 30)
-    with pytest.raises(ss.packings.PackingError, match="mode 5 was asked for"):
+    with pytest.raises(ss.packings.PackingError, match="mode 5 was requested"):
         ss.io.read_mode(tmp_path / "m.npz", 5, 3)
 
 
@@ -176,7 +176,7 @@ def test_nothing_is_executed(tmp_path):
     np.savez(tmp_path / "p.npz", position=np.array([print], object), radius=np.ones(1))
     with pytest.raises(ss.packings.PackingError, match=r"cannot be read as \.npz"):
         ss.io.read_packing(tmp_path / "p.npz")
-    with pytest.raises(ss.packings.PackingError, match="holds no modes"):
+    with pytest.raises(ss.packings.PackingError, match="contains no modes"):
         ss.io.read_mode(tmp_path / "p.npz", 0, 1)
 
 

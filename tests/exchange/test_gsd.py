@@ -107,13 +107,13 @@ def test_spins_of_turned_grains_are_read(tmp_path):
     turn = gsd_file.quaternion(np.array([[0.3, -0.5, 0.7], [0.0, 0.0, 0.0]]))
     spin, inertia = np.array([[1.0, 2.0, 3.0], [0.5, 0.0, -1.0]]), 0.1
     inverse = turn * [1, -1, -1, -1]
-    body = gsd_file.multiplied(gsd_file.multiplied(inverse, np.pad(spin, ((0, 0), (1, 0)))), turn)
+    body = gsd_file.quaternion_product(gsd_file.quaternion_product(inverse, np.pad(spin, ((0, 0), (1, 0)))), turn)
     frame = gsd.hoomd.Frame()
     frame.configuration.box = [5, 5, 5, 0, 0, 0]
     p = frame.particles
     p.N, p.position, p.diameter, p.orientation = 2, [[0, 0, 0], [2, 0, 0]], [1.0, 1.2], turn
     p.moment_inertia = np.full((2, 3), inertia)
-    p.angmom = 2 * gsd_file.multiplied(turn, inertia * body)
+    p.angmom = 2 * gsd_file.quaternion_product(turn, inertia * body)
     with gsd.hoomd.open(tmp_path / "f.gsd", "w") as file:
         file.append(frame)
     back, _, _ = ss.io.read_packing(tmp_path / "f.gsd")
@@ -174,10 +174,10 @@ def rewritten(path, change):
         (lambda meta, chunks: meta.update(schema=9), "has schema 9"),
         (lambda meta, chunks: meta.pop("law"), "cannot be read"),
         (lambda meta, chunks: meta["law"].update(table=[[[1, 2]]]), "law's table"),
-        (lambda meta, chunks: meta["shapes"].update({"grains/radius": ["|O", [64]]}), "of type object"),
+        (lambda meta, chunks: meta["shapes"].update({"grains/radius": ["|O", [64]]}), "has type object"),
         (lambda meta, chunks: meta["shapes"].update({"grains/radius": ["<f8", [65]]}), "cannot be read"),
-        (lambda meta, chunks: chunks["stickslip/contacts/j"].__setitem__(0, 9999), "contacts.j holds"),
-        (lambda meta, chunks: chunks["stickslip/contacts/key"].__setitem__(0, 1), "out of order"),
+        (lambda meta, chunks: chunks["stickslip/contacts/j"].__setitem__(0, 9999), "contacts.j has values"),
+        (lambda meta, chunks: chunks["stickslip/contacts/key"].__setitem__(0, 1), "not sorted"),
         (lambda meta, chunks: chunks["stickslip/grains/position"].__setitem__(0, np.nan), "NaN"),
     ],
 )

@@ -124,7 +124,7 @@ def test_a_general_triclinic_box(tmp_path):
     assert table.periodic.tolist() == [True, False, True]
     state, _, words = ss.io.read_packing(tmp_path / "g.dump", **GIVEN)
     assert state.cell.periodic.tolist() == [True, False, True]
-    assert any("walls are in no file of LAMMPS" in word for word in words)
+    assert any("LAMMPS files contain no walls" in word for word in words)
 
 
 def test_time_steps_are_chosen_and_said(tmp_path):
@@ -134,8 +134,8 @@ def test_time_steps_are_chosen_and_said(tmp_path):
         dump(tmp_path / "g.dump", state, columns="id xu yu zu radius", rows=rows, step=step)
     last, _, words = ss.io.read_packing(tmp_path / "g.dump", **GIVEN)
     np.testing.assert_allclose(last.grains.position, state.grains.position + 20)
-    assert any("has 3 time steps: the last, 20, was taken" in word for word in words)
-    assert any("all masses are taken as 1" in word for word in words)
+    assert any("has 3 time steps: the last, 20, is used" in word for word in words)
+    assert any("all masses are set to 1" in word for word in words)
     chosen, _, words = ss.io.read_packing(tmp_path / "g.dump", frame="10", **GIVEN)
     np.testing.assert_allclose(chosen.grains.position, state.grains.position + 10)
     assert not any("time steps" in word for word in words)
@@ -178,7 +178,7 @@ def test_every_parameter_of_the_law_is_needed(name, tmp_path):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"kn": 3.0}, "miss those in the dump"),
+        ({"kn": 3.0}, "differ from those in the dump"),
         ({"coulomb": "smooth"}, "friction is sharp"),
         ({"law": "hooke"}, "is not known"),
         ({"columns": "i j"}, "2 names were given for 12 columns"),
@@ -201,13 +201,13 @@ def edited(path, old, new, count=1):
 @pytest.mark.parametrize(
     ("name", "old", "new", "words"),
     [
-        ("p.data", "64 atoms", "65 atoms", "65 atoms are announced"),
-        ("p.data", "Atoms # sphere", "Atoms # atomic", "atom_style sphere is read"),
+        ("p.data", "64 atoms", "65 atoms", "announces 65 atoms"),
+        ("p.data", "Atoms # sphere", "Atoms # atomic", "atom_style sphere is supported"),
         ("p.data", "Atoms # sphere", "Bonds", "no section Atoms"),
-        ("p.data", "xlo xhi", "ylo", "truncated or no data file"),
-        ("p.data", "64 atoms", "some atoms", "truncated or no data file"),
+        ("p.data", "xlo xhi", "ylo", "truncated or not a LAMMPS data file"),
+        ("p.data", "64 atoms", "some atoms", "truncated or not a LAMMPS data file"),
         ("p.contacts.dump", "tx ty tz", "a b c", "i j tx ty tz are needed"),
-        ("p.contacts.dump", "tx ty tz", "tx tx tz", "two columns of one name"),
+        ("p.contacts.dump", "tx ty tz", "tx tx tz", "two columns with the same name"),
         ("p.contacts.dump", "ITEM: TIMESTEP", "ITEM: TIME", "no ITEM: TIMESTEP"),
         ("p.contacts.dump", "ITEM: TIMESTEP\n0", "ITEM: TIMESTEP\n3", "no time step 0: it has 3"),
         ("p.contacts.dump", "tx ty tz\n", "tx ty tz\n999 ", "truncated|grain 999"),

@@ -37,7 +37,7 @@ def vtk_arrays(path) -> dict[str, np.ndarray]:
 def test_vtk_holds_grains_and_contact_lines(make, tmp_path):
     state, law = make()
     words = ss.io.write_packing(tmp_path / "p.vtu", state, law)
-    assert "VTK does not hold" in words[0]
+    assert "VTK does not store" in words[0]
     grains, lines = vtk_arrays(tmp_path / "p.vtu"), vtk_arrays(tmp_path / "p-contacts.vtu")
     g, rows = state.grains, ss.measure.touching(state)
     for name in ("radius", "mass", "velocity", "spin", "angle"):

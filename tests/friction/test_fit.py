@@ -8,9 +8,9 @@ from scipy.stats import t as student
 
 from stickslip.friction.fitting import fit
 from stickslip.friction.loads import LoadStep, load_steps, slide_hold_slide, velocity_steps
-from stickslip.friction.model import Data, prepared
+from stickslip.friction.model import Data, prepare
 from stickslip.friction.model_comparison import compare_laws
-from stickslip.friction.noise import autoregression, effective, whitened
+from stickslip.friction.noise import autoregression, effective_samples, whitened
 from stickslip.friction.problem import Task, jacobian, residual
 from stickslip.friction.ratestate import RateState, Spring, spring_slider
 
@@ -230,8 +230,8 @@ def test_steady_parts_tell_only_the_difference():
             {"b", "dc"},
             "b and dc trade off",
         ),
-        ((LoadStep(5.0, 0.02),), {"fixed": {"stiffness": STIFFNESS}}, {"a", "b", "dc"}, "do not tell a, b, dc"),
-        (STEPS, {"fixed": {"a": 0.0247}, "free": ("stiffness", "theta")}, {"theta"}, "theta hardly changes"),
+        ((LoadStep(5.0, 0.02),), {"fixed": {"stiffness": STIFFNESS}}, {"a", "b", "dc"}, "do not determine a, b, dc"),
+        (STEPS, {"fixed": {"a": 0.0247}, "free": ("stiffness", "theta")}, {"theta"}, "theta hardly affects"),
     ],
     ids=["short-hold", "one-velocity", "steady-start"],
 )
@@ -258,7 +258,7 @@ def test_a_stiffness_beyond_the_data_is_only_bounded():
     clean = spring_slider(PAPER, Spring(1e6), STEPS, times=time).friction
     found = fit(Data(time, clean + 1e-3 * correlated(0, len(time), 0.0), STEPS), law="slip", free=("stiffness",))
     assert np.isnan(found.values["stiffness"])
-    assert found.sentence.startswith("these data do not tell stiffness: ")
+    assert found.sentence.startswith("these data do not determine stiffness: ")
     assert found.intervals["dc"][0] <= 5.3e-3 <= found.intervals["dc"][1]
 
 
@@ -317,7 +317,7 @@ def test_a_trend_in_displacement_is_taken_out():
 
 
 def test_jacobian_of_a_fit_by_richardson():
-    case = prepared(record(STEPS, PAPER, noise=1e-3))
+    case = prepare(record(STEPS, PAPER, noise=1e-3))
     names = ("a", "b", "dc", "mu0", "stiffness", "trend")
     fixed = {"v0": 0.02, "damping": 0.0, "alpha": 0.0, "theta": 1.0}
     task = Task([case], "slip", names, [{name: k for k, name in enumerate(names)}], fixed, 0.01)
@@ -335,7 +335,7 @@ def test_noise_is_recognised_and_whitened():
     noise = correlated(3, 20_000, 0.7)
     filters = autoregression([noise])
     assert filters[0] == pytest.approx([0.7], abs=0.02)
-    assert effective(filters, 20_000) == pytest.approx(20_000 * 0.3 / 1.7, rel=0.1)
+    assert effective_samples(filters, 20_000) == pytest.approx(20_000 * 0.3 / 1.7, rel=0.1)
     white = whitened(noise, filters, [slice(0, 12_000), slice(12_000, 20_000)])
     assert autoregression([white])[0].size == 0
     assert np.var(white) == pytest.approx(1 - 0.7**2, rel=0.03)
@@ -383,7 +383,7 @@ GOOD = Data(np.linspace(0, 5.5, 50), np.linspace(0.4, 0.5, 50), STEPS)
         (GOOD._replace(friction=np.full(50, np.nan)), {}, "50 finite numbers"),
         (GOOD._replace(time=GOOD.time[::-1]), {}, "sort the samples"),
         (GOOD._replace(time=GOOD.time * 2), {}, "must cover the data"),
-        (GOOD._replace(legs=()), {}, "give one of them"),
+        (GOOD._replace(legs=()), {}, "give exactly one"),
         (GOOD._replace(legs=(LoadStep(6.0, 0.0),)), {}, "give `before`"),
         (GOOD._replace(legs=(), velocity=np.zeros(50)), {}, "must be positive at every sample"),
         (GOOD._replace(sigma=np.zeros(50)), {}, "sigma must be 50 positive"),

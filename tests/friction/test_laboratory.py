@@ -63,14 +63,14 @@ def test_what_is_written_is_read_and_fitted(tmp_path):
         (HEAD, ROWS[:5], "has 5 rows"),
         (HEAD, [*ROWS, "12, 120"], "line 14, has 2 fields but the header has 3"),
         (HEAD, [*ROWS, "12, 120, n/a"], "line 14: friction is 'n/a', not a number"),
-        (HEAD, [*ROWS, "12, nan, 0.6"], "line 14: load_point is nan: use finite numbers"),
+        (HEAD, [*ROWS, "12, nan, 0.6"], "line 14: load_point is nan, not a finite number"),
         (HEAD, [*ROWS, "11, 110, 0.6"], "time must increase, but sample 13"),
         (
             "time [s], load_point [um], tau [MPa], sigma_n [MPa]",
             [f"{k}, {k}, 1, 0" for k in range(12)],
             "must be positive",
         ),
-        ("", [], "holds no data"),
+        ("", [], "contains no data"),
     ],
 )
 def test_refusals(tmp_path, head, rows, sentence):

@@ -10,7 +10,7 @@ from scipy.linalg import expm
 from stickslip.friction import closed_forms as closed
 from stickslip.friction import kernel
 from stickslip.friction.loads import LoadStep, slide_hold_slide, velocity_steps
-from stickslip.friction.ratestate import End, RateState, Spring, numbers, prescribed, spring_slider
+from stickslip.friction.ratestate import End, RateState, Spring, kernel_parameters, prescribed, spring_slider
 from stickslip.friction.stability import critical_stiffness, steady_sliding
 
 PAPER = RateState(0.0247, 0.0178, 5.3e-3, 0.4, 0.02, "slip")  # paper 003
@@ -99,10 +99,10 @@ def test_a_hold_by_the_slip_law_where_a_is_nearly_b():
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("damping", [0.0, 3.0])
 def test_slopes_by_finite_differences(law, damping):
-    p = numbers(PAPER._replace(law=law), Spring(300.0, damping))
+    p = kernel_parameters(PAPER._replace(law=law), Spring(300.0, damping))
     rng = np.random.default_rng(0)
     for w, f in rng.uniform(-4, 4, (20, 2)):
-        found = kernel.slopes(w, f, p, 0.03, 1.3)
+        found = kernel.rate_derivatives(w, f, p, 0.03, 1.3)
         d = 1e-5  # error of central differences: d²/6 of the rates' third derivative, and 1e-16/d of the rates
         by_w = (np.array(kernel.rates(w + d, f, p, 0.03, 1.3)) - kernel.rates(w - d, f, p, 0.03, 1.3)) / (2 * d)
         by_f = (np.array(kernel.rates(w, f + d, p, 0.03, 1.3)) - kernel.rates(w, f - d, p, 0.03, 1.3)) / (2 * d)
@@ -115,7 +115,7 @@ def test_slopes_by_finite_differences(law, damping):
 def test_against_radau_of_scipy(law, damping):
     rs, k = PAPER._replace(law=law), 170.0
     legs = slide_hold_slide([0.5, 20.0], velocity=0.02, distance=0.03, reslide=0.1)
-    p, y, began = numbers(rs, Spring(k, damping)), np.zeros(2), 0.0
+    p, y, began = kernel_parameters(rs, Spring(k, damping)), np.zeros(2), 0.0
     for leg in legs:
         made = solve_ivp(
             lambda t, y, leg=leg: kernel.rates(y[0], y[1], p, leg.velocity, leg.normal), (0, leg.duration), y,
@@ -166,7 +166,7 @@ def test_small_disturbances_grow_as_the_eigenvalues_say(law, ratio, damping):
     assert ("unstable" in found.sentence) == (ratio <= 1)
     size, t = 1e-7, np.linspace(0, 60.0, 13)
     h = spring_slider(rs, spring, (LoadStep(60.0, v),), theta=rs.dc / v * (1 + size), times=t, tolerance=1e-14)
-    ww, wf, fw, ff = kernel.slopes(0.0, 0.0, numbers(rs, spring), v, 1.0)
+    ww, wf, fw, ff = kernel.rate_derivatives(0.0, 0.0, kernel_parameters(rs, spring), v, 1.0)
     linear = np.array([expm(np.array([[ww, wf], [fw, ff]]) * s) @ [0, size] for s in t])
     off = np.stack([np.log(h.velocity / v), np.log(h.theta * v / rs.dc)], axis=1)
     assert np.allclose(off, linear, rtol=0, atol=1e-4 * np.abs(linear).max())  # size² and round-off
@@ -208,7 +208,7 @@ def test_published_parameters_strengthen_with_velocity():
         (lambda: spring_slider(PAPER, Spring(1.0), (LoadStep(1, 1), LoadStep(0, 1))), "leg 2 lasts 0"),
         (lambda: spring_slider(PAPER, Spring(1.0), (LoadStep(1, np.nan),)), "leg 1 has the velocity nan"),
         (lambda: spring_slider(PAPER, Spring(1.0), (LoadStep(1, 0.0),)), "give `before`"),
-        (lambda: spring_slider(PAPER, Spring(1.0), (LoadStep(1, 1),), times=[0, 2]), "legs go from 0 to 1"),
+        (lambda: spring_slider(PAPER, Spring(1.0), (LoadStep(1, 1),), times=[0, 2]), "within the legs, 0 to 1"),
         (lambda: spring_slider(PAPER, Spring(1.0), (LoadStep(1, 1),), times=[0.5, 0.2]), "sort the samples"),
         (lambda: spring_slider(PAPER, Spring(1.0), (LoadStep(1, 1),), theta=-1.0), "theta = -1.0"),
         (lambda: prescribed(PAPER, [0, 1, 2], [1.0, -1.0]), "not negative"),

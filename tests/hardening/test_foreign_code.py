@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from stickslip.ensemble.worker import Helper
+from stickslip.ensemble.worker import WorkerProcess
 from stickslip.experiments.registry import ScenarioError, tables_of
 from stickslip.experiments.resume import begun
 
@@ -39,7 +39,7 @@ def test_in_an_interactive_session_functions_beside_it_are_found_and_nothing_is_
 
 def test_helpers_of_helpers_do_not_either(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    helper = Helper()
+    helper = WorkerProcess()
     helper.end()
     assert "-P" in helper.process.args
 
@@ -52,14 +52,14 @@ def test_a_law_file_without_checksum_in_somebodys_folder_is_not_run(tmp_path, mo
     if name == "sweep.json":
         tables["sweep"] = {"gravity": [[0, -1], [0, -2]]}
     (tmp_path / name).write_text(json.dumps(tables))
-    with pytest.raises(ScenarioError, match="without its checksum"):
+    with pytest.raises(ScenarioError, match="without the checksum"):
         tables_of(tmp_path / name)
-    with pytest.raises(ScenarioError, match="without its checksum"):
+    with pytest.raises(ScenarioError, match="without the checksum"):
         begun(tmp_path)
     for words in (["cite", "."], ["resume", "."]):
         done = subprocess.run([sys.executable, "-m", "stickslip", *words], capture_output=True, text=True)
         assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
-        assert "without its checksum" in done.stderr
+        assert "without the checksum" in done.stderr
     assert not (tmp_path / "was-run").exists()
 
 

@@ -35,7 +35,7 @@ def test_a_disk_that_is_full_when_results_are_written_is_named(tmp_path, size):
         run = stickslip_here("run", "s.toml", "--out", "out", cwd=tmp_path)
     assert (run.returncode, run.stderr.count("\n")) == (2, 1), run.stderr
     assert run.stderr.startswith("stickslip: out")
-    assert "make room, then a run's own call goes on" in run.stderr
+    assert "free some space and repeat the command to continue" in run.stderr
     assert stickslip_here("run", "s.toml", "--out", "out", cwd=tmp_path).returncode == 0
     assert (tmp_path / "out" / "fig1_history.png").exists()
 
@@ -69,7 +69,7 @@ def test_what_cannot_be_written_leaves_nothing(tmp_path, name):
         run = stickslip_here(*words[:1], "a.npz", *words[1:], name, "--overwrite", cwd=tmp_path)
     assert (run.returncode, run.stderr.count("\n")) == (1 if name == "b.mp4" else 2, 1), run.stderr
     assert run.stderr.startswith("stickslip: ffmpeg ended" if name == "b.mp4" else f"stickslip: {name}: file too large")
-    assert "make room" in run.stderr
+    assert "free some" in run.stderr
     assert {path: os.stat(path).st_size for path in tmp_path.iterdir()} == before
 
 

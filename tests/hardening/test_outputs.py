@@ -43,7 +43,7 @@ def test_a_conversion_replaces_a_file_only_if_asked(here, name, kind):
         (here / name).write_bytes(b"mine")
     else:
         (here / name).symlink_to("a.npz" if kind == "link" else "absent")
-    words = "would replace the file that it is made from" if kind == "link" else f"{name} exists: give another name, or"
+    words = "would replace its own input file" if kind == "link" else f"{name} exists: give another name, or"
     refused(words, "convert", "a.npz", "--to", name, cwd=here)
     if kind != "link":
         assert stickslip_here("convert", "a.npz", "--to", name, "--overwrite", cwd=here).returncode == 0
@@ -61,7 +61,7 @@ def test_what_is_written_beside_replaces_nothing_either(here):
     assert (here / "b.contacts.dump").read_bytes() == b"mine"
     run = stickslip_here("convert", "a.npz", "--to", "b.data", *SHARP, "--overwrite", "-q", cwd=here)
     assert run.stdout.split() == ["b.data", "b.contacts.dump"]
-    words = "b.contacts.dump would replace the file that it is made from: give another name"
+    words = "b.contacts.dump would replace its own input file: give another name"
     call = ("convert", "b.data", "--contacts", "b.contacts.dump", *LAW, "--to", "b.lammps", "--overwrite")
     refused(words, *call, cwd=here)
 
@@ -70,7 +70,7 @@ def test_modes_and_laws_that_a_conversion_reads_stay(here):
     modes = np.ones((1, 50, 3)) * 1j
     np.savez(here / "m.npz", eigenvalue=[1j], exponent=[1j], translation=modes, rotation=modes, rattlers=[])
     (here / "m.xyz").hardlink_to(here / "m.npz")
-    words = "m.xyz would replace the file that it is made from: give another name"
+    words = "m.xyz would replace its own input file: give another name"
     refused(words, "convert", "a.npz", "--modes", "m.npz", "--to", "m.xyz", "--overwrite", cwd=here)
 
 
@@ -115,7 +115,7 @@ def test_pages_and_movies_replace_a_file_only_if_asked(here, command, name, kind
     else:
         (here / name).symlink_to({"link": "a.npz", "loose link": "absent", "device": "/dev/full"}[kind])
     if kind == "link":
-        refused("would replace the file that it is made from", *call, "--overwrite", cwd=here)
+        refused("would replace its own input file", *call, "--overwrite", cwd=here)
         return
     refused(words, *call, cwd=here)
     if kind in ("file", "default"):

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from stickslip.ensemble.worker import Helper, WorkerDiedError
+from stickslip.ensemble.worker import WorkerDiedError, WorkerProcess
 
 IDLES = "from stickslip.ensemble import worker; worker.IDLE = 0.2; worker.serve()"
 
@@ -30,7 +30,7 @@ def test_an_interrupted_process_ends_by_the_signal(capfd):
     """It aborted in the interpreter's shutdown, with a core dump and words of Python's on the terminal."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored, where tests run in the background
     try:
-        helper = Helper()
+        helper = WorkerProcess()
     finally:
         signal.signal(signal.SIGINT, before)
     try:
@@ -45,7 +45,7 @@ def test_an_interrupted_process_ends_by_the_signal(capfd):
 
 def test_a_process_that_cannot_answer_ends_with_one_reason(capfd):
     """So did one whose main thread met with an error of its own."""
-    helper = Helper()
+    helper = WorkerProcess()
     with pytest.raises(WorkerDiedError, match="exit code 1"):
         helper.call(pickle.dumps((sys.exit, (3,))), None, None)
     helper.end()
@@ -55,7 +55,7 @@ def test_a_process_that_cannot_answer_ends_with_one_reason(capfd):
 
 
 def test_a_process_that_nobody_listens_to_ends_quietly(capfd):
-    helper = Helper()
+    helper = WorkerProcess()
     packed = pickle.dumps(("0", None, pickle.dumps((time.sleep, (0.0,)))))
     helper.process.stdout.close()
     helper.process.stdin.write(len(packed).to_bytes(8, "little") + packed)
@@ -67,14 +67,14 @@ def test_a_process_that_nobody_listens_to_ends_quietly(capfd):
 
 ASKS = """
 import pickle, sys
-from stickslip.ensemble.worker import Helper
+from stickslip.ensemble.worker import WorkerProcess
 from tests.hardening.test_processes import tells_on
 
 def heard(share, words):
     if share == 0.0:
         print("heard", flush=True)
 
-Helper().call(pickle.dumps((tells_on, (1_000_000,))), 0.0, heard)
+WorkerProcess().call(pickle.dumps((tells_on, (1_000_000,))), 0.0, heard)
 """
 
 

@@ -60,7 +60,7 @@ def test_a_byte_order_mark_is_no_part_of_a_text(tmp_path):
     assert alike(marked, ss.laws.from_file(saved(tmp_path / "b.py", LAW, "utf-8")))
     for name, text in (("a.dump", DUMP), ("a.data", data_file(tmp_path))):
         assert len(read_packing(saved(tmp_path / name, text), law="linear")[0].grains.radius) == 2
-    assert cluster._written(saved(tmp_path / "s.json", '{"address": "tcp://a:1"}')) == {"address": "tcp://a:1"}
+    assert cluster._read_json(saved(tmp_path / "s.json", '{"address": "tcp://a:1"}')) == {"address": "tcp://a:1"}
 
 
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be", "utf-32"])
@@ -124,7 +124,7 @@ def test_huge_numbers_in_sweeps(tmp_path, entry, value):
 def test_whole_numbers_of_thousands_of_digits_in_tables(tmp_path):
     (tmp_path / "a.csv").write_text(SERIES + f"{DIGITS},200,0.4\n")
     refused("line 22: time is 7777", "fit", "a.csv", cwd=tmp_path)
-    refused("use finite numbers only", "fit", "a.csv", cwd=tmp_path)
+    refused("not a finite number", "fit", "a.csv", cwd=tmp_path)
     (tmp_path / "a.csv").write_text(f"{DIGITS} [s], friction [-], load_point [{DIGITS}]\n" + SERIES)
     refused("load_point has the unit '7777", "fit", "a.csv", cwd=tmp_path)
     for old in ("TIMESTEP\n0", "ATOMS\n2"):

@@ -34,9 +34,9 @@ def test_complex_positions_cells_and_walls_are_refused():
     for make in (lambda: ss.disks(bad, 0.5), lambda: ss.box(bad[1]), lambda: ss.flat_walls([0, 0], bad[1])):
         with pytest.raises(ValueError, match="complex numbers were given"):
             make()
-    with pytest.raises(ss.packings.PackingError, match="position holds something else than numbers"):
+    with pytest.raises(ss.packings.PackingError, match="position contains entries that are not numbers"):
         ss.packings.from_arrays(bad, np.full(2, 0.5), law="linear", dim=2)
-    with pytest.raises(ss.packings.PackingError, match="mass holds something else than numbers"):
+    with pytest.raises(ss.packings.PackingError, match="mass contains entries that are not numbers"):
         ss.packings.from_arrays(np.array(PAIR), np.full(2, 0.5), law="linear", mass=DATES, dim=2)
 
 
@@ -104,8 +104,8 @@ def test_an_archive_that_claims_far_more_than_it_holds_is_not_read(tmp_path):
         file.create_dataset("x", (10**9,), "f4", chunks=(10**6,), compression="gzip", fillvalue=1.0)
         file.flush()
         image = file.id.get_file_image()
-    (tmp_path / "a.h5").write_bytes(archive._sealed(image))
-    with pytest.raises(archive.ArchiveError, match=r"and its /x claims 4 GB: no run wrote that"):
+    (tmp_path / "a.h5").write_bytes(archive._with_checksum(image))
+    with pytest.raises(archive.ArchiveError, match=r"but its /x claims 4 GB: no run writes such a file"):
         archive.read(tmp_path / "a.h5")
 
 
@@ -116,5 +116,5 @@ def test_pieces_that_changed_names_are_refused(tmp_path):
     assert kept.load("a") == {"x": "a"}
     for old, new in (("a", "c"), ("b", "a"), ("c", "b")):
         (kept.folder / f"{old}.h5").rename(kept.folder / f"{new}.h5")
-    with pytest.raises(archive.ArchiveError, match=r"is the piece \./b: give files their names back"):
+    with pytest.raises(archive.ArchiveError, match=r"contains the piece \./b: restore the names of the files"):
         kept.load("a")

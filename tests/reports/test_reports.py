@@ -174,7 +174,7 @@ def test_a_report_without_the_viewer_says_how_to_get_it(folder, monkeypatch):
         (lambda p: (p / "d" / "unfinished").mkdir(parents=True), ["d"], "stickslip resume d"),
         (lambda p: ((p / "d").mkdir(), (p / "d" / "results.h5").write_text("x")), ["d"], "is not an archive"),
         (lambda p: None, ["d"], "d does not exist"),
-        (lambda p: None, ["p.npz"], "p.npz is no file"),
+        (lambda p: None, ["p.npz"], "p.npz is not a file"),
         (lambda p: (p / "d").mkdir(), ["d", "--kn", "1"], "--kn was given with d"),
         (lambda p: (p / "d").mkdir(), ["d", "--out", "a.pdf"], "a.pdf ends with '.pdf'"),
         (lambda p: (p / "d").mkdir(), ["d", "--out", "e/a.html"], ""),

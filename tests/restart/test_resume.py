@@ -137,7 +137,7 @@ def test_a_flow_that_was_killed_leaves_the_file_of_one_that_was_not(tmp_path):
         assert (out / name).read_bytes() == (other / name).read_bytes()
     again = stickslip("resume", out)
     assert again.returncode == 0
-    assert "is finished: there is nothing to go on with" in " ".join(again.stdout.split())
+    assert "is finished: there is nothing to resume" in " ".join(again.stdout.split())
 
 
 def leaves(path):
@@ -180,7 +180,7 @@ def test_what_cannot_be_resumed_is_told_in_a_sentence(tmp_path, monkeypatch, cap
     (out / "scenario.json").write_text(harder)
     refused(out, "have changed since (scenario.json)")
     note.write_text(harder)
-    refused(out, "was computed for another scenario than the folder's, perhaps with another law")
+    refused(out, "was computed for a scenario other than the folder's, perhaps with another law")
     note.write_text(text[:100])
     (out / "scenario.json").unlink()
     refused(out, "is not valid JSON")

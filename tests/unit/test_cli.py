@@ -155,7 +155,7 @@ def test_control_c_ends_with_a_sentence_and_130(tmp_path):
     _, said = run.communicate(timeout=60)
     assert run.returncode == 130
     assert "stopped by the user" in said
-    assert "goes on with what is kept" in said
+    assert "continue from the saved state" in said
     assert "Traceback" not in said
     assert not (tmp_path / "out" / "results.h5").exists()
 

@@ -9,7 +9,7 @@ import pytest
 
 from stickslip import extras, kernel_cache
 from stickslip.doctor import machine, report, selfcheck
-from stickslip.doctor.selfcheck import BITS, PROBLEM, TOLERANCES, checked
+from stickslip.doctor.selfcheck import BITS, PROBLEM, TOLERANCES, compare
 from tests.published.test_disk_array import stickslip
 
 STORED = json.loads(selfcheck.STORED.read_text())
@@ -17,13 +17,13 @@ STORED = json.loads(selfcheck.STORED.read_text())
 
 @pytest.fixture(scope="module")
 def found():
-    return selfcheck.measured()
+    return selfcheck.measure()
 
 
 def test_the_numbers_are_the_stored_ones(found):
     assert PROBLEM not in found
     assert found.keys() == STORED["numbers"].keys()
-    wrong = [check for check in checked(found, STORED) if not check.ok]
+    wrong = [check for check in compare(found, STORED) if not check.ok]
     assert not wrong
 
 
@@ -32,16 +32,16 @@ def test_the_numbers_are_the_stored_ones(found):
 def test_a_number_off_by_more_than_its_tolerance_fails(found, name, by):
     tolerance = next(rule[0] for start, rule in TOLERANCES.items() if name.startswith(start))
     off = found | {name: STORED["numbers"][name] * (1 + by * tolerance)}
-    check = next(check for check in checked(off, STORED) if check.name == name)
+    check = next(check for check in compare(off, STORED) if check.name == name)
     # the smallest tolerance is 4500 times the round-off of the product above
     assert check.ok == (by < 1)
 
 
 def test_other_bits_are_told_and_allowed_but_not_none(found):
-    other = next(check for check in checked(found | {BITS: "0" * 16}, STORED) if check.name == BITS)
+    other = next(check for check in compare(found | {BITS: "0" * 16}, STORED) if check.name == BITS)
     assert other.ok
     assert other.note == "other bits: allowed"
-    none = next(check for check in checked({}, STORED) if check.name == BITS)
+    none = next(check for check in compare({}, STORED) if check.name == BITS)
     assert not none.ok
 
 
@@ -49,8 +49,8 @@ def test_what_breaks_on_the_way_is_told_and_the_rest_goes_on(monkeypatch, capsys
     def broken():
         raise TypeError("no\nsuch compiler")
 
-    monkeypatch.setattr(selfcheck, "slid", broken)
-    monkeypatch.setattr(selfcheck, "of_the_array", lambda law: {})
+    monkeypatch.setattr(selfcheck, "measure_slider", broken)
+    monkeypatch.setattr(selfcheck, "measure_array", lambda law: {})
     result = selfcheck.selfcheck()
     assert not result.ok
     assert result.problem == "rate and state: TypeError: no such compiler"
@@ -132,4 +132,4 @@ def test_caches_where_no_folder_can_be_written(other_folder, tmp_path):
     other_folder.setattr(numba.config, "CACHE_DIR", "")
     told = machine.caches()
     assert not told["kept"]
-    assert "set NUMBA_CACHE_DIR" in report._cache_words(told)["state"]
+    assert "set NUMBA_CACHE_DIR" in report._describe_caches(told)["state"]

@@ -49,14 +49,14 @@ def test_a_broken_library_is_told_from_a_missing_one(text, said, tmp_path, monke
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(extras.MissingExtraError) as caught:
         extras.needed("broken_library", "fast")
-    again = '`pip install --force-reinstall "stickslip[fast]"` may mend it'
-    assert str(caught.value) == f"broken_library is installed, but cannot be loaded ({said}): {again}"
+    again = '`pip install --force-reinstall "stickslip[fast]"` may repair it'
+    assert str(caught.value) == f"broken_library is installed but cannot be loaded ({said}): {again}"
 
 
 def test_the_command_line_ends_with_the_sentence_and_exit_code_2():
     code = "\n".join([
         "import sys, stickslip.cli as cli, stickslip.cli.entry_point", "from stickslip.extras import needed",
-        "def broken():", "    with cli.entry_point.working():", "        needed('absent_library', 'cluster')",
+        "def broken():", "    with cli.entry_point.convert_errors():", "        needed('absent_library', 'cluster')",
         "cli.app.command('broken')(broken)", "sys.argv = ['stickslip', 'broken']", "cli.main()",
     ])  # fmt: skip
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

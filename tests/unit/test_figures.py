@@ -217,7 +217,7 @@ def test_stiffness_along_a_path():
     assert holds(middle, looks.load, 1e3 * looks.lowest, label=r"smallest Re of $\mathbf{k}$")
     assert holds(middle, looks.load, 1e3 * looks.symmetric)
     assert holds(bottom, looks.load, looks.pairs)
-    assert bottom.get_xlabel() == "load (share of the way)"
+    assert bottom.get_xlabel() == "load (fraction of the path)"
     words = ["sliding contacts", r"eigenvalue $\times 10^3/K_n$", r"complex pairs of $\mathbf{m}^{-1}\mathbf{k}$"]
     assert [axes.get_ylabel() for axes in (top, middle, bottom)] == words
 

@@ -9,15 +9,15 @@ import time
 
 import pytest
 
-from stickslip.data.lock import HOLDER, LOCK, alone
+from stickslip.data.lock import HOLDER, LOCK, lock_folder
 from tests.conftest import stickslip_here
 
 SLIDER = 'experiment = "rate-state"\n[samples]\nnumber = 12\n'
 HOLD = """
 import sys
 from pathlib import Path
-from stickslip.data.lock import alone
-with alone(Path(sys.argv[1])):
+from stickslip.data.lock import lock_folder
+with lock_folder(Path(sys.argv[1])):
     print("held", flush=True)
     sys.stdin.read()
 """
@@ -44,7 +44,7 @@ def test_a_second_process_is_told_who_works_there_and_a_killed_one_leaves_it_fre
         run = stickslip_here(*words, "--out", "out", cwd=tmp_path)
         assert run.returncode == 2
         assert f"out is in use: process {holder.pid} on " in run.stderr
-        assert "has worked in it since 2" in run.stderr
+        assert "has been using it since 2" in run.stderr
         assert "choose another --out" in run.stderr
         assert run.stderr.count("\n") == 1
         assert sorted(path.name for path in out.iterdir()) == before
@@ -65,8 +65,8 @@ def test_the_note_of_who_works_there_may_be_gone_or_damaged(holder, tmp_path):
         if content is not None:
             (tmp_path / "out" / HOLDER).write_text(content)
         with (
-            pytest.raises(ValueError, match="out is in use: another process works in it; wait"),
-            alone(tmp_path / "out"),
+            pytest.raises(ValueError, match="out is in use: another process is using it; wait"),
+            lock_folder(tmp_path / "out"),
         ):
             pass
 
@@ -75,14 +75,14 @@ def test_a_member_is_held_with_its_sweep(tmp_path):
     member = tmp_path / "members" / "one"
     member.mkdir(parents=True)
     (tmp_path / "sweep.json").write_text("{}")
-    with alone(tmp_path), pytest.raises(ValueError, match="one is in use"), alone(member):
+    with lock_folder(tmp_path), pytest.raises(ValueError, match="one is in use"), lock_folder(member):
         pass
-    with alone(member), pytest.raises(ValueError, match="is in use"), alone(tmp_path):
+    with lock_folder(member), pytest.raises(ValueError, match="is in use"), lock_folder(tmp_path):
         pass
 
 
 def test_what_goes_wrong_inside_leaves_neither_lock_nor_folder(tmp_path):
-    with pytest.raises(KeyError), alone(tmp_path / "a" / "b"):
+    with pytest.raises(KeyError), lock_folder(tmp_path / "a" / "b"):
         assert (tmp_path / "a" / "b" / LOCK).exists()
         raise KeyError
     assert not list(tmp_path.iterdir())
@@ -96,7 +96,7 @@ def test_of_many_at_once_one_is_in_at_a_time(tmp_path):
         entered = 0
         while entered < 20 and not wrong:
             try:
-                with alone(tmp_path / "out"):
+                with lock_folder(tmp_path / "out"):
                     inside.append(1)
                     time.sleep(1e-3)
                     most.append(len(inside))
@@ -127,5 +127,5 @@ def test_folders_that_cannot_be_held(make, sentence, tmp_path):
         place = Path("/proc/stickslip")
     else:
         pytest.skip("needs a folder in which nobody can write")
-    with pytest.raises(ValueError, match=sentence), alone(place):
+    with pytest.raises(ValueError, match=sentence), lock_folder(place):
         pass

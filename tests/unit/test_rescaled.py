@@ -7,10 +7,10 @@ import stickslip as ss
 from stickslip.core.contacts.jacobian import contact_blocks
 from stickslip.core.contacts.mechanics import FREE
 from stickslip.core.laws import builtin as laws
-from stickslip.data.exchange.frame import law_of, law_words
+from stickslip.data.exchange.frame import law_from_dict, law_to_dict
 from stickslip.data.sample import LAWS
 from stickslip.data.schema import ScenarioError
-from stickslip.data.sound import sound_law
+from stickslip.data.sound import validate_law
 from stickslip.experiments.flow.pouring import flow_law
 from stickslip.loading.packing import jammed
 from stickslip.solve.damped import damped_stability
@@ -158,8 +158,8 @@ def test_other_scalars_are_those_of_the_plain_law(name, plain):
 def test_every_kind_is_named_written_and_read(name):
     law = LAWS[name](2.0, 0.7, 0.3)
     assert laws.KINDS[law.kind] == name
-    assert laws.alike(law_of(law_words(law)), law)
-    assert sound_law(law) is law
+    assert laws.alike(law_from_dict(law_to_dict(law)), law)
+    assert validate_law(law) is law
 
 
 def test_flows_take_the_law_by_name():

@@ -101,7 +101,7 @@ def test_slip_that_is_too_long_for_a_number_is_refused(unstable):
 
 def test_slip_beyond_the_limit_and_missing_pairs_are_said(unstable):
     given = arrays_of(unstable)
-    with pytest.warns(PackingWarning, match="exceed Coulomb's limit"):
+    with pytest.warns(PackingWarning, match="exceeded Coulomb's limit"):
         from_arrays(law=ss.laws.hertz_mindlin(mu=1e-3), **given)
     fewer = {k: v[1:] if k in ("pair_i", "pair_j", "image", "slip") else v for k, v in given.items()}
     with pytest.warns(PackingWarning, match="1 touching pair"):
@@ -128,8 +128,8 @@ def wrong(given, **changes):
             lambda g: {k: np.append(g[k], g[k][-1:], axis=0) for k in ("pair_i", "pair_j", "image", "slip")},
             "given twice",
         ),
-        (lambda g: {"pair_j": g["pair_j"] + 30}, "there are grains 0 to 29"),
-        (lambda g: {"pair_i": g["pair_i"] + 0.5}, "else than integers"),
+        (lambda g: {"pair_j": g["pair_j"] + 30}, "use 0 to 29"),
+        (lambda g: {"pair_i": g["pair_i"] + 0.5}, "entries that are not integers"),
         (lambda g: {"image": -g["image"] + 1}, "do not touch"),
         (lambda g: {"pair_i": None}, "give both"),
         (lambda g: {"pair_i": None, "pair_j": None}, "without pair_i"),

@@ -1,4 +1,4 @@
-"""Commands about the package: what a run rests on, and whether this installation is sound."""
+"""Commands about the package: citations for a run, and a check of the installation."""
 
 import json
 from pathlib import Path
@@ -9,22 +9,22 @@ import typer
 from .app import AsJson, app, examples
 
 CITE = examples(
-    ("cite examples/gouge.toml", "of a scenario; > paper.bib keeps them"),
-    ("cite examples/rate_state_sweep.toml --json", "the same as one object"),
+    ("cite examples/gouge.toml", "for a scenario; > paper.bib saves them"),
+    ("cite examples/rate_state_sweep.toml --json", "the same as one JSON object"),
 )
 DOCTOR = examples(
-    ("doctor", "the first time a minute, while kernels are compiled; later seconds"),
-    ("doctor --json", "for a bug report, or a test of an installation"),
+    ("doctor", "a minute the first time, while kernels are compiled; seconds later"),
+    ("doctor --json", "for a bug report, or to test an installation"),
 )
 
 
-@app.command(epilog=CITE, short_help="BibTeX of what a run rests on.")
+@app.command(epilog=CITE, short_help="Print BibTeX entries to cite for a run.")
 def cite(
     scenario: Annotated[Path, typer.Argument(help="A scenario in TOML, or the folder of a run's results.")],
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="As ever: BibTeX alone.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No effect: only BibTeX is printed.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """BibTeX of what a run rests on: this package, papers, laws, libraries."""
+    """Print BibTeX entries to cite for a run: this package, papers, contact laws, libraries."""
     from ..experiments.bibliography import bibtex, scenarios_of
 
     text = bibtex(*scenarios_of(scenario))
@@ -36,20 +36,20 @@ def cite(
         print(text, end="")
 
 
-@app.command(epilog=DOCTOR, short_help="Is this installation sound?")
+@app.command(epilog=DOCTOR, short_help="Check this installation.")
 def doctor(
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print the verdict alone.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print only the verdict.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Is this installation sound? Versions, threads, caches, optional parts, a self-check; exit code 1 if it fails."""
-    from ..doctor import report as examined
+    """Check this installation: versions, threads, caches, optional parts and a self-check; exit code 1 if it fails."""
+    from ..doctor import report as doctor_report
     from ..experiments import json_output, terminal
 
     with terminal.speaking(quiet=quiet, as_json=as_json):
-        ok, told = examined.told(as_json=as_json)
+        ok, text = doctor_report.examine(as_json=as_json)
     if as_json:
         about = json_output.common("doctor", status="finished" if ok else "failed")
-        print(json_output.text(about | json.loads(told)))
+        print(json_output.text(about | json.loads(text)))
     elif quiet:
-        print(told)
+        print(text)
     raise typer.Exit(0 if ok else 1)

@@ -1,4 +1,4 @@
-"""The application, the options that many commands share, and how a command ends."""
+"""The application, options shared by several commands, and output of results."""
 
 from collections.abc import Callable, Iterable
 from difflib import get_close_matches
@@ -19,49 +19,49 @@ app = typer.Typer(
     help="A laboratory for frictional grains: build them, load them, know when and how they will slip.",
 )
 
-FIRST = f"""\
+WELCOME = f"""\
 stickslip {__version__}: a laboratory for frictional grains
 
-Type first, in a clone of the repository:
-  stickslip doctor                            is this installation sound?
+First steps, in a clone of the repository:
+  stickslip doctor                            check this installation
   stickslip run examples/rate_state.toml --out results/rate-state
-                                              a scenario of your own: seconds
-  stickslip reproduce disk-array --quick      a paper, end to end: a minute
+                                              run a scenario: seconds
+  stickslip reproduce disk-array --quick      reproduce a paper: a minute
   stickslip stability examples/sheared_spheres.npz
                                               is this packing stable?
 
-All commands: stickslip --help. Of each, with examples: stickslip run --help."""
+All commands: stickslip --help. One command, with examples: stickslip run --help."""
 
 
-def completes(names: dict[str, str]):
-    """Values for shells, with a word on each."""
+def complete_from(names: dict[str, str]):
+    """Shell completion from names and their descriptions."""
     return lambda incomplete: [pair for pair in names.items() if pair[0].startswith(incomplete)]
 
 
-Out = Annotated[Path | None, typer.Option("--out", help="Folder for results; made if it does not exist.")]
+Out = Annotated[Path | None, typer.Option("--out", help="Folder for results; created if it does not exist.")]
 Workers = Annotated[
     int | None,
     typer.Option(
-        "--workers", min=1, metavar="N", help="Processes of independent runs, threads of a flow; default: all."
+        "--workers", min=1, metavar="N", help="Processes for independent runs, threads for a flow; default: all."
     ),
 ]
 Scheduler = Annotated[
-    str | None, typer.Option("--scheduler", help="Address or JSON file of a Dask scheduler that runs them instead.")
+    str | None, typer.Option("--scheduler", help="Address or JSON file of a Dask scheduler to run them instead.")
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace results of another scenario in the folder.")]
-OverwriteFile = Annotated[bool, typer.Option("--overwrite", help="Replace the file, if it is there.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print the result alone: paths, or one sentence.")]
+OverwriteFile = Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print only the result: paths, or one sentence.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead, for programs.")]
 
 
 def examples(*pairs: tuple[str, str]) -> str:
-    """Help text below a command's options: commands that work as typed, each with a comment."""
+    """Help text for the end of a command's help: commands that work as typed, each with a comment."""
     lines = [f"  stickslip {words}\n      {said}" for words, said in pairs]
     return "\b\nExamples:\n" + "\n".join(lines)
 
 
-def one_of(name: str, got: str, allowed: Iterable[str]) -> None:
-    """Raise ValueError with a sentence, unless a word is among those allowed; it suggests the near one."""
+def check_choice(name: str, got: str, allowed: Iterable[str]) -> None:
+    """Raise ValueError if a word is not among those allowed; the message suggests the closest one."""
     allowed = list(allowed)
     if got not in allowed:
         near = get_close_matches(got, allowed, 1)
@@ -72,7 +72,7 @@ def one_of(name: str, got: str, allowed: Iterable[str]) -> None:
 def finish(
     answer: Callable[[], dict], paths: list[Path], show: Callable[[], None], *, quiet: bool, as_json: bool
 ) -> None:
-    """Print the result of a command that writes files: a JSON object, paths alone, or a summary and paths."""
+    """Print the result of a command that writes files: a JSON object, only paths, or a summary and paths."""
     from ..experiments import json_output, terminal
 
     if as_json:
@@ -84,18 +84,18 @@ def finish(
         terminal.show_paths(paths)
 
 
-def _version(wanted: bool) -> None:
+def _show_version(wanted: bool) -> None:
     if wanted:
         print(f"stickslip {__version__}")
         raise typer.Exit
 
 
 @app.callback()
-def _main(
+def _show_welcome(
     context: typer.Context,
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version.")
     ] = False,
 ) -> None:
     if context.invoked_subcommand is None:
-        print(FIRST)
+        print(WELCOME)

@@ -1,4 +1,4 @@
-"""Commands that read anybody's packing: is it stable, and in which other format is it wanted."""
+"""Commands that read a packing: stability analysis and conversion to other formats."""
 
 import sys
 from functools import wraps
@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from .app import AsJson, OverwriteFile, Quiet, app, completes, examples, finish
+from .app import AsJson, OverwriteFile, Quiet, app, complete_from, examples, finish
 
 LAWS = {
     "hertz_mindlin": "k δ^(3/2), as in papers 000 and 001",
@@ -17,65 +17,62 @@ LAWS = {
     "hertz_mindlin_rescaled": "k δ^(3/2), slips shorten as overlaps fall",
     "hertz_mindlin_reff_rescaled": "as LAMMPS mindlin_rescale",
 }
-COULOMB = {"smooth": "friction approaches its limit", "sharp": "friction is cut at its limit"}
-DAMPING = {"velocity": "by velocity", "mass_velocity": "by mass and velocity", "viscoelastic": "by overlap, too"}
+COULOMB = {"smooth": "friction approaches its limit", "sharp": "friction is truncated at its limit"}
+DAMPING = {"velocity": "by velocity", "mass_velocity": "by mass and velocity", "viscoelastic": "also by overlap"}
 METHODS = {
     "auto": "by the number of grains", "dense": "all eigenvalues", "pairs": "all complex pairs",
-    "fastest": "the fastest growth alone",
+    "fastest": "only the fastest growth",
 }  # fmt: skip
-UNJUDGED = 3  # exit code where there is no verdict
-REMEDY = "give what is missing; or --settle lets it come to rest first: the answer is then about the settled packing"
+NO_VERDICT = 3  # exit code where there is no verdict
+REMEDY = "give what is missing, or let it come to rest with --settle; the result then refers to the settled packing"
 STABILITY = examples(
-    ("stability examples/sheared_spheres.npz", "verdict and pairs; modes go to sheared_spheres-modes.npz here"),
-    ("stability examples/sheared_spheres.npz --modes modes.npz --json", "one object for programs, modes in a file"),
-    ("stability examples/sheared_spheres.npz --more", "moduli, transient growth, contacts that decide"),
+    ("stability examples/sheared_spheres.npz", "verdict and pairs; writes modes to sheared_spheres-modes.npz"),
+    ("stability examples/sheared_spheres.npz --modes modes.npz --json", "one JSON object, and modes in a file"),
+    ("stability examples/sheared_spheres.npz --more", "moduli, transient growth, decisive contacts"),
     (
         "stability examples/sheared_spheres.npz --coulomb sharp --settle -q",
-        "the verdict alone, at rest under another law",
+        "only the verdict, at rest under another law",
     ),
 )
 CONVERT = examples(
-    ("convert examples/sheared_spheres.npz --to packing.data", "for LAMMPS, with the contacts beside it"),
+    ("convert examples/sheared_spheres.npz --to packing.data", "for LAMMPS, contacts in a second file"),
     ("convert examples/sheared_spheres.npz --to packing.gsd", "for OVITO; needs the extra exchange"),
-    (
-        "convert examples/sheared_spheres.npz --to m.gsd --modes modes.npz",
-        "the animation of the mode that `stability` found",
-    ),
+    ("convert examples/sheared_spheres.npz --to m.gsd --modes modes.npz", "animate the mode that `stability` found"),
 )
 
 
-def _packing(
+def _packing_options(
     law: Annotated[
         str | None,
         typer.Option(
-            help="hertz_mindlin, linear, hertz_mindlin_reff (Hertzian ones also …_rescaled) or a Python file of yours; "
-            "wins over the file.",
-            autocompletion=completes(LAWS),
+            help="hertz_mindlin, linear, hertz_mindlin_reff (Hertzian ones also …_rescaled) or your own Python file; "
+            "takes precedence over the law in FILE.",
+            autocompletion=complete_from(LAWS),
         ),
     ] = None,
-    coulomb: Annotated[str | None, typer.Option(help="smooth or sharp.", autocompletion=completes(COULOMB))] = None,
+    coulomb: Annotated[str | None, typer.Option(help="smooth or sharp.", autocompletion=complete_from(COULOMB))] = None,
     kn: Annotated[float | None, typer.Option(help="Normal stiffness.")] = None,
     kt: Annotated[float | None, typer.Option(help="Tangential stiffness.")] = None,
     mu: Annotated[float | None, typer.Option(help="Friction coefficient.")] = None,
     young: Annotated[float | None, typer.Option(help="Young's modulus, with --poisson instead of --kn, --kt.")] = None,
     poisson: Annotated[float | None, typer.Option(help="Poisson's ratio.")] = None,
     damping: Annotated[
-        str | None, typer.Option(help="velocity, mass_velocity or viscoelastic.", autocompletion=completes(DAMPING))
+        str | None, typer.Option(help="velocity, mass_velocity or viscoelastic.", autocompletion=complete_from(DAMPING))
     ] = None,
     damping_n: Annotated[float | None, typer.Option(help="Coefficient of the normal dashpots.")] = None,
     damping_t: Annotated[float | None, typer.Option(help="Coefficient of the tangential dashpots.")] = None,
     i0: Annotated[float | None, typer.Option(help="Moment of inertia I0 m R²: 0.4 for spheres.")] = None,
-    frame: Annotated[str | None, typer.Option(help="Which state of an archive, GSD file or dump.")] = None,
-    contacts: Annotated[Path | None, typer.Option(help="LAMMPS's `dump local` with the forces of contacts.")] = None,
+    frame: Annotated[str | None, typer.Option(help="State to read from an archive, GSD file or dump.")] = None,
+    contacts: Annotated[Path | None, typer.Option(help="LAMMPS `dump local` with the contact forces.")] = None,
     columns: Annotated[str | None, typer.Option(help='Names of its columns: "i j dist … tx ty tz".')] = None,
-    boundary: Annotated[str | None, typer.Option(help="As in LAMMPS, ppf, where the file does not say.")] = None,
+    boundary: Annotated[str | None, typer.Option(help="As in LAMMPS, e.g. ppf, if the file does not say.")] = None,
 ):
-    """Options of every command that reads a packing; see `read_packing`."""
+    """Options of all commands that read a packing; see `read_packing`."""
 
 
-def reads_packing(command):
-    """Give a command the options of `_packing`, which reach it as one dictionary called `options`."""
-    own, more = (list(signature(f).parameters.values()) for f in (command, _packing))
+def with_packing_options(command):
+    """Add the options of `_packing_options` to a command, which receives them as the dictionary `options`."""
+    own, more = (list(signature(f).parameters.values()) for f in (command, _packing_options))
     names = [parameter.name for parameter in more]
 
     @wraps(command)
@@ -90,29 +87,31 @@ def reads_packing(command):
 
 
 @app.command(epilog=STABILITY, short_help="Is this packing stable?")
-@reads_packing
+@with_packing_options
 def stability(
     file: Annotated[Path, typer.Argument(help="A packing: .npz, .h5, .gsd, LAMMPS .data or .dump.")],
     options: dict,
     method: Annotated[
-        str, typer.Option("--method", help="auto, dense, pairs or fastest.", autocompletion=completes(METHODS))
+        str, typer.Option("--method", help="auto, dense, pairs or fastest.", autocompletion=complete_from(METHODS))
     ] = "auto",
     settle: Annotated[
-        bool, typer.Option("--settle", help="Let it come to rest under this law first; judge that.")
+        bool, typer.Option("--settle", help="Let it come to rest under this law first; analyse that state.")
     ] = False,
     modes: Annotated[
-        Path | None, typer.Option("--modes", help="Where modes go; default: FILE's name with -modes.npz, here.")
+        Path | None, typer.Option("--modes", help="Output file for modes; default: FILE's name with -modes.npz, here.")
     ] = None,
     beyond: Annotated[
-        bool, typer.Option("--more", help="Also elastic moduli, transient growth, the contacts that decide.")
+        bool, typer.Option("--more", help="Also elastic moduli, transient growth, decisive contacts.")
     ] = False,
     quiet: Quiet = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one object; write modes only with --modes.")] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object; write modes only with --modes.")
+    ] = False,
 ) -> None:
-    """Is this packing stable? Complex pairs, buckling, floppy modes and rattlers of anybody's packing.
+    """Is this packing stable? Complex pairs, buckling, floppy modes and rattlers of any packing.
 
-    Only an equilibrium is judged: forces must balance to 0.002 of the mean contact force. Exit codes: 0 stable or
-    unstable, 1 it could not be computed or settled, 2 wrong input, 3 no verdict: not in equilibrium, or not decided.
+    Only an equilibrium is analysed: forces must balance to 0.002 of the mean contact force. Exit codes: 0 stable or
+    unstable, 1 it could not be computed or settled, 2 wrong input, 3 no verdict: not in equilibrium, or undecided.
     """
     from ..data.exchange.files import listened, read_packing
     from ..experiments import json_output, terminal
@@ -148,20 +147,20 @@ def stability(
         if paths:
             terminal.show_paths(paths)
     if found.stable is None:
-        raise typer.Exit(UNJUDGED)
+        raise typer.Exit(NO_VERDICT)
 
 
 @app.command(epilog=CONVERT, short_help="Write a packing for OVITO, ParaView, ASE, LAMMPS.")
-@reads_packing
+@with_packing_options
 def convert(
     file: Annotated[Path, typer.Argument(help="A packing: .npz, .h5, .gsd, LAMMPS .data or .dump.")],
-    to: Annotated[Path, typer.Option("--to", help="Where: .gsd, .vtu, .xyz, .data, .npz or .h5.")],
+    to: Annotated[Path, typer.Option("--to", help="Output file: .gsd, .vtu, .xyz, .data, .npz or .h5.")],
     options: dict,
     modes: Annotated[Path | None, typer.Option("--modes", help="Animate a mode that `stability` wrote.")] = None,
-    mode: Annotated[int, typer.Option("--mode", min=0, metavar="N", help="Which one, the fastest first.")] = 0,
-    frames: Annotated[int, typer.Option("--frames", min=2, metavar="N", help="Frames of one period.")] = 48,
+    mode: Annotated[int, typer.Option("--mode", min=0, metavar="N", help="Number of the mode, fastest first.")] = 0,
+    frames: Annotated[int, typer.Option("--frames", min=2, metavar="N", help="Frames per period.")] = 48,
     amplitude: Annotated[float, typer.Option("--amplitude", help="Largest displacement over the radius.")] = 0.3,
-    grow: Annotated[bool, typer.Option("--grow", help="Let the mode grow as it does.")] = False,
+    grow: Annotated[bool, typer.Option("--grow", help="Include the growth of the mode.")] = False,
     overwrite: OverwriteFile = False,
     quiet: Quiet = False,
     as_json: AsJson = False,

@@ -1,4 +1,4 @@
-"""Commands that read a laboratory's record."""
+"""Commands that read a laboratory record."""
 
 import json
 from pathlib import Path
@@ -6,42 +6,44 @@ from typing import Annotated
 
 import typer
 
-from .app import Out, Quiet, app, completes, examples, one_of
+from .app import Out, Quiet, app, check_choice, complete_from, examples
 
 LAWS = {
-    "aging": "heals with time at rest (Dieterich)", "slip": "evolves with slip alone (Ruina)",
+    "aging": "heals with time at rest (Dieterich)", "slip": "evolves only with slip (Ruina)",
     "both": "both, and which one the data prefer",
 }  # fmt: skip
 FIT = examples(
-    ("run examples/rate_state.toml --out results/rate-state", "a record to fit; any other CSV will do"),
+    ("run examples/rate_state.toml --out results/rate-state", "makes a record to fit; any other CSV will do"),
     ("fit results/rate-state/series.csv --stiffness 200", "both laws, and which one the data prefer"),
-    ("fit results/rate-state/series.csv --stiffness 200 --json", "the same as one object"),
+    ("fit results/rate-state/series.csv --stiffness 200 --json", "the same as one JSON object"),
 )
 
 
 @app.command(epilog=FIT, short_help="Fit rate-and-state friction to a record.")
 def fit(
     file: Annotated[Path, typer.Argument(help="A record as CSV: time [s], load_point [um], friction [-], …")],
-    law: Annotated[str, typer.Option("--law", help="aging, slip or both.", autocompletion=completes(LAWS))] = "both",
+    law: Annotated[
+        str, typer.Option("--law", help="aging, slip or both.", autocompletion=complete_from(LAWS))
+    ] = "both",
     stiffness: Annotated[
-        float | None, typer.Option("--stiffness", help="Friction per displacement, known [1/m].")
+        float | None, typer.Option("--stiffness", help="Known stiffness, friction per displacement [1/m].")
     ] = None,
-    free_stiffness: Annotated[bool, typer.Option("--free-stiffness", help="Fit the stiffness, too.")] = False,
+    free_stiffness: Annotated[bool, typer.Option("--free-stiffness", help="Also fit the stiffness.")] = False,
     v0: Annotated[
         float | None, typer.Option("--v0", help="Velocity at which friction is mu0; default: the first [m/s].")
     ] = None,
     before: Annotated[
         float | None, typer.Option("--before", help="Slip velocity before the record starts [m/s].")
     ] = None,
-    detrend: Annotated[bool, typer.Option("--detrend", help="Fit a trend, linear in displacement, too.")] = False,
-    normal: Annotated[bool, typer.Option("--normal", help="Let measured changes of normal stress act.")] = False,
+    detrend: Annotated[bool, typer.Option("--detrend", help="Also fit a trend, linear in displacement.")] = False,
+    normal: Annotated[bool, typer.Option("--normal", help="Include measured changes of normal stress.")] = False,
     out: Out = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier fit in the folder.")] = False,
     quiet: Quiet = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
 ) -> None:
     """Fit rate-and-state friction to a record: a, b, D_c and more with intervals, and which law the data prefer."""
-    one_of("law", law, LAWS)
+    check_choice("law", law, LAWS)
     from ..experiments import json_output, terminal
     from ..experiments.rate_state import fit_report
 

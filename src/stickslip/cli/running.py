@@ -1,4 +1,4 @@
-"""Commands that run experiments: a paper's, one's own, a sweep, and what is left of one that was stopped."""
+"""Commands that run experiments: reproduce a paper, run a scenario or a sweep, resume a run that was stopped."""
 
 import sys
 from pathlib import Path
@@ -7,40 +7,53 @@ from typing import Annotated
 import typer
 
 from ..experiments.registry import EXPERIMENTS, experiment_of, papers
-from .app import ENGINES, AsJson, Out, Overwrite, Quiet, Scheduler, Workers, app, completes, examples, finish, one_of
-from .entry_point import FailedError, working
+from .app import (
+    ENGINES,
+    AsJson,
+    Out,
+    Overwrite,
+    Quiet,
+    Scheduler,
+    Workers,
+    app,
+    check_choice,
+    complete_from,
+    examples,
+    finish,
+)
+from .entry_point import FailedError, convert_errors
 
 REPRODUCE = examples(
     ("reproduce disk-array --quick", "a minute; results/disk-array-quick, with figures and claims"),
-    ("reproduce disk-array --quick --json", "the same again, for programs: claims and measures as one object"),
-    ("reproduce gouge --quick --workers 2", "minutes; stopped by ctrl-C, the same call goes on"),
+    ("reproduce disk-array --quick --json", "the same for programs: claims and measures as one JSON object"),
+    ("reproduce gouge --quick --workers 2", "minutes; after ctrl-C, the same command continues"),
 )
 RUN = examples(
     ("run examples/rate_state.toml --out results/rate-state", "a slider with rate-and-state friction: seconds"),
     ("run examples/rate_state_sweep.toml --out results/sweep --workers 2", "many of them, by the table [sweep]"),
-    ("run examples/rate_state.toml --out results/rate-state --json", "again, told as one object"),
-    ("run examples/disk_array.toml --out results/mine --quiet", "a minute or two; tells nothing but paths"),
+    ("run examples/rate_state.toml --out results/rate-state --json", "the same, with a JSON object as output"),
+    ("run examples/disk_array.toml --out results/mine --quiet", "a minute or two; prints only paths"),
 )
 RESUME = examples(
-    ("resume results/rate-state", "a run that has ended has nothing left, and says so"),
-    ("resume results/sweep --workers 2", "members of a sweep that are missing, with --figures if they had it"),
+    ("resume results/rate-state", "reports that a finished run has nothing left to do"),
+    ("resume results/sweep --workers 2", "missing members of a sweep, with --figures if it was given"),
 )
 
 
-@app.command(epilog=REPRODUCE, short_help="Run a paper's experiment and judge its claims.")
+@app.command(epilog=REPRODUCE, short_help="Run a paper's experiment and evaluate its claims.")
 def reproduce(
     experiment: Annotated[
         str,
         typer.Argument(
-            help="Which paper: disk-array, sphere-shear, quasi-rigid or gouge.",
-            autocompletion=completes({name: one.words for name, one in papers().items()}),
+            help="Name of the paper: disk-array, sphere-shear, quasi-rigid or gouge.",
+            autocompletion=complete_from({name: one.words for name, one in papers().items()}),
         ),
     ],
     quick: Annotated[
-        bool, typer.Option("--quick", help="Fewer realizations and shorter runs; says what it cuts.")
+        bool, typer.Option("--quick", help="Fewer realizations and shorter runs; reports what is cut.")
     ] = False,
     full: Annotated[
-        bool, typer.Option("--full", help="Of gouge: velocity steps and other slides, too; hours, and says how many.")
+        bool, typer.Option("--full", help="Gouge only: also velocity steps and other slides; reports how many hours.")
     ] = False,
     out: Out = None,
     seed: Annotated[int, typer.Option("--seed", min=0, metavar="N", help="Seed of all random velocities.")] = 0,
@@ -50,21 +63,21 @@ def reproduce(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Run a paper's experiment end to end: figures, raw numbers, and every claim judged (claims.md, claims.png)."""
-    one_of("experiment", experiment, papers())
+    """Run a paper's experiment end to end: figures, raw numbers, a verdict on every claim (claims.md, claims.png)."""
+    check_choice("experiment", experiment, papers())
     if full and (quick or experiment != "gouge"):
         raise ValueError(
             "--full was given with --quick: give one of them" if quick else f"{experiment} has no --full: leave it out"
         )
-    spread = _spread(workers, scheduler)
-    from ..data.lock import alone
+    spread = _choose_workers(workers, scheduler)
+    from ..data.lock import lock_folder
     from ..experiments import run_folder, terminal
     from ..experiments.resume import begin_reproduction
 
     chosen = EXPERIMENTS[experiment].paper.scenario(quick=quick, seed=seed)
     folder = out or Path("results") / (experiment + ("-quick" if quick else ""))
     how = {"quiet": quiet, "as_json": as_json}
-    with terminal.speaking(**how), alone(folder):
+    with terminal.speaking(**how), lock_folder(folder):
         run_folder.claim_folder(folder, chosen, overwrite=overwrite)
         asked = {"experiment": experiment, "quick": quick, "seed": seed} | ({"full": True} if full else {})
         begin_reproduction(folder, chosen, **asked)
@@ -72,7 +85,7 @@ def reproduce(
 
 
 def _reproduce_in(command: str, folder: Path, spread, how: dict, *, experiment: str, quick: bool, **asked) -> None:
-    """Run a paper's experiment in a folder, or what is left of it."""
+    """Run or continue a paper's experiment in a folder."""
     from ..experiments import json_output, terminal
     from ..experiments.claims_report import show_claims
     from ..experiments.writer import write_reproduction
@@ -80,7 +93,7 @@ def _reproduce_in(command: str, folder: Path, spread, how: dict, *, experiment: 
     chosen = EXPERIMENTS[experiment]
     if quick:
         terminal.console.print(f"--quick cuts: {chosen.paper.cuts}.")
-    with working(), terminal.progress() as tell:
+    with convert_errors(), terminal.progress() as tell:
         found = chosen.paper.reproduce(quick=quick, **asked, folder=folder, workers=spread, report=tell)
         tell("figures", 0.0, str(folder))
         paths = write_reproduction(folder, chosen, found)
@@ -90,50 +103,50 @@ def _reproduce_in(command: str, folder: Path, spread, how: dict, *, experiment: 
     )  # fmt: skip
 
 
-@app.command(epilog=RUN, short_help="Run your own scenario, or many.")
+@app.command(epilog=RUN, short_help="Run a scenario, or a sweep of many.")
 def run(
     scenario: Annotated[Path, typer.Argument(help="A scenario in TOML, such as examples/disk_array.toml.")],
-    out: Annotated[Path, typer.Option("--out", help="Folder for results; made if it does not exist.")],
+    out: Annotated[Path, typer.Option("--out", help="Folder for results; created if it does not exist.")],
     engine: Annotated[
         str | None,
-        typer.Option("--engine", help="stickslip or lammps, of fault gouge.", autocompletion=completes(ENGINES)),
+        typer.Option("--engine", help="stickslip or lammps, for fault gouge.", autocompletion=complete_from(ENGINES)),
     ] = None,
     workers: Workers = None,
     scheduler: Scheduler = None,
     overwrite: Overwrite = False,
-    yes: Annotated[bool, typer.Option("--yes", help="Run a sweep of however many members.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Run a sweep with any number of members.")] = False,
     figures: Annotated[bool, typer.Option("--figures", help="Draw figures of every member of a sweep.")] = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Run your own scenario, or with a table [sweep] many: arrays, packings, tests, flows, gouge, sliders."""
-    from ..data.lock import alone
+    """Run a scenario, or many with a table [sweep]: arrays, packings, tests, flows, gouge, sliders."""
+    from ..data.lock import lock_folder
     from ..experiments import run_folder, terminal
-    from ..experiments.registry import scenario as judged
+    from ..experiments.registry import scenario as make_scenario
     from ..experiments.registry import tables_of
 
     tables, how = tables_of(scenario), {"quiet": quiet, "as_json": as_json}
     if "sweep" in tables:
-        tables, spread = _swept(tables, engine), _spread(workers, scheduler)
-        with terminal.speaking(**how), alone(out):
-            return _sweep("run", tables, out, spread, how, overwrite=overwrite, yes=yes, figures=figures)
-    chosen = judged(**tables)
+        tables, spread = _sweep_tables(tables, engine), _choose_workers(workers, scheduler)
+        with terminal.speaking(**how), lock_folder(out):
+            return _run_sweep_in("run", tables, out, spread, how, overwrite=overwrite, yes=yes, figures=figures)
+    chosen = make_scenario(**tables)
     if engine is not None:
         chosen = _with_engine(chosen, engine)
-    spread = _spread(workers, scheduler, chosen)
-    with terminal.speaking(**how), alone(out):
+    spread = _choose_workers(workers, scheduler, chosen)
+    with terminal.speaking(**how), lock_folder(out):
         run_folder.claim_folder(out, chosen, overwrite=overwrite)
         return _run_in("run", chosen, out, spread, how)
 
 
 def _run_in(command: str, chosen, folder: Path, spread, how: dict) -> None:
-    """Run a scenario in a folder, or what is left of it."""
+    """Run or continue a scenario in a folder."""
     from ..experiments import json_output, terminal
     from ..experiments.writer import write_result
 
     experiment = experiment_of(chosen)
     experiment.announce(chosen)
-    with working(), terminal.progress() as tell:
+    with convert_errors(), terminal.progress() as tell:
         found = experiment.simulate(chosen, folder=folder, workers=spread, report=tell)
         tell("figures", 0.0, str(folder))
         paths = write_result(folder, experiment, found)
@@ -142,7 +155,7 @@ def _run_in(command: str, chosen, folder: Path, spread, how: dict) -> None:
     )  # fmt: skip
 
 
-@app.command(epilog=RESUME, short_help="Go on with a run that was stopped or killed.")
+@app.command(epilog=RESUME, short_help="Continue a run that was stopped or killed.")
 def resume(
     folder: Annotated[Path, typer.Argument(help="The folder of a run that was stopped or killed.")],
     workers: Workers = None,
@@ -150,44 +163,44 @@ def resume(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Go on with a run that was killed: dynamics to the last bit, quasi-static steps to their solver's tolerance."""
-    from ..data.lock import alone
+    """Continue a run that was killed: dynamics bit for bit, quasi-static steps to their solver's tolerance."""
+    from ..data.lock import lock_folder
     from ..experiments import terminal
     from ..experiments.resume import begun
 
     how = {"quiet": quiet, "as_json": as_json}
     with terminal.speaking(**how):
         if begun(folder) is None:
-            return _nothing_left(folder, how)
-        with alone(folder):
-            found = begun(folder)  # again: another process may have ended in between
+            return _report_finished(folder, how)
+        with lock_folder(folder):
+            found = begun(folder)  # again, because another process may have finished in between
             if found is None:
-                return _nothing_left(folder, how)
-            spread = _spread(workers, scheduler, found.scenario)
+                return _report_finished(folder, how)
+            spread = _choose_workers(workers, scheduler, found.scenario)
             if found.reproduction:
                 return _reproduce_in("resume", folder, spread, how, **found.reproduction)
             if found.sweep:
-                return _sweep("resume", found.sweep, folder, spread, how, yes=True, figures=found.figures)
+                return _run_sweep_in("resume", found.sweep, folder, spread, how, yes=True, figures=found.figures)
             return _run_in("resume", found.scenario, folder, spread, how)
 
 
-def _nothing_left(folder: Path, how: dict) -> None:
-    """Say that a run has ended, and what it left."""
+def _report_finished(folder: Path, how: dict) -> None:
+    """Report that a run has finished, and its files."""
     from ..data.checkpoint import SCENARIO
     from ..experiments import json_output, run_folder, terminal
     from ..experiments.registry import read_scenario
 
-    words, paths = f"{folder} is finished: there is nothing to go on with.", run_folder.files_of(folder)
+    words, paths = f"{folder} is finished: there is nothing to resume.", run_folder.files_of(folder)
     finish(
         lambda: json_output.of_finished("resume", folder, read_scenario(folder / SCENARIO)), paths,
         lambda: terminal.console.print(words), **how,
     )  # fmt: skip
 
 
-def _sweep(
+def _run_sweep_in(
     command: str, tables: dict, out: Path, spread, how: dict, *, yes: bool, figures: bool, overwrite: bool = False
 ) -> None:
-    """Many runs; those that fail end with exit code 1, and the others are kept."""
+    """Run or continue a sweep in a folder; if members fail, the others are saved and the exit code is 1."""
     from ..experiments import json_output
     from ..experiments.sweep import report as sweep_report
     from ..experiments.sweep.definition import sweep
@@ -197,7 +210,7 @@ def _sweep(
     def confirm() -> bool:
         if yes or not sys.stdin.isatty() or how["as_json"] or how["quiet"]:
             if not yes:
-                raise ValueError(f"{chosen.count} members are many, and there is no terminal to ask: add --yes")
+                raise ValueError(f"the sweep has {chosen.count} members and there is no terminal to confirm: add --yes")
             return True
         return typer.confirm(f"Run {chosen.count} members?")
 
@@ -218,22 +231,22 @@ def _sweep(
     return None
 
 
-def _swept(tables: dict, engine: str | None) -> dict:
-    """The tables of a sweep, run by another engine."""
+def _sweep_tables(tables: dict, engine: str | None) -> dict:
+    """Tables of a sweep, with another engine if one is given."""
     if engine is None:
         return tables
-    one_of("engine", engine, ENGINES)
+    check_choice("engine", engine, ENGINES)
     return tables | {"engine": engine}
 
 
-def _spread(workers: int | None, scheduler: str | None, chosen=None) -> int | str | None:
-    """Check the options for parallel runs before anything starts, and return the number of workers or the address."""
+def _choose_workers(workers: int | None, scheduler: str | None, chosen=None) -> int | str | None:
+    """Check the options for parallel runs and return the number of workers or the scheduler's address."""
     if scheduler and chosen and not experiment_of(chosen).parallel:
         raise ValueError(f"--scheduler was given, but experiment = {chosen.experiment!r} is one run: leave it out")
     if scheduler is None:
         return workers
     if workers is not None:
-        raise ValueError("--workers and --scheduler were both given: a cluster has its own workers, give one of them")
+        raise ValueError("--workers and --scheduler were both given: a cluster has its own workers, give only one")
     from ..ensemble import reach
 
     reach(scheduler)
@@ -241,8 +254,8 @@ def _spread(workers: int | None, scheduler: str | None, chosen=None) -> int | st
 
 
 def _with_engine(chosen, engine: str):
-    """The scenario, run by another engine."""
-    one_of("engine", engine, ENGINES)
+    """Return the scenario with another engine."""
+    check_choice("engine", engine, ENGINES)
     if chosen.experiment != "gouge":
-        raise ValueError(f'--engine was given with experiment = {chosen.experiment!r}: only "gouge" has a choice')
+        raise ValueError(f'--engine was given with experiment = {chosen.experiment!r}: it applies to "gouge" only')
     return chosen.model_copy(update={"engine": engine})

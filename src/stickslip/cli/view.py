@@ -1,4 +1,4 @@
-"""Commands that show: a page with the packing in three dimensions, and movies."""
+"""Commands for reports with a three-dimensional view, and for movies."""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,12 +6,12 @@ from typing import Annotated
 import typer
 
 from .app import AsJson, OverwriteFile, Quiet, app, examples, finish
-from .packings import reads_packing
+from .packings import with_packing_options
 
 REPORT = examples(
-    ("report examples/sheared_spheres.npz", "sheared_spheres-report.html: its unstable mode moves in a browser"),
+    ("report examples/sheared_spheres.npz", "sheared_spheres-report.html, with the unstable mode animated"),
     ("run examples/rate_state.toml --out results/rate-state", "any run"),
-    ("report results/rate-state", "its measures, figures, scenario: results/rate-state/report.html"),
+    ("report results/rate-state", "measures, figures and scenario: results/rate-state/report.html"),
 )
 MOVIE = examples(
     ("movie examples/sheared_spheres.npz --out packing.gif", "its fastest mode; .mp4 needs the extra report"),
@@ -20,31 +20,31 @@ MOVIE = examples(
 )
 Place = Annotated[Path, typer.Argument(help="The folder of a run, or a packing as `stability` reads it.")]
 Settle = Annotated[bool, typer.Option("--settle", help="Let a packing come to equilibrium first.")]
-Modes = Annotated[Path | None, typer.Option("--modes", help="Modes that `stability` wrote; else computed.")]
+Modes = Annotated[Path | None, typer.Option("--modes", help="Modes that `stability` wrote; default: computed.")]
 
 
-@app.command(epilog=REPORT, short_help="A run or a packing as a page for browsers.")
-@reads_packing
+@app.command(epilog=REPORT, short_help="Write an HTML report on a run or a packing.")
+@with_packing_options
 def report(
     place: Place,
     options: dict,
     out: Annotated[
-        Path | None, typer.Option("--out", help="The page; default: report.html there, or FILE's name with it, here.")
+        Path | None, typer.Option("--out", help="Output file; default: report.html in the run, or FILE-report.html.")
     ] = None,
     modes: Modes = None,
     settle: Settle = False,
-    colour: Annotated[str | None, typer.Option("--colour", help="What grains are coloured by at first.")] = None,
+    colour: Annotated[str | None, typer.Option("--colour", help="Quantity that colours the grains at first.")] = None,
     overwrite: OverwriteFile = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """One page of HTML with everything in it: claims or measures, figures, the packing in three dimensions."""
+    """Write a self-contained HTML page: claims or measures, figures, the packing in three dimensions."""
     from ..experiments import json_output, run_folder, terminal
     from ..experiments.packing import page as look
     from ..experiments.packing import page_output as look_out
 
     path = out or look_out.default_path(place, run_folder.PAGE)
-    look_out.ready(path, (".html", ".htm"), overwrite=overwrite, made_from=_read(place, modes, options))
+    look_out.ready(path, (".html", ".htm"), overwrite=overwrite, made_from=_input_files(place, modes, options))
     with terminal.speaking(quiet=quiet, as_json=as_json), terminal.progress(transient=True) as tell:
         found = look.seen(place, modes=modes, options=options, settle=settle, report=tell)
         path, words = look.write_page(found, path, colour=colour)
@@ -61,41 +61,44 @@ def report(
     )  # fmt: skip
 
 
-@app.command(epilog=MOVIE, short_help="A run, or a mode of a packing, as GIF or MP4.")
-@reads_packing
+@app.command(epilog=MOVIE, short_help="Write a movie of a run or a mode, GIF or MP4.")
+@with_packing_options
 def movie(
     place: Place,
     options: dict,
     out: Annotated[
-        Path | None, typer.Option("--out", help=".gif or .mp4; default: movie.gif there, or FILE's name with it, here.")
+        Path | None, typer.Option("--out", help=".gif or .mp4; default: movie.gif in the run, or FILE-movie.gif here.")
     ] = None,
     modes: Modes = None,
     mode: Annotated[
         int | None,
         typer.Option(
-            "--mode", min=0, metavar="N", help="A mode, the fastest is 0; default: the run, or 0 of a packing."
+            "--mode",
+            min=0,
+            metavar="N",
+            help="Number of the mode, fastest 0; default: the run, or mode 0 of a packing.",
         ),
     ] = None,
     settle: Settle = False,
     colour: Annotated[
         str | None,
-        typer.Option("--colour", help="What grains are coloured by; default: speed, or displacement in the mode."),
+        typer.Option("--colour", help="Quantity that colours the grains; default: speed, or mode displacement."),
     ] = None,
-    fps: Annotated[int, typer.Option("--fps", metavar="N", help="Frames in a second.")] = 15,
-    frames: Annotated[int, typer.Option("--frames", min=2, metavar="N", help="Frames of a mode's period.")] = 48,
+    fps: Annotated[int, typer.Option("--fps", metavar="N", help="Frames per second.")] = 15,
+    frames: Annotated[int, typer.Option("--frames", min=2, metavar="N", help="Frames per period of a mode.")] = 48,
     amplitude: Annotated[float, typer.Option("--amplitude", help="Largest displacement over the radius.")] = 0.3,
     overwrite: OverwriteFile = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """A movie of a run, or of a mode of a packing, as GIF or MP4."""
+    """Write a movie of a run, or of a mode of a packing, as GIF or MP4."""
     from ..experiments import json_output, run_folder, terminal
     from ..experiments.packing import page as look
     from ..experiments.packing import page_output as look_out
 
     path = out or look_out.default_path(place, run_folder.FILM)
-    look_out.ready(path, look.film.ENDINGS, overwrite=overwrite, made_from=_read(place, modes, options))
-    look.film.checked(path, fps)
+    look_out.ready(path, look.film.ENDINGS, overwrite=overwrite, made_from=_input_files(place, modes, options))
+    look.film.check_movie(path, fps)
     with terminal.speaking(quiet=quiet, as_json=as_json), terminal.progress(transient=True) as tell:
         found = look.seen(
             place, modes=modes, options=options, settle=settle, report=tell, search=mode is not None
@@ -114,6 +117,6 @@ def movie(
     )  # fmt: skip
 
 
-def _read(place: Path, modes: Path | None, options: dict) -> tuple:
-    """Files that a command reads."""
+def _input_files(place: Path, modes: Path | None, options: dict) -> tuple:
+    """Input files of a command."""
     return place, modes, options["contacts"], options["law"]

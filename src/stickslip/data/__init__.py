@@ -1,1 +1,1 @@
-"""What goes to disk and comes from it: scenarios and archives."""
+"""Scenarios, archives, checkpoints and files of other programs."""

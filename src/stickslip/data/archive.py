@@ -1,14 +1,14 @@
-"""One HDF5 file: scenario text, versions, and a tree of arrays, words, states and results.
+"""HDF5 archives: scenario text, versions, and a tree of arrays, strings, states and results.
 
-Schema 4. Groups and datasets mirror nested dictionaries, tuples and NamedTuples; a group that was a NamedTuple carries
-its name in the attribute `noun`. The root has the attributes `schema`, `stickslip` and `versions` (of what computed
-it), and `scenario` (canonical text); no times of day and no names of machines. Entries are written in the order of
-their names, so that bytes do not depend on whether a part was computed or read. Contact lists are stored up to their
-count, with all of their memory. Datasets have the attribute `units` where they are known.
+Schema 4. Groups and datasets mirror nested dictionaries, tuples and NamedTuples; a group that stores a NamedTuple has
+its class name in the attribute `noun`. The root has the attributes `schema`, `stickslip` and `versions` (of the
+software that computed it) and `scenario` (canonical text), but no time stamps or host names. Entries are written in the
+order of their names, so that the bytes do not depend on whether a part was computed or read. Contact lists are stored
+up to their count, with all of their memory. Datasets have the attribute `units` if the unit is known.
 
-A file is made in memory, written beside its place and then renamed: whoever is killed, or finds the disk full, leaves
-what was there before. It begins with a block of text, which HDF5 passes over, that holds a checksum of the rest, as
-HDF5 itself may read a damaged file for ever.
+A file is assembled in memory, written to a temporary file and renamed, so that an interrupted write or a full disk
+leaves the previous file unchanged. It begins with a block of text, which HDF5 skips, that holds a checksum of the rest,
+because HDF5 itself may hang on a damaged file.
 """
 
 import hashlib
@@ -27,21 +27,21 @@ from ..core.laws.builtin import Law
 from ..core.laws.dispatch import Kind, described, recalled
 from ..core.state import Cell, Contacts, Control, Grains, Instant, State, Walls
 from .atomic import replace
-from .sound import sound, sound_law
+from .sound import validate_law, validate_state
 from .units import unit_of
 
 SCHEMA = 4
-_BLOCK, _SEAL = 512, b"stickslip archive, SHA-256 of what follows this block:\n"
+_BLOCK, _HEADER = 512, b"stickslip archive, SHA-256 of what follows this block:\n"
 _NOUNS = (State, Grains, Walls, Cell, Contacts, Control, Instant, Law)
 _VERSIONS = ("numpy", "numba", "scipy", "h5py")
-LARGE, EXPANDS = 2**26, 100  # bytes that an array may have anyway, and how often the size of its file
-_EVERY_PAIR = ("i", "j", "image", "key", "slip", "mode", "pair", "roll", "reached", "rolling")
-# what HDF5 and what is made of its contents raise where a file is damaged
+LARGE, EXPANDS = 2**26, 100  # size of an array that is always accepted [bytes], and largest multiple of the file size
+_PER_CONTACT = ("i", "j", "image", "key", "slip", "mode", "pair", "roll", "reached", "rolling")
+# exceptions raised by HDF5, and when objects are rebuilt, for damaged files
 _DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError, OverflowError, MemoryError)
 
 
 class ArchiveError(ValueError):
-    """A file that cannot be read as an archive; the message is one sentence for the user."""
+    """Raised for a file that cannot be read as an archive; the message is one sentence for the user."""
 
 
 def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = "", si: bool = False) -> None:
@@ -49,15 +49,15 @@ def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = ""
 
     Parameters
     ----------
-    tree : nested dictionaries of arrays, numbers, words, None, tuples and NamedTuples of these, states among them
+    tree : nested dictionaries of arrays, numbers, strings, None, and tuples and NamedTuples of these, including states
     scenario : canonical text
     version : of the package that computed it
-    si : whether units are SI; else the attribute `units` of a dataset tells its dimension
+    si : True if units are SI; otherwise the attribute `units` of a dataset gives its dimension
 
     Raises
     ------
     OSError
-        where the file cannot be written; what was there is left alone.
+        if the file cannot be written; an existing file is left unchanged.
     """
     path = Path(path)
     memory = {"driver": "core", "backing_store": False, "userblock_size": _BLOCK}
@@ -65,61 +65,60 @@ def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = ""
         file.attrs["schema"], file.attrs["scenario"], file.attrs["stickslip"] = SCHEMA, scenario, version
         file.attrs["versions"] = versions()
         for name, value in sorted(tree.items()):
-            _put(file, name, value, si)
+            _store(file, name, value, si)
         file.flush()
         image = file.id.get_file_image()
-    replace(path, _sealed(image))
+    replace(path, _with_checksum(image))
 
 
-def _sealed(image: bytes) -> bytes:
-    """An image behind a block that holds its checksum."""
-    return _SEAL + hashlib.sha256(image).hexdigest().encode().ljust(_BLOCK - len(_SEAL), b"\n") + image
+def _with_checksum(image: bytes) -> bytes:
+    """Prepend the block with the checksum to a file image."""
+    return _HEADER + hashlib.sha256(image).hexdigest().encode().ljust(_BLOCK - len(_HEADER), b"\n") + image
 
 
 @cache
 def versions() -> str:
-    """Versions of what numbers may depend on; found once, as finding them takes as long as writing a state."""
+    """Versions of the software that numbers may depend on; cached, because looking them up takes as long as a write."""
     from importlib.metadata import version
 
     return ", ".join([f"python {platform.python_version()}", *(f"{name} {version(name)}" for name in _VERSIONS)])
 
 
 def read(path: str | Path, *, nouns: Iterable[type] = ()) -> dict:
-    """The tree that `write` was given; states come back as State.
+    """Read the tree that `write` stored; states are returned as `State`.
 
     Parameters
     ----------
-    nouns : classes of other NamedTuples and enums that come back as what they were; without, they come back as
-        dictionaries and words
+    nouns : classes of other NamedTuples and enums to restore; those not given are returned as dictionaries and strings
 
     Raises
     ------
     ArchiveError
-        if the file is not an archive, is cut short, or is of a schema that this version does not read.
+        if the file is not an archive, is truncated, or has a schema that this version does not read.
     """
     known = {noun.__name__: noun for noun in (*_NOUNS, *nouns)}
-    with _opened(path) as file:
-        return {name: _take(value, known) for name, value in file.items()}
+    with _open(path) as file:
+        return {name: _load(value, known) for name, value in file.items()}
 
 
 def units(path: str | Path) -> dict[str, str]:
-    """Units of an archive's datasets, by their path; errors as in `read`."""
+    """Units of the datasets of an archive, by their path; errors as in `read`."""
     found = {}
-    with _opened(path) as file:
+    with _open(path) as file:
         file.visititems(lambda name, item: found.update({name: item.attrs["units"]} if "units" in item.attrs else {}))
     return found
 
 
 def attributes(path: str | Path) -> dict[str, str]:
-    """`scenario`, `stickslip` (version) and `versions` of an archive; errors as in `read`."""
-    with _opened(path) as file:
+    """Attributes `scenario`, `stickslip` (version) and `versions` of an archive; errors as in `read`."""
+    with _open(path) as file:
         return {name: str(file.attrs.get(name, "")) for name in ("scenario", "stickslip", "versions")}
 
 
 @contextmanager
-def _opened(path):
+def _open(path):
     try:
-        _check_seal(path)
+        _check_checksum(path)
         with h5py.File(path) as file:
             _check_schema(path, file.attrs.get("schema"))
             yield file
@@ -130,25 +129,25 @@ def _opened(path):
         raise ArchiveError(f"{path} cannot be read as an archive ({words}): give the results.h5 of a run") from None
 
 
-def _check_seal(path) -> None:
+def _check_checksum(path) -> None:
     with open(path, "rb") as file:
         block = file.read(_BLOCK)
-        if not block.startswith(_SEAL):
+        if not block.startswith(_HEADER):
             raise ArchiveError(f"{path} is not an archive: give the results.h5 of a run")
         digest = hashlib.file_digest(file, "sha256").hexdigest().encode()
-    if block[len(_SEAL) :].strip() != digest:
+    if block[len(_HEADER) :].strip() != digest:
         raise ArchiveError(
-            f"{path} is damaged, or was changed since it was written (its checksum): take a copy, or run it again"
+            f"{path} is damaged or was modified (its checksum does not match): restore a copy, or run it again"
         )
 
 
 def _check_schema(path, schema) -> None:
     if schema != SCHEMA:
         remedy = "install a later stickslip" if schema > SCHEMA else "run it again"
-        raise ArchiveError(f"{path} has archive schema {schema}, and this version reads schema {SCHEMA}: {remedy}")
+        raise ArchiveError(f"{path} has archive schema {schema}, but this version reads schema {SCHEMA}: {remedy}")
 
 
-def _put(group, name: str, value, si: bool, noun: str | None = None) -> None:
+def _store(group, name: str, value, si: bool, noun: str | None = None) -> None:
     if isinstance(value, Contacts):
         value = trimmed(value)
     if isinstance(value, Enum):
@@ -159,9 +158,9 @@ def _put(group, name: str, value, si: bool, noun: str | None = None) -> None:
         child = group.create_group(name)
         child.attrs["noun"] = noun = type(value).__name__
         for key, item in sorted(value._asdict().items()):
-            _put(child, key, item, si, noun)
+            _store(child, key, item, si, noun)
         if isinstance(value, Law) and isinstance(value.kind, Kind):
-            _put(child, "own", described(value), si)
+            _store(child, "own", described(value), si)
     elif isinstance(value, dict):
         child = group.create_group(name)
         numbers = [key for key in value if not isinstance(key, str)]
@@ -169,17 +168,17 @@ def _put(group, name: str, value, si: bool, noun: str | None = None) -> None:
             child.attrs["keys"] = type(numbers[0]).__name__
         named = {key if isinstance(key, str) else repr(key): item for key, item in value.items()}
         for key, item in sorted(named.items()):
-            _put(child, key, item, si)
-    elif isinstance(value, tuple | list) and not _plain(value):
+            _store(child, key, item, si)
+    elif isinstance(value, tuple | list) and not _is_homogeneous(value):
         child = group.create_group(name)
         child.attrs["sequence"] = type(value).__name__
         for k, item in enumerate(value):
-            _put(child, f"{k:06d}", item, si)
+            _store(child, f"{k:06d}", item, si)
     else:
-        _put_array(group, name, value, si, noun)
+        _store_array(group, name, value, si, noun)
 
 
-def _put_array(group, name: str, value, si: bool, noun: str | None) -> None:
+def _store_array(group, name: str, value, si: bool, noun: str | None) -> None:
     if value is None:
         group.create_dataset(name, data=h5py.Empty("f8"))
         return
@@ -197,22 +196,22 @@ def _put_array(group, name: str, value, si: bool, noun: str | None) -> None:
         made.attrs["units"] = unit
 
 
-def _plain(value) -> bool:
-    """Whether an array holds a sequence as it is: all floats, or all integers."""
+def _is_homogeneous(value) -> bool:
+    """Return True if a sequence can be stored as one array: all floats, or all integers."""
     return bool(value) and any(all(type(v) is kind for v in value) for kind in (float, int))
 
 
 def trimmed(contacts: Contacts) -> Contacts:
-    """The list without the room behind its last pair."""
+    """Contact list without the unused capacity after its last pair."""
     count = int(contacts.count[0])
-    return contacts._replace(**{name: getattr(contacts, name)[:count] for name in _EVERY_PAIR})
+    return contacts._replace(**{name: getattr(contacts, name)[:count] for name in _PER_CONTACT})
 
 
-def _take(item, known: dict):
+def _load(item, known: dict):
     if isinstance(item, h5py.Dataset):
-        value, noun = _taken_array(item), known.get(item.attrs.get("noun"))
+        value, noun = _load_array(item), known.get(item.attrs.get("noun"))
         return noun[value] if noun else value
-    tree = {name: _take(child, known) for name, child in item.items()}
+    tree = {name: _load(child, known) for name, child in item.items()}
     if "sequence" in item.attrs:
         made = list(tree.values())
         return tuple(made) if item.attrs["sequence"] == "tuple" else made
@@ -221,24 +220,24 @@ def _take(item, known: dict):
         return {number(name): value for name, value in tree.items()}
     noun = known.get(item.attrs.get("noun"))
     if noun is Law and "own" in tree:
-        tree["kind"] = _recalled(tree["kind"], tree.pop("own"))
+        tree["kind"] = _load_kind(tree["kind"], tree.pop("own"))
     made = noun(**tree) if noun else tree
-    return sound(made) if noun is State else sound_law(made) if noun is Law else made
+    return validate_state(made) if noun is State else validate_law(made) if noun is Law else made
 
 
-def _recalled(kind: int, about: dict) -> Kind:
+def _load_kind(kind: int, about: dict) -> Kind:
     try:
         return recalled(kind, about)
     except ValueError as problem:
-        raise ArchiveError(f"this archive cannot be read yet: {problem}") from None
+        raise ArchiveError(f"this archive cannot be read: {problem}") from None
 
 
-def _taken_array(item: h5py.Dataset):
+def _load_array(item: h5py.Dataset):
     stored = item.file.id.get_filesize()
     if item.nbytes > max(LARGE, EXPANDS * stored):
         raise ArchiveError(
-            f"{item.file.filename} has {stored / 1e6:.3g} MB, and its {item.name} claims {item.nbytes / 1e9:.3g} GB: "
-            f"no run wrote that; give the results.h5 of a run"
+            f"{item.file.filename} has {stored / 1e6:.3g} MB, but its {item.name} claims {item.nbytes / 1e9:.3g} GB: "
+            f"no run writes such a file, give the results.h5 of a run"
         )
     value = item[()]
     if isinstance(value, h5py.Empty):

@@ -1,4 +1,4 @@
-"""Files that are replaced whole, or not at all: written beside their place, flushed to the disk, renamed."""
+"""Atomic replacement of files: write to a temporary file in the same folder, flush to disk, rename."""
 
 import errno
 import os
@@ -9,7 +9,7 @@ from pathlib import Path
 
 @contextmanager
 def named(path: str | Path):
-    """Errors of the system within, as of a full disk, name a path: some libraries do not say which file it was."""
+    """Add a path to errors of the operating system, such as a full disk, from libraries that do not name the file."""
     try:
         yield
     except OSError as problem:
@@ -20,16 +20,16 @@ def named(path: str | Path):
 
 @contextmanager
 def beside(path: str | Path):
-    """A path in the same folder, with the same ending, that takes the place of `path` if all went well.
+    """Yield a temporary path in the same folder, with the same extension, that replaces `path` on success.
 
     Raises
     ------
     OSError
-        that names `path`, where it cannot be written; what was there is left alone.
+        naming `path`, if it cannot be written; an existing file is left unchanged.
     """
     path = Path(path)
     if not path.parent.is_dir():
-        raise FileNotFoundError(errno.ENOENT, "its folder does not exist: make it first", str(path))
+        raise FileNotFoundError(errno.ENOENT, "its folder does not exist: create it first", str(path))
     part = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
     try:
         yield part
@@ -45,12 +45,12 @@ def beside(path: str | Path):
 
 
 def check_free(paths: Iterable[Path], *, overwrite: bool = False, made_from: Iterable[str | Path | None] = ()) -> None:
-    """Make sure that files may be written where a user wants them, before anything is computed.
+    """Check that output files may be written, before anything is computed.
 
     Parameters
     ----------
-    overwrite : whether they may replace what is there
-    made_from : files that they never replace
+    overwrite : True if existing files may be replaced
+    made_from : input files, which are never replaced
 
     Raises
     ------
@@ -60,7 +60,7 @@ def check_free(paths: Iterable[Path], *, overwrite: bool = False, made_from: Ite
     sources = [Path(path) for path in made_from if path is not None]
     for path in paths:
         if any(path.exists() and source.exists() and path.samefile(source) for source in sources):
-            raise ValueError(f"{path} would replace the file that it is made from: give another name")
+            raise ValueError(f"{path} would replace its own input file: give another name")
         if path.is_dir():
             raise ValueError(f"{path} is a folder: give the name of a file")
         if os.path.lexists(path) and not overwrite:
@@ -68,6 +68,6 @@ def check_free(paths: Iterable[Path], *, overwrite: bool = False, made_from: Ite
 
 
 def replace(path: str | Path, content: bytes) -> None:
-    """Put a file in place of another, all or nothing; errors as in `beside`."""
+    """Write or replace a file, all or nothing; errors as in `beside`."""
     with beside(path) as part:
         part.write_bytes(content)

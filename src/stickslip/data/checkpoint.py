@@ -1,7 +1,7 @@
-"""Pieces of a run that is not finished: archives in a folder, each whole, so that who was killed goes on where it was.
+"""Checkpoints of an unfinished run: a folder of archives ("pieces"), from which a run that was killed can be resumed.
 
-A piece knows the scenario that it belongs to, and is taken for no other. When a run has written its results, its pieces
-go away.
+Every piece contains the scenario that it belongs to and is used for no other. The pieces are removed when the run has
+written its results.
 """
 
 import hashlib
@@ -14,59 +14,58 @@ from .. import __version__
 from . import archive
 from .atomic import replace
 
-# a folder and two files beside the results to come, and the folder of a sweep's members
+# a folder and two files in the folder of the results, and the folder of a sweep's members
 UNFINISHED, SCENARIO, SWEEP, MEMBERS = "unfinished", "scenario.json", "sweep.json", "members"
-# folders for a while: of results that are being written, of a sweep that replaces another, of pieces that go away
+# temporary folders: results being written, a sweep that replaces another, pieces being removed
 WRITING, ANEW, GONE = ".writing", ".anew", f".{UNFINISHED}"
-_NOTE, _PART = "scenario-", "part-"  # and a digest: scenario of the run whose pieces these are, and of parts of it
+_NOTE, _PART = "scenario-", "part-"  # followed by a digest: scenario of the run, and of its parts
 
 
 class Kept(NamedTuple):
-    """Where a run keeps its pieces, and one of its parts keeps its own."""
+    """Location of the pieces of a run, or of one of its parts."""
 
     run: Path  # folder of the run
     scenario: str  # canonical text
-    nouns: tuple[type, ...] = ()  # classes of NamedTuples and enums that its pieces hold
+    nouns: tuple[type, ...] = ()  # classes of the NamedTuples and enums in its pieces
     part: str = "."
-    si: bool = False  # whether units are SI
+    si: bool = False  # True if units are SI
 
     def of(self, part: str, *nouns: type) -> "Kept":
-        """A place of its own for one of several parts."""
+        """Location of the pieces of one of several parts."""
         return self._replace(part=f"{self.part}/{part}", nouns=nouns or self.nouns)
 
     @property
     def folder(self) -> Path:
-        """Where the pieces are."""
+        """Folder of the pieces."""
         return self.run / UNFINISHED / self.part
 
     @property
     def names(self) -> list[str]:
-        """Of the pieces that are there, in order."""
+        """Names of the existing pieces, sorted."""
         return sorted(path.stem for path in self.folder.glob("*.h5") if not path.name.startswith("."))
 
     def has(self, name: str) -> bool:
-        """Whether a piece is there."""
+        """Return True if a piece exists."""
         return self._path(name).is_file()
 
     def announce(self) -> None:
-        """Write the scenario, with which the run can be gone on with and other processes find its folder.
+        """Write the scenario, so that the run can be resumed and other processes can find its folder.
 
-        Where results of an earlier run stand, theirs stays beside them.
+        The scenario of an earlier run is kept with its results.
         """
         self.folder.mkdir(parents=True, exist_ok=True)
-        if (
-            not self._noted
-        ):  # a reproduction runs several scenarios: the first stands for the run, others for parts of it
+        # a reproduction runs several scenarios: the first is that of the run, the others are those of its parts
+        if not self._noted:
             replace(self._part_note if under_way(self.run) else self._note, self.scenario.encode())
         if not (self.run / SCENARIO).exists():
             replace(self.run / SCENARIO, self.scenario.encode())
 
     def seen(self) -> "Kept | None":
-        """The same, if this process sees the run's folder; a worker on another machine may not."""
+        """Return self if this process can see the run's folder, else None (as for a worker on another machine)."""
         return self if self._noted else None
 
     def check(self) -> None:
-        """Raise ArchiveError if a piece of this part, or of parts of it, cannot be used."""
+        """Raise ArchiveError if a piece of this part, or of its own parts, cannot be used."""
         for path in sorted(self.folder.rglob("*.h5")):
             inside = path.relative_to(self.folder)
             if not path.name.startswith(".") and UNFINISHED not in inside.parts:
@@ -89,37 +88,37 @@ class Kept(NamedTuple):
         return hashlib.sha256(self.scenario.encode()).hexdigest()[:16]
 
     def save(self, name: str, value: Any) -> None:
-        """Write a piece, all or nothing; from here on it is there whatever happens to this process."""
+        """Write a piece, all or nothing; it survives whatever happens to this process."""
         self.announce()
-        told = {"name": f"{self.part}/{name}", "piece": value}
-        archive.write(self._path(name), told, scenario=self.scenario, version=__version__, si=self.si)
+        content = {"name": f"{self.part}/{name}", "piece": value}
+        archive.write(self._path(name), content, scenario=self.scenario, version=__version__, si=self.si)
 
     def load(self, name: str) -> Any:
-        """A piece.
+        """Read a piece.
 
         Raises
         ------
         ArchiveError
-            with one sentence, if it is damaged, belongs to another scenario or version, or is another piece.
+            if it is damaged, belongs to another scenario or version, or is another piece.
         """
         path = self._path(name)
         self._check(path)
         found = archive.read(path, nouns=self.nouns)
         if found.get("name") != f"{self.part}/{name}":
-            raise archive.ArchiveError(f"{path} is the piece {found.get('name')}: give files their names back")
+            raise archive.ArchiveError(f"{path} contains the piece {found.get('name')}: restore the names of the files")
         return found["piece"]
 
     def _check(self, path: Path) -> None:
         about = archive.attributes(path)
         if about["scenario"] != self.scenario:
             raise archive.ArchiveError(
-                f"{path} was computed for another scenario than the folder's, perhaps with another law: put that one "
-                f"back, or run the new one with --overwrite"
+                f"{path} was computed for a scenario other than the folder's, perhaps with another law: restore that "
+                f"scenario, or run the new one with --overwrite"
             )
         if about["stickslip"] != __version__:
             raise archive.ArchiveError(
                 f"{path} was computed by stickslip {about['stickslip']}, and this is {__version__}, whose numbers may "
-                f"differ: go on with that version, or begin again with --overwrite"
+                f"differ: resume with that version, or start again with --overwrite"
             )
 
     def clear(self) -> None:
@@ -131,21 +130,21 @@ class Kept(NamedTuple):
 
 
 def under_way(folder: Path) -> Path | None:
-    """The scenario of the run that was begun in a folder and is not finished."""
+    """Path of the scenario of the unfinished run in a folder, or None."""
     notes = sorted((folder / UNFINISHED).glob(f"{_NOTE}*.json"))
-    if len(notes) > 1 and (folder / SCENARIO).is_file():  # versions before 0.2 gave parts the same kind of note
+    if len(notes) > 1 and (folder / SCENARIO).is_file():  # versions before 0.2 named the notes of parts in this way
         first = (folder / SCENARIO).read_bytes()
         notes = [path for path in notes if path.read_bytes() == first] or notes
     return notes[0] if notes else None
 
 
 def kept_in(folder: Path | None, scenario, *nouns: type) -> Kept | None:
-    """Where the run of a scenario in a folder keeps its pieces; None without a folder."""
+    """Location of the pieces of a scenario that runs in a folder; None without a folder."""
     return Kept(folder, scenario.text, nouns, si=scenario.si) if folder else None
 
 
 def piece(kept: Kept | None, name: str, make: Callable[[], Any]) -> Any:
-    """A piece that is there, else one that is made and kept."""
+    """Load a piece if it exists, otherwise compute and save it."""
     if kept is None:
         return make()
     if not kept.has(name):
@@ -154,7 +153,7 @@ def piece(kept: Kept | None, name: str, make: Callable[[], Any]) -> Any:
 
 
 def hooks(kept: Kept | None, names: list[str]) -> dict[str, Callable]:
-    """`load` and `save` of `run_members`, for members of these names."""
+    """Arguments `load` and `save` of `run_members`, for members with these names."""
     if kept is None:
         return {}
     kept.check()
@@ -167,7 +166,7 @@ def hooks(kept: Kept | None, names: list[str]) -> dict[str, Callable]:
 
 def finished(folder: Path) -> None:
     """Remove the pieces of a run that has written its results."""
-    gone = folder / GONE  # renamed first: a kill must not leave some of them
+    gone = folder / GONE  # renamed first, so that a kill cannot leave only some of them
     shutil.rmtree(gone, ignore_errors=True)
     if (folder / UNFINISHED).is_dir():
         (folder / UNFINISHED).rename(gone)

@@ -1,4 +1,4 @@
-"""Dotted keys into the tables of a scenario, such as `law.mu`, or `legs.2.velocity` for the second entry of a list."""
+"""Dotted keys for the tables of a scenario, such as `law.mu`, or `legs.2.velocity` for the second entry of a list."""
 
 from typing import NamedTuple, get_args
 
@@ -8,26 +8,26 @@ from .schema import ScenarioError, tables_in, unknown_key
 
 
 class Entry(NamedTuple):
-    """A key of a scenario, as its table defines it."""
+    """Definition of a key of a scenario."""
 
     description: str | None
     default: object
 
 
 def field_at(kind: type[BaseModel], key: str) -> Entry:
-    """What a class of scenarios says about a dotted key.
+    """Description and default of a dotted key, for a class of scenarios.
 
     Raises
     ------
     ScenarioError
-        with one sentence, and what may have been meant, if it has none.
+        if there is no such key; the message suggests the closest one.
     """
     parts, tables, above = key.split("."), [kind], []
     for k, part in enumerate(parts):
         if part.isdigit() and above:
             continue
         if not tables:
-            raise ScenarioError(f"sweep.{key}: {'.'.join(above)} is no table, it has no key {part!r}")
+            raise ScenarioError(f"sweep.{key}: {'.'.join(above)} is not a table and has no key {part!r}")
         found = next((table.model_fields[part] for table in tables if part in table.model_fields), None)
         if found is None:
             raise ScenarioError(f"sweep.{key}: {unknown_key((*above, part), kind)}")
@@ -38,26 +38,26 @@ def field_at(kind: type[BaseModel], key: str) -> Entry:
 
 
 def put(tables: dict, key: str, value) -> dict:
-    """Nested tables with another value at a dotted key; those that were given are left as they are.
+    """Return a copy of nested tables with another value at a dotted key.
 
     Examples
     --------
     >>> put({"law": {"mu": 0.3, "kn": 1.0}}, "law.mu", 0.5)
     {'law': {'mu': 0.5, 'kn': 1.0}}
     """
-    return _put(tables, key.split("."), value, key)
+    return _with_value(tables, key.split("."), value, key)
 
 
-def _put(tables, parts: list[str], value, key: str):
+def _with_value(tables, parts: list[str], value, key: str):
     part, below = parts[0], parts[1:]
     if part.isdigit():
         if not isinstance(tables, list | tuple) or not 1 <= int(part) <= len(tables):
             many = len(tables) if isinstance(tables, list | tuple) else "no"
-            raise ScenarioError(f"sweep.{key} means entry {part}, but the scenario gives {many} entries there")
+            raise ScenarioError(f"sweep.{key} refers to entry {part}, but the scenario gives {many} entries there")
         here = int(part) - 1
-        new = _put(tables[here], below, value, key) if below else value
+        new = _with_value(tables[here], below, value, key) if below else value
         return [*tables[:here], new, *tables[here + 1 :]]
     if not isinstance(tables, dict):
-        raise ScenarioError(f"sweep.{key}: {part!r} stands in a list, name its entry as in legs.2.velocity")
+        raise ScenarioError(f"sweep.{key}: {part!r} is in a list, give the number of the entry as in legs.2.velocity")
     default = [] if below and below[0].isdigit() else {}
-    return tables | {part: _put(tables.get(part, default), below, value, key) if below else value}
+    return tables | {part: _with_value(tables.get(part, default), below, value, key) if below else value}

@@ -1,8 +1,8 @@
-"""Contact laws that a user's own Python file holds: named in a scenario or on the command line, and run there only.
+"""Contact laws from a user's Python file, which is executed only if a scenario or the command line names it.
 
-A scenario that was written by hand is given the checksum of the file's text when it is read, and the law is made and
-judged at once. A scenario that carries a checksum was written by this package: reading it runs nothing, and a run, or
-one that goes on, takes the file only if its text is the same.
+When a scenario written by hand is read, the checksum of the file's text is added to it, and the law is built and
+validated immediately. A scenario that has a checksum was written by this package: reading it executes nothing, and a
+run, new or resumed, uses the file only if its text is unchanged.
 """
 
 import hashlib
@@ -16,11 +16,11 @@ from .schema import Finite, Part, ScenarioError
 
 
 class LawFile(Part):
-    """A law in a Python file of the user's, in place of a kind and its parameters."""
+    """A law in a user's Python file, instead of a kind and its parameters."""
 
-    file: str | None = Field(None, description="Python file with a contact law, from the scenario's folder; it is run")
-    parameters: dict[str, Finite] = Field({}, description="of the law in the file, where they are not as there")
-    checksum: str | None = Field(None, description="of the file's text; left out by people")
+    file: str | None = Field(None, description="Python file with a contact law, relative to the scenario; it is run")
+    parameters: dict[str, Finite] = Field({}, description="of the law in the file, if different from the file")
+    checksum: str | None = Field(None, description="of the file's text; added automatically")
 
     @model_validator(mode="before")
     @classmethod
@@ -32,19 +32,19 @@ class LawFile(Part):
         others = [name for name in given if name not in ("file", "parameters", "checksum", "wall")]
         if others:
             raise ValueError(
-                f"law.file and law.{others[0]} were both given: what is in the file is changed by law.parameters"
+                f"law.file and law.{others[0]} were both given: set parameters of the file in law.parameters"
             )
         if "checksum" in given or not isinstance(given["file"], str):
             return given
         path, parameters = Path(given["file"]).absolute(), given.get("parameters", {})
         if not isinstance(parameters, dict):
-            raise ValueError("law.parameters is no table: give numbers by name")
+            raise ValueError("law.parameters is not a table: give numbers by name")
         from_file(path, **parameters)
         return given | {"file": str(path), "checksum": _checksum(path)}
 
     @model_serializer(mode="wrap")
-    def _without_what_is_not_given(self, handler):
-        """Scenarios without a file have the text, and the digest, that they had before there were files."""
+    def _serialise_given_fields(self, handler):
+        """Omit fields that were not given; a scenario without a file keeps the text and digest of earlier versions."""
         out = handler(self)
         if self.file is None:
             return {k: v for k, v in out.items() if k not in LawFile.model_fields}
@@ -56,7 +56,7 @@ def _checksum(path: Path) -> str:
 
 
 def sealed(tables: dict) -> dict:
-    """Tables written by hand, in which a law's file gets its checksum; the law is made and judged at once."""
+    """Add the checksum of a law's file to tables written by hand; the law is built and validated immediately."""
     law = tables.get("law")
     if not isinstance(law, dict) or not isinstance(law.get("file"), str) or "checksum" in law:
         return tables
@@ -66,27 +66,27 @@ def sealed(tables: dict) -> dict:
 
 
 def check_sealed(tables: dict, path: Path) -> None:
-    """Raise ScenarioError if text that a run is said to have left names a law's file without its checksum."""
+    """Raise ScenarioError if the scenario of an earlier run names a law's file without its checksum."""
     law = tables.get("law")
     if isinstance(law, dict) and law.get("file") is not None and "checksum" not in law:
         raise ScenarioError(
-            f"{path} names law.file = {law['file']} without its checksum, which every run writes: it would be run "
-            f"unseen; give a scenario in TOML that names it"
+            f"{path} names law.file = {law['file']} without the checksum that every run writes, so the file is not "
+            f"run: name it in a scenario in TOML"
         )
 
 
 def law_in(choice: LawFile) -> Law:
-    """The law of the file that a scenario names; ScenarioError if the file is not the one that was named."""
+    """Load the law from the file that a scenario names; ScenarioError if the file is missing or has changed."""
     path = Path(choice.file)
     if not path.is_file():
-        raise ScenarioError(f"law.file = {choice.file} is not there any more: put it back, or name another")
+        raise ScenarioError(f"law.file = {choice.file} does not exist any more: restore it, or name another file")
     if _checksum(path) != choice.checksum:
-        raise ScenarioError(f"law.file = {choice.file} has changed since the run began: put it back, or run anew")
+        raise ScenarioError(f"law.file = {choice.file} has changed since the run began: restore it, or start a new run")
     return from_file(path, **choice.parameters)
 
 
-def law_of_options(path: str, given: dict) -> tuple[Law, dict]:
-    """The law of a file that was named on the command line, and the options that are not parameters of it."""
+def split_law_options(path: str, given: dict) -> tuple[Law, dict]:
+    """Load a law from a file named on the command line, and return it with the options that are not its parameters."""
     law = from_file(path)
     values = {name: given[name] for name in ("kn", "kt", "mu", "damping_n", "damping_t") if name in given}
     return with_values(law, **values), {name: value for name, value in given.items() if name not in values}

@@ -1,4 +1,4 @@
-"""Tables of a scenario that choose a contact law, and the law that they describe."""
+"""Tables of a scenario that select a contact law, and construction of the law."""
 
 from typing import Literal
 
@@ -10,7 +10,7 @@ from .schema import NotNegative, Part, Positive
 
 
 class Parameters(Part):
-    """Parameters of the disk–wall contact where they differ from those between disks."""
+    """Parameters of disk–wall contacts, if different from those between disks."""
 
     kn: Positive | None = Field(None, description="as `law.kn`")
     kt: NotNegative | None = Field(None, description="as `law.kt`")
@@ -23,8 +23,8 @@ class LawChoice(LawFile):
     """Contact law and its parameters."""
 
     kind: Literal["hertz_mindlin", "linear"] = Field("hertz_mindlin", description="F_n = k_n δ^(3/2), or k_n δ")
-    coulomb: Literal["smooth", "sharp"] = Field("smooth", description="how F_t comes to Coulomb's limit μ F_n")
-    kn: Positive = Field(1.0, description="k_n; of a linear law in force/length [force/length^(3/2)]")
+    coulomb: Literal["smooth", "sharp"] = Field("smooth", description="approach of F_t to Coulomb's limit μ F_n")
+    kn: Positive = Field(1.0, description="k_n; in force/length for a linear law [force/length^(3/2)]")
     kt: NotNegative = Field(2 / 7, description="k_t, as `kn` [force/length^(3/2)]")
     mu: NotNegative = Field(10.0, description="friction between grains")
     damping_n: NotNegative = Field(0.0, description="of the normal dashpot [force time/length]")
@@ -33,7 +33,7 @@ class LawChoice(LawFile):
 
 
 def law_of(choice: LawChoice) -> Law:
-    """The contact law that a scenario chose, with the disk–wall parameters where they differ."""
+    """Contact law selected by a scenario, with disk–wall parameters if they differ."""
     if choice.file is not None:
         law = law_in(choice)
     else:

@@ -1,4 +1,4 @@
-"""One process at a time works in a folder: a lock of the system, which ends with the process however that ends."""
+"""Folder lock: one process at a time works in a folder. The operating system releases it when the process ends."""
 
 import json
 import os
@@ -12,52 +12,54 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from . import atomic as whole
+from . import atomic
 from .checkpoint import MEMBERS, SWEEP
 
 TRIES = 20
-LOCK, HOLDER = ".lock", ".lock.json"  # neither is there any more when the work is done
+LOCK, HOLDER = ".lock", ".lock.json"  # both are removed when the work is done
 
 
 @contextmanager
-def alone(folder: Path) -> Iterator[None]:
-    """Work in a folder, which is made if it is missing, while no other process does.
+def lock_folder(folder: Path) -> Iterator[None]:
+    """Hold an exclusive lock on a folder, which is created if it does not exist.
 
-    A member of a sweep is held with the whole sweep. Where the system's locks do not reach, as between machines on some
-    network file systems, neither does this one.
+    Locking a member of a sweep locks the whole sweep. The lock is as strong as those of the operating system: on some
+    network file systems they do not work between machines.
 
     Raises
     ------
     ValueError
-        with one sentence that says which process works there and since when, or why nothing can be written there.
+        with one sentence that says which process holds the lock and since when, or why the folder is not writable.
     """
-    place = _place(folder)
+    place = _folder_to_lock(folder)
     if place.is_file():
         raise ValueError(f"{folder} is a file, not a folder: choose another --out")
-    if name := _in_the_way(place):
+    if name := _find_foreign_file(place):
         raise ValueError(f"{folder} holds {name}, which stickslip did not write: move it away, or choose another --out")
     made = [path for path in (place, *place.parents) if not path.exists()]
     lock = FileLock(place / LOCK, timeout=0)
     try:
         _acquire(place, lock)
     except Timeout:
-        raise ValueError(f"{folder} is in use: {_holder(place)}; wait until it ends, or choose another --out") from None
+        raise ValueError(
+            f"{folder} is in use: {_describe_holder(place)}; wait until it ends, or choose another --out"
+        ) from None
     except OSError as problem:
-        _remove(made)
+        _remove_empty(made)
         raise ValueError(f"the folder {folder} cannot be written ({problem.strerror}): choose another --out") from None
     try:
-        _note(place)
+        _write_holder(place)
         yield
     finally:
-        for name in (HOLDER, LOCK):  # under the lock: who opens the old file now sees that it is gone, and tries again
+        for name in (HOLDER, LOCK):  # under the lock: a process that opened the old file sees it is gone, and retries
             with suppress(OSError):
                 (place / name).unlink()
         lock.release()
-        _remove(made)
+        _remove_empty(made)
 
 
 def _acquire(place: Path, lock: FileLock) -> None:
-    """Make the folder and take the lock in it; tried again where another process removes what it had made itself."""
+    """Create the folder and acquire the lock; retried while another process removes a folder that it had created."""
     for last in (False,) * (TRIES - 1) + (True,):
         try:
             place.mkdir(parents=True, exist_ok=True)
@@ -68,31 +70,31 @@ def _acquire(place: Path, lock: FileLock) -> None:
                 raise
 
 
-def _place(folder: Path) -> Path:
-    """Where the lock is: a member's stands in the sweep's folder."""
-    whole = folder.absolute()
-    above = whole.parent.parent
-    return above if whole.parent.name == MEMBERS and (above / SWEEP).is_file() else whole
+def _folder_to_lock(folder: Path) -> Path:
+    """Folder that contains the lock; for a member of a sweep, the sweep's folder."""
+    place = folder.absolute()
+    above = place.parent.parent
+    return above if place.parent.name == MEMBERS and (above / SWEEP).is_file() else place
 
 
-def _note(place: Path) -> None:
+def _write_holder(place: Path) -> None:
     words = " ".join(["stickslip", *sys.argv[1:2]])
-    told = {"pid": os.getpid(), "host": socket.gethostname(), "since": time.strftime("%Y-%m-%d %H:%M:%S"), "by": words}
-    with suppress(OSError):  # a full disk is told when results are written
-        whole.replace(place / HOLDER, json.dumps(told).encode())
+    note = {"pid": os.getpid(), "host": socket.gethostname(), "since": time.strftime("%Y-%m-%d %H:%M:%S"), "by": words}
+    with suppress(OSError):  # a full disk is reported when results are written
+        atomic.replace(place / HOLDER, json.dumps(note).encode())
 
 
-def _holder(place: Path) -> str:
-    """Who works there, in words; a note that is being written or is gone tells nothing."""
+def _describe_holder(place: Path) -> str:
+    """Describe the process that holds the lock, as far as its note can be read."""
     try:
-        told = json.loads((place / HOLDER).read_text(encoding="utf-8"))
-        return f"process {told['pid']} on {told['host']} ({told['by']}) has worked in it since {told['since']}"
+        note = json.loads((place / HOLDER).read_text(encoding="utf-8"))
+        return f"process {note['pid']} on {note['host']} ({note['by']}) has been using it since {note['since']}"
     except (OSError, ValueError, KeyError, TypeError):
-        return "another process works in it"
+        return "another process is using it"
 
 
-def _in_the_way(place: Path) -> str | None:
-    """Somebody's file or link by the name of the lock, which is empty, or of the note about who holds it."""
+def _find_foreign_file(place: Path) -> str | None:
+    """Name of a foreign file or link in place of the lock (which is empty) or of the note about its holder."""
     for name in (LOCK, HOLDER):
         path = place / name
         with suppress(OSError):  # gone meanwhile
@@ -104,8 +106,8 @@ def _in_the_way(place: Path) -> str | None:
     return None
 
 
-def _remove(folders: list[Path]) -> None:
-    """Those that were made here and hold nothing."""
+def _remove_empty(folders: list[Path]) -> None:
+    """Remove those of the created folders that are empty."""
     for path in folders:
         with suppress(OSError):
             path.rmdir()

@@ -1,7 +1,8 @@
-"""Which files of a folder runs have written: their digests, in a manifest beside them.
+"""Manifest of a folder: digests of the files that runs have written there.
 
-What the manifest does not prove is somebody else's: no run replaces or removes it unasked. While one file takes the
-place of another the manifest knows both, so that who is killed meanwhile leaves nothing that it does not know.
+A file that does not match the manifest belongs to somebody else: runs neither replace nor remove it unless asked to.
+While a file is being replaced the manifest lists both digests, so that a run that is killed at that moment leaves no
+unknown file.
 """
 
 import hashlib
@@ -11,94 +12,94 @@ import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from . import atomic as whole
+from . import atomic
 from .checkpoint import ANEW, GONE, MEMBERS, SCENARIO, SWEEP, UNFINISHED, WRITING, under_way
 
 MANIFEST = "manifest.json"
 _ABOUT = "SHA-256 of the files that stickslip wrote here: it replaces no others"
-_FOLDER, _OTHER = "folder", "neither"  # what stands for the digest of one, and of what is no file
-_ADOPTED = "overwritten.json"  # beside the pieces: what --overwrite gave up, until the run has taken its place
+_FOLDER, _OTHER = "folder", "neither"  # in place of a digest, for folders and for anything else that is not a file
+_OVERWRITABLE = "overwritten.json"  # with the checkpoint: files that --overwrite may replace when the run ends
 
-_PART = re.compile(r"\..+\.\d+(\.\w+)?")  # of a file that is being written
-_PIECE = re.compile(r".+\.h5|(scenario|part)(-\w+)?\.json|reproduce\.json|" + re.escape(_ADOPTED))
-_SWEEPS = (MANIFEST, SWEEP, "sweep-options.json", "sweep.nc", MEMBERS, "ready")
+_PART = re.compile(r"\..+\.\d+(\.\w+)?")  # temporary file of an unfinished write
+_PIECE = re.compile(r".+\.h5|(scenario|part)(-\w+)?\.json|reproduce\.json|" + re.escape(_OVERWRITABLE))
+_SWEEP_FILES = (MANIFEST, SWEEP, "sweep-options.json", "sweep.nc", MEMBERS, "ready")
 
 Files = dict[str, list[str]]  # digests by name: one, or two where a file is about to be replaced
 
 
 def proven(folder: Path) -> Files:
-    """What runs have written; nothing without a manifest, or with one that cannot be read."""
+    """Digests of the files that runs have written; empty if there is no readable manifest."""
     return _read(folder / MANIFEST)
 
 
 def note(folder: Path, files: Files) -> None:
     """Write the manifest."""
-    told = {"about": _ABOUT, "files": dict(sorted(files.items()))}
-    whole.replace(folder / MANIFEST, json.dumps(told, indent=1).encode())
+    content = {"about": _ABOUT, "files": dict(sorted(files.items()))}
+    atomic.replace(folder / MANIFEST, json.dumps(content, indent=1).encode())
 
 
 def note_too(folder: Path, *names: str) -> None:
-    """Add files and folders, as they are now, to the manifest."""
+    """Add the current files and folders of these names to the manifest."""
     note(folder, proven(folder) | {name: [digest(folder / name)] for name in names})
 
 
 def put(folder: Path, name: str, content: bytes) -> None:
-    """Put a file of a run in place of another, all or nothing."""
+    """Write or replace a file of a run, all or nothing."""
     known, new = proven(folder), hashlib.sha256(content).hexdigest()
     note(folder, known | {name: [*known.get(name, []), new]})
-    whole.replace(folder / name, content)
+    atomic.replace(folder / name, content)
     note(folder, known | {name: [new]})
 
 
 def digest(path: Path) -> str:
-    """SHA-256 of a file; of a folder that it is one."""
+    """SHA-256 digest of a file; a fixed word for a folder or anything else."""
     if path.is_dir():
         return _FOLDER
     if not path.is_file():
-        return _OTHER  # a pipe or a device, which would be read for ever, or a link to nothing
+        return _OTHER  # a pipe or a device, which could be read forever, or a broken link
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def strange(folder: Path, ours: Callable[[str], bool]) -> list[str]:
-    """Names of what no run has written, or what was changed since; where there is no trace of a run, of all there is.
+    """Names of files that no run has written, or that were changed since; without a trace of a run, of all files.
 
     Parameters
     ----------
-    ours : whether a run may write, replace or remove a file of a name; others do not count beside its own, and hidden
-        ones never
+    ours : returns True if a run may write, replace or remove a file of this name; where a run has left files, others
+        are ignored, and hidden files always are
     """
     if not folder.is_dir():
         return []
-    own, adopted, begun = proven(folder), _read(folder / UNFINISHED / _ADOPTED), under_way(folder)
+    own, adopted, begun = proven(folder), _read(folder / UNFINISHED / _OVERWRITABLE), under_way(folder)
     known = {name: own.get(name, []) + adopted.get(name, []) for name in own | adopted}
-    if begun is not None:  # which wrote its scenario before there was a manifest
+    if begun is not None:  # it wrote its scenario before the manifest
         known[SCENARIO] = [*known.get(SCENARIO, []), digest(begun)]
     trace = bool(own) or begun is not None
-    seen = (path for path in folder.iterdir() if not path.name.startswith(".") and not _just_made(path))
+    seen = (path for path in folder.iterdir() if not path.name.startswith(".") and not _is_empty_run_folder(path))
     mine = {MANIFEST, UNFINISHED} if trace else set()
     rest = (path for path in seen if path.name not in mine and (ours(path.name) or not trace))
     return sorted(path.name for path in rest if path.name not in known or digest(path) not in known[path.name])
 
 
-def _just_made(path: Path) -> bool:
-    """Whether it is one of the folders with which runs begin, and holds no file yet: who made it was stopped then."""
+def _is_empty_run_folder(path: Path) -> bool:
+    """Return True for a folder that runs create first and that has no file yet, left by a run that was stopped."""
     if path.name not in (UNFINISHED, MEMBERS) or path.is_symlink() or not path.is_dir():
         return False
     return all(inner.is_dir() and not inner.is_symlink() for inner in path.rglob("*"))
 
 
 def check_hidden(folder: Path, ours: Callable[[str], bool]) -> None:
-    """Make sure that folders which runs use for a while, and remove, hold nothing else.
+    """Check that the temporary folders of runs contain nothing else.
 
     Parameters
     ----------
-    ours : whether a run may write a result of a name
+    ours : returns True if a run may write a result of this name
 
     Raises
     ------
     ValueError
-        with one sentence that names what somebody else has there.
+        with one sentence that names the foreign file.
     """
     for name in (WRITING, ANEW, GONE, UNFINISHED):
         path, piece = folder / name, name in (GONE, UNFINISHED)
@@ -107,30 +108,30 @@ def check_hidden(folder: Path, ours: Callable[[str], bool]) -> None:
         inside = path.rglob("*") if piece else path.iterdir()
         if path.is_symlink() or not path.is_dir():
             there = name
-        elif other := next((p for p in inside if not _hidden_ours(p, piece, ours)), None):
+        elif other := next((p for p in inside if not _is_own_hidden(p, piece, ours)), None):
             there = str(other.relative_to(folder))
         else:
             continue
         raise ValueError(
-            f"{folder} holds {there}, where runs keep what is not finished: move it away, or choose another --out"
+            f"{folder} contains {there}, where runs store unfinished results: move it away, or choose another --out"
         )
 
 
-def _hidden_ours(path: Path, piece: bool, ours: Callable[[str], bool]) -> bool:
+def _is_own_hidden(path: Path, piece: bool, ours: Callable[[str], bool]) -> bool:
     if path.is_symlink():
         return False
     if _PART.fullmatch(path.name):
         return True
     if piece:
         return path.is_dir() or (path.is_file() and _PIECE.fullmatch(path.name) is not None)
-    return ours(path.name) or path.name in _SWEEPS
+    return ours(path.name) or path.name in _SWEEP_FILES
 
 
 def adopt(folder: Path, names: Iterable[str]) -> None:
-    """Give up files of others: the run that begins there may replace them when it has ended."""
+    """Allow the run that starts in this folder to replace these files when it finishes."""
     (folder / UNFINISHED).mkdir(exist_ok=True)
-    told = {"files": {name: [digest(folder / name)] for name in names}}
-    whole.replace(folder / UNFINISHED / _ADOPTED, json.dumps(told).encode())
+    content = {"files": {name: [digest(folder / name)] for name in names}}
+    atomic.replace(folder / UNFINISHED / _OVERWRITABLE, json.dumps(content).encode())
 
 
 def _read(path: Path) -> Files:

@@ -1,4 +1,4 @@
-"""A packing from elsewhere, as arrays, into an accepted state; `exchange.files` reads them from files."""
+"""Build an accepted state from the arrays of a packing; `exchange.files` reads such arrays from files."""
 
 import warnings
 from functools import partial
@@ -13,9 +13,9 @@ from ..core.laws.dispatch import Kind
 from ..core.measure import branch_vectors
 from ..core.state import OPEN, SLIDE, STICK, State, assembly, box, disks, loads, spheres
 
-AT_LIMIT = 1e-3  # share of Coulomb's limit by which a slip with few digits may miss it and still slide
-HUGE = 1e30  # beyond which products of numbers overflow
-NO_CONTACTS = "no contacts were given: found from positions, without memory (zero slip)"
+AT_LIMIT = 1e-3  # relative distance to Coulomb's limit within which a slip with few digits counts as sliding
+HUGE = 1e30  # larger numbers make products overflow
+NO_CONTACTS = "no contacts were given: they were found from positions, without memory (zero slip)"
 LAWS = {
     "hertz_mindlin": hertz_mindlin,
     "linear": linear,
@@ -26,31 +26,31 @@ LAWS = {
 
 
 class PackingError(ValueError):
-    """A packing that cannot be taken; the message is one sentence for the user."""
+    """Raised for a packing that cannot be used; the message is one sentence for the user."""
 
 
 class PackingWarning(UserWarning):
-    """Something in a packing was changed or is missing, but it can be taken."""
+    """Issued if something in a packing was changed or is missing, but the packing can be used."""
 
 
 def from_arrays(
     position, radius, law: Law, *, mass=1.0, cell=None, periodic=None, pair_i=None, pair_j=None, image=None, slip=None,
     mode=None, velocity=None, spin=None, angle=None, external_force=None, dim=3, i0=None,
 ) -> State:  # fmt: skip
-    """An accepted state from anybody's arrays; r_ij = r_i − r_j + cellᵀ·image.
+    """Accepted state from arrays, with r_ij = r_i − r_j + cellᵀ·image.
 
     Parameters
     ----------
     position : (N, 3) [length]; radius : (N,) [length]; mass : float or (N,) [mass]
-    law : Law, which decides what its slip may be at most
+    law : Law, which limits the slip
     cell : (3, 3) box vectors as rows, sheared or not [length]; without it nothing is periodic
     periodic : (3,) bool, default all (in two dimensions all but z)
-    pair_i, pair_j : (M,) integers from 0, each pair once; exchanging i and j flips image and slip. Left out: the
-        contacts are found, with zero slip
+    pair_i, pair_j : (M,) integers from 0, each pair once; exchanging i and j flips image and slip. By default the
+        contacts are found from positions, with zero slip
     image : (M, 3) integers, default zero; slip : (M, 3) [length], default zero
-    mode : (M,) 1 for contacts that stick, 2 for those that slide, whose slip is then put at Coulomb's limit, if it is
-        within 0.1 % of it or beyond (it may have slid under another law); default: as the slip says, which round-off
-        decides for a contact at its limit
+    mode : (M,) 1 for sticking contacts, 2 for sliding ones. The slip of a sliding contact is set to Coulomb's limit if
+        it is beyond the limit or within 0.1 % of it (otherwise it slid under another law). By default the slip decides,
+        which for a contact at its limit is a matter of round-off
     velocity : (N, 3) [length/time]; spin : (N, 3) [rad/time]; angle : (N, 3) [rad]; default zero
     external_force : (N, 3) [force]
     dim : 2 or 3; with 2 all vectors may have two components
@@ -58,9 +58,13 @@ def from_arrays(
 
     Raises
     ------
-    SampleError
-        with one sentence. A SampleWarning tells of slip that was projected or truncated, and of touching pairs that are
-        not in the list.
+    PackingError
+        if the arrays cannot be used; the message is one sentence.
+
+    Warns
+    -----
+    PackingWarning
+        if slip was projected or truncated, or touching pairs are not in the list.
 
     Examples
     --------
@@ -71,31 +75,31 @@ def from_arrays(
         raise PackingError(f"dim = {dim} was given: 2 and 3 are allowed")
     motion = {"velocity": velocity, "spin": spin, "angle": angle}
     if dim == 2:
-        position, image, slip, external_force = map(_in_space, (position, image, slip, external_force))
-        motion["velocity"] = _in_space(velocity)
-    state = _grains(position, radius, mass, motion, _cell(cell, periodic, dim), external_force, i0)
+        position, image, slip, external_force = map(_padded, (position, image, slip, external_force))
+        motion["velocity"] = _padded(velocity)
+    state = _build_state(position, radius, mass, motion, _build_cell(cell, periodic, dim), external_force, i0)
     if dim == 2 and slip is not None and np.any(np.asarray(slip)[..., 2:]):
         raise PackingError("position or slip leaves the plane although dim is 2: z must be zero")
     if pair_i is not None or pair_j is not None:
         state = _with_contacts(updated(state, law), law, pair_i, pair_j, image, slip, mode)
     elif image is not None or slip is not None or mode is not None:
-        raise PackingError("image, slip or mode was given without pair_i and pair_j: give these too")
+        raise PackingError("image, slip or mode was given without pair_i and pair_j: give these as well")
     return accepted(state, law, modes=mode is not None)
 
 
-def _grains(position, radius, mass, motion: dict, cell, force, i0) -> State:
-    """The state without memory, its box and overlaps checked."""
-    position, radius = _array("position", position, (None, 3)), _array("radius", radius, (None,))
+def _build_state(position, radius, mass, motion: dict, cell, force, i0) -> State:
+    """State without memory, with its box and overlaps checked."""
+    position, radius = _check_array("position", position, (None, 3)), _check_array("radius", radius, (None,))
     n, dim = len(position), cell.dim
     if len(radius) != n:
         raise PackingError(f"radius has {len(radius)} entries for {n} positions: give one for each grain")
     if dim == 2 and position[:, 2].any():
         raise PackingError("position or slip leaves the plane although dim is 2: z must be zero")
-    rest = {name: _array(name, value, (n, 3)) for name, value in motion.items() if value is not None}
-    mass = _array("mass", np.broadcast_to(mass, (n,)) if np.ndim(mass) == 0 else mass, (n,))
-    force = 0.0 if force is None else _array("external_force", force, (n, 3))
+    rest = {name: _check_array(name, value, (n, 3)) for name, value in motion.items() if value is not None}
+    mass = _check_array("mass", np.broadcast_to(mass, (n,)) if np.ndim(mass) == 0 else mass, (n,))
+    force = 0.0 if force is None else _check_array("external_force", force, (n, 3))
     if i0 is not None:
-        rest["i0"] = _array("i0", i0, () if np.ndim(i0) == 0 else (n,))
+        rest["i0"] = _check_array("i0", i0, () if np.ndim(i0) == 0 else (n,))
     try:
         grains = (disks if dim == 2 else spheres)(position, radius, mass=mass, **rest)
         state = assembly(grains, cell=cell, control=loads(n, force=force))
@@ -107,16 +111,21 @@ def _grains(position, radius, mass, motion: dict, cell, force, i0) -> State:
     return state
 
 
-def law_from(
+def law_by_name(
     law="hertz_mindlin", coulomb="smooth", kn=None, kt=None, mu=10.0, *, young=None, poisson=None, damping=None,
     damping_n=0.0, damping_t=0.0,
 ) -> Law:  # fmt: skip
-    """A law by name; SampleError in one sentence if there is none such.
+    """Contact law by name.
 
     Parameters
     ----------
-    kn, kt : default 1 and 2/7; or `young` and `poisson` of alike elastic grains, see `elastic_constants`
+    kn, kt : default 1 and 2/7; or `young` and `poisson` of identical elastic grains, see `elastic_constants`
     damping : model of damping, default that of the law
+
+    Raises
+    ------
+    PackingError
+        if a name is not known or parameters do not fit together; the message is one sentence.
     """
     for name, value, known in (("law", law, LAWS), ("coulomb", coulomb, COULOMB), ("damping", damping, DAMPING)):
         if value not in known and not (name == "damping" and value is None):
@@ -124,7 +133,7 @@ def law_from(
     if (young is None) != (poisson is None):
         raise PackingError("only one of young and poisson was given: give both, or kn and kt")
     if young is not None and (not law.startswith("hertz_mindlin_reff") or kn is not None or kt is not None):
-        raise PackingError("young and poisson stand for kn and kt of hertz_mindlin_reff: give them with that law alone")
+        raise PackingError("young and poisson replace kn and kt of hertz_mindlin_reff: give them only with that law")
     model = {} if damping is None else {"damping": damping}
     try:
         if young is not None:
@@ -135,7 +144,7 @@ def law_from(
         raise PackingError(str(problem)) from None
 
 
-def _array(name: str, value, shape: tuple, kind=float) -> np.ndarray:
+def _check_array(name: str, value, shape: tuple, kind=float) -> np.ndarray:
     try:
         array = np.asarray(value)
         if array.dtype.kind in "cmM":
@@ -145,37 +154,37 @@ def _array(name: str, value, shape: tuple, kind=float) -> np.ndarray:
         array = array.astype(np.int64 if kind is int else kind)
     except (TypeError, ValueError):
         what = "integers" if kind is int else "numbers"
-        raise PackingError(f"{name} holds something else than {what}: give an array of {what}") from None
+        raise PackingError(f"{name} contains entries that are not {what}: give an array of {what}") from None
     good = len(array.shape) == len(shape) and all(w is None or w == g for w, g in zip(shape, array.shape, strict=True))
     if not good:
         wanted = "(" + ", ".join("any" if w is None else str(w) for w in shape) + ("," if len(shape) == 1 else "") + ")"
         raise PackingError(f"{name} has shape {array.shape}: {wanted} is needed")
     if kind is float and not np.isfinite(array).all():
-        raise PackingError(f"{name} holds NaN or infinity: every entry must be a finite number")
+        raise PackingError(f"{name} contains NaN or infinity: every entry must be a finite number")
     if kind is float and (np.abs(array) > HUGE).any():
-        raise PackingError(f"{name} holds {np.abs(array).max():.3g}, beyond {HUGE:g}: use other units")
+        raise PackingError(f"{name} contains {np.abs(array).max():.3g}, which exceeds {HUGE:g}: use other units")
     return array
 
 
-def _in_space(rows):
-    """Rows of two components with a third one of zero; anything else as it is."""
+def _padded(rows):
+    """Append a zero component to rows of two components; return anything else unchanged."""
     if rows is None or np.ndim(rows) != 2 or np.shape(rows)[1] != 2:
         return rows
     return np.pad(np.asarray(rows), ((0, 0), (0, 1)))
 
 
-def _cell(cell, periodic, dim: int):
+def _build_cell(cell, periodic, dim: int):
     if cell is None:
         if periodic is not None and np.any(periodic):
             raise PackingError("periodic was given without a cell: give the box vectors as rows of cell")
         return box(dim=dim)
     if dim == 2 and np.shape(cell) in ((2,), (2, 2)):
-        cell = np.diag([*cell, 1.0]) if np.ndim(cell) == 1 else np.vstack([_in_space(cell), [0.0, 0.0, 1.0]])
-    cell = _array("cell", np.diag(cell) if np.shape(cell) == (3,) else cell, (3, 3))
+        cell = np.diag([*cell, 1.0]) if np.ndim(cell) == 1 else np.vstack([_padded(cell), [0.0, 0.0, 1.0]])
+    cell = _check_array("cell", np.diag(cell) if np.shape(cell) == (3,) else cell, (3, 3))
     short = np.linalg.norm(cell, axis=1).min()
     if short < 1 / HUGE:
         raise PackingError(f"the cell has a vector of length {short:.3g}: give three vectors that span the box")
-    flags = [True, True, dim == 3] if periodic is None else _array("periodic", periodic, (3,), bool)
+    flags = [True, True, dim == 3] if periodic is None else _check_array("periodic", periodic, (3,), bool)
     if dim == 2:
         if cell[2, :2].any() or cell[:2, 2].any():
             raise PackingError("cell leaves the plane although dim is 2: its third row must be along z, others in it")
@@ -207,20 +216,20 @@ def _check_overlap(state: State) -> None:
 
 
 def _with_contacts(state: State, law: Law, pair_i, pair_j, image, slip, mode) -> State:
-    """The state with a given list of contacts and their slip, not yet projected."""
+    """State with a given list of contacts and their slip, not yet projected."""
     if pair_i is None or pair_j is None:
         raise PackingError("only one of pair_i and pair_j was given: give both")
     n = len(state.grains.radius)
-    i = _array("pair_i", pair_i, (None,), int)
+    i = _check_array("pair_i", pair_i, (None,), int)
     m = len(i)
-    j = _array("pair_j", pair_j, (m,), int)
-    image = np.zeros((m, 3), int) if image is None else _array("image", image, (m, 3), int)
-    slip = np.zeros((m, 3)) if slip is None else _array("slip", slip, (m, 3))
-    mode = np.full(m, STICK) if mode is None else _array("mode", mode, (m,), int)
+    j = _check_array("pair_j", pair_j, (m,), int)
+    image = np.zeros((m, 3), int) if image is None else _check_array("image", image, (m, 3), int)
+    slip = np.zeros((m, 3)) if slip is None else _check_array("slip", slip, (m, 3))
+    mode = np.full(m, STICK) if mode is None else _check_array("mode", mode, (m,), int)
     if not np.isin(mode, (STICK, SLIDE)).all():
-        raise PackingError("mode holds something else than 1 and 2: 1 is a contact that sticks, 2 one that slides")
+        raise PackingError("mode contains values other than 1 and 2: use 1 for sticking and 2 for sliding contacts")
     if m and not (min(i.min(), j.min()) >= 0 and max(i.max(), j.max()) < n):
-        raise PackingError(f"a pair names grain {max(i.max(), j.max())} or below 0: there are grains 0 to {n - 1}")
+        raise PackingError(f"pairs name grains {min(i.min(), j.min())} to {max(i.max(), j.max())}: use 0 to {n - 1}")
     if np.abs(image).max(initial=0) > 60:
         raise PackingError("an image of more than 60 boxes was given: shift positions by whole boxes")
     lead = np.take_along_axis(image, np.argmax(image != 0, axis=1)[:, None], axis=1)[:, 0] if m else np.zeros(0)
@@ -264,24 +273,25 @@ def _with_contacts(state: State, law: Law, pair_i, pair_j, image, slip, mode) ->
 
 
 def accepted(state: State, law: Law, *, memory: int = FREE, modes: bool = False, within: float = AT_LIMIT) -> State:
-    """The state with its memory committed: slip perpendicular to the normal and within Coulomb's limit.
+    """State with its memory committed: slip perpendicular to the normal and within Coulomb's limit.
 
     Parameters
     ----------
-    memory : as in `forces`; FROZEN leaves contacts as they are where nothing has moved
-    modes : True takes the contacts' modes as given: what slides near the limit is put there, what sticks is cut to it
-    within : how near that is, as a share of the limit
+    memory : as in `forces`; FROZEN leaves contacts unchanged where nothing has moved
+    modes : if True, keep the given modes: slip of sliding contacts near the limit is set to it, slip of sticking
+        contacts is truncated at it
+    within : relative distance to the limit that counts as near
 
     Raises
     ------
-    SampleError
-        with one sentence, if a slip is too long to be one.
+    PackingError
+        if a slip is unreasonably long.
     """
     state = updated(state, law)
     count = int(state.contacts.count[0])
     longest = np.abs(state.contacts.slip[:count]).max(initial=0.0)
     if longest > HUGE:
-        raise PackingError(f"a slip of {longest:.3g} was given: at most {HUGE:g} is allowed, is the file damaged?")
+        raise PackingError(f"a slip of {longest:.3g} was given: at most {HUGE:g} is allowed, the file may be damaged")
     _, trial = forces(state, law, memory=memory)
     branch = branch_vectors(state)
     normal = branch / np.linalg.norm(branch, axis=1)[:, None]
@@ -289,23 +299,24 @@ def accepted(state: State, law: Law, *, memory: int = FREE, modes: bool = False,
     along = np.einsum("ck,ck->c", slip, normal)
     size, most = np.linalg.norm(slip, axis=1).max(initial=0.0), np.abs(along).max(initial=0.0)
     if most > 1e-8 * size > 0:
-        words = f"slip was projected on the plane of contact: its normal part was up to {most:.3g}"
+        words = f"slip was projected onto the contact plane: its normal part was up to {most:.3g}"
         warnings.warn(f"{words}, {most / size:.2g} of the largest slip", PackingWarning, stacklevel=3)
     wanted = np.linalg.norm(slip - along[:, None] * normal, axis=1)
     cut = np.linalg.norm(trial.slip[:count], axis=1) < wanted * (1 - 1e-9)
     if modes:
         cut &= state.contacts.mode[:count] != SLIDE
-        _take_modes(state, law, trial, cut, within)
+        _apply_modes(state, law, trial, cut, within)
     if cut.any():
-        words = f"{int(cut.sum())} slip(s) exceed Coulomb's limit and were cut to it"
+        words = f"{int(cut.sum())} slip(s) exceeded Coulomb's limit and were truncated at it"
         warnings.warn(words, PackingWarning, stacklevel=3)
     return accept(state, trial)
 
 
-def _take_modes(state: State, law: Law, trial, cut, within: float) -> None:
-    """Put the modes of a state, and the slip of what slides, into trial memory, but for contacts that were cut.
+def _apply_modes(state: State, law: Law, trial, cut, within: float) -> None:
+    """Copy the modes of a state, and the limiting slip of sliding contacts, to trial memory, except where slip was cut.
 
-    What is said to slide far below the limit did so under another law, or under none with friction: its slip decides.
+    A contact marked as sliding far below the limit slid under another law, or one without friction: there, the slip
+    decides.
     """
     count, given = int(state.contacts.count[0]), state.contacts.mode
     _, held = forces(state, law, memory=HELD)

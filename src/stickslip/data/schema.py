@@ -1,4 +1,4 @@
-"""What scenarios are made of: types of entries, tables that refuse unknown keys, and one sentence for an error."""
+"""Building blocks of scenarios: types of entries, tables that reject unknown keys, and one-sentence error messages."""
 
 import difflib
 import hashlib
@@ -9,29 +9,29 @@ from pydantic_core import PydanticCustomError
 
 from ..core.readable import folded
 
-LARGEST, SMALLEST = 1e100, 1e-100  # in size, as of parameters of laws: products of two, and of three, do not overflow
+LARGEST, SMALLEST = 1e100, 1e-100  # magnitudes, also for parameters of laws: products of two or three do not overflow
 
 
-def _sized(value: float) -> float:
+def _check_size(value: float) -> float:
     if value and not SMALLEST <= abs(value) <= LARGEST:
         raise PydanticCustomError("size", "it must be 0, or between {small} and {large} in size", SIZES)
     return value
 
 
 SIZES = {"small": f"{SMALLEST:g}", "large": f"{LARGEST:g}"}
-Sized = AfterValidator(_sized)
+Sized = AfterValidator(_check_size)
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False), Sized]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False), Sized]
 Finite = Annotated[float, Field(allow_inf_nan=False), Sized]
 Duration = Annotated[float, Field(gt=0, le=1e7, allow_inf_nan=False), Sized]
-Listed = BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)  # TOML and JSON have lists
+Listed = BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)  # TOML and JSON use lists
 Several = Annotated[Positive | tuple[Positive, ...], Listed]
 Loads = Annotated[tuple[Finite, ...], Listed]
 Seed = Annotated[int, Field(ge=0, le=10**18, description="of all random numbers: the same seed, the same run")]
 
 
 class ScenarioError(ValueError):
-    """A scenario that cannot be run; the message is one sentence for the user."""
+    """Raised for a scenario that cannot be run; the message is one sentence for the user."""
 
 
 class Part(BaseModel):
@@ -41,15 +41,15 @@ class Part(BaseModel):
 
 
 class Whole(Part):
-    """A whole scenario."""
+    """Base class of scenarios."""
 
-    si: ClassVar[bool] = False  # whether its units are SI
+    si: ClassVar[bool] = False  # True if its units are SI
     if TYPE_CHECKING:
         experiment: str  # its name, a literal in each class
 
     @property
     def text(self) -> str:
-        """Canonical text: the same for the same run."""
+        """Canonical text, identical for identical runs."""
         return self.model_dump_json(indent=1)
 
     @property
@@ -65,12 +65,12 @@ class Whole(Part):
     __str__ = __repr__
 
 
-def sentence(problem: ValidationError, kind: type[BaseModel]) -> str:
-    """The first thing that is wrong: the key, what was got and what is allowed."""
+def error_message(problem: ValidationError, kind: type[BaseModel]) -> str:
+    """Message about the first error: the key, the value that was given, and what is allowed."""
     first = problem.errors()[0]
     if first["type"] == "extra_forbidden":
         return unknown_key(first["loc"], kind)
-    keys, _, entry = _walked(first["loc"], kind)
+    keys, _, entry = _locate(first["loc"], kind)
     message = first["msg"].removeprefix("Value error, ")
     message = message[0].lower() + message[1:]
     if first["type"] == "value_error":
@@ -86,8 +86,8 @@ def sentence(problem: ValidationError, kind: type[BaseModel]) -> str:
     return f"{'.'.join(keys) or 'the scenario'}{entry} = {got} was given, but {message.replace('input ', 'it ')}"
 
 
-def _walked(where, table: type[BaseModel]):
-    """The keys of a location without pydantic's words for branches of a union, the last table, and which entry."""
+def _locate(where, table: type[BaseModel]):
+    """Keys of a location without pydantic's names of union branches, the last table, and the entry in words."""
     keys, entry, branches = [], "", []
     for part in where:
         if isinstance(part, int):
@@ -105,15 +105,15 @@ def _walked(where, table: type[BaseModel]):
 
 
 def tables_in(annotation) -> list[type[BaseModel]]:
-    """The classes of the tables that an annotation holds, in a tuple, a dictionary or a union."""
+    """Classes of the tables in an annotation, also within a tuple, dictionary or union."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     return [found for inner in get_args(annotation) for found in tables_in(inner)]
 
 
 def unknown_key(where, kind: type[BaseModel]) -> str:
-    """That a table has no such key, and what may have been meant."""
-    keys, table, entry = _walked(where[:-1], kind)
+    """Error message for an unknown key of a table, with the closest known key."""
+    keys, table, entry = _locate(where[:-1], kind)
     known, key = list(table.model_fields), str(where[-1])
     place = f"the table [{'.'.join(keys)}]{entry}" if keys else "a scenario"
     near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
@@ -122,14 +122,14 @@ def unknown_key(where, kind: type[BaseModel]) -> str:
 
 
 def validated(kind: type[Whole], /, **tables):
-    """A scenario of a class from nested dictionaries, as in its TOML file.
+    """Create a scenario of a class from nested dictionaries, as in its TOML file.
 
     Raises
     ------
     ScenarioError
-        with one sentence that names the key, what was got and what is allowed.
+        with one sentence that names the key, the value that was given, and what is allowed.
     """
     try:
         return kind.model_validate(tables)
     except ValidationError as problem:
-        raise ScenarioError(sentence(problem, kind)) from None
+        raise ScenarioError(error_message(problem, kind)) from None

@@ -1,4 +1,4 @@
-"""States from files, judged before compiled code sees them: it looks up what indices say and asks no questions."""
+"""Validation of states and laws from files: compiled code does not check indices."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from ..core.laws.builtin import COULOMB, DAMPING, KINDS, NO_TENSION, Law, names_
 from ..core.laws.dispatch import Kind
 from ..core.state import OPEN, SLIDE, STICK, Cell, Contacts, Control, Grains, Instant, State, Walls
 
-# shapes by entry, in grains n, walls w, bodies b, contacts c and the numbers of knots and courses; None: any
+# types and shapes of entries, for n grains, w walls, b bodies, c contacts and k knots; None: any size
 _FLOAT, _WHOLE, _BOOL = "f", "iu", "b"
 _SHAPES = {
     Grains: {
@@ -49,13 +49,13 @@ _SHAPES = {
 }
 
 
-def sound(state: State) -> State:
-    """The state, if all of its arrays have the shapes and types that they need, and its indices point at what is there.
+def validate_state(state: State) -> State:
+    """Return the state if all of its arrays have valid shapes and types and all of its indices are in range.
 
     Raises
     ------
     ValueError
-        with one sentence that names the entry.
+        with one sentence that names the invalid entry.
     """
     nouns = {Grains: state.grains, Walls: state.walls, Cell: state.cell, Control: state.control}
     nouns |= {Contacts: state.contacts} | ({Instant: state.instant} if state.instant is not None else {})
@@ -77,13 +77,13 @@ def sound(state: State) -> State:
     return state
 
 
-def sound_law(law: Law) -> Law:
-    """The law, if compiled code knows its kinds, and its table has the shape and the numbers that it needs.
+def validate_law(law: Law) -> Law:
+    """Return the law if compiled code knows its kinds and its table has a valid shape and finite numbers.
 
     Raises
     ------
     ValueError
-        with one sentence that names the entry.
+        with one sentence that names the invalid entry.
     """
     dampings = [model + more for model in DAMPING.values() for more in (0, NO_TENSION)]
     entries = {"kind": range(len(KINDS)), "coulomb": COULOMB.values(), "damping": dampings}
@@ -94,17 +94,17 @@ def sound_law(law: Law) -> Law:
     materials = len(np.atleast_1d(law.table))
     _check_array("law.table", law.table, _FLOAT, [materials, materials, len(names_of(law))])
     if not np.isfinite(law.table).all():
-        raise ValueError("law.table holds what is no number")
+        raise ValueError("law.table contains entries that are not finite")
     return law
 
 
 def _check_array(name: str, array, types: str, shape: list) -> None:
     if not isinstance(array, np.ndarray) or array.dtype.kind not in types:
-        raise ValueError(f"{name} is of type {getattr(array, 'dtype', type(array).__name__)}")
+        raise ValueError(f"{name} has type {getattr(array, 'dtype', type(array).__name__)}")
     if array.ndim != len(shape) or any(s not in (None, got) for s, got in zip(shape, array.shape, strict=True)):
         wanted = ", ".join("any" if s is None else str(s) for s in shape)
         got = ", ".join(map(str, array.shape))
-        raise ValueError(f"{name} has the shape [{got}] where [{wanted}] is needed")
+        raise ValueError(f"{name} has shape [{got}] where [{wanted}] is needed")
 
 
 def _check_indices(state: State) -> None:
@@ -124,10 +124,10 @@ def _check_indices(state: State) -> None:
     }
     for name, (array, low, high) in bounds.items():
         if array.size and (array.min() < low or (high is not None and array.max() > high)):
-            raise ValueError(f"{name} holds {array.min()} to {array.max()}, which is beyond {low} to {high}")
+            raise ValueError(f"{name} has values from {array.min()} to {array.max()}, outside {low} to {high}")
     if len(contacts.rolling) not in (0, len(contacts.i)):
         raise ValueError(f"contacts.rolling has {len(contacts.rolling)} rows for {len(contacts.i)} contacts")
     if len(contacts.skin) not in (1, 2):
         raise ValueError(f"contacts.skin has {len(contacts.skin)} entries")
     if not np.array_equal(keys_of(contacts), contacts.key) or (np.diff(contacts.key) <= 0).any():
-        raise ValueError("contacts are out of order, or their keys are those of others")
+        raise ValueError("contacts are not sorted, or their keys do not belong to them")

@@ -1,4 +1,4 @@
-"""Units of what archives hold, by the last name of a dataset: dimensions, or SI where a scenario is in SI."""
+"""Units of archive datasets, by the last part of their path: dimensions, or SI units if the scenario is in SI."""
 
 _NAMES = {
     "length": "position point vectors slip pair roll radius center low high edges wall_point plate_position load_point "
@@ -22,7 +22,7 @@ _NAMES = {
     "1": "friction contact_friction coordination sliding_fraction strain packing_fraction unbalanced volumetric ratio "
     "fabric",
 }
-# where one array holds lengths and angles side by side, or a name means something else
+# arrays that hold both lengths and angles, and names with another meaning
 _OF_NOUNS = {
     ("Control", "rate"): None, ("Control", "stress"): "force/length^(dim-1)", ("Instant", "force"): None,
     ("Instant", "pull"): "1/time^2",
@@ -36,7 +36,7 @@ _SI = {
 
 
 def unit_of(name: str, *, noun: str | None = None, si: bool = False) -> str | None:
-    """The unit of a dataset, in a group that was a NamedTuple of some noun; None where there is none, or two.
+    """Unit of a dataset, in a group that stores a NamedTuple called `noun`; None if there is no unit, or two.
 
     Examples
     --------

@@ -1,1 +1,1 @@
-"""Is this installation sound? What it is made of, and a self-check against stored numbers."""
+"""Check of an installation: versions and optional parts, and a self-check against stored numbers."""

@@ -1,4 +1,4 @@
-"""What this installation is made of: versions, threads, caches and optional parts."""
+"""Description of an installation: versions, threads, caches and optional parts."""
 
 import os
 import platform
@@ -20,19 +20,19 @@ from ..experiments.gouge.lammps import cannot_load
 from ..solve.linear import factorised
 
 CORE = ("numpy", "scipy", "numba", "llvmlite", "h5py", "matplotlib", "xarray", "pydantic", "typer", "rich")
-DISTRIBUTIONS = {"xdist": "pytest-xdist", "importlinter": "import-linter"}  # where the name of the package is another
-MPI = "`pip install mpich` brings the library"
+DISTRIBUTIONS = {"xdist": "pytest-xdist", "importlinter": "import-linter"}  # if it differs from the import name
+MPI = "`pip install mpich` installs the library"
 
 
-class Wrong(NamedTuple):
-    """What is wrong with a part that is installed, and what mends it if that is not to install it again."""
+class Fault(NamedTuple):
+    """Defect of an installed part, and the remedy if that is not to install it again."""
 
     words: str
     remedy: str = ""
 
 
-class Part(NamedTuple):
-    """An optional part: what is there, in words, and whether it works; `remedy` is what mends it."""
+class OptionalPart(NamedTuple):
+    """An optional part: what was found, whether it works, and the remedy if not."""
 
     name: str
     purpose: str
@@ -42,7 +42,7 @@ class Part(NamedTuple):
 
 
 def versions() -> dict[str, str]:
-    """Of this package, Python, the machine, and the libraries that every run needs."""
+    """Versions of this package, Python, the machine, and the required libraries."""
     found = {
         "stickslip": __version__,
         "python": platform.python_version(),
@@ -52,29 +52,29 @@ def versions() -> dict[str, str]:
 
 
 def threads() -> dict[str, str]:
-    """Cores, and the threads that Numba and BLAS would use."""
-    found = {"cores": f"{default_workers()} of {os.cpu_count()} for this process", "numba": _numba()}
+    """Number of cores, and the threads that Numba and BLAS would use."""
+    found = {"cores": f"{default_workers()} of {os.cpu_count()} for this process", "numba": _describe_numba()}
     for pool in threadpool_info():
         if pool["user_api"] == "blas":
             kind = f"{pool['internal_api']} {pool['version'] or ''}".strip()
             layer = pool.get("threading_layer", "")
             where = Path(pool["filepath"]).parent.name.removesuffix(".libs")
-            found[f"blas of {where}"] = f"{kind}, {_threads(pool['num_threads'])}{layer and f' ({layer})'}"
+            found[f"blas of {where}"] = f"{kind}, {_format_threads(pool['num_threads'])}{layer and f' ({layer})'}"
     variables = ("NUMBA_NUM_THREADS", "NUMBA_THREADING_LAYER", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
     found |= {name: os.environ[name] for name in variables if name in os.environ}
     return found
 
 
 def caches() -> dict[str, str | int | bool]:
-    """Where compiled kernels are kept, whether that can be written, and how much is there."""
+    """Folder of compiled kernels, whether it is writable, and its size."""
     folder = kernel_cache.folder()
     saved = not kernel_cache.is_temporary()
     chosen = "NUMBA_CACHE_DIR" if os.environ.get("NUMBA_CACHE_DIR") else "stickslip"
     files = [path for path in folder.rglob("*") if path.is_file()] if folder.exists() else []
     return {
         "folder": str(folder),
-        "chosen_by": chosen if saved else "stickslip, for this process alone",
-        "writable": _writable(folder),
+        "chosen_by": chosen if saved else "stickslip, for this process only",
+        "writable": _is_writable(folder),
         "kept": saved,
         "files": len(files),
         "bytes": sum(path.stat().st_size for path in files),
@@ -82,70 +82,74 @@ def caches() -> dict[str, str | int | bool]:
     }
 
 
-def parts() -> list[Part]:
-    """Every extra and external engine."""
+def parts() -> list[OptionalPart]:
+    """Check every extra and external engine."""
     return [
-        _extra("fast", "PARDISO, a solver", _pardiso),
-        _extra("cluster", "Dask clusters"),
-        _extra("exchange", "other formats"),
-        _extra("report", "view, movies"),
-        _extra("docs", "these pages"),
-        _extra("dev", "tests, checks"),
-        _extra("bench", "LAMMPS, an engine", _lammps),
-        _yade(),
+        _check_extra("fast", "PARDISO, a solver", _check_pardiso),
+        _check_extra("cluster", "Dask clusters"),
+        _check_extra("exchange", "other formats"),
+        _check_extra("report", "view, movies"),
+        _check_extra("docs", "these pages"),
+        _check_extra("dev", "tests, checks"),
+        _check_extra("bench", "LAMMPS, an engine", _check_lammps),
+        _check_yade(),
     ]
 
 
-def _extra(name: str, purpose: str, works=None) -> Part:
+def _check_extra(name: str, purpose: str, works=None) -> OptionalPart:
     libraries = extras.EXTRAS[name]
     here = [f"{library} {_version(library) or ''}".strip() for library in libraries if extras.present(library)]
     gone = [library for library in libraries if not extras.present(library)]
     if gone:
-        return Part(name, purpose, ", ".join([*here, f"{', '.join(gone)} missing"]), False, extras.command(name))
+        return OptionalPart(
+            name, purpose, ", ".join([*here, f"{', '.join(gone)} missing"]), False, extras.command(name)
+        )
     wrong = works() if works else None
     if wrong:
         remedy = wrong.remedy or extras.command(name, again=True)
-        return Part(name, purpose, f"{', '.join(here)} installed, but {wrong.words}", False, remedy)
-    return Part(name, purpose, ", ".join(here), True, "")
+        return OptionalPart(name, purpose, f"{', '.join(here)} installed, but {wrong.words}", False, remedy)
+    return OptionalPart(name, purpose, ", ".join(here), True, "")
 
 
-def _pardiso() -> Wrong | None:
-    """It is loaded and solves, as being installed does not mean that."""
+def _check_pardiso() -> Fault | None:
+    """Load PARDISO and solve a small system, because an installed library may not work."""
     try:
         got = factorised(sparse.csc_array(np.diag([2.0, 4.0])), method="pardiso")(np.array([2.0, 4.0]))
-    except Exception as problem:  # what a library without its MKL raises is its own affair
-        return Wrong(f"it cannot be loaded ({_line(problem.__cause__ or problem)})")
-    return None if np.allclose(got, 1.0) else Wrong(f"it found x = {got} for diag(2, 4) x = (2, 4)")
+    except Exception as problem:  # a library without its MKL may raise anything
+        return Fault(f"it cannot be loaded ({_one_line(problem.__cause__ or problem)})")
+    return None if np.allclose(got, 1.0) else Fault(f"it found x = {got} for diag(2, 4) x = (2, 4)")
 
 
-def _lammps() -> Wrong | None:
+def _check_lammps() -> Fault | None:
     said = cannot_load()
-    return Wrong(f"its library cannot be loaded ({said})", MPI if "mpi" in said.lower() else "") if said else None
+    return Fault(f"its library cannot be loaded ({said})", MPI if "mpi" in said.lower() else "") if said else None
 
 
-def _yade() -> Part:
+def _check_yade() -> OptionalPart:
     purpose, program = "speed compared", which("yade")
     if program is None:
-        return Part("YADE", purpose, "missing", False, "`apt install yade` (Debian)")
+        return OptionalPart("YADE", purpose, "missing", False, "`apt install yade` (Debian)")
     try:
         run = subprocess.run([program, "--version"], capture_output=True, text=True, timeout=30)
     except (OSError, subprocess.TimeoutExpired) as problem:
-        return Part("YADE", purpose, f"installed, but does not start ({_line(problem)})", False, "`apt install yade`")
+        return OptionalPart(
+            "YADE", purpose, f"installed, but does not start ({_one_line(problem)})", False, "`apt install yade`"
+        )
     words = (run.stdout + run.stderr).split()
-    return Part("YADE", purpose, words[-1] if words else "installed", True, "")
+    return OptionalPart("YADE", purpose, words[-1] if words else "installed", True, "")
 
 
-def _numba() -> str:
-    """Threads, and the first layer of its list that can be loaded, which is the one that it will take."""
+def _describe_numba() -> str:
+    """Threads, and the first layer of Numba's list that can be loaded, which is the one it will use."""
     if numba.config.THREADING_LAYER not in ("default", "safe", "threadsafe", "forksafe"):
-        return f"{_threads(numba.config.NUMBA_NUM_THREADS)}, layer {numba.config.THREADING_LAYER} (asked for)"
+        return f"{_format_threads(numba.config.NUMBA_NUM_THREADS)}, layer {numba.config.THREADING_LAYER} (requested)"
     for layer in numba.config.THREADING_LAYER_PRIORITY:
         try:
             __import__(f"numba.np.ufunc.{'workqueue' if layer == 'workqueue' else layer + 'pool'}")
         except ImportError:
             continue
-        return f"{_threads(numba.config.NUMBA_NUM_THREADS)}, layer {layer}"
-    return f"{_threads(numba.config.NUMBA_NUM_THREADS)}, no threading layer can be loaded"
+        return f"{_format_threads(numba.config.NUMBA_NUM_THREADS)}, layer {layer}"
+    return f"{_format_threads(numba.config.NUMBA_NUM_THREADS)}, no threading layer can be loaded"
 
 
 def _version(library: str) -> str | None:
@@ -155,11 +159,11 @@ def _version(library: str) -> str | None:
         return None
 
 
-def _threads(number: int) -> str:
+def _format_threads(number: int) -> str:
     return f"{number} thread{'s' * (number != 1)}"
 
 
-def _writable(folder: Path) -> bool:
+def _is_writable(folder: Path) -> bool:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -168,5 +172,5 @@ def _writable(folder: Path) -> bool:
         return False
 
 
-def _line(problem: Exception) -> str:
+def _one_line(problem: Exception) -> str:
     return " ".join(str(problem).split())[:160] or type(problem).__name__

@@ -1,4 +1,4 @@
-"""What the doctor found, on the terminal or as JSON."""
+"""Report of `stickslip doctor`, on the terminal or as JSON."""
 
 import json
 import math
@@ -9,30 +9,30 @@ from rich.text import Text
 
 from ..experiments.terminal import STYLE, console, progress
 from . import machine
-from .machine import Part
+from .machine import OptionalPart
 from .selfcheck import Selfcheck, selfcheck
 
 COMPILING = "the first time kernels are compiled: up to a minute"
 
 
-def told(*, as_json: bool = False) -> tuple[bool, str]:
-    """Examine this installation and show what was found: whether every number is right, and JSON or the verdict."""
+def examine(*, as_json: bool = False) -> tuple[bool, str]:
+    """Examine this installation and show the results; return True if every number is right, and JSON or the verdict."""
     found = machine.versions(), machine.threads(), machine.caches(), machine.parts()
     if not as_json:
         show_machine(*found)
     with progress(transient=True) as tell:
         check = selfcheck(lambda words: tell("self-check", 0.0, f"{words} ({COMPILING})"))
     if as_json:
-        return check.ok, in_json(*found, check)
+        return check.ok, to_json(*found, check)
     show_checks(check)
     return check.ok, _verdict(check)
 
 
-def show_machine(versions: dict, threads: dict, caches: dict, parts: list[Part]) -> None:
-    """Tables of versions, threads, caches and optional parts."""
-    _pairs("Versions", versions)
-    _pairs("Threads", threads)
-    _pairs("Compiled kernels", _cache_words(caches))
+def show_machine(versions: dict, threads: dict, caches: dict, parts: list[OptionalPart]) -> None:
+    """Print tables of versions, threads, caches and optional parts."""
+    _print_pairs("Versions", versions)
+    _print_pairs("Threads", threads)
+    _print_pairs("Compiled kernels", _describe_caches(caches))
     table = Table("extra", "for", "found", title="Optional parts", **STYLE)
     for part in parts:
         color = "green" if part.ok else "yellow"
@@ -42,7 +42,7 @@ def show_machine(versions: dict, threads: dict, caches: dict, parts: list[Part])
 
 
 def show_checks(found: Selfcheck) -> None:
-    """The self-check line by line, and the verdict."""
+    """Print the self-check line by line, and the verdict."""
     table = Table("number", "measured", "deviation", "allowed", "", title="Self-check against stored numbers", **STYLE)
     for check in found.checks:
         color, word = ("green", "ok") if check.ok else ("red", "failed")
@@ -54,7 +54,7 @@ def show_checks(found: Selfcheck) -> None:
     console.print(table)
     wrong = [check for check in found.checks if not check.ok]
     for check in wrong:
-        words = f"{check.name}: stored {check.stored}, measured {check.measured}; allowed for {check.note}"
+        words = f"{check.name}: stored {check.stored}, measured {check.measured}; tolerance for {check.note}"
         console.print(words, style="red")
     if found.problem:
         console.print(found.problem, style="red")
@@ -67,9 +67,9 @@ def _verdict(found: Selfcheck) -> str:
     return f"{words}, in {found.seconds:.1f} s"
 
 
-def in_json(versions: dict, threads: dict, caches: dict, parts: list[Part], found: Selfcheck) -> str:
-    """One object with the keys of the tables; a number that could not be measured is null."""
-    rows = [{key: _finite(value) for key, value in check._asdict().items()} for check in found.checks]
+def to_json(versions: dict, threads: dict, caches: dict, parts: list[OptionalPart], found: Selfcheck) -> str:
+    """JSON object with the keys of the tables; a number that could not be measured is null."""
+    rows = [{key: _nan_to_none(value) for key, value in check._asdict().items()} for check in found.checks]
     out = {
         "ok": found.ok,
         "versions": versions,
@@ -83,19 +83,19 @@ def in_json(versions: dict, threads: dict, caches: dict, parts: list[Part], foun
     return json.dumps(out, indent=1, ensure_ascii=False, allow_nan=False)
 
 
-def _pairs(title: str, rows: dict) -> None:
+def _print_pairs(title: str, rows: dict) -> None:
     table = Table(title=title, show_header=False, **STYLE)
     for name, value in rows.items():
         table.add_row(name, str(value))
     console.print(table)
 
 
-def _cache_words(caches: dict) -> dict[str, str]:
+def _describe_caches(caches: dict) -> dict[str, str]:
     size = caches["bytes"] / 2**20
     writable = "writable" if caches["writable"] else "not writable: kernels are compiled in every process"
     if not caches["kept"]:
-        writable = "of this process alone, as no other folder could be written: set NUMBA_CACHE_DIR"
-    words = {"folder": _short(caches["folder"]), "state": f"{writable}; chosen by {caches['chosen_by']}"}
+        writable = "for this process only, because no other folder is writable: set NUMBA_CACHE_DIR"
+    words = {"folder": _abbreviate_home(caches["folder"]), "state": f"{writable}; chosen by {caches['chosen_by']}"}
     words["content"] = f"{caches['files']} files, {size:.1f} MiB" + (
         "" if caches["files"] else "; filled by first runs"
     )
@@ -104,10 +104,10 @@ def _cache_words(caches: dict) -> dict[str, str]:
     return words
 
 
-def _short(path: str) -> str:
+def _abbreviate_home(path: str) -> str:
     home = str(Path.home())
     return f"~{path[len(home) :]}" if path.startswith(f"{home}/") else path
 
 
-def _finite(value):
+def _nan_to_none(value):
     return None if isinstance(value, float) and math.isnan(value) else value

@@ -1,7 +1,7 @@
-"""The self-check: a number or two from every room against `numbers.json`.
+"""Self-check: a few numbers from every subpackage are compared with `numbers.json`.
 
-The stored numbers are written again by `python -m stickslip.doctor.selfcheck`, which is to be done only where a change
-of the numbers is meant. All cases share one contact law and one dimension, so that few kernels are compiled.
+`python -m stickslip.doctor.selfcheck` updates the stored numbers; do this only if they are meant to change. All cases
+share one contact law and one dimension, so that few kernels are compiled.
 """
 
 import hashlib
@@ -49,19 +49,19 @@ class Check(NamedTuple):
 
 
 class Selfcheck(NamedTuple):
-    """The whole self-check."""
+    """Result of the self-check."""
 
     checks: list[Check]
-    problem: str  # what went wrong on the way, if anything did
+    problem: str  # errors during the measurements, or empty
     seconds: float
 
     @property
     def ok(self) -> bool:
-        """True if every number is right."""
+        """Return True if every number is right."""
         return all(check.ok for check in self.checks)
 
 
-def evaluated(law: Law) -> dict[str, float]:
+def measure_forces(law: Law) -> dict[str, float]:
     """Contact forces of displaced disks: no solver and no time step, so round-off only."""
     state = disk_array(10, press=5e-5)
     _, trial = forces(state, law)
@@ -74,15 +74,15 @@ def evaluated(law: Law) -> dict[str, float]:
     return {"contact force, normal": loads.force[0, 1], "contact force, tangential": loads.force[0, 0]}
 
 
-def array(law: Law) -> State:
-    """Ten disks on a substrate, pushed until one complex pair has been born (paper 000)."""
+def pushed_array(law: Law) -> State:
+    """Ten disks on a substrate, pushed until one complex pair exists (paper 000)."""
     state, _ = relax(disk_array(10, press=5e-5), law)
     for push in PUSHES:
-        state = _reached(*relax(with_push(state, push), law))
+        state = _require_success(*relax(with_push(state, push), law))
     return state
 
 
-def pair(state: State, law: Law) -> dict[str, float]:
+def measure_pair(state: State, law: Law) -> dict[str, float]:
     """The fastest complex pair of the exact Jacobian."""
     modes = spectrum(state, law)
     if not len(modes.pairs):
@@ -91,15 +91,15 @@ def pair(state: State, law: Law) -> dict[str, float]:
     return {"Jacobian, Re λ of a pair": first.real, "Jacobian, Im λ of a pair": first.imag}
 
 
-def moved(state: State, law: Law) -> dict[str, float | str]:
-    """Where the pushed disk is after a thousand steps, and the bits of all positions."""
+def measure_dynamics(state: State, law: Law) -> dict[str, float | str]:
+    """Position of the pushed disk after a thousand steps, and the bits of all positions."""
     end, _, outcome = run(perturbed(state, seed=1, velocity=1e-4), law, 1000, 0.1)
-    end = _reached(end, outcome)
+    end = _require_success(end, outcome)
     bits = hashlib.sha256(np.ascontiguousarray(end.grains.position).tobytes()).hexdigest()[:16]
     return {"dynamics, x after 1000 steps": end.grains.position[0, 0], BITS: bits}
 
 
-def slid() -> dict[str, float]:
+def measure_slider() -> dict[str, float]:
     """Friction right after a hold, by the slip law with the parameters of paper 003."""
     surface = RateState(a=0.0247, b=0.0178, dc=5.3e-3, mu0=0.4, v0=0.02, law="slip")
     legs = slide_hold_slide([1.0], velocity=0.02, distance=0.05)
@@ -107,8 +107,8 @@ def slid() -> dict[str, float]:
     return {"rate and state, after a hold": float(history.friction.min())}
 
 
-def sliding() -> dict[str, float]:
-    """Which of four critical contacts of disks in a row slide under two forces (paper 002); their slip is given."""
+def measure_contact_status() -> dict[str, float]:
+    """Contact status of four critical contacts of disks in a row under two forces (paper 002); their slip is given."""
     law = for_pair(linear(kn=1.0, kt=0.5, mu=0.5), 0, 1)
     state = disk_array(5, press=1e-3, gap=-1e-3)
     lifted = state.grains.position - [0, 1e-3, 0]
@@ -128,46 +128,46 @@ def sliding() -> dict[str, float]:
     }
 
 
-def of_the_array(law: Law) -> dict[str, float | str]:
+def measure_array(law: Law) -> dict[str, float | str]:
     """Eigenvalues and dynamics of the pushed array."""
-    state = array(law)
-    return pair(state, law) | moved(state, law)
+    state = pushed_array(law)
+    return measure_pair(state, law) | measure_dynamics(state, law)
 
 
-def measured(report: Callable[[str], None] = lambda words: None) -> dict[str, float | str]:
-    """All numbers, by name; what went wrong on the way stands under `PROBLEM`."""
+def measure(report: Callable[[str], None] = lambda words: None) -> dict[str, float | str]:
+    """All numbers by name; errors are listed under `PROBLEM`."""
     law, found = for_pair(hertz_mindlin(kn=1.0, kt=2 / 7, mu=10.0, coulomb="smooth"), 0, 1), {}
     groups = {
-        "contact forces": partial(evaluated, law),
-        "ten disks: equilibria, eigenvalues, dynamics": partial(of_the_array, law),
-        "rate and state": slid,
-        "quasi-rigid": sliding,
+        "contact forces": partial(measure_forces, law),
+        "ten disks: equilibria, eigenvalues, dynamics": partial(measure_array, law),
+        "rate and state": measure_slider,
+        "quasi-rigid": measure_contact_status,
     }
     for words, group in groups.items():
         report(words)
         try:
             found |= {name: value if isinstance(value, str) else float(value) for name, value in group().items()}
-        except Exception as problem:  # a broken compiler or library is what the doctor is asked for
+        except Exception as problem:  # a broken compiler or library is what the self-check looks for
             said = f"{words}: {type(problem).__name__}: {' '.join(str(problem).split())[:300]}"
             found[PROBLEM] = "; ".join(filter(None, [found.get(PROBLEM), said]))
     return found
 
 
-# relative deviations that are no reason to worry, on any processor and with any BLAS; each with its reason
+# relative deviations that are acceptable on any processor and with any BLAS, each with its reason
 TOLERANCES = {
-    "contact force": (1e-12, "round-off of one evaluation, with fused operations or not"),
-    "Jacobian": (1e-6, "equilibria are found to 1e-14 of residual force; eigenvalues follow, as LAPACK's do"),
+    "contact force": (1e-12, "round-off of one evaluation, with or without fused operations"),
+    "Jacobian": (1e-6, "equilibria with a residual force of 1e-14, and LAPACK's eigenvalues"),
     "dynamics": (1e-9, "a thousand steps from such an equilibrium; nothing is chaotic yet"),
     "rate": (1e-6, "tolerance of the integrator"),
     "quasi-rigid": (1e-9, "one sparse or dense solve"),
 }
 
 
-def checked(found: dict, stored: dict) -> list[Check]:
-    """Every stored number beside what was measured now.
+def compare(found: dict, stored: dict) -> list[Check]:
+    """Compare every stored number with the measured one.
 
-    Bits are compared too, but may differ on another processor or with another Numba: only that machine type promises
-    them, so other bits are told and do not fail.
+    Bits are also compared, but they are only guaranteed on the same type of machine and may differ with another
+    processor or version of Numba: different bits are reported and do not fail.
     """
     rows = []
     for name, right in stored["numbers"].items():
@@ -184,26 +184,26 @@ def checked(found: dict, stored: dict) -> list[Check]:
 
 
 def selfcheck(report: Callable[[str], None] = lambda words: None) -> Selfcheck:
-    """Measure and compare."""
+    """Measure all numbers and compare them with the stored ones."""
     start = time.perf_counter()
-    found = measured(report)
-    checks = checked(found, json.loads(STORED.read_text(encoding="utf-8")))
+    found = measure(report)
+    checks = compare(found, json.loads(STORED.read_text(encoding="utf-8")))
     return Selfcheck(checks, found.get(PROBLEM, ""), time.perf_counter() - start)
 
 
 def write() -> None:
-    """Store the numbers of this machine."""
+    """Store the numbers measured on this machine."""
     with_what = {name: version(name) for name in ("numpy", "scipy", "numba")}
     with_what |= {"python": platform.python_version(), "machine": platform.machine()}
-    made = {"made_by": "python -m stickslip.doctor.selfcheck", "with": with_what, "numbers": measured()}
+    made = {"made_by": "python -m stickslip.doctor.selfcheck", "with": with_what, "numbers": measure()}
     if PROBLEM in made["numbers"]:
         raise RuntimeError(made["numbers"][PROBLEM])
     STORED.write_text(json.dumps(made, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
-def _reached(end: State, outcome: Outcome) -> State:
+def _require_success(end: State, outcome: Outcome) -> State:
     if not outcome.ok:
-        raise RuntimeError(f"the self-check could not end: {outcome}")
+        raise RuntimeError(f"the self-check could not finish: {outcome}")
     return end
 
 

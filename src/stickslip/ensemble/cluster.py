@@ -1,7 +1,7 @@
-"""Tasks on a Dask cluster that exists already: the only room that knows Dask.
+"""Tasks on an existing Dask cluster; no other module imports Dask.
 
-On a worker of the cluster every task runs in a process of its own (`helper`), so that compiled kernels, which hold the
-interpreter's lock, never keep the worker from telling its scheduler that it is alive.
+On a worker of the cluster every task runs in a separate process (`WorkerProcess`), so that compiled kernels, which hold
+the interpreter's lock, do not block the worker's heartbeat to its scheduler.
 """
 
 import asyncio
@@ -19,32 +19,32 @@ from uuid import uuid4
 
 from ..extras import needed
 from .local import TRIES
-from .worker import Helper, SchedulerGoneError, WorkerDiedError, ready, sentence
+from .worker import SchedulerGoneError, WorkerDiedError, WorkerProcess, describe_error, ensure_running
 
 PROTOCOLS = ("tcp", "tls", "ws", "wss", "ucx", "inproc")
-PATIENCE = 10.0  # for the scheduler's first answer [s]
-PAUSE = 1.0  # at least, between two words of one task: a scheduler hears of many [s]
-LOOK = 2.0  # between two looks at the cluster [s]
-AHEAD = 256  # tasks, at least, that wait on the scheduler for a free worker
+PATIENCE = 10.0  # timeout for the scheduler's first answer [s]
+PAUSE = 1.0  # shortest time between two messages of one task, because a scheduler receives those of many tasks [s]
+POLL = 2.0  # time between two queries of the cluster [s]
+AHEAD = 256  # smallest number of tasks that wait on the scheduler for a free worker
 
-_idle: list[Helper] = []  # of this process, which is a worker of a cluster
+_idle: list[WorkerProcess] = []  # idle processes of this process, if it is a worker of a cluster
 
 
 @contextmanager
-def connected(address):
-    """A client of the scheduler at an address, at the one in a JSON file, or a client as it is.
+def connect(address):
+    """Yield a client of the scheduler at an address or in a JSON file; a client is yielded unchanged.
 
     Raises
     ------
     ValueError
-        with one sentence, if Dask is not installed, or no scheduler answers.
+        with one sentence, if Dask is not installed or no scheduler answers.
     """
     distributed = needed("distributed", "cluster")
     if isinstance(address, distributed.Client):
         yield address
         return
     try:
-        client = distributed.Client(_answering(str(address)), timeout=PATIENCE, set_as_default=False)
+        client = distributed.Client(_resolve_address(str(address)), timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError, TypeError, KeyError) as problem:
         said = " ".join(str(problem).split())[:150] or type(problem).__name__
         raise ValueError(
@@ -52,7 +52,7 @@ def connected(address):
             "such as tcp://host:8786, or its JSON file"
         ) from None
     log = logging.getLogger("distributed.client")
-    before, _ = log.level, log.setLevel(logging.CRITICAL)  # what is wrong is said in one sentence, and not by traceback
+    before, _ = log.level, log.setLevel(logging.CRITICAL)  # errors are reported in one sentence, without tracebacks
     try:
         with client:
             yield client
@@ -60,8 +60,8 @@ def connected(address):
         log.setLevel(before)
 
 
-def _written(path: str, tries: int = 10):
-    """What a JSON file holds; a scheduler that has just started may not have written it to its end."""
+def _read_json(path: str, tries: int = 10):
+    """Read a JSON file, with retries: a scheduler that has just started may not have finished writing it."""
     with open(path, encoding="utf-8-sig") as file:
         try:
             return json.load(file)
@@ -69,37 +69,37 @@ def _written(path: str, tries: int = 10):
             if not tries:
                 raise
     time.sleep(0.1)
-    return _written(path, tries - 1)
+    return _read_json(path, tries - 1)
 
 
-def _answering(address: str) -> str:
-    """The address, or the one in a JSON file, after a scheduler has answered there: a client would try for long."""
+def _resolve_address(address: str) -> str:
+    """Return the address, or the one in a JSON file, once a scheduler answers there; a client would retry for long."""
     if address.endswith(".json"):
         if not os.path.exists(address):
             raise OSError("there is no such file")
-        address = str(_written(address)["address"])
+        address = str(_read_json(address)["address"])
     kind, found, host = address.rpartition("://")
     if found and kind not in PROTOCOLS:
         raise ValueError(f"its protocol is {kind}, not {', '.join(PROTOCOLS)}")
     name, _, port = host.rpartition(":")
     if kind != "inproc" and not port.isdigit():
         raise ValueError("it has no port")
-    if kind in ("", "tcp", "tls"):  # where nobody listens is known at once
+    if kind in ("", "tcp", "tls"):  # fails immediately if nothing listens there
         socket.create_connection((name.strip("[]"), int(port)), timeout=PATIENCE).close()
     try:
-        with ThreadPoolExecutor(1) as apart:  # a loop may be running already, as in notebooks
-            kind = apart.submit(asyncio.run, asyncio.wait_for(_identity(address), PATIENCE)).result()["type"]
+        with ThreadPoolExecutor(1) as apart:  # an event loop may be running already, as in notebooks
+            kind = apart.submit(asyncio.run, asyncio.wait_for(_request_identity(address), PATIENCE)).result()["type"]
     except TimeoutError:
-        raise OSError(f"who listens there says nothing for {PATIENCE:g} s") from None
-    except Exception:  # whatever another program's words look like, when they are read as those of a scheduler
-        raise ValueError("what listens there is no scheduler") from None
+        raise OSError(f"the program that listens there did not answer for {PATIENCE:g} s") from None
+    except Exception:  # another program's answer can fail in any way if it is parsed as that of a scheduler
+        raise ValueError("the program that listens there is not a scheduler") from None
     if kind != "Scheduler":
         raise ValueError(f"a {kind} of Dask listens there")
     return address
 
 
-async def _identity(address: str) -> dict:
-    """What whoever listens at an address says of itself."""
+async def _request_identity(address: str) -> dict:
+    """Request the identity of the program that listens at an address."""
     core, security = needed("distributed.core", "cluster"), needed("distributed.security", "cluster")
     comm = await core.connect(address, timeout=PATIENCE, **security.Security().get_connection_args("client"))
     try:
@@ -109,21 +109,21 @@ async def _identity(address: str) -> dict:
         comm.abort()
 
 
-def spread(packed, address, keep, heard) -> None:
-    """Run all tasks; arguments as in `local.spread`, and the scheduler's address.
+def run_tasks(packed, address, keep, heard) -> None:
+    """Run all tasks; arguments as in `local.run_tasks`, and the scheduler's address.
 
     Raises
     ------
     SchedulerGoneError
-        if the scheduler is gone before the last result is here.
+        if the scheduler is gone before the last result has arrived.
     """
     topic, events, source, futures = f"stickslip-{uuid4().hex}", queue.SimpleQueue(), iter(packed), {}
-    with connected(address) as client:
+    with connect(address) as client:
 
         def ask(most: int) -> None:
             for k, task in islice(source, max(0, most - len(futures))):
                 name = f"{topic}-{k}"
-                futures[k] = client.submit(hosted, task, k, topic if heard else None, key=name, pure=False)
+                futures[k] = client.submit(run_hosted, task, k, topic if heard else None, key=name, pure=False)
                 futures[k].add_done_callback(lambda future, k=k: events.put(("done", k)))
 
         if heard:
@@ -131,7 +131,7 @@ def spread(packed, address, keep, heard) -> None:
         try:
             for kind, *rest in _events(client, events, futures, ask):
                 if kind == "done":
-                    keep(rest[0], *_answer(futures.pop(rest[0])))
+                    keep(rest[0], *_result_of(futures.pop(rest[0])))
                 elif heard and rest[0] in futures:
                     heard(*rest)
         finally:
@@ -142,41 +142,41 @@ def spread(packed, address, keep, heard) -> None:
 
 
 def _events(client, events, futures: dict, ask):
-    """Yield what happens until no task is left; a cluster without workers is waited for, and that is said."""
-    ahead, looked = AHEAD, -LOOK
+    """Yield events until no task is left; wait, with a message, while the cluster has no workers."""
+    ahead, looked = AHEAD, -POLL
     ask(ahead)
     while futures:
         if client.status != "running":
             raise SchedulerGoneError("the Dask scheduler is gone")
-        if time.monotonic() - looked >= LOOK:
+        if time.monotonic() - looked >= POLL:
             looked, slots = time.monotonic(), sum(client.nthreads().values())
             ahead = max(AHEAD, 2 * slots)
             if not slots:
                 yield "said", next(iter(futures)), 0.0, "the cluster has no workers yet: waiting for the first"
         try:
-            yield events.get(timeout=LOOK)
+            yield events.get(timeout=POLL)
         except queue.Empty:
             continue
         ask(ahead)
 
 
-def _answer(future) -> tuple[bytes | None, str | None]:
-    """What a task has come to, or why not."""
+def _result_of(future) -> tuple[bytes | None, str | None]:
+    """Result of a task, or the reason why it failed."""
     killed = needed("distributed.scheduler", "cluster").KilledWorker
     if future.cancelled():
-        raise SchedulerGoneError("the Dask scheduler is gone, or has forgotten the tasks")
+        raise SchedulerGoneError("the Dask scheduler is gone, or has lost the tasks")
     try:
         return future.result()
     except killed:
-        return None, "worker died (killed, or out of memory), every time that the scheduler tried again"
+        return None, "worker died (killed, or out of memory) each time the scheduler tried"
     except WorkerDiedError as problem:
         return None, str(problem)
     except Exception as problem:
-        return None, sentence(problem)
+        return None, describe_error(problem)
 
 
-def hosted(packed: bytes, k: int, topic: str | None) -> tuple[bytes | None, str | None]:
-    """One task on a worker of the cluster, in a process of its own; it ends if the client does not want it any more."""
+def run_hosted(packed: bytes, k: int, topic: str | None) -> tuple[bytes | None, str | None]:
+    """Run one task on a worker of the cluster, in a separate process that is killed if the client cancels the task."""
     from distributed import get_worker
 
     worker = get_worker()
@@ -190,25 +190,25 @@ def hosted(packed: bytes, k: int, topic: str | None) -> tuple[bytes | None, str 
         worker.log_event(topic, [k, share, words])
 
     for tries in range(1, TRIES + 1):
-        helper, finished = ready(_idle.pop() if _idle else None), threading.Event()
-        threading.Thread(target=_watch, args=(helper, finished, unwanted), daemon=True).start()
+        process, finished = ensure_running(_idle.pop() if _idle else None), threading.Event()
+        threading.Thread(target=_kill_when_unwanted, args=(process, finished, unwanted), daemon=True).start()
         try:
-            answer = helper.call(packed, PAUSE if topic else None, heard)
+            answer = process.call(packed, PAUSE if topic else None, heard)
         except WorkerDiedError as problem:
-            helper.end()
+            process.end()
             if tries == TRIES or unwanted():
                 return None, f"{problem}, {tries} times"
         else:
-            _idle.append(helper)
+            _idle.append(process)
             return answer
         finally:
             finished.set()
     raise AssertionError("the last try returns")
 
 
-def _watch(helper: Helper, finished: threading.Event, unwanted) -> None:
-    """End a process whose task was cancelled; the thread that waits for it could not."""
-    while not finished.wait(LOOK):
+def _kill_when_unwanted(process: WorkerProcess, finished: threading.Event, unwanted) -> None:
+    """Kill a process whose task was cancelled, which the thread that waits for it cannot do."""
+    while not finished.wait(POLL):
         if unwanted():
-            helper.process.kill()
+            process.process.kill()
             return

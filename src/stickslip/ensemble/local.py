@@ -1,30 +1,30 @@
-"""Tasks in processes of this machine, one thread here for each; a process that dies is replaced."""
+"""Tasks in processes on this machine, with one thread per process; a process that dies is replaced."""
 
 import queue
 import threading
 
-from .worker import Helper, WorkerDiedError, ready
+from .worker import WorkerDiedError, WorkerProcess, ensure_running
 
-TRIES = 2  # of a task whose process dies
-PAUSE = 0.2  # at least, between two words of one task [s]
+TRIES = 2  # attempts for a task whose process dies
+PAUSE = 0.2  # shortest time between two messages of one task [s]
 
 
-def spread(packed, workers: int, keep, heard) -> None:
+def run_tasks(packed, workers: int, keep, heard) -> None:
     """Run all tasks.
 
     Parameters
     ----------
     packed : yields (k, bytes of a task)
-    keep : called here as keep(k, bytes of the result or None, sentence of the failure or None)
-    heard : called here as heard(k, share, words); None if the tasks tell nothing
+    keep : called in this process as keep(k, bytes of the result or None, error message or None)
+    heard : called in this process as heard(k, share, words); None if the tasks report no progress
     """
     waiting, events = queue.SimpleQueue(), queue.SimpleQueue()
     source = iter(packed)
-    hands = [_Hand(waiting, events, PAUSE if heard else None) for _ in range(workers)]
+    threads = [_WorkerThread(waiting, events, PAUSE if heard else None) for _ in range(workers)]
     try:
-        left = sum(_next(source, waiting) for _ in range(2 * workers))
-        for hand in hands:
-            hand.start()
+        left = sum(_enqueue_next(source, waiting) for _ in range(2 * workers))
+        for thread in threads:
+            thread.start()
         while left:
             kind, *rest = events.get()
             if kind == "said":
@@ -32,31 +32,31 @@ def spread(packed, workers: int, keep, heard) -> None:
                 continue
             if kind == "stopped":
                 raise rest[0]
-            left += _next(source, waiting) - 1
+            left += _enqueue_next(source, waiting) - 1
             keep(*rest)
     finally:
-        for hand in hands:
-            hand.stop()
-        for hand in hands:
-            hand.end()
+        for thread in threads:
+            thread.stop()
+        for thread in threads:
+            thread.end()
 
 
 def trial(packed: bytes, seconds: float) -> tuple[bytes | None, str | None] | None:
-    """One task in a process that is ended after some seconds; None if it was, or died."""
-    helper = Helper()
-    clock = threading.Timer(seconds, helper.process.kill)
+    """Run one task in a process with a time limit [s]; None if it was killed, or died."""
+    worker = WorkerProcess()
+    clock = threading.Timer(seconds, worker.process.kill)
     clock.start()
     try:
-        return helper.call(packed, None, None)
+        return worker.call(packed, None, None)
     except WorkerDiedError:
         return None
     finally:
         clock.cancel()
-        helper.end()
+        worker.end()
 
 
-def _next(source, waiting) -> int:
-    """Ask for one more task, if there is one: how many were added."""
+def _enqueue_next(source, waiting) -> int:
+    """Enqueue the next task, if there is one, and return the number of tasks added."""
     task = next(source, None)
     if task is None:
         return 0
@@ -64,13 +64,13 @@ def _next(source, waiting) -> int:
     return 1
 
 
-class _Hand(threading.Thread):
-    """A thread with one process at a time; it takes tasks and says what becomes of them."""
+class _WorkerThread(threading.Thread):
+    """A thread with one process at a time, which takes tasks and posts their results."""
 
     def __init__(self, waiting, events, pause: float | None):
         super().__init__(daemon=True)
         self.waiting, self.events, self.pause = waiting, events, pause
-        self.helper, self.stopped = None, threading.Event()
+        self.worker, self.stopped = None, threading.Event()
 
     def run(self):
         try:
@@ -81,27 +81,27 @@ class _Hand(threading.Thread):
                 self.events.put(("stopped", problem))
 
     def _do(self, k: int, packed: bytes, tries: int) -> None:
-        self.helper = ready(self.helper)
+        self.worker = ensure_running(self.worker)
         try:
-            answer = self.helper.call(packed, self.pause, lambda *said: self.events.put(("said", k, *said)))
+            answer = self.worker.call(packed, self.pause, lambda *said: self.events.put(("said", k, *said)))
         except WorkerDiedError as problem:
-            self.helper.end()
-            self.helper = None
-            if tries < TRIES:  # at the end of the queue: with fewer others beside it memory may suffice
+            self.worker.end()
+            self.worker = None
+            if tries < TRIES:  # at the end of the queue: memory may suffice when fewer tasks run
                 return self.waiting.put((k, packed, tries + 1))
             answer = None, f"{problem}, {tries} times"
         return self.events.put(("done", k, *answer))
 
     def stop(self):
-        """End the process, whatever it is doing."""
+        """Kill the process, whatever it is doing."""
         self.stopped.set()
         self.waiting.put(None)
-        if self.helper:
-            self.helper.process.kill()
+        if self.worker:
+            self.worker.process.kill()
 
     def end(self):
-        """Wait for the thread, which has nothing to do any more."""
+        """Wait for the thread to finish, then end the process."""
         if self.is_alive():
             self.join(10)
-        if self.helper:
-            self.helper.end()
+        if self.worker:
+            self.worker.end()

@@ -1,4 +1,4 @@
-"""Many independent runs, in local processes or on a Dask cluster; one that fails is reported and the rest kept."""
+"""Independent runs, in local processes or on a Dask cluster; failures are reported and do not affect other runs."""
 
 import os
 import pickle
@@ -11,14 +11,14 @@ from typing import Any, NamedTuple
 
 from ..core.readable import readable
 from . import local
-from .worker import SchedulerGoneError, sentence
+from .worker import SchedulerGoneError, describe_error
 
-Workers = int | str | None  # processes here, or a Dask scheduler's address; None is one process a core
+Workers = int | str | None  # number of local processes, or a Dask scheduler's address; None: one process per core
 
 
 @readable
 class Member(NamedTuple):
-    """What became of one run: its result, or the sentence of its failure."""
+    """Outcome of one run: its result, or the error message if it failed."""
 
     result: Any
     failure: str | None
@@ -31,14 +31,14 @@ def default_workers() -> int:
 
 @readable
 class Spread(NamedTuple):
-    """Where runs go."""
+    """Resources on which runs are distributed."""
 
-    slots: int  # how many run at once
+    slots: int  # number of simultaneous runs
     words: str
 
 
 def reach(workers: Workers) -> Spread:
-    """Make sure that runs can be spread as asked, before anything starts: how many at once, and where, in words.
+    """Check that the requested workers are available, and describe them.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def reach(workers: Workers) -> Spread:
         return Spread(number, f"{number} process{'es' if number > 1 else ''}")
     from . import cluster
 
-    with cluster.connected(workers) as client:
+    with cluster.connect(workers) as client:
         slots = sum(client.nthreads().values())
         now = f"{slots or 'no'} slot{'' if slots == 1 else 's'} now"
         return Spread(slots, f"the Dask cluster at {client.scheduler.address}, {now}")
@@ -68,28 +68,28 @@ def run_members(
     load: Callable[[int], Any] | None = None,
     save: Callable[[int, Any], None] | None = None,
 ) -> list[Member]:
-    """`function(*task)` for every task, in order; neither processes nor cluster change the results.
+    """Call `function(*task)` for every task and return the outcomes in order; results do not depend on `workers`.
 
-    A process that dies costs its own member only: that one is tried once more (on a cluster as often as the scheduler
-    allows) and is then reported as failed, in a sentence; the others go on.
+    If a process dies, only its own member is affected: it is tried once more (on a cluster as often as the scheduler
+    allows) and is then reported as failed. The others continue.
 
     Parameters
     ----------
-    function : importable by name, so that other processes find it; with `live` it is called with a last argument
-        `tell`, to be called as tell(share of this task done, words) as it goes
-    workers : number of processes, each of them on one core, 1 runs everything here; or the address of a Dask
+    function : importable by name, so that other processes find it; with `live` it receives `tell` as its last argument
+        and reports progress as tell(completed share of this task, words)
+    workers : number of processes, each on one core, where 1 runs everything in this process; or the address of a Dask
         scheduler, such as "tcp://host:8786" (or its JSON file, or a `distributed.Client`)
     report : called as report(number done, number of tasks, member)
-    live : called as live(share done of what is run, words) with what the tasks tell
-    load : load(k) is the result of task k if it was finished before, else None; such a task is not run
-    save : called as save(k, result) here, as soon as task k has run
+    live : called as live(completed share of all running tasks, words) with the messages of the tasks
+    load : load(k) returns the result of task k if it was finished before, else None; finished tasks are not run
+    save : called as save(k, result) in this process, as soon as task k has finished
 
     Raises
     ------
     ValueError
-        if `function` is defined in a script or notebook and more than one process is asked for.
+        if `function` is defined in a script or notebook and more than one process is requested.
     RuntimeError
-        with one sentence that counts the members that were not finished, if a cluster's scheduler is gone.
+        with the number of unfinished members, if the scheduler of a cluster is gone.
 
     Examples
     --------
@@ -120,65 +120,65 @@ def run_members(
 
     if missing:
         try:
-            _spread(function, {k: tasks[k] for k in missing}, workers, keep, heard if live else None)
+            _run_tasks(function, {k: tasks[k] for k in missing}, workers, keep, heard if live else None)
         except SchedulerGoneError as problem:
             raise RuntimeError(f"{problem}; {members.count(None)} of {len(tasks)} members were not finished") from None
     return members
 
 
 def trial(function: Callable, task: tuple, seconds: float) -> Member | None:
-    """function(*task) in a process here, which is ended if it takes longer than some seconds; None then."""
+    """Call function(*task) in a local process with a time limit [s]; None if it was exceeded."""
     found = local.trial(pickle.dumps((function, task), protocol=5), seconds)
     members = []
     if found is not None:
-        _unpacked(lambda _, one: members.append(one), 0, *found)
+        _unpack_result(lambda _, one: members.append(one), 0, *found)
     return members[0] if members else None
 
 
-def _spread(function, tasks: dict[int, tuple], workers: Workers, keep, heard) -> None:
-    """Run the tasks here, in processes or on a cluster."""
+def _run_tasks(function, tasks: dict[int, tuple], workers: Workers, keep, heard) -> None:
+    """Run the tasks in this process, in local processes or on a cluster."""
     if workers is not None and not isinstance(workers, int):
         from . import cluster
 
-        return cluster.spread(_packed(function, tasks), workers, partial(_unpacked, keep), heard)
+        return cluster.run_tasks(_pack_tasks(function, tasks), workers, partial(_unpack_result, keep), heard)
     if workers is not None and workers < 1:
         raise ValueError(f"workers = {workers} was given: at least 1 is needed")
     workers = min(workers or default_workers(), len(tasks))
     if workers > 1:
-        return local.spread(_packed(function, tasks), workers, partial(_unpacked, keep), heard)
+        return local.run_tasks(_pack_tasks(function, tasks), workers, partial(_unpack_result, keep), heard)
     for k, task in tasks.items():
         more = (partial(heard, k),) if heard else ()
         try:
             member = Member(function(*task, *more), None)
         except Exception as problem:
-            member = Member(None, sentence(problem))
+            member = Member(None, describe_error(problem))
         keep(k, member)
     return None
 
 
-def _packed(function, tasks: dict[int, tuple]):
-    """Yield (k, bytes of a task), each when it is needed."""
+def _pack_tasks(function, tasks: dict[int, tuple]):
+    """Yield (k, bytes of a task), each on demand."""
     function = _importable(function)
     for k, task in tasks.items():
         yield k, pickle.dumps((function, task), protocol=5)
 
 
 def _importable(function: Callable) -> Callable:
-    """The same function from a module that other processes can import."""
+    """Return the same function from a module that other processes can import."""
     if getattr(function, "__module__", None) != "__main__":
         return function
     spec = getattr(sys.modules["__main__"], "__spec__", None)
     if spec is None:
         raise ValueError(
             f"{function.__qualname__} is defined in a script or notebook, where worker processes cannot import it: "
-            f"move it to a module of its own, run the script with python -m, or use workers=1"
+            f"move it to a separate module, run the script with python -m, or use workers=1"
         )
     return attrgetter(function.__qualname__)(import_module(spec.name))
 
 
-def _unpacked(keep, k: int, packed: bytes | None, failure: str | None) -> None:
+def _unpack_result(keep, k: int, packed: bytes | None, failure: str | None) -> None:
     try:
         member = Member(None, failure) if packed is None else Member(pickle.loads(packed), None)
     except Exception as problem:
-        member = Member(None, f"its result cannot be read here ({sentence(problem)})")
+        member = Member(None, f"its result cannot be read here ({describe_error(problem)})")
     keep(k, member)

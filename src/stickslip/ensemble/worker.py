@@ -1,8 +1,8 @@
-"""A process that does one task after another for somebody: what it is told comes on its stdin, what it says goes out.
+"""A worker process that runs tasks one after another: it receives them on stdin and sends results on stdout.
 
-It is a plain child process, and no `multiprocessing` one, because workers of Dask are daemons, which may not have such
-children. They need a child: compiled kernels hold the interpreter's lock for as long as they run, and a worker that is
-silent for minutes is taken for dead. A helper also survives nobody: it ends when whoever started it is gone.
+It is a plain child process rather than one of `multiprocessing`, because Dask workers are daemons, which may not have
+such children. Dask workers need a child process because compiled kernels hold the interpreter's lock while they run,
+and a worker that is silent for minutes is considered dead. A worker process ends when its parent is gone.
 """
 
 import math
@@ -22,8 +22,8 @@ from .. import __version__
 
 DONE, FAILED, SAID = 0, 1, 2
 ONE_CORE = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-IDLE = 60.0  # a process that nobody asks for so long ends [s]
-# SIGINT, unless it is ignored, ends it as other signals do: an exception in the middle of a task has nobody to go to
+IDLE = 60.0  # a process ends after this time without a task [s]
+# SIGINT, unless it is ignored, ends the process as other signals do: nobody could handle an exception within a task
 START = """
 import signal as s
 if s.getsignal(s.SIGINT) != s.SIG_IGN:
@@ -34,47 +34,47 @@ serve()
 
 
 class WorkerDiedError(RuntimeError):
-    """A process ended in the middle of a task; the message is one sentence for the user."""
+    """Raised if a process ended during a task; the message is one sentence for the user."""
 
 
 class SchedulerGoneError(RuntimeError):
-    """A cluster's scheduler does not answer any more."""
+    """Raised if a cluster's scheduler does not answer any more."""
 
 
-def sentence(problem: Exception) -> str:
-    """What went wrong, with its kind."""
+def describe_error(problem: Exception) -> str:
+    """Type and message of an exception."""
     return f"{type(problem).__name__}: {problem}"
 
 
-def ready(helper: "Helper | None") -> "Helper":
-    """The same, or a new one if there is none or it has ended."""
-    return helper if helper and helper.process.poll() is None else Helper()
+def ensure_running(worker: "WorkerProcess | None") -> "WorkerProcess":
+    """Return the given process, or a new one if there is none or it has ended."""
+    return worker if worker and worker.process.poll() is None else WorkerProcess()
 
 
-class Helper:
-    """The process, from the side of whoever started it; one thread at a time may use it."""
+class WorkerProcess:
+    """Parent's handle of a worker process; only one thread at a time may use it."""
 
     def __init__(self):
-        # the cores are shared out already: BLAS and Numba get one thread each
+        # the cores are already distributed over processes: BLAS and Numba get one thread each
         paths = os.pathsep.join(path for path in sys.path if path)
         environment = os.environ | dict.fromkeys(ONE_CORE, "1") | {"PYTHONPATH": paths, "PYTHONSAFEPATH": "1"}
-        # a folder that someone works in may hold a random.py: it comes last, for functions of an interactive session
+        # the working directory may contain a random.py: it comes last, for functions of an interactive session
         here = [os.getcwd()] if "" in sys.path else []
         self.process = subprocess.Popen(
             [sys.executable, "-P", "-c", START, *here],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env=environment,
-            start_new_session=True,  # ctrl-C is for whoever started it, who ends it then
+            start_new_session=True,  # ctrl-C reaches only the parent, which then ends this process
         )
 
     def call(self, packed: bytes, pause: float | None, heard) -> tuple[bytes | None, str | None]:
-        """Have a task done: (bytes of its result, None) or (None, the sentence of its failure).
+        """Run a task and return (bytes of its result, None) or (None, error message).
 
         Parameters
         ----------
         packed : bytes of (function, arguments)
-        pause : least time between two words that are passed on; None if the function tells nothing [s]
+        pause : shortest time between two progress messages; None if the function reports no progress [s]
         heard : called as heard(share, words)
 
         Raises
@@ -92,9 +92,9 @@ class Helper:
                     return None, rest[0]
                 heard(*rest)
         except (OSError, EOFError, ValueError):
-            raise WorkerDiedError(f"worker died ({self._how()})") from None
+            raise WorkerDiedError(f"worker died ({self._describe_exit()})") from None
 
-    def _how(self) -> str:
+    def _describe_exit(self) -> str:
         try:
             code = self.process.wait(5)
         except subprocess.TimeoutExpired:
@@ -104,11 +104,11 @@ class Helper:
         return signal.strsignal(-code).lower() if code < 0 and signal.strsignal(-code) else f"exit code {code}"
 
     def end(self) -> None:
-        """End the process now."""
+        """Kill the process."""
         self.process.kill()
         self.process.wait()
         for pipe in (self.process.stdin, self.process.stdout):
-            with suppress(OSError):  # what was to be sent cannot be sent any more
+            with suppress(OSError):  # buffered data cannot be sent any more
                 pipe.close()
 
 
@@ -119,10 +119,10 @@ def _send(stream, data: bytes) -> None:
 
 
 def _receive(stream) -> bytes:
-    return _exactly(stream, struct.unpack("<Q", _exactly(stream, 8))[0])
+    return _read_exactly(stream, struct.unpack("<Q", _read_exactly(stream, 8))[0])
 
 
-def _exactly(stream, size: int) -> bytes:
+def _read_exactly(stream, size: int) -> bytes:
     data = stream.read(size)
     if len(data) < size:
         raise EOFError
@@ -130,17 +130,17 @@ def _exactly(stream, size: int) -> bytes:
 
 
 def serve() -> None:
-    """Do tasks until there is nobody left to ask for them; what they print goes to stderr.
+    """Run tasks until the parent is gone; what they print goes to stderr.
 
-    Arguments of the process are folders to import from, after all others. The process ends here, whatever happens: the
-    thread that listens holds stdin, and an interpreter that shuts down would abort.
+    Arguments of the process are folders to import from, after all others. The process always ends in this function,
+    because the listening thread holds stdin and the interpreter would abort at shutdown.
     """
     code = 1
     try:
         _serve()
         code = 0
     except BrokenPipeError:
-        code = 0  # nobody is left to be told
+        code = 0  # the parent is gone
     except BaseException:
         traceback.print_exc()
     finally:
@@ -162,14 +162,14 @@ def _serve() -> None:
         except queue.Empty:
             return
         if version == __version__:
-            answer = _answer(packed, () if pause is None else (_teller(out, pause),))
+            answer = _run_task(packed, () if pause is None else (_make_reporter(out, pause),))
         else:
-            answer = FAILED, f"this worker has stickslip {__version__}, but {version} asks: install the same there"
+            answer = FAILED, f"this worker has stickslip {__version__}, the client {version}: install the same version"
         _send(out, pickle.dumps(answer, protocol=5))
 
 
 def _listen(stream, asked) -> None:
-    """Pass on what comes in; the end of it is the end of this process, whatever it is doing."""
+    """Queue incoming tasks; end this process, whatever it is doing, when the stream ends."""
     try:
         while True:
             asked.put(pickle.loads(_receive(stream)))
@@ -177,16 +177,16 @@ def _listen(stream, asked) -> None:
         os._exit(0)
 
 
-def _answer(packed: bytes, more: tuple) -> tuple:
+def _run_task(packed: bytes, more: tuple) -> tuple:
     try:
         function, task = pickle.loads(packed)
         return DONE, pickle.dumps(function(*task, *more), protocol=5)
     except Exception as problem:
-        return FAILED, sentence(problem)
+        return FAILED, describe_error(problem)
 
 
-def _teller(out, pause: float):
-    """tell(share, words), which lets through the first words, and others after a pause."""
+def _make_reporter(out, pause: float):
+    """Return tell(share, words), which sends the first message, and later ones only after a pause."""
     last = -math.inf
 
     def tell(share: float, words: str) -> None:

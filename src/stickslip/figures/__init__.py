@@ -1,6 +1,6 @@
-"""Figures: a result in, a matplotlib Figure out (`view`: a widget, `movie`: a file); nothing is simulated here.
+"""Figures: functions take a result and return a matplotlib Figure (`view`: a widget, `movie`: a file).
 
-Every function is here, and is loaded when first used: `ss.figures.packing(state, law)`.
+Nothing is simulated here. Functions are loaded on first use, as in `ss.figures.packing(state, law)`.
 """
 
 from ..lazy import attach

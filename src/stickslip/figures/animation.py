@@ -1,4 +1,4 @@
-"""A movie of a packing, GIF or MP4: frames of a run, or one period of a mode."""
+"""Movies of a packing as GIF or MP4: frames of a run, or one period of a mode."""
 
 from collections.abc import Callable
 from contextlib import contextmanager
@@ -11,7 +11,7 @@ from PIL import Image
 
 from ..data.exchange.frame import Frame
 from ..extras import needed
-from .grains import draw, legend, look_of
+from .grains import draw, draw_legend, layout_of
 from .page import MARK
 from .quantities import Mode
 from .style import plt, styled
@@ -25,48 +25,48 @@ def movie(
     frames: list[Frame], path: Path, *, labels: list[str], mode: Mode | None = None, colour: str | None = None,
     fps: int = 15, si: bool = False, report: Callable[[str, float, str], None] | None = None,
 ) -> Path:  # fmt: skip
-    """Draw frames one after the other; the limits of drawing and colours are those of all of them.
+    """Draw frames one after the other, with common limits of axes and colours.
 
     Parameters
     ----------
-    frames : as `frame_of` or `mode_frames` make them
-    path : its ending says the format: .gif, or .mp4, for which ffmpeg is needed
+    frames : from `frame_of` or `mode_frames`
+    path : its extension selects the format: .gif, or .mp4, which requires ffmpeg
     labels : a title for each frame
-    mode : that the frames show, for the colour "mode displacement"
+    mode : the mode that the frames show, for the colour "mode displacement"
     colour : one of `quantities`
-    fps : frames in a second
+    fps : frames per second
     report : called with (stage, share, words)
 
     Raises
     ------
     ValueError
-        if the ending or the colour is not known.
+        if the extension or the colour is not known.
     MissingExtraError
         if there is no ffmpeg for an MP4.
     RuntimeError
-        if ffmpeg ends before its time.
+        if ffmpeg ends prematurely.
     """
-    checked(path, fps)
-    look = look_of(frames, colour=colour, mode=mode, si=si)
-    wide, tall = look.high - look.low
+    check_movie(path, fps)
+    layout = layout_of(frames, colour=colour, mode=mode, si=si)
+    wide, tall = layout.high - layout.low
     inches = PIXELS / 100
     height = min(inches * tall / wide, 1.3 * inches) + (1.1 if colour else 0.6)
-    height = round(50 * height) / 50  # an even number of pixels, which H.264 wants
+    height = round(50 * height) / 50  # an even number of pixels, which H.264 requires
     with plt.rc_context({"figure.constrained_layout.use": False, "savefig.dpi": 100, "font.size": 11}):
         figure = plt.figure(figsize=(inches, height), dpi=100)
         below, above = (0.85 if colour else 0.4) / height, 0.28 / height
         axes = figure.add_axes([0.01, below, 0.98, 1 - below - above])
         bar = None
-        writer = _writer(path, fps)
-        with _encoding(), writer.saving(figure, str(path), 100):
+        writer = _make_writer(path, fps)
+        with _explain_ffmpeg_failure(), writer.saving(figure, str(path), 100):
             for k, frame in enumerate(frames):
                 axes.clear()
-                drawn = draw(axes, frame, look, mode=mode, first=frames[0], si=si, near=False)
-                legend(axes, frame, near=False)
+                drawn = draw(axes, frame, layout, mode=mode, first=frames[0], si=si, near=False)
+                draw_legend(axes, frame, near=False)
                 axes.set_title(labels[k], fontsize=11, pad=4)
                 if colour and bar is None:
                     place = figure.add_axes([0.25, 0.42 / height, 0.5, 0.1 / height])
-                    label = f"{colour} [{look.unit}]" if look.unit else colour
+                    label = f"{colour} [{layout.unit}]" if layout.unit else colour
                     bar = figure.colorbar(drawn, cax=place, orientation="horizontal", label=label)
                 writer.grab_frame()
                 if report:
@@ -75,51 +75,51 @@ def movie(
     return path
 
 
-def checked(path: Path, fps: int) -> None:
-    """Raise ValueError, or MissingExtraError, if such a movie cannot be made."""
+def check_movie(path: Path, fps: int) -> None:
+    """Raise ValueError or MissingExtraError if a movie cannot be written."""
     if path.suffix.lower() not in ENDINGS:
         raise ValueError(f"{path} ends with {path.suffix or 'nothing'!r}: a movie is {' or '.join(ENDINGS)}")
     if not 1 <= fps <= 100:
-        raise ValueError(f"{fps} frames in a second were asked for: give 1 to 100")
+        raise ValueError(f"{fps} frames per second were requested: give 1 to 100")
     if path.suffix.lower() == ".mp4":
-        _ffmpeg()
+        _find_ffmpeg()
 
 
 @contextmanager
-def _encoding():
-    """Where ffmpeg ends before its time, as on a full disk, there is a sentence."""
+def _explain_ffmpeg_failure():
+    """Turn a premature end of ffmpeg, as on a full disk, into a one-sentence error."""
     try:
         yield
     except (CalledProcessError, BrokenPipeError) as problem:
         how = f"exit code {problem.returncode}" if isinstance(problem, CalledProcessError) else "it closed its pipe"
         raise RuntimeError(
-            f"ffmpeg ended before the movie was whole ({how}): make room, if the disk is full, or write a .gif"
+            f"ffmpeg ended before the movie was complete ({how}): free some disk space if it is full, or write a .gif"
         ) from None
 
 
-def _writer(path: Path, fps: int):
+def _make_writer(path: Path, fps: int):
     if path.suffix.lower() == ".gif":
-        return _Gif(fps=fps)
-    plt.rcParams["animation.ffmpeg_path"] = _ffmpeg()
+        return _GifWriter(fps=fps)
+    plt.rcParams["animation.ffmpeg_path"] = _find_ffmpeg()
     extra = ["-pix_fmt", "yuv420p", "-loglevel", "error"]
     return FFMpegWriter(fps=fps, codec="libx264", extra_args=extra, metadata={"comment": MARK})
 
 
-class _Gif(PillowWriter):
-    """A GIF whose palette keeps colours that few pixels have, such as those of lines that slide."""
+class _GifWriter(PillowWriter):
+    """GIF writer whose palette keeps rare colours, such as those of sliding contacts."""
 
     def finish(self):
         """Write the file."""
-        frames = [self._kept(frame) for frame in self._frames]
+        frames = [self._reduced(frame) for frame in self._frames]
         frames[0].save(
             self.outfile, save_all=True, append_images=frames[1:], duration=round(1000 / self.fps), loop=0, comment=MARK
         )  # fmt: skip
 
     @staticmethod
-    def _kept(frame: Image.Image) -> Image.Image:
+    def _reduced(frame: Image.Image) -> Image.Image:
         return frame.convert("RGB").quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
 
 
-def _ffmpeg() -> str:
-    """Where ffmpeg is: that of the machine, or the one that a wheel brings."""
+def _find_ffmpeg() -> str:
+    """Path of ffmpeg: that of the system, or the one installed by a wheel."""
     return which("ffmpeg") or needed("imageio_ffmpeg", "report").get_ffmpeg_exe()

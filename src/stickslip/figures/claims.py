@@ -1,4 +1,4 @@
-"""Claims of a paper as one picture: every measurement in units of its tolerance, beside the paper's value."""
+"""Chart of the claims of a paper: every measurement in units of its tolerance, next to the paper's value."""
 
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ from matplotlib.patches import Patch
 from .style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, WIDTH, plt, styled
 
 GREY = "0.55"
-MARKS = {  # colour, marker, filled: told apart without colours, too
+MARKS = {  # colour, marker, filled: distinguishable without colours
     "reproduced": (GREEN, "o", True),
     "partly": (ORANGE, "D", True),
     "not reproduced": (RED, "X", True),
@@ -17,29 +17,29 @@ MARKS = {  # colour, marker, filled: told apart without colours, too
     "undecided": (BLUE, "s", False),
     "no reference": (GREY, "o", False),
 }
-REACH = 4.0  # tolerances that are drawn: what is farther off stands at the rim as an arrow
+REACH = 4.0  # range of the axis in tolerances; values beyond it are arrows at the edge
 PITCH = 0.165  # height of a row [inch]
 MARGIN = 1.05  # height of title, axis and legend [inch]
 PAGE = 2.1 * WIDTH  # two columns
-SHORT = 34  # characters of a label that fit
+SHORT = 34  # longest label [characters]
 
 
 class Row(NamedTuple):
-    """One claim, ready to be drawn."""
+    """One row of the chart."""
 
     label: str
     group: str  # figure of the paper
     verdict: str
-    deviation: tuple[float, ...]  # of what was measured, in tolerances; one number, two ends of a window, or nothing
-    error: float  # in tolerances; 0 without one
+    deviation: tuple[float, ...]  # of the measurement, in tolerances: one number, two ends of a window, or empty
+    error: float  # in tolerances; 0 if there is none
     measured: str
     paper: str
-    beside_reference: bool  # whether the deviation and the value are those of a reference, not of the paper
+    beside_reference: bool  # True if deviation and value refer to a reference instead of the paper
 
 
 @styled
 def claims_chart(rows: list[Row], title: str):
-    """Deviation of every measurement from the paper's value, with error, tolerance band and verdict; one row each."""
+    """Deviation of every measurement from the paper's value, with error, tolerance and verdict, one row per claim."""
     height = PITCH * (len(rows) + 1) + MARGIN
     figure = plt.figure(figsize=(PAGE, height), layout="none")
     bottom = 0.75 * MARGIN / height
@@ -48,7 +48,7 @@ def claims_chart(rows: list[Row], title: str):
     axes.axvline(0, color=BLACK, lw=0.7, zorder=1)
     groups = [row.group for row in rows]
     for k, row in enumerate(rows):
-        _draw(axes, k, row)
+        _draw_row(axes, k, row)
         if k and groups[k] != groups[k - 1]:
             axes.axhline(k - 0.5, color="0.75", lw=0.4, zorder=0)
     axes.set(xlim=(-1.15 * REACH, 1.15 * REACH), ylim=(len(rows) - 0.5, -0.5))
@@ -59,20 +59,20 @@ def claims_chart(rows: list[Row], title: str):
     for x, words in zip(COLUMNS, ("measured", "paper", "verdict"), strict=True):
         axes.text(x, 1.0, words, transform=axes.transAxes, fontsize=6.5, weight="bold", va="bottom")
     figure.text(0.01, 1 - 0.06 / height, title, fontsize=8, va="top")
-    _legend(figure, rows)
+    _draw_legend(figure, rows)
     return figure
 
 
-COLUMNS = (1.03, 1.48, 1.81)  # where texts begin, in widths of the axes
+COLUMNS = (1.03, 1.48, 1.81)  # left edges of the texts, in widths of the axes
 
 
 def _label(groups: list[str], k: int, row: Row) -> str:
-    """The claim's name, and the figure of the paper where that begins."""
+    """Label of a claim, preceded by the figure of the paper in the first row of a group."""
     words = row.label if len(row.label) <= SHORT else row.label[: SHORT - 1] + "…"
     return words if k and groups[k] == groups[k - 1] else f"{row.group}:  {words}"
 
 
-def _draw(axes, k: int, row: Row) -> None:
+def _draw_row(axes, k: int, row: Row) -> None:
     color, marker, filled = MARKS[row.verdict]
     face = color if filled else "white"
     style = {"marker": marker, "ms": 4, "color": color, "mfc": face, "mew": 0.9, "ls": "", "clip_on": False}
@@ -101,8 +101,8 @@ def _draw(axes, k: int, row: Row) -> None:
     axes.text(COLUMNS[2] + 0.035, k, row.verdict, **place, color=color if row.verdict != "no reference" else "0.4")
 
 
-def _legend(figure, rows: list[Row]) -> None:
-    """Which mark is which verdict, of those that occur, and what the others are."""
+def _draw_legend(figure, rows: list[Row]) -> None:
+    """Legend of the verdicts that occur, and of the other marks."""
     seen = [word for word in MARKS if any(row.verdict == word for row in rows)]
     handles = [
         Line2D([], [], ls="", marker=MARKS[w][1], color=MARKS[w][0], mfc=MARKS[w][0] if MARKS[w][2] else "white", ms=4)
@@ -110,7 +110,7 @@ def _legend(figure, rows: list[Row]) -> None:
     ]
     words = [f"{word} ({sum(row.verdict == word for row in rows)})" for word in seen]
     handles.append(Patch(color="0.9"))
-    words.append("tolerance; beyond the rim: arrows")
+    words.append("tolerance; arrows: outside the range")
     if any(row.beside_reference for row in rows):
         handles.append(Line2D([], [], ls=""))
         words.append("italic: a reference, not the paper's value")

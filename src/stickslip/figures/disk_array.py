@@ -9,21 +9,21 @@ from matplotlib.collections import LineCollection, PatchCollection
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
-from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, PURPLE, RED, SKY, TIME, axes_of, styled
+from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, PURPLE, RED, SKY, TIME, column_axes, styled
 
-LOAD = r"push $F_x$"  # in the unit that the scenario gives to its forces
+LOAD = r"push $F_x$"  # in the force unit of the scenario
 
 
 @styled
 def complex_pairs(results: dict, paper: dict | None = None):
-    """Im λ of every complex pair against the push, one panel a result, with births and deaths (Fig 2).
+    """Im λ of every complex pair against the push, one panel per result, with births and deaths (Fig 2).
 
     Parameters
     ----------
-    results : title -> Result
-    paper : load -> Im λ that the paper prints, drawn as crosses
+    results : title -> DiskArrayResult
+    paper : load -> Im λ printed in the paper, drawn as crosses
     """
-    figure, panels = axes_of(len(results), 1.0 + 1.45 * len(results), sharex=True, squeeze=False)
+    figure, panels = column_axes(len(results), 1.0 + 1.45 * len(results), sharex=True, squeeze=False)
     for axes, (title, result) in zip(panels[:, 0], results.items(), strict=True):
         for k, family in enumerate(result.families):
             color = COLORS[k % len(COLORS)]
@@ -52,8 +52,8 @@ def complex_pairs(results: dict, paper: dict | None = None):
 
 @styled
 def mean_square_displacement(result):
-    """M(t) at every load with the predicted growth beside it (Fig 3)."""
-    figure, axes = axes_of(height=2.7)
+    """M(t) at every load, with the predicted growth (Fig 3)."""
+    figure, axes = column_axes(height=2.7)
     for color, (load, free) in zip(COLORS * 5, result.free_runs.items(), strict=False):
         shown = free.msd > 0
         axes.semilogy(free.time[shown], free.msd[shown], color=color, lw=0.6, label=f"{load:.3f}", rasterized=True)
@@ -76,9 +76,9 @@ def mean_square_displacement(result):
 
 @styled
 def trajectory(result, grain: int = 3):
-    """Path of one disk in the x–y plane, coloured by time: the growing spiral, then all until its breach (Fig 4)."""
+    """Path of one disk in the x–y plane, coloured by time: the growing spiral, and the path until breach (Fig 4)."""
     data = result.trajectory
-    figure, panels = axes_of(2, 4.6)
+    figure, panels = column_axes(2, 4.6)
     end = data.breach[grain] if np.isfinite(data.breach[grain]) else data.time[-1]
     first = data.first_limit if np.isfinite(data.first_limit) else end
     windows = (
@@ -86,7 +86,7 @@ def trajectory(result, grain: int = 3):
             (first - 150, first),
             f"disk {grain + 1}, $F_x$ = {data.load:.3f}, before any contact reaches Coulomb's limit",
         ),
-        ((first, end), "from there until its own contact with the substrate does"),
+        ((first, end), "from there until its contact with the substrate does"),
     )
     for axes, ((start, stop), title) in zip(panels, windows, strict=True):
         shown = (data.time >= start) & (data.time <= max(stop, start + 150))
@@ -101,7 +101,7 @@ def trajectory(result, grain: int = 3):
     return figure
 
 
-def _front(axes, found, color, label, sign=1):
+def _plot_front(axes, found, color, label, sign=1):
     axes.errorbar(
         sign * found.delay, found.distance, xerr=found.error, fmt="o", color=color, label=label, capsize=1.5, lw=0.7
     )
@@ -117,20 +117,20 @@ def traveling_fronts(forward: dict, backward, threshold: float):
     ----------
     forward : load -> Front; backward : Front or None
     """
-    figure, (top, bottom) = axes_of(2, 4.2)
+    figure, (top, bottom) = column_axes(2, 4.2)
     for color, (load, found) in zip((BLUE, GREEN, RED, ORANGE), forward.items(), strict=False):
         if found:
             words = (
                 rf"$F_x$ = {load:.3f}: $V_1$ = {1e3 * found.speed:.2f}({1e3 * found.speed_error:.2f})$\times 10^{{-3}}$"
             )
-            _front(top, found, color, words)
+            _plot_front(top, found, color, words)
     top.set(
         xlabel=r"mean delay of breaching $\tau_i-\tau_1$ [$\sqrt{m/(k_n\sqrt{2R})}$]",
         ylabel=r"distance from disk 1 [$2R$]",
     )
     if backward:
         words = f"$V_2$ = {backward.speed:.3f}({backward.speed_error:.3f})"
-        _front(bottom, backward, PURPLE, words)
+        _plot_front(bottom, backward, PURPLE, words)
     bottom.set(
         xlabel=rf"mean delay of sliding by {threshold:g} $\times 2R$ [$\sqrt{{m/(k_n\sqrt{{2R}})}}$]",
         ylabel="distance from the last disk [$2R$]",
@@ -146,8 +146,8 @@ def traveling_fronts(forward: dict, backward, threshold: float):
 
 @styled
 def mode_shape(spectrum, index: int):
-    """Components of one mode by coordinate: x, then y, then R·angle of all disks (Fig 6)."""
-    figure, axes = axes_of(height=2.3)
+    """Components of one mode by coordinate: x, y and R·angle of all disks (Fig 6)."""
+    figure, axes = column_axes(height=2.3)
     mode = spectrum.modes[:, index]
     mode = mode * np.exp(-1j * np.angle(mode[np.argmax(np.abs(mode))]))
     value = mode.real * np.sqrt(spectrum.free.mass)
@@ -170,11 +170,11 @@ def center_of_mass(result, load: float, line=None, printed=None):
 
     Parameters
     ----------
-    load : of the upper panel
+    load : load of the upper panel
     line : measured velocities with their fit, or None
-    printed : (slope, intercept) that the paper's figure shows, dashed
+    printed : (slope, intercept) shown in the paper's figure, drawn dashed
     """
-    figure, (top, bottom) = axes_of(2, 5.0)
+    figure, (top, bottom) = column_axes(2, 5.0)
     free = result.free_runs[load]
     x = free.center[:, 0] - free.center[0, 0]
     top.plot(free.time, x, color=BLUE)
@@ -220,7 +220,7 @@ STUCK, AT_LIMIT, SLIDES = "stuck", "has reached Coulomb's limit at the substrate
 
 @styled
 def transition_movie(result, path: str | Path, frames: int = 90) -> Path:
-    """Animation of the transition as a GIF: disks coloured by what has happened to each."""
+    """Write an animation of the transition as a GIF, with disks coloured by their state."""
     data, radius = result.trajectory, result.pressed.grains.radius
     events = np.concatenate([data.breach, data.slide])
     events = events[np.isfinite(events)]

@@ -1,4 +1,4 @@
-"""Figures of a flow: snapshots coloured by speed, time series, and the profile of velocity."""
+"""Figures of a flow: snapshots coloured by speed, time series, and the velocity profile."""
 
 import numpy as np
 from matplotlib import pyplot as plt
@@ -6,19 +6,19 @@ from matplotlib.collections import EllipseCollection
 from matplotlib.ticker import MaxNLocator
 
 from ..core.measure import wrapped
-from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, RED, WIDTH, axes_of, styled
+from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, RED, WIDTH, column_axes, styled
 
 WIDE = 2.07 * WIDTH  # two columns and the gap between them
 PANELS = 6
-HIDDEN = 0.002  # share of the grains at either end that need not be in view: a few that roll away would shrink the rest
+HIDDEN = 0.002  # fraction of grains that may be out of view at either end: grains that roll away would shrink the rest
 
 
 @styled
 def snapshots(result):
-    """States in time, seen along z: poured grains coloured by speed, plates grey, walls as lines."""
-    shown = _chosen(result)
+    """Snapshots seen along z: poured grains coloured by speed, plates grey, walls as lines."""
+    shown = _select_frames(result)
     places = [wrapped(state) for state in shown]
-    low, high = _view(result, shown, places)
+    low, high = _view_limits(result, shown, places)
     wide, tall = high - low
     columns = 1 if wide > 2.2 * tall else 2 if wide > 1.3 * tall else 3
     columns = min(columns, len(shown))
@@ -31,8 +31,8 @@ def snapshots(result):
     top = max(float(np.quantile(s, 0.99)) for s in speeds) or 1.0
     drawn = None
     for axes, state, place in zip(panels.flat, shown, places, strict=False):
-        drawn = grains_by_speed(axes, state, place, loose, top)
-        _walls(axes, state)
+        drawn = draw_grains_by_speed(axes, state, place, loose, top)
+        _draw_walls(axes, state)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
         axes.set_title(f"$t$ = {state.time:.4g}", fontsize=7, pad=2)
         axes.xaxis.set_major_locator(MaxNLocator(5))
@@ -47,8 +47,8 @@ def snapshots(result):
     return figure
 
 
-def _chosen(result) -> list:
-    """Frames at nearly even times, the first and the last among them; of the last stage if there are several."""
+def _select_frames(result) -> list:
+    """Frames at nearly equal intervals, including the first and the last; of the last stage if there are several."""
     start = result.stages[-1].start if len(result.stages) > 1 else -np.inf
     frames = [state for state in result.frames if state.time >= start * (1 - 1e-9)] or list(result.frames)
     wanted = np.linspace(frames[0].time, frames[-1].time, PANELS)
@@ -56,8 +56,8 @@ def _chosen(result) -> list:
     return [frames[k] for k in dict.fromkeys(int(np.abs(times - t).argmin()) for t in wanted)]
 
 
-def _view(result, shown, places):
-    """Corners of what is drawn."""
+def _view_limits(result, shown, places):
+    """Lower and upper corner of the drawing."""
     radius, periodic = shown[0].grains.radius.max(), shown[0].cell.periodic
     low = np.min([np.quantile(p[:, :2], HIDDEN, axis=0) for p in places], axis=0) - 2 * radius
     high = np.max([np.quantile(p[:, :2], 1 - HIDDEN, axis=0) for p in places], axis=0) + 2 * radius
@@ -66,8 +66,8 @@ def _view(result, shown, places):
     return low, high
 
 
-def grains_by_speed(axes, state, place, loose, top: float):
-    """Disks, those nearer to the eye on top; returns what the colours stand for."""
+def draw_grains_by_speed(axes, state, place, loose, top: float):
+    """Draw disks coloured by speed, nearer ones on top; return the mappable for a colour bar."""
     n = len(state.grains.radius)
     speed = np.full(n, np.nan)
     speed[loose] = np.linalg.norm(state.grains.velocity[loose], axis=1)
@@ -77,7 +77,7 @@ def grains_by_speed(axes, state, place, loose, top: float):
     options = {"units": "xy", "offset_transform": axes.transData, "linewidths": 0.1, "edgecolors": BLACK}
     around = state.cell.vectors[0, 0] if state.cell.periodic[0] else 0.0
     drawn = None
-    for shift in (around, -around, 0.0) if around else (0.0,):  # grains at an edge are seen at both
+    for shift in (around, -around, 0.0) if around else (0.0,):  # grains at an edge are drawn at both edges
         at = place[:, :2] + [shift, 0.0]
         for rows, color in ((glued, {"facecolors": "0.6"}), (order, {"array": speed[order], "clim": (0.0, top)})):
             drawn = axes.add_collection(
@@ -88,8 +88,8 @@ def grains_by_speed(axes, state, place, loose, top: float):
     return drawn
 
 
-def _walls(axes, state) -> None:
-    """Lines where walls cut the plane of the drawing; those that face the eye are left out."""
+def _draw_walls(axes, state) -> None:
+    """Draw lines where walls intersect the plane of the drawing; walls parallel to it are omitted."""
     for point, normal in zip(state.walls.point, state.walls.normal, strict=True):
         if np.hypot(normal[0], normal[1]) > 1e-9:
             axes.axline(point[:2], (point[0] - normal[1], point[1] + normal[0]), color=RED, lw=0.8)
@@ -97,10 +97,10 @@ def _walls(axes, state) -> None:
 
 @styled
 def time_series(result):
-    """Energies; contacts; where the grains are, or the plates' friction and height."""
+    """Energies, contacts, and the extent of the flow or the friction and distance of plates."""
     series, plates = result.series, list(result.poured.plates)
     sheared = len(plates) > 1
-    figure, panels = axes_of(5 if sheared else 4, 6.6 if sheared else 5.6, sharex=True)
+    figure, panels = column_axes(5 if sheared else 4, 6.6 if sheared else 5.6, sharex=True)
     time = series.time
     panels[0].semilogy(time, np.maximum(series.kinetic_energy, 1e-300), color=BLUE, label="kinetic")
     panels[0].semilogy(time, np.maximum(series.elastic_energy, 1e-300), color=ORANGE, label="elastic")
@@ -112,11 +112,11 @@ def time_series(result):
     known = np.isfinite(series.unbalanced)
     panels[1].semilogy(time[known], series.unbalanced[known], color=BLUE)
     panels[1].set_ylabel("unbalanced force\nover contact force")
-    _contacts(panels[2], series)
+    _plot_contacts(panels[2], series)
     if sheared:
-        _plates(panels[3], panels[4], series, plates)
+        _plot_plates(panels[3], panels[4], series, plates)
     else:
-        _extent(panels[3], series)
+        _plot_extent(panels[3], series)
     for axes in panels:
         for stage in result.stages[1:]:
             axes.axvline(stage.start, color="0.6", lw=0.6, ls=":")
@@ -131,7 +131,7 @@ def time_series(result):
     return figure
 
 
-def _contacts(axes, series) -> None:
+def _plot_contacts(axes, series) -> None:
     axes.plot(series.time, series.coordination, color=BLUE)
     axes.set_ylabel("coordination $z$", color=BLUE)
     axes.set_ylim(bottom=0)
@@ -141,8 +141,8 @@ def _contacts(axes, series) -> None:
     other.set_ylim(0, float(np.clip(1.8 * np.quantile(series.sliding_fraction, 0.98), 0.05, 1.05)))
 
 
-def _extent(axes, series) -> None:
-    """Centre of mass and the far ends of the grains along x and y."""
+def _plot_extent(axes, series) -> None:
+    """Plot the centre of mass and the largest coordinates of the grains along x and y."""
     for k, color, end in ((0, BLUE, "front, $x$"), (1, GREEN, "top, $y$")):
         axes.plot(series.time, series.center[:, k], color=color, label=f"centre of mass, ${'xy'[k]}$")
         axes.plot(series.time, series.high[:, k], color=color, ls="--", label=f"{end} (99 %)")
@@ -151,8 +151,8 @@ def _extent(axes, series) -> None:
     axes.legend(loc="upper left", ncol=2, columnspacing=1.0, fontsize=6)
 
 
-def _plates(top, bottom, series, names) -> None:
-    """Shear over normal force on each plate, with its running mean, and the height between the outermost."""
+def _plot_plates(top, bottom, series, names) -> None:
+    """Plot shear over normal force on each plate, with its running mean, and the distance of the outermost plates."""
     span = max(1, len(series.time) // 40)
     seen = [0.1]
     for k, name in enumerate(names):
@@ -178,14 +178,14 @@ def _plates(top, bottom, series, names) -> None:
 
 @styled
 def velocity_profile(edges, velocity, deviation):
-    """Mean velocity along x against height, ± its standard deviation in time.
+    """Mean velocity along x against height, with its standard deviation in time.
 
     Parameters
     ----------
-    edges : of the bins of height [length]
+    edges : edges of the height bins [length]
     velocity, deviation : (bins, 3) [length/time]
     """
-    figure, axes = axes_of(1, 2.6)
+    figure, axes = column_axes(1, 2.6)
     height = 0.5 * (edges[:-1] + edges[1:])
     axes.errorbar(
         velocity[:, 0], height, xerr=deviation[:, 0], fmt="o-", color=BLUE, lw=0.7, elinewidth=0.5, capsize=1.2

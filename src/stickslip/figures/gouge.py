@@ -4,8 +4,8 @@ import numpy as np
 from matplotlib import pyplot as plt
 
 from ..core.measure import wrapped
-from .flow import grains_by_speed
-from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, PURPLE, RED, WIDTH, axes_of, styled
+from .flow import draw_grains_by_speed
+from .style import BLACK, BLUE, COLORS, GREEN, ORANGE, PURPLE, RED, WIDTH, column_axes, styled
 
 
 @styled
@@ -15,9 +15,9 @@ def steady_sliding(realizations, diameter: float):
     Parameters
     ----------
     realizations : of a `GougeResult`
-    diameter : D, by which slip and thickness are divided [m]
+    diameter : D, the unit of slip and thickness [m]
     """
-    figure, (above, below) = axes_of(2, 3.4, sharex=True)
+    figure, (above, below) = column_axes(2, 3.4, sharex=True)
     for number, one in enumerate(realizations):
         series, color = one.tests[0].series, COLORS[number % len(COLORS)]
         above.plot(series.slip / diameter, series.friction, color=color, lw=0.5, alpha=0.8)
@@ -29,14 +29,17 @@ def steady_sliding(realizations, diameter: float):
 
 @styled
 def velocity_steps(curves, *, twins: bool = True):
-    """Friction after each step, less that of a copy without it (`twins`) or its later mean, ± two standard errors."""
-    figure, axes = axes_of(1, 2.4)
+    """Change of friction after each step, ± two standard errors.
+
+    The reference is a copy without the step (`twins`) or the later mean.
+    """
+    figure, axes = column_axes(1, 2.4)
     for number, curve in enumerate(curves):
-        _band(axes, curve, COLORS[2 * number % len(COLORS)], errors=True)
+        _plot_band(axes, curve, COLORS[2 * number % len(COLORS)], errors=True)
     axes.axhline(0, color=BLACK, lw=0.5)
     axes.set(
         xlabel="slip of the load point / $D$",
-        ylabel=r"$\Delta\mu$, step less no step" if twins else r"$\mu - \mu_{ss}$ after the step",
+        ylabel=r"$\Delta\mu$, step minus no step" if twins else r"$\mu - \mu_{ss}$ after the step",
     )
     axes.legend()
     return figure
@@ -44,16 +47,16 @@ def velocity_steps(curves, *, twins: bool = True):
 
 @styled
 def holds(panels):
-    """Change of friction in holds against time, mean and 2σ over branches, with what both laws predict.
+    """Change of friction during holds against time, mean and 2σ over branches, with the predictions of both laws.
 
     Parameters
     ----------
     panels : pairs of curves (each a `Curve`) and predictions, {law: (times, change of friction)}
     """
-    figure, rows = axes_of(len(panels), 0.6 + 2.0 * len(panels), sharex=False, squeeze=False)
+    figure, rows = column_axes(len(panels), 0.6 + 2.0 * len(panels), sharex=False, squeeze=False)
     for axes, (curves, laws) in zip(rows[:, 0], panels, strict=True):
         for number, curve in enumerate(curves):
-            _band(axes, curve, (BLUE, ORANGE, RED)[number % 3])
+            _plot_band(axes, curve, (BLUE, ORANGE, RED)[number % 3])
         for (law, (time, change)), color in zip(laws.items(), (PURPLE, GREEN), strict=False):
             axes.plot(time, change, color=color, label=f"{law} law", ls="--")
         axes.set(xscale="log", ylabel=r"$\mu - \mu(0)$")
@@ -64,14 +67,14 @@ def holds(panels):
 
 @styled
 def rest(ratios, creep, sliding: float):
-    """Kinetic over elastic energy, and velocity of the plate, against the time held.
+    """Kinetic over elastic energy, and velocity of the plate, against the hold time.
 
     Parameters
     ----------
-    ratios, creep : a `Curve` for each damping
+    ratios, creep : one `Curve` per damping
     sliding : kinetic over elastic energy in steady sliding before the holds
     """
-    figure, (above, below) = axes_of(2, 3.6, sharex=True)
+    figure, (above, below) = column_axes(2, 3.6, sharex=True)
     for number, (ratio, velocity) in enumerate(zip(ratios, creep, strict=True)):
         color = (BLUE, ORANGE, RED)[number % 3]
         above.plot(ratio.x, ratio.mean, color=color)
@@ -87,25 +90,25 @@ def rest(ratios, creep, sliding: float):
 
 @styled
 def reslides(curves, ratios, peaks, slope, offset: float):
-    """Friction after holds, for each velocity: with two standard errors, over C + ln(V_r/V_i), and peak against ratio.
+    """Friction after holds for each velocity, with two standard errors and divided by C + ln(V_r/V_i), and its peak.
 
     Parameters
     ----------
-    curves : a `Curve` for each velocity ratio
+    curves : one `Curve` per velocity ratio
     ratios : V_r/V_i
-    peaks : `Number` for each
-    slope : `Number` of peaks against the logarithm of the ratio
-    offset : C, with which curves collapse
+    peaks : one `Number` per ratio
+    slope : `Number`, slope of peaks against the logarithm of the ratio
+    offset : C, for which the curves collapse
     """
     rows = 3 if len(ratios) > 1 else 2
-    figure, panels = axes_of(rows, 1.7 * rows + 0.4)
+    figure, panels = column_axes(rows, 1.7 * rows + 0.4)
     above, below = panels[:2]
     for number, (curve, ratio) in enumerate(zip(curves, ratios, strict=True)):
         color = COLORS[2 * number % len(COLORS)]
         above.plot(curve.x, curve.mean, color=color, label=f"$V_r/V_i$ = {ratio:.3g}")
         width = 2 * np.nan_to_num(curve.error)
         above.fill_between(curve.x, curve.mean - width, curve.mean + width, color=color, alpha=0.15, lw=0)
-        if offset + np.log(ratio) > 0.1 * offset:  # else the collapse has no meaning
+        if offset + np.log(ratio) > 0.1 * offset:  # otherwise the collapse is meaningless
             below.plot(curve.x, curve.mean / (offset + np.log(ratio)), color=color)
     above.set_ylabel(r"$\mu - \mu_{ss}$")
     above.legend()
@@ -122,17 +125,17 @@ def reslides(curves, ratios, peaks, slope, offset: float):
 
 @styled
 def healing(times, peaks, slope, b: float, thickness):
-    """Peak friction after holds against their time, with the slopes b and b/2; thickness during holds.
+    """Peak friction after holds against hold time, with the slopes b and b/2, and thickness during holds.
 
     Parameters
     ----------
-    times : of holds [s]
-    peaks : `Number` for each
-    slope : `Number`, peak per e-fold of hold
-    b : of rate-and-state friction
-    thickness : `Curve` of the change of thickness over D in holds
+    times : hold times [s]
+    peaks : one `Number` per hold
+    slope : `Number`, peak per e-fold of hold time
+    b : parameter of rate-and-state friction
+    thickness : `Curve` of the change of thickness over D during holds
     """
-    figure, (above, below) = axes_of(2, 3.8, sharex=True)
+    figure, (above, below) = column_axes(2, 3.8, sharex=True)
     x, y = np.asarray(times), np.array([p.value for p in peaks])
     above.errorbar(x, y, yerr=np.nan_to_num([p.half for p in peaks]), fmt="o", color=BLUE)
     middle = np.exp(np.log(x).mean())
@@ -142,14 +145,14 @@ def healing(times, peaks, slope, b: float, thickness):
         above.plot(x, y.mean() + rate * np.log(x / middle), color=color, ls=style, label=words)
     above.set(xscale="log", ylabel=r"$\mu_{peak} - \mu_{ss}$")
     above.legend()
-    _band(below, thickness, GREEN)
+    _plot_band(below, thickness, GREEN)
     below.set(xscale="log", xlabel="time held [s]", ylabel=r"$\Delta H/D$")
     return figure
 
 
 @styled
 def sample(realization, scenario):
-    """The sample at steady sliding, seen along z: mobile grains coloured by speed, plates grey."""
+    """Sample in steady sliding, seen along z: mobile grains coloured by speed, plates grey."""
     state = realization.states["steady"]
     loose = np.flatnonzero(state.control.group[: len(state.grains.radius)] < 0)
     place, radius = wrapped(state), float(state.grains.radius.max())
@@ -161,14 +164,14 @@ def sample(realization, scenario):
         grains=state.grains._replace(radius=1e3 * state.grains.radius),
         cell=state.cell._replace(vectors=1e3 * state.cell.vectors),
     )
-    drawn = grains_by_speed(axes, shown, 1e3 * place, loose, float(np.quantile(speed, 0.95)) or 1.0)
+    drawn = draw_grains_by_speed(axes, shown, 1e3 * place, loose, float(np.quantile(speed, 0.95)) or 1.0)
     axes.set(xlim=(0, length), ylim=(low, high), aspect="equal", xlabel="$x$ [mm]", ylabel="$y$ [mm]")
     figure.colorbar(drawn, ax=axes, location="bottom", label="speed [m/s]", shrink=0.8, aspect=30)
     return figure
 
 
-def _band(axes, curve, color, *, errors: bool = False):
-    """Mean and band: two standard deviations over branches, or two standard errors."""
+def _plot_band(axes, curve, color, *, errors: bool = False):
+    """Plot the mean and a band of two standard deviations over branches, or of two standard errors."""
     width = 2 * np.nan_to_num(curve.error) if errors else curve.band
     axes.plot(curve.x, curve.mean, color=color, label=curve.label)
     axes.fill_between(curve.x, curve.mean - width, curve.mean + width, color=color, alpha=0.2, lw=0)

@@ -1,4 +1,4 @@
-"""A packing on paper: grains, force chains, which contacts stick, slide or are open, and a mode; in plane and space."""
+"""Drawing of a packing in two or three dimensions: grains, force chains, contact status, and a mode."""
 
 from typing import NamedTuple
 
@@ -11,30 +11,30 @@ from ..core.laws.builtin import Law
 from ..core.measure import branch_vectors, rattlers, wrapped
 from ..core.state import OPEN, SLIDE, State
 from ..data.exchange.frame import Frame, frame_of
-from .outlines import cell_edges, eye, unit_mode, wall_edges
+from .outlines import cell_edges, unit_mode, view_basis, wall_edges
 from .quantities import Mode, quantities
 from .style import BLACK, BLUE, PURPLE, RED, WIDTH, plt, styled
 
 GREY, PALE = "#b4bac0", "#e4e9ee"
-NEAR = 0.01  # gap over the mean radius up to which an open pair is drawn
-SLABS = 16  # of depth, from back to front: balls hide the lines behind them
-BALL = {2: 1.0, 3: 0.6}  # drawn over true radius: in space, lines between balls must be seen
-THICK = 1.1  # of a line that bears the mean force [points]
-MOST = 6.0  # times the mean force, beyond which lines get no thicker
+NEAR = 0.01  # largest gap of open pairs that are drawn, over the mean radius
+SLABS = 16  # number of depth slabs, drawn from back to front: balls hide the lines behind them
+BALL = {2: 1.0, 3: 0.6}  # drawn over true radius, by dimension: in space, lines between balls must be visible
+THICK = 1.1  # line width of a contact with the mean force [points]
+MOST = 6.0  # multiple of the mean force above which lines do not get thicker
 ORBIT = np.exp(2j * np.pi * np.arange(49) / 48)
 
 
-class Look(NamedTuple):
-    """How a frame is drawn, the same for all frames of a movie."""
+class Layout(NamedTuple):
+    """Settings of a drawing, common to all frames of a movie."""
 
     dim: int
-    low: np.ndarray  # corners of what is drawn, in the plane of the drawing
+    low: np.ndarray  # corners of the drawing, in its plane
     high: np.ndarray
-    mean: float  # contact force whose line is THICK
+    mean: float  # contact force drawn with line width THICK
     colour: str | None = None
     unit: str = ""
     limits: tuple[float, float] = (0.0, 1.0)
-    whole: bool = False  # whether the colours stand for whole numbers
+    whole: bool = False  # True if the coloured quantity is an integer
 
 
 @styled
@@ -42,19 +42,20 @@ def packing(
     state: State, law: Law | None = None, *, mode: Mode | None = None, colour: str | None = None, title: str = "",
     width: float = WIDTH, si: bool = False,
 ):  # fmt: skip
-    """Grains, contacts as wide as their normal force and coloured by status, walls, cell, and the orbits of a mode.
+    """Draw grains, contacts with width by normal force and colour by status, walls, cell, and the orbits of a mode.
 
-    A mode moves grain i along Re(u_i exp(−iωt)), an ellipse; it is drawn at each grain, with an arrow at t = 0, all of
-    them enlarged alike, the largest to the mean radius. Balls in space are drawn at 0.6 of their size.
+    A mode moves grain i along Re(u_i exp(−iωt)), an ellipse. It is drawn at each grain, with an arrow at t = 0. All
+    ellipses are enlarged by the same factor, the largest to the mean radius. Balls in space are drawn at 0.6 of their
+    size.
 
     Parameters
     ----------
-    state : accepted
-    law : without it there are no forces, and all contacts are equally wide
-    mode : translation, rotation and exponent, as `read_mode` gives them
-    colour : one of `quantities`; without it, rattlers are white and the others grey
-    width : of the figure [inches]
-    si : whether units are SI
+    state : accepted state
+    law : contact law; without it there are no forces, and all contacts have the same width
+    mode : translation, rotation and exponent, as returned by `read_mode`
+    colour : one of `quantities`; without it, rattlers are white and other grains grey
+    width : width of the figure [inches]
+    si : True if units are SI
 
     Returns
     -------
@@ -73,24 +74,24 @@ def packing(
     ''
     """
     frame = frame_of(state, law) if law is not None else bare_frame(state)
-    look = look_of([frame], colour=colour, mode=mode, si=si)
-    wide, tall = look.high - look.low
+    layout = layout_of([frame], colour=colour, mode=mode, si=si)
+    wide, tall = layout.high - layout.low
     figure, axes = plt.subplots(figsize=(width, min(width * tall / wide, 1.6 * width) + (1.0 if colour else 0.6)))
-    drawn = draw(axes, frame, look, mode=mode, si=si)
+    drawn = draw(axes, frame, layout, mode=mode, si=si)
     if mode is not None:
-        orbits(axes, frame, mode)
+        draw_orbits(axes, frame, mode)
     if colour:
-        label = f"{colour} [{look.unit}]" if look.unit else colour
+        label = f"{colour} [{layout.unit}]" if layout.unit else colour
         bar = figure.colorbar(drawn, ax=axes, location="bottom", label=label, shrink=0.7, aspect=30, pad=0.02)
-        if look.whole:
+        if layout.whole:
             bar.locator = plt.MaxNLocator(6, integer=True)
-    legend(axes, frame, mode)
+    draw_legend(axes, frame, mode)
     axes.set_title(title, fontsize=7.5)
     return figure
 
 
 def bare_frame(state: State) -> Frame:
-    """A frame of a state whose law is not known: contacts without forces."""
+    """Frame of a state whose law is not known, with contacts but without forces."""
     c = state.contacts
     rows = np.flatnonzero(c.mode[: int(c.count[0])] != OPEN)
     contacts = {name: getattr(c, name)[rows] for name in ("i", "j", "mode")} | {"branch": branch_vectors(state)[rows]}
@@ -99,43 +100,43 @@ def bare_frame(state: State) -> Frame:
     return Frame(state, law=None, grains={"coordination": np.bincount(ends[ends < n], minlength=n)}, contacts=contacts)
 
 
-def look_of(frames: list[Frame], *, colour: str | None = None, mode: Mode | None = None, si: bool = False) -> Look:
-    """Limits of the drawing and of the colours that hold for all frames."""
-    corners = [_corners(frame) for frame in frames]
+def layout_of(frames: list[Frame], *, colour: str | None = None, mode: Mode | None = None, si: bool = False) -> Layout:
+    """Common limits of the drawing and of the colours for all frames."""
+    corners = [_drawing_limits(frame) for frame in frames]
     low, high = np.min([c[0] for c in corners], axis=0), np.max([c[1] for c in corners], axis=0)
-    forces = np.concatenate([_force(frame) for frame in frames])
+    forces = np.concatenate([_normal_forces(frame) for frame in frames])
     mean = float(forces.mean()) if len(forces) and forces.mean() > 0 else 1.0
-    look = Look(frames[0].state.cell.dim, low, high, mean)
+    layout = Layout(frames[0].state.cell.dim, low, high, mean)
     if colour is None:
-        return look
+        return layout
     values, units = [], ""
     for frame in frames:
         found = quantities(frame, first=frames[0], mode=mode, si=si)
         if colour == "displacement" and frame is frames[0] and len(frames) > 1:
             continue
         if colour not in found:
-            raise ValueError(f"colour {colour!r} was asked for: these grains have {', '.join(found)}")
+            raise ValueError(f"colour {colour!r} was requested: these grains have {', '.join(found)}")
         values.append(found[colour][0])
         units = found[colour][1]
     every = np.concatenate(values)
     limits = (float(every.min()), float(np.quantile(every, 0.995)))
-    return look._replace(colour=colour, unit=units, limits=limits, whole=every.dtype.kind in "iu")
+    return layout._replace(colour=colour, unit=units, limits=limits, whole=every.dtype.kind in "iu")
 
 
 def draw(
-    axes, frame: Frame, look: Look, *, mode: Mode | None = None, first: Frame | None = None, si: bool = False,
+    axes, frame: Frame, layout: Layout, *, mode: Mode | None = None, first: Frame | None = None, si: bool = False,
     near: bool = True,
 ):  # fmt: skip
-    """One frame on axes, from back to front; returns what the colours stand for."""
-    state, dim = frame.state, look.dim
-    basis, radius = eye(frame), BALL[dim] * state.grains.radius
+    """Draw one frame from back to front; return the mappable for a colour bar."""
+    state, dim = frame.state, layout.dim
+    basis, radius = view_basis(frame), BALL[dim] * state.grains.radius
     place = wrapped(state) @ basis.T
-    slab = _slabs(place[:, 2], dim)
-    colors = _faces(frame, look, mode, first, si)
-    drawn = plt.cm.ScalarMappable(plt.Normalize(*look.limits), cmap="viridis")
-    start, ends, width, color = _contact_lines(frame, look, place, basis)
-    back = np.minimum(slab[frame.contacts["i"]], _slabs(ends[:, 2], dim, place[:, 2])) if dim == 3 else None
-    axes.add_collection(LineCollection(_flat(cell_edges(frame), basis), colors=BLACK, linewidths=0.5, zorder=1))
+    slab = _depth_slabs(place[:, 2], dim)
+    colors = _face_colours(frame, layout, mode, first, si)
+    drawn = plt.cm.ScalarMappable(plt.Normalize(*layout.limits), cmap="viridis")
+    start, ends, width, color = _contact_lines(frame, layout, place, basis)
+    back = np.minimum(slab[frame.contacts["i"]], _depth_slabs(ends[:, 2], dim, place[:, 2])) if dim == 3 else None
+    axes.add_collection(LineCollection(_projected(cell_edges(frame), basis), colors=BLACK, linewidths=0.5, zorder=1))
     for number in range(SLABS if dim == 3 else 1):
         rows = slab == number
         balls = EllipseCollection(
@@ -151,23 +152,23 @@ def draw(
                 capstyle="round", zorder=3 + 2 * number - 2 * (dim == 3),
             )
         )  # fmt: skip
-    axes.add_collection(LineCollection(_flat(wall_edges(frame), basis), colors="0.25", linewidths=0.9, zorder=50))
+    axes.add_collection(LineCollection(_projected(wall_edges(frame), basis), colors="0.25", linewidths=0.9, zorder=50))
     if near:
         axes.add_collection(
-            LineCollection(_open(frame, place, basis), colors="0.35", linewidths=0.5, ls=":", zorder=49)
+            LineCollection(_open_segments(frame, place, basis), colors="0.35", linewidths=0.5, ls=":", zorder=49)
         )
-    margin = 0.01 * (look.high - look.low).max()
-    low = look.low - [margin, 6 * margin]  # room for the bar
-    axes.set(xlim=(low[0], look.high[0] + margin), ylim=(low[1], look.high[1] + margin))
+    margin = 0.01 * (layout.high - layout.low).max()
+    low = layout.low - [margin, 6 * margin]  # room for the bar
+    axes.set(xlim=(low[0], layout.high[0] + margin), ylim=(low[1], layout.high[1] + margin))
     axes.set_aspect("equal")
     axes.axis("off")
-    _scale_bar(axes, frame, look)
+    _draw_scale_bar(axes, frame, layout)
     return drawn
 
 
-def orbits(axes, frame: Frame, mode: Mode) -> None:
-    """The ellipse along which a mode moves each grain, with an arrow at its start."""
-    basis, radius = eye(frame), frame.state.grains.radius.mean()
+def draw_orbits(axes, frame: Frame, mode: Mode) -> None:
+    """Draw the ellipse along which a mode moves each grain, with an arrow at its start."""
+    basis, radius = view_basis(frame), frame.state.grains.radius.mean()
     place = wrapped(frame.state) @ basis.T
     u = unit_mode(mode, frame) @ basis.T
     u = (u.conj() if mode[2].imag > 0 else u)[:, :2] * (0.9 * radius / np.abs(unit_mode(mode, frame)).max())
@@ -181,14 +182,14 @@ def orbits(axes, frame: Frame, mode: Mode) -> None:
     )  # fmt: skip
 
 
-def legend(axes, frame: Frame, mode: Mode | None = None, *, near: bool = True) -> None:
-    """What lines and balls stand for, below the drawing."""
+def draw_legend(axes, frame: Frame, mode: Mode | None = None, *, near: bool = True) -> None:
+    """Draw the legend of lines and balls below the drawing."""
     slides = int((frame.contacts["mode"] == SLIDE).sum())
     handles = [
         Line2D([], [], color=BLUE, lw=2, label=f"sticks ({len(frame.contacts['mode']) - slides})"),
         Line2D([], [], color=RED, lw=2, label=f"slides ({slides})"),
     ]
-    if near and (number := len(_open_rows(frame))):
+    if near and (number := len(_nearly_touching(frame))):
         handles.append(Line2D([], [], color="0.35", lw=0.8, ls=":", label=f"open ({number})"))
     if free := int(rattlers(frame.state, frame.state.cell.dim).sum()):
         handles.append(Line2D([], [], ls="", marker="o", mfc="white", mec="0.45", ms=5, label=f"rattlers ({free})"))
@@ -199,31 +200,31 @@ def legend(axes, frame: Frame, mode: Mode | None = None, *, near: bool = True) -
     )
 
 
-def _faces(frame: Frame, look: Look, mode, first, si: bool) -> np.ndarray:
-    if look.colour is None:
-        loose = rattlers(frame.state, look.dim)
+def _face_colours(frame: Frame, layout: Layout, mode, first, si: bool) -> np.ndarray:
+    if layout.colour is None:
+        loose = rattlers(frame.state, layout.dim)
         return np.where(loose[:, None], to_rgba("white"), to_rgba(PALE))
     found = quantities(frame, first=first, mode=mode, si=si)
-    values = found[look.colour][0] if look.colour in found else np.zeros(len(frame.state.grains.radius))
-    return plt.get_cmap("viridis")(plt.Normalize(*look.limits)(values.astype(float)))
+    values = found[layout.colour][0] if layout.colour in found else np.zeros(len(frame.state.grains.radius))
+    return plt.get_cmap("viridis")(plt.Normalize(*layout.limits)(values.astype(float)))
 
 
-def _contact_lines(frame: Frame, look: Look, place: np.ndarray, basis: np.ndarray):
-    """Starts, ends, widths and colours of the lines of contacts."""
+def _contact_lines(frame: Frame, layout: Layout, place: np.ndarray, basis: np.ndarray):
+    """Starts, ends, widths and colours of contact lines."""
     c = frame.contacts
     start = place[c["i"]]
-    size = np.clip(_force(frame) / look.mean, 0.12, MOST)
+    size = np.clip(_normal_forces(frame) / layout.mean, 0.12, MOST)
     color = np.where((c["mode"] == SLIDE)[:, None], to_rgba(RED), to_rgba(BLUE))
-    scale = THICK * min(1.0, 12 / np.sqrt(len(frame.state.grains.radius))) if look.dim == 2 else 0.8 * THICK
+    scale = THICK * min(1.0, 12 / np.sqrt(len(frame.state.grains.radius))) if layout.dim == 2 else 0.8 * THICK
     return start, start - c["branch"] @ basis.T, scale * size, color
 
 
-def _force(frame: Frame) -> np.ndarray:
+def _normal_forces(frame: Frame) -> np.ndarray:
     return np.abs(frame.contacts.get("force_n", np.ones(len(frame.contacts["i"]))))
 
 
-def _open_rows(frame: Frame) -> np.ndarray:
-    """Pairs of grains in the list that do not touch, and nearly do."""
+def _nearly_touching(frame: Frame) -> np.ndarray:
+    """Rows of pairs of grains in the contact list that nearly touch."""
     state, c = frame.state, frame.state.contacts
     count, radius = int(c.count[0]), frame.state.grains.radius
     rows = np.flatnonzero((c.mode[:count] == OPEN) & (c.j[:count] < len(radius)))
@@ -231,37 +232,37 @@ def _open_rows(frame: Frame) -> np.ndarray:
     return rows[(gap > 0) & (gap < NEAR * radius.mean())]
 
 
-def _open(frame: Frame, place: np.ndarray, basis: np.ndarray) -> np.ndarray:
-    rows = _open_rows(frame)
+def _open_segments(frame: Frame, place: np.ndarray, basis: np.ndarray) -> np.ndarray:
+    rows = _nearly_touching(frame)
     start = place[frame.state.contacts.i[rows]]
     return np.stack([start, start - branch_vectors(frame.state)[rows] @ basis.T], axis=1)[..., :2]
 
 
-def _slabs(depth: np.ndarray, dim: int, of: np.ndarray | None = None) -> np.ndarray:
-    """Which slab of depth each is in, 0 the farthest."""
+def _depth_slabs(depth: np.ndarray, dim: int, of: np.ndarray | None = None) -> np.ndarray:
+    """Number of the depth slab of each entry, 0 for the farthest."""
     if dim == 2:
         return np.zeros(len(depth), int)
     low, high = (of if of is not None else depth).min(), (of if of is not None else depth).max()
     return np.clip(((depth - low) / ((high - low) or 1.0) * SLABS).astype(int), 0, SLABS - 1)
 
 
-def _flat(edges: np.ndarray, basis: np.ndarray) -> np.ndarray:
+def _projected(edges: np.ndarray, basis: np.ndarray) -> np.ndarray:
     return (edges @ basis.T)[..., :2]
 
 
-def _corners(frame: Frame) -> tuple[np.ndarray, np.ndarray]:
-    basis, radius = eye(frame), BALL[frame.state.cell.dim] * frame.state.grains.radius[:, None]
+def _drawing_limits(frame: Frame) -> tuple[np.ndarray, np.ndarray]:
+    basis, radius = view_basis(frame), BALL[frame.state.cell.dim] * frame.state.grains.radius[:, None]
     place = (wrapped(frame.state) @ basis.T)[:, :2]
-    lines = np.concatenate([_flat(cell_edges(frame), basis), _flat(wall_edges(frame), basis)]).reshape(-1, 2)
+    lines = np.concatenate([_projected(cell_edges(frame), basis), _projected(wall_edges(frame), basis)]).reshape(-1, 2)
     return (
         np.min([(place - radius).min(axis=0), *lines], axis=0),
         np.max([(place + radius).max(axis=0), *lines], axis=0),
     )
 
 
-def _scale_bar(axes, frame: Frame, look: Look) -> None:
-    """A bar as long as the mean diameter."""
+def _draw_scale_bar(axes, frame: Frame, layout: Layout) -> None:
+    """Draw a scale bar of the mean diameter."""
     long = 2 * float(frame.state.grains.radius.mean())
-    x, y = look.low[0], look.low[1] - 0.04 * (look.high - look.low).max()
+    x, y = layout.low[0], layout.low[1] - 0.04 * (layout.high - layout.low).max()
     axes.plot([x, x + long], [y, y], color=BLACK, lw=1.5, solid_capstyle="butt", zorder=70)
     axes.annotate(" mean diameter", (x + long, y), va="center", fontsize=6.5, zorder=70)

@@ -1,4 +1,4 @@
-"""Lines around a packing and where it is seen from: the same in the browser and on paper."""
+"""Outlines of a packing and the direction of view, shared by drawings and the interactive view."""
 
 import numpy as np
 
@@ -8,14 +8,14 @@ from .quantities import Mode
 
 
 def unit_mode(mode: Mode, frame: Frame) -> np.ndarray:
-    """Translations of a mode, the largest of them (over its radius) one radius."""
+    """Translations of a mode, scaled so that the largest one, over its radius, is one."""
     radius = frame.state.grains.radius[:, None]
     largest = (np.sqrt((np.abs(mode[0]) ** 2).sum(axis=1, keepdims=True)) / radius).max()
     return mode[0] / largest if largest > 0 else mode[0]
 
 
 def cell_edges(frame: Frame) -> np.ndarray:
-    """(E, 2, 3) ends of the edges of the cell along its periodic directions; none if nothing is periodic."""
+    """(E, 2, 3) end points of the cell's edges along its periodic directions; none if nothing is periodic."""
     cell = frame.state.cell
     around = np.flatnonzero(cell.periodic)
     corners = np.array([[(m >> k) & 1 for k in range(len(around))] for m in range(2 ** len(around))], float)
@@ -25,7 +25,7 @@ def cell_edges(frame: Frame) -> np.ndarray:
 
 
 def wall_edges(frame: Frame) -> np.ndarray:
-    """(E, 2, 3) ends of lines that show the walls: squares that span the packing, in the plane single lines."""
+    """(E, 2, 3) end points of lines that show the walls: squares that span the packing, or lines in two dimensions."""
     state = frame.state
     place, radius, dim = wrapped(state), state.grains.radius[:, None], state.cell.dim
     low, high = (place - radius).min(axis=0), (place + radius).max(axis=0)
@@ -46,9 +46,9 @@ def wall_edges(frame: Frame) -> np.ndarray:
     return np.array(out).reshape(-1, 2, 3)
 
 
-def eye(frame: Frame) -> np.ndarray:
-    """(3, 3) rows to the right, up and toward the eye; space is seen from aside and above, the plane from above."""
-    up = np.array(upward(frame))
+def view_basis(frame: Frame) -> np.ndarray:
+    """(3, 3) unit vectors to the right, up and toward the viewer; three dimensions are seen obliquely from above."""
+    up = np.array(up_direction(frame))
     if frame.state.cell.dim == 2:
         return np.eye(3)
     side = np.cross(up, [1.0, 0, 0]) if abs(up[0]) < 0.9 else np.cross(up, [0, 1.0, 0])
@@ -59,8 +59,8 @@ def eye(frame: Frame) -> np.ndarray:
     return np.stack([right, np.cross(toward, right), toward])
 
 
-def upward(frame: Frame) -> list[float]:
-    """Where up is: against gravity where it acts; else y in the plane; in space the one open direction, or z."""
+def up_direction(frame: Frame) -> list[float]:
+    """Upward direction: against gravity if there is any; else y in two dimensions, or the only open direction, or z."""
     gravity, cell = np.asarray(frame.state.control.gravity, float), frame.state.cell
     if gravity.any():
         return [float(v) for v in -gravity / np.linalg.norm(gravity)]

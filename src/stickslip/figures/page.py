@@ -1,22 +1,22 @@
-"""One page of HTML that holds all it shows: no network, no other file."""
+"""Self-contained HTML pages, which need neither network nor other files."""
 
 import base64
 from html import escape
 from importlib.resources import files
 from string import Template
 
-MARK = "written by stickslip"  # in pages and movies, by which they are known as such
+MARK = "written by stickslip"  # identifies pages and movies of this package
 
 
 def page(title: str, about: str, sections: list[tuple[str, str]]) -> str:
-    """A page of sections (heading, HTML); `title` and `about` are plain text."""
+    """HTML page with sections (heading, HTML); `title` and `about` are plain text."""
     body = "\n".join(f"<section>\n<h2>{escape(name)}</h2>\n{text}\n</section>" for name, text in sections)
     template = Template(files(__package__).joinpath("page.html").read_text(encoding="utf-8"))
     return template.substitute(mark=MARK, title=escape(title), about=escape(about), body=body)
 
 
 def table(columns: list[str], rows: list[list[str]], *, classes: dict[str, str] | None = None) -> str:
-    """A table of plain text; `classes` says of a column what it is: number, note or verdict."""
+    """HTML table of plain text; `classes` gives the kind of a column: number, note or verdict."""
     known = classes or {}
 
     def cell(kind: str, name: str, text: str) -> str:
@@ -33,7 +33,7 @@ def table(columns: list[str], rows: list[list[str]], *, classes: dict[str, str] 
 
 
 def pictures(shown: dict[str, bytes]) -> str:
-    """Pictures (PNG or GIF) inside the page, by their captions."""
+    """Embedded pictures (PNG or GIF), by their captions."""
     return '<div class="figures">\n' + "\n".join(_picture(*item) for item in shown.items()) + "\n</div>"
 
 
@@ -45,15 +45,15 @@ def _picture(caption: str, content: bytes) -> str:
 
 
 def listing(text: str) -> str:
-    """Text as it is."""
+    """Preformatted text."""
     return f"<pre>{escape(text)}</pre>"
 
 
 def paragraph(text: str, *, kind: str = "") -> str:
-    """A paragraph of plain text; `kind` is soft, warning, or absent (something that is missing)."""
+    """Paragraph of plain text; `kind` is soft, warning, or absent (for something that is missing)."""
     return f'<p class="{escape(kind)}">{escape(text)}</p>'
 
 
 def inner(document: str, title: str) -> str:
-    """A document of its own inside the page, with scripts that run and no place to load from."""
+    """Embed a separate document, whose scripts run but cannot load other files."""
     return f'<iframe title="{escape(title)}" allow="fullscreen" srcdoc="{escape(document)}"></iframe>'

@@ -1,28 +1,28 @@
-"""What grains are coloured by: columns of a frame, each with its unit."""
+"""Quantities that colour the grains: columns of a frame, each with its unit."""
 
 import numpy as np
 
 from ..core.state import SLIDE
 from ..data.exchange.frame import Frame
 
-Mode = tuple[np.ndarray, np.ndarray, complex]  # translation, rotation (N, 3) complex; exponent, as `read_mode` gives
+Mode = tuple[np.ndarray, np.ndarray, complex]  # translation, rotation (N, 3) complex; exponent, as from `read_mode`
 DISPLACEMENT = "mode displacement"
 
 
 def quantities(
     frame: Frame, *, first: Frame | None = None, mode: Mode | None = None, si: bool = False
 ) -> dict[str, tuple[np.ndarray, str]]:
-    """{name: (values by grain, unit)}: what there is to colour the grains of a frame by.
+    """Quantities by which the grains of a frame can be coloured, as {name: (values per grain, unit)}.
 
     The pressure of a grain is p = (1/(d V)) Σ_c f·l, with l from its centre to the contact, V its own volume (in two
-    dimensions its area) and compression positive; it is absent where the law, and so the forces, are not known.
+    dimensions its area) and compression positive. It is absent if the law, and therefore the forces, are not known.
 
     Parameters
     ----------
-    frame : as `frame_of` makes it
-    first : a frame before it, for displacements since then
+    frame : from `frame_of`
+    first : an earlier frame, for displacements since then
     mode : translation, rotation and exponent; its displacements are relative to the largest
-    si : whether units are SI
+    si : True if units are SI
 
     Examples
     --------
@@ -38,7 +38,7 @@ def quantities(
         "radius": (grains.radius, length),
         "material": (grains.material, ""),
         "coordination": (frame.grains["coordination"], ""),
-        "sliding contacts": (_sliding(frame), ""),
+        "sliding contacts": (_count_sliding(frame), ""),
     }
     if "force_n" in frame.contacts:
         unit = "Pa" if si and dim == 3 else f"{force}/{length}" + ("²" if dim == 3 else "")
@@ -55,20 +55,22 @@ def quantities(
 
 
 def _by_grain(frame: Frame, i: np.ndarray, j: np.ndarray) -> np.ndarray:
-    """Sums by grain of what contacts give their two ends; walls are left out."""
+    """Sum contributions of contacts to their two grains; walls are ignored."""
     c, n = frame.contacts, len(frame.state.grains.radius)
     ends, values = np.concatenate([c["i"], c["j"]]), np.concatenate([i, j])
     return np.bincount(ends[ends < n], values[ends < n], minlength=n)
 
 
-def _sliding(frame: Frame) -> np.ndarray:
+def _count_sliding(frame: Frame) -> np.ndarray:
     slides = (frame.contacts["mode"] == SLIDE).astype(float)
     return _by_grain(frame, slides, slides).astype(int)
 
 
 def _pressure(frame: Frame) -> np.ndarray:
     c, radius, dim = frame.contacts, frame.state.grains.radius, frame.state.cell.dim
-    force = c["force_n"] * np.linalg.norm(c["branch"], axis=1)  # f·l: the tangential part has none along the branch
+    force = c["force_n"] * np.linalg.norm(
+        c["branch"], axis=1
+    )  # f·l: the tangential force has no component along the branch
     other = np.where(c["j"] < len(radius), radius[np.minimum(c["j"], len(radius) - 1)], 0.0)
     share = radius[c["i"]] / (radius[c["i"]] + other)
     volume = np.pi * radius**2 if dim == 2 else 4 / 3 * np.pi * radius**3

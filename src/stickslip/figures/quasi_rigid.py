@@ -1,21 +1,21 @@
-"""Figures of quasi-rigid loading (paper 002): curves, statuses on the packing, forces in the cone, stiffness."""
+"""Figures of quasi-rigid loading (paper 002): curves, forces in the Coulomb cone, stiffness, errors."""
 
 from itertools import cycle
 
 import numpy as np
 
-from .style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, SKY, axes_of, plt, styled
+from .style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, SKY, column_axes, plt, styled
 
-SHOWN = 6  # contacts in the cone
+SHOWN = 6  # number of contacts in the cone
 GREY = "#bbbbbb"
 ENDS = {True: "at × where stability is lost", False: "at ○ for another reason"}
-COLORS = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK)  # of samples: neighbours far apart
+COLORS = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK)  # of samples, with contrast between neighbours
 
 
 @styled
 def curves(tested, test: str):
-    """Stress ratio and volumetric strain against strain: the path, slow dynamics on it, unloading."""
-    figure, (top, bottom) = axes_of(2, 4.4, sharex=True)
+    """Stress ratio and volumetric strain against strain, for the path, slow dynamics and unloading."""
+    figure, (top, bottom) = column_axes(2, 4.4, sharex=True)
     scale = _scale(max(np.abs(one.curve.strain).max() for one in tested))
     for color, one in zip(cycle(COLORS), tested, strict=False):
         for axes, name in ((top, "ratio"), (bottom, "volumetric")):
@@ -47,14 +47,14 @@ def curves(tested, test: str):
 
 
 def _scale(largest: float) -> float:
-    """A power of ten that makes numbers of order one."""
+    """Power of ten that scales numbers to order one."""
     return 10.0 ** -int(np.floor(np.log10(largest))) if largest > 0 else 1.0
 
 
 @styled
 def cone(one, mu: float):
-    """Contact forces on the way, in the Coulomb cone: those contacts that move farthest across it (Fig 3)."""
-    figure, axes = axes_of(1, 3.0)
+    """Contact forces along the path in the Coulomb cone, for the contacts that move farthest across it (Fig 3)."""
+    figure, axes = column_axes(1, 3.0)
     force = one.forces / one.forces[0, :, 0].mean()
     mobilised = np.abs(force[..., 1]) / (mu * np.maximum(force[..., 0], 1e-12))
     reach = np.where(force[..., 0].min(axis=0) > 0.05, np.ptp(mobilised, axis=0), 0.0)
@@ -75,8 +75,8 @@ def cone(one, mu: float):
 
 @styled
 def stiffness(one):
-    """Number of sliding contacts, smallest eigenvalues, complex pairs along a path."""
-    figure, (top, middle, bottom) = axes_of(3, 5.0, sharex=True)
+    """Number of sliding contacts, smallest eigenvalues and complex pairs along a path."""
+    figure, (top, middle, bottom) = column_axes(3, 5.0, sharex=True)
     load = one.path.load
     top.step(load, [p.sliding for p in one.path.points], where="post", color=RED)
     top.set_ylabel("sliding contacts")
@@ -91,19 +91,19 @@ def stiffness(one):
     bottom.step(looks.load, looks.pairs, where="mid", color=GREEN)
     bottom.yaxis.set_major_locator(plt.MaxNLocator(5, integer=True))
     bottom.xaxis.set_major_locator(plt.MaxNLocator(5))
-    bottom.set(xlabel="load (share of the way)", ylabel=r"complex pairs of $\mathbf{m}^{-1}\mathbf{k}$")
+    bottom.set(xlabel="load (fraction of the path)", ylabel=r"complex pairs of $\mathbf{m}^{-1}\mathbf{k}$")
     top.set_title(f"sample {one.seed}", fontsize=7)
     return figure
 
 
 @styled
 def errors(tested):
-    """Difference of path and dynamics against the time of the load."""
-    figure, axes = axes_of(1, 2.4)
+    """Difference between path and dynamics against the duration of loading."""
+    figure, axes = column_axes(1, 2.4)
     for color, one in zip(cycle(COLORS), tested, strict=False):
         runs = sorted(one.slow, key=lambda run: run.time)
         time, error = [r.time for r in runs], [r.error for r in runs]
         axes.loglog(time, error, "o-", color=color, label=f"sample {one.seed}")
-    axes.set(xlabel=r"time of the whole load [$\sqrt{m/K_n}$]", ylabel="difference of strain")
+    axes.set(xlabel=r"duration of loading [$\sqrt{m/K_n}$]", ylabel="difference of strain")
     axes.legend(loc="best", ncol=2)
     return figure

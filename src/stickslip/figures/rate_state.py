@@ -1,18 +1,18 @@
-"""Figures of rate-and-state friction: the history of a slider, and fits beside a record."""
+"""Figures of rate-and-state friction: the history of a slider, and fits to a record."""
 
 import numpy as np
 
-from .style import BLACK, BLUE, GREEN, ORANGE, axes_of, styled
+from .style import BLACK, BLUE, GREEN, ORANGE, column_axes, styled
 
 LAW_COLORS = {"aging": BLUE, "slip": ORANGE}
 GREY = "0.6"
-BOTTOM = 1e-12  # velocity and state are drawn over at most so many orders of magnitude
+BOTTOM = 1e-12  # smallest velocity that is drawn, over the largest
 
 
 @styled
 def slid(history, recorded, legs):
-    """Friction, velocity and state, against displacement of the load point, or against time if it ever stands still."""
-    figure, panels = axes_of(3, 4.6, sharex=True)
+    """Friction, velocity and state against load-point displacement, or against time if the load point ever stops."""
+    figure, panels = column_axes(3, 4.6, sharex=True)
     x, label, ends = _abscissa(history.time, history.load_point, legs)
     noisy = not np.array_equal(recorded, history.friction)
     if noisy:
@@ -45,8 +45,8 @@ def slid(history, recorded, legs):
 
 @styled
 def fitted(data, fits):
-    """A record with fits of it, and what is left over."""
-    figure, (top, bottom) = axes_of(2, 3.6, sharex=True, height_ratios=(2, 1))
+    """Record with fits and their residuals."""
+    figure, (top, bottom) = column_axes(2, 3.6, sharex=True, height_ratios=(2, 1))
     time = np.asarray(data.time)
     if data.legs:
         ends = np.cumsum([leg.duration for leg in data.legs])
@@ -71,7 +71,7 @@ def fitted(data, fits):
 
 
 def _abscissa(time, place, legs):
-    """What to draw against, its label, and where legs start and end."""
+    """Values and label of the horizontal axis, and the ends of the legs."""
     ends = np.r_[0.0, np.cumsum([leg.duration for leg in legs])]
     if any(leg.velocity <= 0 for leg in legs):
         return time, "time [s]", ends

@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib import pyplot as plt
 
-from .style import BLUE, COLORS, GREEN, ORANGE, RED, TIME, WIDTH, axes_of, styled
+from .style import BLUE, COLORS, GREEN, ORANGE, RED, TIME, WIDTH, column_axes, styled
 
 IM = r"$\mathrm{Im}\,\lambda$ [$k_n\sqrt{2\sigma_1}/m$]"
 
@@ -11,7 +11,7 @@ IM = r"$\mathrm{Im}\,\lambda$ [$k_n\sqrt{2\sigma_1}/m$]"
 @styled
 def pairs_along_strain(paths, fine: float):
     """Smallest and largest Im λ of one packing up to `fine`, and the number of pairs of all packings (Fig 1)."""
-    figure, (top, bottom) = axes_of(2, 4.2)
+    figure, (top, bottom) = column_axes(2, 4.2)
     path = max(paths, key=lambda p: (p.pairs[p.strain <= fine] > 0).sum())
     near = path.strain <= fine
     for value, color, label in ((path.largest, GREEN, "largest"), (path.smallest, BLUE, "smallest")):
@@ -37,8 +37,8 @@ def pairs_along_strain(paths, fine: float):
 
 @styled
 def spectrum_in_time(run):
-    """Im λ of all eigenvalues of the momentary state during a Newtonian run, above M(t) (Fig 2)."""
-    figure, (top, bottom) = axes_of(2, 3.8, sharex=True)
+    """Im λ of all eigenvalues of the current state during a Newtonian run, above M(t) (Fig 2)."""
+    figure, (top, bottom) = column_axes(2, 3.8, sharex=True)
     time = np.repeat(run.snapshot_time, run.snapshots.shape[1])
     im = run.snapshots.imag.ravel()
     top.plot(time, im, ".", ms=1.2, color=BLUE, rasterized=True)
@@ -56,8 +56,8 @@ def spectrum_in_time(run):
 
 @styled
 def growth(run):
-    """M(t) with the growth that the spectrum predicts, and the fitted oscillation in close-up (Fig 3)."""
-    figure, (top, bottom) = axes_of(2, 4.2)
+    """M(t) with the growth predicted by the spectrum, and a close-up of the fitted oscillation (Fig 3)."""
+    figure, (top, bottom) = column_axes(2, 4.2)
     time, msd = run.time[1:], run.msd[1:]
     top.semilogy(time, msd, color=BLUE, lw=0.7)
     if run.growth and len(run.close_time):
@@ -80,7 +80,7 @@ def growth(run):
         bottom.legend(loc="upper left", ncol=2)
         bottom.set_ylim(top=1.25 * y.max() / 10.0**power)
     else:
-        bottom.text(0.5, 0.5, "M did not cross the window of the fit", ha="center", transform=bottom.transAxes)
+        bottom.text(0.5, 0.5, "M did not cross the fit window", ha="center", transform=bottom.transAxes)
     top.set(xlabel=TIME, ylabel=r"$M$ [$(2\sigma_1)^2$]")
     top.set_title(rf"$\gamma$ = {run.strain:.3g}", fontsize=7.5)
     return figure
@@ -95,7 +95,7 @@ def _oscillation(time, growth):
 
 @styled
 def trajectories(run, dim: int, grains: int = 4):
-    """Displacements while the instability grows, single turns of many: some grains in space, one in time (Fig 4)."""
+    """Displacements during growth of the instability, some turns of many: grains in space, one in time (Fig 4)."""
     figure = plt.figure(figsize=(WIDTH, 5.4 if dim == 3 else 4.6))
     if not len(run.turns):
         figure.text(0.5, 0.5, "M did not grow far enough", ha="center")
@@ -116,13 +116,13 @@ def trajectories(run, dim: int, grains: int = 4):
     time = (run.turn_time[:, None] + step - run.turn_time[0]) * run.growth_rate
     funnel.plot(*turned.reshape(-1, 2).T, time.ravel(), color=BLUE, lw=0.5)
     names = [rf"$10^{{{power}}}\,\Delta {c}$" for c in "xyz"[:dim]]
-    _label(above, names, dim)
-    _label(funnel, ["major axis", "minor axis", r"$\omega_i t$"], 3)
+    _label_axes(above, names, dim)
+    _label_axes(funnel, ["major axis", "minor axis", r"$\omega_i t$"], 3)
     return figure
 
 
-def _label(axes, names, dim: int) -> None:
-    """Names at the axes, close to the ticks in three dimensions."""
+def _label_axes(axes, names, dim: int) -> None:
+    """Label the axes, close to the ticks in three dimensions."""
     axes.set(**{f"{c}label": name for c, name in zip("xyz", names, strict=False)})
     if dim == 3:
         axes.set_box_aspect((1, 1, 0.8), zoom=0.85)
@@ -134,9 +134,9 @@ def _label(axes, names, dim: int) -> None:
 
 @styled
 def stress_through_failure(first, later=None):
-    """Shear stress over the initial pressure, and contacts, through one or two runs (Fig 5)."""
-    figure, (top, middle, bottom) = axes_of(3, 5.2)
-    _stress_and_contacts(top, first)
+    """Shear stress over the initial pressure, and number of contacts, during one or two runs (Fig 5)."""
+    figure, (top, middle, bottom) = column_axes(3, 5.2)
+    _plot_stress_and_contacts(top, first)
     early = first.msd < 1e-11
     early &= first.time * first.growth_rate > (first.time[early] * first.growth_rate).max() - 3
     change = first.shear_stress - first.shear_stress[0]
@@ -147,11 +147,11 @@ def stress_through_failure(first, later=None):
     if later is None:
         bottom.axis("off")
     else:
-        _stress_and_contacts(bottom, later)
+        _plot_stress_and_contacts(bottom, later)
     return figure
 
 
-def _stress_and_contacts(axes, run) -> None:
+def _plot_stress_and_contacts(axes, run) -> None:
     axes.plot(run.time, run.shear_stress / run.pressure[0], color=BLUE, lw=0.5, rasterized=True)
     axes.set(xlabel=TIME, ylabel=r"$-\sigma_{xy}/p(0)$")
     axes.yaxis.label.set_color(BLUE)

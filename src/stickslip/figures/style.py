@@ -1,7 +1,4 @@
-"""One style for all figures: single-column width (86 mm), colours that colour-blind readers can tell apart.
-
-The colours are Okabe and Ito's.
-"""
+"""Common style of all figures: single-column width (86 mm) and the colour-blind-safe palette of Okabe and Ito."""
 
 from functools import wraps
 from io import BytesIO
@@ -47,7 +44,7 @@ TIME = r"time $t$ [$\sqrt{m/(k_n\sqrt{2R})}$]"
 
 
 def styled(function):
-    """A function that draws, run in the one style."""
+    """Decorate a drawing function to use the common style."""
 
     @wraps(function)
     def inner(*args, **options):
@@ -57,14 +54,14 @@ def styled(function):
     return inner
 
 
-def axes_of(rows: int = 1, height: float = 2.5, **options):
-    """A figure of one column with axes below each other; height in inches."""
+def column_axes(rows: int = 1, height: float = 2.5, **options):
+    """Create a figure of one column width with stacked axes; height in inches."""
     return plt.subplots(rows, 1, figsize=(WIDTH, height), **options)
 
 
 @styled
 def save(figure, path: str | Path) -> Path:
-    """Write a figure (the suffix decides the format) and close it."""
+    """Write a figure (the extension selects the format) and close it."""
     figure.savefig(path)
     plt.close(figure)
     return Path(path)
@@ -72,7 +69,7 @@ def save(figure, path: str | Path) -> Path:
 
 @styled
 def png(figure) -> bytes:
-    """A figure as the content of a PNG file; it is closed."""
+    """Return the content of a PNG file of a figure, and close the figure."""
     content = BytesIO()
     figure.savefig(content, format="png")
     plt.close(figure)

@@ -1,4 +1,4 @@
-// Controls and motion of the view: runs in the page that K3D's snapshot is, with K3DInstance at hand.
+// Controls and motion of the view; runs in K3D's snapshot page, where K3DInstance is defined.
 "use strict";
 const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
 const floats = (text) => new Float32Array(bytes(text).buffer);
@@ -15,7 +15,7 @@ const now = {
   amplitude: 0.3, size: data.dim === 2 ? 1 : 0.6, contacts: true, box: true,
 };
 
-function unpacked(k) { // arrays of a frame, made when first needed
+function unpacked(k) { // arrays of a frame, decoded on first use
   const f = frames[k];
   if (!f.position) {
     const p = f.packed;
@@ -61,7 +61,7 @@ function segments(f, rows, at, u) { // from the centre of i to that of j, as the
   return out;
 }
 
-function put(name, field, values) { // a new value of a drawn thing; what keeps its length is changed in place
+function put(name, field, values) { // set a field of a drawn object; arrays of unchanged length are updated in place
   const object = byName[name], before = object[field];
   const shape = field === "colors" || field === "point_sizes" ? [values.length] : [values.length / 3, 3];
   const same = before && before.data && before.data.length === values.length;
@@ -97,7 +97,7 @@ function resize() {
   return put("grains", "point_sizes", radius.map((r) => 2 * r * now.size)).then(() => view.render());
 }
 
-function fit() { // as near as the box of all frames allows, in a canvas of any shape
+function fit() { // as close as the bounding box of all frames allows, in a canvas of any shape
   const box = target.getBoundingClientRect(), t = Math.tan((data.fov * Math.PI) / 360);
   const wide = (t * box.width) / Math.max(box.height, 1), [right, up, toward] = data.eye;
   const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -124,7 +124,7 @@ async function frame(k) {
 
 let last = 0, counted = 0, since = 0;
 const period = 2500; // of a mode on the screen [ms]
-async function tick(time) { // one picture after the other, as fast as the machine draws
+async function tick(time) { // one picture after the other, as fast as the machine can draw
   if (now.moving) {
     now.phase = (now.phase + (2 * Math.PI * Math.min(time - last, 100)) / period) % (2 * Math.PI);
     await place(shifts());
@@ -149,7 +149,7 @@ function run(what, on) {
   if (idle && on) { last = performance.now(); requestAnimationFrame(tick); }
 }
 
-// ---- the controls: plain elements below the picture
+// ---- controls: plain elements below the picture
 const style = document.createElement("style");
 style.textContent = `
   html, body { height: 100%; margin: 0; overflow: hidden; background: #fff; color: #222;
@@ -223,7 +223,7 @@ if (modes.length) {
   if (modes.length > 1) {
     choice("mode", "mode", modes.map((m, k) => `${k}: ${m.words}`), 0, (k) => { now.mode = k; frame(data.mode_frame); });
   }
-  swing = button("swing", ["move the mode", "hold the mode"], () => run("moving", !now.moving));
+  swing = button("swing", ["move the mode", "stop the mode"], () => run("moving", !now.moving));
   range("amplitude", "amplitude", now.amplitude, 1, 0.02, (v) => { now.amplitude = v; if (!now.moving) place(shifts()); });
 }
 if (frames.length > 1) {
@@ -258,7 +258,7 @@ function swatch(name, background) {
 
 window.stickslip = { data, now, view, pictures: 0, place: () => place(shifts()) };
 resize().then(() => frame(now.frame)).then(() => { fit(); window.stickslip.ready = true; if (modes.length) run("moving", true); });
-new ResizeObserver(() => { // K3D follows a moment later
+new ResizeObserver(() => { // K3D resizes with a delay
   window.dispatchEvent(new Event("resize"));
   setTimeout(fit, 100);
 }).observe(target);

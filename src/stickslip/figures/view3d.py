@@ -1,7 +1,7 @@
-"""The interactive view of a packing: K3D draws it, in a page without network or in a notebook.
+"""Interactive view of a packing with K3D, in a self-contained page or in a notebook.
 
-K3D is the one viewer library, and this the one module that knows it. What the page adds, colours and motion on demand,
-is `view.js`, which calls K3D's interface in the browser.
+No other module imports K3D. The controls of the page, for colours and motion, are in `view.js`, which calls K3D's
+interface in the browser.
 """
 
 import base64
@@ -17,15 +17,15 @@ from ..core.measure import wrapped
 from ..core.state import SLIDE
 from ..data.exchange.frame import Frame
 from ..extras import needed
-from .outlines import cell_edges, eye, unit_mode, wall_edges
+from .outlines import cell_edges, unit_mode, view_basis, wall_edges
 from .quantities import DISPLACEMENT, Mode, quantities
 from .style import BLUE, COLORS, RED
 
-SMOOTH = 3000  # grains; with more, edges are not smoothed: without a graphics card that takes most of the time
-MOST = 24e6  # bytes of frames that a page holds, before compression
-WIDTHS = (0.5, 1.0, 2.0, 4.0)  # of contact lines, by force over its mean: up to each, and beyond the last but one
-LINE = {2: 0.22, 3: 0.07}  # width of the line of a contact that bears the mean force, over the mean radius
-KINDS = 8  # a whole-numbered quantity with at most so many values is shown in separate colours
+SMOOTH = 3000  # largest number of grains with antialiasing, which takes most of the time without a graphics card
+MOST = 24e6  # size of the frames in a page, before compression [bytes]
+WIDTHS = (0.5, 1.0, 2.0, 4.0)  # of contact lines, for force over its mean up to each value; the last one for all above
+LINE = {2: 0.22, 3: 0.07}  # line width of a contact with the mean force, over the mean radius
+KINDS = 8  # largest number of separate colours for materials
 FOV = {2: 12.0, 3: 30.0}  # degrees; almost parallel in the plane
 WITHOUT_WEBGL = """<script>
 addEventListener("DOMContentLoaded", () => {
@@ -35,21 +35,21 @@ addEventListener("DOMContentLoaded", () => {
   }
 });
 </script>"""
-CONTENT = {"material", "coordination", "sliding contacts"}  # whole numbers
+CONTENT = {"material", "coordination", "sliding contacts"}  # integers
 
 
 def view(frames: list[Frame], modes: list[Mode] | None = None, *, colour: str | None = None, height: int = 480):
-    """A packing in three dimensions, for a notebook: an object of K3D that shows itself.
+    """Three-dimensional view of a packing for a notebook, as a K3D plot.
 
-    Grains are balls coloured by a quantity; contacts are lines from centre to centre, wider with their normal force,
-    blue where they stick and red where they slide. The first mode, if any is given, moves as time goes on.
+    Grains are balls coloured by a quantity. Contacts are lines from centre to centre, wider for larger normal force,
+    blue if they stick and red if they slide. The first mode, if any is given, is animated.
 
     Parameters
     ----------
-    frames : as `frame_of` makes them; the first is drawn
-    modes : of the packing, as `read_mode` gives them
-    colour : one of `quantities`; without it, the mode's displacement, else the coordination
-    height : of the view [pixels]
+    frames : from `frame_of`; the first is drawn
+    modes : of the packing, from `read_mode`
+    colour : one of `quantities`; default: the displacement of the mode, else the coordination
+    height : height of the view [pixels]
 
     Raises
     ------
@@ -64,8 +64,8 @@ def view(frames: list[Frame], modes: list[Mode] | None = None, *, colour: str | 
     >>> state, law, _ = ss.io.read_packing("packing.npz")  # doctest: +SKIP
     >>> ss.figures.view([ss.io.frame_of(state, law)])  # doctest: +SKIP
     """
-    data = seen(frames[:1], modes or [])
-    shown = _chosen(data, colour)
+    data = view_data(frames[:1], modes or [])
+    shown = _choose_quantity(data, colour)
     plot = _plot(data, shown, height)
     if modes:
         balls = next(item for item in plot.objects if item.name == "grains")
@@ -79,51 +79,52 @@ def page_view(
     frames: list[Frame], modes: list[Mode], *, at: int = 0, labels: list[str], si: bool = False,
     colour: str | None = None,
 ) -> str:  # fmt: skip
-    """A document of its own for frames and the modes of the frame `at`, with controls; no network is needed."""
-    data = seen(frames, modes, at=at, labels=labels, si=si)
-    plot = _plot(data, _chosen(data, colour), 480)
+    """Self-contained HTML document with controls, for frames and the modes of the frame `at`."""
+    data = view_data(frames, modes, at=at, labels=labels, si=si)
+    plot = _plot(data, _choose_quantity(data, colour), 480)
     here = files(__package__)
     packed = base64.b64encode(zlib.compress(json.dumps(data).encode(), 6)).decode()
     code = here.joinpath("view.js").read_text(encoding="utf-8").replace("[DATA]", packed)
     text = plot.get_snapshot(6, additional_js_code=code)
-    # K3D's title has the time of day
+    # K3D's title contains the time of day
     return re.sub(r"<title>.*?</title>", "<title>packing</title>" + WITHOUT_WEBGL, text, count=1)
 
 
-def seen(
+def view_data(
     frames: list[Frame], modes: list[Mode], *, at: int = 0, labels: list[str] | None = None, si: bool = False
 ) -> dict:
-    """What `view.js` draws, as JSON: arrays are base64 of float32 (or int32: i, j; uint8: mode)."""
-    chosen = sorted({*_affordable(frames), at})
+    """Data for `view.js`, as JSON; arrays are base64 of float32 (int32 for i and j, uint8 for mode)."""
+    chosen = sorted({*_select_frames(frames), at})
     first, mode = frames[0], modes[0] if modes else None
     columns = [quantities(frames[k], first=first, mode=mode, si=si) for k in chosen]
     if len(chosen) > 1:
         columns[0]["displacement"] = (np.zeros(len(first.state.grains.radius)), columns[-1]["displacement"][1])
     names = [name for name in columns[0] if all(name in c for c in columns)]
-    about = [_about(name, [c[name] for c in columns]) for name in names]
+    about = [_describe_quantity(name, [c[name] for c in columns]) for name in names]
     about = [a for a in about if a["low"] < a["high"] or a["name"] == "coordination"]
     out = [_frame_data(frames[k], labels[k] if labels else "") for k in chosen]
     for item, column in zip(out, columns, strict=True):
-        item["values"] = {a["name"]: _packed(column[a["name"]][0]) for a in about}
+        item["values"] = {a["name"]: _encode(column[a["name"]][0]) for a in about}
     radius, dim = first.state.grains.radius, first.state.cell.dim
     return {
-        "dim": dim, "n": len(radius), "radius": _packed(radius), "frames": out, "left_out": len(frames) - len(chosen),
+        "dim": dim, "n": len(radius), "radius": _encode(radius), "frames": out, "left_out": len(frames) - len(chosen),
         "quantities": about, "mode_frame": chosen.index(at), "modes": [_mode_data(m, frames[at]) for m in modes],
-        "eye": eye(first).tolist(), "box": _box([frames[k] for k in chosen]), "fov": FOV[dim], "map": _map().tolist(),
-        "colours": {"stick": _number(BLUE), "slide": _number(RED), "kinds": [_number(c) for c in COLORS]},
+        "eye": view_basis(first).tolist(), "box": _bounding_box([frames[k] for k in chosen]), "fov": FOV[dim],
+        "map": _viridis().tolist(),
+        "colours": {"stick": _to_int(BLUE), "slide": _to_int(RED), "kinds": [_to_int(c) for c in COLORS]},
         "widths": [float(LINE[dim] * w * radius.mean()) for w in WIDTHS],
     }  # fmt: skip
 
 
-def _affordable(frames: list[Frame]) -> list[int]:
-    """Frames that a page can hold, at even steps, the first and the last among them."""
+def _select_frames(frames: list[Frame]) -> list[int]:
+    """Numbers of frames that fit in a page, evenly spaced and including the first and the last."""
     size = max(40 * len(f.state.grains.radius) + 25 * len(f.contacts["i"]) for f in frames)
     count = min(len(frames), max(2, int(MOST / size)))
     return sorted({round(k) for k in np.linspace(0, len(frames) - 1, count)})
 
 
-def _about(name: str, found: list[tuple[np.ndarray, str]]) -> dict:
-    """Name, unit and range of a quantity; `kinds` if it has few values, each with its colour."""
+def _describe_quantity(name: str, found: list[tuple[np.ndarray, str]]) -> dict:
+    """Name, unit and range of a quantity; for the material also `kinds`, values with separate colours."""
     values = np.concatenate([v for v, _ in found]).astype(float)
     low, high = float(values.min()), float(values.max())
     if name == "material":
@@ -138,10 +139,10 @@ def _frame_data(frame: Frame, label: str) -> dict:
     force = np.asarray(c.get("force_n", np.ones(len(c["i"]))), float)
     mean = force.mean() if len(force) and force.mean() > 0 else 1.0
     return {
-        "label": label, "position": _packed(wrapped(state)), "i": _packed(c["i"], np.int32),
-        "j": _packed(c["j"], np.int32), "branch": _packed(c["branch"]), "mode": _packed(c["mode"] == SLIDE, np.uint8),
-        "size": _packed(np.searchsorted(WIDTHS[:-1], force / mean), np.uint8), "edges": _packed(cell_edges(frame)),
-        "walls": _packed(wall_edges(frame)),
+        "label": label, "position": _encode(wrapped(state)), "i": _encode(c["i"], np.int32),
+        "j": _encode(c["j"], np.int32), "branch": _encode(c["branch"]), "mode": _encode(c["mode"] == SLIDE, np.uint8),
+        "size": _encode(np.searchsorted(WIDTHS[:-1], force / mean), np.uint8), "edges": _encode(cell_edges(frame)),
+        "walls": _encode(wall_edges(frame)),
     }  # fmt: skip
 
 
@@ -149,51 +150,51 @@ def _mode_data(mode: Mode, frame: Frame) -> dict:
     u, s = unit_mode(mode, frame), mode[2]
     period = f"period {2 * np.pi / abs(s.imag):.4g}" if s.imag else "no period"
     grows = f", e-folding time {1 / s.real:.4g}" if s.real > 0 else ""
-    u = u.conj() if s.imag > 0 else u  # `view.js` turns all of them as exp(-iωt)
-    return {"words": f"{period}{grows}", "re": _packed(u.real), "im": _packed(u.imag)}
+    u = u.conj() if s.imag > 0 else u  # `view.js` animates all modes as exp(-iωt)
+    return {"words": f"{period}{grows}", "re": _encode(u.real), "im": _encode(u.imag)}
 
 
-def _chosen(data: dict, colour: str | None) -> int:
-    """Which quantity colours the grains at first."""
+def _choose_quantity(data: dict, colour: str | None) -> int:
+    """Index of the quantity that colours the grains at first."""
     names = [a["name"] for a in data["quantities"]]
     if colour is not None and colour not in names:
-        raise ValueError(f"colour {colour!r} was asked for: these grains have {', '.join(names)}")
+        raise ValueError(f"colour {colour!r} was requested: these grains have {', '.join(names)}")
     wanted = [colour, DISPLACEMENT, "speed", "coordination"]
     data["shown"] = next((names.index(name) for name in wanted if name in names), 0)
     return data["shown"]
 
 
 def _plot(data: dict, shown: int, height: int):
-    """K3D's plot of the first frame."""
+    """K3D plot of the first frame."""
     k3d, frame = needed("k3d", "report"), data["frames"][0]
-    position = _unpacked(frame["position"]).reshape(-1, 3)
-    values, about = _unpacked(frame["values"][data["quantities"][shown]["name"]]), data["quantities"][shown]
+    position = _decode(frame["position"]).reshape(-1, 3)
+    values, about = _decode(frame["values"][data["quantities"][shown]["name"]]), data["quantities"][shown]
     span = (about["high"] - about["low"]) or 1.0
     share = np.clip((values - about["low"]) / span, 0, 1)
     colors = np.array(data["map"], np.uint32)[(255 * share).astype(int)]
-    sizes = 2 * _unpacked(data["radius"])
+    sizes = 2 * _decode(data["radius"])
     plot = k3d.plot(
         height=height, grid_visible=False, menu_visibility=False, camera_auto_fit=False, background_color=0xFFFFFF,
         camera_fov=data["fov"], camera_no_rotate=data["dim"] == 2, colorbar_object_id=0, axes_helper=0.6,
         lighting=1.6, antialias=2 if data["n"] <= SMOOTH else 0,
     )  # fmt: skip
     plot += k3d.points(position, point_sizes=sizes, colors=colors, shader="3d", name="grains")
-    branch, i = _unpacked(frame["branch"]).reshape(-1, 3), _unpacked(frame["i"], np.int32)
-    slides, size = (_unpacked(frame[name], np.uint8) for name in ("mode", "size"))
+    branch, i = _decode(frame["branch"]).reshape(-1, 3), _decode(frame["i"], np.int32)
+    slides, size = (_decode(frame[name], np.uint8) for name in ("mode", "size"))
     start = position[i] + ([0, 0, 1.05 * sizes.max() / 2] if data["dim"] == 2 else 0)
     for kind, color in ((0, BLUE), (1, RED)):
         for number, width in enumerate(data["widths"]):
             rows = (slides == kind) & (size == number)
             ends = np.stack([start[rows], start[rows] - branch[rows]], axis=1)
-            plot += _lines(k3d, ends, f"{('stick', 'slide')[kind]} {number}", _number(color), width)
+            plot += _lines(k3d, ends, f"{('stick', 'slide')[kind]} {number}", _to_int(color), width)
     for name, color in (("edges", 0x555555), ("walls", 0x8A6D3B)):
-        plot += _lines(k3d, _unpacked(frame[name]).reshape(-1, 2, 3), name, color, 0.1 * float(sizes.mean() / 2))
+        plot += _lines(k3d, _decode(frame[name]).reshape(-1, 2, 3), name, color, 0.1 * float(sizes.mean() / 2))
     plot.camera = _camera(data)
     return plot
 
 
 def _lines(k3d, ends: np.ndarray, name: str, color: int, width: float):
-    """Separate segments (E, 2, 3); one without length where there are none, which K3D needs."""
+    """Line segments (E, 2, 3); a single segment of zero length if there are none, which K3D requires."""
     ends = ends.astype(np.float32).reshape(-1, 3) if len(ends) else np.zeros((2, 3), np.float32)
     rows = np.arange(len(ends), dtype=np.uint32)
     return k3d.lines(
@@ -202,7 +203,7 @@ def _lines(k3d, ends: np.ndarray, name: str, color: int, width: float):
 
 
 def _camera(data: dict) -> list[float]:
-    """Position, target and up vector, so that all is seen in a square."""
+    """Position, target and up vector of a camera that shows everything in a square."""
     low, high = np.array(data["box"])
     _, up, toward = np.array(data["eye"])
     center, reach = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
@@ -210,8 +211,8 @@ def _camera(data: dict) -> list[float]:
     return [float(v) for v in (*(center + away * toward), *center, *up)]
 
 
-def _box(frames: list[Frame]) -> list[list[float]]:
-    """Corners of what holds all grains and cells of all frames."""
+def _bounding_box(frames: list[Frame]) -> list[list[float]]:
+    """Corners of the bounding box of all grains and cells in all frames."""
     low, high = [], []
     for frame in frames:
         place, radius = wrapped(frame.state), frame.state.grains.radius[:, None]
@@ -221,19 +222,19 @@ def _box(frames: list[Frame]) -> list[list[float]]:
     return [np.min(low, axis=0).tolist(), np.max(high, axis=0).tolist()]
 
 
-def _packed(values, kind=np.float32) -> str:
+def _encode(values, kind=np.float32) -> str:
     return base64.b64encode(np.ascontiguousarray(values, kind).tobytes()).decode()
 
 
-def _unpacked(text: str, kind=np.float32) -> np.ndarray:
+def _decode(text: str, kind=np.float32) -> np.ndarray:
     return np.frombuffer(base64.b64decode(text), kind)
 
 
-def _number(color: str) -> int:
+def _to_int(color: str) -> int:
     return int(color[1:], 16)
 
 
-def _map() -> np.ndarray:
-    """256 colours of viridis as 0xrrggbb."""
+def _viridis() -> np.ndarray:
+    """The 256 colours of viridis as 0xrrggbb."""
     red, green, blue = np.round(255 * colormaps["viridis"](np.arange(256))[:, :3]).astype(int).T
     return red << 16 | green << 8 | blue

@@ -1,12 +1,12 @@
-"""Rate-and-state friction without any grains.
+"""Rate-and-state friction, without grains.
 
 RateState, Spring, LoadStep     surface, spring, one step of the load point's motion
-spring_slider, prescribed       friction of a slider under a load history; of a prescribed slip velocity
+spring_slider, prescribed       friction of a slider under a load history; at a prescribed slip velocity
 velocity_steps, slide_hold_slide, load_steps    load histories
 steady_sliding, critical_stiffness  stability of steady sliding
-fit, compare_laws, Data     parameters of a record, with intervals; which law explains it better
-LabRecord, read_csv, write_csv, record_data     records of a laboratory
-steady_mean, steady_start, hold_response, healing   numbers read off a record
+fit, compare_laws, Data     fitted parameters with intervals; comparison of two laws
+LabRecord, read_csv, write_csv, record_data     laboratory records
+steady_mean, steady_start, hold_response, healing   quantities measured from a record
 """
 
 from ..lazy import attach

@@ -1,7 +1,7 @@
-"""Closed forms of rate-and-state friction, for tests and for reading records by hand.
+"""Closed-form solutions of rate-and-state friction, for tests and for interpreting records by hand.
 
 All are for μ = μ0 + a ln(V/V0) + b ln(V0 θ/D_c) (`RateState`), after Ruina 1983 (doi:10.1029/JB088iB12p10359) and
-Marone 1998 (doi:10.1146/annurev.earth.26.1.643); those of holds are derived here.
+Marone 1998 (doi:10.1146/annurev.earth.26.1.643). Those for holds are derived here.
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ from .ratestate import RateState, check
 
 
 def steady_friction(rs: RateState, velocity):
-    """μ_ss = μ0 + (a − b) ln(V/V0), with θ_ss = D_c/V.
+    """Steady friction μ_ss = μ0 + (a − b) ln(V/V0), with θ_ss = D_c/V.
 
     Examples
     --------
@@ -24,7 +24,7 @@ def steady_friction(rs: RateState, velocity):
 def stiff_step(rs: RateState, old: float, new: float, slip):
     """Friction at slip x ≥ 0 after a step of the slip velocity from V1 to V2, as with an infinitely stiff spring.
 
-    Slip law: μ_ss(V2) + b ln(V2/V1) e^{−x/D_c}. Aging: μ_ss(V2) + b ln[1 + (V2/V1 − 1) e^{−x/D_c}].
+    Slip law: μ_ss(V2) + b ln(V2/V1) e^{−x/D_c}. Aging law: μ_ss(V2) + b ln[1 + (V2/V1 − 1) e^{−x/D_c}].
     Both start a ln(V2/V1) above μ_ss(V1).
 
     Parameters
@@ -41,9 +41,9 @@ def stiff_step(rs: RateState, old: float, new: float, slip):
 
 
 def stiff_healing(rs: RateState, velocity: float, hold):
-    """Peak above steady friction after a hold of time t in which the surface stands still, slid again at the same V.
+    """Peak above steady friction after a hold of duration t without slip, followed by sliding at the same V.
 
-    Aging: b ln(1 + V t/D_c); slip: 0, as its state changes with slip only.
+    Aging law: b ln(1 + V t/D_c). Slip law: 0, because its state evolves only with slip.
     """
     check(rs)
     hold = np.asarray(hold, float)
@@ -51,10 +51,10 @@ def stiff_healing(rs: RateState, velocity: float, hold):
 
 
 def frozen_hold(a: float, stiffness: float, velocity: float, time):
-    """Slip velocity in a hold of the load point while the state stays as it is: V = V_i/(1 + k V_i t/a).
+    """Slip velocity during a hold of the load point while the state is constant, V = V_i/(1 + k V_i t/a).
 
-    From a V'/V = −k V. Holds for slips far below D_c a/(k D_c + b) or so, and for all times if b = 0. Friction has then
-    fallen by a ln(1 + k V_i t/a).
+    From a V'/V = −k V. Valid for slip far below about D_c a/(k D_c + b), and for all times if b = 0. Friction decreases
+    by a ln(1 + k V_i t/a).
 
     Parameters
     ----------
@@ -65,11 +65,11 @@ def frozen_hold(a: float, stiffness: float, velocity: float, time):
 
 
 def slip_law_hold(rs: RateState, stiffness: float, velocity: float, slip):
-    """Slip velocity after slip x in a hold of the load point, from steady sliding at V_i, by the slip law.
+    """Slip velocity after slip x during a hold of the load point that follows steady sliding at V_i, by the slip law.
 
-    With y = ln(θ V_i/D_c) and z = ln(V/V_i) the balance is a z + b y = −k x, and the law dy/dx = −(z + y)/D_c, hence
-    dy/dx + λ y = k x/(a D_c) with λ = (a − b)/(a D_c): y = (k/(a D_c)) [x/λ − (1 − e^{−λx})/λ²], and y = k x²/(2 a D_c)
-    for a = b. Returns V = V_i e^{−(kx + by)/a}; friction has fallen by k x.
+    With y = ln(θ V_i/D_c) and z = ln(V/V_i) the force balance is a z + b y = −k x and the law is dy/dx = −(z + y)/D_c,
+    hence dy/dx + λ y = k x/(a D_c) with λ = (a − b)/(a D_c). The solution is y = (k/(a D_c)) [x/λ − (1 − e^{−λx})/λ²],
+    or y = k x²/(2 a D_c) for a = b, and V = V_i e^{−(kx + by)/a}. Friction decreases by k x.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def slip_law_hold(rs: RateState, stiffness: float, velocity: float, slip):
         raise ValueError(f"law = {rs.law!r} was given: this closed form is for the slip law")
     x = np.asarray(slip, float)
     u = (rs.a - rs.b) / (rs.a * rs.dc) * x
-    near = np.abs(u) < 1e-4  # there the difference would cancel; the series of (u − 1 + e^{−u})/u² is exact to 1e-18
+    near = np.abs(u) < 1e-4  # avoids cancellation; the series of (u − 1 + e^{−u})/u² is accurate to 1e-18
     far = np.where(near, 1.0, u)
     shape = np.where(near, 0.5 - u / 6 + u**2 / 24 - u**3 / 120, (far + np.expm1(-far)) / far**2)
     y = stiffness / (rs.a * rs.dc) * x**2 * shape

@@ -1,7 +1,7 @@
-"""Fits of rate-and-state parameters to records: least squares with noise that remembers, intervals, and a verdict.
+"""Fits of rate-and-state parameters to records: least squares with correlated noise, intervals, and identifiability.
 
-The residuals' correlation from sample to sample is modelled as autoregressive, of an order that BIC chooses, and
-filtered out of data and model alike (generalised least squares); intervals and likelihood are those of the filtered
+Correlation of the residuals between samples is modelled as an autoregressive process, whose order is selected by BIC,
+and filtered out of data and model (generalised least squares). Intervals and likelihood are those of the filtered
 problem.
 """
 
@@ -11,39 +11,48 @@ import numpy as np
 from scipy.stats import t as student
 
 from ..core.readable import readable
-from .identifiability import Known, known, spread, without_intervals
-from .model import DEFAULTS, FIT, NAMES, OWN, Data, modelled, prepared
-from .noise import WHITE, autoregression, effective, log_head, whitened
-from .problem import Task, best, filtered, jacobian, open_sides, pieces, residual, solve, values_of
+from .identifiability import Estimates, covariance, estimate, without_intervals
+from .model import DEFAULTS, FIT, NAMES, OWN, Data, model_friction, prepare
+from .noise import WHITE, autoregression, effective_samples, log_head_volume, whitened
+from .problem import (
+    Task,
+    filtered_residual,
+    find_best,
+    find_open_sides,
+    jacobian,
+    parameters_of,
+    pieces,
+    residual,
+    solve,
+)
 from .ratestate import LAWS, RateState
 
-SLOW = 3.0  # independent samples for each parameter, below which residuals are no noise
+MIN_INDEPENDENT = 3.0  # independent samples per parameter, below which residuals are not noise
 MISFIT = (
-    "what is left over is as slow as the signal: the law does not describe these data, or their noise is too slow; the "
+    "the residuals vary as slowly as the signal: the law does not describe these data, or their noise is too slow; the "
     "values are the best fit, intervals cannot be given"
 )
-LED_AWAY = (
-    1.0  # excess of the sum of squares over m/n_eff: at most 0.54 in 240 fits of the right law, 1.4 to 3.7 of wrong
-)
-ROUNDS = 3  # of noise and parameters in turn
-EXACT = 1e-7  # residuals over the scatter of friction, below which they are the integration's own
-TINY = 1e-15  # least size of noise
+# excess of the sum of squares over m/n_eff: at most 0.54 in 240 fits of the right law, 1.4 to 3.7 of a wrong law
+MAX_EXCESS = 1.0
+ROUNDS = 3  # alternations between noise and parameters
+EXACT = 1e-7  # residuals over the scatter of friction, below which they are integration errors
+TINY = 1e-15  # smallest size of noise
 
 
 @readable
 class Fit(NamedTuple):
-    """Parameters of one law. What the data cannot tell is NaN, and `sentence` says so and what to fix."""
+    """Fitted parameters of one law. Parameters that the data do not determine are NaN; `sentence` says what to fix."""
 
     law: str
-    names: tuple[str, ...]  # of the m free parameters; "mu0[2]" is that of the second data set
+    names: tuple[str, ...]  # of the m free parameters; "mu0[2]" belongs to the second data set
     values: dict  # name → value
     errors: dict  # name → standard error
     intervals: dict  # name → (low, high), 95 %
-    covariance: np.ndarray  # (m, m), in the order of names; NaN for what is not known
-    fixed: dict  # name → value, with v0
+    covariance: np.ndarray  # (m, m), in the order of names; NaN for undetermined parameters
+    fixed: dict  # name → value, including v0
     difference: tuple[float, float, float]  # a − b and its 95 % interval
-    identifiable: bool  # whether the data tell all parameters
-    adequate: bool  # whether the residuals are faster than the signal, as noise is
+    identifiable: bool  # True if the data determine all parameters
+    adequate: bool  # True if the residuals vary faster than the signal, as noise does
     sentence: str
     residuals: tuple[np.ndarray, ...]  # data − model, one array for each data set
     models: tuple[np.ndarray, ...]  # friction of the model at all samples
@@ -58,11 +67,11 @@ class Fit(NamedTuple):
 
     @property
     def samples(self) -> int:
-        """How many samples were used."""
+        """Number of samples used."""
         return len(self.innovations)
 
     def rate_state(self, number: int = 1) -> RateState:
-        """The surface that was found, with mu0 of one of the data sets (counted from 1)."""
+        """Fitted parameters as a `RateState`, with mu0 of one of the data sets (counted from 1)."""
         both = {**self.fixed, **self.values}
         one = {name: both.get(name, both.get(f"{name}[{number}]")) for name in ("a", "b", "dc", "mu0", "v0", "alpha")}
         return RateState(**one, law=self.law)
@@ -78,32 +87,33 @@ def fit(
     windows=None,
     noise: str = "correlated",
 ) -> Fit:
-    """Fit a, b, D_c, μ0 and what else is free to one record or to several at once.
+    """Fit a, b, D_c, μ0 and other free parameters to one or several records.
 
-    Least squares of μ0 + a ln(V/V0) + b ln(V0 θ/D_c) + trend × displacement over whole records: slider and state are
-    followed from the first leg to the last. Positive parameters are fitted as logarithms; starting values come from a
-    coarse search, so that no guess is needed. Compare Reinen and Weeks 1993, doi:10.1029/93JB00780.
+    Least squares of μ0 + a ln(V/V0) + b ln(V0 θ/D_c) + trend × displacement over complete records: slider and state are
+    integrated from the first leg to the last. Positive parameters are fitted as logarithms. Starting values come from a
+    coarse search, so that no initial guess is needed. Compare Reinen and Weeks 1993, doi:10.1029/93JB00780.
 
     Parameters
     ----------
-    data : one record, or several that share all parameters but those in `own`
+    data : one record, or several that share all parameters except those in `own`
     law : "aging" or "slip"
-    fixed : values of parameters that are known, as {"stiffness": 1e4}; of a, b, dc, mu0, v0, stiffness, damping, alpha,
-        theta (state at the start over the steady one, 1 if not given) and trend (0 if not given)
-    free : parameters to fit beside a, b, dc and mu0, as ("stiffness", "trend")
-    own : parameters of which each of several records has its own
-    windows : pairs (start, end) of times; only samples within them count, while slip goes on between. None for all
-    noise : "correlated", or "white" where neighbouring samples are known to be independent
+    fixed : known parameters, such as {"stiffness": 1e4}; any of a, b, dc, mu0, v0, stiffness, damping, alpha, theta
+        (initial state over the steady one, default 1) and trend (default 0)
+    free : parameters to fit in addition to a, b, dc and mu0, such as ("stiffness", "trend")
+    own : parameters with a separate value for each of several records
+    windows : pairs (start, end) of times; only samples within them are fitted, but slip continues between them. None
+        for all samples
+    noise : "correlated", or "white" if neighbouring samples are known to be independent
 
     Returns
     -------
     Fit
-        with NaN and a sentence for what these data cannot tell.
+        with NaN and an explanation for parameters that these data do not determine.
 
     Raises
     ------
     ValueError
-        if the input makes no sense.
+        if the input is not valid.
     RuntimeError
         if the slider runs away with all parameters that were tried.
 
@@ -123,23 +133,24 @@ def fit(
     for name in own:
         if name not in NAMES:
             raise ValueError(f"{name!r} was given in own: parameters are {', '.join(NAMES)}")
-    cases = [prepared(one, windows) for one in records]
-    fixed, names = _chosen(cases, law, dict(fixed or {}), tuple(free), noise)
-    task = _task(cases, law, names, fixed, own)
-    x, evaluations = best(task)
+    cases = [prepare(one, windows) for one in records]
+    fixed, names = _check_parameters(cases, law, dict(fixed or {}), tuple(free), noise)
+    task = _build_task(cases, law, names, fixed, own)
+    x, evaluations = find_best(task)
     filters, adequate = WHITE, True
     if noise == "correlated":
-        x, filters, adequate, more = _with_memory(task, x)
+        x, filters, adequate, more = _fit_correlated(task, x)
         evaluations += more
-    return _finished(task, x, filters, evaluations, adequate)
+    return _build_fit(task, x, filters, evaluations, adequate)
 
 
-def _with_memory(task: Task, start) -> tuple[np.ndarray, tuple, bool, int]:
-    """Parameters and noise in turn: x, filters, whether residuals are noise, and evaluations.
+def _fit_correlated(task: Task, start) -> tuple[np.ndarray, tuple, bool, int]:
+    """Estimate parameters and noise alternately; return x, filters, whether residuals are noise, and evaluations.
 
-    They are not if fewer than SLOW independent samples are left for each parameter, or if filtering has led away from
-    the least squares, whose sum a right law exceeds by a share of m/n_eff only. Then what is left over is as slow as
-    the signal, and filtered out it takes the signal along: the least squares are kept.
+    Residuals are not noise if fewer than MIN_INDEPENDENT independent samples are left per parameter, or if filtering
+    has led away from the least squares, whose sum the right law exceeds only by a fraction of order m/n_eff. The
+    residuals are then as slow as the signal, and filtering them removes the signal as well, so the ordinary least
+    squares are returned.
     """
     x, evaluations = start, 0
     rest = residual(task, x)
@@ -149,28 +160,28 @@ def _with_memory(task: Task, start) -> tuple[np.ndarray, tuple, bool, int]:
     runs = pieces(task)
     first = filters = autoregression([rest[run] for run in runs])
     for _ in range(ROUNDS):
-        if effective(filters, len(rest)) < SLOW * len(x):
+        if effective_samples(filters, len(rest)) < MIN_INDEPENDENT * len(x):
             return start, first, False, evaluations
         solved = solve(task, x, filters)
         x, evaluations = solved.x, evaluations + solved.nfev
         rest = residual(task, x)
-        taken = [[column[run] for run in runs] for column in _taken(task, x, filters)]
+        taken = [[column[run] for run in runs] for column in _absorbed_noise(task, x, filters)]
         filters = autoregression([rest[run] for run in runs], taken=taken)
-    if (float(rest @ rest) / max(least, TINY) - 1) * effective(filters, len(rest)) / len(x) > LED_AWAY:
+    if (float(rest @ rest) / max(least, TINY) - 1) * effective_samples(filters, len(rest)) / len(x) > MAX_EXCESS:
         return start, first, False, evaluations
     return x, filters, True, evaluations
 
 
-def _taken(task: Task, x, filters) -> np.ndarray:
-    """(m, N) rows g with Σ g gᵀ = J C Jᵀ: how far the model follows the noise, for C = (JᵀΣ⁻¹J)⁻¹ of the parameters."""
-    rest, rows = filtered(task, x, filters), jacobian(task, x)
-    size, vectors = np.linalg.eigh(spread(whitened(rows, filters, pieces(task)))[0])
+def _absorbed_noise(task: Task, x, filters) -> np.ndarray:
+    """(m, N) rows g with Σ g gᵀ = J C Jᵀ, the noise absorbed by the fit, for C = (JᵀΣ⁻¹J)⁻¹ of the parameters."""
+    rest, rows = filtered_residual(task, x, filters), jacobian(task, x)
+    size, vectors = np.linalg.eigh(covariance(whitened(rows, filters, pieces(task)))[0])
     variance = float(rest @ rest) / (len(rest) - len(x))
     return (rows @ (vectors * np.sqrt(variance * np.maximum(size, 0.0)))).T
 
 
-def _chosen(cases, law: str, fixed: dict, free, noise: str) -> tuple[dict, tuple[str, ...]]:
-    """All fixed values, and the names of what is free."""
+def _check_parameters(cases, law: str, fixed: dict, free, noise: str) -> tuple[dict, tuple[str, ...]]:
+    """Check the options; return all fixed values and the names of the free parameters."""
     if law not in LAWS:
         raise ValueError(f"law = {law!r} was given: use 'aging' or 'slip'")
     if noise not in ("correlated", "white"):
@@ -189,15 +200,15 @@ def _chosen(cases, law: str, fixed: dict, free, noise: str) -> tuple[dict, tuple
     if with_spring and "stiffness" not in (*fixed, *names):
         raise ValueError("the stiffness is not known: give fixed={'stiffness': …} [1/length] or free=('stiffness',)")
     if not with_spring and {"stiffness", "damping"} & set(free):
-        raise ValueError("slip was measured, so that no spring enters: leave stiffness and damping out")
+        raise ValueError("the slip velocity was measured, so there is no spring: leave stiffness and damping out")
     if "alpha" in names and not any(case.legs is not None and np.ptp(case.legs[2]) > 0 for case in cases):
-        raise ValueError("alpha cannot be fitted: the normal stress never changes in these data")
+        raise ValueError("alpha cannot be fitted because the normal stress never changes in these data: leave it out")
     if not names:
         raise ValueError("nothing is left to fit: leave some of a, b, dc and mu0 out of `fixed`")
     return {"v0": cases[0].before, "stiffness": 1.0, **DEFAULTS, **fixed}, names
 
 
-def _task(cases, law: str, names, fixed: dict, own) -> Task:
+def _build_task(cases, law: str, names, fixed: dict, own) -> Task:
     several, slots, labels = len(cases) > 1, [{} for _ in cases], []
     for name in names:
         for number, slot in enumerate(slots):
@@ -207,46 +218,47 @@ def _task(cases, law: str, names, fixed: dict, own) -> Task:
     scatter = float(np.mean([np.std(case.friction[case.used]) for case in cases]))
     samples = sum(int(case.used.sum()) for case in cases)
     if samples < len(labels) + 4:
-        raise ValueError(f"{samples} samples cannot tell {len(labels)} parameters: use more data or fix some")
+        raise ValueError(f"{samples} samples cannot determine {len(labels)} parameters: use more data or fix some")
     if all(np.ptp(case.friction[case.used]) == 0 for case in cases):
         raise ValueError("friction never changes in these data: there is nothing to fit")
     return Task(cases, law, tuple(labels), slots, {k: v for k, v in fixed.items() if k not in names}, scatter)
 
 
-def _told(task: Task, x, filters) -> Known:
-    """Values with intervals and the verdict, for noise as the filters have it."""
-    rest, m = filtered(task, x, filters), len(x)
-    n, independent = len(rest), effective(filters, len(rest))
+def _evaluate(task: Task, x, filters) -> Estimates:
+    """Values with intervals and identifiability, for the noise described by the filters."""
+    rest, m = filtered_residual(task, x, filters), len(x)
+    n, independent = len(rest), effective_samples(filters, len(rest))
     size = max(float(np.sqrt(rest @ rest / (n - m))), TINY)
     spare = max(independent - m, 1.0)
-    # what a fit takes out of n_eff samples is lost to the estimate of slow noise, too
+    # degrees of freedom that a fit takes from n_eff samples are also missing in the estimate of slow noise
     reach = float(student.ppf(0.975, spare)) * float(np.sqrt(max(independent / spare * (n - m) / n, 1.0)))
-    inner, blind = spread(whitened(jacobian(task, x, central=True), filters, pieces(task)) / size)
+    inner, blind = covariance(whitened(jacobian(task, x, central=True), filters, pieces(task)) / size)
     wide = np.where(task.logs & ~blind, reach * np.sqrt(np.diag(inner)), 0.0)
-    sides = open_sides(task, x, filters, size * reach, wide)
-    return known(inner, blind, x, task.names, task.logs, reach, sides)
+    sides = find_open_sides(task, x, filters, size * reach, wide)
+    return estimate(inner, blind, x, task.names, task.logs, reach, sides)
 
 
-def _finished(task: Task, x, filters, evaluations: int, adequate: bool) -> Fit:
-    told = _told(task, x, filters) if adequate else without_intervals(_told(task, x, WHITE), MISFIT)
-    rest = filtered(task, x, filters)
+def _build_fit(task: Task, x, filters, evaluations: int, adequate: bool) -> Fit:
+    estimates = _evaluate(task, x, filters) if adequate else without_intervals(_evaluate(task, x, WHITE), MISFIT)
+    rest = filtered_residual(task, x, filters)
     n, peak = len(rest), max(float(np.sqrt(np.mean(rest**2))), TINY)
     weights = sum(float(np.log(case.sigma[case.used]).sum()) for case in task.cases)
-    likelihood = -n * (0.5 * np.log(2 * np.pi) + 0.5 + np.log(peak)) - weights - log_head(filters, pieces(task))
+    likelihood = -n * (0.5 * np.log(2 * np.pi) + 0.5 + np.log(peak)) - weights - log_head_volume(filters, pieces(task))
     count = len(x) + 1 + len(filters[0])
-    models = tuple(modelled(case, values_of(task, x, k), task.law) for k, case in enumerate(task.cases))
-    gap = told.gap + task.fixed.get("a", 0.0) - task.fixed.get("b", 0.0)
+    models = tuple(model_friction(case, parameters_of(task, x, k), task.law) for k, case in enumerate(task.cases))
+    gap = estimates.gap + task.fixed.get("a", 0.0) - task.fixed.get("b", 0.0)
     return Fit(
-        law=task.law, names=task.names, values=told.values, errors=told.errors, intervals=told.intervals,
-        covariance=told.covariance, fixed=_kept(task), difference=(gap, gap - told.error, gap + told.error),
-        identifiable=told.identifiable, adequate=adequate, sentence=told.sentence,
+        law=task.law, names=task.names, values=estimates.values, errors=estimates.errors, intervals=estimates.intervals,
+        covariance=estimates.covariance, fixed=_fixed_values(task),
+        difference=(gap, gap - estimates.error, gap + estimates.error),
+        identifiable=estimates.identifiable, adequate=adequate, sentence=estimates.sentence,
         residuals=tuple(case.friction - one for case, one in zip(task.cases, models, strict=True)), models=models,
         sigma=peak * float(np.sqrt(n / (n - len(x)))) / (filters[1][0, 0] if len(filters[0]) else 1.0),
-        noise=filters[0], effective=effective(filters, n), innovations=rest / peak, log_likelihood=likelihood,
+        noise=filters[0], effective=effective_samples(filters, n), innovations=rest / peak, log_likelihood=likelihood,
         aic=2 * count - 2 * likelihood, bic=count * np.log(n) - 2 * likelihood, evaluations=evaluations,
     )  # fmt: skip
 
 
-def _kept(task: Task) -> dict:
+def _fixed_values(task: Task) -> dict:
     spring = any(case.legs is not None for case in task.cases)
     return {k: v for k, v in task.fixed.items() if spring or k not in ("stiffness", "damping")}

@@ -1,31 +1,31 @@
-"""What data can tell: covariance of fitted parameters, and the sentence where they trade off."""
+"""Identifiability of fitted parameters: covariance, intervals, and an explanation of trade-offs."""
 
 from typing import NamedTuple
 
 import numpy as np
 
 SINGULAR = (
-    1e-5  # singular value of the scaled Jacobian, over the largest, below which nothing is known: differences' error
+    1e-5  # singular value of the scaled Jacobian, over the largest, below which it is an error of finite differences
 )
-WIDEST = np.log(10.0)  # half width of an interval of a logarithm above which its parameter counts as unknown
-PART = 0.25  # share of a parameter in a direction, over the largest, from which on it is named
+WIDEST = np.log(10.0)  # half width of the interval of a logarithm above which its parameter is not determined
+PART = 0.25  # component of a parameter in a direction, over the largest, above which it is named
 
 
-class Known(NamedTuple):
-    """Values, and which of them mean something."""
+class Estimates(NamedTuple):
+    """Fitted values, with NaN for those that the data do not determine."""
 
     values: dict
     errors: dict
     intervals: dict
-    covariance: np.ndarray  # (m, m), NaN for what is not known
+    covariance: np.ndarray  # (m, m), NaN for undetermined parameters
     identifiable: bool
     sentence: str
     gap: float  # a − b
     error: float  # half width of its interval
 
 
-def spread(jacobian) -> tuple[np.ndarray, np.ndarray]:
-    """Covariance (JᵀJ)⁻¹ by singular values, and which parameters take part in directions that change nothing.
+def covariance(jacobian) -> tuple[np.ndarray, np.ndarray]:
+    """Covariance (JᵀJ)⁻¹ by singular values, and the parameters involved in directions that do not change the model.
 
     Parameters
     ----------
@@ -41,18 +41,18 @@ def spread(jacobian) -> tuple[np.ndarray, np.ndarray]:
     return (right.T / floor**2) @ right / np.outer(size, size), blind
 
 
-def known(inner, blind, x, names, logs, reach: float, open_sides: dict) -> Known:
-    """Values with intervals, and the verdict.
+def estimate(inner, blind, x, names, logs, reach: float, open_sides: dict) -> Estimates:
+    """Values with intervals and identifiability.
 
-    A parameter is not known if it takes part in a direction in which the data do not change, if the 95 % interval of
-    its logarithm is wider than a factor of 10 either way, or if values far beyond that interval fit as well.
+    A parameter is not determined if it is involved in a direction that does not change the model, if the 95 % interval
+    of its logarithm is wider than a factor of 10 either way, or if values far beyond that interval fit equally well.
 
     Parameters
     ----------
-    inner, blind : from `spread`
+    inner, blind : from `covariance`
     x : (m,) logarithms where `logs`, else values
     reach : Student's quantile
-    open_sides : name → (limit, "above" or "below") of what fits as well however far one goes
+    open_sides : name → (limit, "above" or "below") of parameters that fit equally well without bound
     """
     half = reach * np.sqrt(np.diag(inner))
     unknown = blind | (logs & (half > WIDEST)) | np.array([name in open_sides for name in names])
@@ -70,28 +70,28 @@ def known(inner, blind, x, names, logs, reach: float, open_sides: dict) -> Known
     if unknown.any() and not error < 0.5 * max((raw[k] for k, n in enumerate(names) if n in ("a", "b")), default=1.0):
         gap, error = np.nan, np.nan
     sentence = _sentence(names, unknown, inner, open_sides, (gap, error))
-    return Known(values, errors, intervals, cover, not unknown.any(), sentence, gap, error)
+    return Estimates(values, errors, intervals, cover, not unknown.any(), sentence, gap, error)
 
 
-def without_intervals(told: Known, reason: str) -> Known:
-    """The same values, but nothing about how well they are known, as the noise is not."""
-    nothing = dict.fromkeys(told.errors, np.nan)
-    sentence = reason if told.identifiable else f"{reason}; {told.sentence}"
-    return told._replace(
+def without_intervals(estimates: Estimates, reason: str) -> Estimates:
+    """Return the same values without errors and intervals, which are not known if the noise is not."""
+    nothing = dict.fromkeys(estimates.errors, np.nan)
+    sentence = reason if estimates.identifiable else f"{reason}; {estimates.sentence}"
+    return estimates._replace(
         errors=nothing, intervals=dict.fromkeys(nothing, (np.nan, np.nan)), sentence=sentence, error=np.nan,
-        covariance=np.full_like(told.covariance, np.nan),
+        covariance=np.full_like(estimates.covariance, np.nan),
     )  # fmt: skip
 
 
 def difference(names, raw, full, reach: float) -> tuple[float, float]:
-    """a − b as far as both are free (a fixed one counts as 0), and the half width of its interval."""
+    """a − b of the free parameters (a fixed one counts as 0), and the half width of its interval."""
     weights = np.array([{"a": 1.0, "b": -1.0}.get(name, 0.0) for name in names])
     return float(weights @ raw), reach * float(np.sqrt(max(weights @ full @ weights, 0.0)))
 
 
 def _sentence(names, unknown, inner, open_sides: dict, gap) -> str:
     if not unknown.any():
-        return "all parameters are known from these data"
+        return "these data determine all parameters"
     among = np.flatnonzero(unknown)
     lost = ", ".join(names[k] for k in among)
     _, vectors = np.linalg.eigh(inner[np.ix_(among, among)])
@@ -99,11 +99,11 @@ def _sentence(names, unknown, inner, open_sides: dict, gap) -> str:
     involved = [names[k] for k in part]
     if open_sides:
         limits = " and ".join(f"any {name} {side} {limit:.2g}" for name, (limit, side) in open_sides.items())
-        hint = f"{limits} fits as well: fix {' or '.join(open_sides)}, or add data in which it matters"
+        hint = f"{limits} fits equally well: fix {' or '.join(open_sides)}, or add data that depend on it"
     elif len(part) == 1:
-        hint = f"{involved[0]} hardly changes what was measured: fix it, or add data in which it matters"
+        hint = f"{involved[0]} hardly affects the data: fix it, or add data that depend on it"
     else:
         hint = f"{' and '.join(involved)} trade off against each other: fix one of them, or add data that separate them"
     if {"a", "b"} <= {names[k] for k in among} and np.isfinite(gap[1]):
         hint = f"only a − b = {gap[0]:.3g} ± {gap[1]:.1g} is known; {hint}"
-    return f"these data do not tell {lost}: {hint}"
+    return f"these data do not determine {lost}: {hint}"

@@ -1,20 +1,20 @@
-"""Where fits start: a coarse search over a, b, D_c and the spring, since a poor guess ends in another valley."""
+"""Initial guesses for fits: a coarse search over a, b, D_c and the spring, to avoid other local minima."""
 
 from itertools import product
 
 import numpy as np
 
-from .model import Prepared, modelled
+from .model import Prepared, model_friction
 
 RATIOS = (0.5, 0.8, 1.25, 2.0)  # b/a
-SIZES = (0.3, 1.0, 3.0)  # of a, over what the record's range suggests
-LENGTHS = 9  # of D_c, from a three-hundredth of the shortest leg on
-STIFFNESSES = (0.6, 1.5, 4.0)  # over the steepest slope of the record
-KEPT = 5
+SIZES = (0.3, 1.0, 3.0)  # a over the estimate from the record's range
+LENGTHS = 9  # number of values of D_c, the smallest 1/300 of the length of a leg
+STIFFNESSES = (0.6, 1.5, 4.0)  # stiffness over the steepest slope of the record
+BEST = 5  # number of guesses that are returned
 
 
-def starts(cases: list[Prepared], law: str, free, fixed: dict) -> list[dict]:
-    """The best points of a grid, each with mu0 and trend by linear least squares, best first."""
+def initial_guesses(cases: list[Prepared], law: str, free, fixed: dict) -> list[dict]:
+    """Best points of a grid, each with mu0 and trend from linear least squares, best first."""
     grid = {name: _grid(name, cases) if name in free else (fixed[name],) for name in ("a", "dc", "stiffness")}
     grid["b/a"] = RATIOS if "b" in free else (None,)
     found = []
@@ -24,14 +24,14 @@ def starts(cases: list[Prepared], law: str, free, fixed: dict) -> list[dict]:
         if np.isfinite(cost):
             found.append((cost, values, linear))
     found.sort(key=lambda one: one[0])
-    return [{**values, "linear": linear} for _, values, linear in found[:KEPT]]
+    return [{**values, "linear": linear} for _, values, linear in found[:BEST]]
 
 
 def _cost(cases, law: str, values: dict, free) -> tuple[float, list]:
-    """Sum of squares with the best mu0 and trend of each data set."""
+    """Sum of squares for the best mu0 and trend of each data set."""
     cost, linear = 0.0, []
     for case in cases:
-        model = modelled(case, values, law, tolerance=1e-5)
+        model = model_friction(case, values, law, tolerance=1e-5)
         if model is None:
             return np.inf, []
         use, weight = case.used, 1 / case.sigma[case.used]
@@ -51,15 +51,15 @@ def _cost(cases, law: str, values: dict, free) -> tuple[float, list]:
 
 def _grid(name: str, cases) -> tuple[float, ...]:
     if name == "a":
-        return tuple(_direct(cases) * size for size in SIZES)
+        return tuple(_direct_effect(cases) * size for size in SIZES)
     if name == "dc":
-        longest = _length(cases)
+        longest = _slip_length(cases)
         return tuple(np.geomspace(longest / 300, longest, LENGTHS))
-    return tuple(_slope(cases) * factor for factor in STIFFNESSES)
+    return tuple(_steepest_slope(cases) * factor for factor in STIFFNESSES)
 
 
-def _direct(cases) -> float:
-    """The range of friction over that of ln V, which is 5 or so if the load point stands still."""
+def _direct_effect(cases) -> float:
+    """Range of friction over the range of ln V, which is about 5 if the load point stops."""
     sizes = []
     for case in cases:
         speed = np.abs(case.velocity if case.legs is None else np.r_[case.before, case.legs[1]])
@@ -69,8 +69,8 @@ def _direct(cases) -> float:
     return max(float(np.median(sizes)), 1e-9)
 
 
-def _length(cases) -> float:
-    """Displacement over which one velocity lasts: the median of the legs that move, or a third of the whole slip."""
+def _slip_length(cases) -> float:
+    """Typical displacement at one velocity: the median over moving legs, or a third of the total slip."""
     longest = []
     for case in cases:
         if case.legs is None:
@@ -83,8 +83,8 @@ def _length(cases) -> float:
     return float(np.median(longest))
 
 
-def _slope(cases) -> float:
-    """Steepest slope of friction against displacement of the load point, over five samples, seldom noise."""
+def _steepest_slope(cases) -> float:
+    """Steepest slope of friction against load-point displacement, over five samples to suppress noise."""
     steepest = []
     for case in cases:
         x, y = case.place, case.friction

@@ -1,11 +1,11 @@
 """Compiled integration of a slider with rate-and-state friction on a spring.
 
-The unknowns are w = ln(V/V0) and f = ln(V0 θ/D_c): velocity and state cover many orders of magnitude in a hold, their
-logarithms do not.
+The unknowns are w = ln(V/V0) and f = ln(V0 θ/D_c), because velocity and state vary over many orders of magnitude during
+a hold.
 
 Extrapolation of the linearly implicit Euler method (P. Deuflhard, SIAM Rev. 27, 505 (1985), doi:10.1137/1027140) needs
-no table of coefficients, adapts its order, and takes the 2 × 2 systems by Cramer's rule. It ends a step at every time
-that is asked for, so that nothing is interpolated. `python -m benchmarks --friction` times it beside LSODA.
+no table of coefficients, adapts its order, and solves the 2 × 2 systems by Cramer's rule. A step ends at every
+requested time, so that nothing is interpolated. `python -m benchmarks --friction` compares its speed with LSODA.
 """
 
 import numpy as np
@@ -17,14 +17,14 @@ kernel_cache.install()
 
 AGING, SLIP = 0, 1
 DONE, RUNAWAY, STEPS_SPENT = 0, 1, 2
-ORDERS = 10  # most columns of the extrapolation
-FASTEST = 200.0  # ln(V/V0) above which nothing is physical any more: quasi-static slip runs away in finite time
-MOST_STEPS = 200_000  # between two times that are asked for
+ORDERS = 10  # largest number of columns of the extrapolation
+FASTEST = 200.0  # ln(V/V0) above which slip has run away: quasi-static slip does so in finite time
+MOST_STEPS = 200_000  # between two requested times
 
 
 @njit(cache=True, error_model="numpy")
 def rates(w, f, p, velocity, normal):
-    """dw/dt and df/dt.
+    """Time derivatives dw/dt and df/dt.
 
     f' = (V0/D_c)(e^{−f} − e^{w}) (aging) or −(V0/D_c) e^{w} (w + f) (slip), and the balance of forces
     n(μ0 + a w + b f) + ηV = k(x_lp − x), differentiated: (n a + ηV) w' = k(V_lp − V) − n b f'.
@@ -45,8 +45,8 @@ def rates(w, f, p, velocity, normal):
 
 
 @njit(cache=True, error_model="numpy")
-def slopes(w, f, p, velocity, normal):
-    """Derivatives of `rates`: of dw/dt by w and by f, of df/dt by w and by f."""
+def rate_derivatives(w, f, p, velocity, normal):
+    """Derivatives of `rates`: of dw/dt with respect to w and f, and of df/dt with respect to w and f."""
     speed = p[4] / p[2]
     e = np.exp(w)
     if p[7] == AGING:
@@ -60,9 +60,9 @@ def slopes(w, f, p, velocity, normal):
 
 
 @njit(cache=True, error_model="numpy")
-def leap(w, f, h, p, velocity, normal, tolerance, table):
-    """One step of length h: new w and f, and how many columns it took (0 if the tolerance was not met)."""
-    ww, wf, fw, ff = slopes(w, f, p, velocity, normal)
+def extrapolate(w, f, h, p, velocity, normal, tolerance, table):
+    """Take one step of length h; return new w and f and the number of columns used (0 if the tolerance was not met)."""
+    ww, wf, fw, ff = rate_derivatives(w, f, p, velocity, normal)
     for j in range(ORDERS):
         d = h / (j + 1)
         det = (1.0 - d * ww) * (1.0 - d * ff) - d * d * wf * fw
@@ -87,10 +87,10 @@ def leap(w, f, h, p, velocity, normal, tolerance, table):
 
 
 @njit(cache=True, error_model="numpy")
-def shifted(w, f, p, alpha, old, new):
-    """w and f after the normal stress has jumped from `old` to `new`.
+def after_normal_jump(w, f, p, alpha, old, new):
+    """w and f after a jump of the normal stress from `old` to `new`.
 
-    θ → θ (new/old)^(−α/b) (Linker and Dieterich 1992), while the spring's force F = n(μ0 + a w + b f) + ηV is the same.
+    θ → θ (new/old)^(−α/b) (Linker and Dieterich 1992), at constant spring force F = n(μ0 + a w + b f) + ηV.
     """
     a, b, mu0 = p[0], p[1], p[3]
     eta = p[6] * p[4]
@@ -99,7 +99,7 @@ def shifted(w, f, p, alpha, old, new):
     w = (force / new - mu0 - b * f) / a
     if eta > 0.0:
         w = min(w, np.log(max(abs(force), eta) / eta))
-        for _ in range(100):  # Newton's method; the function is convex and grows, so that it comes from above
+        for _ in range(100):  # Newton's method; the function is convex and increasing, so it converges from above
             push = eta * np.exp(w)
             step = (new * (mu0 + a * w + b * f) + push - force) / (new * a + push)
             w -= step
@@ -109,10 +109,10 @@ def shifted(w, f, p, alpha, old, new):
 
 
 @njit(cache=True, error_model="numpy")
-def follow(w, f, p, alpha, duration, velocity, normal, start_normal, times, tolerance):
-    """w and f at `times` (ascending, from the start of the first leg on), and how it ended: code, time reached.
+def integrate(w, f, p, alpha, duration, velocity, normal, start_normal, times, tolerance):
+    """Integrate w and f to `times` (ascending, from the start of the legs); return also a code and the time reached.
 
-    At the end of a leg the values are those before the next one begins.
+    At the end of a leg the values are those before the next leg begins.
     """
     out = np.full((len(times), 2), np.nan)
     table = np.empty((ORDERS, 2))
@@ -122,7 +122,7 @@ def follow(w, f, p, alpha, duration, velocity, normal, start_normal, times, tole
         k += 1
     for leg in range(len(duration)):
         if normal[leg] != before:
-            w, f = shifted(w, f, p, alpha, before, normal[leg])
+            w, f = after_normal_jump(w, f, p, alpha, before, normal[leg])
             before = normal[leg]
         ends = began + duration[leg]
         last, t = leg == len(duration) - 1, 0.0
@@ -133,7 +133,7 @@ def follow(w, f, p, alpha, duration, velocity, normal, start_normal, times, tole
             steps = 0
             while t < target:
                 d = min(h, target - t)
-                w, f, columns = leap(w, f, d, p, velocity[leg], normal[leg], tolerance, table)
+                w, f, columns = extrapolate(w, f, d, p, velocity[leg], normal[leg], tolerance, table)
                 steps += 1
                 if columns == 0:
                     h = 0.25 * d
@@ -158,8 +158,8 @@ def follow(w, f, p, alpha, duration, velocity, normal, start_normal, times, tole
 
 
 @njit(cache=True, error_model="numpy")
-def states(f, duration, velocity, v0, dc, law):
-    """ln(V0 θ/D_c) at the ends of pieces of constant slip velocity, from its value f at the start: exact."""
+def state_history(f, duration, velocity, v0, dc, law):
+    """Exact ln(V0 θ/D_c) at the ends of pieces of constant slip velocity, from its initial value f."""
     out = np.empty(len(duration))
     for k in range(len(duration)):
         x, v = velocity[k] * duration[k] / dc, velocity[k]

@@ -1,4 +1,4 @@
-"""Records of friction as CSV: columns with units in their headers, in any common unit; read into metres and seconds."""
+"""Laboratory records as CSV files with units in their headers, converted to metres and seconds on reading."""
 
 import csv
 from pathlib import Path
@@ -31,7 +31,7 @@ LEAST = 10  # rows
 
 @readable
 class LabRecord(NamedTuple):
-    """A record of N samples in metres, seconds and pascals; None where there is no such column."""
+    """A record of N samples in metres, seconds and pascals; missing columns are None."""
 
     time: np.ndarray
     friction: np.ndarray
@@ -43,29 +43,30 @@ class LabRecord(NamedTuple):
 
 
 def read_csv(path: str | Path) -> LabRecord:
-    """Read a record.
+    """Read a record from a CSV file.
 
-    One row of headers such as `time [s], load_point [um], friction [-]`, then numbers. Columns: time; friction, or
-    shear_stress and normal_stress; load_point, or velocity (of slip); slip and theta if there are. Others are left
-    out. Separated by commas, semicolons or tabs; lines that start with # are comments.
+    The file has one row of headers such as `time [s], load_point [um], friction [-]`, followed by numbers. Required
+    columns are time; friction, or shear_stress and normal_stress; load_point, or velocity (of slip). Optional columns
+    are slip and theta; others are ignored. Separators are commas, semicolons or tabs. Lines that start with # are
+    comments.
 
     Raises
     ------
     ValueError
-        with one sentence: which column, unit or line is wrong, and what is allowed.
+        with one sentence that names the wrong column, unit or line, and what is allowed.
     """
     path = Path(path)
-    header, rows = _table(path)
-    found = _columns(path, header)
-    _complete(path, found)
+    header, rows = _read_table(path)
+    found = _match_columns(path, header)
+    _check_columns(path, found)
     if len(rows) < LEAST:
         raise ValueError(f"{path} has {len(rows)} rows of numbers: give at least {LEAST}")
-    values = {name: np.array([_number(path, row, k, name) for row in rows]) for name, (k, _) in found.items()}
+    values = {name: np.array([_parse_number(path, row, k, name) for row in rows]) for name, (k, _) in found.items()}
     for name, (_, factor) in found.items():
         values[name] *= factor
     if "friction" not in values:
         if not (values["normal_stress"] > 0).all():
-            raise ValueError(f"{path}: normal_stress must be positive at every sample; cut away what is before loading")
+            raise ValueError(f"{path}: normal_stress must be positive at every sample: remove samples before loading")
         values["friction"] = values["shear_stress"] / values["normal_stress"]
     values.pop("shear_stress", None)
     try:
@@ -76,11 +77,11 @@ def read_csv(path: str | Path) -> LabRecord:
 
 
 def write_csv(path: str | Path, record: LabRecord, comments: tuple[str, ...] = ()) -> Path:
-    """Write a record so that `read_csv` reads the same, in metres, seconds and pascals.
+    """Write a record to a CSV file that `read_csv` can read, in metres, seconds and pascals.
 
     Parameters
     ----------
-    comments : lines that go before, behind #
+    comments : lines written before the header, each after a #
     """
     units = {"time": "s", "friction": "-", "normal_stress": "Pa", "velocity": "m/s", "theta": "s"}
     names = [name for name in LabRecord._fields if getattr(record, name) is not None]
@@ -94,12 +95,12 @@ def write_csv(path: str | Path, record: LabRecord, comments: tuple[str, ...] = (
 
 
 def record_data(record: LabRecord, *, before: float | None = None, normal: bool = False) -> Data:
-    """What `fit` takes: legs from the load point's displacement, or the measured slip velocity where there is none.
+    """Data for `fit`: legs from the load-point displacement, or the measured slip velocity if there is none.
 
     Parameters
     ----------
     before : slip velocity before the record, if it does not start with steady sliding [m/s]
-    normal : whether changes of normal stress enter, over its value at the start (with alpha: Linker and Dieterich)
+    normal : True to include changes of normal stress, over its initial value (with alpha: Linker and Dieterich)
     """
     time = record.time - record.time[0]
     if record.load_point is None:
@@ -107,21 +108,23 @@ def record_data(record: LabRecord, *, before: float | None = None, normal: bool 
     factor = None
     if normal:
         if record.normal_stress is None:
-            raise ValueError("the record has no normal_stress: leave its changes out")
+            raise ValueError("the record has no normal_stress: leave --normal out")
         factor = record.normal_stress / record.normal_stress[0]
     legs = load_steps(time, record.load_point, factor)
     if before is None and not legs[0].velocity > 0:
-        raise ValueError("the record does not start with sliding: give the slip velocity before it, or cut the start")
+        raise ValueError(
+            "the record does not start with sliding: give the slip velocity before it, or remove the start"
+        )
     return Data(time, record.friction, legs, before=before)
 
 
-def _table(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
-    """The header's fields, and each row's line number and fields."""
+def _read_table(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    """Read the fields of the header, and the line number and fields of each row."""
     text = text_of(path, remedy="give a CSV file")
     lines = [(k, line) for k, line in enumerate(text.splitlines(), start=1) if line.strip() and line.lstrip()[0] != "#"]
     if not lines:
         raise ValueError(
-            f"{path} holds no data: give a header such as 'time [s], load_point [um], friction [-]' and rows"
+            f"{path} contains no data: give a header such as 'time [s], load_point [um], friction [-]' and rows"
         )
     mark = max(",;\t", key=lines[0][1].count)
     rows = csv.reader((line for _, line in lines), delimiter=mark, skipinitialspace=True)
@@ -130,16 +133,18 @@ def _table(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     except csv.Error as problem:
         raise ValueError(f"{path}, line {lines[rows.line_num - 1][0]}, cannot be read ({problem})") from None
     if len(split) != len(lines):
-        raise ValueError(f"{path} has a quotation mark that is not closed in its line: leave it out")
+        raise ValueError(f"{path} has a quotation mark that is not closed on the same line: remove it")
     width = len(split[0])
     for (number, _), row in zip(lines, split, strict=True):
         if len(row) != width:
-            raise ValueError(f"{path}, line {number}, has {len(row)} fields but the header has {width}: give one each")
+            raise ValueError(
+                f"{path}, line {number}, has {len(row)} fields but the header has {width}: correct the line"
+            )
     return split[0], [(number, row) for (number, _), row in zip(lines[1:], split[1:], strict=True)]
 
 
-def _columns(path: Path, header: list[str]) -> dict[str, tuple[int, float]]:
-    """Known columns: their place, and the factor to metres, seconds and pascals."""
+def _match_columns(path: Path, header: list[str]) -> dict[str, tuple[int, float]]:
+    """Positions of known columns, and their factors to metres, seconds and pascals."""
     found = {}
     for k, field in enumerate(header):
         word, _, rest = field.partition("[")
@@ -154,17 +159,17 @@ def _columns(path: Path, header: list[str]) -> dict[str, tuple[int, float]]:
             raise ValueError(f"{path}: column {word!r} has no unit: write it as '{word} [{next(iter(units))}]'")
         known = unit.lower() if units is STRESS else unit.replace(" ", "")
         if known not in units:
-            raise ValueError(f"{path}: {word} has the unit {shortened(unit)!r}: use {', '.join(_short(units))}")
+            raise ValueError(f"{path}: {word} has the unit {shortened(unit)!r}: use {', '.join(_common_units(units))}")
         found[name] = (k, units[known])
     return found
 
 
-def _short(units: dict) -> list[str]:
+def _common_units(units: dict) -> list[str]:
     return [unit for unit in units if unit][:8]
 
 
-def _complete(path: Path, found: dict) -> None:
-    """Refuse a header that lacks what a fit needs."""
+def _check_columns(path: Path, found: dict) -> None:
+    """Raise ValueError if the header lacks columns that a fit needs."""
     have = f"{path} has {', '.join(found) or 'no known columns'}"
     example = "as in 'time [s], load_point [um], friction [-]'"
     if "time" not in found:
@@ -177,16 +182,16 @@ def _complete(path: Path, found: dict) -> None:
         raise ValueError(f"{have} but neither load_point nor velocity: add one of them, {example}")
 
 
-def _number(path: Path, row: tuple[int, list[str]], k: int, name: str) -> float:
+def _parse_number(path: Path, row: tuple[int, list[str]], k: int, name: str) -> float:
     line, fields = row
     try:
         value = float(fields[k])
     except ValueError:
         raise ValueError(
-            f"{path}, line {line}: {name} is {shortened(fields[k])!r}, not a number: correct or drop the line"
+            f"{path}, line {line}: {name} is {shortened(fields[k])!r}, not a number: correct or remove the line"
         ) from None
     if not np.isfinite(value):
         raise ValueError(
-            f"{path}, line {line}: {name} is {shortened(fields[k])}: use finite numbers only, drop such lines"
+            f"{path}, line {line}: {name} is {shortened(fields[k])}, not a finite number: remove such lines"
         )
     return value

@@ -1,4 +1,4 @@
-"""What the load point of a laboratory does: legs of constant velocity and constant normal stress."""
+"""Load histories: legs of constant load-point velocity and constant normal stress."""
 
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ from ..core.readable import readable
 
 @readable
 class LoadStep(NamedTuple):
-    """A stretch of time in which the load point has one velocity."""
+    """One leg of a load history, with constant velocity of the load point."""
 
     duration: float  # [time]
     velocity: float  # of the load point; 0 in a hold [length/time]
@@ -17,7 +17,7 @@ class LoadStep(NamedTuple):
 
 
 def velocity_steps(velocities, *, distance: float) -> tuple[LoadStep, ...]:
-    """Legs at one velocity after the other, each over the same distance of the load point.
+    """Legs at successive velocities, each over the same load-point displacement.
 
     Parameters
     ----------
@@ -30,20 +30,20 @@ def velocity_steps(velocities, *, distance: float) -> tuple[LoadStep, ...]:
     LoadStep: duration = 10, velocity = 1e-05, normal = 1
     """
     if not (distance > 0 and np.isfinite(distance)):
-        raise ValueError(f"distance = {distance} was given: every leg needs a positive length")
+        raise ValueError(f"distance = {distance} was given: use a positive, finite length for each leg")
     for v in velocities:
-        _positive("velocity", v)
+        _check_positive("velocity", v)
     return tuple(LoadStep(float(distance / v), float(v)) for v in velocities)
 
 
 def slide_hold_slide(holds, *, velocity: float, distance: float, reslide: float | None = None) -> tuple[LoadStep, ...]:
-    """Sliding, a hold, sliding, the next hold … and sliding at the end.
+    """Legs of a slide-hold-slide test, which begins and ends with sliding.
 
     Parameters
     ----------
-    holds : [time] (K,) how long the load point stands still
+    holds : [time] (K,) durations of the holds
     velocity : [length/time] before the first hold, and after each if `reslide` is None
-    distance : [length] of the load point between holds
+    distance : [length] load-point displacement between holds
     reslide : [length/time] velocity after each hold
 
     Examples
@@ -51,23 +51,24 @@ def slide_hold_slide(holds, *, velocity: float, distance: float, reslide: float 
     >>> [leg.velocity for leg in slide_hold_slide([1.0, 10.0], velocity=1e-5, distance=1e-4)]
     [1e-05, 0.0, 1e-05, 0.0, 1e-05]
     """
-    _positive("velocity", velocity)
+    _check_positive("velocity", velocity)
     again = velocity if reslide is None else reslide
-    _positive("reslide", again)
+    _check_positive("reslide", again)
     if not (distance > 0 and np.isfinite(distance)):
-        raise ValueError(f"distance = {distance} was given: between holds the load point needs a positive length")
+        raise ValueError(f"distance = {distance} was given: use a positive, finite length between holds")
     legs = [LoadStep(float(distance / velocity), float(velocity))]
     for hold in holds:
-        _positive("hold", hold)
+        _check_positive("hold", hold)
         legs += [LoadStep(float(hold), 0.0), LoadStep(float(distance / again), float(again))]
     return tuple(legs)
 
 
 def load_steps(time, load_point, normal=None, *, roughness: float = 1e-3) -> tuple[LoadStep, ...]:
-    """Legs of a measured history: the load point's displacement, joined by straight lines from sample to sample.
+    """Legs of a measured load-point displacement, which is interpolated linearly between samples.
 
-    Neighbouring pieces are one leg while the line from its first sample passes all others within `roughness` of
-    the median displacement between samples (of those that move), so that a motor at constant velocity is one leg.
+    Neighbouring intervals are merged into one leg as long as a straight line from its first sample passes all others
+    within `roughness` times the median displacement between (moving) samples, so that a motor at constant velocity is
+    one leg.
 
     Parameters
     ----------
@@ -78,21 +79,21 @@ def load_steps(time, load_point, normal=None, *, roughness: float = 1e-3) -> tup
     time, place = np.asarray(time, float), np.asarray(load_point, float)
     check_times(time)
     if place.shape != time.shape:
-        raise ValueError(f"load_point has shape {place.shape}, time {time.shape}: give one displacement a sample")
+        raise ValueError(f"load_point has shape {place.shape}, time {time.shape}: give one displacement per sample")
     factor = np.ones(len(time)) if normal is None else np.asarray(normal, float)
     moved = np.abs(np.diff(place))
     slack = roughness * float(np.median(moved[moved > 0])) if (moved > 0).any() else 0.0
     legs, first = [], 0
     while first < len(time) - 1:
-        last = _straight(time, place, factor, first, slack)
+        last = _end_of_line(time, place, factor, first, slack)
         span = float(time[last] - time[first])
         legs.append(LoadStep(span, float(place[last] - place[first]) / span, float(factor[first])))
         first = last
     return tuple(legs)
 
 
-def _straight(time, place, factor, first: int, slack: float) -> int:
-    """The last sample that a straight line from sample `first` reaches within `slack` of all between."""
+def _end_of_line(time, place, factor, first: int, slack: float) -> int:
+    """Last sample that a straight line from sample `first` can reach within `slack` of all samples between."""
     low, high, last = -np.inf, np.inf, first + 1
     for k in range(first + 1, len(time)):
         span, rise = time[k] - time[first], place[k] - place[first]
@@ -102,8 +103,8 @@ def _straight(time, place, factor, first: int, slack: float) -> int:
     return last
 
 
-def columns(legs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Durations, velocities and normal factors of legs, checked."""
+def leg_arrays(legs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Check legs and return their durations, velocities and normal factors."""
     table = np.array([tuple(leg) for leg in legs], float).reshape(-1, 3)
     if len(table) == 0:
         raise ValueError("no legs were given: a load history needs at least one LoadStep(duration, velocity)")
@@ -118,9 +119,9 @@ def columns(legs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def check_times(time) -> None:
-    """Refuse times that are not finite and strictly increasing."""
+    """Raise ValueError unless times are finite and strictly increasing."""
     if time.ndim != 1 or len(time) < 2:
-        raise ValueError(f"time has shape {time.shape}: give at least two times in one row")
+        raise ValueError(f"time has shape {time.shape}: give a one-dimensional array of at least two times")
     wrong = np.flatnonzero(~np.isfinite(time))
     if len(wrong):
         raise ValueError(f"time {wrong[0] + 1} of {len(time)} is {time[wrong[0]]}: give finite times")
@@ -129,10 +130,10 @@ def check_times(time) -> None:
         k = wrong[0]
         raise ValueError(
             f"time must increase, but sample {k + 2} ({time[k + 1]:g}) does not follow sample {k + 1} ({time[k]:g}): "
-            "sort the samples and drop doubles"
+            "sort the samples and remove duplicates"
         )
 
 
-def _positive(name: str, value: float) -> None:
+def _check_positive(name: str, value: float) -> None:
     if not (value > 0 and np.isfinite(value)):
         raise ValueError(f"{name} = {value} was given: use a positive, finite number")

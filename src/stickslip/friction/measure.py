@@ -1,4 +1,4 @@
-"""What is read off a record without a model: steady values with honest errors, peaks after holds, healing."""
+"""Measurements on a record without a model: steady means with standard errors, peaks after holds, healing."""
 
 from typing import NamedTuple
 
@@ -7,36 +7,36 @@ from scipy.stats import t as student
 
 
 class Mean(NamedTuple):
-    """A mean over correlated values."""
+    """Mean of correlated values."""
 
     mean: float
     error: float  # standard error
-    effective: float  # how many independent values would give that error
+    effective: float  # number of independent values with the same error
 
 
 class Healing(NamedTuple):
-    """Peak excess against the logarithm of the hold: Δμ = slope ln t + intercept."""
+    """Peak excess against the logarithm of the hold time, Δμ = slope ln t + intercept."""
 
-    slope: float  # per e-fold of hold
+    slope: float  # per e-fold of hold time
     intercept: float
     error: float  # standard error of the slope
     interval: tuple[float, float]  # 95 %
 
 
-class Held(NamedTuple):
-    """What K holds of a record show."""
+class HoldResponse(NamedTuple):
+    """Response to K holds of a record."""
 
-    hold: np.ndarray  # [time]
+    hold: np.ndarray  # duration [time]
     steady: np.ndarray  # friction before the hold
-    drop: np.ndarray  # by how much friction has fallen at its end
-    excess: np.ndarray  # peak after it, above `steady_mean`
+    drop: np.ndarray  # decrease of friction at its end
+    excess: np.ndarray  # peak after the hold, above `steady`
 
 
 def steady_mean(values) -> Mean:
-    """Mean of a stationary series with the standard error that its correlation allows.
+    """Mean of a stationary series, with a standard error that accounts for correlation.
 
-    error² = s² 2τ/N with the integrated autocorrelation time τ = ½ + Σ ρ_l, summed to the first lag above 5τ
-    (A. Sokal, doi:10.1007/978-1-4899-0319-8_6); s² is corrected for the mean's own scatter.
+    error² = s² 2τ/N with the integrated autocorrelation time τ = ½ + Σ ρ_l, summed up to the first lag above 5τ
+    (A. Sokal, doi:10.1007/978-1-4899-0319-8_6); s² is corrected for the scatter of the mean.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def steady_mean(values) -> Mean:
     >>> abs(found.mean) < 3 * found.error + 0.01
     True
     """
-    x = _series(values, least=8)
+    x = _check_series(values, least=8)
     n, mean = len(x), float(x.mean())
     rest = x - mean
     variance = float(rest @ rest) / n
@@ -65,16 +65,16 @@ def steady_mean(values) -> Mean:
 
 
 def steady_start(values, *, batch: int = 5) -> int:
-    """Index from which a series that starts with a transient is best taken as steady.
+    """Index from which a series with an initial transient can be considered steady.
 
-    The cut d that makes Σ_{i≥d} (x_i − mean)²/(N − d)² least, over means of `batch` values and at most half of the
-    series (MSER; K. P. White, doi:10.1177/003754979706900601).
+    The cut d minimises Σ_{i≥d} (x_i − mean)²/(N − d)², over means of `batch` values and at most half of the series
+    (MSER; K. P. White, doi:10.1177/003754979706900601).
 
     Parameters
     ----------
     values : (N,), evenly sampled
     """
-    x = _series(values, least=4 * batch)
+    x = _check_series(values, least=4 * batch)
     means = x[: len(x) // batch * batch].reshape(-1, batch).mean(axis=1)[::-1]
     count = np.arange(1, len(means) + 1)
     spread = np.maximum(np.cumsum(means**2) - np.cumsum(means) ** 2 / count, 0.0)
@@ -83,18 +83,18 @@ def steady_start(values, *, batch: int = 5) -> int:
 
 
 def healing(hold, excess) -> Healing:
-    """Straight line through peak excess against ln(hold time), by least squares, with Student's 95 % interval.
+    """Least-squares fit of peak excess against ln(hold time), with Student's 95 % interval.
 
     Parameters
     ----------
     hold : (K,) positive, K ≥ 3 [time]
-    excess : (K,) peak friction above the steady one
+    excess : (K,) peak friction above steady friction
     """
     hold, excess = np.asarray(hold, float), np.asarray(excess, float)
     if hold.shape != excess.shape or hold.ndim != 1 or len(np.unique(hold)) < 3:
-        raise ValueError(f"{len(np.unique(hold))} different holds were given: a line with an interval needs three")
+        raise ValueError(f"{len(np.unique(hold))} different holds were given: a fit with an interval needs three")
     if not (np.isfinite(excess).all() and (hold > 0).all() and np.isfinite(hold).all()):
-        raise ValueError("holds must be positive and finite, and so must peaks be finite: leave the others out")
+        raise ValueError("holds must be positive and finite, and peaks must be finite: leave others out")
     x = np.log(hold) - np.log(hold).mean()
     slope = float(x @ excess / (x @ x))
     rest = excess - excess.mean() - slope * x
@@ -104,14 +104,14 @@ def healing(hold, excess) -> Healing:
     return Healing(slope, intercept, error, (slope - reach, slope + reach))
 
 
-def hold_response(time, friction, legs, *, before: float = 0.2) -> Held:
-    """Drop in and peak after every hold of a record: steady friction is the mean over the last share of the leg before.
+def hold_response(time, friction, legs, *, before: float = 0.2) -> HoldResponse:
+    """Drop of friction during every hold of a record, and peak after it.
 
     Parameters
     ----------
-    time, friction : (N,), from the start of the legs on
-    legs : of the load point; a hold is a leg of velocity 0 between two others
-    before : the share
+    time, friction : (N,), from the start of the legs
+    legs : legs of the load point; a hold is a leg of velocity 0 between two others
+    before : fraction of the leg before a hold, at its end, over which steady friction is averaged
     """
     time, friction = np.asarray(time, float), np.asarray(friction, float)
     ends = np.cumsum([leg.duration for leg in legs])
@@ -124,19 +124,19 @@ def hold_response(time, friction, legs, *, before: float = 0.2) -> Held:
         within, after = friction[(time > start) & (time <= stop)], friction[(time > stop) & (time <= ends[k + 1])]
         if not (len(prior) and len(within) and len(after)):
             raise ValueError(
-                f"the record has no samples before, in or after the hold at time {start:g}: sample it denser"
+                f"the record has no samples before, in or after the hold at time {start:g}: use a higher sampling rate"
             )
         level = float(prior.mean())
         found.append((legs[k].duration, level, level - float(within[-1]), float(after.max()) - level))
     if not found:
-        raise ValueError("the legs have no hold (velocity 0) between two others: nothing to measure")
-    return Held(*np.array(found).T)
+        raise ValueError("the legs contain no hold (velocity 0) between two others: there is nothing to measure")
+    return HoldResponse(*np.array(found).T)
 
 
-def _series(values, least: int) -> np.ndarray:
+def _check_series(values, least: int) -> np.ndarray:
     x = np.asarray(values, float)
     if x.ndim != 1 or len(x) < least:
-        raise ValueError(f"values have shape {x.shape}: give one row of at least {least}")
+        raise ValueError(f"values have shape {x.shape}: give a one-dimensional array of at least {least}")
     if not np.isfinite(x).all():
-        raise ValueError("the series holds values that are not finite: leave them out")
+        raise ValueError("the series contains values that are not finite: leave them out")
     return x

@@ -1,4 +1,4 @@
-"""What a fit compares: data, and the friction that parameters give for them."""
+"""Data for fits, and model friction for given parameters."""
 
 from itertools import pairwise
 from typing import NamedTuple
@@ -7,7 +7,7 @@ import numpy as np
 
 from ..core.readable import readable
 from . import kernel
-from .loads import check_times, columns
+from .loads import check_times, leg_arrays
 from .ratestate import LAWS
 
 TOLERANCE = 1e-10
@@ -15,23 +15,23 @@ NAMES = ("a", "b", "dc", "mu0", "stiffness", "damping", "alpha", "theta", "trend
 FIT = ("a", "b", "dc", "mu0")  # free unless fixed
 DEFAULTS = {"damping": 0.0, "alpha": 0.0, "theta": 1.0, "trend": 0.0}
 LOGARITHMIC = ("a", "b", "dc", "stiffness", "damping", "alpha", "theta")
-OWN = ("mu0", "theta", "trend")  # by default each of several data sets has its own
+OWN = ("mu0", "theta", "trend")  # by default separate for each of several data sets
 
 
 @readable
 class Data(NamedTuple):
-    """A record of friction, with what drove it: legs of the load point, or the slip velocity of the surface itself."""
+    """A record of friction and its loading: legs of the load point, or the measured slip velocity."""
 
-    time: np.ndarray  # (N,) increasing, from the start of the legs on [time]
+    time: np.ndarray  # (N,) increasing, from the start of the legs [time]
     friction: np.ndarray  # (N,)
-    legs: tuple = ()  # of the load point, see `LoadStep`; the spring then stands between load point and surface
+    legs: tuple = ()  # of the load point, see `LoadStep`; it pulls the surface through the spring
     velocity: np.ndarray | None = None  # (N,) measured slip velocity, positive; instead of legs [length/time]
-    sigma: np.ndarray | None = None  # (N,) relative size of the noise; None if it is the same everywhere
+    sigma: np.ndarray | None = None  # (N,) relative size of the noise; None if it is uniform
     before: float | None = None  # slip velocity before the start; None for that of the first leg [length/time]
 
 
 class Prepared(NamedTuple):
-    """Data as kernels take them."""
+    """Data as arrays for kernels."""
 
     time: np.ndarray
     friction: np.ndarray
@@ -39,24 +39,24 @@ class Prepared(NamedTuple):
     legs: tuple[np.ndarray, np.ndarray, np.ndarray] | None
     velocity: np.ndarray | None
     sigma: np.ndarray
-    used: np.ndarray  # (N,) which samples count
+    used: np.ndarray  # (N,) True for samples that are fitted
     before: float
 
     @property
     def pieces(self) -> list[slice]:
-        """Runs of samples that count, without gaps, as slices of those samples."""
+        """Contiguous runs of fitted samples, as slices of those samples."""
         marks = np.flatnonzero(self.used)
         cuts = np.flatnonzero(np.diff(marks) > 1) + 1
         edges = [0, *cuts.tolist(), len(marks)]
         return [slice(i, j) for i, j in pairwise(edges)]
 
 
-def prepared(data: Data, windows=None) -> Prepared:
-    """Check data and turn them into arrays.
+def prepare(data: Data, windows=None) -> Prepared:
+    """Check data and convert them to arrays.
 
     Parameters
     ----------
-    windows : pairs of times; only samples within one of them count. None for all
+    windows : pairs of times; only samples within one of them are fitted. None for all
     """
     time, friction = np.asarray(data.time, float), np.asarray(data.friction, float)
     check_times(time)
@@ -66,8 +66,8 @@ def prepared(data: Data, windows=None) -> Prepared:
     if sigma.shape != time.shape or not ((sigma > 0) & np.isfinite(sigma)).all():
         raise ValueError(f"sigma must be {len(time)} positive numbers, one for each time, or None")
     if (data.velocity is None) == (len(data.legs) == 0):
-        raise ValueError("data need either legs of the load point or the measured slip velocity: give one of them")
-    used = np.ones(len(time), bool) if windows is None else _within(time, windows)
+        raise ValueError("data need either legs of the load point or the measured slip velocity: give exactly one")
+    used = np.ones(len(time), bool) if windows is None else _in_windows(time, windows)
     if used.sum() < 8:
         raise ValueError(f"only {used.sum()} samples are used: a fit needs at least 8, give wider windows or more data")
     if data.velocity is not None:
@@ -79,7 +79,7 @@ def prepared(data: Data, windows=None) -> Prepared:
         mean = 0.5 * (velocity[1:] + velocity[:-1])
         place = np.r_[0.0, np.cumsum(mean * np.diff(time))]
         return Prepared(time, friction, place, None, velocity, sigma, used, data.before or float(velocity[0]))
-    duration, speed, normal = columns(data.legs)
+    duration, speed, normal = leg_arrays(data.legs)
     ends = np.cumsum(duration)
     if time[0] < 0 or time[-1] > ends[-1] * (1 + 1e-9):
         raise ValueError(
@@ -92,7 +92,7 @@ def prepared(data: Data, windows=None) -> Prepared:
     return Prepared(np.minimum(time, ends[-1]), friction, place, (duration, speed, normal), None, sigma, used, before)
 
 
-def _within(time, windows) -> np.ndarray:
+def _in_windows(time, windows) -> np.ndarray:
     used = np.zeros(len(time), bool)
     for window in windows:
         if len(window) != 2 or not window[0] < window[1]:
@@ -101,24 +101,24 @@ def _within(time, windows) -> np.ndarray:
     return used
 
 
-def modelled(case: Prepared, values: dict, law: str, tolerance: float = TOLERANCE) -> np.ndarray | None:
-    """Friction at all samples; None if the slider runs away.
+def model_friction(case: Prepared, values: dict, law: str, tolerance: float = TOLERANCE) -> np.ndarray | None:
+    """Model friction at all samples, or None if the slider runs away.
 
     Parameters
     ----------
-    values : of a, b, dc, mu0, v0, stiffness, damping, alpha, theta (at the start over the steady one) and trend
+    values : a, b, dc, mu0, v0, stiffness, damping, alpha, theta (initial over steady state) and trend
     """
     v = values
     start = np.log(v["theta"] * v["v0"] / case.before)
     if case.legs is None:
         mean = 0.5 * (case.velocity[1:] + case.velocity[:-1])
-        f = kernel.states(start, np.diff(case.time), mean, v["v0"], v["dc"], LAWS[law])
+        f = kernel.state_history(start, np.diff(case.time), mean, v["v0"], v["dc"], LAWS[law])
         w = np.log(case.velocity / v["v0"])
         return v["mu0"] + v["a"] * w + v["b"] * np.r_[start, f] + v["trend"] * case.place
     p = np.array([v["a"], v["b"], v["dc"], v["mu0"], v["v0"], v["stiffness"], v["damping"], LAWS[law]], float)
     w = np.log(case.before / v["v0"])
     duration, speed, normal = case.legs
-    out, code, _ = kernel.follow(w, start, p, v["alpha"], duration, speed, normal, normal[0], case.time, tolerance)
+    out, code, _ = kernel.integrate(w, start, p, v["alpha"], duration, speed, normal, normal[0], case.time, tolerance)
     if code != kernel.DONE or not np.isfinite(out).all():
         return None
     return v["mu0"] + v["a"] * out[:, 0] + v["b"] * out[:, 1] + v["trend"] * case.place

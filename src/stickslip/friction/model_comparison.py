@@ -1,4 +1,4 @@
-"""Which of two fits of the same data is the better one, if the data can tell."""
+"""Comparison of two fits of the same data."""
 
 from typing import NamedTuple
 
@@ -7,32 +7,32 @@ import numpy as np
 from ..core.readable import readable
 from .fitting import Fit
 
-STRONG = 6.0  # difference of AIC from which on it counts: a ratio of likelihoods of 20
-FAR = 1.96  # of Vuong's statistic, two-sided 95 %
+STRONG = 6.0  # smallest significant difference of AIC: a likelihood ratio of 20
+FAR = 1.96  # smallest significant value of Vuong's statistic, two-sided 95 %
 
 
 @readable
 class LawComparison(NamedTuple):
-    """Two fits beside each other."""
+    """Result of a comparison of two fits."""
 
     preferred: str | None  # law, or None if the data do not discriminate
     delta_aic: float  # AIC of the other minus that of the better one, ≥ 0
     evidence: float  # exp(ΔAIC/2)
-    vuong: float  # positive if the first one is better
+    vuong: float  # positive if the first fit is better
     sentence: str
 
 
 def compare_laws(first: Fit, second: Fit) -> LawComparison:
-    """Do the data discriminate between two fits?
+    """Test whether the data discriminate between two fits.
 
-    ΔAIC says which one is nearer to the data; the laws are not nested and both may be wrong, so that the difference
-    must also exceed its own scatter: Vuong's z = Σ d/(√N s_d), with d the difference of log-likelihood sample by sample
-    (doi:10.2307/1912557). The verdict needs ΔAIC ≥ 6 and |z| ≥ 1.96.
+    ΔAIC shows which fit is closer to the data. The laws are not nested and both may be wrong, so the difference must
+    also exceed its own scatter: Vuong's z = Σ d/(√N s_d), with d the difference of log-likelihood per sample
+    (doi:10.2307/1912557). A preference requires ΔAIC ≥ 6 and |z| ≥ 1.96.
 
     Raises
     ------
     ValueError
-        if the fits are not of the same samples.
+        if the fits do not use the same samples.
     """
     same = len(first.models) == len(second.models) and first.samples == second.samples
     for one, other in zip(first.residuals, second.residuals, strict=False):

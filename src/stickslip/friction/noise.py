@@ -1,9 +1,9 @@
-"""Noise that remembers: autoregressive models of residuals, and how to make them white."""
+"""Correlated noise: autoregressive models of residuals, and whitening filters."""
 
 import numpy as np
 from scipy.linalg import cholesky, toeplitz
 
-MOST = 4  # orders that are tried
+MOST = 4  # largest order
 WHITE = (np.zeros(0), np.zeros((0, 0)))
 
 
@@ -16,21 +16,22 @@ def autocovariance(pieces, lags: int) -> np.ndarray:
 
 
 def autoregression(pieces, most: int = MOST, *, taken=()) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients φ of r_i = Σ φ_m r_{i−m} + e_i, of the order that BIC prefers, and the head of the whitening.
+    """Coefficients φ of r_i = Σ φ_m r_{i−m} + e_i, with the order selected by BIC, and head of the whitening filter.
 
-    By Levinson's recursion from the autocovariance (Yule and Walker). What a fit has taken out of the noise is added:
-    residuals of generalised least squares have the covariance Σ − J C Jᵀ, with C that of the parameters, so that noise
-    looks faster than it is.
+    Uses Levinson's recursion on the autocovariance (Yule and Walker). Noise absorbed by a fit is added: residuals of
+    generalised least squares have the covariance Σ − J C Jᵀ, with C that of the parameters, which makes noise look less
+    correlated than it is.
 
     Parameters
     ----------
     pieces : residuals without gaps, each (n_i,)
-    taken : columns g, each in the same pieces, with Σ_k g_k g_kᵀ = J C Jᵀ; none if the pieces are the noise itself
+    taken : columns g, each in the same pieces, with Σ_k g_k g_kᵀ = J C Jᵀ; empty if the pieces are the noise itself
 
     Returns
     -------
     φ : (p,)
-    head : (p, p) lower triangular; it makes the first p values white, L⁻¹ with LLᵀ their covariance over e's variance
+    head : (p, p) lower triangular matrix that whitens the first p values: L⁻¹, with LLᵀ their covariance over the
+        variance of e
     """
     total = sum(len(r) for r in pieces)
     lags = min(most, max(total // 20, 0))
@@ -53,12 +54,12 @@ def autoregression(pieces, most: int = MOST, *, taken=()) -> tuple[np.ndarray, n
 
 
 def whitened(rows, noise, pieces) -> np.ndarray:
-    """Rows (N, …) of a series, filtered so that such noise becomes white with the variance of e.
+    """Rows (N, …) of a series, filtered so that the noise becomes white with the variance of e.
 
     Parameters
     ----------
     noise : φ and head, from `autoregression`
-    pieces : slices of the rows without gaps, which cover all
+    pieces : slices of contiguous rows, which together cover all rows
     """
     phi, head = noise
     out = np.array(rows, float)
@@ -74,16 +75,16 @@ def whitened(rows, noise, pieces) -> np.ndarray:
     return out
 
 
-def effective(noise, total: int) -> float:
-    """How many independent samples tell as much about a mean as `total` with this noise."""
+def effective_samples(noise, total: int) -> float:
+    """Number of independent samples with the same information about a mean as `total` samples with this noise."""
     phi, head = noise
     if len(phi) == 0:
         return float(total)
     return min(total / head[0, 0] ** 2 * (1 - phi.sum()) ** 2, float(total))
 
 
-def log_head(noise, pieces) -> float:
-    """What the heads of the pieces add to ln of the noise's volume."""
+def log_head_volume(noise, pieces) -> float:
+    """Contribution of the heads of the pieces to the log-determinant of the noise."""
     phi, head = noise
     logs = -np.cumsum(np.log(np.diag(head))) if len(phi) else np.zeros(0)
     return sum(float(logs[min(len(phi), piece.stop - piece.start) - 1]) for piece in pieces) if len(phi) else 0.0

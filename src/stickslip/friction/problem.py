@@ -1,4 +1,4 @@
-"""The least-squares problem behind a fit: residuals, their Jacobian, the search for the lowest valley."""
+"""Least-squares problem of a fit: residuals, their Jacobian, and the search for the best minimum."""
 
 from typing import NamedTuple
 
@@ -6,52 +6,52 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from .identifiability import WIDEST
-from .initial_guess import starts
-from .model import DEFAULTS, LOGARITHMIC, Prepared, modelled
+from .initial_guess import initial_guesses
+from .model import DEFAULTS, LOGARITHMIC, Prepared, model_friction
 from .noise import WHITE, whitened
 
 BLANK = {"a": 1.0, "b": 0.0, "dc": 1.0, "mu0": 0.0, "stiffness": 1.0, **DEFAULTS}  # before the coarse search
-STEP = 1e-5  # of logarithms, in differences; the model is exact to 1e-9
-FAR = 1e3  # residual over the record's scatter where the slider runs away
-SAME = 1e-4  # share by which sums of squares differ in the same valley
-FARTHEST = 7.0  # that a logarithm moves from where it starts: a factor of a thousand
-WIDE = 0.3  # half width of an interval of a logarithm from which on its ends are looked at
+STEP = 1e-5  # step of logarithms for finite differences; the model is accurate to 1e-9
+RUNAWAY_RESIDUAL = 1e3  # residual over the record's scatter if the slider runs away
+SAME = 1e-4  # relative difference of sums of squares within one minimum
+MAX_SHIFT = 7.0  # largest change of a logarithm from its initial guess: a factor of a thousand
+WIDE = 0.3  # half width of the interval of a logarithm above which its ends are checked
 
 
 class Task(NamedTuple):
-    """A fit: which numbers of the vector x are which parameter of which record."""
+    """A fit: records, law, and the mapping from the vector x to parameters of each record."""
 
     cases: list[Prepared]
     law: str
-    names: tuple[str, ...]  # one for each number
-    slots: list[dict]  # for each record: name → place in x
+    names: tuple[str, ...]  # one for each entry of x
+    slots: list[dict]  # for each record: name → index in x
     fixed: dict
     scatter: float  # of friction in the records
 
     @property
     def logs(self) -> np.ndarray:
-        """Which numbers are logarithms."""
+        """Mask of the entries of x that are logarithms."""
         return np.array([label.split("[")[0] in LOGARITHMIC for label in self.names])
 
 
-def values_of(task: Task, x, number: int) -> dict:
-    """All parameters of one record, by name."""
+def parameters_of(task: Task, x, number: int) -> dict:
+    """Parameters of one record, by name."""
     found = {name: float(x[k]) for name, k in task.slots[number].items()}
     return task.fixed | {k: float(np.exp(v)) if k in LOGARITHMIC else v for k, v in found.items()}
 
 
 def residual(task: Task, x) -> np.ndarray:
-    """(data − model)/sigma of all samples that count."""
+    """Residual (data − model)/sigma of all fitted samples."""
     out = []
     for number, case in enumerate(task.cases):
-        model = modelled(case, values_of(task, x, number), task.law)
-        rest = np.full(len(case.time), FAR * task.scatter) if model is None else case.friction - model
+        model = model_friction(case, parameters_of(task, x, number), task.law)
+        rest = np.full(len(case.time), RUNAWAY_RESIDUAL * task.scatter) if model is None else case.friction - model
         out.append((rest / case.sigma)[case.used])
     return np.concatenate(out)
 
 
 def jacobian(task: Task, x, *, central: bool = False) -> np.ndarray:
-    """d residual/dx: exact for the trend, and for μ0 where normal stress is constant, else by differences."""
+    """Jacobian d residual/dx: exact for the trend, and for μ0 at constant normal stress, else by finite differences."""
     base = None if central else residual(task, x)
     out = np.zeros((sum(int(c.used.sum()) for c in task.cases), len(x)))
     for k, label in enumerate(task.names):
@@ -74,7 +74,7 @@ def jacobian(task: Task, x, *, central: bool = False) -> np.ndarray:
 
 
 def pieces(task: Task) -> list[slice]:
-    """Runs of samples without gaps, over all records."""
+    """Contiguous runs of samples over all records."""
     out, row = [], 0
     for case in task.cases:
         out += [slice(row + piece.start, row + piece.stop) for piece in case.pieces]
@@ -82,16 +82,16 @@ def pieces(task: Task) -> list[slice]:
     return out
 
 
-def filtered(task: Task, x, filters) -> np.ndarray:
-    """The residual as white noise."""
+def filtered_residual(task: Task, x, filters) -> np.ndarray:
+    """Whitened residual."""
     return whitened(residual(task, x), filters, pieces(task))
 
 
 def solve(task: Task, x, filters, most: int = 60, held: int | None = None, close: float = 1e-10):
-    """Least squares from x on, with one number held where it is if asked for."""
+    """Solve the least-squares problem from x, optionally with one entry held fixed."""
     runs = pieces(task)
     moves = np.array([k != held for k in range(len(x))])
-    span = np.array([FARTHEST if label.split("[")[0] in LOGARITHMIC else np.inf for label in task.names])[moves]
+    span = np.array([MAX_SHIFT if label.split("[")[0] in LOGARITHMIC else np.inf for label in task.names])[moves]
 
     def whole(y):
         return np.where(moves, np.insert(y, held, 0.0) if held is not None else y, x)
@@ -109,11 +109,11 @@ def solve(task: Task, x, filters, most: int = 60, held: int | None = None, close
     )
 
 
-def best(task: Task) -> tuple[np.ndarray, int]:
-    """The lowest of the valleys that the coarse search leads to."""
+def find_best(task: Task) -> tuple[np.ndarray, int]:
+    """Best minimum reached from the initial guesses."""
     free = {label.split("[")[0] for label in task.names}
     found, count = [], 0
-    for start in starts(task.cases, task.law, free, {**BLANK, **task.fixed}):
+    for start in initial_guesses(task.cases, task.law, free, {**BLANK, **task.fixed}):
         x = np.zeros(len(task.names))
         for slot, linear in zip(task.slots, start["linear"], strict=True):
             extra = dict(zip([n for n in ("mu0", "trend") if n in free], linear, strict=True))
@@ -124,7 +124,7 @@ def best(task: Task) -> tuple[np.ndarray, int]:
         again = any(abs(solved.cost - cost) < SAME * cost for cost, _ in found)
         found.append((solved.cost, solved.x))
         if again and solved.cost <= min(cost for cost, _ in found) * (1 + SAME):
-            break  # two ways led to the lowest valley
+            break  # two guesses led to the best minimum
     if not found:
         raise RuntimeError(
             "the slider runs away with all parameters that were tried: give the damping, or the stiffness"
@@ -134,10 +134,11 @@ def best(task: Task) -> tuple[np.ndarray, int]:
     return solved.x, count + solved.nfev
 
 
-def open_sides(task: Task, x, filters, worst: float, half) -> dict:
-    """Where a wide interval does not end: far beyond it, with all else fitted again, the data are met as well.
+def find_open_sides(task: Task, x, filters, worst: float, half) -> dict:
+    """Find unbounded sides of wide intervals, where far values fit equally well if all other parameters are refitted.
 
-    Intervals follow from slopes at the best point. As k → ∞, say, those vanish while the sum of squares stays finite.
+    Intervals follow from derivatives at the best point. As k → ∞, for example, these vanish while the sum of squares
+    stays finite.
     """
     out, runs = {}, pieces(task)
     cost = float(np.sum(whitened(residual(task, x), filters, runs) ** 2))

@@ -1,7 +1,7 @@
-"""Rate-and-state friction: a slider on a spring under any load history, and friction at a prescribed slip velocity.
+"""Rate-and-state friction: a spring-slider under any load history, and friction at a prescribed slip velocity.
 
-μ = μ0 + a ln(V/V0) + b ln(V0 θ/D_c), with the state θ by the aging law (Dieterich 1979, doi:10.1029/JB084iB05p02161) or
-the slip law (Ruina 1983, doi:10.1029/JB088iB12p10359).
+μ = μ0 + a ln(V/V0) + b ln(V0 θ/D_c), where the state θ follows the aging law (Dieterich 1979,
+doi:10.1029/JB084iB05p02161) or the slip law (Ruina 1983, doi:10.1029/JB088iB12p10359).
 """
 
 from enum import Enum
@@ -11,18 +11,18 @@ import numpy as np
 
 from ..core.readable import readable
 from . import kernel
-from .loads import check_times, columns
+from .loads import check_times, leg_arrays
 
 LAWS = {"aging": kernel.AGING, "slip": kernel.SLIP}
-EARLY, POINTS = 1e-5, 60  # default times of a leg: from this share of it on, this many each in logarithm and in time
+EARLY, POINTS = 1e-5, 60  # default times of a leg: first fraction of it, and number on a logarithmic and a linear grid
 
 
 @readable
 class RateState(NamedTuple):
-    """Parameters of a surface.
+    """Rate-and-state parameters of a surface.
 
-    μ = μ0 + a ln(V/V0) + b ln(V0 θ/D_c); aging θ' = 1 − Vθ/D_c, slip θ' = −(Vθ/D_c) ln(Vθ/D_c), both with
-    −(α/b) θ σ'/σ added where the normal stress σ changes (Linker and Dieterich 1992, doi:10.1029/92JB00017).
+    μ = μ0 + a ln(V/V0) + b ln(V0 θ/D_c); aging law θ' = 1 − Vθ/D_c, slip law θ' = −(Vθ/D_c) ln(Vθ/D_c). If the normal
+    stress σ changes, −(α/b) θ σ'/σ is added to both (Linker and Dieterich 1992, doi:10.1029/92JB00017).
 
     Examples
     --------
@@ -34,55 +34,49 @@ class RateState(NamedTuple):
     b: float
     dc: float  # [length]
     mu0: float = 0.6
-    v0: float = 1e-6  # at which steady friction is mu0 [length/time]
+    v0: float = 1e-6  # velocity at which steady friction is mu0 [length/time]
     law: str = "aging"  # or "slip"
     alpha: float = 0.0
 
 
 @readable
 class Spring(NamedTuple):
-    """What drives the slider: n μ = k (x_lp − x) − η V, with n the normal stress over its reference."""
+    """Spring that drives the slider: n μ = k (x_lp − x) − η V, with n the normal stress over its reference."""
 
     stiffness: float  # k, stress per displacement over the reference normal stress [1/length]
     damping: float = 0.0  # η, radiation damping over the reference normal stress; 0 is quasi-static [time/length]
 
 
 class End(Enum):
-    """How a history ended; each member is a sentence."""
+    """Reason why a history ended; each member is a sentence."""
 
     DONE = "the history reached its end"
     RUNAWAY = "slip ran away, as it does below the critical stiffness: use a stiffer spring, or damping > 0"
-    STEPS_SPENT = "the integration used up its steps between two samples: loosen the tolerance, or ask for more samples"
+    STEPS_SPENT = "the integration used up its steps between two samples: loosen the tolerance, or request more samples"
 
 
 @readable
 class SlipHistory(NamedTuple):
-    """A slider's history at N times; after a failure, up to the last time that was reached."""
+    """History of a slider at N times; after a failure, up to the last time reached."""
 
     time: np.ndarray
     load_point: np.ndarray  # displacement since the start [length]
     slip: np.ndarray  # [length]
     velocity: np.ndarray  # of slip
     theta: np.ndarray  # [time]
-    friction: np.ndarray  # μ(V, θ); the spring's own is this + η V/n
-    normal: np.ndarray  # normal stress over its reference; at a jump the value before it
+    friction: np.ndarray  # μ(V, θ); the spring force over n is this + η V/n
+    normal: np.ndarray  # normal stress over its reference; at a jump, the value before it
     end: End = End.DONE
     reached: float = 0.0  # time at which the history ended
 
     @property
     def ok(self) -> bool:
-        """Whether the history is complete."""
+        """Return True if the history is complete."""
         return self.end is End.DONE
 
 
 def check(rs: RateState) -> None:
-    """Refuse parameters that no surface can have.
-
-    Raises
-    ------
-    ValueError
-        with one sentence.
-    """
+    """Raise ValueError if the parameters of a surface are not valid."""
     if rs.law not in LAWS:
         raise ValueError(f"law = {rs.law!r} was given: use 'aging' or 'slip'")
     for name in ("a", "dc", "v0"):
@@ -94,7 +88,7 @@ def check(rs: RateState) -> None:
     if not np.isfinite(rs.mu0):
         raise ValueError(f"mu0 = {rs.mu0} was given: use a finite number")
     if rs.alpha > 0 and rs.b == 0:
-        raise ValueError(f"alpha = {rs.alpha} was given with b = 0: normal stress acts through the state, use b > 0")
+        raise ValueError(f"alpha = {rs.alpha} was given with b = 0: normal stress acts on the state, use b > 0")
 
 
 def spring_slider(
@@ -107,23 +101,24 @@ def spring_slider(
     theta: float | None = None,
     tolerance: float = 1e-10,
 ) -> SlipHistory:
-    """The history of a slider that a spring pulls.
+    """History of a slider pulled by a spring.
 
-    (n a + η V) d ln V/dt = k (V_lp − V) − n b d ln θ/dt, with θ' of the law; ln V and ln θ are integrated with a stiff
-    method that starts anew at every leg. Quasi-static with η = 0: then slip below the critical stiffness may run away.
+    (n a + η V) d ln V/dt = k (V_lp − V) − n b d ln θ/dt, with θ' given by the law. ln V and ln θ are integrated with a
+    stiff method that restarts at every leg. With η = 0 the motion is quasi-static, and slip below the critical
+    stiffness may run away.
 
     Parameters
     ----------
     legs : of the load point, see `LoadStep`, `velocity_steps`, `slide_hold_slide` and `load_steps`
-    times : (N,) ascending, within the legs; without them about 120 for each leg, dense at its start [time]
-    before : slip velocity at the start; without it, that of the first leg [length/time]
-    theta : state at the start; without it, the steady one, D_c/V [time]
+    times : (N,) ascending, within the legs; default: about 120 per leg, dense at its start [time]
+    before : initial slip velocity; default: that of the first leg [length/time]
+    theta : initial state; default: the steady state D_c/V [time]
     tolerance : error of ln V and ln θ in each step
 
     Raises
     ------
     ValueError
-        if parameters, legs or times make no sense; a slip that runs away is no error: see `History.end`.
+        if parameters, legs or times are not valid. Runaway slip is not an error, see `SlipHistory.end`.
 
     Examples
     --------
@@ -134,7 +129,7 @@ def spring_slider(
     -0.011513
     """
     check(rs)
-    duration, velocity, normal = columns(legs)
+    duration, velocity, normal = leg_arrays(legs)
     check_spring(spring)
     start = float(velocity[0]) if before is None else before
     if not (start > 0 and np.isfinite(start)):
@@ -142,33 +137,33 @@ def spring_slider(
     if theta is not None and not (theta > 0 and np.isfinite(theta)):
         raise ValueError(f"theta = {theta} was given: use a positive, finite number")
     ends = np.cumsum(duration)
-    times = _default_times(duration, ends) if times is None else _checked_times(times, ends[-1])
+    times = _default_times(duration, ends) if times is None else _times_within(times, ends[-1])
     w, f = np.log(start / rs.v0), np.log(rs.v0 * (theta or rs.dc / start) / rs.dc)
-    p = numbers(rs, spring)
-    out, code, reached = kernel.follow(w, f, p, rs.alpha, duration, velocity, normal, normal[0], times, tolerance)
+    p = kernel_parameters(rs, spring)
+    out, code, reached = kernel.integrate(w, f, p, rs.alpha, duration, velocity, normal, normal[0], times, tolerance)
     kept = ~np.isnan(out[:, 0])
     factor = normal[np.minimum(np.searchsorted(ends, times[kept]), len(ends) - 1)]
     place = np.interp(times[kept], np.r_[0.0, ends], np.r_[0.0, np.cumsum(duration * velocity)])
-    return _history(rs, spring, times[kept], place, out[kept], factor, (w, f, normal[0]))._replace(
+    return _build_history(rs, spring, times[kept], place, out[kept], factor, (w, f, normal[0]))._replace(
         end=tuple(End)[code], reached=float(reached)
     )
 
 
-def numbers(rs: RateState, spring: Spring) -> np.ndarray:
-    """What the kernel takes."""
+def kernel_parameters(rs: RateState, spring: Spring) -> np.ndarray:
+    """Parameters as an array for kernels."""
     return np.array([rs.a, rs.b, rs.dc, rs.mu0, rs.v0, spring.stiffness, spring.damping, LAWS[rs.law]], float)
 
 
 def check_spring(spring: Spring) -> None:
-    """Refuse a spring that cannot be."""
+    """Raise ValueError if the parameters of a spring are not valid."""
     if not (spring.stiffness > 0 and np.isfinite(spring.stiffness)):
         raise ValueError(f"stiffness = {spring.stiffness} was given: use a positive, finite number [1/length]")
     if not (spring.damping >= 0 and np.isfinite(spring.damping)):
         raise ValueError(f"damping = {spring.damping} was given: use 0 (quasi-static) or a positive, finite number")
 
 
-def _history(rs, spring, time, place, out, normal, start) -> SlipHistory:
-    """All columns from ln(V/V0) and ln(V0 θ/D_c); slip from the spring's force, which the friction balances."""
+def _build_history(rs, spring, time, place, out, normal, start) -> SlipHistory:
+    """Compute all columns from ln(V/V0) and ln(V0 θ/D_c); slip follows from the balance of spring and friction."""
     w, f = out.T
     velocity, friction = rs.v0 * np.exp(w), rs.mu0 + rs.a * w + rs.b * f
     w0, f0, n0 = start
@@ -177,13 +172,13 @@ def _history(rs, spring, time, place, out, normal, start) -> SlipHistory:
     return SlipHistory(time, place, slip, velocity, rs.dc / rs.v0 * np.exp(f), friction, normal)
 
 
-def _checked_times(times, end: float) -> np.ndarray:
+def _times_within(times, end: float) -> np.ndarray:
     times = np.atleast_1d(np.asarray(times, float))
     if len(times) > 1:
         check_times(times)
     slack = 1e-9 * end
     if times[0] < 0 or not times[-1] <= end + slack:
-        raise ValueError(f"times go from {times[0]:g} to {times[-1]:g}: the legs go from 0 to {end:g}, stay within")
+        raise ValueError(f"times go from {times[0]:g} to {times[-1]:g}: use times within the legs, 0 to {end:g}")
     return np.minimum(times, end)
 
 
@@ -194,20 +189,20 @@ def _default_times(duration, ends) -> np.ndarray:
 
 
 def prescribed(rs: RateState, time, velocity, *, theta: float | None = None) -> SlipHistory:
-    """Friction of a surface whose slip velocity is prescribed, piece by piece.
+    """Friction of a surface with prescribed, piecewise constant slip velocity.
 
-    Exact for pieces of constant V: aging θ = D_c/V + (θ₀ − D_c/V) e^{−Vt/D_c}, or θ₀ + t for V = 0; slip
-    ln(Vθ/D_c) ∝ e^{−Vt/D_c}, or θ = θ₀ for V = 0, where friction itself is −∞ and given as NaN.
+    Exact for each piece of constant V: aging law θ = D_c/V + (θ₀ − D_c/V) e^{−Vt/D_c}, or θ₀ + t for V = 0; slip law
+    ln(Vθ/D_c) ∝ e^{−Vt/D_c}, or θ = θ₀ for V = 0, where friction is −∞ and returned as NaN.
 
     Parameters
     ----------
     time : (N + 1,) edges of the pieces, increasing [time]
-    velocity : (N,) of each piece, not negative [length/time]
-    theta : state at time[0]; without it, the steady one of the first piece
+    velocity : (N,) velocity of each piece, not negative [length/time]
+    theta : state at time[0]; default: the steady state of the first piece
 
     Returns
     -------
-    History
+    SlipHistory
         at the N ends of the pieces; `load_point` is the slip.
     """
     check(rs)
@@ -221,7 +216,7 @@ def prescribed(rs: RateState, time, velocity, *, theta: float | None = None) -> 
     if theta is None and velocity[0] == 0:
         raise ValueError("slip starts with velocity 0, where no state is steady: give theta")
     start = rs.dc / velocity[0] if theta is None else theta
-    f = kernel.states(np.log(rs.v0 * start / rs.dc), np.diff(time), velocity, rs.v0, rs.dc, LAWS[rs.law])
+    f = kernel.state_history(np.log(rs.v0 * start / rs.dc), np.diff(time), velocity, rs.v0, rs.dc, LAWS[rs.law])
     slip = np.cumsum(np.diff(time) * velocity)
     moves = velocity > 0
     w = np.where(moves, np.log(np.where(moves, velocity, 1.0) / rs.v0), np.nan)

@@ -1,21 +1,21 @@
-"""Is steady sliding on a spring stable? Critical stiffness and eigenvalues of the linearised slider."""
+"""Stability of steady sliding on a spring: critical stiffness and eigenvalues of the linearised slider."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from .kernel import slopes
-from .ratestate import RateState, Spring, check, check_spring, numbers
+from .kernel import rate_derivatives
+from .ratestate import RateState, Spring, check, check_spring, kernel_parameters
 
 
 class Sliding(NamedTuple):
-    """Steady sliding at one velocity and how a small disturbance of it goes on."""
+    """Steady sliding at one velocity, and the evolution of small disturbances."""
 
     stable: bool
-    critical: float  # stiffness below which it is unstable; not positive if it never is [1/length]
+    critical: float  # stiffness below which it is unstable; not positive if it is always stable [1/length]
     eigenvalues: np.ndarray  # (2,) complex: a disturbance is a sum of e^{λt} [1/time]
-    growth_rate: float  # largest real part; negative if disturbances die out [1/time]
-    frequency: float  # angular, 0 if nothing oscillates [1/time]
+    growth_rate: float  # largest real part; negative if disturbances decay [1/time]
+    frequency: float  # angular, 0 without oscillation [1/time]
     sentence: str
 
 
@@ -27,7 +27,7 @@ def critical_stiffness(rs: RateState, velocity: float = 0.0, damping: float = 0.
 
     Parameters
     ----------
-    velocity : V, of importance with damping only [length/time]
+    velocity : V, relevant only with damping [length/time]
     damping : η over the normal stress [time/length]
 
     Examples
@@ -59,9 +59,9 @@ def steady_sliding(rs: RateState, spring: Spring, velocity: float) -> Sliding:
     check(rs)
     check_spring(spring)
     if not (velocity > 0 and np.isfinite(velocity)):
-        raise ValueError(f"velocity = {velocity} was given: steady sliding needs a positive one")
+        raise ValueError(f"velocity = {velocity} was given: use a positive, finite velocity for steady sliding")
     w = np.log(velocity / rs.v0)
-    ww, wf, fw, ff = slopes(w, -w, numbers(rs, spring), velocity, 1.0)
+    ww, wf, fw, ff = rate_derivatives(w, -w, kernel_parameters(rs, spring), velocity, 1.0)
     values = np.linalg.eigvals(np.array([[ww, wf], [fw, ff]], complex))
     critical = critical_stiffness(rs, velocity, spring.damping)
     growth, frequency = float(values.real.max()), float(np.abs(values.imag).max())
@@ -74,5 +74,5 @@ def _sentence(rs, spring, stable: bool, critical: float, growth: float) -> str:
         return f"steady sliding is stable with any spring: b = {rs.b:g} does not exceed the direct effect"
     ratio = f"stiffness {spring.stiffness:.4g} is {spring.stiffness / critical:.4g} of the critical {critical:.4g}"
     if stable:
-        return f"steady sliding is stable: {ratio}; disturbances die out within {-1 / growth:.4g} (e-fold)"
+        return f"steady sliding is stable: {ratio}; disturbances decay by a factor e in {-1 / growth:.4g}"
     return f"steady sliding is unstable: {ratio}; disturbances grow by a factor e in {1 / max(growth, 1e-300):.4g}"

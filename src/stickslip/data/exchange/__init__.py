@@ -1,1 +1,1 @@
-"""Packings in the formats of other programs: one module a format, `files` sends a path to the one that fits."""
+"""Packings in the formats of other programs: one module per format; `files` selects it from the file extension."""

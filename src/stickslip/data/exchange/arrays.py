@@ -1,4 +1,4 @@
-"""Our own files: an .npz with the arrays of `from_arrays`, and HDF5 archives."""
+"""Files of this package: .npz files with the arrays of `from_arrays`, and HDF5 archives."""
 
 import difflib
 from pathlib import Path
@@ -10,18 +10,18 @@ from ...core.laws.dispatch import Kind
 from ...core.state import State
 from .. import archive
 from ..atomic import beside
-from ..sample import PackingError, law_from
-from .frame import Frame, law_words, unheld, without_walls
+from ..sample import PackingError, law_by_name
+from .frame import Frame, law_to_dict, list_losses, without_walls
 
 REQUIRED = ("position", "radius")
 CONTACTS = ("pair_i", "pair_j", "image", "slip", "mode")
 MOTION = ("velocity", "spin", "angle")
 OPTIONAL = ("mass", "cell", "periodic", *CONTACTS, *MOTION, "external_force", "dim", "i0")
-LAW = ("law", "coulomb", "kn", "kt", "mu", "damping", "damping_n", "damping_t")  # a file may carry its law, too
+LAW = ("law", "coulomb", "kn", "kt", "mu", "damping", "damping_n", "damping_t")  # optional: the law of the packing
 
 
 def write_npz(path: str | Path, frame: Frame) -> list[str]:
-    """Write the arrays of `from_arrays`, and the law if it has one material; returns what they do not hold."""
+    """Write the arrays of `from_arrays`, and the law if it has one material; return notes on what is lost."""
     state, law = frame.state, frame.law
     grains, control, n = state.grains, state.control, len(state.grains.radius)
     pairs, words = without_walls(frame)
@@ -37,33 +37,33 @@ def write_npz(path: str | Path, frame: Frame) -> list[str]:
         arrays["external_force"] = control.force[:n]
     rest = frame._replace(state=state._replace(control=control._replace(force=np.zeros_like(control.force))))
     own = isinstance(law.kind, Kind)
-    lost = unheld(rest, law=len(law.table) > 1 or own)
+    lost = list_losses(rest, law=len(law.table) > 1 or own)
     if len(state.contacts.rolling):
         lost.append("the memory of rolling")
     if law.damping & NO_TENSION:
-        lost.append("that dashpots do not make contacts pull")
+        lost.append("the condition that dashpots do not make contacts pull")
     if len(law.table) == 1 and not own:
         values = law.table[0, 0]
-        arrays |= {k: v for k, v in law_words(law).items() if k in ("law", "coulomb", "damping")}
+        arrays |= {k: v for k, v in law_to_dict(law).items() if k in ("law", "coulomb", "damping")}
         numbers = {"kn": KN, "kt": KT, "mu": MU, "damping_n": DAMPING_N, "damping_t": DAMPING_T}
         arrays |= {name: values[column] for name, column in numbers.items()}
     with beside(Path(path)) as part:
         np.savez(part, **arrays)
-    return words + ([f".npz does not hold {', '.join(lost)}"] if lost else [])
+    return words + ([f".npz does not store {', '.join(lost)}"] if lost else [])
 
 
 def read_npz(path: Path) -> tuple[dict, dict]:
-    """Arrays for `from_arrays`, and options for `law_from`; PackingError in one sentence if it is none of ours."""
+    """Read arrays for `from_arrays` and options for `law_by_name`; PackingError if the file is not such a file."""
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
-    except Exception:  # whatever a damaged archive makes numpy, zipfile and zlib raise
+    except Exception:  # numpy, zipfile and zlib raise various errors for a damaged file
         raise PackingError(f"{path} cannot be read as .npz: write it with numpy.savez, without objects") from None
     known = (*REQUIRED, *OPTIONAL, *LAW)
     for name in arrays:
         if name not in known:
             near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
-            hint = f"did you mean {near[0]!r}?" if near else f"it may hold {', '.join(known)}"
+            hint = f"did you mean {near[0]!r}?" if near else f"it may contain {', '.join(known)}"
             raise PackingError(f"{path} has an array {name!r} that is not known: {hint}")
     for name in REQUIRED:
         if name not in arrays:
@@ -82,10 +82,10 @@ def read_npz(path: Path) -> tuple[dict, dict]:
 
 
 def write_archive(path: str | Path, frames: list[Frame]) -> list[str]:
-    """Write states with everything that they hold, and the law of the first, as an archive."""
+    """Write complete states, and the law of the first, as an archive."""
     path = Path(path)
     if not path.parent.is_dir():
-        raise PackingError(f"the folder {path.parent} does not exist: make it first")
+        raise PackingError(f"the folder {path.parent} does not exist: create it first")
     tree: dict = {"law": frames[0].law}
     if len(frames) == 1:
         tree["state"] = frames[0].state
@@ -96,14 +96,14 @@ def write_archive(path: str | Path, frames: list[Frame]) -> list[str]:
 
 
 def read_archive(path: Path, wanted: str | None) -> list[tuple[str, State, Law | None, list[str]]]:
-    """States of an archive, each with its path in it and the law that stands nearest above it."""
+    """Read the states of an archive, each with its path in the archive and the nearest law above it."""
     tree = archive.read(path)
-    states = dict(_states(tree))
+    states = dict(_find_states(tree))
     if not states:
-        raise PackingError(f"{path} holds no state: give an archive of states, or an .npz")
+        raise PackingError(f"{path} contains no state: give an archive of states, or an .npz")
     some = ", ".join(list(states)[:4]) + (" …" if len(states) > 4 else "")
     if wanted is None and len(states) > 1:
-        raise PackingError(f"{path} holds {len(states)} states: choose one with --frame, from {some}")
+        raise PackingError(f"{path} contains {len(states)} states: choose one with --frame, from {some}")
     if wanted not in (None, "all") and wanted not in states:
         raise PackingError(f"{path} has no state {wanted!r}: it has {some}")
     names = list(states) if wanted in (None, "all") else [wanted]
@@ -118,15 +118,15 @@ def _law_above(tree: dict, name: str) -> Law | None:
     return law
 
 
-def _states(tree: dict, above: str = ""):
-    """Names and values of all states in an archive, however deep."""
+def _find_states(tree: dict, above: str = ""):
+    """Yield the names and values of all states in an archive, at any depth."""
     for name, value in tree.items():
         if isinstance(value, State):
             yield above + name, value
         elif isinstance(value, dict):
-            yield from _states(value, f"{above}{name}/")
+            yield from _find_states(value, f"{above}{name}/")
 
 
-def law_given(options: dict) -> Law:
-    """The law of options that may be None."""
-    return law_from(**{name: value for name, value in options.items() if value is not None})
+def law_from_options(options: dict) -> Law:
+    """Law from options, of which some may be None."""
+    return law_by_name(**{name: value for name, value in options.items() if value is not None})

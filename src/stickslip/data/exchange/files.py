@@ -1,4 +1,4 @@
-"""Packings from files and into files: a path's ending says the format."""
+"""Reading and writing of packings; the file extension selects the format."""
 
 import difflib
 import warnings
@@ -9,12 +9,12 @@ from ...core.contacts.neighbors import updated
 from ...core.laws.builtin import SHARP, Law, alike
 from ...core.state import State
 from ..atomic import check_free
-from ..law_file import law_of_options
-from ..sample import NO_CONTACTS, PackingError, PackingWarning, accepted, from_arrays, law_from
-from .arrays import law_given, read_archive, read_npz, write_archive, write_npz
+from ..law_file import split_law_options
+from ..sample import NO_CONTACTS, PackingError, PackingWarning, accepted, from_arrays, law_by_name
+from .arrays import law_from_options, read_archive, read_npz, write_archive, write_npz
 from .frame import Frame, frame_of
 from .gsd_file import read_gsd, write_gsd
-from .lammps_file import contact_law, read_lammps
+from .lammps_file import complete_law_options, read_lammps
 from .lammps_write import contacts_path, write_lammps
 from .motion import mode_frames, read_mode
 from .vtk_file import vtk_paths, write_vtk
@@ -25,7 +25,7 @@ READ = (".npz", *ARCHIVE, ".gsd", *LAMMPS_DATA, *DUMP)
 SERIES = {".gsd": write_gsd, ".xyz": write_xyz, ".extxyz": write_xyz, ".vtu": write_vtk}
 SINGLE = {".npz": write_npz} | dict.fromkeys(LAMMPS_DATA, write_lammps)
 WRITTEN = (".npz", *ARCHIVE, *SERIES, *LAMMPS_DATA)
-OF_LAMMPS = ("contacts", "columns", "boundary")
+LAMMPS_OPTIONS = ("contacts", "columns", "boundary")
 
 
 def read_packing(path: str | Path, **options) -> tuple[State, Law, list[str]]:
@@ -35,19 +35,24 @@ def read_packing(path: str | Path, **options) -> tuple[State, Law, list[str]]:
 
     Parameters
     ----------
-    law, coulomb, kn, kt, mu, young, poisson, damping, damping_n, damping_t : of `law_from`; None where not given. What
-        is given wins over the file. LAMMPS's files have no law, and contacts of its dumps need all of it
+    law, coulomb, kn, kt, mu, young, poisson, damping, damping_n, damping_t : options of `law_by_name`, or None. They
+        take precedence over the law in the file. LAMMPS files contain no law; contacts from a dump need all of it
     i0 : float, moment of inertia I0 m R²
-    frame : which state: a path in an archive such as main/frames/0.030000, the number of a frame in GSD, a time step in
-        a dump; the last one of these two where it is left out
-    contacts : path of a `dump local` that belongs to the grains, which gives them their memory
-    columns : names of its columns, where it has none: i j dist dx dy dz fx fy fz tx ty tz
-    boundary : three letters as in LAMMPS, such as ppf, where the file does not say what is periodic
+    frame : the state to read: a path in an archive such as main/frames/0.030000, the number of a frame in GSD, or a
+        time step in a dump; for GSD and dumps, the last one by default
+    contacts : path of the `dump local` that belongs to the grains and provides their memory
+    columns : names of its columns, if the file has none: i j dist dx dy dz fx fy fz tx ty tz
+    boundary : three letters as in LAMMPS, such as ppf, if the file does not say what is periodic
 
     Raises
     ------
-    SampleError
-        with one sentence, if a file is not what it should be. A SampleWarning tells what was changed in a packing.
+    PackingError
+        if a file cannot be used; the message is one sentence.
+
+    Warns
+    -----
+    PackingWarning
+        if something in the packing was changed.
 
     Examples
     --------
@@ -62,26 +67,26 @@ def read_packing(path: str | Path, **options) -> tuple[State, Law, list[str]]:
 
 
 def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> list[tuple[str, State, Law, list[str]]]:
-    """All states of a file, each with its name, law and words; options as in `read_packing`."""
+    """Read all states of a file, each with its name, law and notes; options as in `read_packing`."""
     path = Path(path)
     if not path.is_file():
-        raise PackingError(f"{path} is no file: give a packing, {', '.join(READ)}")
+        raise PackingError(f"{path} is not a file: give a packing, {', '.join(READ)}")
     suffix = path.suffix.lower()
     given = {name: value for name, value in options.items() if value is not None}
-    given, own = _own_law(given)
-    i0, of_lammps = given.pop("i0", None), {name: given.pop(name) for name in OF_LAMMPS if name in given}
+    given, own = _law_from_file(given)
+    i0, of_lammps = given.pop("i0", None), {name: given.pop(name) for name in LAMMPS_OPTIONS if name in given}
     if suffix in LAMMPS_DATA + DUMP:
-        return [_with_i0(found, i0) for found in _from_lammps(path, frame, given, of_lammps, own)]
+        return [_with_i0(found, i0) for found in _read_lammps(path, frame, given, of_lammps, own)]
     if of_lammps:
-        raise PackingError(f"{', '.join(of_lammps)} was given with {path.name}: only files of LAMMPS take it")
+        raise PackingError(f"{', '.join(of_lammps)} was given with {path.name}: only LAMMPS files take it")
     if suffix in ARCHIVE:
-        return [_whole(*found, given, i0, own) for found in read_archive(path, frame)]
+        return [_with_options(*found, given, i0, own) for found in read_archive(path, frame)]
     if suffix == ".gsd":
-        return [_whole(*found, given, i0, own) for found in read_gsd(path, frame)]
+        return [_with_options(*found, given, i0, own) for found in read_gsd(path, frame)]
     if suffix != ".npz":
-        raise PackingError(_unknown(path, READ, "read"))
+        raise PackingError(_unknown_suffix(path, READ, "read"))
     if frame not in (None, "all"):
-        raise PackingError(f"frame {frame!r} was asked for, but {path} has one state: leave it out")
+        raise PackingError(f"frame {frame!r} was requested, but {path} has one state: leave it out")
     arrays, in_file = read_npz(path)
     given = {} if own else in_file | given
     if i0 is not None:
@@ -89,16 +94,16 @@ def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> 
     words = [] if given or own else ["no contact law was given: the defaults are assumed"]
     if "pair_i" not in arrays:
         words = [NO_CONTACTS, *words]
-    law = own or law_given(given)
+    law = own or law_from_options(given)
     return [(path.stem, from_arrays(arrays.pop("position"), arrays.pop("radius"), law, **arrays), law, words)]
 
 
-def _own_law(given: dict) -> tuple[dict, Law | None]:
-    """Options without those of a law, and the law, if the user named a Python file of their own: no other is run."""
+def _law_from_file(given: dict) -> tuple[dict, Law | None]:
+    """Split options into those without a law, and the law if the user named a Python file (no other file is run)."""
     if not str(given.get("law", "")).endswith(".py"):
         return given, None
     try:
-        law, rest = law_of_options(given["law"], given)
+        law, rest = split_law_options(given["law"], given)
     except ValueError as problem:
         raise PackingError(str(problem)) from None
     lost = [name for name in ("coulomb", "young", "poisson", "damping") if name in rest]
@@ -107,15 +112,15 @@ def _own_law(given: dict) -> tuple[dict, Law | None]:
     return {name: value for name, value in rest.items() if name != "law"}, law
 
 
-def _from_lammps(path: Path, frame: str | None, given: dict, of_lammps: dict, own: Law | None):
+def _read_lammps(path: Path, frame: str | None, given: dict, of_lammps: dict, own: Law | None):
     contacts = of_lammps.pop("contacts", None)
     if contacts is not None:
         contacts = Path(contacts)
         if not contacts.is_file():
-            raise PackingError(f"{contacts} is no file: give the contacts that LAMMPS's `dump local` wrote")
-        law, words = own or law_from(**contact_law(given)), []
+            raise PackingError(f"{contacts} is not a file: give the contacts that LAMMPS's `dump local` wrote")
+        law, words = own or law_by_name(**complete_law_options(given)), []
     else:
-        law = own or law_given(given)
+        law = own or law_from_options(given)
         words = [] if given or own else ["no contact law was given: the defaults are assumed"]
     found = read_lammps(path, law, contacts=contacts, wanted=frame, **of_lammps)
     return [(name, state, law, said + words) for name, state, law, said in found]
@@ -123,10 +128,10 @@ def _from_lammps(path: Path, frame: str | None, given: dict, of_lammps: dict, ow
 
 def _with_i0(found, i0: float | None):
     name, state, law, words = found
-    return name, _inertia(state, i0), law, words
+    return name, _with_inertia(state, i0), law, words
 
 
-def _inertia(state: State, i0: float | None) -> State:
+def _with_inertia(state: State, i0: float | None) -> State:
     if i0 is None:
         return state
     if not (i0 > 0 and i0 < float("inf")):
@@ -135,30 +140,32 @@ def _inertia(state: State, i0: float | None) -> State:
     return state._replace(grains=grains._replace(inertia=i0 * grains.mass * grains.radius**2))
 
 
-def _whole(name: str, found: State | dict, its_law: Law | None, words: list[str], given: dict, i0: float | None, own):
-    """A state as it was, if its law is left to it; else with the slip that another law allows."""
+def _with_options(
+    name: str, found: State | dict, its_law: Law | None, words: list[str], given: dict, i0: float | None, own
+):
+    """Apply options to a state: unchanged memory if its law stays the same, else the slip that the new law allows."""
     if not given and its_law is None and not own:
         words = [*words, "the file has no contact law: the defaults are assumed"]
-    law = own or (law_given(given) if given or its_law is None else its_law)
+    law = own or (law_from_options(given) if given or its_law is None else its_law)
     if isinstance(found, dict):
-        return name, _inertia(from_arrays(law=law, **found), i0), law, words
+        return name, _with_inertia(from_arrays(law=law, **found), i0), law, words
     same = its_law is not None and not given and (own is None or alike(own, its_law))
-    state = updated(_inertia(found, i0))
+    state = updated(_with_inertia(found, i0))
     return name, accepted(state, law, **({"memory": FROZEN} if same else {})), law, words
 
 
 def write_packing(path: str | Path, states, law: Law | None = None) -> list[str]:
-    """Write an accepted state, or several as a trajectory, in the format that the path's ending says.
+    """Write an accepted state, or several as a trajectory, in the format selected by the file extension.
 
     Parameters
     ----------
-    path : .npz, .h5, .gsd (OVITO), .vtu (ParaView), .xyz (ASE), .data (LAMMPS). A file is replaced whole or not at all
-    states : State with `law`, or a list of Frame, as `frame_of` and `mode_frames` make them
+    path : .npz, .h5, .gsd (OVITO), .vtu (ParaView), .xyz (ASE), .data (LAMMPS). Files are replaced atomically
+    states : State with `law`, or a list of Frame from `frame_of` or `mode_frames`
 
     Returns
     -------
     list of str
-        sentences about what the format does not hold
+        notes on what the format does not store
 
     Examples
     --------
@@ -167,12 +174,12 @@ def write_packing(path: str | Path, states, law: Law | None = None) -> list[str]
     >>> law = ss.laws.hertz_mindlin()
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     write_packing(f"{folder}/p.xyz", ss.packings.from_arrays([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], law), law)
-    ['extended XYZ does not hold contacts and their memory']
+    ['extended XYZ does not store contacts and their memory']
     """
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in WRITTEN:
-        raise PackingError(_unknown(path, WRITTEN, "written"))
+        raise PackingError(_unknown_suffix(path, WRITTEN, "written"))
     if isinstance(states, State):
         states = [frame_of(states, law)]
     frames: list[Frame] = list(states)
@@ -184,7 +191,7 @@ def write_packing(path: str | Path, states, law: Law | None = None) -> list[str]
         return write_archive(path, frames)
     if len(frames) > 1:
         raise PackingError(
-            f"{len(frames)} states cannot be written as {suffix}, which holds one: choose one with --frame, or write "
+            f"{len(frames)} states cannot be written as {suffix}, which stores one: choose one with --frame, or write "
             f"{', '.join((*SERIES, ARCHIVE[0]))}"
         )
     return SINGLE[suffix](path, frames[0])
@@ -194,24 +201,24 @@ def convert(
     path: str | Path, to: str | Path, *, modes: str | Path | None = None, mode: int = 0, count: int = 48,
     amplitude: float = 0.3, grow: bool = False, overwrite: bool = False, **options,
 ) -> tuple[list[Path], list[str]]:  # fmt: skip
-    """Read a packing and write it in another format, all its states or the chosen one; or animate one of its modes.
+    """Convert a packing to another format, all its states or a chosen one, or animate one of its modes.
 
     Parameters
     ----------
     modes : file of modes that `stickslip stability` wrote; `mode`, `count`, `amplitude` and `grow`: see `mode_frames`
-    overwrite : whether files that are there are replaced; those that are read never are
+    overwrite : True if existing files may be replaced; input files never are
     options : of `read_packing`
 
     Returns
     -------
     list of Path
-        what was written
+        files that were written
     list of str
-        what was taken from the file, and what the other format does not hold
+        notes on what was read, and on what the new format does not store
     """
     path, to = Path(path), Path(to)
     if to.suffix.lower() not in WRITTEN:
-        raise PackingError(_unknown(to, WRITTEN, "written"))
+        raise PackingError(_unknown_suffix(to, WRITTEN, "written"))
     if modes is None:
         chosen = {} if options.get("frame") is None else {"frame": options["frame"]}
         found = read_packings(path, **{**options, "frame": "all", **chosen})
@@ -222,7 +229,7 @@ def convert(
         of_mode = read_mode(modes, mode, len(state.grains.radius))
         frames = mode_frames(frame_of(state, law), *of_mode, count=count, amplitude=amplitude, grow=grow)
         words = [*words, f"mode {mode}: s = {of_mode[2]:.4g}, {count} frames of one period"]
-    targets = _targets(to, frames)
+    targets = _output_files(to, frames)
     check_free(targets, overwrite=overwrite, made_from=(path, modes, options.get("contacts"), options.get("law")))
     words += write_packing(to, frames)
     if to.suffix.lower() == ".vtu" and len(frames) > 1:
@@ -231,8 +238,8 @@ def convert(
     return targets, words
 
 
-def _targets(to: Path, frames: list[Frame]) -> list[Path]:
-    """All files that a packing becomes, those of its first frame in front."""
+def _output_files(to: Path, frames: list[Frame]) -> list[Path]:
+    """Output files for the frames of a packing, those of the first frame first."""
     if to.suffix.lower() == ".vtu":
         pairs = zip(vtk_paths(to, len(frames)), frames, strict=True)
         return [path for (grains, lines), f in pairs for path in (grains, *([lines] if len(f.contacts["i"]) else []))]
@@ -240,14 +247,14 @@ def _targets(to: Path, frames: list[Frame]) -> list[Path]:
     return [to, *([contacts_path(to)] if holds else [])]
 
 
-def _unknown(path: Path, known: tuple[str, ...], done: str) -> str:
+def _unknown_suffix(path: Path, known: tuple[str, ...], done: str) -> str:
     near = difflib.get_close_matches(path.suffix.lower(), known, n=1)
-    hint = f"did you mean {near[0]!r}?" if near else f"{', '.join(known)} are {done}"
-    return f"{path} ends with {path.suffix or 'nothing'!r}, which is not {done}: {hint}"
+    hint = f"did you mean {near[0]!r}?" if near else f"{', '.join(known)} can be {done}"
+    return f"{path} ends with {path.suffix or 'nothing'!r}, which cannot be {done}: {hint}"
 
 
 def listened(call, *given, **options):
-    """What a call returns, and what SampleWarnings said on the way."""
+    """Call a function and return its result together with the messages of its PackingWarnings."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", PackingWarning)
         found = call(*given, **options)

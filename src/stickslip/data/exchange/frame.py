@@ -1,6 +1,6 @@
-"""What is written down of a state: its own arrays, and columns by grain and by contact that programs can show.
+"""Content of exported frames: the state, and columns per grain and per contact that other programs can display.
 
-A file is written beside its place and then renamed, so that nothing half-written stands under its name.
+Files are written to a temporary path and then renamed, so that no partially written file has the final name.
 """
 
 from typing import NamedTuple
@@ -16,18 +16,18 @@ from ..sample import PackingError
 
 
 class Frame(NamedTuple):
-    """A state with the columns that a file shows of it; a frame of an animation shows more than a state is."""
+    """A state with derived columns for export; frames of an animation have further columns."""
 
     state: State
     law: Law
-    grains: dict[str, np.ndarray]  # columns by grain, (N,) or (N, 3), that the state does not have itself
-    contacts: dict[str, np.ndarray]  # columns by touching contact, (M,) or (M, 3); i, j, image and branch among them
-    turned: np.ndarray | None = None  # (N, 3) rotation since the first frame [rad]; None where only the plane knows it
-    moving: bool = False  # True in an animation of a mode: no state to go on from
+    grains: dict[str, np.ndarray]  # derived columns per grain, (N,) or (N, 3)
+    contacts: dict[str, np.ndarray]  # columns per touching contact, (M,) or (M, 3), including i, j, image and branch
+    turned: np.ndarray | None = None  # (N, 3) rotation since the first frame [rad]; None if known only in the plane
+    moving: bool = False  # True in an animation of a mode, which is not a state to continue from
 
 
 def frame_of(state: State, law: Law) -> Frame:
-    """Columns of an accepted state: resultants by grain, elastic forces on i by contact [force].
+    """Columns of an accepted state: resultants per grain, elastic forces on i per contact [force].
 
     Examples
     --------
@@ -53,15 +53,15 @@ def frame_of(state: State, law: Law) -> Frame:
 
 
 def without_walls(frame: Frame) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Columns of the contacts between grains, and a word about the others."""
+    """Columns of the contacts between grains, and a note on contacts with walls."""
     between = frame.contacts["j"] < len(frame.state.grains.radius)
     walls = int((~between).sum())
-    words = [f"{walls} contact(s) with walls are not among the pairs, as they have no second grain"] if walls else []
+    words = [f"{walls} contact(s) with walls are not written, because they have no second grain"] if walls else []
     return {name: column[between] for name, column in frame.contacts.items()}, words
 
 
-def law_words(law: Law) -> dict:
-    """A law as names and numbers that JSON holds to the last bit."""
+def law_to_dict(law: Law) -> dict:
+    """Convert a law to names and numbers, which JSON stores to the last bit."""
     own = {"own": described(law)} if isinstance(law.kind, Kind) else {}
     return own | {
         "law": f"own {int(law.kind):x}" if own else KINDS[law.kind],
@@ -72,8 +72,8 @@ def law_words(law: Law) -> dict:
     }
 
 
-def law_of(words: dict) -> Law:
-    """The law that `law_words` described; ValueError, KeyError or TypeError if there is none such."""
+def law_from_dict(words: dict) -> Law:
+    """Rebuild the law described by `law_to_dict`; ValueError, KeyError or TypeError if there is no such law."""
     table = np.array(words["table"], float)
     if table.ndim != 3 or table.shape[0] != table.shape[1] or table.shape[2] < 5 or not np.isfinite(table).all():
         raise ValueError(f"a law's table of shape {table.shape}")
@@ -82,19 +82,19 @@ def law_of(words: dict) -> Law:
     return Law(kind, COULOMB[words["coulomb"]], table, damping)
 
 
-def lower_triangular(state: State, name: str) -> np.ndarray:
-    """(3, 3) box vectors with the first along x and the second in the plane of x and y, as most formats want them."""
+def lower_triangular_vectors(state: State, name: str) -> np.ndarray:
+    """(3, 3) box vectors, the first along x and the second in the x–y plane, as most formats require."""
     vectors = state.cell.vectors
     if np.triu(vectors, 1).any() or not (np.diag(vectors) > 0).all():
         raise PackingError(
-            f"{name} wants the first box vector along x and the second in the plane of x and y, which this cell's are "
-            f"not: write .npz, .h5 or .vtu"
+            f"{name} requires the first box vector along x and the second in the x-y plane, which this cell does not "
+            f"satisfy: write .npz, .h5 or .vtu"
         )
     return vectors
 
 
-def shown_box(state: State, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Box vectors and corner of a box that holds every grain: the cell's where it is periodic, around them elsewhere.
+def bounding_box(state: State, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Vectors and corner of a box that contains all grains: those of the cell where periodic, enclosing elsewhere.
 
     Returns
     -------
@@ -103,7 +103,7 @@ def shown_box(state: State, name: str) -> tuple[np.ndarray, np.ndarray]:
     grains, cell = state.grains, state.cell
     vectors, corner = np.diag([1.0, 1.0, 1.0]), np.zeros(3)
     if cell.periodic.any():
-        vectors = np.where(cell.periodic[:, None], lower_triangular(state, name), 0.0)
+        vectors = np.where(cell.periodic[:, None], lower_triangular_vectors(state, name), 0.0)
     low = (grains.position - grains.radius[:, None]).min(axis=0)
     high = (grains.position + grains.radius[:, None]).max(axis=0)
     for k in np.flatnonzero(~cell.periodic):
@@ -113,7 +113,7 @@ def shown_box(state: State, name: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def wrapped_into(position: np.ndarray, vectors, corner, periodic) -> tuple[np.ndarray, np.ndarray]:
-    """Positions less whole periods of a box with a corner, and how many: x = wrapped + image @ vectors."""
+    """Positions wrapped into a box with a given corner, and the periods: x = wrapped + image @ vectors."""
     share = (position - corner) @ np.linalg.inv(vectors)
     image = np.where(periodic, np.floor(share), 0.0)
     inside = position - image @ vectors
@@ -121,8 +121,8 @@ def wrapped_into(position: np.ndarray, vectors, corner, periodic) -> tuple[np.nd
     return inside, image
 
 
-def unheld(frame: Frame, *, walls: bool = True, law: bool = True, imposed: bool = True) -> list[str]:
-    """In words, what a format loses of a frame: walls, the law, what `Control` imposes besides free grains."""
+def list_losses(frame: Frame, *, walls: bool = True, law: bool = True, imposed: bool = True) -> list[str]:
+    """List what a format does not store: walls, the law, and what `Control` imposes besides free grains."""
     state, words = frame.state, []
     control, n = state.control, len(state.grains.radius)
     if walls and len(state.walls.mass):
@@ -132,5 +132,5 @@ def unheld(frame: Frame, *, walls: bool = True, law: bool = True, imposed: bool 
     acts = control.force.any() or control.torque.any() or control.gravity.any() or control.spring.any()
     held = not control.free[:n, : state.cell.dim].all() or control.cell_free.any() or control.cell_rate.any()
     if imposed and (acts or held or (control.group >= 0).any()):
-        words.append("loads and what is held or driven")
+        words.append("loads and boundary conditions")
     return words

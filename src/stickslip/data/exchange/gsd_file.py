@@ -1,9 +1,9 @@
-"""GSD, which OVITO, freud and VMD read: grains, contacts as bonds with their forces, and the whole state beside.
+"""GSD files, which OVITO, freud and VMD read: grains, contacts as bonds with their forces, and the complete state.
 
-The standard chunks are what other programs show, in single precision and in a box around the origin. Under
-`log/particles/` and `log/bonds/` are columns by grain and by contact. Under `stickslip/`, where other programs do not
-look, is the state itself, every array as it is: a file of ours is read back to the last bit. Of a foreign file only the
-standard chunks are read.
+Other programs display the standard chunks, which are in single precision and in a box around the origin. Columns per
+grain and per contact are under `log/particles/` and `log/bonds/`. All arrays of the state are under `stickslip/`, which
+other programs ignore: files written by this package are read back to the last bit. From other files only the standard
+chunks are read.
 """
 
 import json
@@ -17,12 +17,12 @@ from ...core.state import State, check
 from ...extras import needed
 from ..atomic import beside
 from ..sample import PackingError
-from ..sound import sound
-from .frame import Frame, law_of, law_words, shown_box, without_walls, wrapped_into
+from ..sound import validate_state
+from .frame import Frame, bounding_box, law_from_dict, law_to_dict, without_walls, wrapped_into
 
-SCHEMA = 1  # of what is under stickslip/
-OURS = "stickslip/"
-META = f"{OURS}meta"
+SCHEMA = 1  # of the chunks under stickslip/
+PREFIX = "stickslip/"
+META = f"{PREFIX}meta"
 NOUNS = {
     "grains": core.Grains,
     "walls": core.Walls,
@@ -33,24 +33,24 @@ NOUNS = {
 
 
 def write_gsd(path: str | Path, frames: list[Frame]) -> list[str]:
-    """Write frames as a trajectory; returns sentences about what other programs do not see in it."""
+    """Write frames as a trajectory; return notes on what other programs do not see in it."""
     hoomd = needed("gsd.hoomd", "exchange")
     words = []
     with beside(Path(path)) as part, hoomd.open(str(part), "w") as file:
         for step, frame in enumerate(frames):
-            picture, lost = _picture(hoomd, frame, step)
-            for name, chunk in _whole(frame).items():
+            picture, lost = _to_hoomd(hoomd, frame, step)
+            for name, chunk in _state_chunks(frame).items():
                 file.file.write_chunk(name, chunk)
             file.append(picture)
             words += [word for word in lost if word not in words]
     return words
 
 
-def _picture(hoomd, frame: Frame, step: int):
-    """One frame as gsd wants it."""
+def _to_hoomd(hoomd, frame: Frame, step: int):
+    """Convert one frame to `gsd.hoomd.Frame`."""
     state, out = frame.state, hoomd.Frame()
     grains, cell, n = state.grains, state.cell, len(state.grains.radius)
-    vectors, corner = shown_box(state, "GSD")
+    vectors, corner = bounding_box(state, "GSD")
     middle = corner + vectors.sum(axis=0) / 2
     inside, image = wrapped_into(grains.position, vectors, corner, cell.periodic)
     a, b, c = np.diag(vectors)
@@ -63,7 +63,7 @@ def _picture(hoomd, frame: Frame, step: int):
     p.N, p.position, p.image, p.velocity = n, inside - middle, image, grains.velocity
     p.diameter, p.mass, p.orientation = 2 * grains.radius, grains.mass, turn
     p.moment_inertia = np.repeat(grains.inertia[:, None], 3, axis=1)
-    p.angmom = 2 * multiplied(turn, np.pad(grains.inertia[:, None] * grains.spin, ((0, 0), (1, 0))))
+    p.angmom = 2 * quaternion_product(turn, np.pad(grains.inertia[:, None] * grains.spin, ((0, 0), (1, 0))))
     p.types, p.typeid = [f"material {k}" for k in range(kinds)], grains.material
     pairs, words = without_walls(frame)
     out.bonds.N, out.bonds.types = len(pairs["i"]), ["sticking", "sliding"]
@@ -71,27 +71,27 @@ def _picture(hoomd, frame: Frame, step: int):
     out.bonds.typeid = (pairs["mode"] == core.SLIDE).astype(np.uint32)
     out.log["time"] = np.array([state.time])
     columns = {"spin": grains.spin, **frame.grains}
-    out.log |= {f"particles/{name}": _shown(column) for name, column in columns.items()}
+    out.log |= {f"particles/{name}": _exported(column) for name, column in columns.items()}
     if len(pairs["i"]):
         out.log |= {
-            f"bonds/{name}": _shown(column) for name, column in pairs.items() if name not in ("i", "j", "image")
+            f"bonds/{name}": _exported(column) for name, column in pairs.items() if name not in ("i", "j", "image")
         }
     if not cell.periodic[: cell.dim].all():
-        words.append("GSD knows no box that is open: other programs see a periodic one around the grains")
+        words.append("GSD has no open boxes: other programs see a periodic box around the grains")
     if len(state.walls.mass):
-        words.append(f"{len(state.walls.mass)} wall(s) are kept for stickslip, other programs do not see them")
+        words.append(f"{len(state.walls.mass)} wall(s) are stored for stickslip, other programs do not see them")
     return out, words
 
 
-def _shown(column: np.ndarray) -> np.ndarray:
-    """A column as other programs read it: small integers with 32 bits."""
+def _exported(column: np.ndarray) -> np.ndarray:
+    """Column in a type that other programs read: small integers as 32-bit integers."""
     return np.ascontiguousarray(column.astype(np.int32) if column.dtype.kind in "iub" else column)
 
 
-def _whole(frame: Frame) -> dict[str, np.ndarray]:
-    """The state as chunks: what is in it, flat, with shapes and the law as JSON."""
+def _state_chunks(frame: Frame) -> dict[str, np.ndarray]:
+    """Chunks of the complete state: flattened arrays, with their shapes and the law as JSON."""
     if frame.moving:
-        return {META: _text({"schema": SCHEMA, "moving": True})}
+        return {META: _json_chunk({"schema": SCHEMA, "moving": True})}
     chunks, shapes, count = {}, {}, int(frame.state.contacts.count[0])
     for noun in NOUNS:
         for name, value in getattr(frame.state, noun)._asdict().items():
@@ -101,17 +101,23 @@ def _whole(frame: Frame) -> dict[str, np.ndarray]:
             shapes[f"{noun}/{name}"] = [value.dtype.str, list(value.shape)]
             if value.size:
                 flat = np.ascontiguousarray(value).ravel()
-                chunks[f"{OURS}{noun}/{name}"] = flat.astype(np.uint8) if flat.dtype == bool else flat
-    meta = {"schema": SCHEMA, "moving": False, "time": frame.state.time, "law": law_words(frame.law), "shapes": shapes}
-    return {META: _text(meta), **chunks}
+                chunks[f"{PREFIX}{noun}/{name}"] = flat.astype(np.uint8) if flat.dtype == bool else flat
+    meta = {
+        "schema": SCHEMA,
+        "moving": False,
+        "time": frame.state.time,
+        "law": law_to_dict(frame.law),
+        "shapes": shapes,
+    }
+    return {META: _json_chunk(meta), **chunks}
 
 
-def _text(words: dict) -> np.ndarray:
+def _json_chunk(words: dict) -> np.ndarray:
     return np.frombuffer(json.dumps(words).encode(), np.uint8)
 
 
 def read_gsd(path: str | Path, wanted: str | None = None) -> list[tuple[str, State | dict, Law | None, list[str]]]:
-    """Frames of a GSD file: name, state (of a foreign file, arrays for `from_arrays`), law, notes on what is missing.
+    """Read frames of a GSD file: name, state (or arrays for `from_arrays`, from foreign files), law, notes.
 
     Parameters
     ----------
@@ -119,27 +125,27 @@ def read_gsd(path: str | Path, wanted: str | None = None) -> list[tuple[str, Sta
 
     Raises
     ------
-    SampleError
-        with one sentence, if the file is truncated, of another version, or no GSD file at all.
+    PackingError
+        if the file is truncated, of another version, or not a GSD file.
     """
     hoomd = needed("gsd.hoomd", "exchange")
     try:
         with hoomd.open(str(path), "r") as file:
-            numbers = _chosen(path, len(file), wanted)
-            return [(str(k), *_taken(path, file, k)) for k in numbers]
+            numbers = _frame_numbers(path, len(file), wanted)
+            return [(str(k), *_read_frame(path, file, k)) for k in numbers]
     except PackingError:
         raise
     except (OSError, RuntimeError, KeyError, IndexError, TypeError, ValueError, MemoryError, OverflowError) as problem:
         why = str(problem).replace("\n", " ").strip("'\"")
         raise PackingError(
             f"{path} cannot be read as GSD ({type(problem).__name__}: {why[:120]}): it is truncated, of another "
-            f"version, or no GSD file"
+            f"version, or not a GSD file"
         ) from None
 
 
-def _chosen(path, count: int, wanted: str | None) -> range:
+def _frame_numbers(path, count: int, wanted: str | None) -> range:
     if not count:
-        raise PackingError(f"{path} holds no frame: give a GSD file with at least one")
+        raise PackingError(f"{path} has no frames: give a GSD file with at least one")
     if wanted in (None, "all"):
         return range(count) if wanted else range(count - 1, count)
     if not wanted.isdecimal() or int(wanted) >= count:
@@ -147,46 +153,46 @@ def _chosen(path, count: int, wanted: str | None) -> range:
     return range(int(wanted), int(wanted) + 1)
 
 
-def _taken(path, file, number: int):
-    """State or arrays, law, words of a frame."""
+def _read_frame(path, file, number: int):
+    """Read one frame: state or arrays, law, notes."""
     if not file.file.chunk_exists(number, META):
-        return _foreign(file[number])
+        return _read_foreign(file[number])
     meta = json.loads(file.file.read_chunk(number, META).tobytes().decode())
     if meta["schema"] != SCHEMA:
         raise PackingError(f"{path} has schema {meta['schema']} of stickslip's GSD: this version reads {SCHEMA}")
     if meta["moving"]:
-        raise PackingError(f"{path} is an animation of a mode, not a state: give the packing that it was made from")
+        raise PackingError(f"{path} is an animation of a mode, not a state: give the packing it was made from")
     parts = {}
     for noun, kind in NOUNS.items():
         there = [n for n in kind._fields if f"{noun}/{n}" in meta["shapes"] or n not in kind._field_defaults]
-        fields = {name: _array(file.file, number, meta["shapes"], f"{noun}/{name}") for name in there}
+        fields = {name: _read_array(file.file, number, meta["shapes"], f"{noun}/{name}") for name in there}
         parts[noun] = kind(**fields)
     parts["cell"] = parts["cell"]._replace(dim=int(parts["cell"].dim))
     parts["control"] = parts["control"]._replace(cell_mass=float(parts["control"].cell_mass))
     state = State(**parts, time=float(meta["time"]))
-    check(sound(state))
-    return state, law_of(meta["law"]), []
+    check(validate_state(state))
+    return state, law_from_dict(meta["law"]), []
 
 
-def _array(file, number: int, shapes: dict, name: str) -> np.ndarray:
+def _read_array(file, number: int, shapes: dict, name: str) -> np.ndarray:
     dtype, shape = np.dtype(shapes[name][0]), tuple(shapes[name][1])
     if dtype.kind not in "biuf":
-        raise ValueError(f"{name} is of type {dtype}")
+        raise ValueError(f"{name} has type {dtype}")
     if not np.prod(shape, dtype=int):
         return np.zeros(shape, dtype)
-    return file.read_chunk(number, OURS + name).astype(dtype).reshape(shape)
+    return file.read_chunk(number, PREFIX + name).astype(dtype).reshape(shape)
 
 
-def _foreign(frame):
-    """Arrays of the standard chunks, which know neither slip nor law."""
+def _read_foreign(frame):
+    """Read arrays from the standard chunks, which contain neither slip nor law."""
     p, (a, b, c, xy, xz, yz) = frame.particles, frame.configuration.box.astype(float)
     dim = int(frame.configuration.dimensions)
     vectors = np.array([[a, 0, 0], [xy * b, b, 0], [xz * c, yz * c, c or 1.0]])
     turn, momentum = p.orientation.astype(float), p.angmom.astype(float)
-    body = multiplied(turn * [1, -1, -1, -1], momentum)[:, 1:] / 2
+    body = quaternion_product(turn * [1, -1, -1, -1], momentum)[:, 1:] / 2
     inertia = p.moment_inertia.astype(float)
     spin = np.divide(body, inertia, out=np.zeros_like(body), where=inertia > 0)
-    spin = multiplied(multiplied(turn, np.pad(spin, ((0, 0), (1, 0)))), turn * [1, -1, -1, -1])[:, 1:]
+    spin = quaternion_product(quaternion_product(turn, np.pad(spin, ((0, 0), (1, 0)))), turn * [1, -1, -1, -1])[:, 1:]
     position = p.position.astype(float) + p.image @ vectors
     if dim == 2:
         position[:, 2] = 0.0
@@ -199,7 +205,7 @@ def _foreign(frame):
         "the file was not written by stickslip: positions have seven digits, contacts have no memory, there is no law"
     ]
     if (p.diameter == 1).all():
-        words.append("all diameters are 1, which GSD takes where none are given")
+        words.append("all diameters are 1, the default of GSD if none are given")
     if (inertia[:, 2] > 0).all():
         arrays["i0"] = inertia[:, 2] / (arrays["mass"] * arrays["radius"] ** 2)
     return arrays, None, words
@@ -211,7 +217,7 @@ def quaternion(angle: np.ndarray) -> np.ndarray:
     return np.hstack([np.cos(half), 0.5 * np.sinc(half / np.pi) * angle])
 
 
-def multiplied(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+def quaternion_product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     """(N, 4) products of quaternions, scalar part first."""
     a, u, b, v = p[:, :1], p[:, 1:], q[:, :1], q[:, 1:]
     return np.hstack([a * b - (u * v).sum(axis=1, keepdims=True), a * v + b * u + np.cross(u, v)])

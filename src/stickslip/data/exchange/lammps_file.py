@@ -1,14 +1,15 @@
-"""LAMMPS: packings from its data files and dumps, with the memory of contacts from a `dump local`; and back.
+"""Packings from LAMMPS data files and dumps, with the memory of contacts reconstructed from a `dump local`.
 
-LAMMPS writes no slip of `pair_style gran/hertz/history` and `gran/hooke/history`, but the tangential force
+LAMMPS does not write the slip of `pair_style gran/hertz/history` and `gran/hooke/history`, but the tangential force
 F_t = −(k_t s + c_t v_t), with k_t and c_t at the contact's overlap. Hence
 
     s = −(F_t + c_t v_t)/k_t,    v_t = (v_i − v_j − (R_i ω_i + R_j ω_j) × n) less its normal part
 
-where the contact is below Coulomb's limit, and what LAMMPS's own next truncation would leave where it is at the limit.
-Signs, as a real run shows (tests/peers): the forces act on the first atom of a pair, d points from the second to it.
+for contacts below Coulomb's limit; at the limit it is the slip that LAMMPS's next truncation would leave. The signs
+were checked in a real run (tests/peers): the forces act on the first atom of a pair, d points from the second to the
+first.
 
-Source: LAMMPS's documentation of `pair_style gran` and `compute pair/local`; doi:10.1103/PhysRevE.64.051302.
+Source: LAMMPS documentation of `pair_style gran` and `compute pair/local`; doi:10.1103/PhysRevE.64.051302.
 """
 
 import re
@@ -23,16 +24,16 @@ from ...core.laws.builtin import MU, SHARP, Law, dashpots
 from ...core.measure import branch_vectors, touching
 from ...core.state import OPEN, SLIDE, STICK, State
 from ..sample import NO_CONTACTS, PackingError, PackingWarning, accepted, from_arrays
-from .lammps_text import Table, dumped_grains, read_data, read_dump
+from .lammps_text import Table, grains_from_dump, read_data, read_dump
 
 NEEDED = ("law", "kn", "kt", "mu", "damping_n", "damping_t")
-# of the columns of contacts that carry no names; more may follow
+# order of the columns of contacts if they have no names; more may follow
 ORDER = ["i", "j", "dist", "dx", "dy", "dz", "fx", "fy", "fz", "tx", "ty", "tz"]
-SAME = {"patom1": "i", "patom2": "j", "id1": "i", "id2": "j", "p1": "tx", "p2": "ty", "p3": "tz"}
-AT_LIMIT = 1e-5  # share of Coulomb's limit within which a contact slides: six digits are what a dump has at least
-STRANGE = 0.05  # of the mean normal force: a law that misses LAMMPS's by more is another one
-FAITHFUL = 1e-6  # the same, below which nothing is said
-ONE_BY_ONE = "`dump_modify ID format float %20.15g` makes LAMMPS write all digits"
+ALIASES = {"patom1": "i", "patom2": "j", "id1": "i", "id2": "j", "p1": "tx", "p2": "ty", "p3": "tz"}
+AT_LIMIT = 1e-5  # relative distance to Coulomb's limit within which a contact slides: dumps have at least six digits
+OTHER_LAW = 0.05  # deviation from LAMMPS's normal forces, over their mean, above which the law must be another one
+NEGLIGIBLE = 1e-6  # the same, below which no warning is issued
+ALL_DIGITS = "`dump_modify ID format float %20.15g` makes LAMMPS write all digits"
 
 
 class Pairs(NamedTuple):
@@ -47,7 +48,7 @@ class Pairs(NamedTuple):
 
 
 class Packing(NamedTuple):
-    """What a file of grains holds, without contacts."""
+    """Content of a file of grains, without contacts."""
 
     step: int  # −1: unknown
     ids: np.ndarray | None
@@ -56,31 +57,31 @@ class Packing(NamedTuple):
 
 
 def read_grains(path: Path, *, wanted: str | None = None, boundary: str | None = None) -> list[Packing]:
-    """Packings in a dump (`wanted`: a time step, "all", or None for the last) or in a data file.
+    """Read packings from a dump (`wanted`: a time step, "all", or None for the last) or from a data file.
 
     Parameters
     ----------
-    boundary : three letters as in LAMMPS, such as ppf; default: what a dump says, all periodic for a data file
+    boundary : three letters as in LAMMPS, such as ppf; default: as stated in a dump, all periodic for a data file
     """
     with path.open("rb") as file:
         dump = file.read(64).decode("utf-8-sig", errors="ignore").startswith("ITEM:")
     if dump:
         tables, steps = read_dump(path, wanted)
-        many = [f"{path.name} has {len(steps)} time steps: the last, {steps[-1]}, was taken; --frame chooses"]
+        many = [f"{path.name} has {len(steps)} time steps: the last, {steps[-1]}, is used; choose another with --frame"]
         said = many if wanted is None and len(steps) > 1 else []
         found = []
         for table in tables:
-            ids, arrays, words = dumped_grains(table, path)
-            found.append(Packing(table.step, ids, *_in_box(table, arrays, boundary, words + said)))
+            ids, arrays, words = grains_from_dump(table, path)
+            found.append(Packing(table.step, ids, *_add_box(table, arrays, boundary, words + said)))
         return found
     ids, arrays, box, words = read_data(path)
     if wanted not in (None, "all"):
-        raise PackingError(f"{path} is a data file, which has one state: leave out the choice of {wanted}")
-    return [Packing(box.step, ids, *_in_box(box, arrays, boundary, words))]
+        raise PackingError(f"{path} is a data file, which has one state: leave out the frame {wanted}")
+    return [Packing(box.step, ids, *_add_box(box, arrays, boundary, words))]
 
 
-def _in_box(table: Table, arrays: dict, boundary: str | None, words: list[str]) -> tuple[dict, list[str]]:
-    """Arrays with cell, periodic flags and dimension."""
+def _add_box(table: Table, arrays: dict, boundary: str | None, words: list[str]) -> tuple[dict, list[str]]:
+    """Add cell, periodic flags and dimension to the arrays."""
     periodic = table.periodic
     if boundary is not None:
         if not re.fullmatch("[pfsm]{3}", boundary):
@@ -89,32 +90,32 @@ def _in_box(table: Table, arrays: dict, boundary: str | None, words: list[str]) 
     elif periodic is None:
         periodic, words = (
             np.ones(3, bool),
-            [*words, "the file does not say what is periodic: everything, it is assumed"],
+            [*words, "the file does not say what is periodic: all directions are assumed to be"],
         )
     flat = [arrays["position"], arrays.get("velocity", np.zeros((1, 3)))]
     cell = table.vectors.copy()
     if not any(a[:, 2].any() for a in flat):
-        arrays, words = arrays | {"dim": 2}, [*words, "all grains lie at z = 0: taken as two-dimensional"]
+        arrays, words = arrays | {"dim": 2}, [*words, "all grains lie at z = 0: treated as two-dimensional"]
         periodic, cell[2], cell[:2, 2] = periodic & [True, True, False], (0, 0, 1), 0
     if not periodic.all() and arrays.get("dim", 3) == 3:
-        words = [*words, "the box is open along an axis: walls are in no file of LAMMPS, and none were read"]
+        words = [*words, "the box is open along an axis: LAMMPS files contain no walls, and none were read"]
     return arrays | ({"cell": cell, "periodic": periodic} if periodic.any() else {}), words
 
 
 def read_pairs(path: Path, packing: Packing, columns: str | None = None) -> Pairs:
-    """Contacts of a `dump local` at the time step of a packing; `columns` names them where the file does not."""
+    """Read the contacts of a `dump local` at the time step of a packing; `columns` names unnamed columns."""
     tables, steps = read_dump(path, None if packing.step < 0 else str(packing.step))
     if packing.step < 0 and len(steps) > 1:
-        warnings.warn(f"{path.name} has {len(steps)} time steps: the last was taken", PackingWarning, stacklevel=3)
-    table = _named(tables[0], path, columns)
+        warnings.warn(f"{path.name} has {len(steps)} time steps: the last is used", PackingWarning, stacklevel=3)
+    table = _rename_columns(tables[0], path, columns)
     if packing.ids is None:
-        raise PackingError("the grains carry no ids, which contacts name: add the column id to their dump")
+        raise PackingError("the grains have no ids, but contacts refer to ids: add the column id to their dump")
     ends = table.numbers("i", "j").astype(np.int64)
     place = np.minimum(np.searchsorted(packing.ids, ends), len(packing.ids) - 1)
     strange = packing.ids[place] != ends
     if strange.any():
         raise PackingError(
-            f"{path} names grain {ends[strange][0]}, which is not among the grains: give files of one run"
+            f"{path} names grain {ends[strange][0]}, which is not among the grains: give files of the same run"
         )
 
     def vectors(*names):
@@ -124,8 +125,8 @@ def read_pairs(path: Path, packing: Packing, columns: str | None = None) -> Pair
     return Pairs(*place.T, vectors("dx", "dy", "dz"), vectors("dist"), vectors("fx", "fy", "fz"), tangential)
 
 
-def _named(table: Table, path: Path, columns: str | None) -> Table:
-    """The table with our names of its columns."""
+def _rename_columns(table: Table, path: Path, columns: str | None) -> Table:
+    """Rename the columns of a table to the names used here."""
     names = list(table.columns)
     if columns is not None:
         given = columns.split()
@@ -134,24 +135,29 @@ def _named(table: Table, path: Path, columns: str | None) -> Table:
         names = given
     elif all(re.fullmatch(r"[cfv]_\w+(\[\d+\])?", name) for name in names) and len(names) >= len(ORDER):
         names = ORDER + names[len(ORDER) :]
-    names = [SAME.get(name, name) for name in names]
+    names = [ALIASES.get(name, name) for name in names]
     found = table._replace(columns=dict(zip(names, table.columns.values(), strict=True)))
     if not found.has("i", "j", "tx", "ty", "tz"):
         raise PackingError(
             f"{path} has columns {' '.join(table.columns)}: i j tx ty tz are needed, named by `dump_modify colname`, "
-            f"or in the order {' '.join(ORDER)}, or by --columns"
+            f"in the order {' '.join(ORDER)}, or named by --columns"
         )
     return found
 
 
-def with_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
-    """The accepted state of a packing with slip reconstructed from tangential forces.
+def reconstruct_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
+    """Accepted state of a packing, with slip reconstructed from tangential forces.
 
     Raises
     ------
-    SampleError
-        if the law is not LAMMPS's, if velocities are missing that the dashpots need, or if contacts and grains do not
-        belong together. A SampleWarning tells what was changed, and how far the law misses LAMMPS's normal forces.
+    PackingError
+        if the law is not LAMMPS's, if velocities needed by the dashpots are missing, or if contacts and grains do not
+        belong together.
+
+    Warns
+    -----
+    PackingWarning
+        if something was changed, or the normal forces differ from LAMMPS's.
     """
     if law.coulomb != SHARP:
         raise PackingError("coulomb = smooth was given, but LAMMPS's friction is sharp: give --coulomb sharp")
@@ -162,16 +168,16 @@ def with_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
             f"omegax omegay omegaz to the dump of grains, or Velocities to the data file"
         )
     state = from_arrays(law=law, **arrays)
-    rows, entries, sign = _matched(state, pairs)
+    rows, entries, sign = _match_pairs(state, pairs)
     c = linearise(state, law)
-    vn, vt = approach(state, rows, c.normal[rows])
+    vn, vt = relative_velocity(state, rows, c.normal[rows])
     tangential = sign[:, None] * pairs.tangential[entries]
     stiffness = c.stiffness_t[rows, None]
     pull = tangential + c.damping_t[rows, None] * vt
     force_n = c.force_n[rows] - c.damping_n[rows] * vn
     if pairs.normal is not None:
         theirs = sign * np.einsum("ck,ck->c", pairs.normal[entries], c.normal[rows])
-        _compare(force_n, theirs)
+        _check_normal_forces(force_n, theirs)
         force_n = theirs
     slip = np.divide(-pull, stiffness, out=np.zeros_like(pull), where=stiffness > 0)
     slides = np.linalg.norm(tangential, axis=1) >= (1 - AT_LIMIT) * np.abs(law.table[0, 0, MU] * force_n)
@@ -183,8 +189,8 @@ def with_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
     return accepted(state._replace(contacts=new), law, modes=True, within=1.0)
 
 
-def approach(state: State, rows: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Normal part (M,) and tangential vector (M, 3) of the velocity of i relative to j at contacts between grains."""
+def relative_velocity(state: State, rows: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Velocity of i relative to j at contacts between grains: normal part (M,) and tangential vector (M, 3)."""
     grains, i, j = state.grains, state.contacts.i[rows], state.contacts.j[rows]
     turn = grains.radius[:, None] * grains.spin
     v = grains.velocity[i] - grains.velocity[j] - np.cross(turn[i] + turn[j], normal)
@@ -192,21 +198,21 @@ def approach(state: State, rows: np.ndarray, normal: np.ndarray) -> tuple[np.nda
     return vn, v - vn[:, None] * normal
 
 
-def _compare(ours: np.ndarray, theirs: np.ndarray) -> None:
-    """Say how far the law misses LAMMPS's normal forces; SampleError if it is another law."""
+def _check_normal_forces(ours: np.ndarray, theirs: np.ndarray) -> None:
+    """Warn if the law's normal forces differ from LAMMPS's; PackingError if it must be another law."""
     miss = float(np.abs(ours - theirs).max(initial=0.0)) / (float(np.abs(theirs).mean()) if len(theirs) else 1.0)
-    if miss > STRANGE:
+    if miss > OTHER_LAW:
         raise PackingError(
-            f"the law's normal forces miss those in the dump by up to {miss:.2g} of their mean: give the law, kn and "
-            f"damping_n that LAMMPS had, and a packing with enough digits ({ONE_BY_ONE})"
+            f"the law's normal forces differ from those in the dump by up to {miss:.2g} of their mean: give the law, "
+            f"kn and damping_n used in LAMMPS, and a packing with enough digits ({ALL_DIGITS})"
         )
-    if miss > FAITHFUL:
-        words = f"the law's normal forces miss those in the dump by up to {miss:.1g} of their mean"
-        warnings.warn(f"{words}: {ONE_BY_ONE}", PackingWarning, stacklevel=4)
+    if miss > NEGLIGIBLE:
+        words = f"the law's normal forces differ from those in the dump by up to {miss:.1g} of their mean"
+        warnings.warn(f"{words}: {ALL_DIGITS}", PackingWarning, stacklevel=4)
 
 
-def _matched(state: State, pairs: Pairs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows of the list that pairs stand for, the pairs' numbers, and −1 where a pair names its grains the other way."""
+def _match_pairs(state: State, pairs: Pairs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Match pairs to rows of the contact list: rows, numbers of the pairs, and −1 for pairs with swapped grains."""
     rows, n = touching(state), len(state.grains.radius)
     key = state.contacts.i[rows].astype(np.int64) * n + state.contacts.j[rows]
     low, high = np.minimum(pairs.i, pairs.j), np.maximum(pairs.i, pairs.j)
@@ -217,24 +223,24 @@ def _matched(state: State, pairs: Pairs) -> tuple[np.ndarray, np.ndarray, np.nda
     if len(lost):
         a, b = pairs.i[lost[0]], pairs.j[lost[0]]
         raise PackingError(
-            f"{len(lost)} pair(s), as of grains {a} and {b}, counted from 0, carry force but do not touch: contacts "
-            f"and grains are of different time steps or runs, or the box is another"
+            f"{len(lost)} pair(s), such as grains {a} and {b} (counted from 0), carry force but do not touch: contacts "
+            f"and grains are from different time steps or runs, or the box differs"
         )
     entries = np.flatnonzero(~open_pair)
     chosen = first[entries].copy()
     for k in np.flatnonzero(last[entries] - first[entries] > 1):  # a grain touches two images of another
-        chosen[k] = _nearest(state, rows, first[entries[k]], last[entries[k]], pairs, entries[k], sign)
+        chosen[k] = _nearest_image(state, rows, first[entries[k]], last[entries[k]], pairs, entries[k], sign)
     matched = rows[chosen]
     if len(np.unique(matched)) < len(matched):
         raise PackingError("a contact is listed twice: give the contacts of one time step, once, with dx dy dz")
     if len(matched) < len(rows):
-        words = f"{len(rows) - len(matched)} touching pair(s) are not in the dump: taken with zero slip"
+        words = f"{len(rows) - len(matched)} touching pair(s) are not in the dump: their slip is set to zero"
         warnings.warn(words, PackingWarning, stacklevel=3)
     return matched, entries, sign[entries]
 
 
-def _nearest(state: State, rows, first: int, last: int, pairs: Pairs, entry: int, sign) -> int:
-    """Which of several images of a pair an entry stands for, by its branch or its length."""
+def _nearest_image(state: State, rows, first: int, last: int, pairs: Pairs, entry: int, sign) -> int:
+    """Row of the image of a pair whose branch vector, or length, is nearest to that of an entry."""
     own = branch_vectors(state)[rows[first:last]]
     if pairs.branch is not None:
         miss = np.linalg.norm(own - sign[entry] * pairs.branch[entry], axis=1)
@@ -242,14 +248,14 @@ def _nearest(state: State, rows, first: int, last: int, pairs: Pairs, entry: int
         miss = np.abs(np.linalg.norm(own, axis=1) - pairs.distance[entry])
     else:
         raise PackingError(
-            f"grains {pairs.i[entry]} and {pairs.j[entry]} touch across the box more than once: add dx dy dz to the "
-            f"contacts, so that it is clear which is meant"
+            f"grains {pairs.i[entry]} and {pairs.j[entry]} touch more than once across the periodic box: add dx dy dz "
+            f"to the contacts to tell them apart"
         )
     return first + int(np.argmin(miss))
 
 
-def contact_law(given: dict) -> dict:
-    """Options for `law_from` of a law whose slip is to be reconstructed: all must be there."""
+def complete_law_options(given: dict) -> dict:
+    """Options for `law_by_name` if slip is to be reconstructed; all parameters of the law are required."""
     known = dict(given)
     if "young" in known and "poisson" in known:
         known |= {"kn": None, "kt": None}
@@ -257,7 +263,7 @@ def contact_law(given: dict) -> dict:
     if missing:
         options = ", ".join(f"--{name.replace('_', '-')}" for name in missing)
         raise PackingError(
-            f"the slip of LAMMPS's contacts is reconstructed from forces with the law's parameters, and some are "
+            f"the slip of LAMMPS contacts is reconstructed from forces with the law's parameters, and some are "
             f"missing: give {options} as in its pair_style"
         )
     out = {"coulomb": "sharp"} | given
@@ -266,8 +272,8 @@ def contact_law(given: dict) -> dict:
     return out
 
 
-def _boundary(contacts: Path) -> str | None:
-    """What the head of a dump says of its box's boundaries: a data file does not know them."""
+def _read_boundary(contacts: Path) -> str | None:
+    """Read the boundaries of the box from the head of a dump; a data file does not contain them."""
     with contacts.open(encoding="utf-8-sig", errors="replace") as file:
         head = re.search(r"ITEM: BOX BOUNDS.*?([pfsm]{2}) ([pfsm]{2}) ([pfsm]{2})\s*\n", file.read(4096))
     return None if head is None else "".join("p" if mark == "pp" else "f" for mark in head.groups())
@@ -277,16 +283,16 @@ def read_lammps(
     path: Path, law: Law, *, contacts: Path | None = None, columns: str | None = None, wanted: str | None = None,
     boundary: str | None = None,
 ) -> list[tuple[str, State, Law | None, list[str]]]:  # fmt: skip
-    """States of a data file or a dump, with memory where there is a `dump local` of contacts."""
+    """Read states from a data file or a dump, with memory if there is a `dump local` of contacts."""
     out = []
     if contacts is not None and boundary is None:
-        boundary = _boundary(contacts)
+        boundary = _read_boundary(contacts)
     for packing in read_grains(path, wanted=wanted, boundary=boundary):
         if contacts is None:
             words = [*packing.words, NO_CONTACTS]
             out.append((str(packing.step), from_arrays(law=law, **packing.arrays), law, words))
         else:
-            state = with_memory(packing, read_pairs(contacts, packing, columns), law)
+            state = reconstruct_memory(packing, read_pairs(contacts, packing, columns), law)
             sliding = int((state.contacts.mode[: state.contacts.count[0]] == SLIDE).sum())
             count = int((state.contacts.mode[: state.contacts.count[0]] != OPEN).sum())
             words = [*packing.words, f"slip of {count} contacts reconstructed, {sliding} of them at Coulomb's limit"]

@@ -1,4 +1,4 @@
-"""Text files of LAMMPS: data files of `atom_style sphere`, dumps of `custom` and `local` style, as arrays."""
+"""Parsing of LAMMPS text files: data files of `atom_style sphere`, and dumps of `custom` and `local` style."""
 
 import re
 from pathlib import Path
@@ -11,7 +11,7 @@ from ..sample import HUGE, PackingError
 
 HEADER = re.compile(r"(?m)^\s*([A-Z][A-Za-z /]*?)\s*(?:#\s*(\S+)\s*)?$")  # of a section in a data file
 VOLUME = 4 / 3 * np.pi
-WHERE = ("x", "y", "z")
+AXES = ("x", "y", "z")
 VELOCITY, SPIN = ("vx", "vy", "vz"), ("omegax", "omegay", "omegaz")
 
 
@@ -21,52 +21,52 @@ class Table(NamedTuple):
     step: int
     vectors: np.ndarray  # (3, 3) box vectors as rows [length]
     corner: np.ndarray  # (3,) of the box [length]
-    periodic: np.ndarray | None  # (3,) bool; None where the file does not say
-    columns: dict[str, list[str]]  # words, one list a column
+    periodic: np.ndarray | None  # (3,) bool; None if the file does not say
+    columns: dict[str, list[str]]  # words, one list per column
 
     def numbers(self, *names: str) -> np.ndarray:
         """(rows, len(names)) columns as numbers, (rows,) for one."""
         try:
             found = np.array([self.columns[name] for name in names], float).T
         except ValueError:
-            raise PackingError(f"column {' or '.join(names)} holds something else than numbers") from None
+            raise PackingError(f"column {' or '.join(names)} contains entries that are not numbers") from None
         return np.ascontiguousarray(found[:, 0] if len(names) == 1 else found)
 
     def has(self, *names: str) -> bool:
-        """True if all columns are there."""
+        """Return True if all columns exist."""
         return all(name in self.columns for name in names)
 
 
 def read_dump(path: Path, wanted: str | None = None) -> tuple[list[Table], list[int]]:
-    """Time steps of a dump and the numbers of all that it has; `wanted`: one of them, "all", or None for the last."""
-    pieces = _text(path).split("ITEM: TIMESTEP")[1:]
+    """Read time steps of a dump (`wanted`: one of them, "all", or None for the last), and list all step numbers."""
+    pieces = _read_text(path).split("ITEM: TIMESTEP")[1:]
     if not pieces:
-        raise PackingError(f"{path} holds no ITEM: TIMESTEP: give a dump that LAMMPS wrote as text")
+        raise PackingError(f"{path} contains no ITEM: TIMESTEP: give a dump that LAMMPS wrote as text")
     try:
         steps = [whole_number(piece.split("\n", 2)[1]) for piece in pieces]
         if wanted not in (None, "all") and wanted not in map(str, steps):
             some = ", ".join(map(str, steps[:6])) + (" …" if len(steps) > 6 else "")
             raise PackingError(f"{path} has no time step {wanted}: it has {some}")
         chosen = [k for k, s in enumerate(steps) if wanted == "all" or (wanted is not None and str(s) == wanted)]
-        return [_table(steps[k], pieces[k]) for k in (chosen or [len(pieces) - 1])], steps
+        return [_parse_step(steps[k], pieces[k]) for k in (chosen or [len(pieces) - 1])], steps
     except (ValueError, IndexError, KeyError) as problem:
         if isinstance(problem, PackingError):
             raise
-        raise PackingError(f"{path} is truncated or no dump of LAMMPS ({problem})") from None
+        raise PackingError(f"{path} is truncated or not a LAMMPS dump ({problem})") from None
 
 
-def _text(path: Path) -> str:
+def _read_text(path: Path) -> str:
     try:
-        text = text_of(path, remedy="give files of LAMMPS as text, not binary or compressed")
+        text = text_of(path, remedy="give LAMMPS files as text, not binary or compressed")
     except ValueError as problem:
         raise PackingError(str(problem)) from None
-    if text and not text.endswith("\n"):  # a number that lost its last digits is still a number
-        raise PackingError(f"{path} ends in the middle of a line: it is truncated, or its last line has no end")
+    if text and not text.endswith("\n"):  # a truncated number is still a number
+        raise PackingError(f"{path} ends in the middle of a line: it is truncated, or its last line has no newline")
     return text
 
 
-def _table(step: int, piece: str) -> Table:
-    """One time step; ValueError, IndexError or KeyError if it is cut off."""
+def _parse_step(step: int, piece: str) -> Table:
+    """Parse one time step; ValueError, IndexError or KeyError if it is truncated."""
     items = {}
     for item in piece.split("ITEM: ")[1:]:
         head, _, body = item.partition("\n")
@@ -75,17 +75,17 @@ def _table(step: int, piece: str) -> Table:
             body,
         )
     rows = whole_number(items["NUMBER"][1].split()[0])
-    vectors, corner, periodic = _box(*items["BOX BOUNDS"])
+    vectors, corner, periodic = _parse_bounds(*items["BOX BOUNDS"])
     head, body = items["ATOMS"] if "ATOMS" in items else items["ENTRIES"]
     names, words = head.split()[1:], body.split()
     if len(words) != rows * len(names):
         raise ValueError(f"step {step} announces {rows} rows of {len(names)} numbers and has {len(words)} numbers")
     if len(set(names)) != len(names):
-        raise ValueError(f"step {step} has two columns of one name")
+        raise ValueError(f"step {step} has two columns with the same name")
     return Table(step, vectors, corner, periodic, {name: words[k :: len(names)] for k, name in enumerate(names)})
 
 
-def _box(head: str, body: str):
+def _parse_bounds(head: str, body: str):
     """Vectors, corner and periodic flags of ITEM: BOX BOUNDS in any of its variants."""
     marks = head.split()[2:]
     flags = [mark for mark in marks if len(mark) == 2 and set(mark) <= set("pfsm")]
@@ -97,20 +97,20 @@ def _box(head: str, body: str):
         raise ValueError(f"a box of shape {rows.shape}")
     xy, xz, yz = rows[:, 2] if rows.shape[1] == 3 else (0.0, 0.0, 0.0)
     low, high = rows[:, 0].copy(), rows[:, 1].copy()
-    low[0] -= min(0.0, xy, xz, xy + xz)  # what is written bounds the tilted box
+    low[0] -= min(0.0, xy, xz, xy + xz)  # the file has the bounds of the tilted box
     high[0] -= max(0.0, xy, xz, xy + xz)
     low[1] -= min(0.0, yz)
     high[1] -= max(0.0, yz)
-    return restricted(high - low, xy, xz, yz), low, periodic
+    return restricted_box(high - low, xy, xz, yz), low, periodic
 
 
-def restricted(size, xy: float, xz: float, yz: float) -> np.ndarray:
+def restricted_box(size, xy: float, xz: float, yz: float) -> np.ndarray:
     """(3, 3) box vectors as rows of LAMMPS's restricted triclinic box."""
     return np.array([[size[0], 0, 0], [xy, size[1], 0], [xz, yz, size[2]]], float)
 
 
-def dumped_grains(table: Table, path: Path) -> tuple[np.ndarray | None, dict, list[str]]:
-    """Ids, arrays for `from_arrays` and words of a dump of grains, in the order of their ids."""
+def grains_from_dump(table: Table, path: Path) -> tuple[np.ndarray | None, dict, list[str]]:
+    """Ids, arrays for `from_arrays` and notes from a dump of grains, in the order of the ids."""
     words, arrays = [], {"position": _position(table, path)}
     if table.has("radius") or table.has("diameter"):
         arrays["radius"] = table.numbers("radius") if table.has("radius") else table.numbers("diameter") / 2
@@ -121,7 +121,7 @@ def dumped_grains(table: Table, path: Path) -> tuple[np.ndarray | None, dict, li
     elif table.has("density"):
         arrays["mass"] = table.numbers("density") * VOLUME * arrays["radius"] ** 3
     else:
-        words.append(f"{path.name} has no column mass: all masses are taken as 1")
+        words.append(f"{path.name} has no column mass: all masses are set to 1")
     for name, columns in (("velocity", VELOCITY), ("spin", SPIN)):
         if table.has(*columns):
             arrays[name] = table.numbers(*columns)
@@ -133,46 +133,46 @@ def dumped_grains(table: Table, path: Path) -> tuple[np.ndarray | None, dict, li
 
 
 def _position(table: Table, path: Path) -> np.ndarray:
-    """(N, 3) unwrapped where the columns tell, [length]."""
+    """(N, 3) positions, unwrapped if the columns allow it [length]."""
     vectors, corner = table.vectors, table.corner
     whole = table.numbers("ix", "iy", "iz") @ vectors if table.has("ix", "iy", "iz") else 0.0
     for mark in ("u", ""):
-        if table.has(*(axis + mark for axis in WHERE)):
-            place = table.numbers(*(axis + mark for axis in WHERE))
+        if table.has(*(axis + mark for axis in AXES)):
+            place = table.numbers(*(axis + mark for axis in AXES))
             return place if mark else place + whole
     for mark in ("su", "s"):
-        if table.has(*(axis + mark for axis in WHERE)):
-            place = corner + table.numbers(*(axis + mark for axis in WHERE)) @ vectors
+        if table.has(*(axis + mark for axis in AXES)):
+            place = corner + table.numbers(*(axis + mark for axis in AXES)) @ vectors
             return place + (whole if mark == "s" else 0.0)
     raise PackingError(f"{path} has no positions: it needs columns x y z, xu yu zu, xs ys zs or xsu ysu zsu")
 
 
 def read_data(path: Path) -> tuple[np.ndarray, dict, Table, list[str]]:
-    """Ids, arrays for `from_arrays`, the box (with the time step, −1 if unknown) and words of a data file."""
-    text = _text(path)
+    """Read ids, arrays for `from_arrays`, the box (with the time step, −1 if unknown) and notes from a data file."""
+    text = _read_text(path)
     first = text.partition("\n")[0]
-    sections = _sections(text.partition("\n")[2])
+    sections = _split_sections(text.partition("\n")[2])
     head = sections.pop("")[1]
     try:
         if "Atoms" not in sections:
-            raise PackingError(f"{path} has no section Atoms: give a data file of LAMMPS, or a dump")
+            raise PackingError(f"{path} has no section Atoms: give a LAMMPS data file, or a dump")
         style, body = sections["Atoms"]
         count = whole_number(re.search(r"(?m)^\s*(\d+)\s+atoms\b", head)[1])
-        rows = _numbers(body, count, "Atoms")
+        rows = _parse_rows(body, count, "Atoms")
         if style not in (None, "sphere") or rows.shape[1] not in (7, 10):
             raise PackingError(
                 f"{path} has atoms of style {style or 'unknown'} with {rows.shape[1]} columns: atom_style sphere is "
-                f"read, with id type diameter density x y z and, maybe, ix iy iz"
+                f"supported, with id type diameter density x y z and optionally ix iy iz"
             )
-        vectors, corner = _data_box(head)
+        vectors, corner = _parse_data_box(head)
         step = re.search(r"timestep = (\d+)", first)
         box = Table(whole_number(step[1]) if step else -1, vectors, corner, None, {})
         rows = rows[np.argsort(rows[:, 0], kind="stable")]
-        motion = _numbers(sections["Velocities"][1], count, "Velocities") if "Velocities" in sections else None
+        motion = _parse_rows(sections["Velocities"][1], count, "Velocities") if "Velocities" in sections else None
     except (ValueError, IndexError, TypeError) as problem:
         if isinstance(problem, PackingError):
             raise
-        raise PackingError(f"{path} is truncated or no data file of LAMMPS ({problem})") from None
+        raise PackingError(f"{path} is truncated or not a LAMMPS data file ({problem})") from None
     radius = rows[:, 2] / 2
     arrays = {"position": rows[:, 4:7], "radius": radius, "mass": rows[:, 3] * VOLUME * radius**3}
     if rows.shape[1] == 10:
@@ -183,8 +183,8 @@ def read_data(path: Path) -> tuple[np.ndarray, dict, Table, list[str]]:
     return rows[:, 0].astype(np.int64), arrays, box, []
 
 
-def _sections(text: str) -> dict[str, tuple[str | None, str]]:
-    """Head and sections of a data file by name, each with the hint after its #."""
+def _split_sections(text: str) -> dict[str, tuple[str | None, str]]:
+    """Split a data file into its head and sections by name, each with the comment after its #."""
     found, name, hint, start = {}, "", None, 0
     for mark in HEADER.finditer(text):
         found[name] = hint, text[start : mark.start()]
@@ -193,20 +193,20 @@ def _sections(text: str) -> dict[str, tuple[str | None, str]]:
     return found
 
 
-def _numbers(body: str, rows: int, name: str) -> np.ndarray:
+def _parse_rows(body: str, rows: int, name: str) -> np.ndarray:
     lines = body.strip().split("\n")
     if "#" in body:
         lines = [line.partition("#")[0] for line in lines]
     lines = [line for line in lines if line.strip()]
     if len(lines) != rows:
-        raise ValueError(f"section {name} has {len(lines)} lines where {rows} atoms are announced")
+        raise ValueError(f"section {name} has {len(lines)} lines but the file announces {rows} atoms")
     values = np.array(" ".join(lines).split(), float).reshape(rows, -1)
     if not (np.abs(values) < HUGE).all():
-        raise ValueError(f"section {name} holds NaN, infinity or numbers beyond {HUGE:g}")
+        raise ValueError(f"section {name} contains NaN, infinity or numbers beyond {HUGE:g}")
     return values
 
 
-def _data_box(head: str) -> tuple[np.ndarray, np.ndarray]:
+def _parse_data_box(head: str) -> tuple[np.ndarray, np.ndarray]:
     def line(*names):
         found = re.search(r"(?m)^\s*(.+?)\s+" + r"\s+".join(names) + r"\b", head)
         values = None if found is None else np.array(found[1].split(), float)
@@ -217,6 +217,6 @@ def _data_box(head: str) -> tuple[np.ndarray, np.ndarray]:
     general = [line(name) for name in ("avec", "bvec", "cvec")]
     if all(v is not None for v in general):
         return np.array(general), line("abc", "origin")
-    bounds = np.array([line(f"{axis}lo", f"{axis}hi") for axis in WHERE])
+    bounds = np.array([line(f"{axis}lo", f"{axis}hi") for axis in AXES])
     tilt = line("xy", "xz", "yz")
-    return restricted(bounds[:, 1] - bounds[:, 0], *((0, 0, 0) if tilt is None else tilt)), bounds[:, 0]
+    return restricted_box(bounds[:, 1] - bounds[:, 0], *((0, 0, 0) if tilt is None else tilt)), bounds[:, 0]

@@ -1,6 +1,6 @@
-"""Packings for LAMMPS: a data file of `atom_style sphere`, and beside it the contacts as LAMMPS would dump them.
+"""Packings for LAMMPS: a data file of `atom_style sphere`, and a second file of contacts as LAMMPS would dump them.
 
-LAMMPS reads the data file, but cannot be given memory of contacts; `read_lammps` reads it from the second file.
+LAMMPS reads the data file but cannot import the memory of contacts; `read_lammps` reads it from the second file.
 """
 
 from pathlib import Path
@@ -12,53 +12,55 @@ from ...core.laws.builtin import SHARP, dashpots
 from ...core.measure import touching
 from ...core.state import SLIDE
 from ..atomic import beside
-from .frame import Frame, shown_box, unheld, without_walls, wrapped_into
-from .lammps_file import ORDER, approach
+from .frame import Frame, bounding_box, list_losses, without_walls, wrapped_into
+from .lammps_file import ORDER, relative_velocity
 from .lammps_text import VOLUME
 
 
 def contacts_path(path: Path) -> Path:
-    """Where the contacts of a data file go: packing.data has packing.contacts.dump."""
+    """Path of the contacts of a data file: packing.contacts.dump for packing.data."""
     return path.with_name(f"{path.stem}.contacts.dump")
 
 
 def write_lammps(path: str | Path, frame: Frame) -> list[str]:
-    """Write a data file and its contacts; returns sentences about what they do not hold."""
+    """Write a data file and its contacts; return notes on what they do not store."""
     path, state = Path(path), frame.state
-    vectors, corner = shown_box(state, "LAMMPS")
+    vectors, corner = bounding_box(state, "LAMMPS")
     if state.cell.dim == 2:
         vectors, corner = vectors.copy(), corner.copy()
         vectors[2], corner[2] = (0, 0, 1), -0.5
-    words = [f"LAMMPS data does not hold {', '.join(lost)}" for lost in [unheld(frame)] if lost]
+    words = [f"LAMMPS data does not store {', '.join(lost)}" for lost in [list_losses(frame)] if lost]
     if not state.cell.periodic[: state.cell.dim].all():
         letters = "".join("p" if p else "f" for p in state.cell.periodic[: state.cell.dim]) + "p" * (3 - state.cell.dim)
-        words.append(f"LAMMPS data does not hold what is periodic: use `boundary {' '.join(letters)}` there")
+        words.append(f"LAMMPS data does not store which directions are periodic: use `boundary {' '.join(letters)}`")
     i0 = state.grains.inertia / (state.grains.mass * state.grains.radius**2)
     if np.abs(i0 - 0.4).max() > 1e-12:
-        words.append("LAMMPS takes the moment of inertia of spheres, 2/5 m R², or with `disc` 1/2 m R²: give it --i0")
+        words.append(
+            "LAMMPS uses the moment of inertia of spheres, 2/5 m R², or with `disc` 1/2 m R²: set it here with --i0"
+        )
     if state.grains.angle.any():
-        words.append("LAMMPS data does not hold angles")
+        words.append("LAMMPS data does not store angles")
     with beside(path) as part:
-        part.write_text(_data(frame, vectors, corner), encoding="utf-8")
+        part.write_text(_format_data(frame, vectors, corner), encoding="utf-8")
         words += _write_contacts(contacts_path(path), frame, vectors, corner)
     return words
 
 
-def _digits(rows) -> list[str]:
-    """Lines of numbers that are read back to the last bit."""
+def _format_rows(rows) -> list[str]:
+    """Format rows of numbers, which are read back to the last bit."""
     return [" ".join(map(repr, row)) for row in rows]
 
 
-def _data(frame: Frame, vectors, corner) -> str:
+def _format_data(frame: Frame, vectors, corner) -> str:
     state, grains = frame.state, frame.state.grains
     inside, image = wrapped_into(grains.position, vectors, corner, state.cell.periodic)
     size, tilt = np.diag(vectors), (vectors[1, 0], vectors[2, 0], vectors[2, 1])
     density = grains.mass / (VOLUME * grains.radius**3)
-    numbers = _digits(np.column_stack([2 * grains.radius, density, inside]).tolist())
-    whole = _digits(image.tolist())
+    numbers = _format_rows(np.column_stack([2 * grains.radius, density, inside]).tolist())
+    whole = _format_rows(image.tolist())
     kinds = (grains.material + 1).tolist()
     atoms = [f"{k} {t} {a} {b}" for k, (t, a, b) in enumerate(zip(kinds, numbers, whole, strict=True), 1)]
-    motion = _digits(np.hstack([grains.velocity, grains.spin]).tolist())
+    motion = _format_rows(np.hstack([grains.velocity, grains.spin]).tolist())
     head = [f"LAMMPS data file of grains, timestep = 0, written by stickslip ({state.cell.dim} dimensions)", ""]
     head += [f"{len(kinds)} atoms", f"{max(kinds)} atom types", ""]
     head += [f"{float(c)!r} {float(c + s)!r} {a}lo {a}hi" for c, s, a in zip(corner, size, "xyz", strict=True)]
@@ -69,19 +71,19 @@ def _data(frame: Frame, vectors, corner) -> str:
 
 
 def _write_contacts(path: Path, frame: Frame, vectors, corner) -> list[str]:
-    """The contacts between grains as `compute pair/local` gives them; words on what is not written."""
+    """Write the contacts between grains as `compute pair/local` does; return notes on what is not written."""
     state, law = frame.state, frame.law
     pairs, words = without_walls(frame)
     if law.coulomb != SHARP:
-        return [*words, "LAMMPS's friction is sharp, this law's is smooth: the memory of contacts is not written"]
+        return [*words, "LAMMPS has sharp friction but this law is smooth: the memory of contacts is not written"]
     rows = touching(state)
     rows = rows[state.contacts.j[rows] < len(state.grains.radius)]
     c = linearise(state, law)
-    vn, vt = approach(state, rows, c.normal[rows])
+    vn, vt = relative_velocity(state, rows, c.normal[rows])
     normal = (c.force_n[rows] - c.damping_n[rows] * vn)[:, None] * c.normal[rows]
     tangential = pairs["tangential"] - c.damping_t[rows, None] * vt
     length = np.linalg.norm(pairs["branch"], axis=1)
-    numbers = _digits(np.column_stack([length, pairs["branch"], normal, tangential]).tolist())
+    numbers = _format_rows(np.column_stack([length, pairs["branch"], normal, tangential]).tolist())
     ends = zip((pairs["i"] + 1).tolist(), (pairs["j"] + 1).tolist(), numbers, strict=True)
     flags = ["pp" if p else "ff" for p in state.cell.periodic]
     xy, xz, yz = vectors[1, 0], vectors[2, 0], vectors[2, 1]
@@ -90,12 +92,14 @@ def _write_contacts(path: Path, frame: Frame, vectors, corner) -> list[str]:
     high[0] += max(0.0, xy, xz, xy + xz)
     low[1] += min(0.0, yz)
     high[1] += max(0.0, yz)
-    bounds = _digits(np.column_stack([low, high, (xy, xz, yz)]).tolist())
+    bounds = _format_rows(np.column_stack([low, high, (xy, xz, yz)]).tolist())
     head = ["ITEM: TIMESTEP", "0", "ITEM: NUMBER OF ENTRIES", str(len(rows))]
     head += [f"ITEM: BOX BOUNDS xy xz yz {' '.join(flags)}", *bounds, f"ITEM: ENTRIES {' '.join(ORDER)}"]
     with beside(path) as part:
         part.write_text("\n".join([*head, *(f"{i} {j} {row}" for i, j, row in ends), ""]), encoding="utf-8")
     sliding = int(((pairs["mode"] == SLIDE) & (vt.any(axis=1) | (vn != 0))).sum())
     if dashpots(law) and sliding:
-        words.append(f"the slip of {sliding} sliding contact(s) in motion is held only to within what dashpots bear")
-    return [*words, f"LAMMPS cannot be given memory: it is in {path.name}, for --contacts"]
+        words.append(
+            f"the slip of {sliding} sliding contact(s) in motion is stored only up to the force carried by dashpots"
+        )
+    return [*words, f"LAMMPS cannot import the memory of contacts: it is in {path.name}, for --contacts"]

@@ -1,4 +1,4 @@
-"""A mode as an animation: the packing, and what exp(st) makes of it over one period."""
+"""Animation of a mode: the packing displaced by Re(mode exp(st)) over one period."""
 
 from pathlib import Path
 
@@ -12,35 +12,35 @@ REQUIRED = ("translation", "rotation", "exponent")
 
 
 def read_mode(path: str | Path, number: int, n: int) -> tuple[np.ndarray, np.ndarray, complex]:
-    """Translation and rotation (N, 3) complex, and exponent s of exp(st), of one mode in the file of `stability`.
+    """Read translation and rotation (N, 3) complex, and exponent s of exp(st), of one mode written by `stability`.
 
     Raises
     ------
-    SampleError
-        with one sentence, if the file is no such file, or of another packing.
+    PackingError
+        if the file is not such a file, or belongs to another packing.
     """
     try:
         with np.load(path, allow_pickle=False) as file:
             found = {name: file[name] for name in REQUIRED}
     except FileNotFoundError:
-        raise PackingError(f"{path} is no file: give the modes that `stickslip stability` wrote") from None
-    except Exception:  # whatever a damaged archive makes numpy and zipfile raise
-        raise PackingError(f"{path} holds no modes: give the .npz that `stickslip stability` wrote") from None
+        raise PackingError(f"{path} is not a file: give the modes that `stickslip stability` wrote") from None
+    except Exception:  # numpy and zipfile raise various errors for a damaged file
+        raise PackingError(f"{path} contains no modes: give the .npz that `stickslip stability` wrote") from None
     translation, rotation, exponent = (found[name] for name in REQUIRED)
     if any(array.dtype.kind not in "fciu" for array in (translation, rotation, exponent)):
-        raise PackingError(f"{path} holds something else than numbers: write the modes anew")
+        raise PackingError(f"{path} contains entries that are not numbers: write the modes again")
     if exponent.ndim != 1 or translation.shape != (len(exponent), *translation.shape[1:2], 3):
-        raise PackingError(f"{path} holds arrays that do not belong together: write the modes anew")
+        raise PackingError(f"{path} contains arrays that do not belong together: write the modes again")
     if not len(exponent):
-        raise PackingError(f"{path} holds no modes: the packing has none that grows")
+        raise PackingError(f"{path} contains no modes: the packing has no growing mode")
     if not 0 <= number < len(exponent):
-        raise PackingError(f"mode {number} was asked for: {path} has 0 to {len(exponent) - 1}, the fastest first")
+        raise PackingError(f"mode {number} was requested: {path} has 0 to {len(exponent) - 1}, the fastest first")
     if translation.shape[1] != n or rotation.shape != translation.shape:
         raise PackingError(
-            f"{path} has modes of {translation.shape[1]} grains, the packing has {n}: give its own modes"
+            f"{path} has modes of {translation.shape[1]} grains, the packing has {n}: give modes of this packing"
         )
     if not (np.isfinite(translation).all() and np.isfinite(rotation).all() and np.isfinite(exponent).all()):
-        raise PackingError(f"{path} holds NaN or infinity: write the modes anew")
+        raise PackingError(f"{path} contains NaN or infinity: write the modes again")
     return translation[number], rotation[number], complex(exponent[number])
 
 
@@ -48,40 +48,43 @@ def mode_frames(
     frame: Frame, translation: np.ndarray, rotation: np.ndarray, exponent: complex, *, count: int = 48,
     amplitude: float = 0.3, grow: bool = False,
 ) -> list[Frame]:  # fmt: skip
-    """Frames of Re(mode exp(st)) over one period 2π/|Im s|; a mode without period sways to and fro in 2π/|s|, or 2π.
+    """Frames of Re(mode exp(st)) over one period 2π/|Im s|; a non-oscillating mode swings once in 2π/|s|, or 2π.
 
     Parameters
     ----------
-    frame : of the packing; its contacts and forces stay as they are
+    frame : of the packing; its contacts and forces are not changed
     translation, rotation : (N, 3) complex displacements, and R·angle
     exponent : s [1/time]
-    count : frames of the period
+    count : number of frames per period
     amplitude : largest displacement of any grain, over its radius
-    grow : False leaves the growth out, so that the animation can be repeated; True ends at `amplitude`
+    grow : if False, the growth is left out, so that the animation can be looped; if True, it ends at `amplitude`
     """
     state, radius = frame.state, frame.state.grains.radius[:, None]
     if count < 2 or not 0 < amplitude <= HUGE:
         raise PackingError(
-            f"{count} frames of amplitude {amplitude:g} were asked for: at least 2, and above 0, up to {HUGE:g}"
+            f"{count} frames of amplitude {amplitude:g} were requested: give at least 2 frames, and an amplitude above "
+            f"0 and up to {HUGE:g}"
         )
     largest = float((np.sqrt((np.abs(translation) ** 2).sum(axis=1, keepdims=True)) / radius).max())
     turning = float((np.abs(rotation) / radius).max())
     if not max(largest, turning) > 0:
-        raise PackingError("the mode moves no grain: choose another one")
+        raise PackingError("the mode moves no grain: choose another mode")
     scale = amplitude / (largest or turning)
     period = 2 * np.pi / (abs(exponent.imag) or abs(exponent) or 1.0)
     if not np.isfinite(period):
-        raise PackingError(f"the mode has the exponent {exponent:.3g}, whose period is no number: choose another one")
+        raise PackingError(f"the mode has the exponent {exponent:.3g}, whose period is not finite: choose another mode")
     out = []
     for t in np.arange(count) / count * period:
         factor = np.exp(1j * (exponent.imag * t if exponent.imag else 2 * np.pi * t / period))
         if grow:
             factor *= np.exp(exponent.real * (t - period))
-        out.append(_moved(frame, *((scale * factor * part).real for part in (translation, rotation)), state.time + t))
+        out.append(
+            _displaced(frame, *((scale * factor * part).real for part in (translation, rotation)), state.time + t)
+        )
     return out
 
 
-def _moved(frame: Frame, shift: np.ndarray, roll: np.ndarray, time: float) -> Frame:
+def _displaced(frame: Frame, shift: np.ndarray, roll: np.ndarray, time: float) -> Frame:
     state, radius = frame.state, frame.state.grains.radius[:, None]
     grains = state.grains._replace(position=state.grains.position + shift, angle=state.grains.angle + roll / radius)
     moved: State = state._replace(grains=grains, time=float(time))

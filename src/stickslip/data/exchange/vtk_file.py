@@ -1,6 +1,6 @@
-"""VTK, which ParaView reads: grains as points with radius, contacts as lines with their forces, one file each.
+"""VTK files, which ParaView reads: grains as points with radius, contacts as lines with their forces, one file each.
 
-NAME.vtu holds the grains (Glyph: sphere, scaled by `diameter`), NAME-contacts.vtu the lines; of several frames,
+NAME.vtu contains the grains (Glyph: sphere, scaled by `diameter`), NAME-contacts.vtu the lines. Several frames become
 NAME_0000.vtu and so on, which ParaView opens as a series.
 """
 
@@ -12,11 +12,11 @@ import numpy as np
 from ...extras import needed
 from ..atomic import named
 from ..sample import PackingError
-from .frame import Frame, unheld, wrapped_into
+from .frame import Frame, list_losses, wrapped_into
 
 
 def vtk_paths(path: Path, count: int) -> list[tuple[Path, Path]]:
-    """Files of grains and of contacts for each frame."""
+    """Paths of the files of grains and of contacts for each frame."""
     stems = [path.stem] if count == 1 else [f"{path.stem}_{k:04d}" for k in range(count)]
     one = "{}-contacts{}" if count == 1 else "{0[0]}-contacts_{0[1]}{1}"
     names = [one.format(stem if count == 1 else stem.rsplit("_", 1), path.suffix) for stem in stems]
@@ -24,28 +24,28 @@ def vtk_paths(path: Path, count: int) -> list[tuple[Path, Path]]:
 
 
 def write_vtk(path: str | Path, frames: list[Frame]) -> list[str]:
-    """Write two .vtu files a frame, all or none; returns what they do not hold."""
+    """Write two .vtu files per frame, all or none; return notes on what they do not store."""
     hl, path = needed("pyevtk.hl", "exchange"), Path(path)
     if not path.parent.is_dir():
-        raise PackingError(f"the folder {path.parent} does not exist: make it first")
+        raise PackingError(f"the folder {path.parent} does not exist: create it first")
     pairs = vtk_paths(path, len(frames))
     with named(path), TemporaryDirectory(prefix=f".{path.stem}.", dir=path.parent) as folder:
         made = []
         for frame, targets in zip(frames, pairs, strict=True):
-            for target, write in zip(targets, (_grains, _lines), strict=True):
-                if write is _lines and not len(frame.contacts["i"]):
-                    continue  # pyevtk writes no empty file
+            for target, write in zip(targets, (_write_grains, _write_lines), strict=True):
+                if write is _write_lines and not len(frame.contacts["i"]):
+                    continue  # pyevtk cannot write an empty file
                 made.append((Path(write(hl, str(Path(folder) / target.stem), frame)), target))
         for part, target in made:
             part.replace(target)
-    lost = ["the cell", "the images of contacts", *unheld(frames[0])]
+    lost = ["the cell", "the images of contacts", *list_losses(frames[0])]
     bare = sum(not len(frame.contacts["i"]) for frame in frames)
     words = [f"{bare} frame(s) have no contacts: no file of lines was written for them"] if bare else []
-    return [*words, f"VTK does not hold {', '.join(lost)}; it is written, not read back"]
+    return [*words, f"VTK does not store {', '.join(lost)}; stickslip writes it but does not read it"]
 
 
-def _places(frame: Frame) -> np.ndarray:
-    """Positions inside the box; of an animation as they are, so that no grain jumps across."""
+def _positions(frame: Frame) -> np.ndarray:
+    """Positions wrapped into the box; unwrapped for animations, so that no grain jumps across."""
     state = frame.state
     if frame.moving or not state.cell.periodic.any():
         return state.grains.position
@@ -53,30 +53,30 @@ def _places(frame: Frame) -> np.ndarray:
     return wrapped_into(state.grains.position, vectors, corner, state.cell.periodic)[0]
 
 
-def _grains(hl, path: str, frame: Frame) -> str:
+def _write_grains(hl, path: str, frame: Frame) -> str:
     grains = frame.state.grains
     columns = {name: getattr(grains, name) for name in ("radius", "mass", "inertia", "material")}
     columns |= {"diameter": 2 * grains.radius, "velocity": grains.velocity, "spin": grains.spin, "angle": grains.angle}
-    return hl.pointsToVTK(path, *_axes(_places(frame)), data=_plain(columns | frame.grains))
+    return hl.pointsToVTK(path, *_split_axes(_positions(frame)), data=_to_vtk_columns(columns | frame.grains))
 
 
-def _lines(hl, path: str, frame: Frame) -> str:
-    """Each line runs from i along the branch to j, or to the surface of a wall, across the box's boundary or not."""
+def _write_lines(hl, path: str, frame: Frame) -> str:
+    """Write lines from i along the branch vector to j, or to the surface of a wall, also across the box boundary."""
     c = frame.contacts
-    start = _places(frame)[c["i"]]
+    start = _positions(frame)[c["i"]]
     ends = np.stack([start, start - c["branch"]], axis=1).reshape(-1, 3)
     columns = {name: column for name, column in c.items() if name != "image"}
-    return hl.linesToVTK(path, *_axes(ends), cellData=_plain(columns))
+    return hl.linesToVTK(path, *_split_axes(ends), cellData=_to_vtk_columns(columns))
 
 
-def _axes(points: np.ndarray):
+def _split_axes(points: np.ndarray):
     return (np.ascontiguousarray(axis) for axis in points.T)
 
 
-def _plain(columns: dict) -> dict:
-    """Columns as pyevtk wants them: vectors as three arrays, small integers as 32 bits."""
+def _to_vtk_columns(columns: dict) -> dict:
+    """Convert columns for pyevtk: vectors as three arrays, small integers as 32-bit integers."""
     out = {}
     for name, column in columns.items():
         values = column.astype(np.int32) if column.dtype.kind in "iub" else column
-        out[name] = tuple(_axes(values)) if values.ndim == 2 else np.ascontiguousarray(values)
+        out[name] = tuple(_split_axes(values)) if values.ndim == 2 else np.ascontiguousarray(values)
     return out

@@ -1,25 +1,25 @@
-"""Extended XYZ, which ASE and OVITO read: grains as atoms of species X with columns, the cell, and the law as text.
+"""Extended XYZ files, which ASE and OVITO read: grains as atoms of species X, further columns, the cell, and the law.
 
-Written without a library, as ASE would leave eight decimals of every number.
+They are written without a library, because ASE would write only eight decimals.
 """
 
 import json
 from pathlib import Path
 
 from ..atomic import beside
-from .frame import Frame, law_words, unheld
+from .frame import Frame, law_to_dict, list_losses
 
 
 def write_xyz(path: str | Path, frames: list[Frame]) -> list[str]:
-    """Write frames one after the other, numbers to the last bit; returns what the format does not hold."""
+    """Write frames one after the other, numbers to the last bit; return notes on what the format does not store."""
     with beside(Path(path)) as part, part.open("w", encoding="utf-8") as file:
         for frame in frames:
-            file.write(_block(frame))
-    lost = ["contacts and their memory", *unheld(frames[0], law=False)]
-    return [f"extended XYZ does not hold {', '.join(lost)}"]
+            file.write(_format_frame(frame))
+    lost = ["contacts and their memory", *list_losses(frames[0], law=False)]
+    return [f"extended XYZ does not store {', '.join(lost)}"]
 
 
-def _block(frame: Frame) -> str:
+def _format_frame(frame: Frame) -> str:
     grains, cell = frame.state.grains, frame.state.cell
     named = {"pos": grains.position, "radius": grains.radius, "mass": grains.mass, "velo": grains.velocity}
     named |= {"spin": grains.spin, "angle": grains.angle, "inertia": grains.inertia, "material": grains.material}
@@ -31,7 +31,7 @@ def _block(frame: Frame) -> str:
         columns.append([" ".join(map(repr, row)) for row in values.reshape(-1, width).tolist()])
     lattice = " ".join(repr(v) for v in cell.vectors.ravel().tolist())
     flags = " ".join("T" if p else "F" for p in cell.periodic)
-    law = json.dumps(json.dumps(law_words(frame.law)))  # quoted, and what is quoted in it escaped
+    law = json.dumps(json.dumps(law_to_dict(frame.law)))  # quoted, with inner quotes escaped
     head = [f'Lattice="{lattice}"'] if cell.periodic.any() else []
     head += [f'pbc="{flags}"', f"Properties=species:S:1:{':'.join(kinds)}"]
     head += [f"time={frame.state.time!r}", f"dim={cell.dim}", f"law={law}"]
