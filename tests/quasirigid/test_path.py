@@ -10,11 +10,11 @@ from stickslip.loading.biaxial import RIGHT, TOP, biaxial_box, sheared_box, with
 from stickslip.loading.slow import slow_dynamics
 from stickslip.quasirigid import increment as piece
 from stickslip.quasirigid.events import Event
-from stickslip.quasirigid.increment import CROWD, OUT_OF_BALANCE, Piece, Place
-from stickslip.quasirigid.opening import decided
+from stickslip.quasirigid.increment import CROWD, OUT_OF_BALANCE, Increment, PathState
+from stickslip.quasirigid.opening import decide_statuses
 from stickslip.quasirigid.path import load_path
 from stickslip.quasirigid.status import Alternative, Verdict, contact_status
-from stickslip.quasirigid.uniqueness import Known, certificate
+from stickslip.quasirigid.uniqueness import UniquenessVerdict, certificate
 
 
 @pytest.fixture(scope="module")
@@ -115,18 +115,18 @@ def test_what_is_not_known_of_uniqueness_is_counted_and_told(boxed, monkeypatch)
 
     def undecided(problem):
         open_.append("certificate")
-        return certificate(problem)._replace(verdict=Known.UNDECIDED)
+        return certificate(problem)._replace(verdict=UniquenessVerdict.UNDECIDED)
 
     def cut_short(*given, **how):
         open_.append("apex")
-        return decided(*given, **how)._replace(complete=False)
+        return decide_statuses(*given, **how)._replace(complete=False)
 
     sure = load_path(state, law, less, increment=0.05)
     assert sure.unchecked == 0
     assert "not known" not in sure.summary
     monkeypatch.setattr(piece, "contact_status", no_answer)
     monkeypatch.setattr(piece, "certificate", undecided)
-    monkeypatch.setattr(piece, "decided", cut_short)
+    monkeypatch.setattr(piece, "decide_statuses", cut_short)
     path = load_path(state, law, more, increment=0.05)
     assert path.complete
     assert {"certificate", "apex"} <= set(open_)
@@ -207,7 +207,7 @@ def test_ends_do_not_depend_on_the_increment_nor_on_round_off():
 
 def test_a_path_without_progress_ends_after_a_stated_number_of_events(boxed, monkeypatch):
     state, law = boxed
-    run = Piece.run
+    run = Increment.run
 
     def stuck(self, start):
         place, used, verdict = run(self, start)
@@ -216,7 +216,7 @@ def test_a_path_without_progress_ends_after_a_stated_number_of_events(boxed, mon
         self.events = [Event(start, "opens", 0, 1)]
         return self.place, 0.0, Verdict.CONSISTENT
 
-    monkeypatch.setattr(Piece, "run", stuck)
+    monkeypatch.setattr(Increment, "run", stuck)
     path = load_path(state, law, with_load(state.control, 60 + TOP, 2.5))
     assert path.verdict is Verdict.NO_PROGRESS
     assert path.verdict.value.startswith(f"{CROWD} events")
@@ -287,8 +287,8 @@ def test_geometric_stiffness_keeps_the_balance(boxed):
     quiet = np.zeros(len(state.contacts.mode), bool)
     residual = []
     for geometric in (True, False):
-        one = Piece(
-            Place(state, ss.measure.rattlers(state, 2), quiet, quiet, True, 0.0),
+        one = Increment(
+            PathState(state, ss.measure.rattlers(state, 2), quiet, quiet, True, 0.0),
             law,
             state.control,
             end,

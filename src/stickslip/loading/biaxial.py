@@ -52,7 +52,7 @@ def biaxial_box(
     ------
     McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Fig 1.
     """
-    law = _law(kn, kt, mu, pressure)
+    law = _contact_law(kn, kt, mu, pressure)
     packing, _ = jammed(n, packing_fraction=0.86, dim=2, radius=radius, seed=seed)
     sizes, cell = packing.grains.radius, LOOSE * packing.cell.vectors[0, 0]
     room = float(sizes.max())
@@ -66,7 +66,7 @@ def biaxial_box(
     control = force_controlled(control, [n + RIGHT], [-pressure * length, 0])
     control = force_controlled(control, [n + TOP], [0, -pressure * length])
     state = assembly(grains, walls, box(dim=2), control)
-    return at_rest(state, law, tolerance * pressure), law
+    return settle(state, law, tolerance * pressure), law
 
 
 def sheared_box(
@@ -77,15 +77,18 @@ def sheared_box(
 
     Arguments, law and errors as in `biaxial_box`.
     """
-    law, packing = _law(kn, kt, mu, pressure), jammed(n, packing_fraction=0.86, dim=2, radius=radius, seed=seed)[0]
+    law, packing = (
+        _contact_law(kn, kt, mu, pressure),
+        jammed(n, packing_fraction=0.86, dim=2, radius=radius, seed=seed)[0],
+    )
     sizes, side = packing.grains.radius, 1.02 * packing.cell.vectors[0, 0]
     grains = disks(1.02 * packing.grains.position[:, :2], sizes, mass=4 * sizes**2)
     control = stress_controlled(loads(n), {"xx": pressure, "yy": pressure, "xy": 0.0})
     cell = box([side, side, 1.0], periodic=(True, True, False), dim=2)
-    return at_rest(assembly(grains, cell=cell, control=control), law, tolerance * pressure), law
+    return settle(assembly(grains, cell=cell, control=control), law, tolerance * pressure), law
 
 
-def at_rest(state: State, law: Law, tolerance: float) -> State:
+def settle(state: State, law: Law, tolerance: float) -> State:
     """The state after damped dynamics, its largest unbalanced force below the tolerance, and standing still.
 
     Raises
@@ -110,7 +113,7 @@ def at_rest(state: State, law: Law, tolerance: float) -> State:
     return state
 
 
-def _law(kn: float, kt: float, mu: float, pressure: float) -> Law:
+def _contact_law(kn: float, kt: float, mu: float, pressure: float) -> Law:
     if not 0 < pressure <= SOFT * kn:
         raise ValueError(f"pressure = {pressure} was given: it must be above 0 and at most {SOFT:g} kn = {SOFT * kn:g}")
     return linear(kn, kt, mu, coulomb="sharp", damping="mass_velocity", damping_n=0.2, damping_t=0.2)

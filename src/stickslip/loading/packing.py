@@ -137,7 +137,7 @@ def jammed(
             raise ValueError(f"{name} = {value} was given: it must be positive")
     law = frictionless(hertz_mindlin() if law is None else law)
     rng = np.random.default_rng(seed)
-    sizes = _radii(radius, n)
+    sizes = _check_radii(radius, n)
     volume = np.sum(np.pi * sizes**2 if dim == 2 else 4 / 3 * np.pi * sizes**3)
     start = packing_fraction or 1.03 * JAMMED[dim]
     side = float(volume / start) ** (1 / dim)
@@ -151,10 +151,10 @@ def jammed(
     make = disks if dim == 2 else spheres
     grains = make(position, sizes, mass=mass, **({} if i0 is None else {"i0": i0}))
     cell = box([side, side, side if dim == 3 else 1.0], [True, True, dim == 3], dim)
-    state = _quenched(assembly(grains, cell=cell, control=loads(n)), law, tolerance)
+    state = _quench(assembly(grains, cell=cell, control=loads(n)), law, tolerance)
     if pressure is not None:
-        state = _compressed(state, law, pressure, tolerance)
-    report = packed(state, law)
+        state = _compress(state, law, pressure, tolerance)
+    report = packing_info(state, law)
     if report.pressure <= 0:
         raise ValueError(
             f"packing fraction {report.packing_fraction:.4g} does not jam: nothing touches; grains without friction "
@@ -170,7 +170,7 @@ def frictionless(law: Law) -> Law:
     return law._replace(table=table)
 
 
-def packed(state: State, law: Law) -> Packed:
+def packing_info(state: State, law: Law) -> Packed:
     """Report on an accepted frictionless packing."""
     contacts, rows = state.contacts, touching(state)
     radius = state.grains.radius
@@ -188,14 +188,14 @@ def packed(state: State, law: Law) -> Packed:
     )
 
 
-def _radii(radius, n: int) -> np.ndarray:
+def _check_radii(radius, n: int) -> np.ndarray:
     sizes = np.atleast_1d(np.asarray(radius, float))
     if sizes.ndim != 1 or len(sizes) > n or not (np.isfinite(sizes) & (sizes > 0)).all():
         raise ValueError(f"radius = {radius} was given: give one, one for each of {n} grains, or a few positive sizes")
     return sizes.copy() if len(sizes) == n else sizes[np.arange(n) * len(sizes) // n]
 
 
-def _quenched(state: State, law: Law, tolerance: float) -> State:
+def _quench(state: State, law: Law, tolerance: float) -> State:
     """The minimum of the elastic energy into which the positions run, then balanced forces."""
     n, dim = len(state.grains.radius), state.cell.dim
 
@@ -228,7 +228,7 @@ def _quenched(state: State, law: Law, tolerance: float) -> State:
     return end
 
 
-def _compressed(state: State, law: Law, wanted: float, tolerance: float) -> State:
+def _compress(state: State, law: Law, wanted: float, tolerance: float) -> State:
     """Affine compression and quench until the pressure is as wanted; p^(2/3) is nearly linear in the strain."""
     dim, strain, step, before = state.cell.dim, 0.0, -0.003, None
     reference = state
@@ -245,7 +245,7 @@ def _compressed(state: State, law: Law, wanted: float, tolerance: float) -> Stat
         before, strain = here, strain + step
         gradient = np.zeros((3, 3))
         gradient[:dim, :dim] = step * np.eye(dim)
-        state = _quenched(strained(state, gradient), law, tolerance)
+        state = _quench(strained(state, gradient), law, tolerance)
     raise ValueError(
         f"pressure {wanted:g} was not reached within 60 compressions (at {pressure(state, law):.3g} now, from "
         f"{pressure(reference, law):.3g}): give a packing fraction instead"

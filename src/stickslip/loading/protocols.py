@@ -15,7 +15,7 @@ from ..core.state import State
 from ..data.checkpoint import Kept
 from ..solve.newton import newton
 from ..solve.relax import relax
-from ..solve.spectrum import Spectrum, match_pairs, overlap, spectrum
+from ..solve.spectrum import Spectrum, match_pairs, mode_overlap, spectrum
 
 SAME_PAIR = 0.5  # overlap of modes above which two pairs at neighbouring loads are one
 
@@ -105,14 +105,14 @@ def ramp(state: State, loads, protocol: Protocol, report=None, *, kept: Kept | N
     """
     path = []
     for k, load in enumerate(loads):
-        path.append(_point(state, load, protocol, kept, f"{k:06d}"))
+        path.append(_solve_point(state, load, protocol, kept, f"{k:06d}"))
         state = path[-1].state
         if report:
             report(path[-1])
     return path
 
 
-def _point(state: State, load: float, protocol: Protocol, kept: Kept | None, name: str) -> Equilibrium:
+def _solve_point(state: State, load: float, protocol: Protocol, kept: Kept | None, name: str) -> Equilibrium:
     if kept and kept.has(name):
         state, outcome = kept.load(name)
         return Equilibrium(float(load), state, spectrum(state, protocol.law, modes=protocol.modes), outcome)
@@ -145,14 +145,16 @@ def bisect_change(
     return Change(low, high)
 
 
-def family(path: list[Equilibrium], members: dict[int, int], protocol: Protocol, *, relative: float = 1e-6) -> Family:
+def follow_pair(
+    path: list[Equilibrium], members: dict[int, int], protocol: Protocol, *, relative: float = 1e-6
+) -> Family:
     """One pair, given by point of the path -> eigenvalue, with its birth and death to `relative` in the load."""
     first, last = min(members), max(members)
 
     def looks_like(k):
         known = path[k].spectrum
         mode, mass = known.modes[:, members[k]], known.free.mass
-        return lambda s: any(overlap(mode, s.modes[:, p], mass) >= SAME_PAIR for p in s.pairs)
+        return lambda s: any(mode_overlap(mode, s.modes[:, p], mass) >= SAME_PAIR for p in s.pairs)
 
     birth = death = None
     if first > 0:
@@ -175,7 +177,7 @@ def track_pairs(path: list[Equilibrium], protocol: Protocol, report=lambda share
         first = path[min(members)]
         rate = first.spectrum.growth_rate[members[min(members)]]
         report(k / len(found), f"pair {k + 1} of {len(found)}, load {first.load:.4g}, growth rate {rate:.2e}")
-        out.append(family(path, members, protocol))
+        out.append(follow_pair(path, members, protocol))
     return out
 
 
@@ -186,7 +188,7 @@ def dominant_family(path: list[Equilibrium], protocol: Protocol) -> Family | Non
         return None
     top = int(np.argmax(last.im_lambda))
     found = match_pairs([p.spectrum for p in path], at_least=SAME_PAIR)
-    return family(path, next(f for f in found if f.get(len(path) - 1) == top), protocol)
+    return follow_pair(path, next(f for f in found if f.get(len(path) - 1) == top), protocol)
 
 
 def stable_window(path: list[Equilibrium], near: float, protocol: Protocol) -> list[float] | None:

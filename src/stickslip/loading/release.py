@@ -88,7 +88,7 @@ def mean_square_motion(position, angle, reference: State, held: np.ndarray) -> n
     return (moved + turned).mean(axis=1)
 
 
-def nudged(state: State, modes: Spectrum, seed: int, velocity: float) -> State:
+def with_random_velocity(state: State, modes: Spectrum, seed: int, velocity: float) -> State:
     """The state with a random velocity of all modes that something resists: no drift, no spinning rattlers.
 
     Parameters
@@ -127,7 +127,7 @@ def release(
     Parameters
     ----------
     strain : of the state, for the record
-    seed, velocity : of the nudge, see `nudged`
+    seed, velocity : of the nudge, see `with_random_velocity`
     report : called as report(share done, words)
 
     Raises
@@ -142,8 +142,10 @@ def release(
     rate, frequency = float(modes.growth_rate[fastest]), float(modes.frequency[fastest])
     held = np.flatnonzero(~rattlers(state))
     every = max(1, round(2 * np.pi / frequency / 10 / dt))
-    chunks = _chunks(min(e_folds / rate, duration) / dt / every, min(least, duration) / dt / every, max(20, snapshots))
-    here, series, taken, turns = nudged(state, modes, seed, velocity), [], [], []
+    chunks = _chunk_sizes(
+        min(e_folds / rate, duration) / dt / every, min(least, duration) / dt / every, max(20, snapshots)
+    )
+    here, series, taken, turns = with_random_velocity(state, modes, seed, velocity), [], [], []
     close = (np.zeros(0), np.zeros(0))
     area = volume(state)
     for k, chunk in enumerate(chunks):
@@ -176,21 +178,21 @@ def release(
     constant = (taken[at - 1][1] if at else np.nan, taken[at][1] if at < len(taken) else np.nan)
     return Released(
         strain, len(modes.pairs), complex(modes.eigenvalues[fastest]), rate, frequency, dt,
-        *table[:, _envelope(table[2], KEPT)], growth,
+        *table[:, _envelope_rows(table[2], KEPT)], growth,
         np.array([t for t, *_ in taken]), np.array([m for _, m, *_ in taken]), np.array([v for _, _, v, _ in taken]),
         constant, np.array([t for t, _ in turns]), np.array([x for _, x in turns]).reshape(-1, TURN, len(held), 3),
         *close,
     )  # fmt: skip
 
 
-def _chunks(growing: float, least: float, count: int) -> list[int]:
+def _chunk_sizes(growing: float, least: float, count: int) -> list[int]:
     """Samples of each chunk: `count` chunks for the growth, as many for what follows if the run must be longer."""
     first = [max(1, int(growing / count))] * count
     rest = int(least) - sum(first)
     return first + [max(1, rest // count)] * (count if rest > 0 else 0)
 
 
-def _envelope(values: np.ndarray, most: int) -> np.ndarray:
+def _envelope_rows(values: np.ndarray, most: int) -> np.ndarray:
     """Rows to keep: of each stretch the smallest and the largest value, so that an oscillation keeps its envelope."""
     size = 2 * -(-len(values) // most)
     if size <= 2:

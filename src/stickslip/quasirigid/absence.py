@@ -12,8 +12,8 @@ from scipy.optimize import linprog
 
 from ..solve.linear import factorised
 from .enumeration import BLUR, Ray
-from .lcp import Complementarity, Scaled, scaled
-from .system import System
+from .lcp import Complementarity, ScaledProblem, scale_problem
+from .system import StatusSolver
 
 FAR = 1e9  # in units of q: a certificate counts if slip rates of a consistent status would have to be beyond it
 TIGHT = 1e-6  # ten times the tolerance of HiGHS: below it an inequality counts as an equation, and is made one
@@ -31,7 +31,7 @@ class Absence(NamedTuple):
     slip: float = np.inf  # the sum of λ that a consistent status would need; infinite if Aᵀy ≤ 0 beyond round-off
 
 
-class Motion(NamedTuple):
+class UnresistedMotion(NamedTuple):
     """A motion that nothing resists, and that the load drives."""
 
     velocity: np.ndarray  # (n,) v of unit length, k(S) v = 0
@@ -42,7 +42,7 @@ class Motion(NamedTuple):
 
 def farkas(problem: Complementarity) -> Absence | None:
     """A verified proof that no λ ≥ 0 has A λ + q ≥ 0, or None if there is none."""
-    here = scaled(problem)
+    here = scale_problem(problem)
     size = len(here.vector)
     if not size:
         return None
@@ -55,14 +55,14 @@ def farkas(problem: Complementarity) -> Absence | None:
     if found.status != 0 or found.x[-1] < -TIGHT:
         return None
     y = np.maximum(found.x[:-1], 0.0)
-    for candidate in (y, _sharpened(here, y)):
-        slip = _beyond(here, candidate)
+    for candidate in (y, _sharpen(here, y)):
+        slip = _required_slip(here, candidate)
         if slip > FAR:
             return Absence("Farkas", 0, candidate / here.gap_unit, slip * float(here.slip_unit.min()))
     return None
 
 
-def _sharpened(here: Scaled, y: np.ndarray) -> np.ndarray:
+def _sharpen(here: ScaledProblem, y: np.ndarray) -> np.ndarray:
     """y with the inequalities that are nearly equations made equations, as for a motion that nothing resists."""
     held = y > TIGHT
     tight = np.abs(here.matrix.T @ y) <= TIGHT
@@ -72,7 +72,7 @@ def _sharpened(here: Scaled, y: np.ndarray) -> np.ndarray:
     return np.maximum(out, 0.0)
 
 
-def _beyond(here: Scaled, y: np.ndarray) -> float:
+def _required_slip(here: ScaledProblem, y: np.ndarray) -> float:
     """The sum of slip rates that any λ ≥ 0 with A λ + q ≥ 0 would exceed; 0 if y proves nothing."""
     short = -(here.vector @ y) - here.vector_doubt @ y
     if not (np.isfinite(y).all() and short > 0):
@@ -81,12 +81,12 @@ def _beyond(here: Scaled, y: np.ndarray) -> float:
     return np.inf if excess == 0 else short / excess
 
 
-def ray_of(problem: Complementarity, absence: Absence) -> Ray | None:
+def farkas_ray(problem: Complementarity, absence: Absence) -> Ray | None:
     """Slip rates that need no load, of the contacts of Farkas' vector; None if these would have a resistance."""
-    here = scaled(problem)
+    here = scale_problem(problem)
     y = absence.vector * here.gap_unit
     slides = y > TIGHT * y.max()
-    a, doubt = here.part(slides)
+    a, doubt = here.submatrix(slides)
     _, values, right = np.linalg.svd(a)
     x = np.zeros(len(y))
     x[slides] = right[-1] * np.sign(right[-1].sum())
@@ -97,20 +97,22 @@ def ray_of(problem: Complementarity, absence: Absence) -> Ray | None:
     return Ray(slides, here.slip_unit * np.maximum(x, 0.0), left, float(left @ problem.vector))
 
 
-def driven(system: System, ray: Ray) -> Motion | None:
+def motion_of_ray(system: StatusSolver, ray: Ray) -> UnresistedMotion | None:
     """The motion of a ray, verified: k(S) v = 0, uᵀ k(S) = 0, uᵀ b ≠ 0; or None if one of these fails."""
     stuck = np.zeros(len(system.critical), bool)
     if system.factored is None or not np.array_equal(system.factored, stuck):
-        system.renew(stuck)
+        system.factorise(stuck)
     velocity = system.factor(system.pull @ ray.slip)
     try:
         balance = factorised(system.stuck.T.tocsc())(system.sees @ ray.left)
     except LinAlgError:
         return None
-    return _motion(system, velocity, balance, ray.slides)
+    return _verify_motion(system, velocity, balance, ray.slides)
 
 
-def _motion(system: System, velocity: np.ndarray, balance: np.ndarray, slides: np.ndarray) -> Motion | None:
+def _verify_motion(
+    system: StatusSolver, velocity: np.ndarray, balance: np.ndarray, slides: np.ndarray
+) -> UnresistedMotion | None:
     """Both vectors in all coordinates, of unit length, if they are what they are said to be."""
     sizes = np.linalg.norm(velocity), np.linalg.norm(balance)
     if not (np.isfinite(sizes).all() and min(sizes) > 0):
@@ -124,17 +126,17 @@ def _motion(system: System, velocity: np.ndarray, balance: np.ndarray, slides: n
         return None
     whole = np.zeros((2, len(system.load)))
     whole[:, system.kept] = v, u
-    return Motion(*whole, power / size, slides)
+    return UnresistedMotion(*whole, power / size, slides)
 
 
-class Loose(NamedTuple):
+class IdleMotions(NamedTuple):
     """Motions that nothing resists although all contacts stick, and that move no critical contact."""
 
     coordinates: np.ndarray  # that may be held still in their place
-    motion: Motion | None  # one that the load drives, if any: then no status balances the load
+    motion: UnresistedMotion | None  # one that the load drives, if any: then no status balances the load
 
 
-def loose(system: System) -> Loose | None:
+def find_idle_motions(system: StatusSolver) -> IdleMotions | None:
     """The null vectors of k₀, if they are null vectors of every k(S); None if that cannot be decided."""
     if not 0 < len(system.kept) <= DENSE_UP_TO:
         return None
@@ -153,6 +155,8 @@ def loose(system: System) -> Loose | None:
     pushed = left.T @ system.right
     nothing = np.zeros(len(system.critical), bool)
     if np.abs(pushed).max() > NULL * np.abs(system.right).max(initial=0.0):
-        return Loose(system.kept[free], _motion(system, null @ (null.T @ system.right), left @ pushed, nothing))
+        return IdleMotions(
+            system.kept[free], _verify_motion(system, null @ (null.T @ system.right), left @ pushed, nothing)
+        )
     # what is held must hold both: the motions, and the balances that they leave out
-    return Loose(system.kept[free], None) if np.linalg.cond(left[free]) < 1 / ZERO else None
+    return IdleMotions(system.kept[free], None) if np.linalg.cond(left[free]) < 1 / ZERO else None

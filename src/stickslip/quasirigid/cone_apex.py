@@ -58,7 +58,7 @@ class Apex(NamedTuple):
         return [both[float(s)] for s in self.sign]
 
 
-class Found(NamedTuple):
+class StatusSolution(NamedTuple):
     """Statuses that are consistent with the velocities that they lead to, or None if none was found."""
 
     status: np.ndarray | None  # (E,)
@@ -66,15 +66,15 @@ class Found(NamedTuple):
     method: str
 
 
-def piece(apex: Apex, status: np.ndarray, helped: bool = False) -> np.ndarray:
+def piece_matrix(apex: Apex, status: np.ndarray, helped: bool = False) -> np.ndarray:
     """(..., 2E, 2E) matrix 1 + Z Δ(σ) of the piece on which the contacts have the statuses (..., E)."""
     size = status.shape[-1]
     columns = apex.compliance.reshape(2 * size, size, 2)
-    turned = np.einsum("aeb,...ebc->...aec", columns, changed(apex, status, helped))
+    turned = np.einsum("aeb,...ebc->...aec", columns, stiffness_change(apex, status, helped))
     return np.eye(2 * size) + turned.reshape(*status.shape[:-1], 2 * size, 2 * size)
 
 
-def changed(apex: Apex, status: np.ndarray, helped: bool = False) -> np.ndarray:
+def stiffness_change(apex: Apex, status: np.ndarray, helped: bool = False) -> np.ndarray:
     """(..., E, 2, 2) Δ(σ) = K (S(σ) − 1); `helped`: disks that nothing else holds keep a little of their springs."""
     change = np.zeros((*status.shape, 2, 2))
     slides = (status == SLIDES) | (status == SLIDES_BACK)
@@ -83,7 +83,7 @@ def changed(apex: Apex, status: np.ndarray, helped: bool = False) -> np.ndarray:
     return (1 - HELPING * helped * apex.alone)[:, None, None] * (apex.springs @ change)
 
 
-def cell(apex: Apex, velocity: np.ndarray, now: np.ndarray, slack: float = 0.0) -> np.ndarray:
+def status_of_velocity(apex: Apex, velocity: np.ndarray, now: np.ndarray, slack: float = 0.0) -> np.ndarray:
     """(E,) the status that belongs to V; on a boundary, to within `slack`, the one that a contact has now."""
     normal, along = velocity.T
     forward, back = apex.slope * normal + along, apex.slope * normal - along
@@ -95,11 +95,11 @@ def cell(apex: Apex, velocity: np.ndarray, now: np.ndarray, slack: float = 0.0) 
     out[may & (back > slack)] = SLIDES_BACK
     out[touches & (normal > 0)] = OPENS
     if slack:
-        out = np.where(_fits(apex, forward, back, normal, now, slack), now, out)
+        out = np.where(_in_cell(apex, forward, back, normal, now, slack), now, out)
     return out
 
 
-def _fits(apex: Apex, forward, back, normal, status, slack: float):
+def _in_cell(apex: Apex, forward, back, normal, status, slack: float):
     """Whether V lies in the cell of a status, or no more than `slack` beside it."""
     touches = apex.sign == 0
     closed = ~touches | (normal <= slack)
@@ -109,7 +109,7 @@ def _fits(apex: Apex, forward, back, normal, status, slack: float):
     return np.choose(status, by_status)
 
 
-def statuses_at_apex(apex: Apex, *starts: np.ndarray) -> Found:
+def statuses_at_apex(apex: Apex, *starts: np.ndarray) -> StatusSolution:
     """Consistent statuses: by giving every contact that of its cell, round by round; then
     along the pieces, then one by one.
 
@@ -124,18 +124,18 @@ def statuses_at_apex(apex: Apex, *starts: np.ndarray) -> Found:
         among 4096 choices or fewer, and nothing on the way among more.
     """
     for start in starts or (np.full(len(apex.sign), STICKS),):
-        found = _in_rounds(apex, np.asarray(start))
+        found = _iterate_statuses(apex, np.asarray(start))
         if found is not None:
             return found
-    found = along_the_pieces(apex)
-    if found.status is None and choices(apex) <= ENUMERATED:
-        every = every_choice(apex)
+    found = follow_pieces(apex)
+    if found.status is None and count_choices(apex) <= ENUMERATED:
+        every = enumerate_statuses(apex)
         for status, velocity in zip(every.status[:1], every.velocity[:1], strict=True):
-            return Found(status, velocity, "one by one")
+            return StatusSolution(status, velocity, "one by one")
     return found
 
 
-def _in_rounds(apex: Apex, now: np.ndarray) -> Found | None:
+def _iterate_statuses(apex: Apex, now: np.ndarray) -> StatusSolution | None:
     """Statuses to which giving every contact the status of its cell leads, None if it goes round in circles."""
     seen = set()
     for _ in range(ROUNDS):
@@ -145,20 +145,20 @@ def _in_rounds(apex: Apex, now: np.ndarray) -> Found | None:
         velocity = _velocity(apex, now)
         if velocity is None:
             return None
-        fits = cell(apex, velocity, now, SLACK * np.abs(velocity).max(initial=0.0))
+        fits = status_of_velocity(apex, velocity, now, SLACK * np.abs(velocity).max(initial=0.0))
         if np.array_equal(fits, now):
-            return Found(now, velocity, "all at once")
+            return StatusSolution(now, velocity, "all at once")
         now = fits
     return None
 
 
 def _velocity(apex: Apex, status: np.ndarray) -> np.ndarray | None:
     """(E, 2) V that a choice of statuses leads to, or None if it is singular."""
-    out = _solved(piece(apex, status), apex.velocity.ravel())
+    out = _solve(piece_matrix(apex, status), apex.velocity.ravel())
     return None if out is None else out.reshape(-1, 2)
 
 
-def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray | None:
+def _solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray | None:
     """The solution, or None if the matrix is singular to round-off: a disk all of whose contacts slide, or open."""
     if not len(matrix):
         return right
@@ -167,25 +167,25 @@ def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray | None:
     return np.linalg.solve(matrix, right)
 
 
-def along_the_pieces(apex: Apex) -> Found:
+def follow_pieces(apex: Apex) -> StatusSolution:
     """From g(V₀) towards V₀ in the image of g, piece after piece; where det k changes its sign the way turns back.
 
     Nothing is found where the way goes to infinity: no consistent choice lies on it.
     """
-    nothing = Found(None, None, "along the pieces")
+    nothing = StatusSolution(None, None, "along the pieces")
     here, size = apex.velocity.copy(), apex.velocity.size
-    now = cell(apex, here, np.full(len(apex.sign), STICKS))
-    aim = apex.velocity.ravel() - piece(apex, now, True) @ here.ravel()
+    now = status_of_velocity(apex, here, np.full(len(apex.sign), STICKS))
+    aim = apex.velocity.ravel() - piece_matrix(apex, now, True) @ here.ravel()
     share, inwards = 0.0, None
     for _ in range(PIECES):
         # the line on which g(V) − g(V₀) is a share of the aim, also where a piece is singular
-        line = np.linalg.svd(np.hstack([piece(apex, now, True), -aim[:, None]]))[2][-1]
-        forward = line[-1] if inwards is None else _rate(inwards, line[:size].reshape(-1, 2))
+        line = np.linalg.svd(np.hstack([piece_matrix(apex, now, True), -aim[:, None]]))[2][-1]
+        forward = line[-1] if inwards is None else _crossing_rate(inwards, line[:size].reshape(-1, 2))
         move, gain = np.sign(forward) * line[:size].reshape(-1, 2), np.sign(forward) * line[-1]
-        length, contact, to, inwards = _crossing(apex, here, move, now)
+        length, contact, to, inwards = _next_crossing(apex, here, move, now)
         if gain > 0 and share + length * gain >= 1:
             velocity = _velocity(apex, now)
-            return Found(now, velocity, "along the pieces") if _consistent(apex, now, velocity) else nothing
+            return StatusSolution(now, velocity, "along the pieces") if _is_consistent(apex, now, velocity) else nothing
         if not np.isfinite(length):
             return nothing
         here, share, now = here + length * move, share + length * gain, now.copy()
@@ -193,20 +193,20 @@ def along_the_pieces(apex: Apex) -> Found:
     return nothing
 
 
-def _consistent(apex: Apex, status: np.ndarray, velocity: np.ndarray | None) -> bool:
+def _is_consistent(apex: Apex, status: np.ndarray, velocity: np.ndarray | None) -> bool:
     """Whether the velocities that statuses lead to lie in the cells of these statuses."""
     if velocity is None:
         return False
-    return np.array_equal(cell(apex, velocity, status, SLACK * np.abs(velocity).max(initial=0.0)), status)
+    return np.array_equal(status_of_velocity(apex, velocity, status, SLACK * np.abs(velocity).max(initial=0.0)), status)
 
 
-def _rate(bound, move: np.ndarray) -> float:
+def _crossing_rate(bound, move: np.ndarray) -> float:
     """How fast a move crosses a boundary (contact, a, b), a V_n + b V_t = 0."""
     contact, of_normal, of_along = bound
     return of_normal * move[contact, 0] + of_along * move[contact, 1]
 
 
-def _crossing(apex: Apex, here: np.ndarray, move: np.ndarray, now: np.ndarray):
+def _next_crossing(apex: Apex, here: np.ndarray, move: np.ndarray, now: np.ndarray):
     """Length of a move at which the first contact leaves its cell, that contact, the cell it enters, the boundary."""
     best, contact, to, crossed = np.inf, -1, STICKS, None
     slack = 1e-12 * np.abs(move).max(initial=0.0)
@@ -220,20 +220,20 @@ def _crossing(apex: Apex, here: np.ndarray, move: np.ndarray, now: np.ndarray):
         }[int(status)]
         for of_normal, of_along, way in bounds:
             bound = (k, of_normal, of_along)
-            rate = _rate(bound, move)
-            if rate > slack and (length := max(-_rate(bound, here), 0.0) / rate) < best:
+            rate = _crossing_rate(bound, move)
+            if rate > slack and (length := max(-_crossing_rate(bound, here), 0.0) / rate) < best:
                 best, contact, to, crossed = length, k, way, bound
     if to is None:  # from open to one of the sliding cells
         to = SLIDES if here[contact, 1] + best * move[contact, 1] > 0 else SLIDES_BACK
     return best, contact, to, crossed
 
 
-def choices(apex: Apex) -> int:
+def count_choices(apex: Apex) -> int:
     """Number of choices of statuses."""
     return int(np.prod([float(len(a)) for a in apex.allowed]))
 
 
-class Every(NamedTuple):
+class AllStatuses(NamedTuple):
     """All consistent choices of statuses, K of them with different velocities, and what the others are."""
 
     status: np.ndarray  # (K, E)
@@ -243,7 +243,7 @@ class Every(NamedTuple):
     decided: bool  # no choice with singular k may be consistent: there are no others
 
 
-def every_choice(apex: Apex) -> Every:
+def enumerate_statuses(apex: Apex) -> AllStatuses:
     """Go through all choices of statuses.
 
     Choices that lead to the same velocities, which lie on a boundary of their cells, count once, and stable ones come
@@ -254,9 +254,9 @@ def every_choice(apex: Apex) -> Every:
     ValueError
         for more than 4096 choices.
     """
-    if choices(apex) > ENUMERATED:
+    if count_choices(apex) > ENUMERATED:
         raise ValueError(
-            f"{len(apex.sign)} contacts with {choices(apex):.3g} choices of statuses were given: at most {ENUMERATED} "
+            f"{len(apex.sign)} contacts with {count_choices(apex):.3g} choices of statuses were given: at most {ENUMERATED} "
             f"can be gone through; `statuses_at_apex` finds one that is consistent"
         )
     every = list(itertools.product(*apex.allowed))
@@ -264,24 +264,24 @@ def every_choice(apex: Apex) -> Every:
     matrix, sign, regular, velocity = _all_velocities(apex, status)
     scale = np.abs(velocity).max(axis=(1, 2), initial=0.0)[:, None]
     normal, along = velocity[..., 0], velocity[..., 1]
-    fits = _fits(apex, apex.slope * normal + along, apex.slope * normal - along, normal, status, SLACK * scale)
+    fits = _in_cell(apex, apex.slope * normal + along, apex.slope * normal - along, normal, status, SLACK * scale)
     good = list(np.flatnonzero(regular & fits.all(axis=1)))
     good.sort(key=lambda k: (sign[k] < 0, np.abs(velocity[k]).max(initial=0.0)))
     kept = []
     for k in good:
-        if not any(_same(velocity[k], velocity[other]) for other in kept):
+        if not any(_same_velocities(velocity[k], velocity[other]) for other in kept):
             kept.append(k)
     # a disk that has no other contacts and slides or opens at two of them is free: `opening` releases it as a body
     free = (status[:, apex.alone] != STICKS).sum(axis=1) >= 2
-    open_ends = any(_answers_somewhere(matrix[k], apex.velocity.ravel()) for k in np.flatnonzero(~regular & ~free))
-    return Every(
+    open_ends = any(_has_solution(matrix[k], apex.velocity.ravel()) for k in np.flatnonzero(~regular & ~free))
+    return AllStatuses(
         status[kept], velocity[kept], sign[kept] > 0, bool((sign[regular] > 0).all() & regular.all()), not open_ends
     )
 
 
 def _all_velocities(apex: Apex, status: np.ndarray):
     """Pieces (K, 2E, 2E) of choices, signs of det k, which of them are regular, and (K, E, 2) V that they lead to."""
-    matrix = piece(apex, status)
+    matrix = piece_matrix(apex, status)
     sign = np.linalg.slogdet(matrix)[0]
     sound = np.where((sign == 0)[:, None, None], np.eye(matrix.shape[1]), matrix)
     inverse = np.linalg.inv(sound)
@@ -294,7 +294,7 @@ def _all_velocities(apex: Apex, status: np.ndarray):
     return matrix, sign, regular, velocity
 
 
-def _answers_somewhere(matrix: np.ndarray, right: np.ndarray) -> bool:
+def _has_solution(matrix: np.ndarray, right: np.ndarray) -> bool:
     """True if the equation of a singular piece has a solution, to half of the digits."""
     rest = matrix @ np.linalg.lstsq(matrix, right, rcond=1 / SINGULAR)[0] - right
     return bool(np.abs(rest).max(initial=0.0) <= SAME * np.abs(right).max(initial=0.0))
@@ -314,10 +314,10 @@ def consistent_statuses(apex: Apex) -> tuple[np.ndarray, bool]:
     ValueError
         for more than 4096 choices.
     """
-    every = every_choice(apex)
+    every = enumerate_statuses(apex)
     return every.status, every.coherent
 
 
-def _same(one: np.ndarray, other: np.ndarray) -> bool:
+def _same_velocities(one: np.ndarray, other: np.ndarray) -> bool:
     """Whether two velocities are the same: on a boundary of cells it belongs to both."""
     return np.abs(one - other).max(initial=0.0) <= SAME * np.abs(one).max(initial=0.0)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import linprog
 
-from .lcp import Complementarity, Scaled, scaled
+from .lcp import Complementarity, ScaledProblem, scale_problem
 
 MAPPED = 14  # contacts up to which all statuses are gone through: 16,384
 AT_ONCE = 2048  # statuses that are solved together: more do not fit into the cache
@@ -19,8 +19,8 @@ SAME = 1e-6  # share of the largest rate up to which two answers are one: half o
 BLUR = 10.0  # times the error bounds within which a null vector and what follows from it are known
 
 
-class Through(NamedTuple):
-    """What every status leads to, in the order of its bits; in the units of `Scaled`."""
+class AllStatusRates(NamedTuple):
+    """What every status leads to, in the order of its bits; in the units of `ScaledProblem`."""
 
     slides: np.ndarray  # (2^Mc, Mc) bool
     rate: np.ndarray  # (2^Mc, Mc) Ṽ: λ of what slides, −w of the others
@@ -54,14 +54,14 @@ class Ray(NamedTuple):
     drive: float  # yᵀq: not zero if the load drives the motion
 
 
-class Solved(NamedTuple):
+class AllSolutions(NamedTuple):
     """All solutions of a complementarity problem that differ, and the rays; each end of a face counts as one."""
 
     solutions: tuple[Solution, ...]
     rays: tuple[Ray, ...]
 
 
-def gone_through(problem: Scaled) -> Through:
+def enumerate_rates(problem: ScaledProblem) -> AllStatusRates:
     """The answers of all statuses, with error bounds, for at most 14 critical contacts."""
     size = len(problem.vector)
     slides = (np.arange(1 << size)[:, None] >> np.arange(size)) & 1 > 0
@@ -71,11 +71,11 @@ def gone_through(problem: Scaled) -> Through:
         alike = np.flatnonzero(count == k)
         for begin in range(0, len(alike), AT_ONCE):
             part = alike[begin : begin + AT_ONCE]
-            rate[part], doubt[part], sign[part], minor[part] = _answers(problem, slides[part], k)
-    return Through(slides, rate, doubt, sign, minor)
+            rate[part], doubt[part], sign[part], minor[part] = _solve_statuses(problem, slides[part], k)
+    return AllStatusRates(slides, rate, doubt, sign, minor)
 
 
-def _answers(problem: Scaled, slides: np.ndarray, k: int):
+def _solve_statuses(problem: ScaledProblem, slides: np.ndarray, k: int):
     """Ṽ, its error bounds, the sign of the minor and the minor, of statuses with k sliding contacts each."""
     chosen = np.nonzero(slides)[1].reshape(len(slides), k)
     square = (chosen[:, :, None], chosen[:, None, :])
@@ -85,9 +85,9 @@ def _answers(problem: Scaled, slides: np.ndarray, k: int):
     inverse = np.linalg.inv(a)
     # A_SS stays regular under all changes E of its entries with max row sum of |A_SS⁻¹| |E| < 1
     blurred = (np.abs(inverse) @ doubt).sum(axis=2).max(axis=1, initial=0.0)
-    slip = -_times(inverse, q)
-    slip -= _times(inverse, _times(a, slip) + q)
-    slip_doubt = _times(np.abs(inverse), _times(doubt, np.abs(slip)) + problem.vector_doubt[chosen])
+    slip = -_batched_matvec(inverse, q)
+    slip -= _batched_matvec(inverse, _batched_matvec(a, slip) + q)
+    slip_doubt = _batched_matvec(np.abs(inverse), _batched_matvec(doubt, np.abs(slip)) + problem.vector_doubt[chosen])
     whole, whole_doubt = np.zeros(slides.shape), np.zeros(slides.shape)
     np.put_along_axis(whole, chosen, slip, axis=1)
     np.put_along_axis(whole_doubt, chosen, slip_doubt, axis=1)
@@ -97,12 +97,12 @@ def _answers(problem: Scaled, slides: np.ndarray, k: int):
     return np.where(slides, whole, -gap), np.where(slides, whole_doubt, gap_doubt), sure, sign * np.exp(size)
 
 
-def _times(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+def _batched_matvec(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """(m, k) products of (m, k, k) matrices and (m, k) vectors."""
     return np.einsum("mij,mj->mi", matrices, vectors)
 
 
-def solved(problem: Complementarity, again: Callable | None = None) -> Solved:
+def enumerate_solutions(problem: Complementarity, again: Callable | None = None) -> AllSolutions:
     """All solutions and rays, for at most 14 critical contacts.
 
     Of statuses that lead to the same rates, with a contact on a boundary, one is kept: one with det A_SS > 0, if any.
@@ -112,32 +112,32 @@ def solved(problem: Complementarity, again: Callable | None = None) -> Solved:
     again : called as again(slides) for statuses that are consistent within the error bounds only; returns (Ṽ, error
         bound) from better data than A, or None if such data show that the status is not consistent
     """
-    here = scaled(problem)
-    through = gone_through(here)
+    here = scale_problem(problem)
+    through = enumerate_rates(here)
     found, rays = [], []
     for number in through.consistent:
-        one = _solution(here, through, number)
+        one = _make_solution(here, through, number)
         if again is not None and (np.abs(one.rate) <= one.doubt).any():
-            one = _replaced(one, again(one.slides))
+            one = _replace_rates(one, again(one.slides))
         found += [] if one is None else [one]
     for number in np.flatnonzero(through.sign == 0):
-        face = _face(here, through.slides[number])
-        found += [_in_units(here, end) for end in _ends(face)]
-        rays += [_ray_in_units(here, ray) for ray in _rays(here, face)]
+        face = _solution_face(here, through.slides[number])
+        found += [_solution_in_units(here, end) for end in _face_ends(face)]
+        rays += [_ray_in_units(here, ray) for ray in _find_rays(here, face)]
     kept = []
     for one in sorted(found, key=lambda s: {1: 0, -1: 1, 0: 2}[s.sign]):
-        if not any(_same(one, other) for other in kept):
+        if not any(_same_rates(one, other) for other in kept):
             kept.append(one)
-    return Solved(tuple(kept), tuple(rays))
+    return AllSolutions(tuple(kept), tuple(rays))
 
 
-def _solution(problem: Scaled, through: Through, number: int) -> Solution:
+def _make_solution(problem: ScaledProblem, through: AllStatusRates, number: int) -> Solution:
     slides, rate = through.slides[number], through.rate[number]
     slip = np.where(slides, rate, 0.0)
-    return _in_units(problem, Solution(slides, slip, rate, through.doubt[number], int(through.sign[number])))
+    return _solution_in_units(problem, Solution(slides, slip, rate, through.doubt[number], int(through.sign[number])))
 
 
-def _replaced(one: Solution, better: tuple[np.ndarray, np.ndarray] | None) -> Solution | None:
+def _replace_rates(one: Solution, better: tuple[np.ndarray, np.ndarray] | None) -> Solution | None:
     """A solution with better rates, or None if these show that it is none."""
     if better is None:
         return None
@@ -145,22 +145,22 @@ def _replaced(one: Solution, better: tuple[np.ndarray, np.ndarray] | None) -> So
     return one._replace(rate=rate, doubt=doubt, slip=np.where(one.slides, rate, 0.0))
 
 
-def _same(one: Solution, other: Solution) -> bool:
+def _same_rates(one: Solution, other: Solution) -> bool:
     largest = max(np.abs(one.rate).max(initial=0.0), np.abs(other.rate).max(initial=0.0))
     return bool((np.abs(one.rate - other.rate) <= BLUR * (one.doubt + other.doubt) + SAME * largest).all())
 
 
-def _in_units(problem: Scaled, one: Solution) -> Solution:
+def _solution_in_units(problem: ScaledProblem, one: Solution) -> Solution:
     unit = np.where(one.slides, problem.slip_unit, problem.gap_unit)
     return one._replace(slip=problem.slip_unit * one.slip, rate=unit * one.rate, doubt=unit * one.doubt)
 
 
-def _ray_in_units(problem: Scaled, ray: Ray) -> Ray:
+def _ray_in_units(problem: ScaledProblem, ray: Ray) -> Ray:
     left = ray.left / problem.gap_unit
     return ray._replace(slip=problem.slip_unit * ray.slip, left=left, drive=ray.drive)
 
 
-class Face(NamedTuple):
+class SolutionFace(NamedTuple):
     """What must not be negative on the null space of a singular status, at + turn t: λ of what slides, w of others."""
 
     slides: np.ndarray  # (Mc,) bool
@@ -173,7 +173,7 @@ class Face(NamedTuple):
     missed_doubt: np.ndarray
 
 
-def _face(problem: Scaled, slides: np.ndarray) -> Face:
+def _solution_face(problem: ScaledProblem, slides: np.ndarray) -> SolutionFace:
     a, doubt, q = problem.matrix[:, slides], problem.doubt[:, slides], problem.vector
     left, values, right = np.linalg.svd(a[slides])
     null = values <= max(BLUR * len(values) * np.linalg.norm(doubt[slides]), values[-1])
@@ -188,10 +188,10 @@ def _face(problem: Scaled, slides: np.ndarray) -> Face:
     missed_doubt = BLUR * np.abs(left.T) @ problem.vector_doubt[slides]
     missed_doubt += spread * np.linalg.norm(doubt[slides]) * np.linalg.norm(q[slides])
     turn_doubt = spread * (doubt.sum(axis=1) + doubt.max())
-    return Face(slides, at, turn, left, np.abs(left.T @ q[slides]), at_doubt, turn_doubt, missed_doubt)
+    return SolutionFace(slides, at, turn, left, np.abs(left.T @ q[slides]), at_doubt, turn_doubt, missed_doubt)
 
 
-def _ends(face: Face) -> list[Solution]:
+def _face_ends(face: SolutionFace) -> list[Solution]:
     """Two ends of the solutions {t: at + turn t ≥ 0}, none if there are none; a place for an end at infinity."""
     still = (np.abs(face.turn) <= face.turn_doubt[:, None]).all(axis=1)
     if (face.missed > face.missed_doubt).any() or (face.at[still] < -face.at_doubt[still]).any():
@@ -200,7 +200,7 @@ def _ends(face: Face) -> list[Solution]:
     if not len(turn):
         places = [np.zeros(turn.shape[1])]
     elif turn.shape[1] == 1:
-        places = _interval(at, turn[:, 0], slack)
+        places = _interval_ends(at, turn[:, 0], slack)
     else:
         aim, places = turn.sum(axis=0), []
         for way in (1.0, -1.0, 0.0):
@@ -214,7 +214,7 @@ def _ends(face: Face) -> list[Solution]:
     return ends
 
 
-def _interval(at: np.ndarray, turn: np.ndarray, slack: np.ndarray) -> list[np.ndarray]:
+def _interval_ends(at: np.ndarray, turn: np.ndarray, slack: np.ndarray) -> list[np.ndarray]:
     """Both ends of {t: at + turn t ≥ 0}; none if it is empty even with at + slack."""
     bound, give, rising = -at / turn, slack / np.abs(turn), turn > 0
     if np.max((bound - give)[rising], initial=-np.inf) > np.min((bound + give)[~rising], initial=np.inf):
@@ -225,7 +225,7 @@ def _interval(at: np.ndarray, turn: np.ndarray, slack: np.ndarray) -> list[np.nd
     return [np.array([low]), np.array([high])]
 
 
-def _rays(problem: Scaled, face: Face) -> list[Ray]:
+def _find_rays(problem: ScaledProblem, face: SolutionFace) -> list[Ray]:
     """Slip rates of the null space that are nowhere negative and make no contact leave the cone."""
     turn, slides = face.turn, face.slides
     if turn.shape[1] == 1:
@@ -270,6 +270,6 @@ def status_map(problem: Complementarity) -> StatusMap:
             f"{size} critical contacts were given: their {2.0**size:.3g} statuses cannot be gone through, at most "
             f"{MAPPED} can; `contact_status` finds the consistent one, `certificate` what is known of uniqueness"
         )
-    through = gone_through(scaled(problem))
+    through = enumerate_rates(scale_problem(problem))
     fits = np.where(through.slides, through.rate > 0, through.rate < 0)
     return StatusMap(np.where(through.sign == 0, -1, fits @ (1 << np.arange(size))))

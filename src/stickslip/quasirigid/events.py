@@ -41,7 +41,7 @@ class Fork(NamedTuple):
     forces: bool  # True if forces go on differently; False if only a motion is not determined
 
 
-class Next(NamedTuple):
+class NextEvent(NamedTuple):
     """The end of a linear piece."""
 
     step: float  # share of the increment
@@ -51,7 +51,7 @@ class Next(NamedTuple):
 
 def next_event(
     piece, force: np.ndarray, rate: np.ndarray, known: np.ndarray, choice: ContactStatus, left: float
-) -> Next:
+) -> NextEvent:
     """The end of a linear piece that begins with given forces.
 
     Parameters
@@ -61,14 +61,14 @@ def next_event(
     known : (M,) bool, contacts that were on the cone and whose status is consistent: what sticks leaves it
     left : share of the increment
     """
-    first = Next(left, np.zeros(0, int), INCREMENT)
-    reached = _reached(piece, force, rate, known, choice)
-    first = _on_cone(piece, force, reached, first)
-    first = _on_apex(piece, force, rate, first, left)
-    return _closed(piece, choice, first)
+    first = NextEvent(left, np.zeros(0, int), INCREMENT)
+    reached = _shares_to_cone(piece, force, rate, known, choice)
+    first = _first_on_cone(piece, force, reached, first)
+    first = _first_on_apex(piece, force, rate, first, left)
+    return _first_closing(piece, choice, first)
 
 
-def _reached(piece, force, rate, known, choice) -> np.ndarray:
+def _shares_to_cone(piece, force, rate, known, choice) -> np.ndarray:
     """(M,) shares after which contacts that stick meet the cone, on either side."""
     m, reached = piece.matrix, np.full(len(force), np.inf)
     for side in (1.0, -1.0):
@@ -83,31 +83,33 @@ def _reached(piece, force, rate, known, choice) -> np.ndarray:
     return reached
 
 
-def _on_cone(piece, force, reached, first: Next) -> Next:
+def _first_on_cone(piece, force, reached, first: NextEvent) -> NextEvent:
     """The first contact that meets the cone, if it does so before the end that is known."""
     m, soonest = piece.matrix, reached.min(initial=np.inf)
     # the force of a disk with two contacts turns with the line between them, which a straight way knows badly
     far = m.mu * force[:, 0] - np.abs(force[:, 1]) > NEAR_CONE * force[:, 0]
     early = np.where(piece.paired & far, APPROACH * reached, np.inf).min(initial=np.inf)
     if early < min(soonest, first.step):
-        return Next(float(early), first.contacts, NEARS)
+        return NextEvent(float(early), first.contacts, NEARS)
     if soonest < first.step:
-        return Next(float(soonest), np.flatnonzero(reached <= soonest + TOGETHER), REACHES)
+        return NextEvent(float(soonest), np.flatnonzero(reached <= soonest + TOGETHER), REACHES)
     return first
 
 
-def _on_apex(piece, force, rate, first: Next, left: float) -> Next:
+def _first_on_apex(piece, force, rate, first: NextEvent, left: float) -> NextEvent:
     """The first contact whose force vanishes."""
     falls = rate[:, 0] < -SLACK * np.abs(rate).max(initial=0.0)
     time = np.where(falls, np.maximum(force[:, 0], 0.0) / np.where(falls, -rate[:, 0], 1.0), np.inf)
     soonest = time.min(initial=np.inf)
     early = np.where(force[:, 0] > NEAR_APEX * piece.mean, APPROACH * time, np.inf).min(initial=np.inf)
     if early < first.step and soonest <= left:
-        return Next(float(early), np.zeros(0, int), NEARS)
+        return NextEvent(float(early), np.zeros(0, int), NEARS)
     if soonest <= first.step:
         # those of disks that are held by nothing else lose their forces together, to within APEX
         faint = force[:, 0] + soonest * rate[:, 0] <= APEX * piece.mean
-        return Next(float(soonest), with_partners(piece, np.flatnonzero(faint | (time <= soonest + TOGETHER))), AT_APEX)
+        return NextEvent(
+            float(soonest), with_partners(piece, np.flatnonzero(faint | (time <= soonest + TOGETHER))), AT_APEX
+        )
     met = first.contacts
     if first.kind == REACHES and (force[met, 0] + first.step * rate[met, 0] <= APEX * piece.mean).any():
         return first._replace(kind=AT_APEX)
@@ -127,14 +129,14 @@ def with_partners(piece, contacts: np.ndarray) -> np.ndarray:
         chosen = more
 
 
-def pairs_apart(state: State, loose: np.ndarray, rows: np.ndarray) -> np.ndarray:
+def open_pairs(state: State, loose: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Rows of pairs of the list that are not among `rows`, and in which no rattler takes part."""
     rest = np.setdiff1d(np.arange(int(state.contacts.count[0])), rows)
     held = np.append(~loose, np.ones(state.n_bodies - len(loose), bool))
     return rest[held[state.contacts.i[rest]] & held[state.contacts.j[rest]]]
 
 
-def _closed(piece, choice: ContactStatus, first: Next) -> Next:
+def _first_closing(piece, choice: ContactStatus, first: NextEvent) -> NextEvent:
     """The first pair that comes to touch."""
     state, rows = piece.state, piece.gap_rows
     moves = piece.matrix.free.spread(choice.velocity)[:, :3]
@@ -150,5 +152,5 @@ def _closed(piece, choice: ContactStatus, first: Next) -> Next:
     # a pair that moves past each other overlaps more than the straight way says
     aside = float((apart[time.argmin()] ** 2).sum() - closing[time.argmin()] ** 2) * soonest**2
     if piece.matrix.springs[:, 0, 0].max() * aside / (2 * small) > APEX * piece.mean:
-        return Next(float(APPROACH * soonest), np.zeros(0, int), NEARS)
-    return Next(float(soonest), piece.matrix.count + np.flatnonzero(time <= soonest + TOGETHER), CLOSES)
+        return NextEvent(float(APPROACH * soonest), np.zeros(0, int), NEARS)
+    return NextEvent(float(soonest), piece.matrix.count + np.flatnonzero(time <= soonest + TOGETHER), CLOSES)

@@ -16,7 +16,7 @@ import numpy as np
 from ..core.readable import readable
 from ..solve.linear import one_thread
 from .matrices import LinearSystem
-from .system import System
+from .system import StatusSolver
 
 SLACK = 1e-9  # share of the largest rate below which a rate may have either sign
 ROUND_OFF = 1e-14  # of an entry, over the entry: 45 units in the last place, of sums of some dozens of terms
@@ -34,7 +34,7 @@ class Complementarity(NamedTuple):
     vector_error: float = 0.0  # likewise of q
 
 
-class Scaled(NamedTuple):
+class ScaledProblem(NamedTuple):
     """The same problem in units in which the largest entries of rows, columns and q are about 1."""
 
     matrix: np.ndarray  # (Mc, Mc)
@@ -44,7 +44,7 @@ class Scaled(NamedTuple):
     slip_unit: np.ndarray  # (Mc,) λ = slip_unit · its value here
     gap_unit: np.ndarray  # (Mc,) w = gap_unit · its value here
 
-    def part(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def submatrix(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """A_SS and its error bounds."""
         box = np.ix_(chosen, chosen)
         return self.matrix[box], self.doubt[box]
@@ -61,10 +61,10 @@ def complementarity(
         if k is singular while all contacts stick.
     """
     with one_thread():
-        return of_system(System(matrix, load, numbers(matrix, critical), geometric))
+        return complementarity_of_system(StatusSolver(matrix, load, critical_numbers(matrix, critical), geometric))
 
 
-def numbers(matrix: LinearSystem, critical) -> np.ndarray:
+def critical_numbers(matrix: LinearSystem, critical) -> np.ndarray:
     """Numbers of the critical contacts, from numbers or from a mask of all contacts."""
     if critical is None:
         return np.flatnonzero(matrix.limit)
@@ -85,27 +85,27 @@ def numbers(matrix: LinearSystem, critical) -> np.ndarray:
     return critical.astype(np.int64)
 
 
-def of_system(system: System) -> Complementarity:
+def complementarity_of_system(system: StatusSolver) -> Complementarity:
     """A and q, and their errors: one step of refinement of two columns and of the load tells how large they are."""
     size = len(system.critical)
     stuck = np.zeros(size, bool)
-    system.renew(stuck)
+    system.factorise(stuck)
     velocity, rate = system.rates(stuck)
     pull = system.pull.toarray(order="F")
-    reach = system.reach(pull)
+    reach = system.solve_columns(pull)
     probes = np.stack([np.ones(size), np.where(np.arange(size) % 2, -1.0, 1.0)], axis=1)
     answers = np.column_stack([reach @ probes, system.answer])
     missed = np.column_stack([pull @ probes, system.right]) - system.stuck @ answers
-    error = np.abs(system.sees.T @ system.reach(missed))
+    error = np.abs(system.sees.T @ system.solve_columns(missed))
     drawn = system.sees.T @ reach
     # what is left of 1 − Gᵀ k₀⁻¹ H may be far smaller than both
     lost = ROUND_OFF * np.abs(drawn).max(initial=1.0)
     matrix_error = SPARE * error[:, :2].max(initial=0.0) + lost
-    vector_error = SPARE * error[:, 2].max(initial=0.0) + system.blur(velocity).max(initial=0.0)
+    vector_error = SPARE * error[:, 2].max(initial=0.0) + system.round_off(velocity).max(initial=0.0)
     return Complementarity(np.eye(size) - drawn, -rate, float(matrix_error), float(vector_error))
 
 
-def scaled(problem: Complementarity) -> Scaled:
+def scale_problem(problem: Complementarity) -> ScaledProblem:
     """The problem in units in which its largest entries are about 1, and the error bounds of all entries."""
     a, q = problem.matrix, problem.vector
     if not (np.isfinite(a).all() and np.isfinite(q).all()):
@@ -123,24 +123,24 @@ def scaled(problem: Complementarity) -> Scaled:
     largest = np.abs(rows * q).max(initial=0.0)
     unit = np.exp2(np.round(np.log2(largest))) if largest else 1.0
     vector_error = problem.vector_error + ROUND_OFF * np.abs(q)
-    return Scaled(
+    return ScaledProblem(
         rows[:, None] * a * columns, rows * q / unit, rows[:, None] * error * columns, rows * vector_error / unit,
         columns * unit, unit / rows,
     )  # fmt: skip
 
 
-def slack_of(rate: np.ndarray, slack=0.0):
+def sign_slack(rate: np.ndarray, slack=0.0):
     """Size up to which a rate may have either sign: a share of the largest one, or `slack` if that is more."""
     return np.maximum(slack, SLACK * np.abs(rate).max(initial=0.0))
 
 
-def wrong(slides: np.ndarray, rate: np.ndarray, slack=0.0) -> np.ndarray:
+def inconsistent(slides: np.ndarray, rate: np.ndarray, slack=0.0) -> np.ndarray:
     """Contacts whose status is not consistent; a rate of nearly zero is consistent with either."""
-    slack = slack_of(rate, slack)
+    slack = sign_slack(rate, slack)
     return np.where(slides, rate < -slack, rate > slack)
 
 
-def pivoted(problem: Complementarity) -> tuple[np.ndarray | None, int]:
+def principal_pivoting(problem: Complementarity) -> tuple[np.ndarray | None, int]:
     """Murty's principal pivoting: of the inconsistent contacts the one with the largest number is flipped.
 
     Returns
@@ -151,10 +151,10 @@ def pivoted(problem: Complementarity) -> tuple[np.ndarray | None, int]:
     size, seen = len(problem.vector), set()
     slides = np.zeros(size, bool)
     for pivots in range(20 * size + 20):
-        rate = _rates_of(problem, slides)
+        rate = _rates_of_status(problem, slides)
         if rate is None or slides.tobytes() in seen:
             return None, pivots
-        bad = np.flatnonzero(wrong(slides, rate))
+        bad = np.flatnonzero(inconsistent(slides, rate))
         if not len(bad):
             return slides, pivots
         seen.add(slides.tobytes())
@@ -162,7 +162,7 @@ def pivoted(problem: Complementarity) -> tuple[np.ndarray | None, int]:
     return None, pivots
 
 
-def _rates_of(problem: Complementarity, slides: np.ndarray) -> np.ndarray | None:
+def _rates_of_status(problem: Complementarity, slides: np.ndarray) -> np.ndarray | None:
     """Ṽ of all critical contacts for a status, or None if it is singular."""
     slip = np.zeros(len(slides))
     if slides.any():
@@ -177,10 +177,10 @@ def _rates_of(problem: Complementarity, slides: np.ndarray) -> np.ndarray | None
 def lemke(problem: Complementarity) -> np.ndarray | None:
     """λ by Lemke's algorithm with covering vector 1, or None where it ends on a ray.
 
-    A ray proves nothing: a solution may exist all the same. In the units of `Scaled`, so that the size of a pivot means
+    A ray proves nothing: a solution may exist all the same. In the units of `ScaledProblem`, so that the size of a pivot means
     something.
     """
-    here = scaled(problem)
+    here = scale_problem(problem)
     size, q = len(here.vector), here.vector
     if not size or q.min() >= 0:
         return np.zeros(size)

@@ -24,8 +24,8 @@ from ..core.measure import branch_vectors, touching
 from ..core.measure import rattlers as loose_grains
 from ..core.readable import readable
 from ..core.state import SLIDE, State
-from ..solve.freedom import Freedom, freedom, incidence, of_branches
-from .walls import turning
+from ..solve.freedom import Freedom, cell_geometric_terms, freedom, incidence
+from .walls import append_wall_rotations
 
 
 @readable
@@ -117,9 +117,9 @@ def linear_system(
     springs = np.zeros((len(rows), 2, 2))
     springs[:, 0, 0], springs[:, 1, 1], springs[:, 1, 0] = k_n, k_t, -sign * by_overlap
     slope = np.divide(line.mu[rows] * k_n - by_overlap, k_t, out=np.zeros(len(rows)), where=k_t > 0)
-    geometric = _turned(state, free, rows, force, normal, along, line.inverse[rows], count)
+    geometric = _geometric_stiffness(state, free, rows, force, normal, along, line.inverse[rows], count)
     if wall_arm is not None:
-        c, geometric, free = turning(state, rows, force, c, geometric, free, wall_arm)
+        c, geometric, free = append_wall_rotations(state, rows, force, c, geometric, free, wall_arm)
     return LinearSystem(
         rows, c, springs, np.stack([line.damping_n[rows], line.damping_t[rows]], axis=1), slope, sign, line.mu[rows],
         force, sliding, geometric, free,
@@ -137,7 +137,7 @@ def _directions(rows, normal, along, count: int):
     return sparse.csr_array((np.concatenate(values), where), shape=(6 * count, 2 * m))
 
 
-def _turned(state: State, free: Freedom, rows, force, normal, along, inverse, count: int):
+def _geometric_stiffness(state: State, free: Freedom, rows, force, normal, along, inverse, count: int):
     """(n, n) geometric stiffness −(dc/dt) F: contact forces turn with the normal, (F_n t − F_t n)(t·dr)/|r|."""
     turning = inverse[:, None] * (force[:, :1] * along - force[:, 1:] * normal)
     blocks = np.zeros((count, 6, 6))
@@ -149,7 +149,7 @@ def _turned(state: State, free: Freedom, rows, force, normal, along, inverse, co
         return turned
     vectors = np.zeros((count, 3))
     vectors[rows] = force[:, :1] * normal + force[:, 1:] * along
-    return sparse.csr_array(turned - of_branches(state, vectors, free))
+    return sparse.csr_array(turned - cell_geometric_terms(state, vectors, free))
 
 
 def statuses(matrix: LinearSystem, sliding) -> np.ndarray:
@@ -160,7 +160,7 @@ def statuses(matrix: LinearSystem, sliding) -> np.ndarray:
     return out
 
 
-def blocks(parts: np.ndarray):
+def block_diagonal(parts: np.ndarray):
     """(2M, 2M) sparse block-diagonal matrix of (M, 2, 2) parts."""
     m = len(parts)
     return sparse.bsr_array((parts, np.arange(m), np.arange(m + 1)), shape=(2 * m, 2 * m))
@@ -175,7 +175,7 @@ def stiffness_matrix(matrix: LinearSystem, sliding=None, *, geometric: bool = Tr
     geometric : whether the forces turn with the contacts
     """
     sliding = _status_of_all(matrix, sliding)
-    k = matrix.c @ blocks(matrix.springs @ statuses(matrix, sliding)) @ matrix.c.T
+    k = matrix.c @ block_diagonal(matrix.springs @ statuses(matrix, sliding)) @ matrix.c.T
     return sparse.csr_array(k + matrix.geometric if geometric else k)
 
 

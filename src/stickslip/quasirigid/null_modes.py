@@ -74,17 +74,17 @@ def mechanisms(
         raise ValueError("a load that is not finite was given: every component must be a number")
     k = stiffness_matrix(matrix, sliding, geometric=False).toarray()
     rigid = _rigid_motions(matrix)
-    turn = np.zeros((size, 0)) if wall_arm is None else _rigid_turn(state, matrix, wall_arm)
+    turn = np.zeros((size, 0)) if wall_arm is None else _rigid_rotation(state, matrix, wall_arm)
     loose = rattlers(state, 2)
     own = np.flatnonzero(np.append(loose, np.zeros(state.n_bodies - len(loose) + 1, bool))[matrix.free.body])
-    out = [Mechanism(RIGID, v, _share(load, v), False) for v in rigid.T]
-    out += [Mechanism(RIGID, v, _share(load, v), True, float(v @ k @ v)) for v in turn.T]
-    out += [Mechanism(RATTLER, np.eye(size)[c], _share(load, np.eye(size)[c]), False) for c in own]
+    out = [Mechanism(RIGID, v, _load_share(load, v), False) for v in rigid.T]
+    out += [Mechanism(RIGID, v, _load_share(load, v), True, float(v @ k @ v)) for v in turn.T]
+    out += [Mechanism(RATTLER, np.eye(size)[c], _load_share(load, np.eye(size)[c]), False) for c in own]
     rest = np.setdiff1d(np.arange(size), own)
-    return out + _others(matrix, k, rest, rigid[rest], turn[rest], load)
+    return out + _find_mechanisms(matrix, k, rest, rigid[rest], turn[rest], load)
 
 
-def _share(load: np.ndarray, vector: np.ndarray) -> float:
+def _load_share(load: np.ndarray, vector: np.ndarray) -> float:
     size = np.linalg.norm(load)
     return float(abs(load @ vector) / size) if size else 0.0
 
@@ -99,7 +99,7 @@ def _rigid_motions(matrix: LinearSystem) -> np.ndarray:
     return np.stack(moves, axis=1) if moves else np.zeros((len(matrix.free), 0))
 
 
-def _rigid_turn(state: State, matrix: LinearSystem, arm: float) -> np.ndarray:
+def _rigid_rotation(state: State, matrix: LinearSystem, arm: float) -> np.ndarray:
     """(n, 1) the turn of everything, as a unit vector, or (n, 0) where more than the overlaps resists it."""
     move = rigid_rotation(state, matrix.free, arm)
     if resists_turning(state, matrix.rows, (matrix.c.T @ move).reshape(-1, 2)):
@@ -107,7 +107,7 @@ def _rigid_turn(state: State, matrix: LinearSystem, arm: float) -> np.ndarray:
     return (move / np.linalg.norm(move))[:, None]
 
 
-def _others(matrix: LinearSystem, k, rest, rigid, turn, load) -> list[Mechanism]:
+def _find_mechanisms(matrix: LinearSystem, k, rest, rigid, turn, load) -> list[Mechanism]:
     """Null modes among the coordinates `rest`, without rigid motions: those that the load drives are told apart."""
     if not len(rest):
         return []
@@ -117,9 +117,9 @@ def _others(matrix: LinearSystem, k, rest, rigid, turn, load) -> list[Mechanism]
     null, co = right[zero].T, left[:, zero]
     if rigid.shape[1]:
         base = qr(rigid, mode="economic")[0]
-        null, co = _without(null, base), _without(co, base)
+        null, co = _complement(null, base), _complement(co, base)
     if turn.shape[1]:  # if its overlaps are so small that k takes it for a null mode, it is not counted again
-        null, co = _without_turn(null, turn, rigid), _without_turn(co, turn, rigid)
+        null, co = _without_rotation(null, turn, rigid), _without_rotation(co, turn, rigid)
     if not null.shape[1]:
         return []
     # one direction of the left null space takes all of the load; the motion that answers to it is the driven one
@@ -128,33 +128,33 @@ def _others(matrix: LinearSystem, k, rest, rigid, turn, load) -> list[Mechanism]
     power = float(np.linalg.norm(taken) / size) if size else 0.0
     driven = []
     if power > 1e-9:
-        answer = null @ _answer(null, load[rest])
-        driven = [_mechanism(DRIVEN, matrix, rest, answer, power)]
-        null = _without(null, (answer / np.linalg.norm(answer))[:, None])
-    return [_mechanism(IDLE, matrix, rest, v, 0.0) for v in null.T] + driven
+        answer = null @ _driven_amplitudes(null, load[rest])
+        driven = [_make_mechanism(DRIVEN, matrix, rest, answer, power)]
+        null = _complement(null, (answer / np.linalg.norm(answer))[:, None])
+    return [_make_mechanism(IDLE, matrix, rest, v, 0.0) for v in null.T] + driven
 
 
-def _answer(null: np.ndarray, load: np.ndarray) -> np.ndarray:
+def _driven_amplitudes(null: np.ndarray, load: np.ndarray) -> np.ndarray:
     """Amplitudes of null modes that a load pushes along; the first one if it is orthogonal to all of them."""
     along = null.T @ load
     return along if np.linalg.norm(along) > 1e-12 * np.linalg.norm(load) else np.eye(null.shape[1])[0]
 
 
-def _without(vectors: np.ndarray, base: np.ndarray) -> np.ndarray:
+def _complement(vectors: np.ndarray, base: np.ndarray) -> np.ndarray:
     """Orthonormal basis of what the span of `vectors` has beside that of `base`."""
     inside = null_space(base.T @ vectors, rcond=1e-8) if vectors.shape[1] else np.zeros((0, 0))
     return vectors @ inside
 
 
-def _without_turn(vectors: np.ndarray, turn: np.ndarray, rigid: np.ndarray) -> np.ndarray:
+def _without_rotation(vectors: np.ndarray, turn: np.ndarray, rigid: np.ndarray) -> np.ndarray:
     """Null vectors without the one that is the rigid turn, if one is."""
     base = qr(rigid, mode="economic")[0]
     turn = turn - base @ (base.T @ turn)
     inside = vectors @ (vectors.T @ turn) / np.linalg.norm(turn)
-    return _without(vectors, inside) if np.linalg.norm(inside) > ALIKE else vectors
+    return _complement(vectors, inside) if np.linalg.norm(inside) > ALIKE else vectors
 
 
-def _mechanism(kind: str, matrix: LinearSystem, rest, vector, power: float) -> Mechanism:
+def _make_mechanism(kind: str, matrix: LinearSystem, rest, vector, power: float) -> Mechanism:
     full = np.zeros(len(matrix.free))
     full[rest] = vector / np.linalg.norm(vector)
     return Mechanism(kind, full, power, bool(np.abs(matrix.c.T @ full).max(initial=0.0) > 1e-8))

@@ -23,12 +23,12 @@ from .cone_apex import (
     SLIDES_BACK,
     STICKS,
     Apex,
-    Found,
-    changed,
-    choices,
-    every_choice,
-    piece,
+    StatusSolution,
+    count_choices,
+    enumerate_statuses,
+    piece_matrix,
     statuses_at_apex,
+    stiffness_change,
 )
 from .matrices import LinearSystem, stiffness_matrix
 from .system import pins
@@ -36,23 +36,23 @@ from .system import pins
 COMBINED = 3  # bodies of which all combinations are released: each costs a factor of k
 
 
-class Reduced(NamedTuple):
+class ReducedMap(NamedTuple):
     """The map of some contacts of a packing, and the way back from their velocities to all."""
 
     apex: Apex
     free: np.ndarray  # (n,) velocities if all these contacts stuck
     reach: np.ndarray  # (n, 2E) velocities per unit force of each contact on its first body
 
-    def velocities(self, found: Found) -> np.ndarray:
+    def velocities(self, found: StatusSolution) -> np.ndarray:
         """(n,) velocities of all coordinates."""
-        lost = np.einsum("eab,eb->ea", changed(self.apex, found.status), found.velocity)
+        lost = np.einsum("eab,eb->ea", stiffness_change(self.apex, found.status), found.velocity)
         return self.free - self.reach @ lost.ravel()
 
 
 def reduced(
     matrix: LinearSystem, load: np.ndarray, contacts: np.ndarray, sign: np.ndarray, *, geometric: bool = True,
     without: np.ndarray | None = None, alone: np.ndarray | None = None,
-) -> Reduced:  # fmt: skip
+) -> ReducedMap:  # fmt: skip
     """The map g of some contacts of a packing under a load rate.
 
     Parameters
@@ -82,10 +82,10 @@ def reduced(
         matrix.slope[contacts], np.asarray(sign, float),
         np.zeros(len(contacts), bool) if alone is None else alone[contacts],
     )  # fmt: skip
-    return Reduced(apex, free, reach)
+    return ReducedMap(apex, free, reach)
 
 
-class Decided(NamedTuple):
+class ApexStatuses(NamedTuple):
     """Statuses of contacts at the apex, for all M contacts."""
 
     apex: np.ndarray  # (M,) bool: these were to be decided
@@ -106,7 +106,7 @@ class Decided(NamedTuple):
 
 
 class _Search(NamedTuple):
-    """The problem of `decided`."""
+    """The problem of `decide_statuses`."""
 
     matrix: LinearSystem
     load: np.ndarray
@@ -117,9 +117,9 @@ class _Search(NamedTuple):
     any_motion: bool = False  # whether bodies are released if any motion lets their contacts open, not just the least
 
 
-def decided(
+def decide_statuses(
     matrix: LinearSystem, load: np.ndarray, apex: np.ndarray, *, geometric: bool = True, wedged: bool = False
-) -> Decided:
+) -> ApexStatuses:
     """Decide the statuses of contacts at the apex, (M,) bool, together with those at the limit, under a load rate.
 
     Grains all of whose contacts are at the apex may be released as bodies. Up to three of them all combinations of
@@ -131,44 +131,44 @@ def decided(
     ours = _contacts_of_bodies(matrix)
     lone = np.flatnonzero((ours.sum(axis=1) > 0) & ~(ours & ~apex).any(axis=1))
     search = _Search(matrix, load, apex, geometric, ours, ours[lone].any(axis=0))
-    found, complete = _of_groups(search, lone)
+    found, complete = _try_groups(search, lone)
     if not found and len(lone) and not wedged:
-        found, complete = _of_groups(search._replace(any_motion=True), lone)
+        found, complete = _try_groups(search._replace(any_motion=True), lone)
     if wedged:  # there was no room to open: choices in which bodies carry come first
         found.reverse()
     found.sort(key=lambda one: not one[1])
     if not found:
-        return Decided(apex, None, None, (), complete)
-    return Decided(apex, *found[0], tuple(status for status, _ in found[1:]), complete)
+        return ApexStatuses(apex, None, None, (), complete)
+    return ApexStatuses(apex, *found[0], tuple(status for status, _ in found[1:]), complete)
 
 
-def _of_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
+def _try_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
     """Choices with some of the lone bodies released, and whether there are no others."""
     if len(lone) <= COMBINED:
-        return _of_all_groups(search, lone)
-    return _of_fewer_and_fewer(search, lone), False
+        return _try_all_groups(search, lone)
+    return _release_as_many_as_possible(search, lone), False
 
 
-def _of_all_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
+def _try_all_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
     """Choices with all combinations of released bodies, most of them released first; whether there are no others."""
     found, complete = [], True
     for size in range(len(lone), -1, -1):
         for group in itertools.combinations(lone, size):
-            good, _, all_seen = _choices_of(search, np.array(group, int))
+            good, _, all_seen = _choices_with_released(search, np.array(group, int))
             found, complete = found + good, complete and all_seen
     return found, complete
 
 
-def _of_fewer_and_fewer(search: _Search, released: np.ndarray) -> list:
+def _release_as_many_as_possible(search: _Search, released: np.ndarray) -> list:
     """Choices with as many bodies released as are not drawn along by what moves."""
     while True:
-        good, caught, _ = _choices_of(search, released)
+        good, caught, _ = _choices_with_released(search, released)
         if good or not len(released):
             return good
         released = np.setdiff1d(released, caught)
 
 
-def _choices_of(search: _Search, released: np.ndarray) -> tuple[list, np.ndarray, bool]:
+def _choices_with_released(search: _Search, released: np.ndarray) -> tuple[list, np.ndarray, bool]:
     """Consistent (status of all, stable) with some bodies released; bodies that cannot be; whether all were seen.
 
     By its least motion a body may be drawn along where another motion releases it: then not all were seen.
@@ -185,10 +185,10 @@ def _choices_of(search: _Search, released: np.ndarray) -> tuple[list, np.ndarray
         )
     except LinAlgError:  # without these bodies nothing holds the others: they have to carry
         return [], released, True
-    answers, all_seen = _answers(map_of.apex)
+    answers, all_seen = _stable_statuses(map_of.apex)
     good, caught = [], np.zeros(0, int)
     for found, stable in answers:
-        drawn = _drawn(search, map_of.velocities(found), loose, gone)[released]
+        drawn = _dragged_bodies(search, map_of.velocities(found), loose, gone)[released]
         if drawn.any():
             caught = np.union1d(caught, released[drawn])
             continue
@@ -198,11 +198,11 @@ def _choices_of(search: _Search, released: np.ndarray) -> tuple[list, np.ndarray
     return good, caught if answers else released, all_seen and (search.any_motion or not len(caught))
 
 
-def _answers(apex: Apex) -> tuple[list[tuple[Found, bool]], bool]:
+def _stable_statuses(apex: Apex) -> tuple[list[tuple[StatusSolution, bool]], bool]:
     """Consistent statuses, each with its stability, and whether there are no others."""
-    if choices(apex) <= ENUMERATED:
-        every = every_choice(apex)
-        found = [Found(s, v, "one by one") for s, v in zip(every.status, every.velocity, strict=True)]
+    if count_choices(apex) <= ENUMERATED:
+        every = enumerate_statuses(apex)
+        found = [StatusSolution(s, v, "one by one") for s, v in zip(every.status, every.velocity, strict=True)]
         return list(zip(found, every.stable.tolist(), strict=True)), every.decided
     # what slides goes on to do so, most likely; what has no force sticks, or opens
     slides, touches = np.where(apex.sign < 0, SLIDES_BACK, SLIDES), apex.sign == 0
@@ -210,7 +210,7 @@ def _answers(apex: Apex) -> tuple[list[tuple[Found, bool]], bool]:
     found = statuses_at_apex(apex, *starts)
     if found.status is None:
         return [], False
-    return [(found, bool(np.linalg.slogdet(piece(apex, found.status))[0] > 0))], False
+    return [(found, bool(np.linalg.slogdet(piece_matrix(apex, found.status))[0] > 0))], False
 
 
 def _contacts_of_bodies(matrix: LinearSystem) -> np.ndarray:
@@ -223,7 +223,7 @@ def _contacts_of_bodies(matrix: LinearSystem) -> np.ndarray:
     return out & turns[:, None]
 
 
-def _drawn(search: _Search, velocity: np.ndarray, loose: np.ndarray, gone: np.ndarray) -> np.ndarray:
+def _dragged_bodies(search: _Search, velocity: np.ndarray, loose: np.ndarray, gone: np.ndarray) -> np.ndarray:
     """(B,) bool: released bodies some of whose contacts close although the bodies follow their neighbours."""
     matrix, ours = search.matrix, search.ours
     if not len(loose):

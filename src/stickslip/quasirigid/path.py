@@ -20,11 +20,11 @@ from ..core.readable import readable
 from ..core.state import OPEN, SLIDE, STICK, Control, State
 from ..solve.freedom import freedom, residual_vector
 from .events import Event, Fork
-from .increment import CROWD, OUT_OF_BALANCE, Piece, Place, external
+from .increment import CROWD, OUT_OF_BALANCE, Increment, PathState, external
 from .matrices import linear_system, stiffness_matrix
-from .rattling import gaps, moved_aside, with_modes
+from .rattling import gaps, move_aside, with_modes
 from .status import Verdict
-from .system import pins, unheld
+from .system import pins, unbalanced_axes
 
 BALANCED = 1e-6  # largest unbalanced force at the start, in mean normal forces
 SMALLEST = 1e-8  # part of a leg to which increments are halved: what is wedged then overlaps by round-off
@@ -106,27 +106,27 @@ def load_path(
         with one sentence, if the packing is out of balance or not stable, the law is not linear, the load acts on a
         body that nothing holds, or the controls move different components.
     """
-    here = _accepted(updated(state), law)
+    here = _accept_forces(updated(state), law)
     _check_start(here, law, legs, increment)
     nothing = np.zeros(len(here.contacts.mode), bool)
-    place = Place(here, rattlers(here, 2), nothing, nothing, True, -np.inf)
-    way = _Way(_point(place, law, 0.0), law)
+    place = PathState(here, rattlers(here, 2), nothing, nothing, True, -np.inf)
+    way = _PathRecord(_path_point(place, law, 0.0), law)
     for number, end in enumerate(legs):
-        place, verdict = _leg(place, law, end, number, len(legs), increment, geometric, way, report)
+        place, verdict = _follow_leg(place, law, end, number, len(legs), increment, geometric, way, report)
         if verdict is not Verdict.CONSISTENT:
             return way.path(verdict)
         place = place._replace(state=place.state._replace(control=end))
     return way.path(Verdict.CONSISTENT)
 
 
-class _Way:
+class _PathRecord:
     """What a path has met so far."""
 
     def __init__(self, first: Point, law: Law):
         self.points, self.events, self.forks, self.unchecked, self.law = [first], [], [], 0, law
         self.anchor, self.since = 0.0, 0
 
-    def add(self, piece: Piece, point: Point) -> None:
+    def add(self, piece: Increment, point: Point) -> None:
         self.points.append(point)
         self.events += piece.events
         self.unchecked += piece.unchecked
@@ -147,15 +147,17 @@ class _Way:
         return LoadPath(tuple(self.points), tuple(self.events), verdict, tuple(self.forks), self.unchecked, self.law)
 
 
-def _leg(place: Place, law: Law, end: Control, number: int, legs: int, increment, geometric, way: _Way, report):
+def _follow_leg(
+    place: PathState, law: Law, end: Control, number: int, legs: int, increment, geometric, way: _PathRecord, report
+):
     """Follow one leg: the place where it ends, and the verdict."""
     begin, share, size, missed = place.state.control, 0.0, increment, np.inf
     wedged = 0.0  # share up to which a rattler is wedged: the load at which it is lies before
     while share < 1.0:
         # what is out of balance is made good within a whole increment: in a part of it, only its part
-        piece = Piece(place, law, begin, end, share, min(size, 1.0 - share), geometric, size / increment)
+        piece = Increment(place, law, begin, end, share, min(size, 1.0 - share), geometric, size / increment)
         after, used, verdict = piece.run(number + share)
-        after, wedge = _aside(after, law, place.state)
+        after, wedge = _move_rattlers(after, law, place.state)
         load = number + share + used
         if size > SMALLEST and (len(wedge) or OUT_OF_BALANCE < piece.missed < SHRINKS * missed):
             if len(wedge):
@@ -164,9 +166,9 @@ def _leg(place: Place, law: Law, end: Control, number: int, legs: int, increment
             continue
         missed = np.inf
         if len(wedge):
-            after, told = _carrying(after, law, wedge, load)
+            after, told = _reinstate_wedged(after, law, wedge, load)
             piece.events += told
-        point = _point(after, law, load)
+        point = _path_point(after, law, load)
         way.add(piece, point)
         if verdict is not Verdict.CONSISTENT:
             return after, verdict
@@ -174,13 +176,13 @@ def _leg(place: Place, law: Law, end: Control, number: int, legs: int, increment
         left = wedged - share if not len(wedge) else 0.0
         size = max(0.5 * left, SMALLEST) if left > SMALLEST else min(2 * size, increment)
         if report:
-            report((number + share) / legs, _words(point))
+            report((number + share) / legs, _progress_message(point))
         if way.since > CROWD:
             return place, Verdict.NO_PROGRESS
     return place, Verdict.CONSISTENT
 
 
-def _carrying(place: Place, law: Law, wedge: np.ndarray, load: float) -> tuple[Place, list[Event]]:
+def _reinstate_wedged(place: PathState, law: Law, wedge: np.ndarray, load: float) -> tuple[PathState, list[Event]]:
     """The place in which wedged rattlers are grains like the others, and the events that say so.
 
     Others that are wedged then follow, until all that are left have moved aside.
@@ -201,30 +203,30 @@ def _carrying(place: Place, law: Law, wedge: np.ndarray, load: float) -> tuple[P
         fresh[wedge] = True
         stuck = with_modes(place.state, wedge, STICK)
         place = place._replace(state=stuck, loose=loose, parted=place.parted & ~fresh, fresh=fresh, wedged=True)
-        place, wedge = _aside(place, law)
+        place, wedge = _move_rattlers(place, law)
         events += [Event(load, RETURNS, int(g), -1) for g in caught]
     return place, events
 
 
-def _aside(place: Place, law: Law, start: State | None = None) -> tuple[Place, np.ndarray]:
+def _move_rattlers(place: PathState, law: Law, start: State | None = None) -> tuple[PathState, np.ndarray]:
     """The place with rattlers moved aside, and the rows of contacts that wedge some of them."""
     before = place.state.contacts
-    state, wedge = moved_aside(place.state, law, place.loose, start)
+    state, wedge = move_aside(place.state, law, place.loose, start)
     after = state.contacts
     if after is before:
         return place, wedge
-    marks = [_carried(mark, before, after) & (after.mode != OPEN) for mark in (place.parted, place.fresh)]
+    marks = [_transfer_marks(mark, before, after) & (after.mode != OPEN) for mark in (place.parted, place.fresh)]
     return place._replace(state=state, parted=marks[0], fresh=marks[1]), wedge
 
 
-def _carried(mark: np.ndarray, before, after) -> np.ndarray:
+def _transfer_marks(mark: np.ndarray, before, after) -> np.ndarray:
     """Marks of contacts in another list, by their keys."""
     out = np.zeros(len(after.mode), bool)
     out[: int(after.count[0])] = np.isin(after.key[: int(after.count[0])], before.key[np.flatnonzero(mark)])
     return out
 
 
-def _accepted(state: State, law: Law) -> State:
+def _accept_forces(state: State, law: Law) -> State:
     return accept(state, forces(state, law)[1])
 
 
@@ -265,7 +267,7 @@ def _check_start(state: State, law: Law, legs, increment: float) -> None:
     carried = np.isin(whole.component, matrix.free.component)
     for end in legs:
         at = state._replace(control=end)
-        if axes := unheld(matrix, external(at, matrix.free)):
+        if axes := unbalanced_axes(matrix, external(at, matrix.free)):
             raise ValueError(f"a leg has a net force along {axes}, which nothing holds: give loads that balance")
         pull = np.abs(external(state._replace(control=end), whole))
         bad = np.flatnonzero((pull > 0) & ~carried)
@@ -295,7 +297,7 @@ def _check_leg(begin: Control, end: Control) -> None:
         )
 
 
-def _point(place: Place, law: Law, load: float) -> Point:
+def _path_point(place: PathState, law: Law, load: float) -> Point:
     state = place.state
     loads, _ = forces(state, law)
     rows = touching(state)
@@ -306,7 +308,7 @@ def _point(place: Place, law: Law, load: float) -> Point:
     return Point(load, state, sliding, len(rows), residual / mean if mean else np.inf)
 
 
-def _words(point: Point) -> str:
+def _progress_message(point: Point) -> str:
     return (
         f"load {point.load:.4f}, {point.sliding} of {point.contacts} contacts slide, unbalanced "
         f"{point.residual:.0e} of the mean force"

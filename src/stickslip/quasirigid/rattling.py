@@ -38,7 +38,7 @@ def gaps(state: State, rows) -> tuple[np.ndarray, np.ndarray]:
     return normal, distance - radius[contacts.i[rows]] - radius[contacts.j[rows]]
 
 
-def moved_aside(state: State, law: Law, loose: np.ndarray, before: State | None = None) -> tuple[State, np.ndarray]:
+def move_aside(state: State, law: Law, loose: np.ndarray, before: State | None = None) -> tuple[State, np.ndarray]:
     """The state with rattlers moved out of what they touch, and the rows of contacts that wedge some of them.
 
     Parameters
@@ -58,13 +58,13 @@ def moved_aside(state: State, law: Law, loose: np.ndarray, before: State | None 
         return state, nothing
     tiny, drawn = NUDGE * float(state.grains.radius.min()), np.zeros_like(whole)
     for _ in range(ROUNDS):
-        contacts, (rows, normal, gap) = state.contacts, _near(state, whole)
+        contacts, (rows, normal, gap) = state.contacts, _nearby_pairs(state, whole)
         if not len(rows) or gap.min() >= 0:
-            return as_loose(state, loose), nothing
+            return release_rattlers(state, loose), nothing
         i, j = contacts.i[rows], contacts.j[rows]
-        move, pressed = _least_distance(_directions(i, j, normal, whole), tiny - gap)
+        move, pressed = _smallest_displacement(_gap_directions(i, j, normal, whole), tiny - gap)
         friction = law.table[material[i], material[j], MU]
-        wedge = _wedge(i[pressed], j[pressed], normal[pressed], friction[pressed], whole)
+        wedge = _wedging_contacts(i[pressed], j[pressed], normal[pressed], friction[pressed], whole)
         if len(wedge) or move is None:
             held = rows[pressed][wedge] if len(wedge) else rows[pressed]
             caught = np.zeros_like(whole)
@@ -72,15 +72,15 @@ def moved_aside(state: State, law: Law, loose: np.ndarray, before: State | None 
             caught &= whole
             if before is None or (caught & drawn).any():
                 return state, held
-            position, drawn = _drawn_along(state, before, caught, held), drawn | caught
+            position, drawn = _dragged_positions(state, before, caught, held), drawn | caught
         else:
             position = state.grains.position.copy()
             position[loose, :2] += move.reshape(-1, 2)
-        state = as_loose(updated(state._replace(grains=state.grains._replace(position=position))), loose)
+        state = release_rattlers(updated(state._replace(grains=state.grains._replace(position=position))), loose)
     return state, rows[gap < 0]
 
 
-def _near(state: State, whole: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _nearby_pairs(state: State, whole: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rows, normals and gaps of rattlers' pairs that overlap, or may come to do so when these are moved apart."""
     contacts, count = state.contacts, int(state.contacts.count[0])
     rows = np.flatnonzero(whole[contacts.i[:count]] | whole[contacts.j[:count]])
@@ -89,7 +89,7 @@ def _near(state: State, whole: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.n
     return rows[near], normal[near], gap[near]
 
 
-def _drawn_along(state: State, before: State, caught: np.ndarray, rows: np.ndarray) -> np.ndarray:
+def _dragged_positions(state: State, before: State, caught: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """(N, 3) positions with caught rattlers where they follow, with the least slip at contacts, what holds them."""
     contacts, count = state.contacts, len(state.grains.radius)
     i, j = contacts.i[rows], contacts.j[rows]
@@ -114,7 +114,7 @@ def _drawn_along(state: State, before: State, caught: np.ndarray, rows: np.ndarr
     return position
 
 
-def _directions(i, j, normal, whole) -> np.ndarray:
+def _gap_directions(i, j, normal, whole) -> np.ndarray:
     """(C, 2L) how gaps open as rattlers move."""
     number = np.where(whole, np.cumsum(whole) - 1, -1)
     out = np.zeros((len(i), 2 * int(whole.sum())))
@@ -125,7 +125,7 @@ def _directions(i, j, normal, whole) -> np.ndarray:
     return out
 
 
-def _least_distance(directions: np.ndarray, needed: np.ndarray) -> tuple[np.ndarray | None, np.ndarray]:
+def _smallest_displacement(directions: np.ndarray, needed: np.ndarray) -> tuple[np.ndarray | None, np.ndarray]:
     """The least x with G x ≥ h, or None if there is none, and which rows press."""
     scale = np.abs(needed).max()
     system = np.vstack([directions.T, needed / scale])
@@ -139,7 +139,7 @@ def _least_distance(directions: np.ndarray, needed: np.ndarray) -> tuple[np.ndar
     return -scale * rest[:-1] / rest[-1], pressed
 
 
-def _wedge(i, j, normal, mu, whole) -> np.ndarray:
+def _wedging_contacts(i, j, normal, mu, whole) -> np.ndarray:
     """Numbers of those contacts that can hold rattlers by forces within their cones, in balance; empty if none can."""
     if len(i) < 2:
         return np.zeros(0, int)
@@ -163,7 +163,7 @@ def _wedge(i, j, normal, mu, whole) -> np.ndarray:
     return np.flatnonzero(weights.reshape(-1, 2).sum(axis=1) > 1e-9)
 
 
-def as_loose(state: State, loose: np.ndarray) -> State:
+def release_rattlers(state: State, loose: np.ndarray) -> State:
     """The state in which no contact of a rattler carries anything."""
     body = np.append(loose, np.zeros(state.n_bodies - len(loose), bool))
     contacts, count = state.contacts, int(state.contacts.count[0])

@@ -16,7 +16,7 @@ ROUND_OFF = 1e-13  # of a velocity, over the largest one around: k has condition
 AT_ONCE = 16  # right-hand sides of one call: more do not fit into the cache
 
 
-class System:
+class StatusSolver:
     """Velocities of a packing under one load rate, for whatever status of its critical contacts.
 
     Coordinates stand in the order in which bodies are eliminated with little fill, which is found once. Beside one for
@@ -32,7 +32,7 @@ class System:
             )
         if not np.isfinite(self.load).all():
             raise ValueError("a load that is not finite was given: every component must be a number")
-        order = elimination(matrix.c, matrix.free.body)
+        order = elimination_order(matrix.c, matrix.free.body)
         self.kept = order[~np.isin(order, np.append(pins(matrix), np.asarray(held, np.int64)))]
         c = sparse.csr_array(matrix.c[self.kept])
         self.right = self.load[self.kept]
@@ -53,7 +53,7 @@ class System:
             return self.stuck
         return sparse.csc_array(self.stuck - self.pull[:, slides] @ self.sees[:, slides].T)
 
-    def renew(self, slides: np.ndarray) -> None:
+    def factorise(self, slides: np.ndarray) -> None:
         """Factorise k(S)."""
         self.factored, self.factor = None, None
         self.factor = factorised(self.stiffness(slides), method="superlu", ordered=True)
@@ -61,7 +61,7 @@ class System:
         self.factored = slides.copy()
         self.solves += 1
 
-    def reach(self, columns: np.ndarray) -> np.ndarray:
+    def solve_columns(self, columns: np.ndarray) -> np.ndarray:
         """(kept, m) answers of the last factor to columns."""
         out = np.empty_like(columns)
         for k in range(0, columns.shape[1], AT_ONCE):
@@ -76,16 +76,16 @@ class System:
         LinAlgError
             if k(S) v misses the load: k(S) is singular to round-off.
         """
-        v = self._corrected(slides)
+        v = self._woodbury(slides)
         if v is None:
             if self.factored is None or not np.array_equal(slides, self.factored):
-                self.renew(slides)
+                self.factorise(slides)
             v = self.answer
-            if not self._holds(slides, v):
+            if not self._is_balanced(slides, v):
                 raise LinAlgError("singular")
-        return self._spread(v), self.sees.T @ v
+        return self._expand(v), self.sees.T @ v
 
-    def moved(self, slides: np.ndarray, slip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def rates_for_slip(self, slides: np.ndarray, slip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Velocities (n,) and Ṽ for given slip rates of a status, whose k(S) may be singular.
 
         Raises
@@ -95,22 +95,22 @@ class System:
         """
         stuck = np.zeros(len(slides), bool)
         if self.factored is None or not np.array_equal(self.factored, stuck):
-            self.renew(stuck)
+            self.factorise(stuck)
         v = self.answer + self.factor(self.pull @ slip)
-        if not self._holds(slides, v):
+        if not self._is_balanced(slides, v):
             raise LinAlgError("singular")
-        return self._spread(v), self.sees.T @ v
+        return self._expand(v), self.sees.T @ v
 
-    def blur(self, velocity: np.ndarray) -> np.ndarray:
+    def round_off(self, velocity: np.ndarray) -> np.ndarray:
         """(Mc,) round-off of Ṽ, the difference of what bodies that touch do: a share of what each does."""
         return ROUND_OFF * (self.reading @ np.abs(velocity[self.kept]))
 
-    def _spread(self, v: np.ndarray) -> np.ndarray:
+    def _expand(self, v: np.ndarray) -> np.ndarray:
         full = np.zeros(len(self.load))
         full[self.kept] = v
         return full
 
-    def _corrected(self, slides: np.ndarray) -> np.ndarray | None:
+    def _woodbury(self, slides: np.ndarray) -> np.ndarray | None:
         """v from the factor of a status that differs in few contacts (Woodbury), or None where that is no use."""
         if self.factored is None:
             return None
@@ -118,16 +118,16 @@ class System:
         if not 0 < len(flipped) <= FEW:
             return None
         new = [k for k in flipped if k not in self.reached]  # others were flipped in an earlier round, too
-        self.reached.update(zip(new, self.reach(self.pull[:, new].toarray(order="F")).T, strict=True))
+        self.reached.update(zip(new, self.solve_columns(self.pull[:, new].toarray(order="F")).T, strict=True))
         turn, sees = np.where(slides[flipped], -1.0, 1.0), self.sees[:, flipped]
         reach = np.stack([self.reached[k] for k in flipped], axis=1) * turn
         try:
             v = self.answer - reach @ np.linalg.solve(np.eye(len(flipped)) + sees.T @ reach, sees.T @ self.answer)
         except np.linalg.LinAlgError:
             return None
-        return v if self._holds(slides, v) else None
+        return v if self._is_balanced(slides, v) else None
 
-    def _holds(self, slides: np.ndarray, v: np.ndarray) -> bool:
+    def _is_balanced(self, slides: np.ndarray, v: np.ndarray) -> bool:
         """Whether k(S) v is the load; not for NaN."""
         slip = np.where(slides, self.sees.T @ v, 0.0)
         missed = self.stuck @ v - self.pull @ slip - self.right
@@ -146,7 +146,7 @@ def pins(matrix: LinearSystem) -> np.ndarray:
     return np.array(held, np.int64)
 
 
-def unheld(matrix: LinearSystem, load: np.ndarray) -> str:
+def unbalanced_axes(matrix: LinearSystem, load: np.ndarray) -> str:
     """Along which axes, "x", "y" or both, a load has a net force that nothing holds; empty if there is none."""
     out = ""
     for pin in pins(matrix):
@@ -156,7 +156,7 @@ def unheld(matrix: LinearSystem, load: np.ndarray) -> str:
     return out
 
 
-def elimination(c, body: np.ndarray) -> np.ndarray:
+def elimination_order(c, body: np.ndarray) -> np.ndarray:
     """(n,) order of coordinates in which k has little fill: minimum degree on the graph of bodies in contact.
 
     Parameters

@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.readable import readable
-from .enumeration import BLUR, MAPPED, gone_through
-from .lcp import Complementarity, Scaled, scaled
+from .enumeration import BLUR, MAPPED, enumerate_rates
+from .lcp import Complementarity, ScaledProblem, scale_problem
 
 
-class Known(Enum):
+class UniquenessVerdict(Enum):
     """Is the status unique for every load? Each value is a sentence."""
 
     UNIQUE = "the status is unique for every load"
@@ -32,7 +32,7 @@ class Known(Enum):
 class Uniqueness(NamedTuple):
     """An answer, and what it rests on; A_SS means the rows and columns `contacts` of A."""
 
-    verdict: Known
+    verdict: UniquenessVerdict
     reason: str
     contacts: np.ndarray  # numbers among the critical contacts
     value: float = np.nan  # det A_SS; its smallest singular value if singular; the margin of a sufficient condition
@@ -41,7 +41,7 @@ class Uniqueness(NamedTuple):
     @property
     def unique(self) -> bool | None:
         """True, False, or None if it is not known."""
-        return {Known.UNIQUE: True, Known.UNDECIDED: None}.get(self.verdict, False)
+        return {UniquenessVerdict.UNIQUE: True, UniquenessVerdict.UNDECIDED: None}.get(self.verdict, False)
 
     def __str__(self):
         return f"{self.verdict.value} ({self.reason})"
@@ -55,55 +55,59 @@ def certificate(problem: Complementarity) -> Uniqueness:
     """
     size = len(problem.vector)
     if not size:
-        return Uniqueness(Known.UNIQUE, "no contact is critical", np.arange(0))
-    here = scaled(problem)
-    found = _dominant(here)
+        return Uniqueness(UniquenessVerdict.UNIQUE, "no contact is critical", np.arange(0))
+    here = scale_problem(problem)
+    found = _sufficient_condition(here)
     if found is not None:
         return found
-    negative = _negative(here)
+    negative = _find_negative_minor(here)
     if negative is not None:
-        return _not_unique(problem, negative, "minors of one and two contacts and of all were looked at")
-    return _by_all_minors(problem, here) if size <= MAPPED else _by_some_minors(here)
+        return _make_not_unique(problem, negative, "minors of one and two contacts and of all were looked at")
+    return _check_all_minors(problem, here) if size <= MAPPED else _check_small_minors(here)
 
 
-def _dominant(here: Scaled) -> Uniqueness | None:
+def _sufficient_condition(here: ScaledProblem) -> Uniqueness | None:
     """A certificate that holds for whole matrices at once."""
     a, everything = here.matrix, np.arange(len(here.vector))
     # no change within the error bounds moves an eigenvalue of the symmetric part by more than their norm
     margin = float(np.linalg.eigvalsh(0.5 * (a + a.T))[0] - np.linalg.norm(here.doubt))
     if margin > 0:
-        return Uniqueness(Known.UNIQUE, "the symmetric part of scaled A is positive definite", everything, margin)
+        return Uniqueness(
+            UniquenessVerdict.UNIQUE, "the symmetric part of scaled A is positive definite", everything, margin
+        )
     compared = np.diag(2 * np.diag(a)) - np.abs(a)
     weight = np.linalg.lstsq(compared, np.ones(len(a)), rcond=None)[0]
     margin = float((compared @ weight - here.doubt @ np.abs(weight)).min())
     if (weight > 0).all() and margin > 0:
         weight = here.slip_unit * weight
-        return Uniqueness(Known.UNIQUE, "A is an H-matrix with a positive diagonal", everything, margin, weight)
+        return Uniqueness(
+            UniquenessVerdict.UNIQUE, "A is an H-matrix with a positive diagonal", everything, margin, weight
+        )
     return None
 
 
-def _by_all_minors(problem: Complementarity, here: Scaled) -> Uniqueness:
+def _check_all_minors(problem: Complementarity, here: ScaledProblem) -> Uniqueness:
     """The verdict of 2^Mc − 1 minors."""
-    through = gone_through(here)
+    through = enumerate_rates(here)
     words = f"all {len(through.sign) - 1} principal minors were gone through"
     if (through.sign < 0).any():
-        return _not_unique(problem, _smallest(through, through.sign < 0), words)
+        return _make_not_unique(problem, _fewest_sliding(through, through.sign < 0), words)
     if (through.sign == 0).any():
-        return _singular(here, _smallest(through, through.sign == 0), words)
+        return _make_singular(here, _fewest_sliding(through, through.sign == 0), words)
     least = np.flatnonzero(through.slides[1 + int(np.argmin(through.minor[1:]))])
     value = float(np.linalg.det(problem.matrix[np.ix_(least, least)]))
-    return Uniqueness(Known.UNIQUE, f"{words}; the smallest is {value:.3g}", least, value)
+    return Uniqueness(UniquenessVerdict.UNIQUE, f"{words}; the smallest is {value:.3g}", least, value)
 
 
-def _smallest(through, which: np.ndarray) -> np.ndarray:
+def _fewest_sliding(through, which: np.ndarray) -> np.ndarray:
     """Of some statuses one with the fewest sliding contacts."""
     rows = through.slides[which]
     return np.flatnonzero(rows[int(np.argmin(rows.sum(axis=1)))])
 
 
-def _negative(here: Scaled) -> np.ndarray | None:
+def _find_negative_minor(here: ScaledProblem) -> np.ndarray | None:
     """One contact, two, or all of them, whose minor is negative beyond round-off."""
-    diagonal, pair, blur = small_minors(here)
+    diagonal, pair, blur = minors_of_one_and_two(here)
     for one in np.flatnonzero(diagonal < -np.diag(here.doubt)):
         return np.array([one])
     for two in np.argwhere(np.triu(pair < -blur, 1)):
@@ -112,45 +116,49 @@ def _negative(here: Scaled) -> np.ndarray | None:
     return everything if sign_of_minor(here, everything) < 0 else None
 
 
-def _by_some_minors(here: Scaled) -> Uniqueness:
+def _check_small_minors(here: ScaledProblem) -> Uniqueness:
     """Singular, if a minor of one or two contacts, or of all, is zero; else it is not known."""
-    diagonal, pair, blur = small_minors(here)
+    diagonal, pair, blur = minors_of_one_and_two(here)
     everything = np.arange(len(diagonal))
     zero = [np.array([k]) for k in np.flatnonzero(diagonal <= np.diag(here.doubt))]
     zero += list(np.argwhere(np.triu(pair <= blur, 1))[:1])
-    zero += [] if regular(here, everything) else [everything]
+    zero += [] if is_regular(here, everything) else [everything]
     words = "minors of one and two contacts and of all were looked at"
     if zero:
-        return _singular(here, zero[0], words)
-    return Uniqueness(Known.UNDECIDED, f"{words}; {len(diagonal)} contacts have too many minors", np.arange(0))
+        return _make_singular(here, zero[0], words)
+    return Uniqueness(
+        UniquenessVerdict.UNDECIDED, f"{words}; {len(diagonal)} contacts have too many minors", np.arange(0)
+    )
 
 
-def regular(here: Scaled, chosen: np.ndarray) -> bool:
+def is_regular(here: ScaledProblem, chosen: np.ndarray) -> bool:
     """True if A_SS has full rank beyond the errors of its entries."""
-    a, doubt = here.part(chosen)
+    a, doubt = here.submatrix(chosen)
     return not len(a) or bool(np.linalg.svd(a, compute_uv=False)[-1] > BLUR * np.linalg.norm(doubt))
 
 
-def sign_of_minor(here: Scaled, chosen: np.ndarray) -> int:
+def sign_of_minor(here: ScaledProblem, chosen: np.ndarray) -> int:
     """Sign of det A_SS, 0 if it is singular to round-off."""
-    return int(np.linalg.slogdet(here.part(chosen)[0])[0]) if regular(here, chosen) else 0
+    return int(np.linalg.slogdet(here.submatrix(chosen)[0])[0]) if is_regular(here, chosen) else 0
 
 
-def _not_unique(problem: Complementarity, chosen: np.ndarray, words: str) -> Uniqueness:
+def _make_not_unique(problem: Complementarity, chosen: np.ndarray, words: str) -> Uniqueness:
     value = float(np.linalg.det(problem.matrix[np.ix_(chosen, chosen)]))
     named = ", ".join(map(str, chosen[:MAPPED]))
-    return Uniqueness(Known.NOT_UNIQUE, f"critical contacts {named} have the minor {value:.3g}; {words}", chosen, value)
+    return Uniqueness(
+        UniquenessVerdict.NOT_UNIQUE, f"critical contacts {named} have the minor {value:.3g}; {words}", chosen, value
+    )
 
 
-def _singular(here: Scaled, chosen: np.ndarray, words: str) -> Uniqueness:
-    _, values, right = np.linalg.svd(here.part(chosen)[0])
+def _make_singular(here: ScaledProblem, chosen: np.ndarray, words: str) -> Uniqueness:
+    _, values, right = np.linalg.svd(here.submatrix(chosen)[0])
     x = here.slip_unit[chosen] * right[-1]
     named = ", ".join(map(str, chosen[:MAPPED]))
     reason = f"A of critical contacts {named} has the singular value {values[-1]:.1e}, zero to round-off; {words}"
-    return Uniqueness(Known.SINGULAR, reason, chosen, float(values[-1]), x / np.abs(x).max())
+    return Uniqueness(UniquenessVerdict.SINGULAR, reason, chosen, float(values[-1]), x / np.abs(x).max())
 
 
-def small_minors(here: Scaled) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def minors_of_one_and_two(here: ScaledProblem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(Mc,) minors of one contact, (Mc, Mc) of two, infinite on the diagonal, and the error bounds of the latter."""
     a, doubt = here.matrix, here.doubt
     diagonal, own = np.diag(a), np.diag(doubt)
@@ -162,5 +170,5 @@ def small_minors(here: Scaled) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def may_be_p(problem: Complementarity) -> bool:
     """False if a minor of one or two contacts is not positive: principal pivoting may then go round for long."""
-    diagonal, pair, _ = small_minors(scaled(problem))
+    diagonal, pair, _ = minors_of_one_and_two(scale_problem(problem))
     return bool((diagonal > 0).all() and (pair > 0).all())

@@ -21,7 +21,7 @@ from ..core.state import State
 from ..solve.freedom import Freedom
 
 
-class Turning(NamedTuple):
+class RotatingWalls(NamedTuple):
     """Coordinates and matrices of a packing whose walls may turn; see `LinearSystem` for what they are."""
 
     c: sparse.csr_array
@@ -29,7 +29,7 @@ class Turning(NamedTuple):
     free: Freedom
 
 
-def turning(state: State, rows, force, c, geometric, free: Freedom, arm: float) -> Turning:
+def append_wall_rotations(state: State, rows, force, c, geometric, free: Freedom, arm: float) -> RotatingWalls:
     """Append the rotations of all walls, in the order of the walls, to what a packing has without them.
 
     Parameters
@@ -39,7 +39,7 @@ def turning(state: State, rows, force, c, geometric, free: Freedom, arm: float) 
     c, geometric, free : those of walls that translate
     arm : by which a wall's angle is multiplied [length]
     """
-    _check(state, arm)
+    _check_walls(state, arm)
     n, count = len(state.grains.radius), len(state.walls.mass)
     mine = np.flatnonzero(state.contacts.j[rows] >= n)
     body, wall = state.contacts.i[rows[mine]], state.contacts.j[rows[mine]]
@@ -62,12 +62,12 @@ def turning(state: State, rows, force, c, geometric, free: Freedom, arm: float) 
     kept = (row >= 0) & (column >= 0)
     more = sparse.csr_array((value[kept], (row[kept], column[kept])), shape=(size, size))
     padded = sparse.block_diag([geometric, sparse.csr_array((count, count))], format="csr")
-    return Turning(
-        sparse.csr_array(sparse.vstack([c, c_more])), sparse.csr_array(padded + more), _with_angles(state, free)
+    return RotatingWalls(
+        sparse.csr_array(sparse.vstack([c, c_more])), sparse.csr_array(padded + more), _append_angles(state, free)
     )
 
 
-def _with_angles(state: State, free: Freedom) -> Freedom:
+def _append_angles(state: State, free: Freedom) -> Freedom:
     """Freedom with the rotation of each wall about z appended; its radius of gyration is taken to be the arm."""
     n, count = len(state.grains.radius), len(state.walls.mass)
     component = 6 * (n + np.arange(count)) + 5
@@ -77,7 +77,7 @@ def _with_angles(state: State, free: Freedom) -> Freedom:
     return Freedom(np.append(free.component, component), mass, free.dim, place, free.length)
 
 
-def _check(state: State, arm: float) -> None:
+def _check_walls(state: State, arm: float) -> None:
     n = len(state.grains.radius)
     if not (np.isfinite(arm) and arm > 0):
         raise ValueError(f"wall_arm = {arm} was given: it must be positive, such as half the length of a wall")

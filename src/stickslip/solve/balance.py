@@ -9,7 +9,7 @@ from ..core.contacts.jacobian import linearise
 from ..core.laws.builtin import MU, Law
 from ..core.measure import mean_normal_force, touching, volume
 from ..core.state import SLIDE, STICK, Contacts, State
-from .freedom import loose_grains
+from .freedom import unsupported_grains
 
 # Of the mean contact force, `python -m benchmarks.equilibrium`: up to 1e-3 grains that were moved at random change the
 # verdict no more often than at 1e-8, and up to 2e-3 none of 52 packings had a wrong one without its slips; beyond, the
@@ -41,22 +41,22 @@ def imbalance(state: State, law: Law) -> float:
     """
     loads = forces(state, law)[0]
     worst = np.abs(unbalanced_forces(state, loads)).max(axis=1)
-    found = max(map(_share, worst, _scales(state, law)), default=0.0) if worst.any() else 0.0
+    found = max(map(_ratio, worst, _local_force_scales(state, law)), default=0.0) if worst.any() else 0.0
     free = state.control.cell_free
     if free.any():
         has, wants = loads.virial[free], (volume(state) * state.control.stress)[free]
-        found = max(found, _share(float(np.abs(has - wants).max()), float(np.abs([has, wants]).max())))
+        found = max(found, _ratio(float(np.abs(has - wants).max()), float(np.abs([has, wants]).max())))
     return float(found)
 
 
-def _scales(state: State, law: Law) -> np.ndarray:
+def _local_force_scales(state: State, law: Law) -> np.ndarray:
     """(N + W,) mean |F_n| around each body: of the part of the packing that it belongs to, or of all contacts."""
     rows, n = touching(state), len(state.grains.radius)
     if not len(rows):
         return np.zeros(state.n_bodies)
     force = np.abs(linearise(state, law).force_n[rows])
     held = state.control.free[:, : state.cell.dim].any(axis=1)
-    held[:n] &= ~loose_grains(state, law)
+    held[:n] &= ~unsupported_grains(state, law)
     i, j = state.contacts.i[rows], state.contacts.j[rows]
     linked = held[i] & held[j]
     links = coo_array((np.ones(linked.sum()), (i[linked], j[linked])), shape=(state.n_bodies,) * 2)
@@ -69,12 +69,12 @@ def _scales(state: State, law: Law) -> np.ndarray:
     return np.where(held, means[part], whole)
 
 
-def swing(state: State, law: Law) -> float:
+def motion_imbalance(state: State, law: Law) -> float:
     """By which share of the mean contact force motion changes forces: v √(m k) of a spring k that stops a mass m.
 
     Of the grains that hang together, relative to their mean velocity where nothing holds them in place.
     """
-    rows, still = touching(state), ~loose_grains(state, law)
+    rows, still = touching(state), ~unsupported_grains(state, law)
     if not (len(rows) and still.any()):
         return 0.0
     grains, velocity = state.grains, state.grains.velocity[still]
@@ -83,10 +83,10 @@ def swing(state: State, law: Law) -> float:
     turning = np.linalg.norm(grains.spin[still], axis=1) * grains.radius[still]
     speed = np.maximum(np.linalg.norm(velocity, axis=1), turning)
     stiffness = linearise(state, law).slope_n[rows].mean()
-    return _share(float((speed * np.sqrt(grains.mass[still] * stiffness)).max()), mean_normal_force(state, law))
+    return _ratio(float((speed * np.sqrt(grains.mass[still] * stiffness)).max()), mean_normal_force(state, law))
 
 
-def _share(part: float, whole: float) -> float:
+def _ratio(part: float, whole: float) -> float:
     if not part:
         return 0.0
     return part / whole if whole else np.inf
@@ -120,18 +120,18 @@ def likely_causes(state: State, law: Law) -> tuple[str, ...]:
     acts = any(a.any() for a in (control.force, control.torque, control.gravity, control.spring))
     if not (state.cell.periodic.any() or len(state.walls.mass) or acts) and control.free[:n, : state.cell.dim].all():
         found.append("no cell: neither a periodic box nor walls or loads hold the grains together")
-    if swing(state, law) > BALANCED_BELOW:
+    if motion_imbalance(state, law) > BALANCED_BELOW:
         speed = np.linalg.norm(state.grains.velocity, axis=1).max()
         found.append(f"motion: the grains move, the fastest at {speed:.2g}")
-    lost, error = _lost_digits(state)
+    lost, error = _precision_loss(state)
     stiffness = linearise(state, law).slope_n[rows].mean() if len(rows) else 0.0
-    share = _share(stiffness * error, mean_normal_force(state, law))
+    share = _ratio(stiffness * error, mean_normal_force(state, law))
     if share > 0.1 * BALANCED_BELOW:  # a grain has several contacts, each with the errors of two grains
         found.append(f"few digits: positions {lost}, which leaves {_percent(share)} of the mean contact force open")
     return (*found, "another law, or other parameters, than those under which the packing came to rest")
 
 
-def _lost_digits(state: State) -> tuple[str, float]:
+def _precision_loss(state: State) -> tuple[str, float]:
     """How the positions' digits were cut, in words, and the error that this leaves [length]; zero if they were not.
 
     Nothing is lost where positions have the digits that numbers of their size can have, or all are whole.
@@ -147,7 +147,7 @@ def _lost_digits(state: State) -> tuple[str, float]:
     return "", 0.0
 
 
-def under(state: State, law: Law) -> State:
+def with_modes_under(state: State, law: Law) -> State:
     """The state with each contact in the mode that its slip has under a law, which may be another than it came with.
 
     A contact that slid at a smaller limit sticks; one beyond the limit slides, its slip cut. What slides at the limit
@@ -171,10 +171,10 @@ def under(state: State, law: Law) -> State:
     slides = (pull > (1 + ROUND_OFF) * line.limit) | ((mode == STICK) & (line.limit == 0))
     if not (sticks | slides).any():
         return state
-    return state._replace(contacts=_changed(contacts, sticks, slides, forces(state, law)[1].slip))
+    return state._replace(contacts=_set_modes(contacts, sticks, slides, forces(state, law)[1].slip))
 
 
-def _changed(contacts: Contacts, sticks: np.ndarray, slides: np.ndarray, cut: np.ndarray) -> Contacts:
+def _set_modes(contacts: Contacts, sticks: np.ndarray, slides: np.ndarray, cut: np.ndarray) -> Contacts:
     count, mode, slip, reached = len(sticks), contacts.mode.copy(), contacts.slip.copy(), contacts.reached.copy()
     mode[:count][sticks], mode[:count][slides] = STICK, SLIDE
     slip[:count][slides] = cut[:count][slides]

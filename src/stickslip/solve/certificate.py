@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import block_diag, eig, lu_factor, lu_solve
 
-from .windows import Basis, Report, basis_of
+from .windows import Basis, Report, symmetric_basis
 
 CLUSTER = 0.3  # |E_ij/(d_j − d_i)| beyond which two modes are left coupled by a similarity pass
 CONVERGED = 1e-8  # a pass by W leaves W², which is then round-off
@@ -32,16 +32,16 @@ class Certificate(NamedTuple):
         )
 
 
-def certificate_of(matrix, basis: Basis | None, pairs: np.ndarray, zero: int, tell: Report) -> Certificate:
+def gershgorin_certificate(matrix, basis: Basis | None, pairs: np.ndarray, zero: int, tell: Report) -> Certificate:
     """Discs of A after similarity passes that shrink its off-diagonal part quadratically."""
     n = matrix.shape[0]
     if not n:
         return Certificate(0, 0, zero, 0, np.empty(0), np.empty(0, int), True)
     if basis is None:
-        basis = basis_of(matrix, np.float64, lambda share, words: None)
+        basis = symmetric_basis(matrix, np.float64, lambda share, words: None)
     centres, radii = _discs(basis.vectors.T @ basis.image, basis.scale, tell)
     real, certain, undecided, loose = 0, [], [], []
-    for group in _touching(centres, radii):
+    for group in _overlapping_groups(centres, radii):
         c, r = centres[group], radii[group]
         apart = np.abs(c[:, None] - c) > r[:, None] + r
         np.fill_diagonal(apart, True)
@@ -80,7 +80,7 @@ def _discs(B: np.ndarray, scale: float, tell: Report, passes: int = 6):
         W[np.diag_indices(n)] += 1.0
         B = lu_solve(lu_factor(W, overwrite_a=True, check_finite=False), B, overwrite_b=True, check_finite=False)
     centres, radii = np.diag(B).astype(complex), np.abs(B).sum(axis=1) - np.abs(np.diag(B))
-    groups = [g for g in _touching(centres, radii) if len(g) > 1]
+    groups = [g for g in _overlapping_groups(centres, radii) if len(g) > 1]
     if groups:
         turned = np.concatenate(groups)
         values, blocks = zip(*(eig(B[np.ix_(g, g)]) for g in groups), strict=True)
@@ -99,7 +99,7 @@ def _discs(B: np.ndarray, scale: float, tell: Report, passes: int = 6):
     return centres, radii + n * np.finfo(float).eps * scale  # the passes' own round-off
 
 
-def _touching(centres: np.ndarray, radii: np.ndarray) -> list[np.ndarray]:
+def _overlapping_groups(centres: np.ndarray, radii: np.ndarray) -> list[np.ndarray]:
     """Groups of discs whose shadows on the real axis overlap."""
     left, right = centres.real - radii, centres.real + radii
     order = np.argsort(left)

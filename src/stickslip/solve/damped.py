@@ -11,9 +11,19 @@ from ..core.contacts.jacobian import contact_blocks
 from ..core.laws.builtin import Law
 from ..core.readable import readable
 from ..core.state import State
-from .balance import under, unjudged
+from .balance import unjudged, with_modes_under
 from .freedom import ZERO_BELOW, Freedom, assembled, dynamical_matrix
-from .stability import MIXED, PAIR_ABOVE, Stability, at_limit, in_both, stability, stable_if, sticking, unloaded
+from .stability import (
+    MIXED,
+    PAIR_ABOVE,
+    Stability,
+    combine_motions,
+    combine_stability,
+    contacts_at_limit,
+    stability,
+    unloading_scope,
+    with_sticking,
+)
 
 DENSE_UP_TO = 1_250  # coordinates, within seconds: the first-order form has twice as many
 DENSE_AT_MOST = 4_000  # minutes
@@ -62,7 +72,7 @@ class DampedStability(NamedTuple):
     @property
     def stable(self) -> bool | None:
         """True if nothing was found that grows exponentially; None where `Stability` has it so."""
-        return stable_if(self.grows, self.if_stuck) if self.balanced else None
+        return combine_stability(self.grows, self.if_stuck) if self.balanced else None
 
     @property
     def growth_rate(self) -> np.ndarray:
@@ -79,7 +89,7 @@ class DampedStability(NamedTuple):
         """In words, with what the dashpots changed; or that this is no equilibrium."""
         if not self.balanced:
             return unjudged(self.residual, self.undamped.swing)
-        return in_both(self.undamped.at_limit, self, self.if_stuck)
+        return combine_motions(self.undamped.at_limit, self, self.if_stuck)
 
     @property
     def motion(self) -> str:
@@ -129,72 +139,76 @@ def damped_stability(state: State, law: Law, *, method: str = "auto", report=Non
     >>> damped_stability(flat, law).undamped.contacts
     3
     """
-    size = _size(state)
+    size = _max_coordinates(state)
     if method == "dense" and size > DENSE_AT_MOST:
         raise ValueError(
             f"{size} coordinates are too many for the method 'dense' with dashpots ({DENSE_AT_MOST}): take 'pairs' or "
             f"'fastest'"
         )
-    state = under(state, law)
+    state = with_modes_under(state, law)
     undamped = stability(state, law, method=method, report=report)
-    found = _judged(state, law, undamped, method, report)
+    found = _analyse(state, law, undamped, method, report)
     if undamped.if_stuck is None:
         return found
-    stuck = sticking(state, at_limit(state, law))
+    stuck = with_sticking(state, contacts_at_limit(state, law))
     scope = found.scope if MIXED in found.scope else f"{found.scope}; {MIXED}" if found.scope else MIXED
-    return found._replace(if_stuck=_judged(stuck, law, undamped.if_stuck, method, report), scope=scope)
+    return found._replace(if_stuck=_analyse(stuck, law, undamped.if_stuck, method, report), scope=scope)
 
 
-def _judged(state: State, law: Law, undamped: Stability, method: str, report) -> DampedStability:
+def _analyse(state: State, law: Law, undamped: Stability, method: str, report) -> DampedStability:
     """The verdict with every contact held in its mode."""
-    free, size = undamped.free, _size(state)
+    free, size = undamped.free, _max_coordinates(state)
     pull, root = dynamical_matrix(state, law, free), 1 / np.sqrt(free.mass)
     _, blocks = contact_blocks(state, law)
     drag = sparse.csr_array(sparse.diags_array(-root) @ assembled(state, blocks, free) @ sparse.diags_array(root))
     unit = np.sqrt(np.abs(pull.data).max())  # [1/time]: in it both blocks are of order one
     pull, drag = pull / unit**2, drag / unit
     if method == "dense" or (method == "auto" and size <= DENSE_UP_TO):
-        values, vectors, slowest, scope = *_dense(pull, drag), unloaded(law)
+        values, vectors, slowest, scope = *_solve_dense(pull, drag), unloading_scope(law)
     else:
         starts = np.concatenate([-1j * np.sqrt(undamped.pairs), np.sqrt(-undamped.negative.astype(complex))]) / unit
-        values, vectors, slowest, scope = *_near(pull, drag, starts, report), None, _scope(undamped, starts)
+        values, vectors, slowest, scope = (
+            *_search_near_shifts(pull, drag, starts, report),
+            None,
+            _describe_scope(undamped, starts),
+        )
     order = np.lexsort((values.imag, -values.real))
     modes = vectors[:, order] * root[:, None]
     return DampedStability(undamped, unit * values[order], modes, None if slowest is None else unit * slowest, scope)
 
 
-def _size(state: State) -> int:
+def _max_coordinates(state: State) -> int:
     """Coordinates of all grains: an upper bound that needs no search for rattlers."""
     per_grain = 3 if state.cell.dim == 2 else 6
     return per_grain * len(state.grains.radius)
 
 
-def _scope(undamped: Stability, starts: np.ndarray) -> str:
+def _describe_scope(undamped: Stability, starts: np.ndarray) -> str:
     near = f"exponents were looked for near the {min(len(starts), STARTS)} fastest of the undamped motion and near zero"
     return "; ".join(words for words in (near, "growth that only dashpots cause was not", undamped.scope) if words)
 
 
-def _growing(values: np.ndarray) -> np.ndarray:
+def _is_growing(values: np.ndarray) -> np.ndarray:
     """True for what grows and is not zero: one of each pair. Translations make s = 0 twice, which round-off splits."""
     return (values.real > PAIR_ABOVE) & (values.imag >= 0) & (np.abs(values) ** 2 > ZERO_BELOW)
 
 
-def _dense(pull, drag) -> tuple[np.ndarray, np.ndarray, complex]:
+def _solve_dense(pull, drag) -> tuple[np.ndarray, np.ndarray, complex]:
     """Growing exponents, their modes in the mass-weighted metric, and the slowest decay; in units of the largest λ."""
     n = pull.shape[0]
     form = np.block([[np.zeros((n, n)), np.eye(n)], [-pull.toarray(), -drag.toarray()]])
     values, vectors = eig(form, overwrite_a=True)
-    chosen = np.flatnonzero(_growing(values))
+    chosen = np.flatnonzero(_is_growing(values))
     decaying = values[(np.abs(values) ** 2 > ZERO_BELOW) & (values.real <= PAIR_ABOVE)]
     slowest = complex(decaying[np.argmax(decaying.real)]) if len(decaying) else None
-    return values[chosen], _unit(vectors[:n, chosen]), slowest
+    return values[chosen], _normalise_columns(vectors[:n, chosen]), slowest
 
 
-def _unit(vectors: np.ndarray) -> np.ndarray:
+def _normalise_columns(vectors: np.ndarray) -> np.ndarray:
     return vectors / np.linalg.norm(vectors, axis=0, keepdims=True)
 
 
-def _near(pull, drag, starts: np.ndarray, report) -> tuple[np.ndarray, np.ndarray]:
+def _search_near_shifts(pull, drag, starts: np.ndarray, report) -> tuple[np.ndarray, np.ndarray]:
     """Growing exponents near those of the undamped motion and near zero, by shift and invert, each once."""
     n = pull.shape[0]
     chosen = starts[np.argsort(-starts.real)][:STARTS]
@@ -203,14 +217,14 @@ def _near(pull, drag, starts: np.ndarray, report) -> tuple[np.ndarray, np.ndarra
     for k, shift in enumerate(shifts):
         if report:
             report("exponents with dashpots", k / len(shifts), f"{len(values)} growing so far")
-        found, modes = _around(pull, drag, complex(shift), NEAR if k else NEAR_ZERO)
-        found, modes = found[_growing(found)], modes[:, _growing(found)]
+        found, modes = _exponents_near(pull, drag, complex(shift), NEAR if k else NEAR_ZERO)
+        found, modes = found[_is_growing(found)], modes[:, _is_growing(found)]
         new = [not np.any(np.abs(values - s) < 1e-8) for s in found]
         values, vectors = np.append(values, found[new]), np.hstack([vectors, modes[:, new]])
-    return values, _unit(vectors)
+    return values, _normalise_columns(vectors)
 
 
-def _around(pull, drag, shift: complex, count: int) -> tuple[np.ndarray, np.ndarray]:
+def _exponents_near(pull, drag, shift: complex, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Exponents nearest to a shift, and their modes: (A − σ)⁻¹ by one factorisation of σ² + σ C + K."""
     n = pull.shape[0]
     quadratic = sparse.csc_array(shift**2 * sparse.eye_array(n) + shift * drag + pull)

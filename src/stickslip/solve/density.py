@@ -125,11 +125,11 @@ def density_of_states(
         raise ValueError(f"{len(free)} coordinates are too many for the method 'dense' (10000): take 'polynomials'")
     matrix = dynamical_matrix(state, law, free)
     if method == "dense":
-        return _counted(eigvals(matrix.toarray(), overwrite_a=True), bins)
-    return _estimated(matrix, translations(matrix, free), bins, probes, seed, report)
+        return _count_modes(eigvals(matrix.toarray(), overwrite_a=True), bins)
+    return _estimate_density(matrix, translations(matrix, free), bins, probes, seed, report)
 
 
-def _edges(bins, largest: float) -> np.ndarray:
+def _bin_edges(bins, largest: float) -> np.ndarray:
     if np.ndim(bins) == 0 and not (isinstance(bins, int | np.integer) and bins > 0):
         raise ValueError(f"bins = {bins} was given: give a number of bins, at least 1, or their edges")
     edges = np.linspace(0.0, largest, bins + 1) if np.ndim(bins) == 0 else np.asarray(bins, float)
@@ -138,14 +138,14 @@ def _edges(bins, largest: float) -> np.ndarray:
     return edges
 
 
-def _counted(values: np.ndarray, bins) -> DensityOfStates:
+def _count_modes(values: np.ndarray, bins) -> DensityOfStates:
     n, scale = len(values), np.abs(values).max(initial=0.0)
     zero, complex_ones = np.abs(values) < ZERO_BELOW * scale, np.abs(values.imag) > REAL_BELOW * scale
     negative = ~zero & ~complex_ones & (values.real < 0)
     rings = ~zero & ~negative
     frequency = np.abs(np.sqrt(values).real)
     # the largest frequency must not fall out of the last bin by round-off
-    edges = _edges(bins, frequency.max(initial=0.0) * (1 + 1e-12) or 1.0)
+    edges = _bin_edges(bins, frequency.max(initial=0.0) * (1 + 1e-12) or 1.0)
     per = n * np.diff(edges)
     density, of_pairs = (np.histogram(frequency[one], edges)[0] / per for one in (rings, rings & complex_ones))
     return DensityOfStates(
@@ -154,13 +154,13 @@ def _counted(values: np.ndarray, bins) -> DensityOfStates:
     )  # fmt: skip
 
 
-def _estimated(matrix, rigid: np.ndarray, bins, probes: int, seed: int, report) -> DensityOfStates:
+def _estimate_density(matrix, rigid: np.ndarray, bins, probes: int, seed: int, report) -> DensityOfStates:
     """By Chebyshev moments: with λ = centre + half cos θ, a resolution of π/K in θ is one of √λ_max/2 π/K in ω."""
     if probes < 2:
         raise ValueError(f"probes = {probes} was given: at least 2 are needed to tell the error")
     n, rng = matrix.shape[0], np.random.default_rng(seed)
-    low, high = _bounds(matrix, rng.standard_normal(n))
-    edges = _edges(bins, float(np.sqrt(high)))
+    low, high = _spectral_bounds(matrix, rng.standard_normal(n))
+    edges = _bin_edges(bins, float(np.sqrt(high)))
     half, centre = (high - low) / 2, (high + low) / 2
     order = int(np.ceil(SHARP * np.pi * np.sqrt(high) / 2 / np.diff(edges).min()))
     moments = np.empty((order, probes))
@@ -177,7 +177,7 @@ def _estimated(matrix, rigid: np.ndarray, bins, probes: int, seed: int, report) 
     angle = np.arccos(np.clip((edges**2 - centre) / half, -1.0, 1.0))
     angle[0] = np.pi if edges[0] == 0 else angle[0]  # what is smeared below zero belongs to the first bin
     k = np.arange(1, order)
-    weights = 2 * _jackson(order)[1:, None] * np.sin(k[:, None] * angle) / k[:, None]
+    weights = 2 * _jackson_factors(order)[1:, None] * np.sin(k[:, None] * angle) / k[:, None]
     above = (angle[:, None] * moments[0] + weights.T @ moments[1:]) / np.pi  # how many λ lie above each edge
     share = -np.diff(above, axis=0) / (n * np.diff(edges)[:, None])
     error = share.std(axis=1, ddof=1) / np.sqrt(probes)
@@ -187,7 +187,7 @@ def _estimated(matrix, rigid: np.ndarray, bins, probes: int, seed: int, report) 
     )  # fmt: skip
 
 
-def _bounds(matrix, start: np.ndarray) -> tuple[float, float]:
+def _spectral_bounds(matrix, start: np.ndarray) -> tuple[float, float]:
     """Interval of all real parts: that of the symmetric part, with a margin; zero is in it."""
     symmetric, one = (matrix + matrix.T) / 2, sparse.eye_array(matrix.shape[0])
 
@@ -199,7 +199,7 @@ def _bounds(matrix, start: np.ndarray) -> tuple[float, float]:
     return low - MARGIN * (high - low), high + MARGIN * (high - low)
 
 
-def _jackson(order: int) -> np.ndarray:
+def _jackson_factors(order: int) -> np.ndarray:
     """(K,) factors on the moments that keep the density positive."""
     k, step = np.arange(order), np.pi / (order + 1)
     return ((order - k + 1) * np.cos(k * step) + np.sin(k * step) / np.tan(step)) / (order + 1)

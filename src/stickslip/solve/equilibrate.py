@@ -17,8 +17,8 @@ from .freedom import dynamical_matrix, freedom
 from .linear import DENSE_BELOW, one_thread
 from .newton import Factorisation, newton
 from .relax import relax, residual
-from .spectrum import softest
-from .stability import at_limit
+from .spectrum import soft_modes
+from .stability import contacts_at_limit
 
 STAGES = (3e-3, 3e-5, 3e-7, 3e-9)  # of the mean normal force, to which damped dynamics goes before Newton tries again
 CHECKED = 12  # softest eigenvalues that are looked at where dense algebra is too slow
@@ -65,14 +65,14 @@ def equilibrate(
     keep = keep or Factorisation()
     end, outcome = newton(state, law, tolerance=tolerance, keep=keep)
     if not outcome.ok:
-        end, outcome = _by_dynamics(state, law, tolerance, steps, outcome)
+        end, outcome = _damped_dynamics(state, law, tolerance, steps, outcome)
         keep.solve, keep.found_stable = None, -1
     if not outcome.ok or (check == "buckling" and keep.found_stable == keep.factorisations):
         return end, outcome
     if check != "nothing" and (rest := imbalance(end, law)) > BALANCED_BELOW:
         return end, outcome._replace(warning=unjudged(rest))
-    words = _instability(end, law, check)
-    if words and len(at_limit(end, law)):
+    words = _describe_instability(end, law, check)
+    if words and len(contacts_at_limit(end, law)):
         words += ", if contacts at Coulomb's limit go on sliding"
     keep.found_stable = -1 if words else keep.factorisations
     if words:
@@ -81,7 +81,7 @@ def equilibrate(
     return end, outcome
 
 
-def _by_dynamics(state: State, law: Law, tolerance: float, steps: int, first: Outcome):
+def _damped_dynamics(state: State, law: Law, tolerance: float, steps: int, first: Outcome):
     """Damped dynamics from the start of the step, with Newton's method after each stage."""
     here, spent, outcome = updated(state, law), 0, first
     _, trial = forces(here, law)
@@ -102,19 +102,19 @@ def _by_dynamics(state: State, law: Law, tolerance: float, steps: int, first: Ou
     return (here if moved.ok else state), moved._replace(how=f"damped dynamics, {spent} steps", fallback=True)
 
 
-def _instability(state: State, law: Law, check: str) -> str:
+def _describe_instability(state: State, law: Law, check: str) -> str:
     """Why an equilibrium is unstable, in words, or nothing."""
     if check == "nothing":
         return ""
     matrix = dynamical_matrix(state, law, freedom(state))
     if matrix.shape[0] >= DENSE_BELOW and check == "buckling":
         held = np.flatnonzero(np.abs(matrix).sum(axis=1) > 0)  # without rattlers, whose zeros would crowd the rest out
-        return _words(len(softest(matrix[held][:, held], CHECKED, 1e-4)[0]), 0, 0.0)
+        return _instability_message(len(soft_modes(matrix[held][:, held], CHECKED, 1e-4)[0]), 0, 0.0)
     with one_thread() if matrix.shape[0] < DENSE_BELOW else nullcontext():
-        return _dense_verdict(matrix.toarray(), check)
+        return _check_dense(matrix.toarray(), check)
 
 
-def _dense_verdict(full: np.ndarray, check: str) -> str:
+def _check_dense(full: np.ndarray, check: str) -> str:
     scale = np.abs(full).max(initial=0.0)
     if check == "buckling":
         try:
@@ -126,10 +126,10 @@ def _dense_verdict(full: np.ndarray, check: str) -> str:
     values = eigvals(full, check_finite=False)
     buckling = int((values.real < -1e-8 * scale).sum())
     pairs = int((values.imag > 1e-9 * scale).sum()) if check == "spectrum" else 0
-    return _words(buckling, pairs, float(np.abs(np.sqrt(values).imag).max()) if pairs else 0.0)
+    return _instability_message(buckling, pairs, float(np.abs(np.sqrt(values).imag).max()) if pairs else 0.0)
 
 
-def _words(buckling: int, pairs: int, rate: float) -> str:
+def _instability_message(buckling: int, pairs: int, rate: float) -> str:
     found = [f"{buckling} direction(s) of negative stiffness"] if buckling else []
     found += [f"{pairs} complex pair(s), growing as exp({rate:.2e} t)"] if pairs else []
     return f"the equilibrium is unstable: {' and '.join(found)}" if found else ""

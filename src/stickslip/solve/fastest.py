@@ -33,7 +33,7 @@ WINDOWS = 8  # most windows that one spectrum may ask for: the factorisations ar
 FAINT = 10.0  # a mode is taken to have been excited with at least 1/FAINT of the mean power
 
 
-class Window(NamedTuple):
+class ShiftWindow(NamedTuple):
     """Eigenvalues of A nearest to a real shift."""
 
     shift: float  # [1/time²]
@@ -53,7 +53,7 @@ class FastestPair(NamedTuple):
     residual: float  # ‖Av − λv‖/‖A‖ of the unit vector v = √M mode
     exponent: float  # amplification exponent up to which was looked
     duration: float  # of the leapfrog [time]
-    candidates: list[Window]
+    candidates: list[ShiftWindow]
     unverified: int  # peaks that the last spectrum showed and no window looked at
     free: Freedom
 
@@ -119,13 +119,13 @@ def fastest_pair(
     rng = np.random.default_rng(seed)
     start = rng.standard_normal(len(touched))
     norm = float(eigsh((matrix + matrix.T) / 2, k=1, which="LA", tol=1e-3, v0=start, return_eigenvectors=False)[0])
-    windows = _Windows(matrix, norm, start)
-    windows.look(-1e-6 * norm, 0.0, 1e-3 * norm)
-    longest = max(amplification / rate / _step(norm), SHORTEST)
+    windows = _ShiftWindows(matrix, norm, start)
+    windows.search(-1e-6 * norm, 0.0, 1e-3 * norm)
+    longest = max(amplification / rate / _time_step(norm), SHORTEST)
     runs = int(np.log(longest / SHORTEST) / np.log(LONGER))
     for steps in longest / LONGER ** np.arange(runs, -1, -1.0):  # short runs first: they cost little, and may suffice
-        run = _Run(matrix, norm, int(np.ceil(steps / SPANS)), probes, rng)
-        time, unverified = _stage(run, windows, amplification, longest, report)
+        run = _ProbeRun(matrix, norm, int(np.ceil(steps / SPANS)), probes, rng)
+        time, unverified = _run_stage(run, windows, amplification, longest, report)
         if windows.growth * time >= amplification:
             break
     mode = None
@@ -138,12 +138,14 @@ def fastest_pair(
     return FastestPair(*found, amplification, time, windows.done, unverified, free)
 
 
-def _step(norm: float) -> float:
+def _time_step(norm: float) -> float:
     """Time step [time]: the limit is 2/√λmax; Lanczos' estimate of λmax is low by less than the margin."""
     return 1.9 / np.sqrt(norm)
 
 
-def _stage(run: "_Run", windows: "_Windows", amplification: float, longest: float, report) -> tuple[float, int]:
+def _run_stage(
+    run: "_ProbeRun", windows: "_ShiftWindows", amplification: float, longest: float, report
+) -> tuple[float, int]:
     """One run from random probes; time run, and the number of suspicious peaks that no window has looked at."""
     for k in range(SPANS):
         run.advance()
@@ -159,7 +161,7 @@ def _stage(run: "_Run", windows: "_Windows", amplification: float, longest: floa
                 unverified += 1
                 continue
             asked += 1
-            windows.look(value.real, growth, abs(value.imag) + run.blur(value))
+            windows.search(value.real, growth, abs(value.imag) + run.resolution(value))
         if report:
             words = f"{run.time:.0f} time units, fastest so far {windows.growth:.2e}"
             report("random probes in a leapfrog", min(1.0, (k + 1) * run.span / longest), words)
@@ -168,12 +170,12 @@ def _stage(run: "_Run", windows: "_Windows", amplification: float, longest: floa
     return run.time, unverified
 
 
-class _Run:
+class _ProbeRun:
     """Probes in the leapfrog, and the power spectra of a sketch of them."""
 
     def __init__(self, matrix, norm: float, span: int, probes: int, rng):
         n = matrix.shape[0]
-        self.dt, self.span, self.spectra, self.log_scale = _step(norm), span, [], 0.0
+        self.dt, self.span, self.spectra, self.log_scale = _time_step(norm), span, [], 0.0
         # single precision halves the memory that each product reads, and disturbs λ by 1e-7 of the largest
         pull = (self.dt**2 * matrix).astype(np.float32)
         self.product = pull.indptr.astype(np.int32), pull.indices.astype(np.int32), pull.data
@@ -192,7 +194,7 @@ class _Run:
     def advance(self):
         """Run one span and keep its power spectrum, summed over probes and buckets."""
         with ThreadPoolExecutor() as pool:
-            powers, sizes = zip(*pool.map(self._advanced, self.q, self.v), strict=True)
+            powers, sizes = zip(*pool.map(self._advance_probes, self.q, self.v), strict=True)
         size = max(sizes)
         if not self.log_scale + np.log(size) < 300:  # squared, the limit of double precision
             raise FloatingPointError("the probes overflow: a mode grows that no window found; use `spectrum`")
@@ -202,7 +204,7 @@ class _Run:
                 array /= size
             self.log_scale += np.log(size)
 
-    def _advanced(self, q, v) -> tuple[np.ndarray, float]:
+    def _advance_probes(self, q, v) -> tuple[np.ndarray, float]:
         """Power spectrum and largest component of a few probes, advanced in place."""
         record = np.zeros((self.span, BUCKETS, ABREAST), np.float32)
         _leapfrog(*self.product, *self.sums, q, v, record)
@@ -234,7 +236,7 @@ class _Run:
         curve = np.minimum(left + right - 2 * mid, -1e-3)
         return np.where(inside == index, np.clip((left - right) / (2 * curve), -0.5, 0.5), 0.0)
 
-    def blur(self, value: complex) -> float:
+    def resolution(self, value: complex) -> float:
         """Half a bin of frequency, in λ: how far from a peak its mode may be."""
         return float(np.sqrt(4 / self.dt**2 * abs(value)) + np.pi / self.span / self.dt**2) * np.pi / self.span
 
@@ -260,19 +262,19 @@ def _leapfrog(indptr, indices, values, bounds, members, signs, q, v, record):
                     record[t, k, p] += signs[i] * q[i, p]
 
 
-class _Windows:
+class _ShiftWindows:
     """Shift-invert windows made so far, and the fastest growing eigenvalue in them."""
 
     def __init__(self, matrix, norm: float, start: np.ndarray):
         self.matrix, self.norm, self.start = matrix, norm, start
-        self.done: list[Window] = []
+        self.done: list[ShiftWindow] = []
         self.growth, self.residual, self.value, self.vector = 0.0, 0.0, None, None
 
     def covered(self, value: complex) -> bool:
         """True if an eigenvalue there would have been seen."""
         return any(abs(value - w.shift) < 0.8 * w.radius for w in self.done)
 
-    def look(self, shift: float, expected: float, reach: float):
+    def search(self, shift: float, expected: float, reach: float):
         """Eigenvalues nearest to a real shift, at least as far as `reach` [1/time²] if that does not take too many."""
         n, identity = len(self.start), sparse.eye_array(len(self.start), format="csr")
         try:
@@ -289,7 +291,7 @@ class _Windows:
         real = np.abs(values.imag) <= REAL_BELOW * self.norm
         values = np.where(real, values.real, values)
         growing = np.flatnonzero(np.where(real, values.real < -REAL_BELOW * self.norm, values.imag > 0))
-        self.done.append(Window(shift, radius, expected, values[growing]))
+        self.done.append(ShiftWindow(shift, radius, expected, values[growing]))
         for k in growing:
             growth = float(abs(np.sqrt(values[k]).imag))
             if growth > self.growth:

@@ -52,13 +52,13 @@ class Freedom(NamedTuple):
 
     def spread(self, q: np.ndarray) -> np.ndarray:
         """(B, 6) P q of coordinates (n,)."""
-        return self._all(q)[: 6 * self.bodies].reshape(-1, 6)
+        return self._expand(q)[: 6 * self.bodies].reshape(-1, 6)
 
     def strain(self, q: np.ndarray) -> np.ndarray:
         """(3, 3) displacement gradient of the cell in coordinates (n,)."""
-        return self._all(q)[6 * self.bodies :].reshape(3, 3) / (self.length or 1.0)
+        return self._expand(q)[6 * self.bodies :].reshape(3, 3) / (self.length or 1.0)
 
-    def _all(self, q):
+    def _expand(self, q):
         return np.where(self.place >= 0, np.append(q, 0)[self.place], 0)
 
     def without(self, bodies: np.ndarray) -> "Freedom":
@@ -94,14 +94,14 @@ def freedom(state: State) -> Freedom:
     return Freedom(component, mass[component], state.cell.dim, place, length)
 
 
-def loose_grains(state: State, law: Law) -> np.ndarray:
+def unsupported_grains(state: State, law: Law) -> np.ndarray:
     """(N,) bool: rattlers, as many contacts as the law needs to hold a grain taken into account."""
     return rattlers(state, 2 if law.table[..., MU].any() else state.cell.dim + 1)
 
 
 def backbone(state: State, law: Law) -> Freedom:
     """Free coordinates of a state without its rattlers."""
-    loose = loose_grains(state, law)
+    loose = unsupported_grains(state, law)
     return freedom(state).without(np.append(loose, np.zeros(state.n_bodies - len(loose), bool)))
 
 
@@ -134,13 +134,13 @@ def jacobian(state: State, law: Law, free: Freedom, *, memory: int = HELD):
     blocks, _ = contact_blocks(state, law, memory=memory)
     matrix = assembled(state, blocks, free)
     if state.control.spring.any():
-        matrix = sparse.csr_array(matrix - of_springs(state, free))
+        matrix = sparse.csr_array(matrix - spring_stiffness(state, free))
     if not free.length:
         return matrix
-    return sparse.csr_array(matrix + of_branches(state, contact_forces(state, law, memory=memory), free))
+    return sparse.csr_array(matrix + cell_geometric_terms(state, contact_forces(state, law, memory=memory), free))
 
 
-def of_springs(state: State, free: Freedom):
+def spring_stiffness(state: State, free: Freedom):
     """(n, n) sparse diagonal: stiffness of the springs that pull each free coordinate."""
     body, axis = np.nonzero(state.control.spring)
     place = free.place[6 * body + axis]
@@ -148,7 +148,7 @@ def of_springs(state: State, free: Freedom):
     return sparse.diags_array(np.bincount(place[kept], state.control.spring[body, axis][kept], len(free)))
 
 
-def of_branches(state: State, force: np.ndarray, free: Freedom):
+def cell_geometric_terms(state: State, force: np.ndarray, free: Freedom):
     """(n, n) sparse: what a change of r and of the volume do to the cell's force, at constant contact forces (C, 3)."""
     count = len(force)
     turn = np.zeros((9, count, 6))  # ∂(f_a r_b)/∂(r, ρ) at constant f

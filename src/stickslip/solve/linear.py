@@ -18,7 +18,7 @@ Solve = Callable[[np.ndarray], np.ndarray]
 
 
 @cache
-def _controller() -> ThreadpoolController:
+def _thread_controller() -> ThreadpoolController:
     return ThreadpoolController()
 
 
@@ -27,14 +27,14 @@ def one_thread():
 
     A few hundred coordinates are solved sooner that way, and on a machine that others use, too, ten times sooner.
     """
-    return _controller().limit(limits=1, user_api="blas")
+    return _thread_controller().limit(limits=1, user_api="blas")
 
 
 @cache
 def has_pardiso() -> bool:
     """True if the extra `fast` is installed and its library can be loaded; SuperLU serves where it is broken."""
     try:
-        return present("pypardiso") and _solver() is not None
+        return present("pypardiso") and _pardiso_solver() is not None
     except MissingExtraError:
         return False
 
@@ -56,11 +56,15 @@ def factorised(matrix, *, method: str | None = None, ordered: bool = False) -> S
     method = method or ("dense" if matrix.shape[0] < DENSE_BELOW else "pardiso" if has_pardiso() else "superlu")
     if method == "superlu":
         # a matrix with so little fill that its order is known has no wide supernodes to gain from panels
-        return _superlu(matrix, "NATURAL", relax=1, panel_size=1) if ordered else _superlu(matrix, "MMD_AT_PLUS_A")
-    return {"dense": _dense, "pardiso": _pardiso}[method](matrix)
+        return (
+            _factorise_superlu(matrix, "NATURAL", relax=1, panel_size=1)
+            if ordered
+            else _factorise_superlu(matrix, "MMD_AT_PLUS_A")
+        )
+    return {"dense": _factorise_dense, "pardiso": _factorise_pardiso}[method](matrix)
 
 
-def _dense(matrix) -> Solve:
+def _factorise_dense(matrix) -> Solve:
     full = matrix.toarray(order="F")
     getrf, getrs = get_lapack_funcs(("getrf", "getrs"), (full,))
     with one_thread():
@@ -76,7 +80,7 @@ def _dense(matrix) -> Solve:
     return solve
 
 
-def _superlu(matrix, order: str, **sizes) -> Solve:
+def _factorise_superlu(matrix, order: str, **sizes) -> Solve:
     try:
         factor = splu(sparse.csc_array(matrix), order, diag_pivot_thresh=1e-3, options={"SymmetricMode": True}, **sizes)
     except RuntimeError as problem:
@@ -84,7 +88,7 @@ def _superlu(matrix, order: str, **sizes) -> Solve:
     return factor.solve
 
 
-def _solver():
+def _pardiso_solver():
     """PARDISO for matrices without symmetry."""
     room = needed("pypardiso", "fast")
     try:
@@ -93,10 +97,10 @@ def _solver():
         raise broken("pypardiso", "fast", problem) from problem
 
 
-def _pardiso(matrix) -> Solve:
+def _factorise_pardiso(matrix) -> Solve:
     matrix = sparse.csr_matrix(matrix)
     matrix.sort_indices()
-    solver = _solver()
+    solver = _pardiso_solver()
     os.environ.setdefault("PYPARDISO_MKL_RT", solver.libmkl._name)  # or the next one searches the disk again
     solver.factorize(matrix)
 

@@ -130,7 +130,7 @@ def elastic_moduli(state: State, law: Law) -> ElasticModuli:
     >>> round(found.bulk, 6), round(found.shear, 6), round(found.poisson, 6)
     (0.866025, 0.649519, 0.142857)
     """
-    _check(state)
+    _check_cell(state)
     dim = state.cell.dim
     free_cell = np.zeros((3, 3), bool)
     free_cell[:dim, :dim] = True
@@ -145,14 +145,14 @@ def elastic_moduli(state: State, law: Law) -> ElasticModuli:
     unit = -(free.length**2) / volume(state)
     affine = unit * matrix[cell][:, cell].toarray()
     pull = matrix[grain][:, cell].toarray()
-    motion = _relaxed(matrix[grain][:, grain], pull, free)
+    motion = _solve_non_affine(matrix[grain][:, grain], pull, free)
     tensor = affine + unit * (matrix[cell][:, grain] @ motion)
     shape = (dim,) * 4
     moved = free.length * motion.reshape(len(grain), dim, dim)
-    return ElasticModuli(tensor.reshape(shape), affine.reshape(shape), moved, _grains_of(free))
+    return ElasticModuli(tensor.reshape(shape), affine.reshape(shape), moved, _grain_freedom(free))
 
 
-def _check(state: State) -> None:
+def _check_cell(state: State) -> None:
     control, periodic = state.control, state.cell.periodic[: state.cell.dim]
     if len(state.walls.mass) or (control.group >= 0).any() or control.spring.any() or not periodic.all():
         raise ValueError(
@@ -161,39 +161,39 @@ def _check(state: State) -> None:
         )
 
 
-def _grains_of(free: Freedom) -> Freedom:
+def _grain_freedom(free: Freedom) -> Freedom:
     """Freedom of the grains alone."""
     kept = free.axis < 6
     place = np.where(free.place < kept.sum(), free.place, -1)
     return Freedom(free.component[kept], free.mass[kept], free.dim, place, 0.0)
 
 
-def _relaxed(matrix, pull: np.ndarray, free: Freedom) -> np.ndarray:
+def _solve_non_affine(matrix, pull: np.ndarray, free: Freedom) -> np.ndarray:
     """x of J x = −pull; translations and what nothing resists stay where they are."""
     size = np.abs(matrix).sum(axis=1)
     held = size > HELD_ABOVE * size.max(initial=0.0)
     scale = size.max(initial=0.0)
     solved = held.copy()
-    solved[_pinned(matrix, held, free)] = False
+    solved[_pinned_coordinates(matrix, held, free)] = False
     rows = np.flatnonzero(solved)
     inner, out = matrix[rows][:, rows], np.zeros_like(pull)
     try:
         out[rows] = factorised(sparse.csr_array(-inner))(np.ascontiguousarray(pull[rows]))
     except LinAlgError:
         out[:] = np.inf
-    if not _balanced(matrix, out, pull, scale) and len(rows) <= DENSE_UP_TO:  # floppy modes that no strain drives
+    if not _is_balanced(matrix, out, pull, scale) and len(rows) <= DENSE_UP_TO:  # floppy modes that no strain drives
         out = np.zeros_like(pull)
         out[rows] = np.linalg.lstsq(-inner.toarray(), pull[rows], rcond=1e-11)[0]
-    if not _balanced(matrix, out, pull, scale):
+    if not _is_balanced(matrix, out, pull, scale):
         raise ValueError("a strain drives motions that nothing resists: such a packing has no elastic moduli")
     return out
 
 
-def _balanced(matrix, out, pull, scale) -> bool:
+def _is_balanced(matrix, out, pull, scale) -> bool:
     return bool(np.isfinite(out).all()) and np.abs(matrix @ out + pull).max(initial=0.0) <= SOLVED * scale
 
 
-def _pinned(matrix, held: np.ndarray, free: Freedom) -> np.ndarray:
+def _pinned_coordinates(matrix, held: np.ndarray, free: Freedom) -> np.ndarray:
     """One coordinate along each axis along which nothing resists a common translation."""
     axis, scale = free.axis[: len(held)], np.abs(matrix.data).max(initial=0.0)
     pins = []

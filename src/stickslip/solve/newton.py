@@ -41,7 +41,7 @@ class Factorisation:
         return self.solve
 
 
-class _Point(NamedTuple):
+class _TrialPoint(NamedTuple):
     """A trial position, evaluated."""
 
     state: State
@@ -79,13 +79,13 @@ def newton(
         the state at rest in equilibrium, or the given one unless the outcome is CONVERGED
     """
     free, keep = freedom(state), keep or Factorisation()
-    loose = _unloaded(state)
+    loose = _unloaded_grains(state)
     least = 2 if law.table[..., MU].any() else state.cell.dim + 1
     here = _evaluate(updated(state, law), law, free)
     before = keep.factorisations
     for used in range(iterations + 1):
         if np.isfinite(here.worst) and here.worst > tolerance:
-            here = _pushed_out(here, law, free, loose, least)
+            here = _push_out_loose(here, law, free, loose, least)
         if not np.isfinite(here.worst):
             return state, _failure(Status.NOT_A_NUMBER, here, free, used)
         if here.worst <= tolerance:
@@ -96,7 +96,7 @@ def newton(
         if used == iterations:
             break
         try:
-            closer = _with_kept(here, law, free, keep) or _with_fresh(here, law, free, keep)
+            closer = _step_with_stored_factor(here, law, free, keep) or _step_with_new_factor(here, law, free, keep)
         except LinAlgError:
             return state, _failure(Status.SINGULAR, here, free, used)
         if closer is None:
@@ -105,25 +105,25 @@ def newton(
     return state, _failure(Status.STALLED, here, free, used)
 
 
-def _evaluate(state: State, law: Law, free: Freedom) -> _Point:
+def _evaluate(state: State, law: Law, free: Freedom) -> _TrialPoint:
     state = updated(state, law)
     loads, trial = forces(state, law)
-    return _Point(state, trial, residual_vector(state, loads, free))
+    return _TrialPoint(state, trial, residual_vector(state, loads, free))
 
 
-def _failure(status: Status, point: _Point, free: Freedom, used: int) -> Outcome:
+def _failure(status: Status, point: _TrialPoint, free: Freedom, used: int) -> Outcome:
     worst = int(np.argmax(np.abs(point.vector)))
     return Outcome(status, float(np.abs(point.vector[worst])), used, int(free.body[worst]))
 
 
-def _unloaded(state: State) -> np.ndarray:
+def _unloaded_grains(state: State) -> np.ndarray:
     """(N,) grains that are free to move and on which nothing but contacts acts."""
     control, n, dim = state.control, len(state.grains.radius), state.cell.dim
     acted = control.force[:n].any(axis=1) | control.torque[:n].any(axis=1) | control.gravity.any()
     return ~acted & control.free[:n, :dim].all(axis=1)
 
 
-def _pushed_out(point: _Point, law: Law, free: Freedom, loose: np.ndarray, least: int) -> _Point:
+def _push_out_loose(point: _TrialPoint, law: Law, free: Freedom, loose: np.ndarray, least: int) -> _TrialPoint:
     """The point with unloaded grains of fewer than `least` contacts moved until they touch nothing."""
     n = len(loose)
     for _ in range(20):
@@ -134,7 +134,7 @@ def _pushed_out(point: _Point, law: Law, free: Freedom, loose: np.ndarray, least
         out &= np.bincount(ends.ravel(), minlength=state.n_bodies) < least
         branch = branch_vectors(state._replace(contacts=trial))[rows]
         distance = np.linalg.norm(branch, axis=1)
-        out &= _leaning(branch / distance[:, None], ends, len(out))
+        out &= _one_sided_bodies(branch / distance[:, None], ends, len(out))
         mine = out[ends].any(axis=1)
         ends, branch, distance = ends[mine], branch[mine], distance[mine]
         if not len(ends):
@@ -150,7 +150,7 @@ def _pushed_out(point: _Point, law: Law, free: Freedom, loose: np.ndarray, least
     return point
 
 
-def _leaning(normal: np.ndarray, ends: np.ndarray, count: int) -> np.ndarray:
+def _one_sided_bodies(normal: np.ndarray, ends: np.ndarray, count: int) -> np.ndarray:
     """(B,) bodies whose contacts lie on one side of them, so that pushing helps: not those held between two others."""
     total = np.zeros((count, 3))
     np.add.at(total, ends[:, 0], normal)
@@ -158,17 +158,17 @@ def _leaning(normal: np.ndarray, ends: np.ndarray, count: int) -> np.ndarray:
     return np.linalg.norm(total, axis=1) > 0.3 * np.bincount(ends.ravel(), minlength=count)
 
 
-def _moved(point: _Point, law: Law, free: Freedom, step: np.ndarray) -> _Point:
+def _move(point: _TrialPoint, law: Law, free: Freedom, step: np.ndarray) -> _TrialPoint:
     return _evaluate(displaced(point.state, free, step), law, free)
 
 
-def _capped(step: np.ndarray, point: _Point) -> np.ndarray:
+def _limit_step(step: np.ndarray, point: _TrialPoint) -> np.ndarray:
     """No coordinate moves further in one step than the list of contacts can see."""
     reach = 0.5 * float(point.state.contacts.skin[0])
     return step * min(1.0, reach / max(float(np.abs(step).max(initial=0.0)), reach))
 
 
-def _with_kept(point: _Point, law: Law, free: Freedom, keep: Factorisation) -> _Point | None:
+def _step_with_stored_factor(point: _TrialPoint, law: Law, free: Freedom, keep: Factorisation) -> _TrialPoint | None:
     """One step with the factor that is there: as it is, or, when factors are dear, as a preconditioner."""
     if keep.solve is None:
         return None
@@ -176,7 +176,7 @@ def _with_kept(point: _Point, law: Law, free: Freedom, keep: Factorisation) -> _
     step = keep.solve(point.vector)
     if len(step) != len(free) or not np.isfinite(step).all():
         return None
-    closer = _moved(point, law, free, _capped(step, point))
+    closer = _move(point, law, free, _limit_step(step, point))
     if closer.size <= CHORD * point.size:
         return closer
     if len(free) < DENSE_BELOW:
@@ -194,13 +194,13 @@ def _with_kept(point: _Point, law: Law, free: Freedom, keep: Factorisation) -> _
         pull, point.vector, M=before, rtol=1e-4, restart=KRYLOV + 20, maxiter=1, callback=count, callback_type="pr_norm"
     )
     keep.solves += spent[0]
-    closer = _moved(point, law, free, _capped(step, point))
+    closer = _move(point, law, free, _limit_step(step, point))
     if spent[0] > KRYLOV:
         keep.solve = None
     return closer if closer.size <= 0.5 * point.size else None
 
 
-def _with_fresh(point: _Point, law: Law, free: Freedom, keep: Factorisation) -> _Point | None:
+def _step_with_new_factor(point: _TrialPoint, law: Law, free: Freedom, keep: Factorisation) -> _TrialPoint | None:
     """One step with a new factor, halved until the residual falls; if it never does, with a larger shift."""
     pull = jacobian(point.state, law, free, memory=FREE)
     scale = np.abs(pull.data).max(initial=0.0)
@@ -209,9 +209,9 @@ def _with_fresh(point: _Point, law: Law, free: Freedom, keep: Factorisation) -> 
     for shift in SHIFTS:
         solve = keep.renew(shift * scale * sparse.eye_array(len(free), format="csr") - pull)
         keep.solves += 1
-        step = _capped(solve(point.vector), point)
+        step = _limit_step(solve(point.vector), point)
         for _ in range(8):
-            closer = _moved(point, law, free, step)
+            closer = _move(point, law, free, step)
             if closer.size < point.size:
                 return closer
             step = 0.5 * step

@@ -10,11 +10,21 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 from ..core.laws.builtin import Law
 from ..core.readable import readable
 from ..core.state import State
-from .certificate import Certificate, certificate_of
+from .certificate import Certificate, gershgorin_certificate
 from .freedom import Freedom, dynamical_matrix, freedom
 from .linear import factorised, one_thread
 from .spectrum import REAL_BELOW
-from .windows import NEAR_PAIR, Basis, Cluster, Report, Window, apart, basis_of, candidates, lacking
+from .windows import (
+    NEAR_PAIR,
+    Basis,
+    Cluster,
+    Report,
+    Window,
+    find_candidates,
+    pair_margin,
+    regularise_gaps,
+    symmetric_basis,
+)
 
 LARGEST = 12_000  # coordinates: four dense matrices of this size take 3 GB, and the time grows with the cube
 DENSE_BELOW = 1500  # coordinates; below it LAPACK takes a few seconds
@@ -76,7 +86,7 @@ def complex_pairs(
     >>> len(found.eigenvalues), found.eigenvalues[0]  # doctest: +SKIP
     (146, 0.0360062+4.69e-05j)
     """
-    tell = report or _silent
+    tell = report or _no_report
     free = freedom(state)
     n = len(free)
     if not n:
@@ -89,26 +99,26 @@ def complex_pairs(
     matrix = matrix[held][:, held]
     basis, clusters = None, None
     if len(held) >= dense_below:
-        basis = basis_of(matrix, np.float64 if certificate else np.float32, tell)
-        clusters = candidates(basis, tell)
+        basis = symmetric_basis(matrix, np.float64 if certificate else np.float32, tell)
+        clusters = find_candidates(basis, tell)
     dense = clusters is None  # small, or K too strong
-    values, vectors, scale = _dense(matrix, tell) if dense else _refined(matrix, basis, clusters, tell)
+    values, vectors, scale = _pairs_dense(matrix, tell) if dense else _refine_clusters(matrix, basis, clusters, tell)
     order = np.argsort(-np.abs(np.sqrt(values).imag))
     order = order[values.imag[order] > REAL_BELOW * scale]
     values, vectors = values[order], vectors[:, order]
     residual = np.linalg.norm(matrix @ vectors - vectors * values, axis=0) / (scale or 1.0)
-    certified = certificate_of(matrix, basis, values, n - len(held), tell) if certificate else None
+    certified = gershgorin_certificate(matrix, basis, values, n - len(held), tell) if certificate else None
     modes = np.zeros((n, len(values)), complex)
     modes[held] = vectors / np.sqrt(free.mass[held])[:, None]
     tell(1.0, f"{len(values)} complex pairs")
     return ComplexPairs(values, modes, residual, free, certified)
 
 
-def _silent(share: float, words: str) -> None:
+def _no_report(share: float, words: str) -> None:
     """Tell nobody."""
 
 
-def _dense(matrix, tell: Report):
+def _pairs_dense(matrix, tell: Report):
     """Eigenvalues with Im λ > 0, unit eigenvectors, and the largest |λ|, by LAPACK."""
     tell(0.7, "dense eigenvalues")
     values, vectors = eig(matrix.toarray(order="F"), overwrite_a=True)
@@ -116,7 +126,7 @@ def _dense(matrix, tell: Report):
     return values[upper], vectors[:, upper], float(np.abs(values).max(initial=0.0))
 
 
-def _refined(matrix, basis: Basis, clusters: list[Cluster], tell: Report, sweeps: int = 20):
+def _refine_clusters(matrix, basis: Basis, clusters: list[Cluster], tell: Report, sweeps: int = 20):
     """Eigenvalues with Im λ > 0 and unit eigenvectors of all clusters, each once, and the largest |λ|.
 
     Every sweep takes the residual R = AX − XB of each invariant subspace X and removes X's error with an approximate
@@ -129,12 +139,12 @@ def _refined(matrix, basis: Basis, clusters: list[Cluster], tell: Report, sweeps
     V = basis.vectors.astype(single, copy=False)
     last, active = np.full(len(clusters), np.inf), range(len(clusters))
     for _ in range(sweeps):
-        residuals = {k: _residual(matrix, subspaces[k]) for k in active}
+        residuals = {k: _subspace_residual(matrix, subspaces[k]) for k in active}
         size = {k: np.linalg.norm(R) / basis.scale for k, (R, _) in residuals.items()}
         active = [k for k in active if size[k] > (CONVERGED if size[k] < last[k] / 2 else ENOUGH)]
         for k, s in size.items():
             last[k] = s
-        real = {k for k in active if _surely_real(residuals[k][1], 10 * size[k] * basis.scale)}
+        real = {k for k in active if _is_certainly_real(residuals[k][1], 10 * size[k] * basis.scale)}
         active = [k for k in active if k not in real]
         last[list(real)] = 0
         if not active:
@@ -144,23 +154,25 @@ def _refined(matrix, basis: Basis, clusters: list[Cluster], tell: Report, sweeps
         ends = np.cumsum([subspaces[k].shape[1] for k in active])[:-1]
         parts = zip(active, np.split(inner, ends, axis=1), np.split(border, ends, axis=1), strict=True)
         with one_thread():  # many small systems
-            inner = np.hstack([_correction(basis, clusters[k].window, residuals[k][1], r, x) for k, r, x in parts])
+            inner = np.hstack(
+                [_subspace_correction(basis, clusters[k].window, residuals[k][1], r, x) for k, r, x in parts]
+            )
         for k, change in zip(active, np.split(V @ inner.astype(single), ends, axis=1), strict=True):
             subspaces[k] = qr(subspaces[k] - change, mode="economic")[0]
     good = [subspace for subspace, size in zip(subspaces, last, strict=True) if size <= ENOUGH]
     for k in np.flatnonzero(last > ENOUGH):
-        good += _by_arnoldi(matrix, subspaces[k], basis.scale)
-    values, vectors = _distinct(matrix, good, basis.scale)
+        good += _search_by_arnoldi(matrix, subspaces[k], basis.scale)
+    values, vectors = _extract_pairs(matrix, good, basis.scale)
     tell(0.82, "comparing with what the windows found")
-    lost = [clusters[k] for k in _unmatched(values, clusters, 2 * NEAR_PAIR * basis.scale)]
+    lost = [clusters[k] for k in _unmatched_clusters(values, clusters, 2 * NEAR_PAIR * basis.scale)]
     if lost:  # refinement ran into a neighbour of the pair that it started from
         for cluster in lost:
-            good += _by_arnoldi(matrix, qr(cluster.vectors, mode="economic")[0], basis.scale)
-        values, vectors = _distinct(matrix, good, basis.scale)
+            good += _search_by_arnoldi(matrix, qr(cluster.vectors, mode="economic")[0], basis.scale)
+        values, vectors = _extract_pairs(matrix, good, basis.scale)
     return values, vectors, basis.scale
 
 
-def _unmatched(values: np.ndarray, clusters: list[Cluster], tolerance: float) -> list[int]:
+def _unmatched_clusters(values: np.ndarray, clusters: list[Cluster], tolerance: float) -> list[int]:
     """Clusters with an expected pair that no eigenvalue of its own lies near to, clear pairs only."""
     owner = np.repeat(np.arange(len(clusters)), [len(c.expected) for c in clusters])
     expected = np.concatenate([np.zeros(0, complex), *(c.expected for c in clusters)])
@@ -181,20 +193,20 @@ def _unmatched(values: np.ndarray, clusters: list[Cluster], tolerance: float) ->
     return sorted(lost)
 
 
-def _surely_real(B: np.ndarray, error: float) -> bool:
+def _is_certainly_real(B: np.ndarray, error: float) -> bool:
     """True if two real eigenvalues of a subspace are farther from being a pair than its error."""
     values, vectors = np.linalg.eig(B)
-    return len(B) == 2 and not np.iscomplexobj(values) and lacking(values, vectors)[0] > error
+    return len(B) == 2 and not np.iscomplexobj(values) and pair_margin(values, vectors)[0] > error
 
 
-def _residual(matrix, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _subspace_residual(matrix, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """R = AX − XB of an orthonormal X, and B = XᵀAX."""
     image = matrix @ X
     B = X.T @ image
     return image - X @ B, B
 
 
-def _correction(basis: Basis, window: Window, B: np.ndarray, R: np.ndarray, border: np.ndarray) -> np.ndarray:
+def _subspace_correction(basis: Basis, window: Window, B: np.ndarray, R: np.ndarray, border: np.ndarray) -> np.ndarray:
     """Z in the modes of S with AZ − ZB ≈ R, without a part in the subspace itself (`border`).
 
     Column by column in the complex Schur form B = QTQᴴ: it exists also where two eigenvalues of B coalesce.
@@ -207,24 +219,24 @@ def _correction(basis: Basis, window: Window, B: np.ndarray, R: np.ndarray, bord
     system[m:, :m] = border[window.inside].T
     for j in range(p):
         right = R[:, j] + Z[:, :j] @ T[:j, j]
-        weight = 1 / apart(basis.diagonal - T[j, j], basis.scale)
+        weight = 1 / regularise_gaps(basis.diagonal - T[j, j], basis.scale)
         weight[window.inside] = 0
         outside = right * weight
-        right = np.append(right[window.inside] - _real_times(K, outside), np.zeros(p))
+        right = np.append(right[window.inside] - _real_matmul(K, outside), np.zeros(p))
         system[:m, :m] = window.M - (T[j, j] - window.centre) * window.N
         own = np.linalg.solve(system, right)[:m]
-        Z[:, j] = outside + weight * _real_times(K.T, own)
+        Z[:, j] = outside + weight * _real_matmul(K.T, own)
         Z[window.inside, j] = own
     return (Z @ Q.conj().T).real
 
 
-def _real_times(K: np.ndarray, z: np.ndarray) -> np.ndarray:
+def _real_matmul(K: np.ndarray, z: np.ndarray) -> np.ndarray:
     """Kz of a real single-precision K, without a complex copy of it."""
     product = K @ np.stack([z.real, z.imag], axis=1).astype(K.dtype)
     return product[:, 0] + 1j * product[:, 1]
 
 
-def _by_arnoldi(matrix, subspace: np.ndarray, scale: float) -> list[np.ndarray]:
+def _search_by_arnoldi(matrix, subspace: np.ndarray, scale: float) -> list[np.ndarray]:
     """Planes of all pairs among the eigenvalues nearest to those of a subspace, by shift and invert.
 
     Raises
@@ -232,7 +244,9 @@ def _by_arnoldi(matrix, subspace: np.ndarray, scale: float) -> list[np.ndarray]:
     LinAlgError
         if Arnoldi's method does not converge.
     """
-    shift = np.trace(_residual(matrix, subspace)[1]) / subspace.shape[1] + 1e-9 * scale  # off the eigenvalue itself
+    shift = (
+        np.trace(_subspace_residual(matrix, subspace)[1]) / subspace.shape[1] + 1e-9 * scale
+    )  # off the eigenvalue itself
     solve = factorised(sparse.csr_array(matrix - shift * sparse.eye_array(len(subspace))))
     inverse = LinearOperator(matrix.shape, matvec=solve, dtype=float)
     count = min(subspace.shape[1] + NEIGHBOURS, matrix.shape[0] - 2)
@@ -244,7 +258,7 @@ def _by_arnoldi(matrix, subspace: np.ndarray, scale: float) -> list[np.ndarray]:
     return [qr(np.stack([vectors[:, k].real, vectors[:, k].imag], axis=1), mode="economic")[0] for k in pairs]
 
 
-def _distinct(matrix, subspaces: list[np.ndarray], scale: float):
+def _extract_pairs(matrix, subspaces: list[np.ndarray], scale: float):
     """Eigenvalues with Im λ > 0 and eigenvectors within subspaces; one that two of them share is taken once."""
     values, vectors = [], []
     for X in subspaces:

@@ -14,9 +14,9 @@ from ..core.measure import contact_forces, touching
 from ..core.readable import readable
 from ..core.state import OPEN, SLIDE, STICK, State
 from .balance import BALANCED_BELOW, imbalance, unjudged
-from .freedom import ZERO_BELOW, Freedom, backbone, dynamical_matrix, incidence, of_branches
+from .freedom import ZERO_BELOW, Freedom, backbone, cell_geometric_terms, dynamical_matrix, incidence
 from .linear import DENSE_BELOW, one_thread
-from .stability import PAIR_ABOVE, at_limit
+from .stability import PAIR_ABOVE, contacts_at_limit
 
 AT_MOST = 2_500  # coordinates: all modes, within minutes
 WORK = 5e9  # coordinates³ times spectra that are computed where the user does not say how many: some ten seconds
@@ -63,7 +63,7 @@ class ContactSensitivity(NamedTuple):
         return (self.derivative / (2 * np.sqrt(self.eigenvalue or 1))).imag
 
 
-class _Modes(NamedTuple):
+class _ModeData(NamedTuple):
     """Λ = W A V and what contacts act through, A = −Q B Qᵀ + the rest."""
 
     matrix: np.ndarray  # (n, n) A
@@ -74,7 +74,7 @@ class _Modes(NamedTuple):
     blocks: np.ndarray  # (C, 6, 6) B
     force: np.ndarray  # (C, 3) of contacts
 
-    def acting(self, row: int) -> sparse.csc_array:
+    def columns_of(self, row: int) -> sparse.csc_array:
         """(n, 6) columns of Q of one contact."""
         width = self.blocks.shape[1]
         return self.incidence[:, width * row : width * (row + 1)]
@@ -133,48 +133,48 @@ def contact_sensitivity(
     if (residual := imbalance(state, law)) > BALANCED_BELOW:
         raise ValueError(f"{unjudged(residual)}, and no contact decides it: equilibrate first")
     with one_thread() if len(free) < DENSE_BELOW else nullcontext():
-        modes = _modes(state, law, free)
-        growth, verdict = _judged(modes.values)
+        modes = _compute_modes(state, law, free)
+        growth, verdict = _assess(modes.values)
         rows = touching(state)
         bodies = np.stack([state.contacts.i[rows], state.contacts.j[rows]])
         rows = rows[np.isin(bodies, free.body).any(axis=0)]
-        value, condition, derivative = _of_pair(modes, rows, pair)
-        changes = _changes(state, law, modes, rows)
-        predicted = np.array([_predicted(modes, row, block) for row, _, block, _ in changes])
+        value, condition, derivative = _pair_sensitivity(modes, rows, pair)
+        changes = _list_changes(state, law, modes, rows)
+        predicted = np.array([_predict_growth(modes, row, block) for row, _, block, _ in changes])
         order = np.argsort(predicted if growth else -predicted, kind="stable")
-        chosen = order[: _affordable(len(free), len(changes)) if most is None else most]
+        chosen = order[: _default_count(len(free), len(changes)) if most is None else most]
         after, words = np.full(len(changes), np.nan), np.full(len(changes), "", dtype="<U24")
         for k, one in enumerate(chosen):
             if report:
                 report("contacts that decide", k / len(chosen), f"{k} of {len(chosen)} spectra")
-            after[one], words[one] = _judged(_values_after(state, law, modes, free, *changes[one]))
+            after[one], words[one] = _assess(_eigenvalues_after(state, law, modes, free, *changes[one]))
     missing = len(changes) - len(chosen)
     scope = f"{missing} of {len(changes)} changes were judged by first-order shifts only" if missing else ""
-    if len(at_limit(state, law)):
+    if len(contacts_at_limit(state, law)):
         scope = "; ".join([*filter(None, [scope]), "contacts at Coulomb's limit go on sliding"])
     contact = np.array([row for row, *_ in changes], int)
     slope = np.abs(derivative)[np.searchsorted(rows, contact)] if len(derivative) else np.zeros(len(contact))
-    last = _ranked(growth, verdict, after, words, slope)
+    last = _rank_changes(growth, verdict, after, words, slope)
     contact = contact[last]
     return ContactSensitivity(
         value, condition, rows, derivative, growth, verdict, contact, state.contacts.i[contact],
         state.contacts.j[contact], np.array([what for _, what, *_ in changes], "<U6")[last],
-        _mobilised(state, law)[contact], predicted[last], after[last], words[last], scope,
+        _mobilisation(state, law)[contact], predicted[last], after[last], words[last], scope,
     )  # fmt: skip
 
 
-def _ranked(growth: float, verdict: str, after, words, slope) -> np.ndarray:
+def _rank_changes(growth: float, verdict: str, after, words, slope) -> np.ndarray:
     """Order of changes: those that turn the verdict, those that change growth most, the unverified last."""
     known = np.isfinite(after)
     turns = known & ((words == "stable") != (verdict == "stable"))
     return np.lexsort((-slope, -np.abs(np.where(known, after - growth, 0.0)), ~known, ~turns))
 
 
-def _affordable(size: int, count: int) -> int:
+def _default_count(size: int, count: int) -> int:
     return min(count, max(LEAST, int(WORK / size**3)))
 
 
-def _modes(state: State, law: Law, free: Freedom) -> _Modes:
+def _compute_modes(state: State, law: Law, free: Freedom) -> _ModeData:
     matrix = dynamical_matrix(state, law, free).toarray()
     values, right = eig(matrix)
     order = np.lexsort((values.imag, values.real))
@@ -185,10 +185,10 @@ def _modes(state: State, law: Law, free: Freedom) -> _Modes:
         raise ValueError("modes coincide to round-off: this packing is at the very birth of a complex pair") from None
     blocks, force = contact_blocks(state, law)[0], contact_forces(state, law)
     columns = incidence(state, len(blocks), free, blocks.shape[1]) / np.sqrt(free.mass)[:, None]
-    return _Modes(matrix, values, right, left, sparse.csc_array(columns), blocks, force)
+    return _ModeData(matrix, values, right, left, sparse.csc_array(columns), blocks, force)
 
 
-def _judged(values: np.ndarray) -> tuple[float, str]:
+def _assess(values: np.ndarray) -> tuple[float, str]:
     """Fastest growth rate and verdict, by the thresholds of `stability`."""
     if not len(values):
         return 0.0, "falls apart"
@@ -200,7 +200,7 @@ def _judged(values: np.ndarray) -> tuple[float, str]:
     return float(rates.max(initial=0.0)), " and ".join(words) or "stable"
 
 
-def _of_pair(modes: _Modes, rows: np.ndarray, pair: int):
+def _pair_sensitivity(modes: _ModeData, rows: np.ndarray, pair: int):
     """λ of a pair, its condition number, and ∂λ/∂ln s (C,) of each contact."""
     scale = np.abs(modes.values).max()
     pairs = np.flatnonzero(modes.values.imag > PAIR_ABOVE * scale)
@@ -216,9 +216,9 @@ def _of_pair(modes: _Modes, rows: np.ndarray, pair: int):
     return complex(modes.values[p]), condition, -np.einsum("ca,cab,cb->c", left, modes.blocks[rows], right)
 
 
-def _changes(state: State, law: Law, modes: _Modes, rows: np.ndarray) -> list:
+def _list_changes(state: State, law: Law, modes: _ModeData, rows: np.ndarray) -> list:
     """(row, what, change of its block, change of its force) of every contact that can slide or open."""
-    slid, blocks, force = _slid(state, law), modes.blocks, modes.force
+    slid, blocks, force = _with_all_sliding(state, law), modes.blocks, modes.force
     slid_blocks, slid_force = contact_blocks(slid, law)[0], contact_forces(slid, law)
     still = ~slid.contacts.slip[: len(blocks)].any(axis=1)
     slid_blocks[still] = contact_blocks(_without_memory(slid, still), law, memory=FREE)[0][still]
@@ -227,7 +227,7 @@ def _changes(state: State, law: Law, modes: _Modes, rows: np.ndarray) -> list:
     return [*sliding, *((c, "opens", -blocks[c], -force[c]) for c in rows)]
 
 
-def _slid(state: State, law: Law) -> State:
+def _with_all_sliding(state: State, law: Law) -> State:
     """The state with every contact at Coulomb's limit, in the direction of its slip."""
     c, contacts = linearise(state, law), state.contacts
     count = len(c.limit)
@@ -247,16 +247,16 @@ def _without_memory(state: State, rows: np.ndarray) -> State:
     return state._replace(contacts=state.contacts._replace(mode=mode))
 
 
-def _mobilised(state: State, law: Law) -> np.ndarray:
+def _mobilisation(state: State, law: Law) -> np.ndarray:
     """(C,) |F_t| over its limit of every pair in the list; NaN where there is no limit."""
     c, force = linearise(state, law), contact_forces(state, law)
     limit, pull = c.limit, np.linalg.norm(force - c.force_n[:, None] * c.normal, axis=1)
     return np.divide(pull, limit, out=np.full(len(limit), np.nan), where=limit > 0)
 
 
-def _predicted(modes: _Modes, row: int, block: np.ndarray) -> float:
+def _predict_growth(modes: _ModeData, row: int, block: np.ndarray) -> float:
     """Growth rate after a change: first-order shifts of all λ, then neighbours two by two."""
-    columns = modes.acting(row)
+    columns = modes.columns_of(row)
     where = np.unique(columns.indices)
     q = columns[where].toarray()
     left, right = -(modes.left[:, where] @ q) @ block, modes.right[where].T @ q
@@ -266,39 +266,39 @@ def _predicted(modes: _Modes, row: int, block: np.ndarray) -> float:
     coupling = (left[a] * right[b]).sum(axis=1) * (left[b] * right[a]).sum(axis=1)
     middle, half = (shifted[a] + shifted[b]) / 2, (shifted[a] - shifted[b]) / 2
     root = np.sqrt(half**2 + coupling)
-    return _judged(np.concatenate([middle + root, middle - root]))[0]
+    return _assess(np.concatenate([middle + root, middle - root]))[0]
 
 
-def _values_after(state, law, modes: _Modes, free: Freedom, row: int, what: str, block, force) -> np.ndarray:
+def _eigenvalues_after(state, law, modes: _ModeData, free: Freedom, row: int, what: str, block, force) -> np.ndarray:
     """All eigenvalues with one contact changed; grains that hold nothing any more are left out with their contacts."""
     if what == "slides":
-        return eigvals(_changed(state, modes, free, [(row, block, force)]), overwrite_a=True)
+        return eigvals(_changed_matrix(state, modes, free, [(row, block, force)]), overwrite_a=True)
     mode = state.contacts.mode.copy()
     mode[row] = OPEN
     left = backbone(state._replace(contacts=state.contacts._replace(mode=mode)), law)
     loose = np.setdiff1d(free.body, left.body)
     rows = touching(state)
     gone = rows[np.isin(state.contacts.i[rows], loose) | np.isin(state.contacts.j[rows], loose) | (rows == row)]
-    matrix = _changed(state, modes, free, [(c, -modes.blocks[c], -modes.force[c]) for c in gone])
+    matrix = _changed_matrix(state, modes, free, [(c, -modes.blocks[c], -modes.force[c]) for c in gone])
     kept = np.searchsorted(free.component, left.component)
     return eigvals(matrix[np.ix_(kept, kept)], overwrite_a=True)
 
 
-def _changed(state: State, modes: _Modes, free: Freedom, changes) -> np.ndarray:
+def _changed_matrix(state: State, modes: _ModeData, free: Freedom, changes) -> np.ndarray:
     """(n, n) A with changes of blocks and forces (row, block, force) of contacts."""
     matrix = modes.matrix.copy()
     for row, block, force in changes:
-        q = modes.acting(row).toarray()
+        q = modes.columns_of(row).toarray()
         matrix -= q @ block @ q.T
         if free.length:
-            matrix -= _through_cell(state, free, row, force)
+            matrix -= _cell_change(state, free, row, force)
     return matrix
 
 
-def _through_cell(state: State, free: Freedom, row: int, force: np.ndarray) -> np.ndarray:
+def _cell_change(state: State, free: Freedom, row: int, force: np.ndarray) -> np.ndarray:
     """(n, n) what a change of one contact's force changes in the cell's rows of J, over masses."""
     all_forces = np.zeros((int(state.contacts.count[0]), 3))
-    nothing = of_branches(state, all_forces, free)
+    nothing = cell_geometric_terms(state, all_forces, free)
     all_forces[row] = force
     root = 1 / np.sqrt(free.mass)
-    return root[:, None] * (of_branches(state, all_forces, free) - nothing).toarray() * root
+    return root[:, None] * (cell_geometric_terms(state, all_forces, free) - nothing).toarray() * root

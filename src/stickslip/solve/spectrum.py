@@ -21,7 +21,7 @@ SOFTEST = 40  # eigenvalues nearest to zero that are looked at where not all are
 REAL_BELOW = 1e-9  # |Im λ| below this share of the largest |λ| is round-off: J carries noise of 1e-15
 
 
-@readable(head=lambda found: _in_words(found))
+@readable(head=lambda found: _summary(found))
 class Spectrum(NamedTuple):
     """All eigenvalues λ of −M⁻¹J, sorted by real part, with their modes.
 
@@ -109,7 +109,7 @@ def spectrum(state: State, law: Law, *, modes: bool = True) -> Spectrum:
     return Spectrum(values, vectors / root[:, None], free, imbalance(state, law))
 
 
-def softest(matrix, count: int = SOFTEST, tolerance: float = 1e-10):
+def soft_modes(matrix, count: int = SOFTEST, tolerance: float = 1e-10):
     """Negative λ, number of zero ones and modes of the negative ones, among the eigenvalues nearest to zero.
 
     Parameters
@@ -158,7 +158,7 @@ def damped_growth(state: State, law: Law, *, drag: float = 0.0, spin_drag: float
     return values[np.argsort(-values.real)]
 
 
-def overlap(a: np.ndarray, b: np.ndarray, mass: np.ndarray) -> float:
+def mode_overlap(a: np.ndarray, b: np.ndarray, mass: np.ndarray) -> float:
     """How much of the plane of one complex mode lies in another's, 0 to 1, in the mass-weighted metric.
 
     The plane is spanned by real and imaginary part; the result is the smaller cosine of the principal angles.
@@ -192,7 +192,10 @@ def match_pairs(spectra, *, at_least: float = 0.5) -> list[dict[int, int]]:
         if living and len(pairs):
             before = spectra[k - 1]
             score = np.array(
-                [[overlap(before.modes[:, f[k - 1]], now.modes[:, p], now.free.mass) for p in pairs] for f in living]
+                [
+                    [mode_overlap(before.modes[:, f[k - 1]], now.modes[:, p], now.free.mass) for p in pairs]
+                    for f in living
+                ]
             )
             for row, col in zip(*linear_sum_assignment(-score), strict=True):
                 if score[row, col] >= at_least:
@@ -202,7 +205,7 @@ def match_pairs(spectra, *, at_least: float = 0.5) -> list[dict[int, int]]:
     return families
 
 
-def _in_words(found: Spectrum) -> str:
+def _summary(found: Spectrum) -> str:
     pairs, real = found.pairs, found.eigenvalues.real[found.eigenvalues.imag == 0]
     rate = f", the fastest grows at {found.growth_rate[pairs[0]]:.4g}" if len(pairs) else ""
     return (

@@ -11,11 +11,11 @@ from ..core.laws.builtin import SHARP, Law, rescales
 from ..core.measure import touching
 from ..core.readable import readable
 from ..core.state import SLIDE, STICK, State
-from .balance import BALANCED_BELOW, imbalance, likely_causes, swing, under, unjudged
+from .balance import BALANCED_BELOW, imbalance, likely_causes, motion_imbalance, unjudged, with_modes_under
 from .fastest import fastest_pair
-from .freedom import ZERO_BELOW, Freedom, backbone, dynamical_matrix, freedom, loose_grains, translations
+from .freedom import ZERO_BELOW, Freedom, backbone, dynamical_matrix, freedom, translations, unsupported_grains
 from .pairs import complex_pairs
-from .spectrum import SOFTEST, softest
+from .spectrum import SOFTEST, soft_modes
 
 PAIR_ABOVE = 1e-9  # of the largest |λ|
 MIXED = "contacts at Coulomb's limit were taken to stick all, and to slide all; not some of each"
@@ -23,7 +23,7 @@ UNLOADED = "overlaps that fall, with which this law shortens slips: contacts wer
 DENSE_UP_TO, PAIRS_UP_TO = 2_500, 12_000  # coordinates
 
 
-@readable(head=lambda found: _in_words(found))
+@readable(head=lambda found: _summary(found))
 class Stability(NamedTuple):
     """What the linearised motion around a state does; rattlers are left out.
 
@@ -63,7 +63,7 @@ class Stability(NamedTuple):
 
         None off equilibrium, and where something grows only if contacts at Coulomb's limit go on sliding.
         """
-        return stable_if(self.grows, self.if_stuck) if self.balanced else None
+        return combine_stability(self.grows, self.if_stuck) if self.balanced else None
 
     @property
     def growth_rate(self) -> np.ndarray:
@@ -80,7 +80,7 @@ class Stability(NamedTuple):
         """In words: stable, oscillatory instability, buckling, floppy modes; or that this is no equilibrium."""
         if not self.balanced:
             return unjudged(self.residual, self.swing)
-        return in_both(self.at_limit, self, self.if_stuck)
+        return combine_motions(self.at_limit, self, self.if_stuck)
 
     @property
     def motion(self) -> str:
@@ -103,7 +103,7 @@ class Stability(NamedTuple):
         return "; ".join(found)
 
 
-def stable_if(grows: bool, stuck) -> bool | None:
+def combine_stability(grows: bool, stuck) -> bool | None:
     """A verdict from both spectra: of contacts at Coulomb's limit that go on sliding, and of the same that stick.
 
     Small disturbances make them stick: what grows then grows. What grows only if they slide on, all in one direction,
@@ -114,7 +114,7 @@ def stable_if(grows: bool, stuck) -> bool | None:
     return None
 
 
-def in_both(count: int, found, stuck) -> str:
+def combine_motions(count: int, found, stuck) -> str:
     """The verdict in words, from both spectra if there are two."""
     if stuck is None or not (found.grows or stuck.grows):
         return found.motion
@@ -151,40 +151,40 @@ def stability(state: State, law: Law, *, method: str = "auto", report=None) -> S
     """
     if method not in ("auto", "dense", "pairs", "fastest"):
         raise ValueError(f"method {method!r} was given: use auto, dense, pairs or fastest")
-    state = under(state, law)
-    found, rows = _judged(state, law, method, report), at_limit(state, law)
+    state = with_modes_under(state, law)
+    found, rows = _analyse(state, law, method, report), contacts_at_limit(state, law)
     if not len(rows):
         return found
     scope = f"{found.scope}; {MIXED}" if found.scope else MIXED
-    stuck = _judged(sticking(state, rows), law, method, report)
+    stuck = _analyse(with_sticking(state, rows), law, method, report)
     return found._replace(at_limit=len(rows), if_stuck=stuck, scope=scope)
 
 
-def unloaded(law: Law) -> str:
+def unloading_scope(law: Law) -> str:
     """What no spectrum of a law looks at whose forces have a kink where the memory was committed."""
     return UNLOADED if rescales(law.kind) else ""
 
 
-def at_limit(state: State, law: Law) -> np.ndarray:
+def contacts_at_limit(state: State, law: Law) -> np.ndarray:
     """Numbers of the contacts of grains that are held which are at Coulomb's limit, under sharp friction."""
     if law.coulomb != SHARP:
         return np.zeros(0, np.int64)
     rows = touching(state)
-    loose = np.append(loose_grains(state, law), np.zeros(len(state.walls.mass), bool))
+    loose = np.append(unsupported_grains(state, law), np.zeros(len(state.walls.mass), bool))
     slides = (state.contacts.mode[rows] == SLIDE) & (linearise(state, law).limit[rows] > 0)
     return rows[slides & ~loose[state.contacts.i[rows]] & ~loose[state.contacts.j[rows]]]
 
 
-def sticking(state: State, rows: np.ndarray) -> State:
+def with_sticking(state: State, rows: np.ndarray) -> State:
     """The state with some contacts sticking."""
     mode = state.contacts.mode.copy()
     mode[rows] = STICK
     return state._replace(contacts=state.contacts._replace(mode=mode))
 
 
-def _judged(state: State, law: Law, method: str, report) -> Stability:
+def _analyse(state: State, law: Law, method: str, report) -> Stability:
     """The verdict with every contact held in its mode."""
-    loose = loose_grains(state, law)
+    loose = unsupported_grains(state, law)
     free = backbone(state, law)
     size = len(free)
     if not size:
@@ -197,15 +197,15 @@ def _judged(state: State, law: Law, method: str, report) -> Stability:
         raise ValueError(f"{size} coordinates are too many for the method 'pairs' ({PAIRS_UP_TO}): take 'fastest'")
     matrix = dynamical_matrix(state, law, free)
     if method == "dense":
-        pairs, negative, zero_modes, vectors = _dense(matrix)
+        pairs, negative, zero_modes, vectors = _analyse_dense(matrix)
         modes, scope = vectors / np.sqrt(free.mass)[:, None], ""
     else:
-        pairs, modes, scope = _large(state, law, free, method, report)
-        negative, zero_modes, soft = softest(matrix)
+        pairs, modes, scope = _analyse_large(state, law, free, method, report)
+        negative, zero_modes, soft = soft_modes(matrix)
         modes = np.hstack([modes, soft / np.sqrt(free.mass)[:, None]])
         scope += f"; negative and zero λ were looked for among the {SOFTEST} smallest"
-    scope = "; ".join(filter(None, [scope, unloaded(law)]))
-    residual, moves = imbalance(state, law), swing(state, law)
+    scope = "; ".join(filter(None, [scope, unloading_scope(law)]))
+    residual, moves = imbalance(state, law), motion_imbalance(state, law)
     causes = () if max(residual, moves) <= BALANCED_BELOW else likely_causes(state, law)
     rigid = int(state.control.free[: len(loose), : state.cell.dim].all()) * translations(matrix, free).shape[1]
     return Stability(
@@ -214,7 +214,7 @@ def _judged(state: State, law: Law, method: str, report) -> Stability:
     )  # fmt: skip
 
 
-def _dense(matrix):
+def _analyse_dense(matrix):
     values, vectors = eig(matrix.toarray(), overwrite_a=True)
     scale = np.abs(values).max(initial=0.0)
     pair = np.flatnonzero(values.imag > PAIR_ABOVE * scale)
@@ -226,7 +226,7 @@ def _dense(matrix):
     return values[pair], values.real[negative], int(zero.sum()), vectors[:, [*pair, *negative]]
 
 
-def _large(state: State, law: Law, free: Freedom, method: str, report):
+def _analyse_large(state: State, law: Law, free: Freedom, method: str, report):
     """Pairs, their modes in the coordinates `free`, and what was not looked at."""
     if method == "pairs":
         found = complex_pairs(state, law, report=report and partial(report, "complex pairs"))
@@ -241,5 +241,5 @@ def _large(state: State, law: Law, free: Freedom, method: str, report):
     return values, modes[place], scope
 
 
-def _in_words(found: Stability) -> str:
+def _summary(found: Stability) -> str:
     return f"{found.verdict}; {found.n} grains, {found.contacts} contacts, residual {found.residual:.1e}"

@@ -49,7 +49,7 @@ class TransientGrowth(NamedTuple):
         return self.amplitude**2
 
 
-class _Motion(NamedTuple):
+class _ModalMotion(NamedTuple):
     """(y, ẏ)(t) = Re X exp(st) W u of a start u, and its norm |Re P exp(st) W u|; one of each conjugate pair of s."""
 
     exponents: np.ndarray  # (k,)
@@ -108,26 +108,28 @@ def transient_growth(
     free = backbone(state, law)
     if len(free) > AT_MOST:
         raise ValueError(f"{len(free)} coordinates were given: transient growth takes at most {AT_MOST}, all its modes")
-    basis, pull, drag = _reduced(state, law, free)
+    basis, pull, drag = _reduced_matrices(state, law, free)
     with one_thread() if len(pull) < DENSE_BELOW else nullcontext():
-        motion, root = _motion(pull, drag, norm)
-        bound = _bound(motion)
+        motion, root = _modal_motion(pull, drag, norm)
+        bound = _amplitude_bound(motion)
         if bound > UNCERTAIN:
             raise ValueError(
                 f"modes of this packing coincide to round-off (condition number {bound:.1g}): it is at the birth of a "
                 f"complex pair, and its transient growth can't be told from modes"
             )
-        pairs = _beats(motion, drag is None)
+        pairs = _find_beats(motion, drag is None)
         if bound <= 1 + NOTHING:
             times, amplitudes = np.zeros(1), np.ones(1)
         else:
-            times, amplitudes = _searched(motion, pairs, duration, samples, report)
+            times, amplitudes = _search_times(motion, pairs, duration, samples, report)
         best = int(np.argmax(amplitudes))
-        amplitude, start = _start(motion, times[best])
+        amplitude, start = _optimal_start(motion, times[best])
         amplitudes[best] = amplitude
     lift = (basis / np.sqrt(free.mass)[:, None]).T
     n, end = len(pull), (motion.modes * np.exp(motion.exponents * times[best])) @ (motion.parts @ start)
-    begin = np.concatenate([start, 0 * start]) if root is None else np.append(_back(root, start[:n]), start[n:])
+    begin = (
+        np.concatenate([start, 0 * start]) if root is None else np.append(_from_energy_norm(root, start[:n]), start[n:])
+    )
     of_pair = pairs[0][0] if pairs else 1.0
     return TransientGrowth(
         amplitude, float(times[best]), max(bound, 1.0), of_pair, np.array(pairs[0][2:] if pairs else []), times,
@@ -135,17 +137,17 @@ def transient_growth(
     )  # fmt: skip
 
 
-def _bound(motion: _Motion) -> float:
+def _amplitude_bound(motion: _ModalMotion) -> float:
     """‖[Re P, Im P]‖ ‖[Re W; Im W]‖: what is between them turns and decays."""
     p, w = motion.norms, motion.parts
     return float(np.linalg.norm(np.hstack([p.real, p.imag]), 2) * np.linalg.norm(np.vstack([w.real, w.imag]), 2))
 
 
-def _back(root: np.ndarray, u: np.ndarray) -> np.ndarray:
+def _from_energy_norm(root: np.ndarray, u: np.ndarray) -> np.ndarray:
     return solve_triangular(root, u)
 
 
-def _reduced(state: State, law: Law, free: Freedom):
+def _reduced_matrices(state: State, law: Law, free: Freedom):
     """Orthonormal basis (n, r) of what is held, and −A and the dashpots in it; translations are left out."""
     if not len(free):
         raise ValueError("nothing but rattlers was given: transient growth needs grains that hold each other")
@@ -163,12 +165,12 @@ def _reduced(state: State, law: Law, free: Freedom):
     return basis, pull, basis.T @ drag @ basis
 
 
-def _motion(pull: np.ndarray, drag: np.ndarray | None, norm: str) -> tuple[_Motion, np.ndarray | None]:
+def _modal_motion(pull: np.ndarray, drag: np.ndarray | None, norm: str) -> tuple[_ModalMotion, np.ndarray | None]:
     """Modes of ÿ = −A y + D ẏ in the norm, and the Cholesky factor of the symmetric part of A if it is needed."""
     n = len(pull)
-    exponents, modes, inverse = _undamped(pull) if drag is None else _damped(pull, drag)
+    exponents, modes, inverse = _undamped_modes(pull) if drag is None else _damped_modes(pull, drag)
     if norm == "displacement":
-        return _scaled(exponents, modes, modes[:n], inverse[:, :n]), None
+        return _normalise_modes(exponents, modes, modes[:n], inverse[:, :n]), None
     try:
         root = cholesky((pull + pull.T) / 2)
     except LinAlgError:
@@ -178,10 +180,10 @@ def _motion(pull: np.ndarray, drag: np.ndarray | None, norm: str) -> tuple[_Moti
         ) from None
     norms = np.concatenate([root @ modes[:n], modes[n:]])
     first = solve_triangular(root, inverse[:, :n].T, trans="T").T
-    return _scaled(exponents, modes, norms, np.hstack([first, inverse[:, n:]])), root
+    return _normalise_modes(exponents, modes, norms, np.hstack([first, inverse[:, n:]])), root
 
 
-def _undamped(pull: np.ndarray):
+def _undamped_modes(pull: np.ndarray):
     scale = np.abs(pull).max()
     if np.abs(pull - pull.T).max() <= SYMMETRIC * scale:
         values, vectors = eigh((pull + pull.T) / 2)
@@ -189,12 +191,12 @@ def _undamped(pull: np.ndarray):
     else:
         values, vectors = eig(pull)
         if (np.abs(values.imag) > REAL_BELOW * np.abs(values).max()).any():
-            _refuse(float(np.abs(np.sqrt(values).imag).max()))
+            _raise_unstable(float(np.abs(np.sqrt(values).imag).max()))
         order = np.argsort(values.real)
         values, vectors = values.real[order], vectors.real[:, order]
-        inverse = _inverse(vectors)
+        inverse = _invert(vectors)
     if values[0] < -ZERO_BELOW * scale:
-        _refuse(float(np.sqrt(-values[0])))
+        _raise_unstable(float(np.sqrt(-values[0])))
     if values[0] < ZERO_BELOW * scale:
         raise ValueError("a packing with floppy modes was given: what nothing resists moves ever further")
     speed = np.sqrt(values)
@@ -202,39 +204,39 @@ def _undamped(pull: np.ndarray):
     return -1j * speed, modes, np.hstack([inverse + 0j, 1j * inverse / speed[:, None]])
 
 
-def _damped(pull: np.ndarray, drag: np.ndarray):
+def _damped_modes(pull: np.ndarray, drag: np.ndarray):
     n, unit = len(pull), np.sqrt(np.abs(pull).max())
     form = np.block([[np.zeros((n, n)), np.eye(n)], [-pull / unit**2, drag / unit]])  # both of order one
     values, vectors = eig(form)
     if values.real.max() > REAL_BELOW:
-        _refuse(float(unit * values.real.max()))
+        _raise_unstable(float(unit * values.real.max()))
     if np.abs(values).min() ** 2 < ZERO_BELOW:
         raise ValueError("a packing with floppy modes was given: what nothing resists moves ever further")
-    inverse = _inverse(vectors)
+    inverse = _invert(vectors)
     chosen = np.flatnonzero(values.imag <= 0)
     vectors, inverse = vectors[:, chosen], np.where(values[chosen].imag < 0, 2, 1)[:, None] * inverse[chosen]
     factor = np.repeat([1.0, unit], n)
     return unit * values[chosen], factor[:, None] * vectors, inverse / factor
 
 
-def _inverse(vectors: np.ndarray) -> np.ndarray:
+def _invert(vectors: np.ndarray) -> np.ndarray:
     try:
         return np.linalg.inv(vectors)
     except np.linalg.LinAlgError:
         return np.full_like(vectors, UNCERTAIN)  # refused by the bound that they lead to
 
 
-def _refuse(rate: float) -> None:
+def _raise_unstable(rate: float) -> None:
     raise ValueError(f"an unstable packing was given, which grows as exp({rate:.4g} t): give a stable one")
 
 
-def _scaled(exponents, modes, norms, parts) -> _Motion:
+def _normalise_modes(exponents, modes, norms, parts) -> _ModalMotion:
     """Modes of unit norm, which makes the bound nearly the least that scaling can give."""
     size = np.linalg.norm(norms, axis=0)
-    return _Motion(exponents, modes / size, norms / size, parts * size[:, None])
+    return _ModalMotion(exponents, modes / size, norms / size, parts * size[:, None])
 
 
-def _beats(motion: _Motion, undamped: bool) -> list[tuple[float, float, float, float]]:
+def _find_beats(motion: _ModalMotion, undamped: bool) -> list[tuple[float, float, float, float]]:
     """(amplitude, time of opposite phase, two frequencies) of the modes that nearly coincide, the largest first.
 
     Two unit modes with cosine c are a disturbance that their being in opposite phase turns into √((1 + c)/(1 − c)).
@@ -256,7 +258,7 @@ def _beats(motion: _Motion, undamped: bool) -> list[tuple[float, float, float, f
     return found
 
 
-def _searched(motion: _Motion, pairs, duration: float | None, samples: int, report):
+def _search_times(motion: _ModalMotion, pairs, duration: float | None, samples: int, report):
     """Times looked at, sorted, and the amplitude at each."""
     slowest = np.abs(motion.exponents).min()
     if duration is None:
@@ -264,7 +266,7 @@ def _searched(motion: _Motion, pairs, duration: float | None, samples: int, repo
     if not (np.isfinite(duration) and duration > 0 and samples >= 2):
         raise ValueError(f"duration = {duration} with {samples} samples was given: a positive time and at least 2")
     beats = [time for _, time, *_ in pairs if time <= duration]
-    amplitude = _amplitudes(motion)
+    amplitude = _amplitude_function(motion)
     early = np.geomspace(0.1 / np.abs(motion.exponents).max(), duration, samples // 3)
     times = np.unique(np.concatenate([np.linspace(0.0, duration, samples), early[early < duration], beats]))
     found = np.empty(len(times))
@@ -292,25 +294,25 @@ def _searched(motion: _Motion, pairs, duration: float | None, samples: int, repo
     return times, found[first]
 
 
-def _amplitudes(motion: _Motion):
+def _amplitude_function(motion: _ModalMotion):
     """A function of t: the largest singular value of Re P exp(st) W."""
     if motion.norms.shape[0] <= SMALL:
-        return lambda t: float(np.linalg.norm(_whole(motion, t), 2))
+        return lambda t: float(np.linalg.norm(_propagator(motion, t), 2))
     guess = [np.random.default_rng(0).normal(size=motion.norms.shape[0])]
 
     def amplitude(t: float) -> float:
-        _, value, right = svds(_operator(motion, t), k=1, v0=guess[0], tol=COARSE, solver="arpack")
+        _, value, right = svds(_propagator_operator(motion, t), k=1, v0=guess[0], tol=COARSE, solver="arpack")
         guess[0] = right[0]
         return float(value[0])
 
     return amplitude
 
 
-def _whole(motion: _Motion, t: float) -> np.ndarray:
+def _propagator(motion: _ModalMotion, t: float) -> np.ndarray:
     return ((motion.norms * np.exp(motion.exponents * t)) @ motion.parts).real
 
 
-def _operator(motion: _Motion, t: float) -> LinearOperator:
+def _propagator_operator(motion: _ModalMotion, t: float) -> LinearOperator:
     turn, m = np.exp(motion.exponents * t), motion.norms.shape[0]
     return LinearOperator(
         (m, m), dtype=float,
@@ -319,11 +321,11 @@ def _operator(motion: _Motion, t: float) -> LinearOperator:
     )  # fmt: skip
 
 
-def _start(motion: _Motion, t: float) -> tuple[float, np.ndarray]:
+def _optimal_start(motion: _ModalMotion, t: float) -> tuple[float, np.ndarray]:
     """The largest amplitude at t, and the unit start (m,) that is amplified by it."""
     if motion.norms.shape[0] <= SMALL:
-        _, values, starts = np.linalg.svd(_whole(motion, t))
+        _, values, starts = np.linalg.svd(_propagator(motion, t))
     else:
         guess = np.random.default_rng(0).normal(size=motion.norms.shape[0])
-        _, values, starts = svds(_operator(motion, t), k=1, v0=guess, solver="arpack")
+        _, values, starts = svds(_propagator_operator(motion, t), k=1, v0=guess, solver="arpack")
     return float(values[0]), starts[0]

@@ -49,7 +49,7 @@ class Cluster(NamedTuple):
     expected: np.ndarray  # complex eigenvalues with Im λ > 0 that the window found in it [1/time²]
 
 
-def basis_of(matrix, precision, tell: Report) -> Basis:
+def symmetric_basis(matrix, precision, tell: Report) -> Basis:
     """Modes of the symmetric part of a sparse matrix, in single or double precision."""
     tell(0.0, f"modes of the symmetric part of {matrix.shape[0]} coordinates")
     symmetric = ((matrix + matrix.T) / 2).toarray(order="F").astype(precision, copy=False)
@@ -64,7 +64,7 @@ def basis_of(matrix, precision, tell: Report) -> Basis:
     return Basis(vectors, image, diagonal, skew)
 
 
-def window_of(basis: Basis, first: int) -> Window:
+def build_window(basis: Basis, first: int) -> Window:
     """The window of modes first … first + WINDOW and its halo.
 
     Outer modes are eliminated to second order and to first order in λ − centre:
@@ -80,20 +80,20 @@ def window_of(basis: Basis, first: int) -> Window:
     G, H = np.split(np.hstack([x, basis.image[:, inside]]).T @ x, 2)
     H = H.T - centre * G
     K = -basis.skew[inside].T.astype(float)
-    share = K / apart(basis.diagonal - centre, basis.scale)[:, None]
+    share = K / regularise_gaps(basis.diagonal - centre, basis.scale)[:, None]
     share[inside] = 0
     mixing = float(np.linalg.norm(share, axis=0).max())
     second, slope = np.split(np.hstack([K, share]).T @ share, 2)
     return Window(inside, centre, H + second, G - slope, mixing)
 
 
-def apart(gap: np.ndarray, scale: float) -> np.ndarray:
+def regularise_gaps(gap: np.ndarray, scale: float) -> np.ndarray:
     """Gaps kept off zero: an outer mode at the very centre makes the mixing huge, not infinite."""
     least = 1e-12 * scale
     return np.where(np.abs(gap) < least, least, gap)
 
 
-def candidates(basis: Basis, tell: Report) -> list[Cluster] | None:
+def find_candidates(basis: Basis, tell: Report) -> list[Cluster] | None:
     """Clusters that are or may be pairs; None where K is too strong for windows."""
     tell(0.65, "windows")
     clusters = []
@@ -101,7 +101,7 @@ def candidates(basis: Basis, tell: Report) -> list[Cluster] | None:
     margin = 10 * NEAR_PAIR * basis.scale
     n, sorted_diagonal = len(basis.diagonal), np.sort(basis.diagonal)
     for first in range(0, n, WINDOW):
-        window = window_of(basis, first)
+        window = build_window(basis, first)
         if window.mixing > WEAK:
             return None
         left = sorted_diagonal[first - 1 : first + 1].mean() - margin if first else -np.inf
@@ -112,7 +112,7 @@ def candidates(basis: Basis, tell: Report) -> list[Cluster] | None:
         order = np.lexsort((values.imag, values.real))
         values, vectors = values[order] + window.centre, vectors[:, order]
         near = NEAR_PAIR * basis.scale + MIXED * window.mixing**2 * np.ptp(basis.diagonal[window.inside]) / 2
-        for members in _suspects(values, vectors, near):
+        for members in _find_suspects(values, vectors, near):
             if left <= values[members].real.mean() <= right:
                 plane = np.hstack([vectors[:, members].real, vectors[:, members].imag])
                 small = qr(plane, mode="economic", pivoting=True)[0][:, : len(members)]
@@ -122,16 +122,16 @@ def candidates(basis: Basis, tell: Report) -> list[Cluster] | None:
     return clusters
 
 
-def _suspects(values: np.ndarray, vectors: np.ndarray, near: float) -> list[np.ndarray]:
+def _find_suspects(values: np.ndarray, vectors: np.ndarray, near: float) -> list[np.ndarray]:
     """Index sets of sorted eigenvalues that hold a pair or real ones about to become one."""
     real = (values.imag[:-1] == 0) & (values.imag[1:] == 0)
     conjugate = (values.imag[:-1] != 0) & (values[:-1] == values[1:].conj())
-    links = np.flatnonzero(conjugate | (real & (lacking(values, vectors) < near)))
+    links = np.flatnonzero(conjugate | (real & (pair_margin(values, vectors) < near)))
     chains = np.split(links, np.flatnonzero(np.diff(links) > 1) + 1) if len(links) else []
     return [np.arange(chain[0], chain[-1] + 2) for chain in chains]
 
 
-def lacking(values: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+def pair_margin(values: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """(n − 1,) how much skew coupling neighbouring real eigenvalues lack of being a pair [1/time²].
 
     [[δ/2, k], [−k, −δ/2]] has eigenvectors with the cosine c = 2k/δ and a gap δ√(1 − c²), so that
