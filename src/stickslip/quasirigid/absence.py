@@ -74,10 +74,10 @@ def _sharpen(here: ScaledProblem, y: np.ndarray) -> np.ndarray:
 
 def _required_slip(here: ScaledProblem, y: np.ndarray) -> float:
     """The sum of slip rates that any λ ≥ 0 with A λ + q ≥ 0 would exceed; 0 if y proves nothing."""
-    short = -(here.vector @ y) - here.vector_doubt @ y
+    short = -(here.vector @ y) - here.vector_error @ y
     if not (np.isfinite(y).all() and short > 0):
         return 0.0
-    excess = float(np.maximum(here.matrix.T @ y + here.doubt.T @ y, 0.0).max())
+    excess = float(np.maximum(here.matrix.T @ y + here.error.T @ y, 0.0).max())
     return np.inf if excess == 0 else short / excess
 
 
@@ -86,11 +86,11 @@ def farkas_ray(problem: Complementarity, absence: Absence) -> Ray | None:
     here = scale_problem(problem)
     y = absence.vector * here.gap_unit
     slides = y > TIGHT * y.max()
-    a, doubt = here.submatrix(slides)
+    a, error = here.submatrix(slides)
     _, values, right = np.linalg.svd(a)
     x = np.zeros(len(y))
     x[slides] = right[-1] * np.sign(right[-1].sum())
-    small = BLUR * len(values) * np.linalg.norm(doubt)
+    small = BLUR * len(values) * np.linalg.norm(error)
     if values[-1] > small or (x < -small).any() or (here.matrix @ x < -small).any():
         return None
     left = np.where(slides, absence.vector, 0.0)

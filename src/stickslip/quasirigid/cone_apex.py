@@ -256,8 +256,8 @@ def enumerate_statuses(apex: Apex) -> AllStatuses:
     """
     if count_choices(apex) > ENUMERATED:
         raise ValueError(
-            f"{len(apex.sign)} contacts with {count_choices(apex):.3g} choices of statuses were given: at most {ENUMERATED} "
-            f"can be gone through; `statuses_at_apex` finds one that is consistent"
+            f"{len(apex.sign)} contacts with {count_choices(apex):.3g} combinations of statuses were given: at most "
+            f"{ENUMERATED} can be enumerated; use `statuses_at_apex` to find one that is consistent"
         )
     every = list(itertools.product(*apex.allowed))
     status = np.array(every, int).reshape(len(every), len(apex.sign))

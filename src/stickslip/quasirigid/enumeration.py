@@ -24,14 +24,14 @@ class AllStatusRates(NamedTuple):
 
     slides: np.ndarray  # (2^Mc, Mc) bool
     rate: np.ndarray  # (2^Mc, Mc) Ṽ: λ of what slides, −w of the others
-    doubt: np.ndarray  # (2^Mc, Mc) error bound of Ṽ
+    error: np.ndarray  # (2^Mc, Mc) error bound of Ṽ
     sign: np.ndarray  # (2^Mc,) of det A_SS; 0 where it is singular to round-off
     minor: np.ndarray  # (2^Mc,) det A_SS
 
     @property
     def consistent(self) -> np.ndarray:
         """Numbers of the regular statuses that are consistent, to within the error bounds."""
-        good = np.where(self.slides, self.rate >= -self.doubt, self.rate <= self.doubt).all(axis=1)
+        good = np.where(self.slides, self.rate >= -self.error, self.rate <= self.error).all(axis=1)
         return np.flatnonzero(good & (self.sign != 0))
 
 
@@ -41,7 +41,7 @@ class Solution(NamedTuple):
     slides: np.ndarray  # (Mc,) bool
     slip: np.ndarray  # (Mc,) λ
     rate: np.ndarray  # (Mc,) Ṽ
-    doubt: np.ndarray  # (Mc,) error bound of Ṽ
+    error: np.ndarray  # (Mc,) error bound of Ṽ
     sign: int  # of det A_SS = det k(S)/det k₀; 0 if singular to round-off
 
 
@@ -65,36 +65,36 @@ def enumerate_rates(problem: ScaledProblem) -> AllStatusRates:
     """The answers of all statuses, with error bounds, for at most 14 critical contacts."""
     size = len(problem.vector)
     slides = (np.arange(1 << size)[:, None] >> np.arange(size)) & 1 > 0
-    rate, doubt = np.zeros(slides.shape), np.full(slides.shape, np.inf)
+    rate, error = np.zeros(slides.shape), np.full(slides.shape, np.inf)
     sign, minor, count = np.zeros(len(slides), int), np.zeros(len(slides)), slides.sum(axis=1)
     for k in range(size + 1):
         alike = np.flatnonzero(count == k)
         for begin in range(0, len(alike), AT_ONCE):
             part = alike[begin : begin + AT_ONCE]
-            rate[part], doubt[part], sign[part], minor[part] = _solve_statuses(problem, slides[part], k)
-    return AllStatusRates(slides, rate, doubt, sign, minor)
+            rate[part], error[part], sign[part], minor[part] = _solve_statuses(problem, slides[part], k)
+    return AllStatusRates(slides, rate, error, sign, minor)
 
 
 def _solve_statuses(problem: ScaledProblem, slides: np.ndarray, k: int):
     """Ṽ, its error bounds, the sign of the minor and the minor, of statuses with k sliding contacts each."""
     chosen = np.nonzero(slides)[1].reshape(len(slides), k)
     square = (chosen[:, :, None], chosen[:, None, :])
-    a, doubt, q = problem.matrix[square], problem.doubt[square], problem.vector[chosen]
+    a, error, q = problem.matrix[square], problem.error[square], problem.vector[chosen]
     sign, size = np.linalg.slogdet(a)
     a = np.where((sign == 0)[:, None, None], np.eye(k), a)
     inverse = np.linalg.inv(a)
     # A_SS stays regular under all changes E of its entries with max row sum of |A_SS⁻¹| |E| < 1
-    blurred = (np.abs(inverse) @ doubt).sum(axis=2).max(axis=1, initial=0.0)
+    blurred = (np.abs(inverse) @ error).sum(axis=2).max(axis=1, initial=0.0)
     slip = -_batched_matvec(inverse, q)
     slip -= _batched_matvec(inverse, _batched_matvec(a, slip) + q)
-    slip_doubt = _batched_matvec(np.abs(inverse), _batched_matvec(doubt, np.abs(slip)) + problem.vector_doubt[chosen])
-    whole, whole_doubt = np.zeros(slides.shape), np.zeros(slides.shape)
+    slip_error = _batched_matvec(np.abs(inverse), _batched_matvec(error, np.abs(slip)) + problem.vector_error[chosen])
+    whole, whole_error = np.zeros(slides.shape), np.zeros(slides.shape)
     np.put_along_axis(whole, chosen, slip, axis=1)
-    np.put_along_axis(whole_doubt, chosen, slip_doubt, axis=1)
+    np.put_along_axis(whole_error, chosen, slip_error, axis=1)
     gap = whole @ problem.matrix.T + problem.vector
-    gap_doubt = np.abs(whole) @ problem.doubt.T + whole_doubt @ np.abs(problem.matrix).T + problem.vector_doubt
+    gap_error = np.abs(whole) @ problem.error.T + whole_error @ np.abs(problem.matrix).T + problem.vector_error
     sure = np.where(blurred < SURE, sign, 0).astype(int)
-    return np.where(slides, whole, -gap), np.where(slides, whole_doubt, gap_doubt), sure, sign * np.exp(size)
+    return np.where(slides, whole, -gap), np.where(slides, whole_error, gap_error), sure, sign * np.exp(size)
 
 
 def _batched_matvec(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
@@ -117,7 +117,7 @@ def enumerate_solutions(problem: Complementarity, again: Callable | None = None)
     found, rays = [], []
     for number in through.consistent:
         one = _make_solution(here, through, number)
-        if again is not None and (np.abs(one.rate) <= one.doubt).any():
+        if again is not None and (np.abs(one.rate) <= one.error).any():
             one = _replace_rates(one, again(one.slides))
         found += [] if one is None else [one]
     for number in np.flatnonzero(through.sign == 0):
@@ -134,25 +134,25 @@ def enumerate_solutions(problem: Complementarity, again: Callable | None = None)
 def _make_solution(problem: ScaledProblem, through: AllStatusRates, number: int) -> Solution:
     slides, rate = through.slides[number], through.rate[number]
     slip = np.where(slides, rate, 0.0)
-    return _solution_in_units(problem, Solution(slides, slip, rate, through.doubt[number], int(through.sign[number])))
+    return _solution_in_units(problem, Solution(slides, slip, rate, through.error[number], int(through.sign[number])))
 
 
 def _replace_rates(one: Solution, better: tuple[np.ndarray, np.ndarray] | None) -> Solution | None:
     """A solution with better rates, or None if these show that it is none."""
     if better is None:
         return None
-    rate, doubt = better
-    return one._replace(rate=rate, doubt=doubt, slip=np.where(one.slides, rate, 0.0))
+    rate, error = better
+    return one._replace(rate=rate, error=error, slip=np.where(one.slides, rate, 0.0))
 
 
 def _same_rates(one: Solution, other: Solution) -> bool:
     largest = max(np.abs(one.rate).max(initial=0.0), np.abs(other.rate).max(initial=0.0))
-    return bool((np.abs(one.rate - other.rate) <= BLUR * (one.doubt + other.doubt) + SAME * largest).all())
+    return bool((np.abs(one.rate - other.rate) <= BLUR * (one.error + other.error) + SAME * largest).all())
 
 
 def _solution_in_units(problem: ScaledProblem, one: Solution) -> Solution:
     unit = np.where(one.slides, problem.slip_unit, problem.gap_unit)
-    return one._replace(slip=problem.slip_unit * one.slip, rate=unit * one.rate, doubt=unit * one.doubt)
+    return one._replace(slip=problem.slip_unit * one.slip, rate=unit * one.rate, error=unit * one.error)
 
 
 def _ray_in_units(problem: ScaledProblem, ray: Ray) -> Ray:
@@ -168,15 +168,15 @@ class SolutionFace(NamedTuple):
     turn: np.ndarray  # (Mc, d)
     left: np.ndarray  # (k, d) left null vectors of A_SS
     missed: np.ndarray  # (d,) what they leave of q: if not zero, no slip rates balance the load
-    at_doubt: np.ndarray  # (Mc,) error bounds of `at`, of `turn` and of `missed`
-    turn_doubt: np.ndarray
-    missed_doubt: np.ndarray
+    at_error: np.ndarray  # (Mc,) error bounds of `at`, of `turn` and of `missed`
+    turn_error: np.ndarray
+    missed_error: np.ndarray
 
 
 def _solution_face(problem: ScaledProblem, slides: np.ndarray) -> SolutionFace:
-    a, doubt, q = problem.matrix[:, slides], problem.doubt[:, slides], problem.vector
+    a, error, q = problem.matrix[:, slides], problem.error[:, slides], problem.vector
     left, values, right = np.linalg.svd(a[slides])
-    null = values <= max(BLUR * len(values) * np.linalg.norm(doubt[slides]), values[-1])
+    null = values <= max(BLUR * len(values) * np.linalg.norm(error[slides]), values[-1])
     inverse = (right[~null].T / values[~null]) @ left[:, ~null].T
     left, right = left[:, null], right[null].T
     slip = -inverse @ q[slides]
@@ -184,19 +184,19 @@ def _solution_face(problem: ScaledProblem, slides: np.ndarray) -> SolutionFace:
     turn = np.where(slides[:, None], 0.0, a @ right)
     at[slides], turn[slides] = slip, right
     spread = BLUR * max(1.0, np.linalg.norm(inverse))  # errors of null vectors are those of A over the next value
-    at_doubt = spread * (doubt @ np.abs(slip) + problem.vector_doubt + doubt.max())
-    missed_doubt = BLUR * np.abs(left.T) @ problem.vector_doubt[slides]
-    missed_doubt += spread * np.linalg.norm(doubt[slides]) * np.linalg.norm(q[slides])
-    turn_doubt = spread * (doubt.sum(axis=1) + doubt.max())
-    return SolutionFace(slides, at, turn, left, np.abs(left.T @ q[slides]), at_doubt, turn_doubt, missed_doubt)
+    at_error = spread * (error @ np.abs(slip) + problem.vector_error + error.max())
+    missed_error = BLUR * np.abs(left.T) @ problem.vector_error[slides]
+    missed_error += spread * np.linalg.norm(error[slides]) * np.linalg.norm(q[slides])
+    turn_error = spread * (error.sum(axis=1) + error.max())
+    return SolutionFace(slides, at, turn, left, np.abs(left.T @ q[slides]), at_error, turn_error, missed_error)
 
 
 def _face_ends(face: SolutionFace) -> list[Solution]:
     """Two ends of the solutions {t: at + turn t ≥ 0}, none if there are none; a place for an end at infinity."""
-    still = (np.abs(face.turn) <= face.turn_doubt[:, None]).all(axis=1)
-    if (face.missed > face.missed_doubt).any() or (face.at[still] < -face.at_doubt[still]).any():
+    still = (np.abs(face.turn) <= face.turn_error[:, None]).all(axis=1)
+    if (face.missed > face.missed_error).any() or (face.at[still] < -face.at_error[still]).any():
         return []
-    at, turn, slack = face.at[~still], face.turn[~still], face.at_doubt[~still]
+    at, turn, slack = face.at[~still], face.turn[~still], face.at_error[~still]
     if not len(turn):
         places = [np.zeros(turn.shape[1])]
     elif turn.shape[1] == 1:
@@ -210,7 +210,7 @@ def _face_ends(face: SolutionFace) -> list[Solution]:
     for place in places:
         rate = face.at + face.turn @ place
         slip = np.where(face.slides, rate, 0.0)
-        ends.append(Solution(face.slides, slip, np.where(face.slides, rate, -rate), face.at_doubt, 0))
+        ends.append(Solution(face.slides, slip, np.where(face.slides, rate, -rate), face.at_error, 0))
     return ends
 
 
@@ -232,15 +232,15 @@ def _find_rays(problem: ScaledProblem, face: SolutionFace) -> list[Ray]:
         ways = [np.array([1.0]), np.array([-1.0])]
     else:
         total = turn[slides].sum(axis=0)
-        bound = np.append(face.turn_doubt, 1.0)
+        bound = np.append(face.turn_error, 1.0)
         found = linprog(-total, A_ub=np.vstack([-turn, total]), b_ub=bound, bounds=(None, None))
         ways = [found.x] if found.status == 0 and found.fun < -0.5 else []
     rays = []
     for move in (turn @ way for way in ways):
-        if (move >= -face.turn_doubt).all() and move[slides].max(initial=0.0) > 0:
+        if (move >= -face.turn_error).all() and move[slides].max(initial=0.0) > 0:
             y = np.zeros(len(slides))
             y[slides] = face.left @ (face.left.T @ problem.vector[slides])
-            driven = (face.missed > face.missed_doubt).any()
+            driven = (face.missed > face.missed_error).any()
             slip = np.where(slides, np.maximum(move, 0.0), 0.0)
             rays.append(Ray(slides, slip, y, float(y @ problem.vector) if driven else 0.0))
     return rays

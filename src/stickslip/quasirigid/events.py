@@ -42,7 +42,7 @@ class Fork(NamedTuple):
 
 
 class NextEvent(NamedTuple):
-    """The end of a linear piece."""
+    """The end of a linear increment."""
 
     step: float  # share of the increment
     contacts: np.ndarray  # numbers of all that meet the event together; from M on: pairs that do not touch yet
@@ -50,7 +50,7 @@ class NextEvent(NamedTuple):
 
 
 def next_event(
-    piece, force: np.ndarray, rate: np.ndarray, known: np.ndarray, choice: ContactStatus, left: float
+    increment, force: np.ndarray, rate: np.ndarray, known: np.ndarray, choice: ContactStatus, left: float
 ) -> NextEvent:
     """The end of a linear piece that begins with given forces.
 
@@ -62,15 +62,15 @@ def next_event(
     left : share of the increment
     """
     first = NextEvent(left, np.zeros(0, int), INCREMENT)
-    reached = _shares_to_cone(piece, force, rate, known, choice)
-    first = _first_on_cone(piece, force, reached, first)
-    first = _first_on_apex(piece, force, rate, first, left)
-    return _first_closing(piece, choice, first)
+    reached = _shares_to_cone(increment, force, rate, known, choice)
+    first = _first_on_cone(increment, force, reached, first)
+    first = _first_on_apex(increment, force, rate, first, left)
+    return _first_closing(increment, choice, first)
 
 
-def _shares_to_cone(piece, force, rate, known, choice) -> np.ndarray:
+def _shares_to_cone(increment, force, rate, known, choice) -> np.ndarray:
     """(M,) shares after which contacts that stick meet the cone, on either side."""
-    m, reached = piece.matrix, np.full(len(force), np.inf)
+    m, reached = increment.matrix, np.full(len(force), np.inf)
     for side in (1.0, -1.0):
         margin = m.mu * force[:, 0] - side * force[:, 1]
         slope = m.mu * rate[:, 0] - side * rate[:, 1]
@@ -79,16 +79,16 @@ def _shares_to_cone(piece, force, rate, known, choice) -> np.ndarray:
         time = np.where(leaves, np.maximum(margin, 0.0) / np.where(leaves, -slope, 1.0), np.inf)
         reached = np.minimum(reached, time)
     at = np.where(np.isfinite(reached), reached, 0.0)
-    reached[piece.paired & (force[:, 0] + at * rate[:, 0] <= piece.faint)] = np.inf
+    reached[increment.paired & (force[:, 0] + at * rate[:, 0] <= increment.faint)] = np.inf
     return reached
 
 
-def _first_on_cone(piece, force, reached, first: NextEvent) -> NextEvent:
+def _first_on_cone(increment, force, reached, first: NextEvent) -> NextEvent:
     """The first contact that meets the cone, if it does so before the end that is known."""
-    m, soonest = piece.matrix, reached.min(initial=np.inf)
+    m, soonest = increment.matrix, reached.min(initial=np.inf)
     # the force of a disk with two contacts turns with the line between them, which a straight way knows badly
     far = m.mu * force[:, 0] - np.abs(force[:, 1]) > NEAR_CONE * force[:, 0]
-    early = np.where(piece.paired & far, APPROACH * reached, np.inf).min(initial=np.inf)
+    early = np.where(increment.paired & far, APPROACH * reached, np.inf).min(initial=np.inf)
     if early < min(soonest, first.step):
         return NextEvent(float(early), first.contacts, NEARS)
     if soonest < first.step:
@@ -96,34 +96,34 @@ def _first_on_cone(piece, force, reached, first: NextEvent) -> NextEvent:
     return first
 
 
-def _first_on_apex(piece, force, rate, first: NextEvent, left: float) -> NextEvent:
+def _first_on_apex(increment, force, rate, first: NextEvent, left: float) -> NextEvent:
     """The first contact whose force vanishes."""
     falls = rate[:, 0] < -SLACK * np.abs(rate).max(initial=0.0)
     time = np.where(falls, np.maximum(force[:, 0], 0.0) / np.where(falls, -rate[:, 0], 1.0), np.inf)
     soonest = time.min(initial=np.inf)
-    early = np.where(force[:, 0] > NEAR_APEX * piece.mean, APPROACH * time, np.inf).min(initial=np.inf)
+    early = np.where(force[:, 0] > NEAR_APEX * increment.mean, APPROACH * time, np.inf).min(initial=np.inf)
     if early < first.step and soonest <= left:
         return NextEvent(float(early), np.zeros(0, int), NEARS)
     if soonest <= first.step:
         # those of disks that are held by nothing else lose their forces together, to within APEX
-        faint = force[:, 0] + soonest * rate[:, 0] <= APEX * piece.mean
+        faint = force[:, 0] + soonest * rate[:, 0] <= APEX * increment.mean
         return NextEvent(
-            float(soonest), with_partners(piece, np.flatnonzero(faint | (time <= soonest + TOGETHER))), AT_APEX
+            float(soonest), with_partners(increment, np.flatnonzero(faint | (time <= soonest + TOGETHER))), AT_APEX
         )
     met = first.contacts
-    if first.kind == REACHES and (force[met, 0] + first.step * rate[met, 0] <= APEX * piece.mean).any():
+    if first.kind == REACHES and (force[met, 0] + first.step * rate[met, 0] <= APEX * increment.mean).any():
         return first._replace(kind=AT_APEX)
     return first
 
 
-def with_partners(piece, contacts: np.ndarray) -> np.ndarray:
+def with_partners(increment, contacts: np.ndarray) -> np.ndarray:
     """The contacts, and the second ones of disks with two contacts: these reach the apex together."""
-    chosen = np.zeros(piece.matrix.count, bool)
+    chosen = np.zeros(increment.matrix.count, bool)
     chosen[contacts] = True
     while True:
-        pulled = np.zeros(piece.state.n_bodies, bool)
-        pulled[piece.ends[chosen].ravel()] = True
-        more = ((pulled & piece.has_two)[piece.ends]).any(axis=1) | chosen
+        pulled = np.zeros(increment.state.n_bodies, bool)
+        pulled[increment.ends[chosen].ravel()] = True
+        more = ((pulled & increment.has_two)[increment.ends]).any(axis=1) | chosen
         if np.array_equal(more, chosen):
             return np.flatnonzero(chosen)
         chosen = more
@@ -136,10 +136,10 @@ def open_pairs(state: State, loose: np.ndarray, rows: np.ndarray) -> np.ndarray:
     return rest[held[state.contacts.i[rest]] & held[state.contacts.j[rest]]]
 
 
-def _first_closing(piece, choice: ContactStatus, first: NextEvent) -> NextEvent:
+def _first_closing(increment, choice: ContactStatus, first: NextEvent) -> NextEvent:
     """The first pair that comes to touch."""
-    state, rows = piece.state, piece.gap_rows
-    moves = piece.matrix.free.spread(choice.velocity)[:, :3]
+    state, rows = increment.state, increment.gap_rows
+    moves = increment.matrix.free.spread(choice.velocity)[:, :3]
     normal, gap = gaps(state, rows)
     apart = moves[state.contacts.i[rows]] - moves[state.contacts.j[rows]]
     closing = np.einsum("ck,ck->c", apart, normal)
@@ -151,6 +151,6 @@ def _first_closing(piece, choice: ContactStatus, first: NextEvent) -> NextEvent:
         return first
     # a pair that moves past each other overlaps more than the straight way says
     aside = float((apart[time.argmin()] ** 2).sum() - closing[time.argmin()] ** 2) * soonest**2
-    if piece.matrix.springs[:, 0, 0].max() * aside / (2 * small) > APEX * piece.mean:
+    if increment.matrix.springs[:, 0, 0].max() * aside / (2 * small) > APEX * increment.mean:
         return NextEvent(float(APPROACH * soonest), np.zeros(0, int), NEARS)
-    return NextEvent(float(soonest), piece.matrix.count + np.flatnonzero(time <= soonest + TOGETHER), CLOSES)
+    return NextEvent(float(soonest), increment.matrix.count + np.flatnonzero(time <= soonest + TOGETHER), CLOSES)

@@ -39,15 +39,15 @@ class ScaledProblem(NamedTuple):
 
     matrix: np.ndarray  # (Mc, Mc)
     vector: np.ndarray  # (Mc,)
-    doubt: np.ndarray  # (Mc, Mc) error bounds of the matrix
-    vector_doubt: np.ndarray  # (Mc,) error bounds of the vector
+    error: np.ndarray  # (Mc, Mc) error bounds of the matrix
+    vector_error: np.ndarray  # (Mc,) error bounds of the vector
     slip_unit: np.ndarray  # (Mc,) λ = slip_unit · its value here
     gap_unit: np.ndarray  # (Mc,) w = gap_unit · its value here
 
     def submatrix(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """A_SS and its error bounds."""
         box = np.ix_(chosen, chosen)
-        return self.matrix[box], self.doubt[box]
+        return self.matrix[box], self.error[box]
 
 
 def complementarity(

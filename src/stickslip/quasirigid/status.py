@@ -204,8 +204,8 @@ def _make_status(
     marginal = np.abs(answer.rate) <= sign_slack(answer.rate, system.round_off(answer.velocity))
     also = tuple(Alternative(_expand_status(matrix, system, a.slides), a.velocity, a.rate, a.stable) for a in others)
     return ContactStatus(
-        verdict, _expand_status(matrix, system, answer.slides), system.critical, answer.velocity, answer.rate, answer.method,
-        system.solves, answer.stable, also, known, None, marginal,
+        verdict, _expand_status(matrix, system, answer.slides), system.critical, answer.velocity, answer.rate,
+        answer.method, system.solves, answer.stable, also, known, None, marginal,
     )  # fmt: skip
 
 
@@ -320,7 +320,7 @@ def _verify_solution(system: StatusSolver, solution: Solution) -> VerifiedStatus
         velocity, rate = system.rates_for_slip(solution.slides, solution.slip)
     except LinAlgError:
         return None
-    slack = np.minimum(BLUR * solution.doubt, ALIKE * np.abs(rate).max(initial=0.0))
+    slack = np.minimum(BLUR * solution.error, ALIKE * np.abs(rate).max(initial=0.0))
     if not _is_consistent(system, solution.slides, velocity, rate, slack):
         return None
     return VerifiedStatus(solution.slides, velocity, rate, "enumeration")

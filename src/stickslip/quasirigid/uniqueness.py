@@ -70,14 +70,14 @@ def _sufficient_condition(here: ScaledProblem) -> Uniqueness | None:
     """A certificate that holds for whole matrices at once."""
     a, everything = here.matrix, np.arange(len(here.vector))
     # no change within the error bounds moves an eigenvalue of the symmetric part by more than their norm
-    margin = float(np.linalg.eigvalsh(0.5 * (a + a.T))[0] - np.linalg.norm(here.doubt))
+    margin = float(np.linalg.eigvalsh(0.5 * (a + a.T))[0] - np.linalg.norm(here.error))
     if margin > 0:
         return Uniqueness(
             UniquenessVerdict.UNIQUE, "the symmetric part of scaled A is positive definite", everything, margin
         )
     compared = np.diag(2 * np.diag(a)) - np.abs(a)
     weight = np.linalg.lstsq(compared, np.ones(len(a)), rcond=None)[0]
-    margin = float((compared @ weight - here.doubt @ np.abs(weight)).min())
+    margin = float((compared @ weight - here.error @ np.abs(weight)).min())
     if (weight > 0).all() and margin > 0:
         weight = here.slip_unit * weight
         return Uniqueness(
@@ -108,7 +108,7 @@ def _fewest_sliding(through, which: np.ndarray) -> np.ndarray:
 def _find_negative_minor(here: ScaledProblem) -> np.ndarray | None:
     """One contact, two, or all of them, whose minor is negative beyond round-off."""
     diagonal, pair, blur = minors_of_one_and_two(here)
-    for one in np.flatnonzero(diagonal < -np.diag(here.doubt)):
+    for one in np.flatnonzero(diagonal < -np.diag(here.error)):
         return np.array([one])
     for two in np.argwhere(np.triu(pair < -blur, 1)):
         return two
@@ -120,7 +120,7 @@ def _check_small_minors(here: ScaledProblem) -> Uniqueness:
     """Singular, if a minor of one or two contacts, or of all, is zero; else it is not known."""
     diagonal, pair, blur = minors_of_one_and_two(here)
     everything = np.arange(len(diagonal))
-    zero = [np.array([k]) for k in np.flatnonzero(diagonal <= np.diag(here.doubt))]
+    zero = [np.array([k]) for k in np.flatnonzero(diagonal <= np.diag(here.error))]
     zero += list(np.argwhere(np.triu(pair <= blur, 1))[:1])
     zero += [] if is_regular(here, everything) else [everything]
     words = "minors of one and two contacts and of all were looked at"
@@ -133,8 +133,8 @@ def _check_small_minors(here: ScaledProblem) -> Uniqueness:
 
 def is_regular(here: ScaledProblem, chosen: np.ndarray) -> bool:
     """True if A_SS has full rank beyond the errors of its entries."""
-    a, doubt = here.submatrix(chosen)
-    return not len(a) or bool(np.linalg.svd(a, compute_uv=False)[-1] > BLUR * np.linalg.norm(doubt))
+    a, error = here.submatrix(chosen)
+    return not len(a) or bool(np.linalg.svd(a, compute_uv=False)[-1] > BLUR * np.linalg.norm(error))
 
 
 def sign_of_minor(here: ScaledProblem, chosen: np.ndarray) -> int:
@@ -160,10 +160,10 @@ def _make_singular(here: ScaledProblem, chosen: np.ndarray, words: str) -> Uniqu
 
 def minors_of_one_and_two(here: ScaledProblem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(Mc,) minors of one contact, (Mc, Mc) of two, infinite on the diagonal, and the error bounds of the latter."""
-    a, doubt = here.matrix, here.doubt
-    diagonal, own = np.diag(a), np.diag(doubt)
+    a, error = here.matrix, here.error
+    diagonal, own = np.diag(a), np.diag(error)
     pair = np.outer(diagonal, diagonal) - a * a.T
-    blur = np.outer(own, np.abs(diagonal)) + np.abs(a) * doubt.T
+    blur = np.outer(own, np.abs(diagonal)) + np.abs(a) * error.T
     np.fill_diagonal(pair, np.inf)
     return diagonal, pair, blur + blur.T
 

@@ -18,23 +18,23 @@ from .freedom import Freedom, displaced, freedom, jacobian, residual_vector
 from .linear import DENSE_BELOW, Solve, factorised
 
 SHIFTS = (1e-9, 1e-5, 1e-3, 1e-1)  # added to −J in units of its largest diagonal entry, the next if one fails
-CHORD = 0.2  # a step with a kept factor must reduce the residual to this share
-KRYLOV = 40  # iterations after which a preconditioner is too old
+CHORD = 0.2  # a step with a stored factor must reduce the residual to this share
+KRYLOV = 40  # iterations above which a preconditioner is too old
 
 
 class Factorisation:
-    """A factorisation of −J that outlives a step: the next steps of a path use it as long as it helps."""
+    """Factorisation of −J that is reused by the next steps of a path as long as it helps."""
 
     solve: Solve | None = None
     factorisations = 0
     solves = 0
-    found_stable = -1  # number of factorisations when an equilibrium was last checked and nothing was found
+    found_stable = -1  # number of factorisations when an equilibrium was last checked and found stable
 
     def __repr__(self) -> str:
         return f"Factorisation: {self.factorisations} factorisations for {self.solves} solves"
 
     def renew(self, matrix) -> Solve:
-        """Factorise; the old factor is given back first."""
+        """Factorise a matrix; the old factor is freed first."""
         self.solve = None
         self.solve = factorised(matrix)
         self.factorisations += 1
@@ -42,7 +42,7 @@ class Factorisation:
 
 
 class _TrialPoint(NamedTuple):
-    """A trial position, evaluated."""
+    """Trial position with its unbalanced forces."""
 
     state: State
     trial: object
@@ -62,21 +62,21 @@ def newton(
 ):
     """Solve Pᵀf(q) = 0 for the present loads; one increment of memory, committed only on success.
 
-    The slip of the whole load step is added in one increment along the final normal, which is a first-order rule: the
+    The slip of the whole load step is added in one increment along the final normal. This rule is of first order: the
     equilibrium differs from that of a slow ramp by O(step²) per step. Steps are halved until the residual falls.
-    Grains that nothing holds (rattlers: without load, and with at most one contact, or at most `dim` without friction)
-    are pushed out of what they touch, as their last contact would vanish at a rate of 3^−3/2 an iteration only.
+    Rattlers (grains without load and with at most one contact, or at most `dim` without friction) are pushed out of
+    what they touch, because their last contact would vanish at a rate of only 3^−3/2 per iteration.
 
     Parameters
     ----------
     tolerance : float, largest unbalanced force or torque/R [force]
     iterations : int, largest number of linear solves
-    keep : Kept, a factorisation to start with and to leave behind, for the steps of a path
+    keep : Factorisation, used as a first guess and updated, for the steps of a path
 
     Returns
     -------
     State, Outcome
-        the state at rest in equilibrium, or the given one unless the outcome is CONVERGED
+        the state at rest in equilibrium, or the given state unless the outcome is CONVERGED
     """
     free, keep = freedom(state), keep or Factorisation()
     loose = _unloaded_grains(state)
@@ -117,14 +117,14 @@ def _failure(status: Status, point: _TrialPoint, free: Freedom, used: int) -> Ou
 
 
 def _unloaded_grains(state: State) -> np.ndarray:
-    """(N,) grains that are free to move and on which nothing but contacts acts."""
+    """(N,) mask of grains that are free to move and on which only contacts act."""
     control, n, dim = state.control, len(state.grains.radius), state.cell.dim
     acted = control.force[:n].any(axis=1) | control.torque[:n].any(axis=1) | control.gravity.any()
     return ~acted & control.free[:n, :dim].all(axis=1)
 
 
 def _push_out_loose(point: _TrialPoint, law: Law, free: Freedom, loose: np.ndarray, least: int) -> _TrialPoint:
-    """The point with unloaded grains of fewer than `least` contacts moved until they touch nothing."""
+    """Move unloaded grains with fewer than `least` contacts until they touch nothing."""
     n = len(loose)
     for _ in range(20):
         state, trial = point.state, point.trial
@@ -151,7 +151,7 @@ def _push_out_loose(point: _TrialPoint, law: Law, free: Freedom, loose: np.ndarr
 
 
 def _one_sided_bodies(normal: np.ndarray, ends: np.ndarray, count: int) -> np.ndarray:
-    """(B,) bodies whose contacts lie on one side of them, so that pushing helps: not those held between two others."""
+    """(B,) mask of bodies with contacts on one side only, which can be pushed out, unlike those held between others."""
     total = np.zeros((count, 3))
     np.add.at(total, ends[:, 0], normal)
     np.add.at(total, ends[:, 1], -normal)
@@ -163,13 +163,13 @@ def _move(point: _TrialPoint, law: Law, free: Freedom, step: np.ndarray) -> _Tri
 
 
 def _limit_step(step: np.ndarray, point: _TrialPoint) -> np.ndarray:
-    """No coordinate moves further in one step than the list of contacts can see."""
+    """Limit a step so that no coordinate moves beyond the range of the neighbour list."""
     reach = 0.5 * float(point.state.contacts.skin[0])
     return step * min(1.0, reach / max(float(np.abs(step).max(initial=0.0)), reach))
 
 
 def _step_with_stored_factor(point: _TrialPoint, law: Law, free: Freedom, keep: Factorisation) -> _TrialPoint | None:
-    """One step with the factor that is there: as it is, or, when factors are dear, as a preconditioner."""
+    """Take one step with the stored factor, used directly or, if factorisation is expensive, as a preconditioner."""
     if keep.solve is None:
         return None
     keep.solves += 1
@@ -201,7 +201,7 @@ def _step_with_stored_factor(point: _TrialPoint, law: Law, free: Freedom, keep: 
 
 
 def _step_with_new_factor(point: _TrialPoint, law: Law, free: Freedom, keep: Factorisation) -> _TrialPoint | None:
-    """One step with a new factor, halved until the residual falls; if it never does, with a larger shift."""
+    """Take one step with a new factor, halved until the residual falls; if it never does, increase the shift."""
     pull = jacobian(point.state, law, free, memory=FREE)
     scale = np.abs(pull.data).max(initial=0.0)
     if ((np.abs(pull).sum(axis=1) == 0) & (point.vector != 0)).any():

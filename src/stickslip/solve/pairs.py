@@ -1,4 +1,4 @@
-"""All complex pairs of −M⁻¹J where dense LAPACK is slow: modes of the symmetric part, coupled window by window."""
+"""All complex pairs of −M⁻¹J for large systems: modes of the symmetric part, coupled in windows."""
 
 from typing import NamedTuple
 
@@ -27,15 +27,18 @@ from .windows import (
 )
 
 LARGEST = 12_000  # coordinates: four dense matrices of this size take 3 GB, and the time grows with the cube
-DENSE_BELOW = 1500  # coordinates; below it LAPACK takes a few seconds
-CONVERGED, ENOUGH = 2e-15, 1e-12  # residual over the largest |λ|: aimed at, and accepted where round-off stops earlier
-SAME = 1e-9  # share of the largest |λ| within which two refined eigenvalues with one eigenvector are one
-NEIGHBOURS = 20  # eigenvalues beside those of a subspace that Arnoldi's method looks at
+DENSE_BELOW = 1500  # coordinates below which LAPACK takes a few seconds
+CONVERGED, ENOUGH = (
+    2e-15,
+    1e-12,
+)  # residual over the largest |λ|: target, and limit of acceptance if round-off stops earlier
+SAME = 1e-9  # share of the largest |λ| within which two refined eigenvalues with one eigenvector are identical
+NEIGHBOURS = 20  # additional eigenvalues that Arnoldi's method computes near those of a subspace
 
 
 @readable
 class ComplexPairs(NamedTuple):
-    """Every complex pair of −M⁻¹J, one λ with Im λ > 0 for each, fastest growing first."""
+    """All complex pairs of −M⁻¹J, one λ with Im λ > 0 for each, fastest growing first."""
 
     eigenvalues: np.ndarray  # (P,) complex [1/time²]
     modes: np.ndarray  # (n, P) complex, columns: generalised displacements of unit mass-weighted norm
@@ -57,28 +60,29 @@ class ComplexPairs(NamedTuple):
 def complex_pairs(
     state: State, law: Law, *, certificate: bool = False, report: Report | None = None, dense_below: int = DENSE_BELOW
 ) -> ComplexPairs:
-    """Every complex pair λ_r ± iλ_i of −M⁻¹J at an accepted state, to double precision.
+    """Find all complex pairs λ_r ± iλ_i of −M⁻¹J at an accepted state, to double precision.
 
-    M^(−1/2)(−J)M^(−1/2) = S + K with a skew part K that is 1e-3 of S: a pair is born where K couples two nearly
-    degenerate modes of S more strongly than they are apart. S is diagonalised in single precision; windows of its modes
-    are coupled by K in double precision, all modes outside to second order. What is a pair, or too near to one to tell,
-    is refined as an invariant subspace of A itself, and counted if Im λ > 1e-9 of the largest |λ|. Where K is too
-    strong for that (sliding contacts), and for small systems, dense LAPACK does it all.
+    M^(−1/2)(−J)M^(−1/2) = S + K with a skew part K of about 1e-3 of S. A pair is born where K couples two nearly
+    degenerate modes of S more strongly than their separation. S is diagonalised in single precision. Windows of its
+    modes are coupled by K in double precision; all modes outside enter to second order. Pairs, and eigenvalues too
+    close to a pair to decide, are refined as invariant subspaces of A itself and counted if Im λ > 1e-9 of the largest
+    |λ|. Dense LAPACK is used where K is too strong (sliding contacts) and for small systems.
 
     Parameters
     ----------
-    certificate : count by Gershgorin discs what is real; needs double precision and several times the time
+    certificate : whether real eigenvalues are certified by Gershgorin discs; needs double precision and several times
+        the run time
     report : called as report(share done, words)
     dense_below : coordinates below which LAPACK is used
 
     Raises
     ------
     ValueError, LinAlgError
-        without coordinates, or beyond 12,000 of them; if a candidate could not be refined.
+        if there are no coordinates or more than 12,000; if a candidate could not be refined.
 
     Source
     ------
-    The pairs: S. Bonfanti et al., doi:10.1103/PhysRevE.101.052902.
+    S. Bonfanti et al., doi:10.1103/PhysRevE.101.052902, for the pairs.
 
     Examples
     --------
@@ -92,9 +96,11 @@ def complex_pairs(
     if not n:
         raise ValueError("nothing is free to move: pairs need at least one free coordinate")
     if n > LARGEST:
-        raise ValueError(f"{n} coordinates were given, at most {LARGEST} are taken: use `fastest_pair` instead")
+        raise ValueError(
+            f"{n} coordinates were given: `complex_pairs` takes at most {LARGEST}; use `fastest_pair` instead"
+        )
     matrix = dynamical_matrix(state, law, free)
-    # a row of zeros is an eigenvalue zero, and its coordinate does not move in any other mode
+    # a row of zeros gives a zero eigenvalue, and its coordinate does not move in any other mode
     held = np.flatnonzero(abs(matrix).sum(axis=1))
     matrix = matrix[held][:, held]
     basis, clusters = None, None
@@ -115,11 +121,11 @@ def complex_pairs(
 
 
 def _no_report(share: float, words: str) -> None:
-    """Tell nobody."""
+    """Ignore progress."""
 
 
 def _pairs_dense(matrix, tell: Report):
-    """Eigenvalues with Im λ > 0, unit eigenvectors, and the largest |λ|, by LAPACK."""
+    """Eigenvalues with Im λ > 0, unit eigenvectors, and the largest |λ|, from LAPACK."""
     tell(0.7, "dense eigenvalues")
     values, vectors = eig(matrix.toarray(order="F"), overwrite_a=True)
     upper = values.imag > 0
@@ -127,15 +133,15 @@ def _pairs_dense(matrix, tell: Report):
 
 
 def _refine_clusters(matrix, basis: Basis, clusters: list[Cluster], tell: Report, sweeps: int = 20):
-    """Eigenvalues with Im λ > 0 and unit eigenvectors of all clusters, each once, and the largest |λ|.
+    """Eigenvalues with Im λ > 0 and unit eigenvectors of all clusters, without duplicates, and the largest |λ|.
 
-    Every sweep takes the residual R = AX − XB of each invariant subspace X and removes X's error with an approximate
-    inverse of A − σ in the modes of S: two large matrix products for all clusters together, instead of one sparse
-    factor for each.
+    Every sweep computes the residual R = AX − XB of each invariant subspace X and removes the error of X with an
+    approximate inverse of A − σ in the modes of S. This takes two large matrix products for all clusters together,
+    instead of one sparse factor for each.
     """
     tell(0.8, f"refining {len(clusters)} candidates")
     subspaces = [qr(cluster.vectors, mode="economic")[0] for cluster in clusters]
-    single = np.float32  # a correction needs a few digits only
+    single = np.float32  # a correction needs only a few digits
     V = basis.vectors.astype(single, copy=False)
     last, active = np.full(len(clusters), np.inf), range(len(clusters))
     for _ in range(sweeps):
@@ -163,9 +169,9 @@ def _refine_clusters(matrix, basis: Basis, clusters: list[Cluster], tell: Report
     for k in np.flatnonzero(last > ENOUGH):
         good += _search_by_arnoldi(matrix, subspaces[k], basis.scale)
     values, vectors = _extract_pairs(matrix, good, basis.scale)
-    tell(0.82, "comparing with what the windows found")
+    tell(0.82, "comparing with the pairs found by the windows")
     lost = [clusters[k] for k in _unmatched_clusters(values, clusters, 2 * NEAR_PAIR * basis.scale)]
-    if lost:  # refinement ran into a neighbour of the pair that it started from
+    if lost:  # refinement converged to a neighbour of the pair that it started from
         for cluster in lost:
             good += _search_by_arnoldi(matrix, qr(cluster.vectors, mode="economic")[0], basis.scale)
         values, vectors = _extract_pairs(matrix, good, basis.scale)
@@ -173,7 +179,7 @@ def _refine_clusters(matrix, basis: Basis, clusters: list[Cluster], tell: Report
 
 
 def _unmatched_clusters(values: np.ndarray, clusters: list[Cluster], tolerance: float) -> list[int]:
-    """Clusters with an expected pair that no eigenvalue of its own lies near to, clear pairs only."""
+    """Clusters with a clear expected pair that no eigenvalue matches."""
     owner = np.repeat(np.arange(len(clusters)), [len(c.expected) for c in clusters])
     expected = np.concatenate([np.zeros(0, complex), *(c.expected for c in clusters)])
     clear = expected.imag > 10 * tolerance
@@ -182,7 +188,7 @@ def _unmatched_clusters(values: np.ndarray, clusters: list[Cluster], tolerance: 
         return []
     if not len(values):
         return sorted(set(owner.tolist()))
-    # the windows' borders list some pairs twice: one eigenvalue may answer two clusters, but not twice the same
+    # pairs at window borders occur twice: one eigenvalue may match two clusters, but not two pairs of one cluster
     far = np.abs(expected[:, None] - values[None, :])
     near = far < tolerance + 0.05 * expected.imag[:, None]
     lost = set(owner[~near.any(axis=1)].tolist())
@@ -194,7 +200,7 @@ def _unmatched_clusters(values: np.ndarray, clusters: list[Cluster], tolerance: 
 
 
 def _is_certainly_real(B: np.ndarray, error: float) -> bool:
-    """True if two real eigenvalues of a subspace are farther from being a pair than its error."""
+    """Return True if the two real eigenvalues of a subspace are farther from being a pair than its error."""
     values, vectors = np.linalg.eig(B)
     return len(B) == 2 and not np.iscomplexobj(values) and pair_margin(values, vectors)[0] > error
 
@@ -207,13 +213,13 @@ def _subspace_residual(matrix, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _subspace_correction(basis: Basis, window: Window, B: np.ndarray, R: np.ndarray, border: np.ndarray) -> np.ndarray:
-    """Z in the modes of S with AZ − ZB ≈ R, without a part in the subspace itself (`border`).
+    """Z in the modes of S with AZ − ZB ≈ R, without a component in the subspace itself (`border`).
 
-    Column by column in the complex Schur form B = QTQᴴ: it exists also where two eigenvalues of B coalesce.
+    Solved column by column in the complex Schur form B = QTQᴴ, which also exists if two eigenvalues of B coalesce.
     """
     T, Q = schur(B, output="complex")
     p, m = len(B), len(window.M)
-    K = basis.skew[window.inside]  # K_PQ and more; K_QP = −K_PQᵀ
+    K = basis.skew[window.inside]  # includes K_PQ; K_QP = −K_PQᵀ
     system, R, Z = np.zeros((m + p, m + p), complex), R @ Q, np.zeros(R.shape, complex)
     system[:m, m:] = border[window.inside]
     system[m:, :m] = border[window.inside].T
@@ -231,13 +237,13 @@ def _subspace_correction(basis: Basis, window: Window, B: np.ndarray, R: np.ndar
 
 
 def _real_matmul(K: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Kz of a real single-precision K, without a complex copy of it."""
+    """Kz for a real single-precision K, without a complex copy of K."""
     product = K @ np.stack([z.real, z.imag], axis=1).astype(K.dtype)
     return product[:, 0] + 1j * product[:, 1]
 
 
 def _search_by_arnoldi(matrix, subspace: np.ndarray, scale: float) -> list[np.ndarray]:
-    """Planes of all pairs among the eigenvalues nearest to those of a subspace, by shift and invert.
+    """Invariant planes of all pairs among the eigenvalues nearest to those of a subspace, by shift and invert.
 
     Raises
     ------
@@ -259,7 +265,7 @@ def _search_by_arnoldi(matrix, subspace: np.ndarray, scale: float) -> list[np.nd
 
 
 def _extract_pairs(matrix, subspaces: list[np.ndarray], scale: float):
-    """Eigenvalues with Im λ > 0 and eigenvectors within subspaces; one that two of them share is taken once."""
+    """Eigenvalues with Im λ > 0 and eigenvectors within subspaces, without duplicates."""
     values, vectors = [], []
     for X in subspaces:
         theta, y = eig(X.T @ (matrix @ X))

@@ -1,4 +1,4 @@
-"""Which contact decides: what its stiffness, its sliding or its opening does to a packing's verdict."""
+"""Sensitivity of stability to single contacts: their stiffness, sliding and opening."""
 
 from contextlib import nullcontext
 from typing import NamedTuple
@@ -18,43 +18,47 @@ from .freedom import ZERO_BELOW, Freedom, backbone, cell_geometric_terms, dynami
 from .linear import DENSE_BELOW, one_thread
 from .stability import PAIR_ABOVE, contacts_at_limit
 
-AT_MOST = 2_500  # coordinates: all modes, within minutes
-WORK = 5e9  # coordinates³ times spectra that are computed where the user does not say how many: some ten seconds
-LEAST = 3  # spectra, however large the packing
+AT_MOST = 2_500  # coordinates; all modes are computed within minutes
+WORK = 5e9  # default limit of coordinates³ times spectra, about ten seconds
+LEAST = 3  # smallest default number of spectra, however large the packing
 
 
 @readable
 class ContactSensitivity(NamedTuple):
-    """Of one pair to the stiffness of each contact, and of the verdict to each contact's sliding or opening.
+    """Sensitivity of one pair to contact stiffness, and of the verdict to the sliding or opening of each contact.
 
-    Rows of changes are sorted: those that turn the verdict first, then by how much the growth rate changes, then
-    by the derivative.
+    Changes are sorted: those that reverse the verdict first, then by the change of the growth rate, then by the
+    derivative.
     """
 
     eigenvalue: complex | None  # λ of the pair, Im λ > 0; None if there is no pair [1/time²]
-    condition: float  # ‖w‖‖v‖/|wᴴv| of λ, w and v its left and right mode: it diverges at a pair's birth; NaN without
-    contacts: np.ndarray  # (C,) rows of the state's list that touch and hold the packing
-    derivative: np.ndarray  # (C,) complex ∂λ/∂ln s of a factor s on each contact's stiffness; empty without a pair
-    growth_rate: float  # of what grows fastest, 0 if nothing does [1/time]
+    condition: float  # ‖w‖‖v‖/|wᴴv| of λ, with left mode w, right mode v; diverges at a pair's birth; NaN without
+    contacts: np.ndarray  # (C,) rows of the contact list that touch and support the packing
+    derivative: np.ndarray  # (C,) complex ∂λ/∂ln s for a factor s on each contact's stiffness; empty without a pair
+    growth_rate: float  # of the fastest growing mode, 0 if none grows [1/time]
     verdict: str  # stable, oscillates, buckles, or oscillates and buckles
-    contact: np.ndarray  # (K,) row of the state's list, of each change
+    contact: np.ndarray  # (K,) row of the contact list for each change
     i: np.ndarray  # (K,) the bodies in contact
     j: np.ndarray  # (K,)
     what: np.ndarray  # (K,) "slides" or "opens"
-    mobilised: np.ndarray  # (K,) |F_t|/(μ F_n) of the contact as it is, 1 at Coulomb's limit; NaN without friction
-    predicted: np.ndarray  # (K,) growth rate afterwards, by neighbouring modes in pairs: good for small changes only
-    after: np.ndarray  # (K,) growth rate afterwards, from the whole spectrum; NaN where it was not computed
-    verdict_after: np.ndarray  # (K,) the same, or falls apart: rattlers only; empty where it was not computed
-    scope: str  # what was not looked at, in words
+    mobilised: np.ndarray  # (K,) |F_t|/(μ F_n) of the unchanged contact, 1 at the Coulomb limit; NaN without friction
+    predicted: (
+        np.ndarray
+    )  # (K,) growth rate after the change, from neighbouring modes in pairs: valid for small changes only
+    after: np.ndarray  # (K,) growth rate after the change, from the full spectrum; NaN if it was not computed
+    verdict_after: (
+        np.ndarray
+    )  # (K,) verdict after the change, or "falls apart" if only rattlers are left; empty if not computed
+    scope: str  # limits of the analysis, in words
 
     @property
     def verified(self) -> np.ndarray:
-        """(K,) True where the whole spectrum was computed."""
+        """(K,) True where the full spectrum was computed."""
         return np.isfinite(self.after)
 
     @property
     def turns(self) -> np.ndarray:
-        """(K,) True where the change is known to make an unstable packing stable, or a stable one unstable."""
+        """(K,) True where the change is verified to make an unstable packing stable, or a stable one unstable."""
         return self.verified & ((self.verdict_after == "stable") != (self.verdict == "stable"))
 
     @property
@@ -64,18 +68,18 @@ class ContactSensitivity(NamedTuple):
 
 
 class _ModeData(NamedTuple):
-    """Λ = W A V and what contacts act through, A = −Q B Qᵀ + the rest."""
+    """Modes Λ = W A V, and the contributions of contacts to A = −Q B Qᵀ + other terms."""
 
     matrix: np.ndarray  # (n, n) A
     values: np.ndarray  # (n,) sorted
     right: np.ndarray  # (n, n) V
     left: np.ndarray  # (n, n) W = V⁻¹
-    incidence: sparse.csc_array  # (n, 6C) Q, over √mass; 9C where contacts resist rolling
+    incidence: sparse.csc_array  # (n, 6C) Q, over √mass; 9C columns if contacts resist rolling
     blocks: np.ndarray  # (C, 6, 6) B
-    force: np.ndarray  # (C, 3) of contacts
+    force: np.ndarray  # (C, 3) contact forces
 
     def columns_of(self, row: int) -> sparse.csc_array:
-        """(n, 6) columns of Q of one contact."""
+        """(n, 6) columns of Q for one contact."""
         width = self.blocks.shape[1]
         return self.incidence[:, width * row : width * (row + 1)]
 
@@ -83,36 +87,38 @@ class _ModeData(NamedTuple):
 def contact_sensitivity(
     state: State, law: Law, *, pair: int = 0, most: int | None = None, report=None
 ) -> ContactSensitivity:
-    """dλ = wᴴ dA v/(wᴴv) of a pair; and which contact, if it slid or opened, would change the verdict.
+    """Sensitivity of a complex pair, and of the stability verdict, to single contacts.
 
-    A = −M^(−1/2) J M^(−1/2) is a sum over contacts. For small changes of one of them its derivative says what happens;
-    at the birth of a pair wᴴv → 0 and the derivative diverges, as λ goes with the square root of a change there. For
-    what is not small each contact's block is replaced: by nothing where it opens; where it slides, by that of a contact
-    at Coulomb's limit in the direction of its slip (of one without slip, tangential stiffness vanishes). Everything
-    else stays where it is: this is the spectrum at the moment of the change, before forces find a new balance. Grains
-    that become rattlers thereby are left out with their contacts.
+    A = −M^(−1/2) J M^(−1/2) is a sum over contacts. For a small change of one contact, dλ = wᴴ dA v/(wᴴv). At the birth
+    of a pair wᴴv → 0 and the derivative diverges, because λ depends there on the square root of the change. For large
+    changes the block of a contact is replaced: by zero if the contact opens; if it slides, by the block of a contact at
+    the Coulomb limit in the direction of its slip (without slip, the tangential stiffness vanishes). Everything else is
+    unchanged: the spectrum is that at the moment of the change, before the forces find a new balance. Grains that
+    become rattlers by the change are excluded together with their contacts.
 
     Parameters
     ----------
-    pair : which complex pair the derivative is of, the fastest growing first
-    most : changes whose whole spectrum is computed, the most promising ones first (if the packing is unstable: those
-        that promise the least growth); default: what takes some ten seconds, which in small packings is all.
-        "Promising" rests on first-order shifts of all modes and the coupling of neighbours, and may miss some
+    pair : index of the complex pair whose derivative is computed, the fastest growing first
+    most : number of changes whose full spectrum is computed, the most promising first (if the packing is unstable,
+        those with the least predicted growth); default: as many as take about ten seconds, which is all in small
+        packings. The prediction rests on first-order shifts of all modes and the coupling of neighbours, and may miss
+        some changes
     report : called as report(stage, share done, words)
 
     Raises
     ------
     ValueError
-        if there are more than 2500 coordinates or no such pair; if nothing but rattlers is there, or no equilibrium.
+        if there are more than 2500 coordinates, or no such pair; if the packing has only rattlers, or is not in
+        equilibrium.
 
     Source
     ------
-    Kato, Perturbation Theory for Linear Operators (Springer 1995), § II.2, of simple eigenvalues; Seyranian &
-    Mailybaev, doi:10.1142/5305, Ch. 2, of coalescing ones.
+    Kato, Perturbation Theory for Linear Operators (Springer 1995), § II.2, for simple eigenvalues; Seyranian &
+    Mailybaev, doi:10.1142/5305, Ch. 2, for coalescing ones.
 
     Examples
     --------
-    Three disks that are pressed together; without one of their contacts they are rattlers:
+    Three disks that are pressed together. Without any one of their contacts they are rattlers:
 
     >>> import numpy as np
     >>> import stickslip as ss
@@ -125,13 +131,13 @@ def contact_sensitivity(
     """
     free = backbone(state, law)
     if not len(free):
-        raise ValueError("nothing but rattlers was given: sensitivities need grains that hold each other")
+        raise ValueError("the packing has only rattlers: sensitivities need grains that support each other")
     if len(free) > AT_MOST:
-        raise ValueError(f"{len(free)} coordinates were given: sensitivities take at most {AT_MOST}, all modes")
+        raise ValueError(f"{len(free)} coordinates were given: sensitivities need all modes and take at most {AT_MOST}")
     if most is not None and most < 0:
-        raise ValueError(f"most = {most} was given: a number of changes, at least 0, is needed")
+        raise ValueError(f"most = {most} was given: it must be a number of changes, at least 0")
     if (residual := imbalance(state, law)) > BALANCED_BELOW:
-        raise ValueError(f"{unjudged(residual)}, and no contact decides it: equilibrate first")
+        raise ValueError(f"{unjudged(residual)}; equilibrate the packing first")
     with one_thread() if len(free) < DENSE_BELOW else nullcontext():
         modes = _compute_modes(state, law, free)
         growth, verdict = _assess(modes.values)
@@ -146,12 +152,12 @@ def contact_sensitivity(
         after, words = np.full(len(changes), np.nan), np.full(len(changes), "", dtype="<U24")
         for k, one in enumerate(chosen):
             if report:
-                report("contacts that decide", k / len(chosen), f"{k} of {len(chosen)} spectra")
+                report("sensitivity to contacts", k / len(chosen), f"{k} of {len(chosen)} spectra")
             after[one], words[one] = _assess(_eigenvalues_after(state, law, modes, free, *changes[one]))
     missing = len(changes) - len(chosen)
-    scope = f"{missing} of {len(changes)} changes were judged by first-order shifts only" if missing else ""
+    scope = f"{missing} of {len(changes)} changes were evaluated by first-order shifts only" if missing else ""
     if len(contacts_at_limit(state, law)):
-        scope = "; ".join([*filter(None, [scope]), "contacts at Coulomb's limit go on sliding"])
+        scope = "; ".join([*filter(None, [scope]), "contacts at Coulomb's limit are assumed to keep sliding"])
     contact = np.array([row for row, *_ in changes], int)
     slope = np.abs(derivative)[np.searchsorted(rows, contact)] if len(derivative) else np.zeros(len(contact))
     last = _rank_changes(growth, verdict, after, words, slope)
@@ -164,7 +170,7 @@ def contact_sensitivity(
 
 
 def _rank_changes(growth: float, verdict: str, after, words, slope) -> np.ndarray:
-    """Order of changes: those that turn the verdict, those that change growth most, the unverified last."""
+    """Order of changes: those that reverse the verdict, then by change of growth; unverified ones last."""
     known = np.isfinite(after)
     turns = known & ((words == "stable") != (verdict == "stable"))
     return np.lexsort((-slope, -np.abs(np.where(known, after - growth, 0.0)), ~known, ~turns))
@@ -182,14 +188,14 @@ def _compute_modes(state: State, law: Law, free: Freedom) -> _ModeData:
     try:
         left = np.linalg.inv(right)
     except np.linalg.LinAlgError:
-        raise ValueError("modes coincide to round-off: this packing is at the very birth of a complex pair") from None
+        raise ValueError("modes coincide to round-off: this packing is at the birth of a complex pair") from None
     blocks, force = contact_blocks(state, law)[0], contact_forces(state, law)
     columns = incidence(state, len(blocks), free, blocks.shape[1]) / np.sqrt(free.mass)[:, None]
     return _ModeData(matrix, values, right, left, sparse.csc_array(columns), blocks, force)
 
 
 def _assess(values: np.ndarray) -> tuple[float, str]:
-    """Fastest growth rate and verdict, by the thresholds of `stability`."""
+    """Fastest growth rate and verdict, with the thresholds of `stability`."""
     if not len(values):
         return 0.0, "falls apart"
     scale = np.abs(values).max(initial=0.0)
@@ -208,7 +214,7 @@ def _pair_sensitivity(modes: _ModeData, rows: np.ndarray, pair: int):
     if not len(pairs) and pair == 0:
         return None, np.nan, np.zeros(0, complex)
     if not 0 <= pair < len(pairs):
-        raise ValueError(f"pair {pair} was asked for: this packing has {len(pairs)}, counted from 0")
+        raise ValueError(f"pair = {pair} was given: this packing has {len(pairs)} pairs, counted from 0")
     p = pairs[pair]
     left, right = modes.left[p] @ modes.incidence, modes.right[:, p] @ modes.incidence
     left, right = (x.reshape(len(modes.blocks), -1)[rows] for x in (left, right))
@@ -217,7 +223,7 @@ def _pair_sensitivity(modes: _ModeData, rows: np.ndarray, pair: int):
 
 
 def _list_changes(state: State, law: Law, modes: _ModeData, rows: np.ndarray) -> list:
-    """(row, what, change of its block, change of its force) of every contact that can slide or open."""
+    """(row, kind of change, change of block, change of force) for every contact that can slide or open."""
     slid, blocks, force = _with_all_sliding(state, law), modes.blocks, modes.force
     slid_blocks, slid_force = contact_blocks(slid, law)[0], contact_forces(slid, law)
     still = ~slid.contacts.slip[: len(blocks)].any(axis=1)
@@ -228,7 +234,7 @@ def _list_changes(state: State, law: Law, modes: _ModeData, rows: np.ndarray) ->
 
 
 def _with_all_sliding(state: State, law: Law) -> State:
-    """The state with every contact at Coulomb's limit, in the direction of its slip."""
+    """State with every contact at the Coulomb limit, in the direction of its slip."""
     c, contacts = linearise(state, law), state.contacts
     count = len(c.limit)
     slip, mode = contacts.slip.copy(), contacts.mode.copy()
@@ -241,21 +247,21 @@ def _with_all_sliding(state: State, law: Law) -> State:
 
 
 def _without_memory(state: State, rows: np.ndarray) -> State:
-    """The state with contacts, (C,) bool, that nothing holds along the plane of contact."""
+    """State with some contacts, (C,) bool, without tangential stiffness."""
     mode = state.contacts.mode.copy()
     mode[: len(rows)][rows] = OPEN
     return state._replace(contacts=state.contacts._replace(mode=mode))
 
 
 def _mobilisation(state: State, law: Law) -> np.ndarray:
-    """(C,) |F_t| over its limit of every pair in the list; NaN where there is no limit."""
+    """(C,) |F_t| over its limit for every pair in the list; NaN without a limit."""
     c, force = linearise(state, law), contact_forces(state, law)
     limit, pull = c.limit, np.linalg.norm(force - c.force_n[:, None] * c.normal, axis=1)
     return np.divide(pull, limit, out=np.full(len(limit), np.nan), where=limit > 0)
 
 
 def _predict_growth(modes: _ModeData, row: int, block: np.ndarray) -> float:
-    """Growth rate after a change: first-order shifts of all λ, then neighbours two by two."""
+    """Predicted growth rate after a change: first-order shifts of all λ, then coupling of neighbours in pairs."""
     columns = modes.columns_of(row)
     where = np.unique(columns.indices)
     q = columns[where].toarray()
@@ -270,7 +276,7 @@ def _predict_growth(modes: _ModeData, row: int, block: np.ndarray) -> float:
 
 
 def _eigenvalues_after(state, law, modes: _ModeData, free: Freedom, row: int, what: str, block, force) -> np.ndarray:
-    """All eigenvalues with one contact changed; grains that hold nothing any more are left out with their contacts."""
+    """All eigenvalues with one contact changed; grains that become rattlers are excluded with their contacts."""
     if what == "slides":
         return eigvals(_changed_matrix(state, modes, free, [(row, block, force)]), overwrite_a=True)
     mode = state.contacts.mode.copy()
@@ -285,7 +291,7 @@ def _eigenvalues_after(state, law, modes: _ModeData, free: Freedom, row: int, wh
 
 
 def _changed_matrix(state: State, modes: _ModeData, free: Freedom, changes) -> np.ndarray:
-    """(n, n) A with changes of blocks and forces (row, block, force) of contacts."""
+    """(n, n) A after changes (row, block, force) of contacts."""
     matrix = modes.matrix.copy()
     for row, block, force in changes:
         q = modes.columns_of(row).toarray()
@@ -296,7 +302,7 @@ def _changed_matrix(state: State, modes: _ModeData, free: Freedom, changes) -> n
 
 
 def _cell_change(state: State, free: Freedom, row: int, force: np.ndarray) -> np.ndarray:
-    """(n, n) what a change of one contact's force changes in the cell's rows of J, over masses."""
+    """(n, n) mass-scaled change of the cell rows of J due to a change of one contact force."""
     all_forces = np.zeros((int(state.contacts.count[0]), 3))
     nothing = cell_geometric_terms(state, all_forces, free)
     all_forces[row] = force
