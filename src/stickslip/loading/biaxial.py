@@ -1,4 +1,4 @@
-"""Disks between four walls, at rest under a pressure: the start of a biaxial test."""
+"""Boxes of disks at rest under a pressure: initial states of biaxial tests and of simple shear."""
 
 import numpy as np
 
@@ -10,10 +10,10 @@ from ..core.state import Control, State, assembly, box, disks, flat_walls, loads
 from ..solve.equilibrate import equilibrate
 from .packing import jammed
 
-LEFT, BOTTOM, RIGHT, TOP = range(4)  # walls; the first two stand still
-STEPS, BLOCKS = 20_000, 150  # of damped dynamics until rest, at most
-SOFT = 0.01  # pressure over kn at most: beyond, overlaps are not small
-LOOSE = 1.15  # by which a jammed packing is blown up before the walls press it together
+LEFT, BOTTOM, RIGHT, TOP = range(4)  # walls; the first two are fixed
+STEPS, BLOCKS = 20_000, 150  # steps of a block of damped dynamics, and largest number of blocks
+SOFT = 0.01  # largest pressure over kn; beyond it overlaps are not small
+LOOSE = 1.15  # expansion of the jammed packing before the walls compress it
 
 
 def biaxial_box(
@@ -27,16 +27,16 @@ def biaxial_box(
     seed: int = 0,
     tolerance: float = 1e-9,
 ) -> tuple[State, Law]:
-    """Disks in a box, pressed together by two walls under constant forces, with friction, and at rest.
+    """Frictional disks at rest in a box, compressed by two walls under constant forces.
 
-    Walls are bodies n + LEFT, n + BOTTOM (frozen), n + RIGHT and n + TOP, which move along their normals under a force
-    of `pressure` times the length of the box when it is still loose.
+    The walls are bodies n + LEFT and n + BOTTOM, which are fixed, and n + RIGHT and n + TOP, which move along their
+    normals under a force of `pressure` times the length of the initial, loose box.
 
     Parameters
     ----------
-    pressure : float, over kn the typical overlap in diameters [force/length]
+    pressure : float; pressure/kn is the typical overlap in diameters [force/length]
     radius : as in `jammed` [length]; masses are those of disks of density 1/(π/4)
-    tolerance : float, largest unbalanced force over the pressure, times a length of 1
+    tolerance : float, largest unbalanced force over the pressure times a length of 1
 
     Returns
     -------
@@ -73,9 +73,9 @@ def sheared_box(
     n: int = 100, *, pressure: float = 1e-4, kn: float = 1.0, kt: float = 0.5, mu: float = 0.5, radius=(0.4, 0.6),
     seed: int = 0, tolerance: float = 1e-9,
 ) -> tuple[State, Law]:  # fmt: skip
-    """Disks in a periodic cell whose strains xx, yy and xy are free, under a pressure, with friction, and at rest.
+    """Frictional disks at rest under a pressure in a periodic cell with free strains xx, yy and xy.
 
-    Arguments, law and errors as in `biaxial_box`.
+    Arguments, law and errors are those of `biaxial_box`.
     """
     law, packing = (
         _contact_law(kn, kt, mu, pressure),
@@ -89,7 +89,7 @@ def sheared_box(
 
 
 def settle(state: State, law: Law, tolerance: float) -> State:
-    """The state after damped dynamics, its largest unbalanced force below the tolerance, and standing still.
+    """Bring a state to rest by damped dynamics, with its largest unbalanced force below the tolerance.
 
     Raises
     ------
@@ -97,7 +97,9 @@ def settle(state: State, law: Law, tolerance: float) -> State:
         if it does not come to rest.
     """
     for _ in range(BLOCKS):
-        state = state._replace(instant=None)  # so that a seed's sample stays the one whose numbers are known
+        state = state._replace(
+            instant=None
+        )  # keeps the sample of each seed unchanged, so that its known numbers remain valid
         state, _, outcome = run(state, law, STEPS, 0.2, drag=0.02, tolerance=tolerance)
         if outcome.ok and outcome.iterations < STEPS:
             break
@@ -120,9 +122,11 @@ def _contact_law(kn: float, kt: float, mu: float, pressure: float) -> Law:
 
 
 def with_load(control: Control, wall: int, factor: float) -> Control:
-    """Control in which the force on a wall is multiplied by a factor; `wall` counts bodies."""
+    """Control with the force on a wall multiplied by a factor; `wall` is a body number."""
     force = control.force.copy()
     if not force[wall].any():
-        raise ValueError(f"body {wall} has no force that could be raised: wall k of n grains is body n + k")
+        raise ValueError(
+            f"body {wall} has no force that could be multiplied: wall k of a packing with n grains is body n + k"
+        )
     force[wall] *= factor
     return control._replace(force=force)

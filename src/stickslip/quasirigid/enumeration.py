@@ -1,7 +1,8 @@
-"""All statuses of a few critical contacts: solutions of the complementarity problem, and motions that need no load.
+"""Enumeration of the statuses of a few critical contacts: solutions of the complementarity problem, and rays.
 
-A status is regular if A_SS has full rank to within the errors of its entries; it then leads to one answer. A singular
-one may lead to none, or to a whole face of answers: of that the ends are kept.
+A status is regular if A_SS has full rank to within the errors of its entries; it then has exactly one solution. A
+singular status may have no solution, or a whole face of solutions, whose ends are returned. Rays are motions that need
+no load.
 """
 
 from collections.abc import Callable
@@ -12,18 +13,18 @@ from scipy.optimize import linprog
 
 from .lcp import Complementarity, ScaledProblem, scale_problem
 
-MAPPED = 14  # contacts up to which all statuses are gone through: 16,384
-AT_ONCE = 2048  # statuses that are solved together: more do not fit into the cache
-SURE = 0.1  # share of what would make A_SS singular that the errors of its entries may be
-SAME = 1e-6  # share of the largest rate up to which two answers are one: half of the digits
-BLUR = 10.0  # times the error bounds within which a null vector and what follows from it are known
+MAPPED = 14  # contacts up to which all statuses are enumerated: 16,384
+AT_ONCE = 2048  # statuses solved together; more do not fit into the cache
+SURE = 0.1  # largest errors of the entries of A_SS, over those that would make it singular
+SAME = 1e-6  # share of the largest rate up to which two solutions are the same: half of the digits
+BLUR = 10.0  # factor on the error bounds for null vectors and quantities derived from them
 
 
 class AllStatusRates(NamedTuple):
-    """What every status leads to, in the order of its bits; in the units of `ScaledProblem`."""
+    """Rates of every status, in the order of its bits and in the units of `ScaledProblem`."""
 
     slides: np.ndarray  # (2^Mc, Mc) bool
-    rate: np.ndarray  # (2^Mc, Mc) Ṽ: λ of what slides, −w of the others
+    rate: np.ndarray  # (2^Mc, Mc) Ṽ: λ of sliding contacts, −w of the others
     error: np.ndarray  # (2^Mc, Mc) error bound of Ṽ
     sign: np.ndarray  # (2^Mc,) of det A_SS; 0 where it is singular to round-off
     minor: np.ndarray  # (2^Mc,) det A_SS
@@ -36,7 +37,7 @@ class AllStatusRates(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """One answer of the complementarity problem."""
+    """Solution of the complementarity problem."""
 
     slides: np.ndarray  # (Mc,) bool
     slip: np.ndarray  # (Mc,) λ
@@ -46,23 +47,23 @@ class Solution(NamedTuple):
 
 
 class Ray(NamedTuple):
-    """Slip rates x ≥ 0 of a singular status that need no load: A_SS x = 0, and no contact leaves the cone."""
+    """Slip rates x ≥ 0 of a singular status without load: A_SS x = 0, and no contact leaves the cone."""
 
     slides: np.ndarray  # (Mc,) bool
     slip: np.ndarray  # (Mc,) x
-    left: np.ndarray  # (Mc,) y with yᵀA = 0 on what slides
+    left: np.ndarray  # (Mc,) y with yᵀA = 0 on the sliding contacts
     drive: float  # yᵀq: not zero if the load drives the motion
 
 
 class AllSolutions(NamedTuple):
-    """All solutions of a complementarity problem that differ, and the rays; each end of a face counts as one."""
+    """All distinct solutions and rays of a complementarity problem; each end of a face is a solution."""
 
     solutions: tuple[Solution, ...]
     rays: tuple[Ray, ...]
 
 
 def enumerate_rates(problem: ScaledProblem) -> AllStatusRates:
-    """The answers of all statuses, with error bounds, for at most 14 critical contacts."""
+    """Compute the rates of all statuses with error bounds, for at most 14 critical contacts."""
     size = len(problem.vector)
     slides = (np.arange(1 << size)[:, None] >> np.arange(size)) & 1 > 0
     rate, error = np.zeros(slides.shape), np.full(slides.shape, np.inf)
@@ -76,14 +77,14 @@ def enumerate_rates(problem: ScaledProblem) -> AllStatusRates:
 
 
 def _solve_statuses(problem: ScaledProblem, slides: np.ndarray, k: int):
-    """Ṽ, its error bounds, the sign of the minor and the minor, of statuses with k sliding contacts each."""
+    """Ṽ with error bounds, and sign and value of the minor, for statuses with k sliding contacts each."""
     chosen = np.nonzero(slides)[1].reshape(len(slides), k)
     square = (chosen[:, :, None], chosen[:, None, :])
     a, error, q = problem.matrix[square], problem.error[square], problem.vector[chosen]
     sign, size = np.linalg.slogdet(a)
     a = np.where((sign == 0)[:, None, None], np.eye(k), a)
     inverse = np.linalg.inv(a)
-    # A_SS stays regular under all changes E of its entries with max row sum of |A_SS⁻¹| |E| < 1
+    # A_SS stays regular for all changes E of its entries with a largest row sum of |A_SS⁻¹| |E| below 1
     blurred = (np.abs(inverse) @ error).sum(axis=2).max(axis=1, initial=0.0)
     slip = -_batched_matvec(inverse, q)
     slip -= _batched_matvec(inverse, _batched_matvec(a, slip) + q)
@@ -103,14 +104,15 @@ def _batched_matvec(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 
 
 def enumerate_solutions(problem: Complementarity, again: Callable | None = None) -> AllSolutions:
-    """All solutions and rays, for at most 14 critical contacts.
+    """Find all solutions and rays, for at most 14 critical contacts.
 
-    Of statuses that lead to the same rates, with a contact on a boundary, one is kept: one with det A_SS > 0, if any.
+    Of several statuses with the same rates, which have a contact on a boundary, one is returned, with det A_SS > 0 if
+    possible.
 
     Parameters
     ----------
-    again : called as again(slides) for statuses that are consistent within the error bounds only; returns (Ṽ, error
-        bound) from better data than A, or None if such data show that the status is not consistent
+    again : called as again(slides) for statuses that are consistent only to within the error bounds; returns (Ṽ, error
+        bound) from more accurate data than A, or None if these show that the status is not consistent
     """
     here = scale_problem(problem)
     through = enumerate_rates(here)
@@ -138,7 +140,7 @@ def _make_solution(problem: ScaledProblem, through: AllStatusRates, number: int)
 
 
 def _replace_rates(one: Solution, better: tuple[np.ndarray, np.ndarray] | None) -> Solution | None:
-    """A solution with better rates, or None if these show that it is none."""
+    """Solution with more accurate rates, or None if these show that it is not consistent."""
     if better is None:
         return None
     rate, error = better
@@ -161,13 +163,13 @@ def _ray_in_units(problem: ScaledProblem, ray: Ray) -> Ray:
 
 
 class SolutionFace(NamedTuple):
-    """What must not be negative on the null space of a singular status, at + turn t: λ of what slides, w of others."""
+    """Quantities at + turn t ≥ 0 on the null space of a singular status: λ of sliding contacts, w of the others."""
 
     slides: np.ndarray  # (Mc,) bool
     at: np.ndarray  # (Mc,)
     turn: np.ndarray  # (Mc, d)
     left: np.ndarray  # (k, d) left null vectors of A_SS
-    missed: np.ndarray  # (d,) what they leave of q: if not zero, no slip rates balance the load
+    missed: np.ndarray  # (d,) their products with q; if not zero, no slip rates balance the load
     at_error: np.ndarray  # (Mc,) error bounds of `at`, of `turn` and of `missed`
     turn_error: np.ndarray
     missed_error: np.ndarray
@@ -183,7 +185,9 @@ def _solution_face(problem: ScaledProblem, slides: np.ndarray) -> SolutionFace:
     at = np.where(slides, 0.0, a @ slip + q)
     turn = np.where(slides[:, None], 0.0, a @ right)
     at[slides], turn[slides] = slip, right
-    spread = BLUR * max(1.0, np.linalg.norm(inverse))  # errors of null vectors are those of A over the next value
+    spread = BLUR * max(
+        1.0, np.linalg.norm(inverse)
+    )  # errors of null vectors are those of A over the next singular value
     at_error = spread * (error @ np.abs(slip) + problem.vector_error + error.max())
     missed_error = BLUR * np.abs(left.T) @ problem.vector_error[slides]
     missed_error += spread * np.linalg.norm(error[slides]) * np.linalg.norm(q[slides])
@@ -192,7 +196,7 @@ def _solution_face(problem: ScaledProblem, slides: np.ndarray) -> SolutionFace:
 
 
 def _face_ends(face: SolutionFace) -> list[Solution]:
-    """Two ends of the solutions {t: at + turn t ≥ 0}, none if there are none; a place for an end at infinity."""
+    """Ends of the solutions {t: at + turn t ≥ 0}, or none; an end at infinity is replaced by a finite point."""
     still = (np.abs(face.turn) <= face.turn_error[:, None]).all(axis=1)
     if (face.missed > face.missed_error).any() or (face.at[still] < -face.at_error[still]).any():
         return []
@@ -215,7 +219,7 @@ def _face_ends(face: SolutionFace) -> list[Solution]:
 
 
 def _interval_ends(at: np.ndarray, turn: np.ndarray, slack: np.ndarray) -> list[np.ndarray]:
-    """Both ends of {t: at + turn t ≥ 0}; none if it is empty even with at + slack."""
+    """Both ends of {t: at + turn t ≥ 0}; empty if there is no solution even with at + slack."""
     bound, give, rising = -at / turn, slack / np.abs(turn), turn > 0
     if np.max((bound - give)[rising], initial=-np.inf) > np.min((bound + give)[~rising], initial=np.inf):
         return []
@@ -226,7 +230,7 @@ def _interval_ends(at: np.ndarray, turn: np.ndarray, slack: np.ndarray) -> list[
 
 
 def _find_rays(problem: ScaledProblem, face: SolutionFace) -> list[Ray]:
-    """Slip rates of the null space that are nowhere negative and make no contact leave the cone."""
+    """Nonnegative slip rates of the null space for which no contact leaves the cone."""
     turn, slides = face.turn, face.slides
     if turn.shape[1] == 1:
         ways = [np.array([1.0]), np.array([-1.0])]
@@ -247,7 +251,7 @@ def _find_rays(problem: ScaledProblem, face: SolutionFace) -> list[Ray]:
 
 
 class StatusMap(NamedTuple):
-    """C: S ↦ C(S); bits of S say which critical contacts slide, those of C(S) which are consistent."""
+    """Map C: S ↦ C(S). Bits of S mark the critical contacts that slide, bits of C(S) those that are consistent."""
 
     image: np.ndarray  # (2^Mc,) C(S) for S = 0 … 2^Mc − 1; −1 where k(S) is singular
 
@@ -263,12 +267,12 @@ class StatusMap(NamedTuple):
 
 
 def status_map(problem: Complementarity) -> StatusMap:
-    """The map of the paper's Eq. 5, gone through whole, for at most 14 critical contacts."""
+    """Compute the map of the paper's Eq. 5 for all statuses, for at most 14 critical contacts."""
     size = len(problem.vector)
     if size > MAPPED:
         raise ValueError(
-            f"{size} critical contacts were given: their {2.0**size:.3g} statuses cannot be gone through, at most "
-            f"{MAPPED} can; `contact_status` finds the consistent one, `certificate` what is known of uniqueness"
+            f"{size} critical contacts were given: their {2.0**size:.3g} statuses cannot be enumerated, at most "
+            f"{MAPPED} contacts are allowed; `contact_status` finds a consistent status, `certificate` tests uniqueness"
         )
     through = enumerate_rates(scale_problem(problem))
     fits = np.where(through.slides, through.rate > 0, through.rate < 0)

@@ -1,8 +1,8 @@
-"""One increment of a path: everything is linear in the load until a contact meets the cone, opens, or closes.
+"""One increment of a load path, linear in the load until a contact reaches the cone, opens, or closes.
 
-c, K and the geometric stiffness are frozen. Events within the increment that only change the statuses at the cone are
-gone through; where a contact opens or closes, the increment ends, and its status is decided at the start of the next,
-together with those of all contacts that have no force there.
+c, K and the geometric stiffness are frozen. Events that only change the statuses at the cone are processed within the
+increment. If a contact opens or closes, the increment ends, and its status is decided at the start of the next one,
+together with those of all contacts without force.
 
 Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Secs. II A and III D.
 """
@@ -32,28 +32,34 @@ from .status import ContactStatus, Verdict, contact_status
 from .system import RESIDUAL, pins
 from .uniqueness import certificate
 
-AT_CONE = 1e-10  # distance from the cone, in mean normal forces, that is round-off: 1e-16 times conditions of k of 1e5
-BLURRED = 10.0  # times what is out of balance, below which a disk with two contacts is not yet said to meet the cone
-CROWD = 200  # events after which a path ends if the load has not gone on: no real avalanche of this size was seen
-OUT_OF_BALANCE = 1e-4  # force, in mean normal forces, beyond which an increment is halved: loads of events are as exact
-BALANCED = 1e-10  # the same, to which an increment is brought back: far below the force of a contact at the apex
-TOUCHES = 1e-7  # gap, as a force in mean normal forces, up to which a pair touches: below what is lost by deciding APEX
-CORRECTIONS = 6  # of the balance at most: each leaves about a thousandth
-LOOK = 0.01  # of a leg, after which other choices are looked for also where no event was: c changes little on it
-NO_P_MATRIX = "the status is not unique for every load any more"
-NOT_UNIQUE = "choices of statuses are consistent: the statuses are not unique"
+AT_CONE = (
+    1e-10  # distance from the cone, in mean normal forces, of the size of round-off: 1e-16 times conditions of k of 1e5
+)
+BLURRED = (
+    10.0  # force over the unbalanced one, below which a disk with two contacts is not checked for reaching the cone
+)
+CROWD = 200  # events after which a path without progress of the load ends; no real avalanche of this size was seen
+OUT_OF_BALANCE = (
+    1e-4  # force, in mean normal forces, beyond which an increment is halved; loads of events are as accurate
+)
+BALANCED = 1e-10  # residual, in mean normal forces, after balancing; far below the force of a contact at the apex
+TOUCHES = 1e-7  # gap, as a force in mean normal forces, up to which a pair touches; below the error due to APEX
+CORRECTIONS = 6  # largest number of balance corrections; each leaves about a thousandth
+LOOK = 0.01  # share of a leg after which other statuses are sought even without an event; c changes little within it
+NO_P_MATRIX = "the status is no longer unique for every load"
+NOT_UNIQUE = "combinations of statuses are consistent: the statuses are not unique"
 
 
 class PathState(NamedTuple):
-    """Where a path is."""
+    """State of a load path with the marks of its contacts."""
 
     state: State
     loose: np.ndarray  # (N,) bool: rattlers
-    parted: np.ndarray  # (C,) bool: pairs that still overlap a little but do not hold each other
-    fresh: np.ndarray  # (C,) bool: contacts at the apex of the cone, whose status is to be decided
-    unique: bool  # whether the status was unique for every load when it was last known
-    looked: float  # load at which that, and other choices, were last looked for
-    wedged: bool = False  # whether a rattler was wedged here, just now
+    parted: np.ndarray  # (C,) bool: pairs that still overlap slightly but carry no force
+    fresh: np.ndarray  # (C,) bool: contacts at the apex of the cone, whose status must be decided
+    unique: bool  # whether the status was unique for every load when last tested
+    looked: float  # load of the last test for uniqueness and for other statuses
+    wedged: bool = False  # whether a rattler has just been wedged here
 
 
 def external(state: State, free: Freedom) -> np.ndarray:
@@ -93,9 +99,9 @@ class Increment:
         self.faint = max(APEX * self.mean, BLURRED * np.abs(missing).max())
 
     def _decide_at_apex(self, place: PathState) -> None:
-        """Contacts without force open, stick or slide either way; bodies without any are released.
+        """Decide whether contacts without force open, stick or slide; bodies without contact forces are released.
 
-        All contacts that have no force now are decided together: one after the other they may undo each other.
+        All contacts without force are decided together; decisions one after the other could undo each other.
         """
         before, place = place, self._with_touching_pairs(place)
         self._set_state(place)
@@ -123,7 +129,7 @@ class Increment:
         self.matrix = self.matrix._replace(sign=np.where(side != 0, side, self.matrix.sign))
 
     def _with_touching_pairs(self, place: PathState) -> PathState:
-        """The place in which pairs that parted, but still touch, are at the apex again."""
+        """State in which parted pairs that still touch are at the apex again."""
         contacts, loose = place.state.contacts, np.append(place.loose, np.zeros(len(place.state.walls.mass), bool))
         back = np.flatnonzero(place.parted & ~place.fresh)
         back = back[~(loose[contacts.i[back]] | loose[contacts.j[back]])]
@@ -132,7 +138,7 @@ class Increment:
         return place._replace(state=with_modes(place.state, back, STICK), parted=parted, fresh=fresh)
 
     def _record_fork(self, taken: np.ndarray, others, forces: bool = True) -> None:
-        """Record other consistent choices; statuses as in `apex`, of all contacts."""
+        """Record other consistent combinations; statuses of all contacts, as in `cone_apex`."""
         others = np.array(others)
         differ = np.flatnonzero((others != taken).any(axis=0))
         fork = Fork(
@@ -143,7 +149,7 @@ class Increment:
         self.events.append(Event(0.0, f"{1 + len(others)} {NOT_UNIQUE}", *self._bodies_of(differ[0])))
 
     def run(self, start: float):
-        """The place at the end, the share of the leg that was used, and the verdict."""
+        """Run the increment; return the state at its end, the share of the leg that was used, and the verdict."""
         m = self.matrix
         self._set_load(start)
         if self.lost is not None:
@@ -151,7 +157,7 @@ class Increment:
         force, slides, sign = m.force.copy(), m.limit.copy(), m.sign.copy()
         moved, done = np.zeros(len(m.free)), 0.0
         for _ in range(CROWD):
-            # what has come to the cone in several events at one load is decided together
+            # contacts that reached the cone in several events at one load are decided together
             beside = self._at_cone(force, slides)
             sign[beside] = -np.sign(force[beside, 1])
             now = m._replace(sign=sign, limit=slides | beside)
@@ -184,7 +190,7 @@ class Increment:
         return end, done * self.increment, Verdict.CONSISTENT
 
     def _choose_status(self, now: LinearSystem, slides: np.ndarray, load: float) -> ContactStatus:
-        """The status; other choices are looked for after events, and from time to time."""
+        """Status at a load; other statuses are sought after events and at intervals of LOOK."""
         changed = (self.events and self.events[-1].load == load) or (now.limit & ~slides).any()
         if not changed and load < self.looked + LOOK and (same := self._previous_status(now, slides)):
             return same
@@ -192,7 +198,7 @@ class Increment:
         return contact_status(now, self.load, start=slides, geometric=self.geometric)
 
     def _previous_status(self, now: LinearSystem, slides: np.ndarray) -> ContactStatus | None:
-        """The status that was, if it is still consistent."""
+        """Previous status if it is still consistent, otherwise None."""
         try:
             self.solve = _make_solver(now, slides, self.geometric)
             velocity = self.solve(self.load)
@@ -210,19 +216,19 @@ class Increment:
         self.forks = [f._replace(load=load) for f in self.forks]
 
     def _at_cone(self, force: np.ndarray, slides: np.ndarray) -> np.ndarray:
-        """(M,) bool: contacts with a force that stick on the cone, to round-off."""
+        """(M,) mask of sticking contacts with a force that are on the cone to round-off."""
         m = self.matrix
         margin = m.mu * force[:, 0] - np.abs(force[:, 1])
         blurred = force[:, 0] <= np.where(self.paired, self.faint, APEX * self.mean)
         return ~slides & ~blurred & (margin <= AT_CONE * self.mean)
 
     def _is_stable(self, matrix: LinearSystem, choice: ContactStatus, load: float) -> bool:
-        """False if det k < 0 for the status that was found; an event tells where another load could have had two."""
+        """Return False if det k < 0 for the status; record an event if statuses cease to be unique for every load."""
         if not len(choice.critical):
             self.unique = True
             return True
         known = choice.uniqueness
-        if known is None:  # too many contacts for `contact_status` to decide by itself
+        if known is None:  # `contact_status` does not test uniqueness with so many contacts
             try:
                 problem = complementarity(matrix, self.load, geometric=self.geometric)
             except LinAlgError:
@@ -254,10 +260,10 @@ class Increment:
                 self.events[-1] = self.events[-1]._replace(load=load)
 
     def _finish(self, force, moved, slides, sign, contacts, done: float) -> PathState:
-        """The place after the increment, brought back to balance with the statuses of its last piece.
+        """State after the increment, with balance restored using the statuses of its last piece.
 
-        The turning of contacts leaves forces of second order out of balance. Left to the next increment, they would
-        mix with its load, and decide statuses where that is small.
+        The rotation of contacts leaves unbalanced forces of second order. Left to the next increment, they would mix
+        with its load and determine statuses where that load is small.
         """
         place = self._advance(force, moved, slides, sign, contacts, done)
         if self.last is None:
@@ -284,9 +290,9 @@ class Increment:
         return place
 
     def _unbalanced_force(self, place: PathState) -> np.ndarray:
-        """(n,) force that is out of balance at a place.
+        """(n,) unbalanced force of a state.
 
-        What presses on rattlers is left out, since they are moved aside, and pairs that part but overlap a little.
+        Forces on rattlers, which are moved aside, and forces of parted pairs with a small overlap are excluded.
         """
         state, free, count = place.state, self.matrix.free, int(place.state.contacts.count[0])
         out = residual_vector(state, forces(state, self.law)[0], free)
@@ -298,7 +304,7 @@ class Increment:
         return out - incidence(state, count, free) @ push.ravel() if push.any() else out
 
     def _advance(self, force, moved, slides, sign, contacts, done: float) -> PathState:
-        """The place after the increment: bodies moved, memory as the path has it, contacts at the apex marked."""
+        """State after the increment: bodies moved, contact memory set from the path, contacts at the apex marked."""
         m, before = self.matrix, self.state
         state = updated(displaced(before, m.free, moved))
         _, trial = forces(state, self.law)
@@ -306,7 +312,7 @@ class Increment:
         where = np.searchsorted(trial.key[:count], before.contacts.key[m.rows])
         born = np.array([c for c in contacts if c >= m.count], int) - m.count
         new = np.searchsorted(trial.key[:count], before.contacts.key[self.gap_rows[born]]) if len(born) else born
-        # what the way to balance has left apart comes to touch in the next piece
+        # pairs still apart after balancing close in the next piece
         new = new[self.stiffest * gaps(state, new)[1] <= TOUCHES * self.mean]
         line = linearise(accept(state, trial), self.law)
         normal, stiffness = line.normal[where], np.where(line.stiffness_t[where] > 0, line.stiffness_t[where], 1.0)
@@ -318,7 +324,7 @@ class Increment:
         fresh = np.zeros(len(mode), bool)
         fresh[new] = True
         fresh[where[[c for c in contacts if c < m.count]]] = True
-        # pairs beside those of the matrix overlap where they part and were not quite apart, or met on a curved way
+        # pairs outside the matrix overlap if they have parted incompletely, or met on a curved path
         more = np.flatnonzero((mode[:count] == OPEN) & (trial.mode[:count] != OPEN))
         loose = np.append(self.loose, np.zeros(state.n_bodies - len(self.loose), bool))
         known = np.isin(trial.key[more], before.contacts.key[np.flatnonzero(self.place.parted)])
@@ -331,19 +337,19 @@ class Increment:
 
 
 def _statuses_from_side(side: np.ndarray) -> np.ndarray:
-    """Statuses as in `apex` of contacts with a force, from sgn D_t of what slides, 0 elsewhere."""
+    """Statuses, as in `cone_apex`, of contacts with a force, from sgn D_t of sliding contacts, 0 elsewhere."""
     return np.where(side > 0, SLIDES, np.where(side < 0, SLIDES_BACK, STICKS))
 
 
 def _verdict_of_loss(found: ApexStatuses) -> Verdict:
-    """The verdict where contacts at the apex have no consistent choice that is stable."""
+    """Verdict if contacts at the apex have no consistent and stable combination of statuses."""
     if found.status is not None:
         return Verdict.NEGATIVE
     return Verdict.UNSTABLE if found.complete else Verdict.NOT_FOUND
 
 
 def _make_solver(matrix: LinearSystem, slides, geometric: bool):
-    """A function that solves k(S) v = f for a status; LinAlgError where k(S) is singular to round-off."""
+    """Return a function that solves k(S) v = f; it raises LinAlgError if k(S) is singular to round-off."""
     size = len(matrix.free)
     kept = np.setdiff1d(np.arange(size), pins(matrix))
     k = stiffness_matrix(matrix, slides, geometric=geometric)[kept][:, kept]
@@ -367,7 +373,7 @@ def _force_changes(matrix: LinearSystem, slides, velocity) -> np.ndarray:
 
 
 def _increment_matrices(place: PathState, law: Law) -> LinearSystem:
-    """The matrices of what holds each other, with the springs of contacts that are about to touch, too."""
+    """Matrices of grains that support each other, including the springs of contacts about to touch."""
     state = place.state
     m = linear_system(state, law, rattlers=place.loose)
     kept = np.flatnonzero(~place.parted[m.rows])

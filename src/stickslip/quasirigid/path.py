@@ -1,9 +1,10 @@
-"""The piecewise-linear path of a packing under a slowly changing load, from event to event.
+"""Piecewise-linear path of a packing under a slowly changing load, from event to event.
 
-Between events velocities are proportional to the load rate, k(S) dq = df_ext, and every contact force changes linearly:
-the times at which a contact reaches Coulomb's cone, opens, or closes are exact. At each of them the statuses are found
-anew by the principle of minimum sliding. c, K and the geometric stiffness are frozen within an increment of load and
-made anew after it. An increment ends in balance: a few Newton steps make good what the turning of contacts left.
+Between events velocities are proportional to the load rate, k(S) dq = df_ext, and every contact force changes linearly,
+so the loads at which a contact reaches the Coulomb cone, opens, or closes are exact. At each event the statuses are
+determined again by the principle of minimum sliding. c, K and the geometric stiffness are frozen within an increment of
+load and recomputed after it. At the end of an increment a few Newton steps remove the imbalance due to the rotation of
+contacts.
 
 Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Secs. II A, III D and V.
 """
@@ -27,84 +28,84 @@ from .status import Verdict
 from .system import pins, unbalanced_axes
 
 BALANCED = 1e-6  # largest unbalanced force at the start, in mean normal forces
-SMALLEST = 1e-8  # part of a leg to which increments are halved: what is wedged then overlaps by round-off
-CHECKED_UP_TO = 2500  # coordinates of which it is checked that the start is stable
-SHRINKS = 0.9  # what an increment leaves out of balance has to shrink by with its half, else halving is no use
-PROGRESS = 1e-5  # of a leg: a load that rises by less in CROWD events and parts of increments does not go on
-RETURNS = "is wedged and carries again"
+SMALLEST = 1e-8  # share of a leg to which increments are halved; wedged rattlers then overlap by round-off
+CHECKED_UP_TO = 2500  # coordinates up to which the stability of the initial state is checked
+SHRINKS = 0.9  # largest ratio of imbalances before and after halving an increment for which halving goes on
+PROGRESS = 1e-5  # share of a leg; the load stalls if it rises by less in CROWD events and parts of increments
+RETURNS = "is wedged and carries load again"
 
 
 class Point(NamedTuple):
-    """The path where an increment of load ended."""
+    """Point of a load path at the end of an increment."""
 
     load: float  # in legs: 1.5 is the middle of the second one
     state: State
-    sliding: int  # contacts that slide
-    contacts: int
-    residual: float  # out-of-balance force over the mean normal force
+    sliding: int  # number of sliding contacts
+    contacts: int  # number of contacts
+    residual: float  # unbalanced force over the mean normal force
 
 
 @readable
 class LoadPath(NamedTuple):
-    """A path, until its last leg was done or stability was lost."""
+    """Load path up to the end of its last leg or to the loss of stability."""
 
     points: tuple[Point, ...]
     events: tuple[Event, ...]
-    verdict: Verdict  # CONSISTENT if the whole load was reached; the last event says where and why not
-    alternatives: tuple[Fork, ...]  # loads at which other choices of statuses were consistent, too
-    unchecked: int  # times when it is not known whether the statuses are unique: too many contacts are critical
+    verdict: Verdict  # CONSISTENT if the full load was reached; otherwise the last event gives the load and reason
+    alternatives: tuple[Fork, ...]  # loads at which other statuses were consistent, too
+    unchecked: int  # number of times that uniqueness could not be decided because too many contacts were critical
     law: Law
 
     @property
     def complete(self) -> bool:
-        """True if the whole load was reached."""
+        """True if the full load was reached."""
         return self.verdict is Verdict.CONSISTENT
 
     @property
     def loses_stability(self) -> bool:
-        """Whether the packing loses its stability where the path ends."""
+        """True if the packing loses its stability at the end of the path."""
         return self.verdict in (Verdict.UNSTABLE, Verdict.NEGATIVE, Verdict.MECHANISM)
 
     @property
     def summary(self) -> str:
-        """How the path ended, in a sentence, and how sure that is."""
-        end = "the whole load was reached" if self.complete else self.verdict.value
+        """Sentence on the end of the path and on the uniqueness of its statuses."""
+        end = "the full load was reached" if self.complete else self.verdict.value
         if forks := len(self.alternatives):
-            end += f"; other choices were consistent, too, at {forks} load{'s'[: forks > 1]}: see `alternatives`"
+            end += f"; other statuses were consistent, too, at {forks} load{'s'[: forks > 1]}: see `alternatives`"
         if self.unchecked:
-            end += f"; {self.unchecked} times it is not known whether there were others"
+            end += f"; {self.unchecked} times it is not known whether other statuses were consistent"
         return end
 
     @property
     def load(self) -> np.ndarray:
-        """(T,) load of each point."""
+        """(T,) loads of all points."""
         return np.array([p.load for p in self.points])
 
     @property
     def states(self) -> list[State]:
-        """State of each point."""
+        """States of all points."""
         return [p.state for p in self.points]
 
 
 def load_path(
     state: State, law: Law, *legs: Control, increment: float = 0.01, geometric: bool = True, report=None
 ) -> LoadPath:
-    """Follow a packing while its control goes in straight lines through the given ones.
+    """Follow a packing while its control changes linearly from one given control to the next.
 
     Parameters
     ----------
     state : State in equilibrium under its own control, in two dimensions
     law : Law with sharp friction, linear in the overlap (`linear`)
-    legs : Control, the ends of the legs; forces, torques, gravity and stress change linearly on the way
+    legs : Control at the end of each leg; forces, torques, gravity and stress change linearly in between
     increment : largest increment of load between two updates of the geometry, in legs
-    geometric : whether the geometric stiffness enters k
+    geometric : whether k includes the geometric stiffness
     report : called as report(share done, words) after every increment
 
     Raises
     ------
     ValueError
-        with one sentence, if the packing is out of balance or not stable, the law is not linear, the load acts on a
-        body that nothing holds, or the controls move different components.
+        if the packing is out of balance or unstable, the law is not linear, the load acts on a body that nothing
+        supports, or the controls have different free components.
     """
     here = _accept_forces(updated(state), law)
     _check_start(here, law, legs, increment)
@@ -120,7 +121,7 @@ def load_path(
 
 
 class _PathRecord:
-    """What a path has met so far."""
+    """Record of a path: points, events and forks so far."""
 
     def __init__(self, first: Point, law: Law):
         self.points, self.events, self.forks, self.unchecked, self.law = [first], [], [], 0, law
@@ -132,10 +133,10 @@ class _PathRecord:
         self.unchecked += piece.unchecked
         last = self.forks[-1] if self.forks else None
         for fork in piece.forks:
-            if last is None or fork[1:] != last[1:]:  # a motion that stays undetermined is told once
+            if last is None or fork[1:] != last[1:]:  # a motion that stays undetermined is recorded once
                 self.forks.append(fork)
             last = fork
-        # events, and parts of increments, since the load last went on
+        # events and parts of increments since the load last advanced
         if point.load > self.anchor + PROGRESS:
             self.anchor, self.since = point.load, 0
         else:
@@ -150,11 +151,11 @@ class _PathRecord:
 def _follow_leg(
     place: PathState, law: Law, end: Control, number: int, legs: int, increment, geometric, way: _PathRecord, report
 ):
-    """Follow one leg: the place where it ends, and the verdict."""
+    """Follow one leg; return the state at its end and the verdict."""
     begin, share, size, missed = place.state.control, 0.0, increment, np.inf
-    wedged = 0.0  # share up to which a rattler is wedged: the load at which it is lies before
+    wedged = 0.0  # share at which a rattler was found wedged; it is wedged at a smaller load
     while share < 1.0:
-        # what is out of balance is made good within a whole increment: in a part of it, only its part
+        # an imbalance is removed over a whole increment: a part of it removes only its share
         piece = Increment(place, law, begin, end, share, min(size, 1.0 - share), geometric, size / increment)
         after, used, verdict = piece.run(number + share)
         after, wedge = _move_rattlers(after, law, place.state)
@@ -183,9 +184,9 @@ def _follow_leg(
 
 
 def _reinstate_wedged(place: PathState, law: Law, wedge: np.ndarray, load: float) -> tuple[PathState, list[Event]]:
-    """The place in which wedged rattlers are grains like the others, and the events that say so.
+    """State in which wedged rattlers are ordinary grains again, and the corresponding events.
 
-    Others that are wedged then follow, until all that are left have moved aside.
+    Rattlers that these wedge in turn are reinstated, too, until all remaining rattlers can be moved aside.
     """
     events = []
     while len(wedge):
@@ -194,7 +195,7 @@ def _reinstate_wedged(place: PathState, law: Law, wedge: np.ndarray, load: float
         caught = np.unique(ends[ends < len(loose)])
         caught = caught[loose[caught]]
         loose[caught] = False
-        # beside what wedges them, whatever they overlap
+        # in addition to the wedging contacts, all others that overlap
         count, whole = int(contacts.count[0]), np.append(loose, np.zeros(place.state.n_bodies - len(loose), bool))
         rows = np.flatnonzero(np.isin(contacts.i[:count], caught) | np.isin(contacts.j[:count], caught))
         rows = rows[~(whole[contacts.i[rows]] | whole[contacts.j[rows]])]
@@ -209,7 +210,7 @@ def _reinstate_wedged(place: PathState, law: Law, wedge: np.ndarray, load: float
 
 
 def _move_rattlers(place: PathState, law: Law, start: State | None = None) -> tuple[PathState, np.ndarray]:
-    """The place with rattlers moved aside, and the rows of contacts that wedge some of them."""
+    """State with rattlers moved aside, and the rows of contacts that wedge some of them."""
     before = place.state.contacts
     state, wedge = move_aside(place.state, law, place.loose, start)
     after = state.contacts
@@ -220,7 +221,7 @@ def _move_rattlers(place: PathState, law: Law, start: State | None = None) -> tu
 
 
 def _transfer_marks(mark: np.ndarray, before, after) -> np.ndarray:
-    """Marks of contacts in another list, by their keys."""
+    """Marks of contacts transferred to another list by their keys."""
     out = np.zeros(len(after.mode), bool)
     out[: int(after.count[0])] = np.isin(after.key[: int(after.count[0])], before.key[np.flatnonzero(mark)])
     return out
@@ -232,26 +233,26 @@ def _accept_forces(state: State, law: Law) -> State:
 
 def _check_start(state: State, law: Law, legs, increment: float) -> None:
     if not legs:
-        raise ValueError("no leg of the load was given: give at least one Control to go to")
+        raise ValueError("no leg was given: at least one Control is needed")
     if law.kind != LINEAR:
         raise ValueError(
-            "a law that is not linear in the overlap was given: a path is piecewise linear for `linear` only"
+            "a law that is not linear in the overlap was given: paths are piecewise linear only for `linear`"
         )
     if not law.table[..., KT].min() > 0:
-        raise ValueError("a law with kt = 0 was given: without tangential springs no contact sticks; use a positive kt")
+        raise ValueError("a law with kt = 0 was given: no contact sticks without tangential springs; use a positive kt")
     if not 0 < increment <= 1:
         raise ValueError(f"increment = {increment} was given: it must be above 0 and at most 1, in legs of the load")
     for end in legs:
         _check_leg(state.control, end)
     matrix = linear_system(state, law)
     if not len(matrix.free):
-        raise ValueError("nothing but rattlers was given: a path needs grains that hold each other")
+        raise ValueError("the packing has only rattlers: a path needs grains that support each other")
     mean = mean_normal_force(state, law)
     residual = np.abs(residual_vector(state, forces(state, law)[0], matrix.free)).max()
     if not residual < BALANCED * mean:
         raise ValueError(
-            f"the packing is out of balance by {residual / mean:.1e} of its mean normal force, at most {BALANCED:g} is "
-            f"allowed: bring it to rest with relax or equilibrate first"
+            f"the packing is out of balance by {residual / mean:.1e} of its mean normal force: at most {BALANCED:g} is "
+            f"allowed; use `relax` or `equilibrate` first"
         )
     stuck = stiffness_matrix(matrix, np.zeros(matrix.count, bool))
     kept = np.setdiff1d(np.arange(len(matrix.free)), pins(matrix))
@@ -260,40 +261,44 @@ def _check_start(state: State, law: Law, legs, increment: float) -> None:
         lowest = float(np.linalg.eigvalsh(0.5 * (part + part.T))[0])
         if lowest < -1e-9 * np.abs(part).max():
             raise ValueError(
-                f"the packing is not stable: k has the eigenvalue {lowest:.1e} although all contacts stick; let it "
-                f"come to rest under this control, with drag"
+                f"the packing is not stable: k has the eigenvalue {lowest:.1e} although all contacts stick; bring the "
+                f"packing to rest under this control, with drag"
             )
     whole = freedom(state)
     carried = np.isin(whole.component, matrix.free.component)
     for end in legs:
         at = state._replace(control=end)
         if axes := unbalanced_axes(matrix, external(at, matrix.free)):
-            raise ValueError(f"a leg has a net force along {axes}, which nothing holds: give loads that balance")
+            raise ValueError(
+                f"a leg has a net force along {axes} that nothing balances: give loads without net force along {axes}"
+            )
         pull = np.abs(external(state._replace(control=end), whole))
         bad = np.flatnonzero((pull > 0) & ~carried)
         if len(bad):
             raise ValueError(
-                f"body {whole.body[bad[0]]} is loaded but holds nothing (a rattler): load bodies that others hold"
+                f"body {whole.body[bad[0]]} is loaded but is a rattler: load only bodies that are supported by others"
             )
 
 
 def _check_leg(begin: Control, end: Control) -> None:
     if not isinstance(end, Control):
         raise ValueError(
-            f"a leg of {type(end).__name__} was given: give the Control at its end, such as with_load(...)"
+            f"a leg of type {type(end).__name__} was given: the Control at its end is needed, such as with_load(...)"
         )
     for name in ("free", "group", "cell_free"):
         if not np.array_equal(getattr(end, name), getattr(begin, name)):
-            raise ValueError("the legs' controls free other components than the state's: only loads may change")
+            raise ValueError(
+                "the controls of the legs free other components than that of the state: only loads may change"
+            )
     for name in set(Control._fields) - {"free", "group", "cell_free", "force", "torque", "gravity", "stress"}:
         if not np.array_equal(getattr(end, name), getattr(begin, name)):
             raise ValueError(
-                f"the legs' controls change {name}: only forces, torques, gravity and stress may change; to control "
-                f"strain, let dynamics do it"
+                f"the controls of the legs change {name}: only forces, torques, gravity and stress may change; to "
+                f"control strain, use dynamics"
             )
     if ((end.stress != begin.stress) & ~begin.cell_free).any():
         raise ValueError(
-            "the legs change the stress of a component of the cell that is not free: see stress_controlled"
+            "the legs change the stress of a cell component that is not free: free it with `stress_controlled`"
         )
 
 

@@ -1,8 +1,8 @@
-"""Is the status unique for every load? Certificates for P-matrices, and counterexamples that can be checked.
+"""Uniqueness of the status for every load: certificates for P-matrices, and verifiable counterexamples.
 
 The status is unique for every load if and only if A is a P-matrix: all principal minors, det A_SS = det k(S)/det k₀,
-are positive. Signs are decided against the errors of the entries of A: a minor that they may turn to zero counts as
-zero, and A is then called singular, neither a P-matrix nor none.
+are positive. Signs are decided to within the errors of the entries of A: a minor that may be zero within these errors
+counts as zero, and A is then called singular, which is neither a P-matrix nor a proof of the contrary.
 
 Source: Cottle, Pang, Stone, The Linear Complementarity Problem (Academic Press 1992), Theorem 3.3.7 and Sec. 3.3.
 """
@@ -18,19 +18,21 @@ from .lcp import Complementarity, ScaledProblem, scale_problem
 
 
 class UniquenessVerdict(Enum):
-    """Is the status unique for every load? Each value is a sentence."""
+    """Uniqueness of the status for every load; each value is a sentence."""
 
     UNIQUE = "the status is unique for every load"
     NOT_UNIQUE = (
-        "the status is not unique for every load: under some, none or several are consistent; ask `contact_status`"
+        "the status is not unique for every load: under some loads none or several are consistent; see `contact_status`"
     )
-    SINGULAR = "singular: several slip rates give the same forces under some loads; ask `contact_status` about this one"
-    UNDECIDED = "not known: no cheap argument decides; up to 14 critical contacts all minors are gone through"
+    SINGULAR = (
+        "singular: several slip rates give the same forces under some loads; see `contact_status` for a given load"
+    )
+    UNDECIDED = "not known: no fast test decides; all minors are computed only up to 14 critical contacts"
 
 
 @readable
 class Uniqueness(NamedTuple):
-    """An answer, and what it rests on; A_SS means the rows and columns `contacts` of A."""
+    """Verdict on uniqueness and its justification; A_SS denotes the rows and columns `contacts` of A."""
 
     verdict: UniquenessVerdict
     reason: str
@@ -48,10 +50,11 @@ class Uniqueness(NamedTuple):
 
 
 def certificate(problem: Complementarity) -> Uniqueness:
-    """Decide whether the status is unique for every load, by the cheapest argument that holds beyond round-off.
+    """Test whether the status is unique for every load, by the fastest criterion that holds beyond round-off.
 
-    A is a P-matrix if its symmetric part is positive definite, or if it is an H-matrix with a positive diagonal. Up to
-    14 contacts all principal minors decide; beyond, those of one and two contacts and of all may still say no.
+    A is a P-matrix if its symmetric part is positive definite, or if it is an H-matrix with a positive diagonal.
+    Otherwise all principal minors are computed up to 14 contacts. Beyond that, the minors of one and two contacts and of
+    all contacts may still exclude a P-matrix.
     """
     size = len(problem.vector)
     if not size:
@@ -67,7 +70,7 @@ def certificate(problem: Complementarity) -> Uniqueness:
 
 
 def _sufficient_condition(here: ScaledProblem) -> Uniqueness | None:
-    """A certificate that holds for whole matrices at once."""
+    """Sufficient condition for a P-matrix that needs no minors; None if it does not hold."""
     a, everything = here.matrix, np.arange(len(here.vector))
     # no change within the error bounds moves an eigenvalue of the symmetric part by more than their norm
     margin = float(np.linalg.eigvalsh(0.5 * (a + a.T))[0] - np.linalg.norm(here.error))
@@ -87,7 +90,7 @@ def _sufficient_condition(here: ScaledProblem) -> Uniqueness | None:
 
 
 def _check_all_minors(problem: Complementarity, here: ScaledProblem) -> Uniqueness:
-    """The verdict of 2^Mc − 1 minors."""
+    """Verdict from all 2^Mc − 1 principal minors."""
     through = enumerate_rates(here)
     words = f"all {len(through.sign) - 1} principal minors were gone through"
     if (through.sign < 0).any():
@@ -100,13 +103,13 @@ def _check_all_minors(problem: Complementarity, here: ScaledProblem) -> Uniquene
 
 
 def _fewest_sliding(through, which: np.ndarray) -> np.ndarray:
-    """Of some statuses one with the fewest sliding contacts."""
+    """Status with the fewest sliding contacts among the given ones."""
     rows = through.slides[which]
     return np.flatnonzero(rows[int(np.argmin(rows.sum(axis=1)))])
 
 
 def _find_negative_minor(here: ScaledProblem) -> np.ndarray | None:
-    """One contact, two, or all of them, whose minor is negative beyond round-off."""
+    """Find one contact, two, or all of them, with a minor that is negative beyond round-off."""
     diagonal, pair, blur = minors_of_one_and_two(here)
     for one in np.flatnonzero(diagonal < -np.diag(here.error)):
         return np.array([one])
@@ -117,7 +120,7 @@ def _find_negative_minor(here: ScaledProblem) -> np.ndarray | None:
 
 
 def _check_small_minors(here: ScaledProblem) -> Uniqueness:
-    """Singular, if a minor of one or two contacts, or of all, is zero; else it is not known."""
+    """Singular if a minor of one or two contacts or of all is zero; otherwise undecided."""
     diagonal, pair, blur = minors_of_one_and_two(here)
     everything = np.arange(len(diagonal))
     zero = [np.array([k]) for k in np.flatnonzero(diagonal <= np.diag(here.error))]
@@ -132,7 +135,7 @@ def _check_small_minors(here: ScaledProblem) -> Uniqueness:
 
 
 def is_regular(here: ScaledProblem, chosen: np.ndarray) -> bool:
-    """True if A_SS has full rank beyond the errors of its entries."""
+    """Return True if A_SS has full rank beyond the errors of its entries."""
     a, error = here.submatrix(chosen)
     return not len(a) or bool(np.linalg.svd(a, compute_uv=False)[-1] > BLUR * np.linalg.norm(error))
 
@@ -159,7 +162,7 @@ def _make_singular(here: ScaledProblem, chosen: np.ndarray, words: str) -> Uniqu
 
 
 def minors_of_one_and_two(here: ScaledProblem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(Mc,) minors of one contact, (Mc, Mc) of two, infinite on the diagonal, and the error bounds of the latter."""
+    """(Mc,) minors of one contact, (Mc, Mc) of two with infinite diagonal, and error bounds of the latter."""
     a, error = here.matrix, here.error
     diagonal, own = np.diag(a), np.diag(error)
     pair = np.outer(diagonal, diagonal) - a * a.T
@@ -169,6 +172,6 @@ def minors_of_one_and_two(here: ScaledProblem) -> tuple[np.ndarray, np.ndarray, 
 
 
 def may_be_p(problem: Complementarity) -> bool:
-    """False if a minor of one or two contacts is not positive: principal pivoting may then go round for long."""
+    """Return False if a minor of one or two contacts is not positive; principal pivoting may then cycle for long."""
     diagonal, pair, _ = minors_of_one_and_two(scale_problem(problem))
     return bool((diagonal > 0).all() and (pair > 0).all())
