@@ -154,16 +154,16 @@ def test_a_cell_that_follows_the_stress_is_changed_with_its_contact(calm):
 def test_bad_input_is_told(calm, swinging):
     with pytest.raises(ValueError, match="at least 0"):
         ss.modes.contact_sensitivity(calm, LAW, most=-1)
-    with pytest.raises(ValueError, match="this packing has 1, counted from 0"):
+    with pytest.raises(ValueError, match="this packing has 1 pairs, counted from 0"):
         ss.modes.contact_sensitivity(swinging, LAW, pair=1, most=0)
     law = ss.laws.linear()
-    with pytest.raises(ValueError, match="nothing but rattlers"):
+    with pytest.raises(ValueError, match="only rattlers"):
         ss.modes.contact_sensitivity(ss.packings.from_arrays([[0, 0, 0], [3, 0, 0]], [0.5, 0.5], law), law)
 
 
 def test_off_equilibrium_no_contact_decides(calm):
     moved = calm._replace(control=ss.control.stress_controlled(calm.control, {"xx": 0.1, "yy": 0.1}))
-    with pytest.raises(ValueError, match=r"not in equilibrium .* no contact decides it: equilibrate first"):
+    with pytest.raises(ValueError, match=r"not in equilibrium .* equilibrate the packing first"):
         ss.modes.contact_sensitivity(moved, LAW)
 
 

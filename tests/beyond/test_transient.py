@@ -100,7 +100,7 @@ def test_dashpots_take_from_it(calm):
 
 
 def test_what_has_no_transient_is_told(swinging, calm):
-    with pytest.raises(ValueError, match="unstable packing"):
+    with pytest.raises(ValueError, match="the packing is unstable"):
         ss.modes.transient_growth(swinging, LAW)
     with pytest.raises(ValueError, match="use energy or displacement"):
         ss.modes.transient_growth(calm, LAW, norm="power")

@@ -102,6 +102,9 @@ def test_of_rattlers_wedged_at_once_none_is_left_behind():
     place = PathState(release_rattlers(state, np.arange(6) % 3 == 0), np.arange(6) % 3 == 0, none, none, True, -np.inf)
     after, events = _reinstate_wedged(place, LAW, first, 0.5)
     assert not after.loose.any()
-    assert [(e.kind, e.i) for e in events] == [("is wedged and carries again", 0), ("is wedged and carries again", 3)]
+    assert [(e.kind, e.i) for e in events] == [
+        ("is wedged and carries load again", 0),
+        ("is wedged and carries load again", 3),
+    ]
     assert len(ss.measure.touching(after.state)) == after.fresh.sum() == 4
     assert mean_normal_force(after.state, LAW) == pytest.approx(0.01)

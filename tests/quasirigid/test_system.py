@@ -144,7 +144,7 @@ def test_pivoting_that_comes_back_gives_up():
 
 def test_loads_that_are_no_loads_are_refused():
     m, critical, load, _ = sample(1)
-    with pytest.raises(ValueError, match="one for each coordinate"):
+    with pytest.raises(ValueError, match="one component for each coordinate"):
         contact_status(m, load[1:], critical=critical)
     load[3] = np.nan
     with pytest.raises(ValueError, match="not finite"):

@@ -77,10 +77,8 @@ def sheared_box(
 
     Arguments, law and errors are those of `biaxial_box`.
     """
-    law, packing = (
-        _contact_law(kn, kt, mu, pressure),
-        jammed(n, packing_fraction=0.86, dim=2, radius=radius, seed=seed)[0],
-    )
+    law = _contact_law(kn, kt, mu, pressure)
+    packing, _ = jammed(n, packing_fraction=0.86, dim=2, radius=radius, seed=seed)
     sizes, side = packing.grains.radius, 1.02 * packing.cell.vectors[0, 0]
     grains = disks(1.02 * packing.grains.position[:, :2], sizes, mass=4 * sizes**2)
     control = stress_controlled(loads(n), {"xx": pressure, "yy": pressure, "xy": 0.0})
@@ -97,9 +95,8 @@ def settle(state: State, law: Law, tolerance: float) -> State:
         if it does not come to rest.
     """
     for _ in range(BLOCKS):
-        state = state._replace(
-            instant=None
-        )  # keeps the sample of each seed unchanged, so that its known numbers remain valid
+        # keeps the sample of each seed unchanged, so that its known numbers remain valid
+        state = state._replace(instant=None)
         state, _, outcome = run(state, law, STEPS, 0.2, drag=0.02, tolerance=tolerance)
         if outcome.ok and outcome.iterations < STEPS:
             break

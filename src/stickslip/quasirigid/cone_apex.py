@@ -49,9 +49,7 @@ class Apex(NamedTuple):
     springs: np.ndarray  # (E, 2, 2) K [force/length]
     slope: np.ndarray  # (E,) m
     sign: np.ndarray  # (E,) s of a contact with a force; 0 at the apex, where all four statuses are possible
-    alone: (
-        np.ndarray
-    )  # (E,) bool: contacts of a disk without other contacts; nothing holds it if all of them open or slide
+    alone: np.ndarray  # (E,) bool: contacts of disks without others; nothing holds such a disk if all open or slide
 
     @property
     def allowed(self) -> list[tuple[int, ...]]:

@@ -185,9 +185,8 @@ def _solution_face(problem: ScaledProblem, slides: np.ndarray) -> SolutionFace:
     at = np.where(slides, 0.0, a @ slip + q)
     turn = np.where(slides[:, None], 0.0, a @ right)
     at[slides], turn[slides] = slip, right
-    spread = BLUR * max(
-        1.0, np.linalg.norm(inverse)
-    )  # errors of null vectors are those of A over the next singular value
+    # errors of null vectors are those of A over the next singular value
+    spread = BLUR * max(1.0, np.linalg.norm(inverse))
     at_error = spread * (error @ np.abs(slip) + problem.vector_error + error.max())
     missed_error = BLUR * np.abs(left.T) @ problem.vector_error[slides]
     missed_error += spread * np.linalg.norm(error[slides]) * np.linalg.norm(q[slides])

@@ -32,16 +32,10 @@ from .status import ContactStatus, Verdict, contact_status
 from .system import RESIDUAL, pins
 from .uniqueness import certificate
 
-AT_CONE = (
-    1e-10  # distance from the cone, in mean normal forces, of the size of round-off: 1e-16 times conditions of k of 1e5
-)
-BLURRED = (
-    10.0  # force over the unbalanced one, below which a disk with two contacts is not checked for reaching the cone
-)
+AT_CONE = 1e-10  # round-off of the distance from the cone, in mean normal forces: 1e-16 times conditions of k of 1e5
+BLURRED = 10.0  # force over the unbalanced one, below which disks with two contacts are not checked against the cone
 CROWD = 200  # events after which a path without progress of the load ends; no real avalanche of this size was seen
-OUT_OF_BALANCE = (
-    1e-4  # force, in mean normal forces, beyond which an increment is halved; loads of events are as accurate
-)
+OUT_OF_BALANCE = 1e-4  # in mean normal forces, beyond which an increment is halved; loads of events are as accurate
 BALANCED = 1e-10  # residual, in mean normal forces, after balancing; far below the force of a contact at the apex
 TOUCHES = 1e-7  # gap, as a force in mean normal forces, up to which a pair touches; below the error due to APEX
 CORRECTIONS = 6  # largest number of balance corrections; each leaves about a thousandth

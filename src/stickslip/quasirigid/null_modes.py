@@ -34,9 +34,7 @@ class Mechanism(NamedTuple):
     vector: np.ndarray  # (n,) of unit length, in the coordinates of `linear_system(state, law, rattlers=True)`
     power: float  # |load · left null vector| over |load|; the balance has a solution if it is zero
     deforms: bool  # whether some contact moves, which then slides; otherwise no contact is affected
-    quotient: float = (
-        0.0  # vᵀkv, zero except for the rigid rotation, which makes contacts slip by their overlaps [force/length]
-    )
+    quotient: float = 0.0  # vᵀkv, zero except for the rigid rotation, which slips by the overlaps [force/length]
 
     def __str__(self):
         return self.kind

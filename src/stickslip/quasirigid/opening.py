@@ -122,11 +122,11 @@ def decide_statuses(
 ) -> ApexStatuses:
     """Decide the statuses of contacts at the apex, (M,) bool, together with those at the limit, under a load rate.
 
-    Grains whose contacts are all at the apex may be released as bodies. For up to three such grains, all combinations of
-    released and load-carrying ones are tried. For more, all are released first, then those that are dragged along carry
-    load. Stable combinations come first, and of these the one that releases most bodies, or fewest if some have just
-    been `wedged`. If there is none, bodies that would be dragged along are released if they can escape at all, unless
-    they have just been `wedged` and cannot.
+    Grains whose contacts are all at the apex may be released as bodies. For up to three such grains, all combinations
+    of released and load-carrying ones are tried. For more, all are released first, then those that are dragged along
+    carry load. Stable combinations come first, and of these the one that releases most bodies, or fewest if some have
+    just been `wedged`. If there is none, bodies that would be dragged along are released if they can escape at all,
+    unless they have just been `wedged` and cannot.
     """
     ours = _contacts_of_bodies(matrix)
     lone = np.flatnonzero((ours.sum(axis=1) > 0) & ~(ours & ~apex).any(axis=1))

@@ -30,7 +30,7 @@ from .system import pins, unbalanced_axes
 BALANCED = 1e-6  # largest unbalanced force at the start, in mean normal forces
 SMALLEST = 1e-8  # share of a leg to which increments are halved; wedged rattlers then overlap by round-off
 CHECKED_UP_TO = 2500  # coordinates up to which the stability of the initial state is checked
-SHRINKS = 0.9  # largest ratio of imbalances before and after halving an increment for which halving goes on
+SHRINKS = 0.9  # largest ratio of imbalances after and before halving an increment for which halving continues
 PROGRESS = 1e-5  # share of a leg; the load stalls if it rises by less in CROWD events and parts of increments
 RETURNS = "is wedged and carries load again"
 

@@ -87,22 +87,14 @@ class ContactStatus(NamedTuple):
     sliding: np.ndarray  # (M,) bool
     critical: np.ndarray  # (Mc,) numbers of the contacts that may slide
     velocity: np.ndarray  # (n,) dq/d(load)
-    rate: (
-        np.ndarray
-    )  # (Mc,) Ṽ: slip rate of sliding contacts; rate of leaving the cone of the others, negative if inside
+    rate: np.ndarray  # (Mc,) Ṽ: slip rate of sliding contacts; others move away from the cone if it is negative
     method: str  # "flip all", "principal pivoting", "Lemke" or "enumeration"
     solves: int  # factorisations and pivots
-    stable: bool | None = (
-        None  # whether det k(S) has the sign of det k₀; None if it is zero to round-off, or not computed
-    )
+    stable: bool | None = None  # det k(S) has the sign of det k₀; None if it is zero to round-off, or not computed
     others: tuple[Alternative, ...] = ()  # other consistent statuses, as far as they were sought
     uniqueness: Uniqueness | None = None  # uniqueness under every load, if requested
-    proof: Absence | UnresistedMotion | None = (
-        None  # proof that no status is consistent, or the motion driven by the load
-    )
-    marginal: np.ndarray | None = (
-        None  # (Mc,) bool: contacts that neither slip nor leave the cone, and may have either status
-    )
+    proof: Absence | UnresistedMotion | None = None  # that no status is consistent, or the motion driven by the load
+    marginal: np.ndarray | None = None  # (Mc,) bool: contacts without slip on the cone, which may have either status
 
     @property
     def ok(self) -> bool:
@@ -127,10 +119,11 @@ def contact_status(
     """Find the contact status by the principle of minimum sliding.
 
     A contact slides if and only if it would otherwise leave the Coulomb cone. All inconsistent contacts are flipped
-    together, which nearly always converges after a few rounds. If this cycles, principal pivoting flips one contact at a
-    time (if A may be a P-matrix), and then Lemke's algorithm is used. Every status found is verified contact by contact
-    with a factor of k(S) itself. Up to 14 critical contacts all statuses are enumerated unless A is a P-matrix: stable
-    ones come first, and the absence of a status is proven. Beyond that, a proof of absence needs a Farkas certificate.
+    together, which nearly always converges after a few rounds. If this cycles, principal pivoting flips one contact at
+    a time (if A may be a P-matrix), and then Lemke's algorithm is used. Every status found is verified contact by
+    contact with a factor of k(S) itself. Up to 14 critical contacts all statuses are enumerated unless A is a P-matrix:
+    stable ones come first, and the absence of a status is proven. Beyond that, a proof of absence needs a Farkas
+    certificate.
 
     Parameters
     ----------
@@ -309,9 +302,8 @@ def _recompute_rates(system: StatusSolver, slides: np.ndarray):
         system.factorise(slides)
         velocity, rate = system.rates(slides)
     except LinAlgError:
-        return np.full(len(slides), np.nan), np.zeros(
-            len(slides)
-        )  # undecided: the verification that follows rejects it
+        # undecided: the verification that follows rejects it
+        return np.full(len(slides), np.nan), np.zeros(len(slides))
     slack = sign_slack(rate, system.round_off(velocity))
     return None if inconsistent(slides, rate, slack).any() else (rate, slack)
 

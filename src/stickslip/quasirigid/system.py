@@ -19,8 +19,8 @@ AT_ONCE = 16  # right-hand sides per call; more do not fit into the cache
 class StatusSolver:
     """Velocities of a packing under one load rate, for any status of its critical contacts.
 
-    Coordinates are in a fill-reducing order, which is computed once. The coordinates in `held` are fixed, in addition to
-    one for each free translation of the whole packing.
+    Coordinates are in a fill-reducing order, which is computed once. The coordinates in `held` are fixed, in addition
+    to one for each free translation of the whole packing.
     """
 
     def __init__(self, matrix: LinearSystem, load: np.ndarray, critical: np.ndarray, geometric: bool, held=()):
@@ -28,8 +28,8 @@ class StatusSolver:
         self.load = np.asarray(load, float)
         if self.load.shape != (len(matrix.free),):
             raise ValueError(
-                f"a load of shape {self.load.shape} was given: shape {(len(matrix.free),)} is needed, one component for each "
-                f"coordinate"
+                f"a load of shape {self.load.shape} was given: shape {(len(matrix.free),)} is needed, one component "
+                f"for each coordinate"
             )
         if not np.isfinite(self.load).all():
             raise ValueError("a load that is not finite was given: every component must be a finite number")

@@ -2,7 +2,7 @@
 
 The status is unique for every load if and only if A is a P-matrix: all principal minors, det A_SS = det k(S)/det k₀,
 are positive. Signs are decided to within the errors of the entries of A: a minor that may be zero within these errors
-counts as zero, and A is then called singular, which is neither a P-matrix nor a proof of the contrary.
+counts as zero, and A is then reported as singular, neither as a P-matrix nor as not being one.
 
 Source: Cottle, Pang, Stone, The Linear Complementarity Problem (Academic Press 1992), Theorem 3.3.7 and Sec. 3.3.
 """
@@ -53,8 +53,8 @@ def certificate(problem: Complementarity) -> Uniqueness:
     """Test whether the status is unique for every load, by the fastest criterion that holds beyond round-off.
 
     A is a P-matrix if its symmetric part is positive definite, or if it is an H-matrix with a positive diagonal.
-    Otherwise all principal minors are computed up to 14 contacts. Beyond that, the minors of one and two contacts and of
-    all contacts may still exclude a P-matrix.
+    Otherwise all principal minors are computed up to 14 contacts. Beyond that, the minors of one and two contacts and
+    of all contacts may still exclude a P-matrix.
     """
     size = len(problem.vector)
     if not size:

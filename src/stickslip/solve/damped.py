@@ -38,9 +38,7 @@ class DampedStability(NamedTuple):
     """Stability of the linearised motion around a state with dashpots: exponents s of exp(st)."""
 
     undamped: Stability  # without dashpots; also holds the numbers of grains, contacts, rattlers and zero modes
-    exponents: (
-        np.ndarray
-    )  # (K,) with Re s > 0 and Im s ≥ 0 (one of each conjugate pair), fastest growing first [1/time]
+    exponents: np.ndarray  # (K,) Re s > 0, Im s ≥ 0, one of each conjugate pair, fastest growing first [1/time]
     modes: np.ndarray  # (n, K) complex: generalised displacements of unit mass-weighted norm
     slowest: complex | None  # exponent of the slowest decay; None if not all were computed
     scope: str  # limits of the analysis, in words
@@ -171,11 +169,8 @@ def _analyse(state: State, law: Law, undamped: Stability, method: str, report) -
         values, vectors, slowest, scope = *_solve_dense(pull, drag), unloading_scope(law)
     else:
         starts = np.concatenate([-1j * np.sqrt(undamped.pairs), np.sqrt(-undamped.negative.astype(complex))]) / unit
-        values, vectors, slowest, scope = (
-            *_search_near_shifts(pull, drag, starts, report),
-            None,
-            _describe_scope(undamped, starts),
-        )
+        values, vectors = _search_near_shifts(pull, drag, starts, report)
+        slowest, scope = None, _describe_scope(undamped, starts)
     order = np.lexsort((values.imag, -values.real))
     modes = vectors[:, order] * root[:, None]
     return DampedStability(undamped, unit * values[order], modes, None if slowest is None else unit * slowest, scope)

@@ -109,13 +109,13 @@ def density_of_states(
     >>> pair = density_of_states(ss.packings.from_arrays([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], law), law, bins=2)
     Traceback (most recent call last):
     ...
-    ValueError: nothing but rattlers was given: a density of states needs grains that hold each other
+    ValueError: the packing has only rattlers: a density of states needs grains that support each other
     """
     if method not in ("auto", "dense", "polynomials"):
         raise ValueError(f"method {method!r} was given: use auto, dense or polynomials")
     free = backbone(state, law)
     if not len(free):
-        raise ValueError("nothing but rattlers was given: a density of states needs grains that hold each other")
+        raise ValueError("the packing has only rattlers: a density of states needs grains that support each other")
     if method == "auto":
         method = "dense" if len(free) <= DENSE_UP_TO else "polynomials"
     if method == "dense" and len(free) > 10_000:

@@ -20,12 +20,8 @@ from .relax import relax, residual
 from .spectrum import soft_modes
 from .stability import contacts_at_limit
 
-STAGES = (
-    3e-3,
-    3e-5,
-    3e-7,
-    3e-9,
-)  # residuals over the mean normal force at which damped dynamics hands over to Newton again
+# residuals over the mean normal force at which damped dynamics hands over to Newton again
+STAGES = (3e-3, 3e-5, 3e-7, 3e-9)
 CHECKED = 12  # softest eigenvalues computed where dense algebra is too slow
 DRAG, STEP = 0.3, 0.2  # of damped dynamics, in units of the highest frequency
 
@@ -114,9 +110,8 @@ def _describe_instability(state: State, law: Law, check: str) -> str:
         return ""
     matrix = dynamical_matrix(state, law, freedom(state))
     if matrix.shape[0] >= DENSE_BELOW and check == "buckling":
-        held = np.flatnonzero(
-            np.abs(matrix).sum(axis=1) > 0
-        )  # without rattlers, whose zeros would crowd out the other eigenvalues
+        # without rattlers, whose zeros would crowd out the other eigenvalues
+        held = np.flatnonzero(np.abs(matrix).sum(axis=1) > 0)
         return _instability_message(len(soft_modes(matrix[held][:, held], CHECKED, 1e-4)[0]), 0, 0.0)
     with one_thread() if matrix.shape[0] < DENSE_BELOW else nullcontext():
         return _check_dense(matrix.toarray(), check)

@@ -183,9 +183,8 @@ class _ProbeRun:
         pull = (self.dt**2 * matrix).astype(np.float32)
         self.product = pull.indptr.astype(np.int32), pull.indices.astype(np.int32), pull.data
         self.q = [rng.standard_normal((n, ABREAST), np.float32) for _ in range(-(-probes // ABREAST))]
-        self.v = [
-            0.5 * (pull @ q) for q in self.q
-        ]  # velocities half a step before the start, where the probes are at rest
+        # velocities half a step before the start, where the probes are at rest
+        self.v = [0.5 * (pull @ q) for q in self.q]
         bucket = rng.integers(BUCKETS, size=n)
         members = np.argsort(bucket, kind="stable")
         bounds = np.searchsorted(bucket[members], np.arange(BUCKETS + 1))

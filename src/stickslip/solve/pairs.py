@@ -28,10 +28,8 @@ from .windows import (
 
 LARGEST = 12_000  # coordinates: four dense matrices of this size take 3 GB, and the time grows with the cube
 DENSE_BELOW = 1500  # coordinates below which LAPACK takes a few seconds
-CONVERGED, ENOUGH = (
-    2e-15,
-    1e-12,
-)  # residual over the largest |λ|: target, and limit of acceptance if round-off stops earlier
+# residual over the largest |λ|: target, and limit of acceptance if round-off stops earlier
+CONVERGED, ENOUGH = 2e-15, 1e-12
 SAME = 1e-9  # share of the largest |λ| within which two refined eigenvalues with one eigenvector are identical
 NEIGHBOURS = 20  # additional eigenvalues that Arnoldi's method computes near those of a subspace
 
@@ -250,9 +248,8 @@ def _search_by_arnoldi(matrix, subspace: np.ndarray, scale: float) -> list[np.nd
     LinAlgError
         if Arnoldi's method does not converge.
     """
-    shift = (
-        np.trace(_subspace_residual(matrix, subspace)[1]) / subspace.shape[1] + 1e-9 * scale
-    )  # off the eigenvalue itself
+    # off the eigenvalue itself
+    shift = np.trace(_subspace_residual(matrix, subspace)[1]) / subspace.shape[1] + 1e-9 * scale
     solve = factorised(sparse.csr_array(matrix - shift * sparse.eye_array(len(subspace))))
     inverse = LinearOperator(matrix.shape, matvec=solve, dtype=float)
     count = min(subspace.shape[1] + NEIGHBOURS, matrix.shape[0] - 2)

@@ -42,13 +42,9 @@ class ContactSensitivity(NamedTuple):
     j: np.ndarray  # (K,)
     what: np.ndarray  # (K,) "slides" or "opens"
     mobilised: np.ndarray  # (K,) |F_t|/(μ F_n) of the unchanged contact, 1 at the Coulomb limit; NaN without friction
-    predicted: (
-        np.ndarray
-    )  # (K,) growth rate after the change, from neighbouring modes in pairs: valid for small changes only
-    after: np.ndarray  # (K,) growth rate after the change, from the full spectrum; NaN if it was not computed
-    verdict_after: (
-        np.ndarray
-    )  # (K,) verdict after the change, or "falls apart" if only rattlers are left; empty if not computed
+    predicted: np.ndarray  # (K,) growth rate after it, from neighbouring modes in pairs: valid for small changes only
+    after: np.ndarray  # (K,) growth rate after it, from the full spectrum; NaN if not computed
+    verdict_after: np.ndarray  # (K,) verdict after it, "falls apart" if only rattlers are left; empty if not computed
     scope: str  # limits of the analysis, in words
 
     @property
