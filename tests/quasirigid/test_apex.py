@@ -115,7 +115,7 @@ def test_without_stability_statuses_are_consistent_together_or_not_at_all():
 def test_too_many_choices_are_not_gone_through():
     one = drawn(0)
     many = one._replace(sign=np.zeros(7), velocity=np.zeros((7, 2)))
-    with pytest.raises(ValueError, match=r"7 contacts with 1.64e\+04 choices .* at most 4096"):
+    with pytest.raises(ValueError, match=r"7 contacts with 1.64e\+04 combinations .* at most 4096"):
         consistent_statuses(many)
 
 

@@ -248,9 +248,9 @@ def test_other_consistent_choices_are_reported(boxed, monkeypatch):
     assert fork.taken[0] in ("slides", "slides back")
     assert fork.others == (("sticks",),)
     assert fork.forces
-    assert any(e.kind.startswith("2 choices of statuses are consistent") for e in path.events)
+    assert any(e.kind.startswith("2 combinations of statuses are consistent") for e in path.events)
     assert f"other statuses were consistent, too, at {len(path.alternatives)} load" in path.summary
-    assert "other statuses" not in plain._replace(alternatives=()).summary
+    assert "see `alternatives`" not in plain._replace(alternatives=()).summary
 
 
 @pytest.mark.slow
@@ -345,9 +345,9 @@ def test_legs_that_change_more_than_loads_are_refused(boxed):
     ):
         with pytest.raises(ValueError, match=words):
             load_path(state, law, state.control._replace(**change))
-    with pytest.raises(ValueError, match="a leg of float was given"):
+    with pytest.raises(ValueError, match="a leg of type float was given"):
         load_path(state, law, 1.0)
-    with pytest.raises(ValueError, match="body 3 has no force that could be raised"):
+    with pytest.raises(ValueError, match="body 3 has no force that could be multiplied"):
         with_load(state.control, 3, 2.0)
     with pytest.raises(ValueError, match=r"pressure = -0.0001 was given: it must be above 0"):
         biaxial_box(30, pressure=-1e-4)
@@ -361,7 +361,7 @@ def test_a_net_force_that_nothing_holds_is_refused():
     force = state.control.force.copy()
     held = int(np.flatnonzero(~ss.measure.rattlers(state, 2))[0])
     force[held, 0] = 1e-6
-    with pytest.raises(ValueError, match="net force along x, which nothing holds"):
+    with pytest.raises(ValueError, match="net force along x that nothing balances"):
         load_path(state, law, state.control._replace(force=force))
     m = ss.quasirigid.linear_system(state, law)
     assert ss.quasirigid.contact_status(m, (np.arange(len(m.free)) == 0).astype(float)).verdict is Verdict.MECHANISM

@@ -91,5 +91,5 @@ def test_three_dimensions_and_smooth_friction_are_refused():
     with pytest.raises(ValueError, match="coulomb='sharp'"):
         linear_system(state, law, rattlers=True)
     state, law = sample("linear", "sharp", 2, 0)
-    with pytest.raises(ValueError, match=r"\(3,\) statuses"):
+    with pytest.raises(ValueError, match=r"statuses of shape \(3,\)"):
         stiffness_matrix(linear_system(state, law), [True, False, True])
