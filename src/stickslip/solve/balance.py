@@ -166,7 +166,7 @@ def with_modes_under(state: State, law: Law) -> State:
     --------
     >>> import stickslip as ss
     >>> state, _ = ss.packings.jammed(10, packing_fraction=0.7)
-    >>> set(under(state, ss.laws.hertz_mindlin(mu=0.5)).contacts.mode[touching(state)].tolist()) == {STICK}
+    >>> set(with_modes_under(state, ss.laws.hertz_mindlin(mu=0.5)).contacts.mode[touching(state)].tolist()) == {STICK}
     True
     """
     contacts, line = state.contacts, linearise(state, law)
