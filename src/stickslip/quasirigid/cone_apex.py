@@ -148,7 +148,7 @@ def _iterate_statuses(apex: Apex, now: np.ndarray) -> StatusSolution | None:
             return None
         fits = status_of_velocity(apex, velocity, now, SLACK * np.abs(velocity).max(initial=0.0))
         if np.array_equal(fits, now):
-            return StatusSolution(now, velocity, "all at once")
+            return StatusSolution(now, velocity, "iteration")
         now = fits
     return None
 

@@ -79,7 +79,7 @@ class Increment:
         self.matrix = _increment_matrices(place, self.law)
         contacts, rows, n = self.state.contacts, self.matrix.rows, len(self.loose)
         self.ends = np.stack([contacts.i[rows], contacts.j[rows]], axis=1)
-        # both forces of a disk with two contacts lie along one line: it meets the cone, or its apex, with both at once
+        # both forces of a disk with two contacts lie along one line: it reaches the cone, or its apex, at both together
         self.has_two = np.bincount(self.ends.ravel(), minlength=self.state.n_bodies) == 2
         self.has_two[n:] = False
         self.paired = self.has_two[self.ends].any(axis=1)

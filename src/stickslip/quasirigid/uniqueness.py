@@ -65,7 +65,7 @@ def certificate(problem: Complementarity) -> Uniqueness:
         return found
     negative = _find_negative_minor(here)
     if negative is not None:
-        return _make_not_unique(problem, negative, "minors of one and two contacts and of all were looked at")
+        return _make_not_unique(problem, negative, "minors of one and two contacts and of all were computed")
     return _check_all_minors(problem, here) if size <= MAPPED else _check_small_minors(here)
 
 
@@ -92,7 +92,7 @@ def _sufficient_condition(here: ScaledProblem) -> Uniqueness | None:
 def _check_all_minors(problem: Complementarity, here: ScaledProblem) -> Uniqueness:
     """Verdict from all 2^Mc − 1 principal minors."""
     through = enumerate_rates(here)
-    words = f"all {len(through.sign) - 1} principal minors were gone through"
+    words = f"all {len(through.sign) - 1} principal minors were computed"
     if (through.sign < 0).any():
         return _make_not_unique(problem, _fewest_sliding(through, through.sign < 0), words)
     if (through.sign == 0).any():
@@ -126,7 +126,7 @@ def _check_small_minors(here: ScaledProblem) -> Uniqueness:
     zero = [np.array([k]) for k in np.flatnonzero(diagonal <= np.diag(here.error))]
     zero += list(np.argwhere(np.triu(pair <= blur, 1))[:1])
     zero += [] if is_regular(here, everything) else [everything]
-    words = "minors of one and two contacts and of all were looked at"
+    words = "minors of one and two contacts and of all were computed"
     if zero:
         return _make_singular(here, zero[0], words)
     return Uniqueness(

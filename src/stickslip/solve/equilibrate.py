@@ -75,7 +75,7 @@ def equilibrate(
         return end, outcome._replace(warning=unjudged(rest))
     words = _describe_instability(end, law, check)
     if words and len(contacts_at_limit(end, law)):
-        words += ", if contacts at Coulomb's limit go on sliding"
+        words += ", if contacts at Coulomb's limit keep sliding"
     keep.found_stable = -1 if words else keep.factorisations
     if words:
         outcome = outcome._replace(warning=words)
