@@ -12,7 +12,7 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 import stickslip as ss
-from stickslip.quasirigid.lcp import complementarity, lemke, pivoted
+from stickslip.quasirigid.lcp import complementarity, lemke, principal_pivoting
 from stickslip.quasirigid.matrices import LinearSystem, linear_system, stiffness_matrix
 from stickslip.quasirigid.status import contact_status
 from stickslip.quasirigid.system import pins
@@ -115,7 +115,7 @@ def rows() -> list[dict]:
     sides = {
         "cold": lambda: contact_status(matrix, load, critical=critical).sliding,
         "warm": lambda: contact_status(matrix, load, critical=critical, start=near).sliding,
-        "principal pivoting": lambda: by(lambda a: pivoted(a)[0]),
+        "principal pivoting": lambda: by(lambda a: principal_pivoting(a)[0]),
         "Lemke": lambda: by(lambda a: lemke(a) > 0),
         "flips and spsolve": lambda: flip_and_solve(matrix, load, critical, all_slide)[0],
         "flips and spsolve, warm": lambda: flip_and_solve(matrix, load, critical, near)[0],

@@ -17,7 +17,7 @@ import numpy as np
 
 import stickslip as ss
 from stickslip.core.state import Control, State
-from stickslip.loading.biaxial import RIGHT, TOP, at_rest, biaxial_box, with_load
+from stickslip.loading.biaxial import RIGHT, TOP, biaxial_box, settle, with_load
 from stickslip.loading.slow import slow_dynamics
 from stickslip.quasirigid.path import LoadPath, load_path
 
@@ -70,7 +70,7 @@ def prepare(sample: Sample) -> tuple[State, ss.Law, Control]:
     """Return state, law, and the control at the end of the leg."""
     state, law = biaxial_box(sample.n, seed=sample.seed, pressure=PRESSURE)
     while not sample.whole and (loose := ss.measure.rattlers(state, 2)).any():
-        state = at_rest(without(state, loose), law, 1e-9 * PRESSURE)
+        state = settle(without(state, loose), law, 1e-9 * PRESSURE)
     wall, factor = DIRECTIONS[sample.direction]
     return state, law, with_load(state.control, len(state.grains.radius) + wall, factor)
 

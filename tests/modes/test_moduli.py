@@ -92,5 +92,5 @@ def test_what_has_no_moduli_is_told():
         ss.modes.elastic_moduli(ss.packings.disk_array(4, press=5e-5), LAW)
     law = ss.laws.linear()
     far = ss.packings.from_arrays([[0, 0], [3, 0]], [0.5, 0.5], law, cell=[6.0, 6.0], dim=2)
-    with pytest.raises(ValueError, match="nothing but rattlers"):
+    with pytest.raises(ValueError, match="only rattlers"):
         ss.modes.elastic_moduli(far, law)

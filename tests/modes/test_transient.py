@@ -35,16 +35,16 @@ def test_two_modes_in_closed_form(near):
     """A = [[1 + d, k], [−k, 1 − d]], λ = 1 ± √(d² − k²), modes of cosine c = k/d: sup |y|/|y0| = √((1 + c)/(1 − c))."""
     d, c = 0.02, 1 - near
     pull = np.array([[1 + d, c * d], [-c * d, 1 - d]])
-    motion, _ = module._motion(pull, None, "displacement")
+    motion, _ = module._modal_motion(pull, None, "displacement")
     truth = np.sqrt((1 + c) / (1 - c))
-    (of_pair, time, first, second), *rest = module._beats(motion, undamped=True)
+    (of_pair, time, first, second), *rest = module._find_beats(motion, undamped=True)
     split = d * np.sqrt(1 - c**2)
     assert not rest
     assert of_pair == pytest.approx(truth, rel=1e-9)
     np.testing.assert_allclose(sorted([first, second]), np.sqrt([1 - split, 1 + split]), rtol=1e-12)
     assert time == pytest.approx(np.pi / abs(first - second))
-    assert module._bound(motion) == pytest.approx(truth, rel=1e-9)
-    times, amplitudes = module._searched(motion, [(of_pair, time, first, second)], None, 60, None)
+    assert module._amplitude_bound(motion) == pytest.approx(truth, rel=1e-9)
+    times, amplitudes = module._search_times(motion, [(of_pair, time, first, second)], None, 60, None)
     # opposite phase and the carrier's crest are up to π/2ω apart, which costs (truth Δω/ω)² π²/32 of the supremum
     assert truth * (1 - 0.4 * (truth * split) ** 2) < amplitudes.max() <= truth * (1 + 1e-12)
     assert abs(times[np.argmax(amplitudes)] - time) < 0.05 * time  # the envelope is flat at its top
@@ -100,7 +100,7 @@ def test_dashpots_take_from_it(calm):
 
 
 def test_what_has_no_transient_is_told(swinging, calm):
-    with pytest.raises(ValueError, match="unstable packing"):
+    with pytest.raises(ValueError, match="the packing is unstable"):
         ss.modes.transient_growth(swinging, LAW)
     with pytest.raises(ValueError, match="use energy or displacement"):
         ss.modes.transient_growth(calm, LAW, norm="power")

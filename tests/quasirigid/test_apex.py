@@ -16,14 +16,14 @@ from stickslip.quasirigid.cone_apex import (
     SLIDES_BACK,
     STICKS,
     Apex,
-    Found,
-    along_the_pieces,
-    cell,
+    StatusSolution,
     consistent_statuses,
+    follow_pieces,
+    status_of_velocity,
     statuses_at_apex,
 )
 from stickslip.quasirigid.matrices import linear_system, statuses, stiffness_matrix
-from stickslip.quasirigid.opening import decided, reduced
+from stickslip.quasirigid.opening import decide_statuses, reduced
 from tests.quasirigid.test_status import jammed_disks
 
 SPRINGS = np.diag([1.0, 0.5])
@@ -52,7 +52,7 @@ def drawn(seed):
 def test_cells_are_disjoint_and_cover_the_plane(normal, along, sign):
     apex = single(np.eye(2), [0, 0])._replace(sign=np.array([sign]))
     velocity, now = np.array([[normal, along]]), np.zeros(1, int)
-    found = cell(apex, velocity, now)[0]
+    found = status_of_velocity(apex, velocity, now)[0]
     if sign == 0 and normal > 0:
         assert found == OPENS
     elif sign >= 0 and 1.2 * normal + along > 0:
@@ -77,7 +77,7 @@ def test_one_to_one_where_all_pieces_are_stable_and_found_wherever_there_is_one(
     every, coherent = consistent_statuses(apex)
     if coherent:
         assert len(every) == 1
-        assert along_the_pieces(apex).status.tolist() == every[0].tolist()
+        assert follow_pieces(apex).status.tolist() == every[0].tolist()
     found = statuses_at_apex(apex)
     assert (found.status is None) == (len(every) == 0)
     if found.status is not None:
@@ -92,13 +92,13 @@ def test_all_choices_together_against_one_by_one(seed):
     found = []
     for choice in itertools.product(*apex.allowed):
         status = np.array(choice)
-        matrix = room.piece(apex, status)
+        matrix = room.piece_matrix(apex, status)
         if np.linalg.cond(matrix) > 1e8:
             assume(False)  # near a boundary round-off decides
         velocity = np.linalg.solve(matrix, apex.velocity.ravel()).reshape(-1, 2)
-        if np.array_equal(cell(apex, velocity, status, 1e-9 * np.abs(velocity).max()), status):
+        if np.array_equal(status_of_velocity(apex, velocity, status, 1e-9 * np.abs(velocity).max()), status):
             found.append((np.linalg.det(matrix) < 0, choice))
-    every = room.every_choice(apex)
+    every = room.enumerate_statuses(apex)
     assert sorted(map(tuple, every.status.tolist())) == sorted(choice for _, choice in found)
     assert every.stable.tolist() == sorted(every.stable.tolist(), reverse=True)
     assert every.stable.sum() == sum(not unstable for unstable, _ in found)
@@ -115,7 +115,7 @@ def test_without_stability_statuses_are_consistent_together_or_not_at_all():
 def test_too_many_choices_are_not_gone_through():
     one = drawn(0)
     many = one._replace(sign=np.zeros(7), velocity=np.zeros((7, 2)))
-    with pytest.raises(ValueError, match=r"7 contacts with 1.64e\+04 choices .* at most 4096"):
+    with pytest.raises(ValueError, match=r"7 contacts with 1.64e\+04 combinations .* at most 4096"):
         consistent_statuses(many)
 
 
@@ -130,7 +130,7 @@ def test_reduced_map_of_a_packing_against_the_whole_stiffness(seed):
     for status in ([OPENS, SLIDES, STICKS], [SLIDES_BACK, STICKS, STICKS], [STICKS, OPENS, STICKS]):
         status = np.array(status)
         velocity = room._velocity(small.apex, status)
-        v = small.velocities(Found(status, velocity, ""))
+        v = small.velocities(StatusSolution(status, velocity, ""))
         slides = np.zeros(m.count, bool)
         slides[contacts] = np.isin(status, [SLIDES, SLIDES_BACK])
         side = np.where(status == SLIDES_BACK, -1.0, 1.0)
@@ -169,10 +169,10 @@ def chain(gap):
 
 
 def test_a_disk_without_forces_is_released_as_a_body_or_carries():
-    pressed = decided(*chain(-1.0), np.ones(2, bool), geometric=False)
+    pressed = decide_statuses(*chain(-1.0), np.ones(2, bool), geometric=False)
     assert pressed.status.tolist() == [STICKS, STICKS]
     assert pressed.stable
-    pulled = decided(*chain(1.0), np.ones(2, bool), geometric=False)
+    pulled = decide_statuses(*chain(1.0), np.ones(2, bool), geometric=False)
     assert pulled.status is None  # nothing holds the lid
     assert pressed.others == ()
 
@@ -187,8 +187,8 @@ def test_a_velocity_on_the_boundary_of_cells_counts_once():
             continue
         at = room._velocity(apex, status)
         at[0, 0] = 0.0
-        here = cell(apex, at, status)
-        moved = apex._replace(velocity=(room.piece(apex, here) @ at.ravel()).reshape(-1, 2))
+        here = status_of_velocity(apex, at, status)
+        moved = apex._replace(velocity=(room.piece_matrix(apex, here) @ at.ravel()).reshape(-1, 2))
         counts.append(len(consistent_statuses(moved)[0]))
     assert len(counts) > 100
     assert set(counts) == {1}

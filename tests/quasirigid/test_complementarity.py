@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from stickslip.quasirigid.absence import farkas
-from stickslip.quasirigid.enumeration import gone_through, solved, status_map
-from stickslip.quasirigid.lcp import Complementarity, lemke, pivoted, scaled
-from stickslip.quasirigid.uniqueness import Known, certificate
+from stickslip.quasirigid.enumeration import enumerate_rates, enumerate_solutions, status_map
+from stickslip.quasirigid.lcp import Complementarity, lemke, principal_pivoting, scale_problem
+from stickslip.quasirigid.uniqueness import UniquenessVerdict, certificate
 from tests.quasirigid import brute_force as brute
 
 KINDS = ("P", "any", "Z", "singular", "twins", "integers", "skew", "hidden Z")
@@ -37,7 +37,10 @@ def awkward(kind, n, rng):
 def compared(a, q, size):
     """What differs between the enumeration of (A, q) and the solutions of (size A, q), and the number of solutions."""
     found = brute.answers(a, q, np.abs(a).max(initial=1e-300), 1e-12)
-    ours = [(size * s.slip, np.where(s.slides, size * s.rate, s.rate)) for s in solved(Complementarity(size * a, q))[0]]
+    ours = [
+        (size * s.slip, np.where(s.slides, size * s.rate, s.rate))
+        for s in enumerate_solutions(Complementarity(size * a, q))[0]
+    ]
     bad = []
     for one in found:
         if one.sure and 0 not in one.signs and not any(brute.same(one.rate, rate, 1e-11) for _, rate in ours):
@@ -73,7 +76,13 @@ def test_solutions_and_certificates_of_awkward_problems(kind, size):
         counts.add(min(count, 2))
         known = certificate(problem)
         if not np.isnan(signs).any():
-            expected = Known.NOT_UNIQUE if signs.min() < 0 else Known.SINGULAR if signs.min() == 0 else Known.UNIQUE
+            expected = (
+                UniquenessVerdict.NOT_UNIQUE
+                if signs.min() < 0
+                else UniquenessVerdict.SINGULAR
+                if signs.min() == 0
+                else UniquenessVerdict.UNIQUE
+            )
             assert known.verdict is expected, (seed, known, signs)
         _check_evidence(problem, known)
         _check_farkas(problem, count)
@@ -83,9 +92,9 @@ def test_solutions_and_certificates_of_awkward_problems(kind, size):
 def _check_evidence(problem, known):
     part = problem.matrix[np.ix_(known.contacts, known.contacts)]
     unit = np.abs(problem.matrix).max()
-    if known.verdict is Known.NOT_UNIQUE:
+    if known.verdict is UniquenessVerdict.NOT_UNIQUE:
         assert np.linalg.slogdet(part)[0] < 0
-    if known.verdict is Known.SINGULAR:
+    if known.verdict is UniquenessVerdict.SINGULAR:
         assert np.abs(part @ known.vector).max() <= 1e-10 * unit
         assert np.abs(known.vector).max() == 1
     if "H-matrix" in known.reason:
@@ -111,7 +120,7 @@ def test_verdicts_do_not_depend_on_units():
         a, q = rng.normal(size=(2, 5, 5))[0] + np.eye(5), rng.normal(size=5)
         rows, columns = 2.0 ** rng.integers(-30, 30, (2, 5))
         here, there = (
-            gone_through(scaled(p))
+            enumerate_rates(scale_problem(p))
             for p in (Complementarity(a, q), Complementarity(rows[:, None] * a * columns, rows * q))
         )
         assert np.array_equal(here.sign, there.sign)
@@ -123,15 +132,15 @@ def test_two_contacts_of_one_disk_are_singular_whatever_round_off_says():
     for tiny in (0.0, 1e-16, -1e-16, 3e-15):
         twins = Complementarity(np.array([[1.0, 1.0], [1.0, 1.0 + tiny]]), np.array([-1.0, -1.0]))
         known = certificate(twins)
-        assert known.verdict is Known.SINGULAR
+        assert known.verdict is UniquenessVerdict.SINGULAR
         assert known.value < 1e-14
         np.testing.assert_allclose(np.abs(known.vector), 1)
-        slips = sorted(tuple(s.slip.round(9)) for s in solved(twins).solutions)
+        slips = sorted(tuple(s.slip.round(9)) for s in enumerate_solutions(twins).solutions)
         assert slips == [(0, 1), (1, 0)]
     known = certificate(Complementarity(np.array([[1.0, 1.0], [1.0, 1.0 + 1e-10]]), np.array([-1.0, -1.0])))
-    assert known.verdict is Known.UNIQUE  # the data say so
+    assert known.verdict is UniquenessVerdict.UNIQUE  # the data say so
     noisy = Complementarity(np.array([[1.0, 1.0], [1.0, 1.0 + 1e-10]]), np.array([-1.0, -1.0]), matrix_error=1e-9)
-    assert certificate(noisy).verdict is Known.SINGULAR  # their errors do not
+    assert certificate(noisy).verdict is UniquenessVerdict.SINGULAR  # their errors do not
 
 
 def test_a_ray_of_lemke_is_no_proof():
@@ -139,7 +148,7 @@ def test_a_ray_of_lemke_is_no_proof():
     rng, rays = np.random.default_rng(0), 0
     for _ in range(300):
         problem = Complementarity(rng.normal(size=(3, 3)), rng.normal(size=3))
-        if lemke(problem) is None and solved(problem).solutions:
+        if lemke(problem) is None and enumerate_solutions(problem).solutions:
             rays += 1
             assert farkas(problem) is None
     assert rays > 10
@@ -161,7 +170,7 @@ def test_what_is_not_finite_is_refused():
     for a, q in ((np.array([[np.nan]]), np.ones(1)), (np.eye(1), np.array([np.inf]))):
         with pytest.raises(ValueError, match="not finite"):
             certificate(Complementarity(a, q))
-    assert pivoted(Complementarity(np.eye(2), np.array([np.nan, 1.0])))[0] is None
+    assert principal_pivoting(Complementarity(np.eye(2), np.array([np.nan, 1.0])))[0] is None
 
 
 def test_a_map_has_no_image_where_it_is_singular():

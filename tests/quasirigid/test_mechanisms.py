@@ -69,7 +69,7 @@ def test_sliding_contacts_make_a_mechanism_that_some_loads_drive():
 
 def test_bad_loads_are_refused():
     state, law = boxed()
-    with pytest.raises(ValueError, match="one for each coordinate"):
+    with pytest.raises(ValueError, match="one component for each coordinate"):
         mechanisms(state, law, np.zeros(3))
 
 

@@ -10,11 +10,11 @@ from stickslip.loading.biaxial import RIGHT, TOP, biaxial_box, sheared_box, with
 from stickslip.loading.slow import slow_dynamics
 from stickslip.quasirigid import increment as piece
 from stickslip.quasirigid.events import Event
-from stickslip.quasirigid.increment import CROWD, OUT_OF_BALANCE, Piece, Place
-from stickslip.quasirigid.opening import decided
+from stickslip.quasirigid.increment import CROWD, OUT_OF_BALANCE, Increment, PathState
+from stickslip.quasirigid.opening import decide_statuses
 from stickslip.quasirigid.path import load_path
 from stickslip.quasirigid.status import Alternative, Verdict, contact_status
-from stickslip.quasirigid.uniqueness import Known, certificate
+from stickslip.quasirigid.uniqueness import UniquenessVerdict, certificate
 
 
 @pytest.fixture(scope="module")
@@ -115,23 +115,23 @@ def test_what_is_not_known_of_uniqueness_is_counted_and_told(boxed, monkeypatch)
 
     def undecided(problem):
         open_.append("certificate")
-        return certificate(problem)._replace(verdict=Known.UNDECIDED)
+        return certificate(problem)._replace(verdict=UniquenessVerdict.UNDECIDED)
 
     def cut_short(*given, **how):
         open_.append("apex")
-        return decided(*given, **how)._replace(complete=False)
+        return decide_statuses(*given, **how)._replace(complete=False)
 
     sure = load_path(state, law, less, increment=0.05)
     assert sure.unchecked == 0
     assert "not known" not in sure.summary
     monkeypatch.setattr(piece, "contact_status", no_answer)
     monkeypatch.setattr(piece, "certificate", undecided)
-    monkeypatch.setattr(piece, "decided", cut_short)
+    monkeypatch.setattr(piece, "decide_statuses", cut_short)
     path = load_path(state, law, more, increment=0.05)
     assert path.complete
     assert {"certificate", "apex"} <= set(open_)
     assert path.unchecked == len(open_)
-    assert f"{len(open_)} times it is not known whether there were others" in path.summary
+    assert f"{len(open_)} times it is not known whether other statuses were consistent" in path.summary
 
 
 def test_loading_the_other_wall_and_back(boxed):
@@ -147,11 +147,11 @@ def test_loading_the_other_wall_and_back(boxed):
 def test_wrong_starts_are_one_sentence(boxed):
     state, law = boxed
     up = with_load(state.control, 60 + TOP, 1.5)
-    with pytest.raises(ValueError, match="no leg of the load"):
+    with pytest.raises(ValueError, match="no leg was given"):
         load_path(state, law)
     with pytest.raises(ValueError, match="increment = 0 was given"):
         load_path(state, law, up, increment=0)
-    with pytest.raises(ValueError, match=r"out of balance by .* bring it to rest"):
+    with pytest.raises(ValueError, match=r"out of balance by .* use `relax` or `equilibrate`"):
         load_path(state._replace(control=up), law, up)
     freed = up._replace(free=up.free.copy())
     freed.free[60, 0] = True
@@ -160,7 +160,7 @@ def test_wrong_starts_are_one_sentence(boxed):
     rattler = int(np.flatnonzero(ss.measure.rattlers(state, 2))[0])
     pulled = up._replace(force=up.force.copy())
     pulled.force[rattler, 0] = 1e-3
-    with pytest.raises(ValueError, match=f"body {rattler} is loaded but holds nothing"):
+    with pytest.raises(ValueError, match=f"body {rattler} is loaded but is a rattler"):
         load_path(state, law, pulled)
 
 
@@ -207,7 +207,7 @@ def test_ends_do_not_depend_on_the_increment_nor_on_round_off():
 
 def test_a_path_without_progress_ends_after_a_stated_number_of_events(boxed, monkeypatch):
     state, law = boxed
-    run = Piece.run
+    run = Increment.run
 
     def stuck(self, start):
         place, used, verdict = run(self, start)
@@ -216,7 +216,7 @@ def test_a_path_without_progress_ends_after_a_stated_number_of_events(boxed, mon
         self.events = [Event(start, "opens", 0, 1)]
         return self.place, 0.0, Verdict.CONSISTENT
 
-    monkeypatch.setattr(Piece, "run", stuck)
+    monkeypatch.setattr(Increment, "run", stuck)
     path = load_path(state, law, with_load(state.control, 60 + TOP, 2.5))
     assert path.verdict is Verdict.NO_PROGRESS
     assert path.verdict.value.startswith(f"{CROWD} events")
@@ -248,9 +248,9 @@ def test_other_consistent_choices_are_reported(boxed, monkeypatch):
     assert fork.taken[0] in ("slides", "slides back")
     assert fork.others == (("sticks",),)
     assert fork.forces
-    assert any(e.kind.startswith("2 choices of statuses are consistent") for e in path.events)
-    assert f"other choices were consistent, too, at {len(path.alternatives)} load" in path.summary
-    assert "other choices" not in plain._replace(alternatives=()).summary
+    assert any(e.kind.startswith("2 combinations of statuses are consistent") for e in path.events)
+    assert f"other statuses were consistent, too, at {len(path.alternatives)} load" in path.summary
+    assert "see `alternatives`" not in plain._replace(alternatives=()).summary
 
 
 @pytest.mark.slow
@@ -271,7 +271,7 @@ def test_slow_dynamics_follow_paths_on_which_rattlers_return():
         state, law = biaxial_box(60, seed=seed)
         end = with_load(state.control, 60 + TOP, 3.0)
         path = load_path(state, law, end)
-        until = min([1.5 * e.load for e in path.events if e.kind == "is wedged and carries again"], default=np.inf)
+        until = min([1.5 * e.load for e in path.events if e.kind == "is wedged and carries load again"], default=np.inf)
         if until < path.points[-1].load and len(off) < 2:
             run = slow_dynamics(state, law, end, time=1e5 / until, until=until, drag=0.02)
             lid = np.array([s.walls.point[TOP, 1] for s in run.states]) - state.walls.point[TOP, 1]
@@ -287,8 +287,8 @@ def test_geometric_stiffness_keeps_the_balance(boxed):
     quiet = np.zeros(len(state.contacts.mode), bool)
     residual = []
     for geometric in (True, False):
-        one = Piece(
-            Place(state, ss.measure.rattlers(state, 2), quiet, quiet, True, 0.0),
+        one = Increment(
+            PathState(state, ss.measure.rattlers(state, 2), quiet, quiet, True, 0.0),
             law,
             state.control,
             end,
@@ -326,14 +326,14 @@ def test_simple_shear_of_a_periodic_packing(seed):
 def test_an_unstable_start_and_other_laws_are_refused(boxed):
     state, _ = boxed
     hertz = ss.laws.hertz_mindlin(1.0, 0.5, 0.5, coulomb="sharp")
-    with pytest.raises(ValueError, match="piecewise linear for `linear` only"):
+    with pytest.raises(ValueError, match="piecewise linear only for `linear`"):
         load_path(state, hertz, state.control)
     column = ss.disks([[0, 0.4995], [0.0, 1.499]], 0.5)
     walls = ss.flat_walls([[0, 0], [0, 1.9985]], [[0, 1], [0, -1]])
     tower = ss.assembly(column, walls, ss.box(dim=2), ss.control.loads(2, 2))
     slippery = ss.laws.linear(1.0, 1e-5, 0.5, coulomb="sharp")
     tower = ss.accept(tower, ss.forces(tower, slippery)[1])
-    with pytest.raises(ValueError, match=r"not stable: k has the eigenvalue -.* let it come to rest"):
+    with pytest.raises(ValueError, match=r"not stable: k has the eigenvalue -.* bring the packing to rest"):
         load_path(tower, slippery, tower.control)
 
 
@@ -341,13 +341,13 @@ def test_legs_that_change_more_than_loads_are_refused(boxed):
     state, law = boxed
     for change, words in (
         ({"rate": state.control.rate + 1e-3}, "change rate: only forces, torques, gravity and stress"),
-        ({"stress": state.control.stress + 1e-4}, "a component of the cell that is not free"),
+        ({"stress": state.control.stress + 1e-4}, "a cell component that is not free"),
     ):
         with pytest.raises(ValueError, match=words):
             load_path(state, law, state.control._replace(**change))
-    with pytest.raises(ValueError, match="a leg of float was given"):
+    with pytest.raises(ValueError, match="a leg of type float was given"):
         load_path(state, law, 1.0)
-    with pytest.raises(ValueError, match="body 3 has no force that could be raised"):
+    with pytest.raises(ValueError, match="body 3 has no force that could be multiplied"):
         with_load(state.control, 3, 2.0)
     with pytest.raises(ValueError, match=r"pressure = -0.0001 was given: it must be above 0"):
         biaxial_box(30, pressure=-1e-4)
@@ -361,7 +361,7 @@ def test_a_net_force_that_nothing_holds_is_refused():
     force = state.control.force.copy()
     held = int(np.flatnonzero(~ss.measure.rattlers(state, 2))[0])
     force[held, 0] = 1e-6
-    with pytest.raises(ValueError, match="net force along x, which nothing holds"):
+    with pytest.raises(ValueError, match="net force along x that nothing balances"):
         load_path(state, law, state.control._replace(force=force))
     m = ss.quasirigid.linear_system(state, law)
     assert ss.quasirigid.contact_status(m, (np.arange(len(m.free)) == 0).astype(float)).verdict is Verdict.MECHANISM
@@ -377,11 +377,11 @@ def test_critical_contacts_are_numbers_or_a_mask(boxed):
     by_mask, by_number = (ss.quasirigid.contact_status(m, load, critical=c) for c in (mask, [3, 8]))
     assert by_mask.critical.tolist() == by_number.critical.tolist() == [3, 8]
     for wrong in ([1, 1], mask[:5], [0.5]):
-        with pytest.raises(ValueError, match="takes different numbers of contacts"):
+        with pytest.raises(ValueError, match="distinct numbers of contacts"):
             ss.quasirigid.contact_status(m, load, critical=wrong)
     with pytest.raises(ValueError, match=r"critical contacts -1 to 9999 .* numbers 0 to"):
         ss.quasirigid.contact_status(m, load, critical=[-1, 9999])
-    with pytest.raises(ValueError, match="start has the shape"):
+    with pytest.raises(ValueError, match="start of shape"):
         ss.quasirigid.contact_status(m, load, critical=[1], start=[True])
 
 

@@ -5,9 +5,9 @@ import pytest
 
 import stickslip as ss
 from stickslip.core.measure import mean_normal_force
-from stickslip.quasirigid.increment import Place
-from stickslip.quasirigid.path import _carrying
-from stickslip.quasirigid.rattling import as_loose, gaps, moved_aside
+from stickslip.quasirigid.increment import PathState
+from stickslip.quasirigid.path import _reinstate_wedged
+from stickslip.quasirigid.rattling import gaps, move_aside, release_rattlers
 
 LAW = ss.laws.linear(1.0, 0.5, 0.5, coulomb="sharp")
 
@@ -22,7 +22,7 @@ def between(*others, law=LAW):
 
 def test_a_pressed_rattler_gives_way_along_the_normal():
     state, loose = between([0.99, 0.0])
-    moved, wedge = moved_aside(state, LAW, loose)
+    moved, wedge = move_aside(state, LAW, loose)
     assert not len(wedge)
     assert moved.grains.position[0] == pytest.approx([-0.01, 0, 0], abs=1e-11)
     assert moved.grains.position[1] == pytest.approx([0.99, 0, 0])
@@ -31,7 +31,7 @@ def test_a_pressed_rattler_gives_way_along_the_normal():
 
 def test_two_at_right_angles_push_it_into_the_free_quarter():
     state, loose = between([0.99, 0.0], [0.0, 0.98])
-    moved, wedge = moved_aside(state, LAW, loose)
+    moved, wedge = move_aside(state, LAW, loose)
     assert not len(wedge)
     _, gap = gaps(moved, np.arange(int(moved.contacts.count[0])))
     assert gap.min() >= 0
@@ -40,7 +40,7 @@ def test_two_at_right_angles_push_it_into_the_free_quarter():
 
 def test_two_opposite_ones_wedge_it():
     state, loose = between([0.99, 0.0], [-0.99, 0.0])
-    same, wedge = moved_aside(state, LAW, loose)
+    same, wedge = move_aside(state, LAW, loose)
     assert len(wedge) == 2
     assert np.array_equal(same.grains.position, state.grains.position)
 
@@ -50,9 +50,9 @@ def test_friction_holds_what_would_slip_out_without():
     turn = np.radians(20)
     place = 0.99 * np.array([np.cos(turn), np.sin(turn)])
     state, loose = between(place, place * [-1, 1])
-    assert len(moved_aside(state, LAW, loose)[1]) == 2
+    assert len(move_aside(state, LAW, loose)[1]) == 2
     slippery = ss.laws.linear(1.0, 0.5, 0.1, coulomb="sharp")
-    moved, wedge = moved_aside(state, slippery, loose)
+    moved, wedge = move_aside(state, slippery, loose)
     assert not len(wedge)
     assert moved.grains.position[0, 1] < -0.01
 
@@ -62,24 +62,24 @@ def test_friction_draws_along_what_it_holds():
     beside, height = 1.0001 * np.cos(0.3), 1.0001 * np.sin(0.3)
     before, _ = between([beside, -height], [-beside, -height])
     state, loose = between([beside, 0.01 - height], [-beside, 0.01 - height])
-    assert len(moved_aside(state, LAW, loose)[1]) == 2  # pushed without being drawn, it is held
-    moved, wedge = moved_aside(state, LAW, loose, before)
+    assert len(move_aside(state, LAW, loose)[1]) == 2  # pushed without being drawn, it is held
+    moved, wedge = move_aside(state, LAW, loose, before)
     assert not len(wedge)
     assert moved.grains.position[0] == pytest.approx([0, 0.01, 0], abs=1e-9)
     closer = before.grains.position * [0.999, 1, 1]
     state = before._replace(grains=before.grains._replace(position=closer))
     state = ss.accept(state, ss.forces(state, LAW)[1])
-    assert len(moved_aside(state, LAW, loose, before)[1]) == 2  # what comes from both sides wedges it
+    assert len(move_aside(state, LAW, loose, before)[1]) == 2  # what comes from both sides wedges it
 
 
 def test_a_chain_of_rattlers_moves_together_and_three_hold_one():
     state, _ = between([-0.99, 0.0], [0.99, 0.0])
-    moved, wedge = moved_aside(state, LAW, np.array([True, False, True]))
+    moved, wedge = move_aside(state, LAW, np.array([True, False, True]))
     assert not len(wedge)
     assert moved.grains.position[2, 0] > moved.grains.position[0, 0] > 0
     angles = 2 * np.pi * np.arange(3) / 3
     ring = 0.99 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    assert len(moved_aside(*_swapped(between(*ring)))[1]) >= 2
+    assert len(move_aside(*_swapped(between(*ring)))[1]) >= 2
 
 
 def _swapped(pair):
@@ -89,7 +89,7 @@ def _swapped(pair):
 
 def test_without_rattlers_nothing_happens():
     state, loose = between([0.99, 0.0])
-    assert moved_aside(state, LAW, np.zeros_like(loose))[0] is state
+    assert move_aside(state, LAW, np.zeros_like(loose))[0] is state
 
 
 def test_of_rattlers_wedged_at_once_none_is_left_behind():
@@ -99,9 +99,12 @@ def test_of_rattlers_wedged_at_once_none_is_left_behind():
     state = ss.accept(state, ss.forces(state, LAW)[1])
     contacts, none = state.contacts, np.zeros(len(state.contacts.mode), bool)
     first = np.flatnonzero((contacts.i == 0) | (contacts.j == 0))
-    place = Place(as_loose(state, np.arange(6) % 3 == 0), np.arange(6) % 3 == 0, none, none, True, -np.inf)
-    after, events = _carrying(place, LAW, first, 0.5)
+    place = PathState(release_rattlers(state, np.arange(6) % 3 == 0), np.arange(6) % 3 == 0, none, none, True, -np.inf)
+    after, events = _reinstate_wedged(place, LAW, first, 0.5)
     assert not after.loose.any()
-    assert [(e.kind, e.i) for e in events] == [("is wedged and carries again", 0), ("is wedged and carries again", 3)]
+    assert [(e.kind, e.i) for e in events] == [
+        ("is wedged and carries load again", 0),
+        ("is wedged and carries load again", 3),
+    ]
     assert len(ss.measure.touching(after.state)) == after.fresh.sum() == 4
     assert mean_normal_force(after.state, LAW) == pytest.approx(0.01)

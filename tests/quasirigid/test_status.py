@@ -12,12 +12,12 @@ import stickslip as ss
 from stickslip.loading.biaxial import TOP
 from stickslip.quasirigid import absence
 from stickslip.quasirigid import status as room
-from stickslip.quasirigid.enumeration import Solution, Solved, solved, status_map
+from stickslip.quasirigid.enumeration import AllSolutions, Solution, enumerate_solutions, status_map
 from stickslip.quasirigid.lcp import Complementarity, complementarity, lemke
 from stickslip.quasirigid.matrices import force_rates, linear_system, stiffness_matrix
 from stickslip.quasirigid.status import Verdict, contact_status
-from stickslip.quasirigid.system import System, pins
-from stickslip.quasirigid.uniqueness import Known, certificate
+from stickslip.quasirigid.system import StatusSolver, pins
+from stickslip.quasirigid.uniqueness import UniquenessVerdict, certificate
 from tests.conftest import make_law, stirred
 from tests.derivatives.test_free_cell import packed
 from tests.quasirigid.five_packings import sample
@@ -80,15 +80,15 @@ def test_a_certificate_for_many_contacts():
     assert certificate(large).unique is False
     ring = np.eye(30) + 1.2 * np.roll(np.eye(30), 1, axis=1)  # det = 1 − 1.2³⁰, all smaller minors are 1
     found = certificate(Complementarity(ring, np.ones(30)))
-    assert found.verdict is Known.NOT_UNIQUE
+    assert found.verdict is UniquenessVerdict.NOT_UNIQUE
     assert found.value == pytest.approx(1 - 1.2**30)
     half = np.eye(16) + 1.2 * np.roll(np.eye(16), 1, axis=1)
     two = Complementarity(np.kron(np.eye(2), half), np.ones(32))  # the minors of either half are negative, not of both
-    assert certificate(two).verdict is Known.UNDECIDED
+    assert certificate(two).verdict is UniquenessVerdict.UNDECIDED
     assert certificate(two).unique is None
     two.matrix[16:, :16] = two.matrix[:16, :16]
     two.matrix[:16, 16:] = two.matrix[16:, 16:]
-    assert certificate(two).verdict in (Known.NOT_UNIQUE, Known.SINGULAR)
+    assert certificate(two).verdict in (UniquenessVerdict.NOT_UNIQUE, UniquenessVerdict.SINGULAR)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -137,9 +137,9 @@ def test_cycles_hand_over_to_pivoting_and_that_to_lemke(monkeypatch):
     load = m.c @ rng.normal(size=2 * m.count)
     monkeypatch.setattr(room, "MAPPED", 0)  # as for many contacts
     first = contact_status(m, load, critical=critical)
-    monkeypatch.setattr(room, "_flipped", lambda *_: None)
+    monkeypatch.setattr(room, "_flip_inconsistent", lambda *_: None)
     second = contact_status(m, load, critical=critical)
-    monkeypatch.setattr(room, "pivoted", lambda *_: (None, 0))
+    monkeypatch.setattr(room, "principal_pivoting", lambda *_: (None, 0))
     third = contact_status(m, load, critical=critical)
     assert [c.method for c in (first, second, third)] == ["flip all", "principal pivoting", "Lemke"]
     for other in (second, third):
@@ -184,7 +184,9 @@ def test_two_critical_contacts_of_one_disk_are_singular_and_not_unique():
         a = complementarity(turned, load, critical=pair).matrix
         np.testing.assert_allclose(a, a[0, 0], atol=1e-12)
         choice = contact_status(turned, load, critical=pair)
-        assert choice.uniqueness.verdict is (Known.SINGULAR if a[0, 0] > 0 else Known.NOT_UNIQUE)
+        assert choice.uniqueness.verdict is (
+            UniquenessVerdict.SINGULAR if a[0, 0] > 0 else UniquenessVerdict.NOT_UNIQUE
+        )
         verdicts[a[0, 0] > 0, choice.verdict] = turned, pair, choice
     assert {v for whole, v in verdicts if whole} == {Verdict.SINGULAR, Verdict.UNIQUE}
     assert {v for whole, v in verdicts if not whole} == {Verdict.NOT_UNIQUE, Verdict.UNSTABLE}
@@ -201,7 +203,7 @@ def test_two_critical_contacts_of_one_disk_are_singular_and_not_unique():
 
 def test_lemke_on_a_ray_does_not_make_a_packing_unstable(monkeypatch):
     """Cases where flipping goes round and Lemke's algorithm ends on a ray although a stable status is consistent."""
-    monkeypatch.setattr(room, "_flipped", lambda *_: None)
+    monkeypatch.setattr(room, "_flip_inconsistent", lambda *_: None)
     rng, met = np.random.default_rng(0), 0
     for number in range(800):
         m = sample("box", number % 4)
@@ -209,7 +211,7 @@ def test_lemke_on_a_ray_does_not_make_a_packing_unstable(monkeypatch):
         critical = rng.choice(m.count, 4, replace=False)
         load = m.c @ rng.normal(size=2 * m.count)
         problem = complementarity(m, load, critical=critical)
-        stable = [s for s in solved(problem).solutions if s.sign > 0]
+        stable = [s for s in enumerate_solutions(problem).solutions if s.sign > 0]
         if lemke(problem) is not None or not stable:
             continue
         met += 1
@@ -242,9 +244,9 @@ def test_beyond_fourteen_contacts_every_verdict_has_its_evidence():
             assert (problem.matrix.T @ y).max() <= 1e-9 * np.abs(problem.matrix.T @ y).max()
         elif choice.verdict is Verdict.NOT_FOUND:
             assert choice.proof is None
-            assert "not proven absent" in choice.verdict.value
+            assert "but one may exist" in choice.verdict.value
         else:
-            assert choice.verdict is not Verdict.UNIQUE or choice.uniqueness.verdict is Known.UNIQUE
+            assert choice.verdict is not Verdict.UNIQUE or choice.uniqueness.verdict is UniquenessVerdict.UNIQUE
             assert (choice.stable is False) == (choice.verdict is Verdict.NEGATIVE)
             cheap = contact_status(m, load, critical=critical)
             if cheap.method == "flip all":
@@ -272,8 +274,8 @@ def test_a_solver_whose_answer_is_not_consistent_is_not_believed(monkeypatch):
     load = m.c @ rng.normal(size=2 * m.count)
     truth = contact_status(m, load, critical=critical).sliding[critical]
     monkeypatch.setattr(room, "MAPPED", 0)
-    monkeypatch.setattr(room, "_flipped", lambda *_: None)
-    monkeypatch.setattr(room, "pivoted", lambda *_: (~truth, 1))
+    monkeypatch.setattr(room, "_flip_inconsistent", lambda *_: None)
+    monkeypatch.setattr(room, "principal_pivoting", lambda *_: (~truth, 1))
     monkeypatch.setattr(room, "lemke", lambda *_: np.where(truth, np.nan, 1.0))
     found = contact_status(m, load, critical=critical)
     assert found.verdict is Verdict.NOT_FOUND
@@ -357,20 +359,20 @@ def test_in_a_packing_of_two_contacts_no_status_is_found_that_is_not_consistent(
 def test_a_solution_with_huge_error_bounds_is_verified_all_the_same(monkeypatch):
     m, down = tilted(0.3)
     vague = Solution(np.array([False]), np.zeros(1), np.zeros(1), np.full(1, 1e30), 0)
-    monkeypatch.setattr(room, "solved", lambda *_: Solved((vague,), ()))
-    monkeypatch.setattr(room, "_flipped", lambda *_: None)
+    monkeypatch.setattr(room, "enumerate_solutions", lambda *_: AllSolutions((vague,), ()))
+    monkeypatch.setattr(room, "_flip_inconsistent", lambda *_: None)
     assert contact_status(m, down).verdict is Verdict.NOT_FOUND
 
 
 def test_a_motion_that_is_resisted_or_not_driven_is_no_mechanism():
     m, down = tilted(0.3)
     found, slides = contact_status(m, down).proof, np.array([True])
-    system = System(m, down, np.array([0]), True)
+    system = StatusSolver(m, down, np.array([0]), True)
     v, u = found.velocity[system.kept], found.balance[system.kept]
     across = np.array([-v[1], v[0]])
-    assert absence._motion(system, v, u, slides).power == pytest.approx(found.power)
-    assert absence._motion(system, v, u, ~slides) is None  # it sticks
-    assert absence._motion(system, across, u, slides) is None
-    assert absence._motion(system, v, across, slides) is None
-    idle = System(m, np.array([-found.balance[1], found.balance[0]]), np.array([0]), True)
-    assert absence._motion(idle, v, u, slides) is None
+    assert absence._verify_motion(system, v, u, slides).power == pytest.approx(found.power)
+    assert absence._verify_motion(system, v, u, ~slides) is None  # it sticks
+    assert absence._verify_motion(system, across, u, slides) is None
+    assert absence._verify_motion(system, v, across, slides) is None
+    idle = StatusSolver(m, np.array([-found.balance[1], found.balance[0]]), np.array([0]), True)
+    assert absence._verify_motion(idle, v, u, slides) is None

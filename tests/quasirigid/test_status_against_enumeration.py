@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.linalg import LinAlgError
 
-from stickslip.quasirigid.absence import Absence, Motion
+from stickslip.quasirigid.absence import Absence, UnresistedMotion
 from stickslip.quasirigid.lcp import complementarity
 from stickslip.quasirigid.matrices import stiffness_matrix
 from stickslip.quasirigid.status import Verdict, contact_status
-from stickslip.quasirigid.uniqueness import Known, certificate
+from stickslip.quasirigid.uniqueness import UniquenessVerdict, certificate
 from tests.quasirigid import brute_force as brute
 from tests.quasirigid.five_packings import KINDS, sample
 
@@ -141,7 +141,7 @@ def _about_evidence(m, load, critical, choice) -> list[str]:
 
 
 def _about_motion(m, load, critical, motion) -> list[str]:
-    if not isinstance(motion, Motion):
+    if not isinstance(motion, UnresistedMotion):
         return ["a mechanism without a motion"]
     sliding = np.isin(np.arange(m.count), critical[motion.sliding])
     k = stiffness_matrix(m, sliding).toarray()
@@ -156,13 +156,21 @@ def _about_motion(m, load, critical, motion) -> list[str]:
 def _about_certificate(a, unit, known) -> list[str]:
     signs = brute.minor_signs(a, unit)
     vague = np.isnan(signs).any()
-    expected = Known.NOT_UNIQUE if (signs < 0).any() else Known.SINGULAR if (signs == 0).any() else Known.UNIQUE
-    right = known.verdict is expected or (vague and known.verdict is not Known.UNDECIDED and not (signs < 0).any())
+    expected = (
+        UniquenessVerdict.NOT_UNIQUE
+        if (signs < 0).any()
+        else UniquenessVerdict.SINGULAR
+        if (signs == 0).any()
+        else UniquenessVerdict.UNIQUE
+    )
+    right = known.verdict is expected or (
+        vague and known.verdict is not UniquenessVerdict.UNDECIDED and not (signs < 0).any()
+    )
     bad = [] if right else [f"{known} where minors have the signs {Counter(signs.tolist())}"]
     part = a[np.ix_(known.contacts, known.contacts)]
-    if known.verdict is Known.NOT_UNIQUE and not np.linalg.det(part) < 0:
+    if known.verdict is UniquenessVerdict.NOT_UNIQUE and not np.linalg.det(part) < 0:
         bad.append("the minor is not negative")
-    if known.verdict is Known.SINGULAR and not np.abs(part @ known.vector).max() < 1e-10 * unit:
+    if known.verdict is UniquenessVerdict.SINGULAR and not np.abs(part @ known.vector).max() < 1e-10 * unit:
         bad.append("the null vector is none")
     return bad
 

@@ -8,10 +8,10 @@ import stickslip as ss
 from stickslip.quasirigid import status as room
 from stickslip.quasirigid import system as fast
 from stickslip.quasirigid.enumeration import status_map
-from stickslip.quasirigid.lcp import Complementarity, complementarity, pivoted
+from stickslip.quasirigid.lcp import Complementarity, complementarity, principal_pivoting
 from stickslip.quasirigid.matrices import linear_system, stiffness_matrix
 from stickslip.quasirigid.status import Verdict, contact_status
-from stickslip.quasirigid.system import System, elimination, pins
+from stickslip.quasirigid.system import StatusSolver, elimination_order, pins
 from tests.conftest import make_law, stirred
 from tests.derivatives.test_free_cell import packed
 
@@ -46,7 +46,7 @@ def test_rates_of_a_walk_through_statuses_are_those_of_lapack(few, cell_free, ge
     """few: never, sometimes, and always (but for the first one) is a factor corrected instead of made anew."""
     monkeypatch.setattr(fast, "FEW", few)
     m, critical, load, rng = sample(few, cell_free)
-    system = System(m, load, critical, geometric)
+    system = StatusSolver(m, load, critical, geometric)
     slides = rng.random(14) < 0.5
     for turn in range(12):
         slides = slides ^ np.isin(np.arange(14), rng.choice(14, 1 + turn % 6, replace=False))
@@ -61,12 +61,12 @@ def test_rates_of_a_walk_through_statuses_are_those_of_lapack(few, cell_free, ge
 
 def test_bodies_in_elimination_order_are_all_coordinates_once():
     m, _, _, _ = sample(2, cell_free=True)
-    order = elimination(m.c, m.free.body)
+    order = elimination_order(m.c, m.free.body)
     assert np.array_equal(np.sort(order), np.arange(len(m.free)))
     body = m.free.body[order]
     assert (np.diff(body) != 0).sum() == len(np.unique(body)) - 1  # coordinates of one body stay together
     assert body[-1] == m.free.bodies or (body[-4:] == m.free.bodies).any()  # the cell touches all: among the last
-    assert elimination(m.c[:0], m.free.body[:0]).tolist() == []
+    assert elimination_order(m.c[:0], m.free.body[:0]).tolist() == []
 
 
 def between_floors():
@@ -89,7 +89,7 @@ def test_a_singular_status_on_the_way_is_no_verdict(load, verdict):
     m = between_floors()
     both, load = np.array([0, 1]), np.array(load)
     with pytest.raises(LinAlgError):
-        System(m, load, both, True).rates(np.array([True, True]))
+        StatusSolver(m, load, both, True).rates(np.array([True, True]))
     found = contact_status(m, load, critical=both)
     assert found.verdict is verdict
     mapped = status_map(complementarity(m, load, critical=both))
@@ -104,7 +104,7 @@ def test_a_singular_status_on_the_way_is_no_verdict(load, verdict):
 
 def test_a_solution_that_misses_the_load_is_not_believed():
     m, critical, load, _ = sample(1)
-    system, slides = System(m, load, critical, True), np.zeros(14, bool)
+    system, slides = StatusSolver(m, load, critical, True), np.zeros(14, bool)
     system.rates(slides)
     right = system.answer
     for wrong in (np.full_like(right, np.nan), 1.001 * right):
@@ -122,9 +122,9 @@ def test_a_solution_that_misses_the_load_is_not_believed():
 def test_without_a_p_matrix_lemke_takes_over_at_once(monkeypatch):
     called = []
     monkeypatch.setattr(room, "MAPPED", 0)  # as for many contacts
-    monkeypatch.setattr(room, "_flipped", lambda *_: None)
+    monkeypatch.setattr(room, "_flip_inconsistent", lambda *_: None)
     monkeypatch.setattr(room, "may_be_p", lambda a: False)
-    monkeypatch.setattr(room, "pivoted", lambda problem: called.append(1))
+    monkeypatch.setattr(room, "principal_pivoting", lambda problem: called.append(1))
     m, critical, load, _ = sample(1)
     found = contact_status(m, load, critical=critical)
     assert found.method == "Lemke"
@@ -136,7 +136,7 @@ def test_pivoting_that_comes_back_gives_up():
     rng, ended = np.random.default_rng(0), []
     for _ in range(300):
         problem = Complementarity(rng.normal(size=(3, 3)), rng.normal(size=3))
-        found, pivots = pivoted(problem)
+        found, pivots = principal_pivoting(problem)
         ended.append((found is None, pivots))
     assert any(gone and pivots > 0 for gone, pivots in ended)
     assert max(pivots for _, pivots in ended) <= 8
@@ -144,7 +144,7 @@ def test_pivoting_that_comes_back_gives_up():
 
 def test_loads_that_are_no_loads_are_refused():
     m, critical, load, _ = sample(1)
-    with pytest.raises(ValueError, match="one for each coordinate"):
+    with pytest.raises(ValueError, match="one component for each coordinate"):
         contact_status(m, load[1:], critical=critical)
     load[3] = np.nan
     with pytest.raises(ValueError, match="not finite"):

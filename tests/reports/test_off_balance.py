@@ -38,7 +38,7 @@ def test_slips_left_out_end_with_a_code_of_their_own(without, tmp_path):
     words = words_of(done.stdout)
     assert done.returncode == 3 and SENTENCE in words
     assert "no contacts were given: they were found from positions, without memory" in words
-    assert "no slips: all 183 contacts are taken as never sheared" in words
+    assert "no slips: all 183 contacts are treated as never sheared" in words
     assert "--settle" in words and "no cell" not in words and "another law" not in words
     assert not list(tmp_path.glob("*modes*"))
     quiet = run("stability", tmp_path / "p.npz", "-q", cwd=tmp_path)

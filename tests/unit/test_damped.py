@@ -50,7 +50,7 @@ def test_methods_for_large_packings_find_the_same(packing):
     law = ss.laws.linear(1.0, 0.4, 5.0, coulomb="sharp", damping_n=1e-3, damping_t=1e-3)
     dense, near = (ss.modes.damped_stability(packing, law, method=method) for method in ("dense", "pairs"))
     assert len(dense.exponents)
-    assert "growth that only dashpots cause was not" in near.scope
+    assert "growth caused by dashpots alone was not" in near.scope
     np.testing.assert_allclose(near.exponents[:3], dense.exponents[:3], atol=1e-9)
 
 
@@ -66,5 +66,5 @@ def test_a_pair_of_disks_swings_as_in_closed_form():
 
 def test_too_large_for_dense_names_another_method(packing, monkeypatch):
     monkeypatch.setattr("stickslip.solve.damped.DENSE_AT_MOST", 10)
-    with pytest.raises(ValueError, match="take 'pairs' or 'fastest'"):
+    with pytest.raises(ValueError, match="use 'pairs' or 'fastest'"):
         ss.modes.damped_stability(packing, LAW, method="dense")

@@ -44,11 +44,11 @@ def test_a_packing_reaches_a_wanted_pressure():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({}, "give packing_fraction or pressure"),
-        ({"packing_fraction": 0.68, "pressure": 1e-3}, "not both"),
+        ({}, "give either packing_fraction or pressure"),
+        ({"packing_fraction": 0.68, "pressure": 1e-3}, "give either packing_fraction or pressure"),
         ({"packing_fraction": 0.4}, "does not jam"),
         ({"packing_fraction": -1.0}, "must be positive"),
-        ({"packing_fraction": 0.68, "radius": (0.5, -0.7)}, "positive sizes"),
+        ({"packing_fraction": 0.68, "radius": (0.5, -0.7)}, "positive numbers"),
         ({"packing_fraction": 0.68, "radius": [5.0] + [0.5] * 19}, "use more grains"),
     ],
 )

@@ -11,11 +11,11 @@ from stickslip.loading.packing import jammed
 from stickslip.loading.shear import sheared
 from stickslip.solve import pairs as module
 from stickslip.solve import windows
-from stickslip.solve.certificate import _discs, certificate_of
+from stickslip.solve.certificate import _discs, gershgorin_certificate
 from stickslip.solve.equilibrate import equilibrate
 from stickslip.solve.freedom import dynamical_matrix, freedom
 from stickslip.solve.pairs import complex_pairs
-from stickslip.solve.spectrum import overlap, spectrum
+from stickslip.solve.spectrum import mode_overlap, spectrum
 from tests.conftest import make_law, make_packing, stirred
 
 LAW = ss.laws.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth")
@@ -47,7 +47,7 @@ def assert_same(found, full):
     norm = (found.free.mass[:, None] * np.abs(found.modes) ** 2).sum(axis=0)
     np.testing.assert_allclose(norm, 1, rtol=1e-12)
     for k, p in enumerate(full.pairs):
-        assert overlap(found.modes[:, k], full.modes[:, p], full.free.mass) == pytest.approx(1, abs=1e-6)
+        assert mode_overlap(found.modes[:, k], full.modes[:, p], full.free.mass) == pytest.approx(1, abs=1e-6)
     assert np.all(found.residual < 1e-12)
 
 
@@ -66,7 +66,7 @@ def test_small_systems_go_to_lapack_directly(packing):
 def test_strong_skew_coupling_goes_to_lapack(packing, monkeypatch):
     state, full = packing
     monkeypatch.setattr(windows, "WEAK", 0.0)
-    monkeypatch.setattr(module, "_refined", None)  # would fail if it were called
+    monkeypatch.setattr(module, "_refine_clusters", None)  # would fail if it were called
     assert_same(complex_pairs(state, LAW, dense_below=0), full)
 
 
@@ -104,7 +104,7 @@ def test_certificate_notices_a_missing_and_an_invented_pair(packing):
     scale = np.abs(full.eigenvalues).max()
 
     def consistent(pairs):
-        return certificate_of(matrix, None, pairs, 0, lambda share, words: None).consistent
+        return gershgorin_certificate(matrix, None, pairs, 0, lambda share, words: None).consistent
 
     assert consistent(values)
     assert not consistent(values[1:])
@@ -158,7 +158,7 @@ def test_a_poor_subspace_is_recovered_by_a_sparse_factor(packing):
     vector = full.modes[:, full.pairs[0]] * np.sqrt(full.free.mass)
     scale = np.abs(full.eigenvalues).max()
     rough = np.stack([vector.real, vector.imag], axis=1) + 1e-5 * np.random.default_rng(0).normal(size=(len(vector), 2))
-    planes = module._by_arnoldi(matrix, np.linalg.qr(rough)[0], scale)
+    planes = module._search_by_arnoldi(matrix, np.linalg.qr(rough)[0], scale)
     found = [np.linalg.eigvals(plane.T @ (matrix @ plane)) for plane in planes]
     assert min(np.abs(values - full.eigenvalues[full.pairs[0]]).min() for values in found) < 1e-12 * scale
 

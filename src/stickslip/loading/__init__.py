@@ -1,1 +1,1 @@
-"""What the laboratory does to a sample: builds it, loads it, lets it go."""
+"""Preparation, loading and release of packings."""

@@ -1,4 +1,4 @@
-"""Disks between four walls, at rest under a pressure: the start of a biaxial test."""
+"""Boxes of disks at rest under a pressure: initial states of biaxial tests and of simple shear."""
 
 import numpy as np
 
@@ -10,10 +10,10 @@ from ..core.state import Control, State, assembly, box, disks, flat_walls, loads
 from ..solve.equilibrate import equilibrate
 from .packing import jammed
 
-LEFT, BOTTOM, RIGHT, TOP = range(4)  # walls; the first two stand still
-STEPS, BLOCKS = 20_000, 150  # of damped dynamics until rest, at most
-SOFT = 0.01  # pressure over kn at most: beyond, overlaps are not small
-LOOSE = 1.15  # by which a jammed packing is blown up before the walls press it together
+LEFT, BOTTOM, RIGHT, TOP = range(4)  # walls; the first two are fixed
+STEPS, BLOCKS = 20_000, 150  # steps of a block of damped dynamics, and largest number of blocks
+SOFT = 0.01  # largest pressure over kn; beyond it overlaps are not small
+LOOSE = 1.15  # expansion of the jammed packing before the walls compress it
 
 
 def biaxial_box(
@@ -27,16 +27,16 @@ def biaxial_box(
     seed: int = 0,
     tolerance: float = 1e-9,
 ) -> tuple[State, Law]:
-    """Disks in a box, pressed together by two walls under constant forces, with friction, and at rest.
+    """Frictional disks at rest in a box, compressed by two walls under constant forces.
 
-    Walls are bodies n + LEFT, n + BOTTOM (frozen), n + RIGHT and n + TOP, which move along their normals under a force
-    of `pressure` times the length of the box when it is still loose.
+    The walls are bodies n + LEFT and n + BOTTOM, which are fixed, and n + RIGHT and n + TOP, which move along their
+    normals under a force of `pressure` times the length of the initial, loose box.
 
     Parameters
     ----------
-    pressure : float, over kn the typical overlap in diameters [force/length]
+    pressure : float; pressure/kn is the typical overlap in diameters [force/length]
     radius : as in `jammed` [length]; masses are those of disks of density 1/(π/4)
-    tolerance : float, largest unbalanced force over the pressure, times a length of 1
+    tolerance : float, largest unbalanced force over the pressure times a length of 1
 
     Returns
     -------
@@ -52,7 +52,7 @@ def biaxial_box(
     ------
     McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Fig 1.
     """
-    law = _law(kn, kt, mu, pressure)
+    law = _contact_law(kn, kt, mu, pressure)
     packing, _ = jammed(n, packing_fraction=0.86, dim=2, radius=radius, seed=seed)
     sizes, cell = packing.grains.radius, LOOSE * packing.cell.vectors[0, 0]
     room = float(sizes.max())
@@ -66,27 +66,28 @@ def biaxial_box(
     control = force_controlled(control, [n + RIGHT], [-pressure * length, 0])
     control = force_controlled(control, [n + TOP], [0, -pressure * length])
     state = assembly(grains, walls, box(dim=2), control)
-    return at_rest(state, law, tolerance * pressure), law
+    return settle(state, law, tolerance * pressure), law
 
 
 def sheared_box(
     n: int = 100, *, pressure: float = 1e-4, kn: float = 1.0, kt: float = 0.5, mu: float = 0.5, radius=(0.4, 0.6),
     seed: int = 0, tolerance: float = 1e-9,
 ) -> tuple[State, Law]:  # fmt: skip
-    """Disks in a periodic cell whose strains xx, yy and xy are free, under a pressure, with friction, and at rest.
+    """Frictional disks at rest under a pressure in a periodic cell with free strains xx, yy and xy.
 
-    Arguments, law and errors as in `biaxial_box`.
+    Arguments, law and errors are those of `biaxial_box`.
     """
-    law, packing = _law(kn, kt, mu, pressure), jammed(n, packing_fraction=0.86, dim=2, radius=radius, seed=seed)[0]
+    law = _contact_law(kn, kt, mu, pressure)
+    packing, _ = jammed(n, packing_fraction=0.86, dim=2, radius=radius, seed=seed)
     sizes, side = packing.grains.radius, 1.02 * packing.cell.vectors[0, 0]
     grains = disks(1.02 * packing.grains.position[:, :2], sizes, mass=4 * sizes**2)
     control = stress_controlled(loads(n), {"xx": pressure, "yy": pressure, "xy": 0.0})
     cell = box([side, side, 1.0], periodic=(True, True, False), dim=2)
-    return at_rest(assembly(grains, cell=cell, control=control), law, tolerance * pressure), law
+    return settle(assembly(grains, cell=cell, control=control), law, tolerance * pressure), law
 
 
-def at_rest(state: State, law: Law, tolerance: float) -> State:
-    """The state after damped dynamics, its largest unbalanced force below the tolerance, and standing still.
+def settle(state: State, law: Law, tolerance: float) -> State:
+    """Bring a state to rest by damped dynamics, with its largest unbalanced force below the tolerance.
 
     Raises
     ------
@@ -94,7 +95,8 @@ def at_rest(state: State, law: Law, tolerance: float) -> State:
         if it does not come to rest.
     """
     for _ in range(BLOCKS):
-        state = state._replace(instant=None)  # so that a seed's sample stays the one whose numbers are known
+        # keeps the sample of each seed unchanged, so that its known numbers remain valid
+        state = state._replace(instant=None)
         state, _, outcome = run(state, law, STEPS, 0.2, drag=0.02, tolerance=tolerance)
         if outcome.ok and outcome.iterations < STEPS:
             break
@@ -110,16 +112,18 @@ def at_rest(state: State, law: Law, tolerance: float) -> State:
     return state
 
 
-def _law(kn: float, kt: float, mu: float, pressure: float) -> Law:
+def _contact_law(kn: float, kt: float, mu: float, pressure: float) -> Law:
     if not 0 < pressure <= SOFT * kn:
         raise ValueError(f"pressure = {pressure} was given: it must be above 0 and at most {SOFT:g} kn = {SOFT * kn:g}")
     return linear(kn, kt, mu, coulomb="sharp", damping="mass_velocity", damping_n=0.2, damping_t=0.2)
 
 
 def with_load(control: Control, wall: int, factor: float) -> Control:
-    """Control in which the force on a wall is multiplied by a factor; `wall` counts bodies."""
+    """Control with the force on a wall multiplied by a factor; `wall` is a body number."""
     force = control.force.copy()
     if not force[wall].any():
-        raise ValueError(f"body {wall} has no force that could be raised: wall k of n grains is body n + k")
+        raise ValueError(
+            f"body {wall} has no force that could be multiplied: wall k of a packing with n grains is body n + k"
+        )
     force[wall] *= factor
     return control._replace(force=force)

@@ -1,4 +1,4 @@
-"""Samples before loading: a row of disks on a substrate, jammed packings of disks and spheres."""
+"""Initial packings: a row of disks on a substrate, and jammed packings of disks and spheres."""
 
 from typing import NamedTuple
 
@@ -36,8 +36,8 @@ def disk_array(
     radius : float or (n,) [length]
     press : float, force on every disk towards the substrate [force]
     push : float, force along x on disk number `disk`, counted from 0 [force]
-    mass : float or (n,) [mass]; i0 : float, moment of inertia i0 m R²
-    gap : float, distance between neighbours at the start, negative if they overlap [length]
+    mass : float or (n,) [mass]; i0 : float, for a moment of inertia i0 m R²
+    gap : float, initial distance between neighbours, negative if they overlap [length]
 
     Source
     ------
@@ -50,7 +50,7 @@ def disk_array(
     """
     radius = np.broadcast_to(np.asarray(radius, float), (n,))
     after = np.roll(radius, -1)
-    spacing = np.sqrt((radius + after + gap) ** 2 - (radius - after) ** 2)  # centers of unlike disks differ in height
+    spacing = np.sqrt((radius + after + gap) ** 2 - (radius - after) ** 2)  # centres of unequal disks differ in height
     centers = radius[0] + np.concatenate([[0.0], np.cumsum(spacing[:-1])])
     length = float(spacing.sum())
     grains = disks(np.stack([centers, radius], axis=1), radius, mass=mass, i0=i0)
@@ -63,7 +63,7 @@ def disk_array(
 
 
 def with_push(state: State, push: float, disk: int = 0) -> State:
-    """The same state with another force along x on one disk [force]."""
+    """State with a different force along x on one disk [force]."""
     force = state.control.force.copy()
     force[disk, 0] = push
     return state._replace(control=state.control._replace(force=force))
@@ -74,12 +74,12 @@ JAMMED = {2: 0.84, 3: 0.64}  # packing fractions around which frictionless grain
 
 @readable
 class Packed(NamedTuple):
-    """What a packing is like, without friction."""
+    """Properties of a frictionless packing."""
 
     packing_fraction: float
     pressure: float  # [force/length^(dim−1)]
     contacts: int
-    coordination: float  # contacts of a grain that is no rattler
+    coordination: float  # mean number of contacts of grains that are not rattlers
     rattlers: int
     overlap: float  # mean over contacts [length]
     residual: float  # largest unbalanced force [force]
@@ -98,19 +98,20 @@ def jammed(
     seed: int = 0,
     tolerance: float = 5e-14,
 ):
-    """A frictionless jammed packing in a periodic box, quenched from random positions; the same for the same seed.
+    """Frictionless jammed packing in a periodic box, quenched from random positions; reproducible by its seed.
 
-    The energy is minimised by SciPy's L-BFGS-B, then the forces are balanced by `equilibrate`. A wanted pressure is
-    reached by compressing (or expanding) affinely and quenching again.
+    The energy is minimised by SciPy's L-BFGS-B, then the forces are balanced by `equilibrate`. A given pressure is
+    reached by repeated affine compression (or expansion) and quenching.
 
     Parameters
     ----------
     packing_fraction : float, volume of all grains, overlaps counted twice, over that of the box (area in 2D)
-    pressure : float [force/length^(dim−1)], to 1e-6 relative; give one of the two
+    pressure : float [force/length^(dim−1)], reached to 1e-6 relative; give either this or the packing fraction
     dim : 2 (disks) or 3 (spheres)
-    radius : float; or sizes of equally many grains each, (0.5, 0.7) for half and half; or (n,) radii [length]
+    radius : float; or a few sizes with equally many grains each, such as (0.5, 0.7) for half and half; or (n,) radii
+        [length]
     mass, i0 : as in `disks`; I0 is 1/2 for disks and 2/5 for spheres unless given
-    law : Law whose normal force is used; default `hertz_mindlin()`. Its friction and dashpots are left out
+    law : Law whose normal force is used; default `hertz_mindlin()`. Its friction and dashpots are ignored
     tolerance : float, largest unbalanced force [force]
 
     Returns
@@ -120,7 +121,7 @@ def jammed(
     Raises
     ------
     ValueError
-        if input is impossible, or the packing does not jam at this packing fraction.
+        if an argument is invalid, or the packing does not jam at this packing fraction.
 
     Examples
     --------
@@ -129,7 +130,7 @@ def jammed(
     (0, 0.68)
     """
     if (packing_fraction is None) == (pressure is None):
-        raise ValueError("give packing_fraction or pressure, and not both")
+        raise ValueError("give either packing_fraction or pressure")
     if n < 2:
         raise ValueError(f"n = {n} was given: a packing needs at least 2 grains")
     for name, value in (("packing_fraction", packing_fraction), ("pressure", pressure)):
@@ -137,13 +138,13 @@ def jammed(
             raise ValueError(f"{name} = {value} was given: it must be positive")
     law = frictionless(hertz_mindlin() if law is None else law)
     rng = np.random.default_rng(seed)
-    sizes = _radii(radius, n)
+    sizes = _check_radii(radius, n)
     volume = np.sum(np.pi * sizes**2 if dim == 2 else 4 / 3 * np.pi * sizes**3)
     start = packing_fraction or 1.03 * JAMMED[dim]
     side = float(volume / start) ** (1 / dim)
     if side < 2 * sizes.max():
         raise ValueError(
-            f"{n} grains at packing fraction {start:g} fill a box of side {side:.3g}, narrower than the largest grain "
+            f"{n} grains at packing fraction {start:g} need a box of side {side:.3g}, narrower than the largest grain "
             f"({2 * sizes.max():g}): use more grains"
         )
     position = np.zeros((n, 3))
@@ -151,27 +152,27 @@ def jammed(
     make = disks if dim == 2 else spheres
     grains = make(position, sizes, mass=mass, **({} if i0 is None else {"i0": i0}))
     cell = box([side, side, side if dim == 3 else 1.0], [True, True, dim == 3], dim)
-    state = _quenched(assembly(grains, cell=cell, control=loads(n)), law, tolerance)
+    state = _quench(assembly(grains, cell=cell, control=loads(n)), law, tolerance)
     if pressure is not None:
-        state = _compressed(state, law, pressure, tolerance)
-    report = packed(state, law)
+        state = _compress(state, law, pressure, tolerance)
+    report = packing_info(state, law)
     if report.pressure <= 0:
         raise ValueError(
-            f"packing fraction {report.packing_fraction:.4g} does not jam: nothing touches; grains without friction "
+            f"packing fraction {report.packing_fraction:.4g} does not jam: no grains touch; grains without friction "
             f"need about {JAMMED[dim]} in {dim} dimensions"
         )
     return state, report
 
 
 def frictionless(law: Law) -> Law:
-    """The same normal force without friction and dashpots."""
+    """Law with the same normal force, without friction and dashpots."""
     table = law.table.copy()
     table[..., [MU, DAMPING_N, DAMPING_T]] = 0.0
     return law._replace(table=table)
 
 
-def packed(state: State, law: Law) -> Packed:
-    """Report on an accepted frictionless packing."""
+def packing_info(state: State, law: Law) -> Packed:
+    """Properties of an accepted frictionless packing."""
     contacts, rows = state.contacts, touching(state)
     radius = state.grains.radius
     overlap = radius[contacts.i[rows]] + radius[contacts.j[rows]] - np.linalg.norm(contacts.pair[rows], axis=1)
@@ -188,18 +189,18 @@ def packed(state: State, law: Law) -> Packed:
     )
 
 
-def _radii(radius, n: int) -> np.ndarray:
+def _check_radii(radius, n: int) -> np.ndarray:
     sizes = np.atleast_1d(np.asarray(radius, float))
     if sizes.ndim != 1 or len(sizes) > n or not (np.isfinite(sizes) & (sizes > 0)).all():
-        raise ValueError(f"radius = {radius} was given: give one, one for each of {n} grains, or a few positive sizes")
+        raise ValueError(f"radius = {radius} was given: one, a few, or {n} positive numbers are needed")
     return sizes.copy() if len(sizes) == n else sizes[np.arange(n) * len(sizes) // n]
 
 
-def _quenched(state: State, law: Law, tolerance: float) -> State:
-    """The minimum of the elastic energy into which the positions run, then balanced forces."""
+def _quench(state: State, law: Law, tolerance: float) -> State:
+    """Minimise the elastic energy from the given positions, then balance the forces."""
     n, dim = len(state.grains.radius), state.cell.dim
 
-    latest = [state]  # with its list of contacts, which outlives many evaluations
+    latest = [state]  # with its neighbour list, which stays valid for many evaluations
 
     def placed(q):
         position = np.zeros((n, 3))
@@ -224,12 +225,12 @@ def _quenched(state: State, law: Law, tolerance: float) -> State:
     here = placed(best.x)
     end, outcome = equilibrate(here, law, tolerance=tolerance, check="nothing")
     if not outcome.ok:
-        raise NotInEquilibriumError("the packing found no balance of forces", outcome)
+        raise NotInEquilibriumError("the forces of the packing could not be balanced", outcome)
     return end
 
 
-def _compressed(state: State, law: Law, wanted: float, tolerance: float) -> State:
-    """Affine compression and quench until the pressure is as wanted; p^(2/3) is nearly linear in the strain."""
+def _compress(state: State, law: Law, wanted: float, tolerance: float) -> State:
+    """Compress and quench until the given pressure is reached; p^(2/3) is nearly linear in the strain."""
     dim, strain, step, before = state.cell.dim, 0.0, -0.003, None
     reference = state
     for _ in range(60):
@@ -245,8 +246,8 @@ def _compressed(state: State, law: Law, wanted: float, tolerance: float) -> Stat
         before, strain = here, strain + step
         gradient = np.zeros((3, 3))
         gradient[:dim, :dim] = step * np.eye(dim)
-        state = _quenched(strained(state, gradient), law, tolerance)
+        state = _quench(strained(state, gradient), law, tolerance)
     raise ValueError(
-        f"pressure {wanted:g} was not reached within 60 compressions (at {pressure(state, law):.3g} now, from "
-        f"{pressure(reference, law):.3g}): give a packing fraction instead"
+        f"pressure {wanted:g} was not reached within 60 compressions (from {pressure(reference, law):.3g} to "
+        f"{pressure(state, law):.3g}): give a packing fraction instead"
     )

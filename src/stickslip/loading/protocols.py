@@ -1,4 +1,4 @@
-"""Load histories: quasi-static ramps with spectra, births and deaths of complex pairs, free runs from a tiny seed."""
+"""Load paths: quasi-static ramps with spectra, births and deaths of complex pairs, free runs."""
 
 from collections.abc import Callable
 from itertools import pairwise
@@ -15,9 +15,9 @@ from ..core.state import State
 from ..data.checkpoint import Kept
 from ..solve.newton import newton
 from ..solve.relax import relax
-from ..solve.spectrum import Spectrum, match_pairs, overlap, spectrum
+from ..solve.spectrum import Spectrum, match_pairs, mode_overlap, spectrum
 
-SAME_PAIR = 0.5  # overlap of modes above which two pairs at neighbouring loads are one
+SAME_PAIR = 0.5  # overlap of modes above which pairs at neighbouring loads are the same
 
 
 @readable
@@ -31,7 +31,7 @@ class Equilibrium(NamedTuple):
 
 
 class Change(NamedTuple):
-    """Birth (or death) of a pair: it is absent (present) at `below` and present (absent) at `above`."""
+    """Bracket of a birth (death): the pair is absent (present) at `below` and present (absent) at `above`."""
 
     below: float
     above: float
@@ -47,12 +47,12 @@ class Family(NamedTuple):
 
     loads: np.ndarray  # (K,)
     eigenvalues: np.ndarray  # (K,) complex
-    birth: Change | None  # None: there at the first point
-    death: Change | None  # None: alive at the last point
+    birth: Change | None  # None if the pair exists at the first point
+    death: Change | None  # None if the pair exists at the last point
 
 
 def load_path(turning_points, step: float, through=()) -> np.ndarray:
-    """Loads from turning point to turning point in increments of at most `step`, passing exactly through others.
+    """Loads from one turning point to the next in increments of at most `step`, including the loads `through`.
 
     Examples
     --------
@@ -75,7 +75,7 @@ def equilibrium(state: State, law: Law, *, method: str = "dynamics", what: str =
     Raises
     ------
     NotInEquilibriumError
-        says at which load, how the solve ended and what to try.
+        if there is no equilibrium; the message gives the load, how the solution ended, and what to try.
     """
     end, outcome = newton(state, law, **options) if method == "newton" else relax(state, law, **options)
     if not outcome.ok:
@@ -85,15 +85,15 @@ def equilibrium(state: State, law: Law, *, method: str = "dynamics", what: str =
 
 @readable
 class Protocol(NamedTuple):
-    """How loads are applied and equilibria found."""
+    """Rules for applying loads and finding equilibria."""
 
     law: Law
-    apply: Callable[[State, float], State]  # the state under another load
+    apply: Callable[[State, float], State]  # the state under a new load
     settle: Callable[[State, float], tuple[State, Outcome]]  # the equilibrium at that load, or NotInEquilibriumError
-    modes: bool = True  # whether spectra hold modes, which pairs need to be followed
+    modes: bool = True  # whether spectra contain modes, which are needed to track pairs
 
     def step(self, state: State, load: float) -> Equilibrium:
-        """The equilibrium that one increment of the load leads to."""
+        """Apply one increment of the load and find the equilibrium."""
         state, outcome = self.settle(self.apply(state, load), load)
         return Equilibrium(float(load), state, spectrum(state, self.law, modes=self.modes), outcome)
 
@@ -101,18 +101,19 @@ class Protocol(NamedTuple):
 def ramp(state: State, loads, protocol: Protocol, report=None, *, kept: Kept | None = None) -> list[Equilibrium]:
     """Equilibria along a path of loads, each from the one before it; `report(equilibrium)` is called after each.
 
-    Those that are kept are not solved for again: what follows agrees with a path in one go to the solver's tolerance.
+    Equilibria saved in `kept` are loaded, not solved for again. The continued path then agrees with an uninterrupted
+    one to the tolerance of the solver.
     """
     path = []
     for k, load in enumerate(loads):
-        path.append(_point(state, load, protocol, kept, f"{k:06d}"))
+        path.append(_solve_point(state, load, protocol, kept, f"{k:06d}"))
         state = path[-1].state
         if report:
             report(path[-1])
     return path
 
 
-def _point(state: State, load: float, protocol: Protocol, kept: Kept | None, name: str) -> Equilibrium:
+def _solve_point(state: State, load: float, protocol: Protocol, kept: Kept | None, name: str) -> Equilibrium:
     if kept and kept.has(name):
         state, outcome = kept.load(name)
         return Equilibrium(float(load), state, spectrum(state, protocol.law, modes=protocol.modes), outcome)
@@ -132,8 +133,8 @@ def bisect_change(
 ) -> Change:
     """Load at which `present` changes, by bisection between `start` and `target`.
 
-    Every trial is one load step from the fixed state `start`, so that the path does not depend on the search. The
-    state at `start` itself depends on the load steps that led there: report that beside the result.
+    Every trial is one load step from the fixed state `start`, so that the path does not depend on the search. The state
+    at `start` itself depends on the load steps that led there; report these together with the result.
     """
     before, low, high = present(start.spectrum), start.load, target
     while abs(high - low) > relative * max(abs(low), abs(high)):
@@ -145,14 +146,16 @@ def bisect_change(
     return Change(low, high)
 
 
-def family(path: list[Equilibrium], members: dict[int, int], protocol: Protocol, *, relative: float = 1e-6) -> Family:
-    """One pair, given by point of the path -> eigenvalue, with its birth and death to `relative` in the load."""
+def follow_pair(
+    path: list[Equilibrium], members: dict[int, int], protocol: Protocol, *, relative: float = 1e-6
+) -> Family:
+    """Follow one pair, given as point of the path -> eigenvalue, to its birth and death, to `relative` in the load."""
     first, last = min(members), max(members)
 
     def looks_like(k):
         known = path[k].spectrum
         mode, mass = known.modes[:, members[k]], known.free.mass
-        return lambda s: any(overlap(mode, s.modes[:, p], mass) >= SAME_PAIR for p in s.pairs)
+        return lambda s: any(mode_overlap(mode, s.modes[:, p], mass) >= SAME_PAIR for p in s.pairs)
 
     birth = death = None
     if first > 0:
@@ -169,30 +172,30 @@ def family(path: list[Equilibrium], members: dict[int, int], protocol: Protocol,
 
 
 def track_pairs(path: list[Equilibrium], protocol: Protocol, report=lambda share, words: None) -> list[Family]:
-    """Every complex pair along a path, with its birth and death; `report(share done, words)` is called before each."""
+    """Track all complex pairs along a path, with births and deaths; calls `report(share done, words)` before each."""
     found, out = match_pairs([p.spectrum for p in path], at_least=SAME_PAIR), []
     for k, members in enumerate(found):
         first = path[min(members)]
         rate = first.spectrum.growth_rate[members[min(members)]]
         report(k / len(found), f"pair {k + 1} of {len(found)}, load {first.load:.4g}, growth rate {rate:.2e}")
-        out.append(family(path, members, protocol))
+        out.append(follow_pair(path, members, protocol))
     return out
 
 
 def dominant_family(path: list[Equilibrium], protocol: Protocol) -> Family | None:
-    """The pair with the largest Im λ at the end of a path, followed back to its birth; None if there is no pair."""
+    """Track the pair with the largest Im λ at the end of a path back to its birth; None if there is no pair."""
     last = path[-1].spectrum
     if not len(last.pairs):
         return None
     top = int(np.argmax(last.im_lambda))
     found = match_pairs([p.spectrum for p in path], at_least=SAME_PAIR)
-    return family(path, next(f for f in found if f.get(len(path) - 1) == top), protocol)
+    return follow_pair(path, next(f for f in found if f.get(len(path) - 1) == top), protocol)
 
 
 def stable_window(path: list[Equilibrium], near: float, protocol: Protocol) -> list[float] | None:
-    """[low, high] of the window of loads without any complex pair that lies nearest to `near`; None if there is none.
+    """Window [low, high] of loads without complex pairs that is nearest to `near`; None if there is none.
 
-    The path must rise. An end of the window at an end of the path is that end.
+    Loads must increase along the path. A window that reaches an end of the path ends there.
     """
     quiet = [k for k, point in enumerate(path) if not len(point.spectrum.pairs)]
     if not quiet:
@@ -215,7 +218,7 @@ def stable_window(path: list[Equilibrium], near: float, protocol: Protocol) -> l
 
 
 def perturbed(state: State, seed: int, velocity: float) -> State:
-    """The state with normal random velocities of standard deviation `velocity` [length/time], where it is free."""
+    """State with normal random velocities of standard deviation `velocity` in free coordinates [length/time]."""
     rng = np.random.default_rng(seed)
     grains, n = state.grains, len(state.grains.radius)
     kick = rng.normal(0.0, velocity, (n, 6)) * state.control.free[:n]
@@ -239,15 +242,15 @@ class Growth(NamedTuple):
 def fit_growth(
     time, msd, *, growth_rate: float, frequency: float, window=(1e-19, 1e-11), within: float = 0.05
 ) -> Growth | None:
-    """Fit growth and frequency while `msd` lies in the window; None if it does not cross it.
+    """Fit growth rate and frequency while `msd` lies in the window; None if `msd` does not cross it.
 
-    The window must lie in the linear range: nearly open contacts, with overlaps of 1e-6, end it near M = 1e-11.
+    The window must lie in the linear range, which ends near M = 1e-11 for nearly open contacts with overlaps of 1e-6.
 
     Parameters
     ----------
     time, msd : (T,) [time], [length²]
-    growth_rate, frequency : first guesses [1/time], from the spectrum; good to a factor two and to `within`
-    within : float, relative range of frequencies that is searched
+    growth_rate, frequency : initial guesses [1/time] from the spectrum, accurate to a factor of two and to `within`
+    within : float, relative range of frequencies searched
     """
     above_top = np.flatnonzero(msd > window[1])
     above_floor = np.flatnonzero(msd > window[0])
@@ -262,7 +265,7 @@ def fit_growth(
         flat = y * np.exp(-2 * x[0] * t) / y[0]
         return shape @ np.linalg.lstsq(shape, flat, rcond=None)[0] / flat.mean() - flat / flat.mean()
 
-    # the misfit has a minimum every π/T in frequency: look at all of them near the guess first
+    # the misfit has a minimum every π/T in frequency: first evaluate all of them near the guess
     trials = frequency + np.arange(-within * frequency, within * frequency, np.pi / (4 * t[-1]))
     nearest = min(trials, key=lambda f: np.sum(misfit((growth_rate, f)) ** 2))
     best = least_squares(misfit, [growth_rate, nearest], x_scale=[growth_rate * 1e-2, frequency * 1e-5])
@@ -276,7 +279,7 @@ def fit_growth(
 
 
 def free_run(state: State, law: Law, *, duration: float, dt: float, sample: float, drag=0.0, spin_drag=None):
-    """Newtonian dynamics from a state, all grains probed every `sample` [time], events recorded."""
+    """Run Newtonian dynamics with all grains recorded every `sample` [time], and contact events."""
     probes = np.arange(len(state.grains.radius))
     return run(
         state,

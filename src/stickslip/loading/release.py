@@ -1,4 +1,4 @@
-"""Newtonian dynamics from an unstable equilibrium of a packing, with the spectrum followed on the way to failure."""
+"""Newtonian dynamics from an unstable equilibrium of a packing, with its spectrum followed until failure."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -15,58 +15,58 @@ from ..core.state import State
 from ..solve.spectrum import Spectrum, spectrum
 from .protocols import Growth, fit_growth
 
-WINDOW = (1e-22, 1e-11)  # of M, between noise and the first change of the spectrum, in which growth is fitted
-CHANGED = 0.01  # relative change of the fastest pair's Im λ that ends "the spectrum is constant"
-FUNNEL = (1e-17, 1e-13)  # M between which single turns of the trajectories are kept, for the figure [length²]
-TURN, TURNS = 11, 16  # samples of a turn, turns of a chunk
-KEPT = 20_000  # samples of a series that are kept
+WINDOW = (1e-22, 1e-11)  # M between noise and the first change of the spectrum, where growth is fitted [length²]
+CHANGED = 0.01  # relative change of Im λ of the fastest pair beyond which the spectrum is not constant
+FUNNEL = (1e-17, 1e-13)  # range of M in which single turns of the trajectories are saved for the figure [length²]
+TURN, TURNS = 11, 16  # samples per turn, turns per chunk
+KEPT = 20_000  # samples of a time series that are saved
 
 
 @readable
 class Released(NamedTuple):
-    """A run from one unstable state. Stress is compression positive, shear stress is −σ_xy so that it opposes γ > 0."""
+    """Run from an unstable state. Stress is compression positive; shear stress is −σ_xy, which opposes γ > 0."""
 
     strain: float
     pairs: int  # complex pairs at the start
-    eigenvalue: complex  # of the fastest
+    eigenvalue: complex  # λ of the fastest pair
     growth_rate: float  # predicted ω_i [1/time]
     frequency: float  # predicted ω_r [1/time]
     dt: float
     time: np.ndarray  # (T,)
-    msd: np.ndarray  # (T,) M = mean of |Δr|² + R²|Δangle|² over grains that are no rattlers [length²]
+    msd: np.ndarray  # (T,) M = mean of |Δr|² + R²|Δangle|² over grains that are not rattlers [length²]
     shear_stress: np.ndarray  # (T,) [force/length^(dim−1)]
     pressure: np.ndarray  # (T,)
-    touching: np.ndarray  # (T,) contacts
+    touching: np.ndarray  # (T,) number of contacts
     kinetic_energy: np.ndarray  # (T,)
-    growth: Growth | None  # fitted, to be compared after Verlet's correction
+    growth: Growth | None  # fitted; compare with the rates corrected for velocity Verlet
     snapshot_time: np.ndarray  # (S,)
     snapshot_msd: np.ndarray  # (S,)
     snapshots: np.ndarray  # (S, n) eigenvalues λ [1/time²]
     constant: tuple[float, float]  # M at the snapshots before and after the fastest Im λ had changed by 1 %, or NaN
-    turn_time: np.ndarray  # (L,) start of single turns of the motion while M crosses FUNNEL
-    turns: np.ndarray  # (L, TURN, H, 3) displacements of the grains that are no rattlers [length]
-    close_time: np.ndarray  # (K,) every sample of a few turns
+    turn_time: np.ndarray  # (L,) start times of single turns of the motion while M is within FUNNEL
+    turns: np.ndarray  # (L, TURN, H, 3) displacements of the grains that are not rattlers [length]
+    close_time: np.ndarray  # (K,) times of all samples of a few turns
     close_msd: np.ndarray  # (K,)
 
     @property
     def corrected_rate(self) -> float:
-        """ω_i as velocity Verlet makes it, ω_i (1 + ω_r² dt²/8)."""
+        """ω_i corrected for velocity Verlet, ω_i (1 + ω_r² dt²/8)."""
         return self.growth_rate * (1 + (self.frequency * self.dt) ** 2 / 8)
 
     @property
     def corrected_frequency(self) -> float:
-        """ω_r as velocity Verlet makes it, ω_r (1 + ω_r² dt²/24)."""
+        """ω_r corrected for velocity Verlet, ω_r (1 + ω_r² dt²/24)."""
         return self.frequency * (1 + (self.frequency * self.dt) ** 2 / 24)
 
     @property
     def drop(self) -> float:
-        """Loss of shear stress from beginning to end, means over the first and the last tenth."""
+        """Loss of shear stress between the means over the first and the last tenth."""
         part = max(1, len(self.time) // 10)
         return float(self.shear_stress[:part].mean() - self.shear_stress[-part:].mean())
 
     @property
     def contacts_lost(self) -> int:
-        """Contacts at the start less the mean number over the last tenth."""
+        """Number of contacts at the start minus the mean number over the last tenth."""
         return round(float(self.touching[0] - self.touching[-max(1, len(self.time) // 10) :].mean()))
 
 
@@ -76,7 +76,7 @@ def mean_square_motion(position, angle, reference: State, held: np.ndarray) -> n
     Parameters
     ----------
     position, angle : (T, H, 3) of the held grains, unwrapped
-    held : (H,) their numbers: rattlers drift and are left out
+    held : (H,) numbers of the held grains, without rattlers, which drift
 
     Source
     ------
@@ -88,8 +88,8 @@ def mean_square_motion(position, angle, reference: State, held: np.ndarray) -> n
     return (moved + turned).mean(axis=1)
 
 
-def nudged(state: State, modes: Spectrum, seed: int, velocity: float) -> State:
-    """The state with a random velocity of all modes that something resists: no drift, no spinning rattlers.
+def with_random_velocity(state: State, modes: Spectrum, seed: int, velocity: float) -> State:
+    """State with random velocities of all resisted modes, without drift and without spinning rattlers.
 
     Parameters
     ----------
@@ -119,37 +119,41 @@ def release(
     snapshots: int = 40,
     report: Callable[[float, str], None] | None = None,
 ) -> Released:
-    """Undamped dynamics from an equilibrium with complex pairs, for `e_folds` growth times, from `least` to `duration`.
+    """Run undamped dynamics from an equilibrium with complex pairs, for `e_folds` growth times.
 
-    The run is made in chunks; in between, the spectrum of the momentary state is taken, `snapshots` times during the
-    growth and as often in what follows it.
+    The run lasts from `least` to `duration`. It is divided into chunks; in between the spectrum of the current state is
+    computed, `snapshots` times during the growth and as often afterwards.
 
     Parameters
     ----------
-    strain : of the state, for the record
-    seed, velocity : of the nudge, see `nudged`
+    strain : strain of the state, for the record
+    seed, velocity : of the initial perturbation, see `with_random_velocity`
     report : called as report(share done, words)
 
     Raises
     ------
     ValueError
-        if the state has no complex pair. NotInEquilibriumError if it blows up.
+        if the state has no complex pair.
+    NotInEquilibriumError
+        if the run diverges.
     """
     modes = spectrum(state, law)
     if not len(modes.pairs):
-        raise ValueError("the state has no complex pair: nothing grows; release a state beyond the onset")
+        raise ValueError("the state has no complex pair, so nothing grows: release a state beyond the onset")
     fastest = int(modes.pairs[0])
     rate, frequency = float(modes.growth_rate[fastest]), float(modes.frequency[fastest])
     held = np.flatnonzero(~rattlers(state))
     every = max(1, round(2 * np.pi / frequency / 10 / dt))
-    chunks = _chunks(min(e_folds / rate, duration) / dt / every, min(least, duration) / dt / every, max(20, snapshots))
-    here, series, taken, turns = nudged(state, modes, seed, velocity), [], [], []
+    chunks = _chunk_sizes(
+        min(e_folds / rate, duration) / dt / every, min(least, duration) / dt / every, max(20, snapshots)
+    )
+    here, series, taken, turns = with_random_velocity(state, modes, seed, velocity), [], [], []
     close = (np.zeros(0), np.zeros(0))
     area = volume(state)
     for k, chunk in enumerate(chunks):
         here, record, outcome = run(here, law, chunk * every, dt, every=every, probes=held)
         if outcome.broken:
-            raise NotInEquilibriumError(f"the run from strain {strain:g} blew up", outcome)
+            raise NotInEquilibriumError(f"the run from strain {strain:g} diverged", outcome)
         msd = mean_square_motion(record.position, record.angle, state, held)
         stress = record.virial / area
         pressure = np.trace(stress, axis1=1, axis2=2) / state.cell.dim
@@ -176,22 +180,22 @@ def release(
     constant = (taken[at - 1][1] if at else np.nan, taken[at][1] if at < len(taken) else np.nan)
     return Released(
         strain, len(modes.pairs), complex(modes.eigenvalues[fastest]), rate, frequency, dt,
-        *table[:, _envelope(table[2], KEPT)], growth,
+        *table[:, _envelope_rows(table[2], KEPT)], growth,
         np.array([t for t, *_ in taken]), np.array([m for _, m, *_ in taken]), np.array([v for _, _, v, _ in taken]),
         constant, np.array([t for t, _ in turns]), np.array([x for _, x in turns]).reshape(-1, TURN, len(held), 3),
         *close,
     )  # fmt: skip
 
 
-def _chunks(growing: float, least: float, count: int) -> list[int]:
-    """Samples of each chunk: `count` chunks for the growth, as many for what follows if the run must be longer."""
+def _chunk_sizes(growing: float, least: float, count: int) -> list[int]:
+    """Samples per chunk: `count` chunks for the growth, and as many afterwards if the run must be longer."""
     first = [max(1, int(growing / count))] * count
     rest = int(least) - sum(first)
     return first + [max(1, rest // count)] * (count if rest > 0 else 0)
 
 
-def _envelope(values: np.ndarray, most: int) -> np.ndarray:
-    """Rows to keep: of each stretch the smallest and the largest value, so that an oscillation keeps its envelope."""
+def _envelope_rows(values: np.ndarray, most: int) -> np.ndarray:
+    """Rows to save: the smallest and largest value of each interval, which preserves the envelope of oscillations."""
     size = 2 * -(-len(values) // most)
     if size <= 2:
         return np.arange(len(values))

@@ -1,4 +1,4 @@
-"""Affine strain of a periodic cell, what it does to the memory of the contacts, and quasi-static shear."""
+"""Simple shear of a periodic cell, reduced cells, and athermal quasi-static shear."""
 
 import warnings
 
@@ -22,9 +22,9 @@ def sheared(state: State, strain: float, *, slip: bool = True) -> State:
 
 
 def reduced_cell(state: State) -> State:
-    """The same packing described by the least skewed vectors of its lattice: for shear without end.
+    """Same packing in the least skewed cell of its lattice, for unlimited shear.
 
-    Nothing physical changes; images and keys of the contacts are rewritten.
+    Nothing physical changes; only images and keys of the contacts are rewritten.
     """
     vectors, change = state.cell.vectors.copy(), np.eye(3, dtype=np.int64)
     axes = [k for k in range(3) if state.cell.periodic[k]]
@@ -43,7 +43,7 @@ def reduced_cell(state: State) -> State:
     image, key, slip, pair = (a.copy() for a in (contacts.image, contacts.key, contacts.slip, contacts.pair))
     image[:count] = image[:count] @ back
     lead = np.take_along_axis(image, np.argmax(image != 0, axis=1)[:, None], axis=1)[:, 0]
-    mirrored = (contacts.i == contacts.j) & (lead < 0)  # a grain and its own image: each such pair is listed once
+    mirrored = (contacts.i == contacts.j) & (lead < 0)  # a grain and its own image: such pairs are listed once
     for a in (image, slip, pair):
         a[mirrored] *= -1
     key[:count] = [pack_key(contacts.i[c], contacts.j[c], *image[c]) for c in range(count)]
@@ -60,18 +60,18 @@ def reduced_cell(state: State) -> State:
 
 
 def shear_strain(state: State) -> float:
-    """γ = tan of the angle by which the cell's second vector leans along x."""
+    """Shear strain γ, the tangent of the angle by which the second cell vector leans along x."""
     return float(state.cell.vectors[1, 0] / state.cell.vectors[1, 1])
 
 
 def aqs(law: Law, *, slip: bool = True, tolerance: float = 5e-14, modes: bool = False) -> Protocol:
-    """Athermal quasi-static shear: the load is the strain γ of the cell, each step ends in `equilibrate`.
+    """Protocol of athermal quasi-static shear: the load is the strain γ, and each step ends with `equilibrate`.
 
     Parameters
     ----------
-    slip : whether the affine displacement enters the slip; see `strained`
+    slip : whether the affine displacement contributes to the slip; see `strained`
     tolerance : float, largest unbalanced force or torque/R [force]
-    modes : whether spectra along the path hold modes
+    modes : whether spectra along the path contain modes
 
     Examples
     --------
@@ -89,7 +89,7 @@ def aqs(law: Law, *, slip: bool = True, tolerance: float = 5e-14, modes: bool = 
 
     def settle(state, strain):
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UnstableEquilibriumWarning)  # the path carries the spectrum itself
+            warnings.simplefilter("ignore", UnstableEquilibriumWarning)  # the path contains the spectrum
             end, outcome = equilibrate(state, law, tolerance=tolerance, keep=keep, check="nothing")
         if not outcome.ok:
             raise NotInEquilibriumError(f"no equilibrium at strain {strain:g}", outcome)

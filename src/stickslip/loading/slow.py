@@ -1,4 +1,4 @@
-"""A packing under a load that grows slowly: dynamics with dashpots and drag, in small steps of the load."""
+"""Slow dynamics of a packing under a changing load, with dashpots and drag, in small steps of the load."""
 
 from typing import NamedTuple
 
@@ -11,15 +11,15 @@ from ..core.laws.builtin import Law
 from ..core.readable import readable
 from ..core.state import Control, State
 
-STEPS = 500  # of the load, on the way to its end
-SHARE = 0.1  # of the stable time step
+STEPS = 500  # steps of the load over the whole path
+SHARE = 0.1  # time step over the stable one
 
 
 @readable
 class SlowRun(NamedTuple):
-    """A slow run, T steps of the load."""
+    """Slow run with T steps of the load."""
 
-    time: float  # that a whole leg takes [time]
+    time: float  # duration of a whole leg [time]
     load: np.ndarray  # (T,) in legs, at the end of each step
     states: tuple[State, ...]
     kinetic_energy: np.ndarray  # (T,) largest during each step [energy]
@@ -28,20 +28,20 @@ class SlowRun(NamedTuple):
 def slow_dynamics(
     state: State, law: Law, *legs: Control, time: float, until: float, drag: float, report=None
 ) -> SlowRun:
-    """Follow a packing by dynamics while its control goes in straight lines through the given ones.
+    """Follow a packing by dynamics while its control changes linearly from one given control to the next.
 
     Parameters
     ----------
     legs : as in `load_path`
-    time : that each leg takes [time]
+    time : duration of each leg [time]
     until : load at which to stop, in legs
-    drag : of translations and rotations [1/time]
+    drag : drag on translations and rotations [1/time]
     report : called as report(share done, words)
 
     Raises
     ------
     RuntimeError
-        with one sentence, if a position is not a number.
+        if a position is not a number.
     """
     dt = SHARE * stable_time_step(state, law)
     points, here, loads, states, energy = (state.control, *legs), state, [], [], []

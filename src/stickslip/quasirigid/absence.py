@@ -1,7 +1,7 @@
-"""Evidence that no status balances a load: Farkas' certificate, and motions that nothing resists.
+"""Proofs that no status balances a load: Farkas certificates, and motions that nothing resists.
 
 If y ≥ 0, Aᵀ y ≤ 0 and qᵀ y < 0, then no λ ≥ 0 has w = A λ + q ≥ 0, since 0 ≤ yᵀ w = (Aᵀ y)ᵀ λ + qᵀ y < 0. A linear
-programme proposes y; what is believed is the inequality, with the errors of A and q against it.
+programme proposes y. The inequalities are then verified, allowing for the errors of A and q.
 """
 
 from typing import NamedTuple
@@ -12,41 +12,41 @@ from scipy.optimize import linprog
 
 from ..solve.linear import factorised
 from .enumeration import BLUR, Ray
-from .lcp import Complementarity, Scaled, scaled
-from .system import System
+from .lcp import Complementarity, ScaledProblem, scale_problem
+from .system import StatusSolver
 
-FAR = 1e9  # in units of q: a certificate counts if slip rates of a consistent status would have to be beyond it
-TIGHT = 1e-6  # ten times the tolerance of HiGHS: below it an inequality counts as an equation, and is made one
-DENSE_UP_TO = 3000  # coordinates of which null vectors are computed: seconds
+FAR = 1e9  # in units of q: a certificate is valid if a consistent status would need larger slip rates
+TIGHT = 1e-6  # ten times the tolerance of HiGHS; inequalities tight to within it are turned into equations
+DENSE_UP_TO = 3000  # coordinates up to which null vectors are computed, which takes seconds
 ZERO = 1e-11  # share of the largest entry of k below which a pivot is zero
-NULL = 1e-9  # share of the largest entry of k that a null vector of unit size may leave
+NULL = 1e-9  # residual of a null vector of unit size, over the largest entry of k
 
 
 class Absence(NamedTuple):
-    """Why no status is consistent: "enumeration" of all, or "Farkas" with his vector."""
+    """Proof that no status is consistent, by "enumeration" or by a "Farkas" vector."""
 
     by: str
-    statuses: int  # that were gone through
+    statuses: int  # number of statuses enumerated
     vector: np.ndarray | None = None  # (Mc,) y ≥ 0 with Aᵀy ≤ 0 and qᵀy < 0, to round-off
-    slip: float = np.inf  # the sum of λ that a consistent status would need; infinite if Aᵀy ≤ 0 beyond round-off
+    slip: float = np.inf  # smallest sum of λ of a consistent status; infinite if Aᵀy ≤ 0 beyond round-off
 
 
-class Motion(NamedTuple):
-    """A motion that nothing resists, and that the load drives."""
+class UnresistedMotion(NamedTuple):
+    """Motion that nothing resists and that the load drives."""
 
     velocity: np.ndarray  # (n,) v of unit length, k(S) v = 0
-    balance: np.ndarray  # (n,) u of unit length, uᵀ k(S) = 0: uᵀ b is not zero, so that S cannot balance the load b
+    balance: np.ndarray  # (n,) u of unit length, uᵀ k(S) = 0; since uᵀ b is not zero, S cannot balance the load b
     power: float  # uᵀ b over |b|
-    sliding: np.ndarray  # (Mc,) bool, S; for a motion that moves no contact, nothing slides
+    sliding: np.ndarray  # (Mc,) bool, S; all False for a motion that moves no contact
 
 
 def farkas(problem: Complementarity) -> Absence | None:
-    """A verified proof that no λ ≥ 0 has A λ + q ≥ 0, or None if there is none."""
-    here = scaled(problem)
+    """Find a verified proof that no λ ≥ 0 has A λ + q ≥ 0; None if there is none."""
+    here = scale_problem(problem)
     size = len(here.vector)
     if not size:
         return None
-    # of y with sum 1 the one with the largest margin t: Aᵀ y + t ≤ 0, qᵀ y + t ≤ 0
+    # maximise the margin t over y with sum 1: Aᵀ y + t ≤ 0, qᵀ y + t ≤ 0
     above = np.hstack([np.vstack([here.matrix.T, here.vector]), np.ones((size + 1, 1))])
     found = linprog(
         np.append(np.zeros(size), -1.0), A_ub=above, b_ub=np.zeros(size + 1),
@@ -55,15 +55,15 @@ def farkas(problem: Complementarity) -> Absence | None:
     if found.status != 0 or found.x[-1] < -TIGHT:
         return None
     y = np.maximum(found.x[:-1], 0.0)
-    for candidate in (y, _sharpened(here, y)):
-        slip = _beyond(here, candidate)
+    for candidate in (y, _sharpen(here, y)):
+        slip = _required_slip(here, candidate)
         if slip > FAR:
             return Absence("Farkas", 0, candidate / here.gap_unit, slip * float(here.slip_unit.min()))
     return None
 
 
-def _sharpened(here: Scaled, y: np.ndarray) -> np.ndarray:
-    """y with the inequalities that are nearly equations made equations, as for a motion that nothing resists."""
+def _sharpen(here: ScaledProblem, y: np.ndarray) -> np.ndarray:
+    """y with nearly tight inequalities turned into equations, as for a motion that nothing resists."""
     held = y > TIGHT
     tight = np.abs(here.matrix.T @ y) <= TIGHT
     a = here.matrix[np.ix_(held, tight)].T
@@ -72,46 +72,48 @@ def _sharpened(here: Scaled, y: np.ndarray) -> np.ndarray:
     return np.maximum(out, 0.0)
 
 
-def _beyond(here: Scaled, y: np.ndarray) -> float:
-    """The sum of slip rates that any λ ≥ 0 with A λ + q ≥ 0 would exceed; 0 if y proves nothing."""
-    short = -(here.vector @ y) - here.vector_doubt @ y
+def _required_slip(here: ScaledProblem, y: np.ndarray) -> float:
+    """Sum of slip rates that any λ ≥ 0 with A λ + q ≥ 0 would exceed; 0 if y proves nothing."""
+    short = -(here.vector @ y) - here.vector_error @ y
     if not (np.isfinite(y).all() and short > 0):
         return 0.0
-    excess = float(np.maximum(here.matrix.T @ y + here.doubt.T @ y, 0.0).max())
+    excess = float(np.maximum(here.matrix.T @ y + here.error.T @ y, 0.0).max())
     return np.inf if excess == 0 else short / excess
 
 
-def ray_of(problem: Complementarity, absence: Absence) -> Ray | None:
-    """Slip rates that need no load, of the contacts of Farkas' vector; None if these would have a resistance."""
-    here = scaled(problem)
+def farkas_ray(problem: Complementarity, absence: Absence) -> Ray | None:
+    """Slip rates without load of the contacts of a Farkas vector; None if this motion is resisted."""
+    here = scale_problem(problem)
     y = absence.vector * here.gap_unit
     slides = y > TIGHT * y.max()
-    a, doubt = here.part(slides)
+    a, error = here.submatrix(slides)
     _, values, right = np.linalg.svd(a)
     x = np.zeros(len(y))
     x[slides] = right[-1] * np.sign(right[-1].sum())
-    small = BLUR * len(values) * np.linalg.norm(doubt)
+    small = BLUR * len(values) * np.linalg.norm(error)
     if values[-1] > small or (x < -small).any() or (here.matrix @ x < -small).any():
         return None
     left = np.where(slides, absence.vector, 0.0)
     return Ray(slides, here.slip_unit * np.maximum(x, 0.0), left, float(left @ problem.vector))
 
 
-def driven(system: System, ray: Ray) -> Motion | None:
-    """The motion of a ray, verified: k(S) v = 0, uᵀ k(S) = 0, uᵀ b ≠ 0; or None if one of these fails."""
+def motion_of_ray(system: StatusSolver, ray: Ray) -> UnresistedMotion | None:
+    """Motion of a ray, verified by k(S) v = 0, uᵀ k(S) = 0 and uᵀ b ≠ 0; None if one of these fails."""
     stuck = np.zeros(len(system.critical), bool)
     if system.factored is None or not np.array_equal(system.factored, stuck):
-        system.renew(stuck)
+        system.factorise(stuck)
     velocity = system.factor(system.pull @ ray.slip)
     try:
         balance = factorised(system.stuck.T.tocsc())(system.sees @ ray.left)
     except LinAlgError:
         return None
-    return _motion(system, velocity, balance, ray.slides)
+    return _verify_motion(system, velocity, balance, ray.slides)
 
 
-def _motion(system: System, velocity: np.ndarray, balance: np.ndarray, slides: np.ndarray) -> Motion | None:
-    """Both vectors in all coordinates, of unit length, if they are what they are said to be."""
+def _verify_motion(
+    system: StatusSolver, velocity: np.ndarray, balance: np.ndarray, slides: np.ndarray
+) -> UnresistedMotion | None:
+    """Motion with both vectors in all coordinates and of unit length; None if the verification fails."""
     sizes = np.linalg.norm(velocity), np.linalg.norm(balance)
     if not (np.isfinite(sizes).all() and min(sizes) > 0):
         return None
@@ -124,18 +126,18 @@ def _motion(system: System, velocity: np.ndarray, balance: np.ndarray, slides: n
         return None
     whole = np.zeros((2, len(system.load)))
     whole[:, system.kept] = v, u
-    return Motion(*whole, power / size, slides)
+    return UnresistedMotion(*whole, power / size, slides)
 
 
-class Loose(NamedTuple):
-    """Motions that nothing resists although all contacts stick, and that move no critical contact."""
+class IdleMotions(NamedTuple):
+    """Motions that nothing resists although all contacts stick, and that do not move any critical contact."""
 
-    coordinates: np.ndarray  # that may be held still in their place
-    motion: Motion | None  # one that the load drives, if any: then no status balances the load
+    coordinates: np.ndarray  # coordinates that may be held fixed to exclude these motions
+    motion: UnresistedMotion | None  # motion driven by the load, if any; then no status balances the load
 
 
-def loose(system: System) -> Loose | None:
-    """The null vectors of k₀, if they are null vectors of every k(S); None if that cannot be decided."""
+def find_idle_motions(system: StatusSolver) -> IdleMotions | None:
+    """Find null vectors of k₀ that are null vectors of every k(S); None if this cannot be decided."""
     if not 0 < len(system.kept) <= DENSE_UP_TO:
         return None
     k = system.stuck.toarray()
@@ -153,6 +155,8 @@ def loose(system: System) -> Loose | None:
     pushed = left.T @ system.right
     nothing = np.zeros(len(system.critical), bool)
     if np.abs(pushed).max() > NULL * np.abs(system.right).max(initial=0.0):
-        return Loose(system.kept[free], _motion(system, null @ (null.T @ system.right), left @ pushed, nothing))
-    # what is held must hold both: the motions, and the balances that they leave out
-    return Loose(system.kept[free], None) if np.linalg.cond(left[free]) < 1 / ZERO else None
+        return IdleMotions(
+            system.kept[free], _verify_motion(system, null @ (null.T @ system.right), left @ pushed, nothing)
+        )
+    # fixing these coordinates must exclude the motions and the corresponding balance equations
+    return IdleMotions(system.kept[free], None) if np.linalg.cond(left[free]) < 1 / ZERO else None

@@ -1,7 +1,8 @@
-"""All statuses of a few critical contacts: solutions of the complementarity problem, and motions that need no load.
+"""Enumeration of the statuses of a few critical contacts: solutions of the complementarity problem, and rays.
 
-A status is regular if A_SS has full rank to within the errors of its entries; it then leads to one answer. A singular
-one may lead to none, or to a whole face of answers: of that the ends are kept.
+A status is regular if A_SS has full rank to within the errors of its entries; it then has exactly one solution. A
+singular status may have no solution, or a whole face of solutions, whose ends are returned. Rays are motions that need
+no load.
 """
 
 from collections.abc import Callable
@@ -10,197 +11,199 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import linprog
 
-from .lcp import Complementarity, Scaled, scaled
+from .lcp import Complementarity, ScaledProblem, scale_problem
 
-MAPPED = 14  # contacts up to which all statuses are gone through: 16,384
-AT_ONCE = 2048  # statuses that are solved together: more do not fit into the cache
-SURE = 0.1  # share of what would make A_SS singular that the errors of its entries may be
-SAME = 1e-6  # share of the largest rate up to which two answers are one: half of the digits
-BLUR = 10.0  # times the error bounds within which a null vector and what follows from it are known
+MAPPED = 14  # contacts up to which all statuses are enumerated: 16,384
+AT_ONCE = 2048  # statuses solved together; more do not fit into the cache
+SURE = 0.1  # largest errors of the entries of A_SS, over those that would make it singular
+SAME = 1e-6  # share of the largest rate up to which two solutions are the same: half of the digits
+BLUR = 10.0  # factor on the error bounds for null vectors and quantities derived from them
 
 
-class Through(NamedTuple):
-    """What every status leads to, in the order of its bits; in the units of `Scaled`."""
+class AllStatusRates(NamedTuple):
+    """Rates of every status, in the order of its bits and in the units of `ScaledProblem`."""
 
     slides: np.ndarray  # (2^Mc, Mc) bool
-    rate: np.ndarray  # (2^Mc, Mc) Ṽ: λ of what slides, −w of the others
-    doubt: np.ndarray  # (2^Mc, Mc) error bound of Ṽ
+    rate: np.ndarray  # (2^Mc, Mc) Ṽ: λ of sliding contacts, −w of the others
+    error: np.ndarray  # (2^Mc, Mc) error bound of Ṽ
     sign: np.ndarray  # (2^Mc,) of det A_SS; 0 where it is singular to round-off
     minor: np.ndarray  # (2^Mc,) det A_SS
 
     @property
     def consistent(self) -> np.ndarray:
         """Numbers of the regular statuses that are consistent, to within the error bounds."""
-        good = np.where(self.slides, self.rate >= -self.doubt, self.rate <= self.doubt).all(axis=1)
+        good = np.where(self.slides, self.rate >= -self.error, self.rate <= self.error).all(axis=1)
         return np.flatnonzero(good & (self.sign != 0))
 
 
 class Solution(NamedTuple):
-    """One answer of the complementarity problem."""
+    """Solution of the complementarity problem."""
 
     slides: np.ndarray  # (Mc,) bool
     slip: np.ndarray  # (Mc,) λ
     rate: np.ndarray  # (Mc,) Ṽ
-    doubt: np.ndarray  # (Mc,) error bound of Ṽ
+    error: np.ndarray  # (Mc,) error bound of Ṽ
     sign: int  # of det A_SS = det k(S)/det k₀; 0 if singular to round-off
 
 
 class Ray(NamedTuple):
-    """Slip rates x ≥ 0 of a singular status that need no load: A_SS x = 0, and no contact leaves the cone."""
+    """Slip rates x ≥ 0 of a singular status without load: A_SS x = 0, and no contact leaves the cone."""
 
     slides: np.ndarray  # (Mc,) bool
     slip: np.ndarray  # (Mc,) x
-    left: np.ndarray  # (Mc,) y with yᵀA = 0 on what slides
+    left: np.ndarray  # (Mc,) y with yᵀA = 0 on the sliding contacts
     drive: float  # yᵀq: not zero if the load drives the motion
 
 
-class Solved(NamedTuple):
-    """All solutions of a complementarity problem that differ, and the rays; each end of a face counts as one."""
+class AllSolutions(NamedTuple):
+    """All distinct solutions and rays of a complementarity problem; each end of a face is a solution."""
 
     solutions: tuple[Solution, ...]
     rays: tuple[Ray, ...]
 
 
-def gone_through(problem: Scaled) -> Through:
-    """The answers of all statuses, with error bounds, for at most 14 critical contacts."""
+def enumerate_rates(problem: ScaledProblem) -> AllStatusRates:
+    """Compute the rates of all statuses with error bounds, for at most 14 critical contacts."""
     size = len(problem.vector)
     slides = (np.arange(1 << size)[:, None] >> np.arange(size)) & 1 > 0
-    rate, doubt = np.zeros(slides.shape), np.full(slides.shape, np.inf)
+    rate, error = np.zeros(slides.shape), np.full(slides.shape, np.inf)
     sign, minor, count = np.zeros(len(slides), int), np.zeros(len(slides)), slides.sum(axis=1)
     for k in range(size + 1):
         alike = np.flatnonzero(count == k)
         for begin in range(0, len(alike), AT_ONCE):
             part = alike[begin : begin + AT_ONCE]
-            rate[part], doubt[part], sign[part], minor[part] = _answers(problem, slides[part], k)
-    return Through(slides, rate, doubt, sign, minor)
+            rate[part], error[part], sign[part], minor[part] = _solve_statuses(problem, slides[part], k)
+    return AllStatusRates(slides, rate, error, sign, minor)
 
 
-def _answers(problem: Scaled, slides: np.ndarray, k: int):
-    """Ṽ, its error bounds, the sign of the minor and the minor, of statuses with k sliding contacts each."""
+def _solve_statuses(problem: ScaledProblem, slides: np.ndarray, k: int):
+    """Ṽ with error bounds, and sign and value of the minor, for statuses with k sliding contacts each."""
     chosen = np.nonzero(slides)[1].reshape(len(slides), k)
     square = (chosen[:, :, None], chosen[:, None, :])
-    a, doubt, q = problem.matrix[square], problem.doubt[square], problem.vector[chosen]
+    a, error, q = problem.matrix[square], problem.error[square], problem.vector[chosen]
     sign, size = np.linalg.slogdet(a)
     a = np.where((sign == 0)[:, None, None], np.eye(k), a)
     inverse = np.linalg.inv(a)
-    # A_SS stays regular under all changes E of its entries with max row sum of |A_SS⁻¹| |E| < 1
-    blurred = (np.abs(inverse) @ doubt).sum(axis=2).max(axis=1, initial=0.0)
-    slip = -_times(inverse, q)
-    slip -= _times(inverse, _times(a, slip) + q)
-    slip_doubt = _times(np.abs(inverse), _times(doubt, np.abs(slip)) + problem.vector_doubt[chosen])
-    whole, whole_doubt = np.zeros(slides.shape), np.zeros(slides.shape)
+    # A_SS stays regular for all changes E of its entries with a largest row sum of |A_SS⁻¹| |E| below 1
+    blurred = (np.abs(inverse) @ error).sum(axis=2).max(axis=1, initial=0.0)
+    slip = -_batched_matvec(inverse, q)
+    slip -= _batched_matvec(inverse, _batched_matvec(a, slip) + q)
+    slip_error = _batched_matvec(np.abs(inverse), _batched_matvec(error, np.abs(slip)) + problem.vector_error[chosen])
+    whole, whole_error = np.zeros(slides.shape), np.zeros(slides.shape)
     np.put_along_axis(whole, chosen, slip, axis=1)
-    np.put_along_axis(whole_doubt, chosen, slip_doubt, axis=1)
+    np.put_along_axis(whole_error, chosen, slip_error, axis=1)
     gap = whole @ problem.matrix.T + problem.vector
-    gap_doubt = np.abs(whole) @ problem.doubt.T + whole_doubt @ np.abs(problem.matrix).T + problem.vector_doubt
+    gap_error = np.abs(whole) @ problem.error.T + whole_error @ np.abs(problem.matrix).T + problem.vector_error
     sure = np.where(blurred < SURE, sign, 0).astype(int)
-    return np.where(slides, whole, -gap), np.where(slides, whole_doubt, gap_doubt), sure, sign * np.exp(size)
+    return np.where(slides, whole, -gap), np.where(slides, whole_error, gap_error), sure, sign * np.exp(size)
 
 
-def _times(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+def _batched_matvec(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """(m, k) products of (m, k, k) matrices and (m, k) vectors."""
     return np.einsum("mij,mj->mi", matrices, vectors)
 
 
-def solved(problem: Complementarity, again: Callable | None = None) -> Solved:
-    """All solutions and rays, for at most 14 critical contacts.
+def enumerate_solutions(problem: Complementarity, again: Callable | None = None) -> AllSolutions:
+    """Find all solutions and rays, for at most 14 critical contacts.
 
-    Of statuses that lead to the same rates, with a contact on a boundary, one is kept: one with det A_SS > 0, if any.
+    Of several statuses with the same rates, which have a contact on a boundary, one is returned, with det A_SS > 0 if
+    possible.
 
     Parameters
     ----------
-    again : called as again(slides) for statuses that are consistent within the error bounds only; returns (Ṽ, error
-        bound) from better data than A, or None if such data show that the status is not consistent
+    again : called as again(slides) for statuses that are consistent only to within the error bounds; returns (Ṽ, error
+        bound) from more accurate data than A, or None if these show that the status is not consistent
     """
-    here = scaled(problem)
-    through = gone_through(here)
+    here = scale_problem(problem)
+    through = enumerate_rates(here)
     found, rays = [], []
     for number in through.consistent:
-        one = _solution(here, through, number)
-        if again is not None and (np.abs(one.rate) <= one.doubt).any():
-            one = _replaced(one, again(one.slides))
+        one = _make_solution(here, through, number)
+        if again is not None and (np.abs(one.rate) <= one.error).any():
+            one = _replace_rates(one, again(one.slides))
         found += [] if one is None else [one]
     for number in np.flatnonzero(through.sign == 0):
-        face = _face(here, through.slides[number])
-        found += [_in_units(here, end) for end in _ends(face)]
-        rays += [_ray_in_units(here, ray) for ray in _rays(here, face)]
+        face = _solution_face(here, through.slides[number])
+        found += [_solution_in_units(here, end) for end in _face_ends(face)]
+        rays += [_ray_in_units(here, ray) for ray in _find_rays(here, face)]
     kept = []
     for one in sorted(found, key=lambda s: {1: 0, -1: 1, 0: 2}[s.sign]):
-        if not any(_same(one, other) for other in kept):
+        if not any(_same_rates(one, other) for other in kept):
             kept.append(one)
-    return Solved(tuple(kept), tuple(rays))
+    return AllSolutions(tuple(kept), tuple(rays))
 
 
-def _solution(problem: Scaled, through: Through, number: int) -> Solution:
+def _make_solution(problem: ScaledProblem, through: AllStatusRates, number: int) -> Solution:
     slides, rate = through.slides[number], through.rate[number]
     slip = np.where(slides, rate, 0.0)
-    return _in_units(problem, Solution(slides, slip, rate, through.doubt[number], int(through.sign[number])))
+    return _solution_in_units(problem, Solution(slides, slip, rate, through.error[number], int(through.sign[number])))
 
 
-def _replaced(one: Solution, better: tuple[np.ndarray, np.ndarray] | None) -> Solution | None:
-    """A solution with better rates, or None if these show that it is none."""
+def _replace_rates(one: Solution, better: tuple[np.ndarray, np.ndarray] | None) -> Solution | None:
+    """Solution with more accurate rates, or None if these show that it is not consistent."""
     if better is None:
         return None
-    rate, doubt = better
-    return one._replace(rate=rate, doubt=doubt, slip=np.where(one.slides, rate, 0.0))
+    rate, error = better
+    return one._replace(rate=rate, error=error, slip=np.where(one.slides, rate, 0.0))
 
 
-def _same(one: Solution, other: Solution) -> bool:
+def _same_rates(one: Solution, other: Solution) -> bool:
     largest = max(np.abs(one.rate).max(initial=0.0), np.abs(other.rate).max(initial=0.0))
-    return bool((np.abs(one.rate - other.rate) <= BLUR * (one.doubt + other.doubt) + SAME * largest).all())
+    return bool((np.abs(one.rate - other.rate) <= BLUR * (one.error + other.error) + SAME * largest).all())
 
 
-def _in_units(problem: Scaled, one: Solution) -> Solution:
+def _solution_in_units(problem: ScaledProblem, one: Solution) -> Solution:
     unit = np.where(one.slides, problem.slip_unit, problem.gap_unit)
-    return one._replace(slip=problem.slip_unit * one.slip, rate=unit * one.rate, doubt=unit * one.doubt)
+    return one._replace(slip=problem.slip_unit * one.slip, rate=unit * one.rate, error=unit * one.error)
 
 
-def _ray_in_units(problem: Scaled, ray: Ray) -> Ray:
+def _ray_in_units(problem: ScaledProblem, ray: Ray) -> Ray:
     left = ray.left / problem.gap_unit
     return ray._replace(slip=problem.slip_unit * ray.slip, left=left, drive=ray.drive)
 
 
-class Face(NamedTuple):
-    """What must not be negative on the null space of a singular status, at + turn t: λ of what slides, w of others."""
+class SolutionFace(NamedTuple):
+    """Quantities at + turn t ≥ 0 on the null space of a singular status: λ of sliding contacts, w of the others."""
 
     slides: np.ndarray  # (Mc,) bool
     at: np.ndarray  # (Mc,)
     turn: np.ndarray  # (Mc, d)
     left: np.ndarray  # (k, d) left null vectors of A_SS
-    missed: np.ndarray  # (d,) what they leave of q: if not zero, no slip rates balance the load
-    at_doubt: np.ndarray  # (Mc,) error bounds of `at`, of `turn` and of `missed`
-    turn_doubt: np.ndarray
-    missed_doubt: np.ndarray
+    missed: np.ndarray  # (d,) their products with q; if not zero, no slip rates balance the load
+    at_error: np.ndarray  # (Mc,) error bounds of `at`, of `turn` and of `missed`
+    turn_error: np.ndarray
+    missed_error: np.ndarray
 
 
-def _face(problem: Scaled, slides: np.ndarray) -> Face:
-    a, doubt, q = problem.matrix[:, slides], problem.doubt[:, slides], problem.vector
+def _solution_face(problem: ScaledProblem, slides: np.ndarray) -> SolutionFace:
+    a, error, q = problem.matrix[:, slides], problem.error[:, slides], problem.vector
     left, values, right = np.linalg.svd(a[slides])
-    null = values <= max(BLUR * len(values) * np.linalg.norm(doubt[slides]), values[-1])
+    null = values <= max(BLUR * len(values) * np.linalg.norm(error[slides]), values[-1])
     inverse = (right[~null].T / values[~null]) @ left[:, ~null].T
     left, right = left[:, null], right[null].T
     slip = -inverse @ q[slides]
     at = np.where(slides, 0.0, a @ slip + q)
     turn = np.where(slides[:, None], 0.0, a @ right)
     at[slides], turn[slides] = slip, right
-    spread = BLUR * max(1.0, np.linalg.norm(inverse))  # errors of null vectors are those of A over the next value
-    at_doubt = spread * (doubt @ np.abs(slip) + problem.vector_doubt + doubt.max())
-    missed_doubt = BLUR * np.abs(left.T) @ problem.vector_doubt[slides]
-    missed_doubt += spread * np.linalg.norm(doubt[slides]) * np.linalg.norm(q[slides])
-    turn_doubt = spread * (doubt.sum(axis=1) + doubt.max())
-    return Face(slides, at, turn, left, np.abs(left.T @ q[slides]), at_doubt, turn_doubt, missed_doubt)
+    # errors of null vectors are those of A over the next singular value
+    spread = BLUR * max(1.0, np.linalg.norm(inverse))
+    at_error = spread * (error @ np.abs(slip) + problem.vector_error + error.max())
+    missed_error = BLUR * np.abs(left.T) @ problem.vector_error[slides]
+    missed_error += spread * np.linalg.norm(error[slides]) * np.linalg.norm(q[slides])
+    turn_error = spread * (error.sum(axis=1) + error.max())
+    return SolutionFace(slides, at, turn, left, np.abs(left.T @ q[slides]), at_error, turn_error, missed_error)
 
 
-def _ends(face: Face) -> list[Solution]:
-    """Two ends of the solutions {t: at + turn t ≥ 0}, none if there are none; a place for an end at infinity."""
-    still = (np.abs(face.turn) <= face.turn_doubt[:, None]).all(axis=1)
-    if (face.missed > face.missed_doubt).any() or (face.at[still] < -face.at_doubt[still]).any():
+def _face_ends(face: SolutionFace) -> list[Solution]:
+    """Ends of the solutions {t: at + turn t ≥ 0}, or none; an end at infinity is replaced by a finite point."""
+    still = (np.abs(face.turn) <= face.turn_error[:, None]).all(axis=1)
+    if (face.missed > face.missed_error).any() or (face.at[still] < -face.at_error[still]).any():
         return []
-    at, turn, slack = face.at[~still], face.turn[~still], face.at_doubt[~still]
+    at, turn, slack = face.at[~still], face.turn[~still], face.at_error[~still]
     if not len(turn):
         places = [np.zeros(turn.shape[1])]
     elif turn.shape[1] == 1:
-        places = _interval(at, turn[:, 0], slack)
+        places = _interval_ends(at, turn[:, 0], slack)
     else:
         aim, places = turn.sum(axis=0), []
         for way in (1.0, -1.0, 0.0):
@@ -210,12 +213,12 @@ def _ends(face: Face) -> list[Solution]:
     for place in places:
         rate = face.at + face.turn @ place
         slip = np.where(face.slides, rate, 0.0)
-        ends.append(Solution(face.slides, slip, np.where(face.slides, rate, -rate), face.at_doubt, 0))
+        ends.append(Solution(face.slides, slip, np.where(face.slides, rate, -rate), face.at_error, 0))
     return ends
 
 
-def _interval(at: np.ndarray, turn: np.ndarray, slack: np.ndarray) -> list[np.ndarray]:
-    """Both ends of {t: at + turn t ≥ 0}; none if it is empty even with at + slack."""
+def _interval_ends(at: np.ndarray, turn: np.ndarray, slack: np.ndarray) -> list[np.ndarray]:
+    """Both ends of {t: at + turn t ≥ 0}; empty if there is no solution even with at + slack."""
     bound, give, rising = -at / turn, slack / np.abs(turn), turn > 0
     if np.max((bound - give)[rising], initial=-np.inf) > np.min((bound + give)[~rising], initial=np.inf):
         return []
@@ -225,29 +228,29 @@ def _interval(at: np.ndarray, turn: np.ndarray, slack: np.ndarray) -> list[np.nd
     return [np.array([low]), np.array([high])]
 
 
-def _rays(problem: Scaled, face: Face) -> list[Ray]:
-    """Slip rates of the null space that are nowhere negative and make no contact leave the cone."""
+def _find_rays(problem: ScaledProblem, face: SolutionFace) -> list[Ray]:
+    """Nonnegative slip rates of the null space for which no contact leaves the cone."""
     turn, slides = face.turn, face.slides
     if turn.shape[1] == 1:
         ways = [np.array([1.0]), np.array([-1.0])]
     else:
         total = turn[slides].sum(axis=0)
-        bound = np.append(face.turn_doubt, 1.0)
+        bound = np.append(face.turn_error, 1.0)
         found = linprog(-total, A_ub=np.vstack([-turn, total]), b_ub=bound, bounds=(None, None))
         ways = [found.x] if found.status == 0 and found.fun < -0.5 else []
     rays = []
     for move in (turn @ way for way in ways):
-        if (move >= -face.turn_doubt).all() and move[slides].max(initial=0.0) > 0:
+        if (move >= -face.turn_error).all() and move[slides].max(initial=0.0) > 0:
             y = np.zeros(len(slides))
             y[slides] = face.left @ (face.left.T @ problem.vector[slides])
-            driven = (face.missed > face.missed_doubt).any()
+            driven = (face.missed > face.missed_error).any()
             slip = np.where(slides, np.maximum(move, 0.0), 0.0)
             rays.append(Ray(slides, slip, y, float(y @ problem.vector) if driven else 0.0))
     return rays
 
 
 class StatusMap(NamedTuple):
-    """C: S ↦ C(S); bits of S say which critical contacts slide, those of C(S) which are consistent."""
+    """Map C: S ↦ C(S). Bits of S mark the critical contacts that slide, bits of C(S) those that are consistent."""
 
     image: np.ndarray  # (2^Mc,) C(S) for S = 0 … 2^Mc − 1; −1 where k(S) is singular
 
@@ -263,13 +266,13 @@ class StatusMap(NamedTuple):
 
 
 def status_map(problem: Complementarity) -> StatusMap:
-    """The map of the paper's Eq. 5, gone through whole, for at most 14 critical contacts."""
+    """Compute the map of the paper's Eq. 5 for all statuses, for at most 14 critical contacts."""
     size = len(problem.vector)
     if size > MAPPED:
         raise ValueError(
-            f"{size} critical contacts were given: their {2.0**size:.3g} statuses cannot be gone through, at most "
-            f"{MAPPED} can; `contact_status` finds the consistent one, `certificate` what is known of uniqueness"
+            f"{size} critical contacts were given: their {2.0**size:.3g} statuses cannot be enumerated, at most "
+            f"{MAPPED} contacts are allowed; `contact_status` finds a consistent status, `certificate` tests uniqueness"
         )
-    through = gone_through(scaled(problem))
+    through = enumerate_rates(scale_problem(problem))
     fits = np.where(through.slides, through.rate > 0, through.rate < 0)
     return StatusMap(np.where(through.sign == 0, -1, fits @ (1 << np.arange(size))))

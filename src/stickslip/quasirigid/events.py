@@ -1,8 +1,8 @@
-"""What ends a linear piece of a path: the first contact that meets the cone or its apex, or pair that closes.
+"""Events at the end of a linear piece of a path: a contact reaches the cone or its apex, or a pair closes.
 
-Within a piece forces and positions are linear in the load. Where they are not so in the packing, and it would matter,
-the way to the event is gone in parts: a disk with two contacts whose force vanishes would else seem to meet the cone on
-its last, faint bit.
+Within a piece, forces and positions are linear in the load. Where the nonlinearity of the packing would matter, an
+event is approached in several steps. Otherwise a disk with two contacts whose force vanishes would seem to reach the
+cone just before the force is zero.
 """
 
 from typing import NamedTuple
@@ -15,62 +15,62 @@ from .rattling import NUDGE, gaps
 from .status import ContactStatus
 
 APEX = 1e-6  # normal force, in mean normal forces, at which a contact is at the apex of the cone
-NEAR_APEX = 1e-4  # normal force, in mean normal forces, from which a straight way leads to the apex to within APEX
-NEAR_CONE = 1e-5  # distance from the cone over the normal force from which a straight way leads there
-APPROACH = 0.9  # of the way to an event that a straight way would miss; then c is made anew
-TOGETHER = 1e-9  # of an increment, within which contacts meet an event together
+NEAR_APEX = 1e-4  # normal force, in mean normal forces, below which a linear step reaches the apex to within APEX
+NEAR_CONE = 1e-5  # distance from the cone over the normal force, below which a linear step reaches the cone
+APPROACH = 0.9  # share of the distance to an event that a linear step would miss; then c is recomputed
+TOGETHER = 1e-9  # share of an increment within which events are simultaneous
 REACHES, CLOSES, AT_APEX, NEARS, INCREMENT = "reaches the cone", "closes", "at the apex", "nears an event", "increment"
 
 
 class Event(NamedTuple):
-    """Something that happens on a path."""
+    """Event on a load path."""
 
     load: float  # in legs of the load
     kind: str  # "reaches the cone", "sticks again", "opens", "closes", …, or why the path ends
-    i: int  # the contact's bodies, or the body; −1 where none is meant
+    i: int  # bodies of the contact, or one body; −1 if there is none
     j: int
 
 
 class Fork(NamedTuple):
-    """A load at which several choices of statuses were consistent, and the one that the path took."""
+    """Load at which several combinations of statuses were consistent, and the one chosen."""
 
     load: float  # in legs of the load
-    contacts: tuple[tuple[int, int], ...]  # bodies of those contacts that have different statuses
+    contacts: tuple[tuple[int, int], ...]  # bodies of the contacts whose statuses differ
     taken: tuple[str, ...]  # status of each of them: "sticks", "slides", "slides back" or "opens"
-    others: tuple[tuple[str, ...], ...]  # the same for the other choices
-    forces: bool  # True if forces go on differently; False if only a motion is not determined
+    others: tuple[tuple[str, ...], ...]  # the same for the other combinations
+    forces: bool  # True if the force rates differ; False if only a motion is undetermined
 
 
-class Next(NamedTuple):
-    """The end of a linear piece."""
+class NextEvent(NamedTuple):
+    """End of a linear piece."""
 
     step: float  # share of the increment
-    contacts: np.ndarray  # numbers of all that meet the event together; from M on: pairs that do not touch yet
+    contacts: np.ndarray  # numbers of all simultaneous contacts; from M on: pairs that do not touch yet
     kind: str
 
 
 def next_event(
-    piece, force: np.ndarray, rate: np.ndarray, known: np.ndarray, choice: ContactStatus, left: float
-) -> Next:
-    """The end of a linear piece that begins with given forces.
+    increment, force: np.ndarray, rate: np.ndarray, known: np.ndarray, choice: ContactStatus, left: float
+) -> NextEvent:
+    """Find the end of a linear piece that begins with given forces.
 
     Parameters
     ----------
-    piece : Piece
+    increment : Increment
     force, rate : (M, 2) and their rates over the whole increment [force]
-    known : (M,) bool, contacts that were on the cone and whose status is consistent: what sticks leaves it
-    left : share of the increment
+    known : (M,) bool, contacts that were on the cone with a consistent status; sticking ones leave it
+    left : remaining share of the increment
     """
-    first = Next(left, np.zeros(0, int), INCREMENT)
-    reached = _reached(piece, force, rate, known, choice)
-    first = _on_cone(piece, force, reached, first)
-    first = _on_apex(piece, force, rate, first, left)
-    return _closed(piece, choice, first)
+    first = NextEvent(left, np.zeros(0, int), INCREMENT)
+    reached = _shares_to_cone(increment, force, rate, known, choice)
+    first = _first_on_cone(increment, force, reached, first)
+    first = _first_on_apex(increment, force, rate, first, left)
+    return _first_closing(increment, choice, first)
 
 
-def _reached(piece, force, rate, known, choice) -> np.ndarray:
-    """(M,) shares after which contacts that stick meet the cone, on either side."""
-    m, reached = piece.matrix, np.full(len(force), np.inf)
+def _shares_to_cone(increment, force, rate, known, choice) -> np.ndarray:
+    """(M,) shares of the increment after which sticking contacts reach the cone, on either side."""
+    m, reached = increment.matrix, np.full(len(force), np.inf)
     for side in (1.0, -1.0):
         margin = m.mu * force[:, 0] - side * force[:, 1]
         slope = m.mu * rate[:, 0] - side * rate[:, 1]
@@ -79,76 +79,78 @@ def _reached(piece, force, rate, known, choice) -> np.ndarray:
         time = np.where(leaves, np.maximum(margin, 0.0) / np.where(leaves, -slope, 1.0), np.inf)
         reached = np.minimum(reached, time)
     at = np.where(np.isfinite(reached), reached, 0.0)
-    reached[piece.paired & (force[:, 0] + at * rate[:, 0] <= piece.faint)] = np.inf
+    reached[increment.paired & (force[:, 0] + at * rate[:, 0] <= increment.faint)] = np.inf
     return reached
 
 
-def _on_cone(piece, force, reached, first: Next) -> Next:
-    """The first contact that meets the cone, if it does so before the end that is known."""
-    m, soonest = piece.matrix, reached.min(initial=np.inf)
-    # the force of a disk with two contacts turns with the line between them, which a straight way knows badly
+def _first_on_cone(increment, force, reached, first: NextEvent) -> NextEvent:
+    """First contact that reaches the cone, if it does so before the end found so far."""
+    m, soonest = increment.matrix, reached.min(initial=np.inf)
+    # the force on a disk with two contacts turns with the line between them, which a linear step predicts poorly
     far = m.mu * force[:, 0] - np.abs(force[:, 1]) > NEAR_CONE * force[:, 0]
-    early = np.where(piece.paired & far, APPROACH * reached, np.inf).min(initial=np.inf)
+    early = np.where(increment.paired & far, APPROACH * reached, np.inf).min(initial=np.inf)
     if early < min(soonest, first.step):
-        return Next(float(early), first.contacts, NEARS)
+        return NextEvent(float(early), first.contacts, NEARS)
     if soonest < first.step:
-        return Next(float(soonest), np.flatnonzero(reached <= soonest + TOGETHER), REACHES)
+        return NextEvent(float(soonest), np.flatnonzero(reached <= soonest + TOGETHER), REACHES)
     return first
 
 
-def _on_apex(piece, force, rate, first: Next, left: float) -> Next:
-    """The first contact whose force vanishes."""
+def _first_on_apex(increment, force, rate, first: NextEvent, left: float) -> NextEvent:
+    """First contact whose force vanishes."""
     falls = rate[:, 0] < -SLACK * np.abs(rate).max(initial=0.0)
     time = np.where(falls, np.maximum(force[:, 0], 0.0) / np.where(falls, -rate[:, 0], 1.0), np.inf)
     soonest = time.min(initial=np.inf)
-    early = np.where(force[:, 0] > NEAR_APEX * piece.mean, APPROACH * time, np.inf).min(initial=np.inf)
+    early = np.where(force[:, 0] > NEAR_APEX * increment.mean, APPROACH * time, np.inf).min(initial=np.inf)
     if early < first.step and soonest <= left:
-        return Next(float(early), np.zeros(0, int), NEARS)
+        return NextEvent(float(early), np.zeros(0, int), NEARS)
     if soonest <= first.step:
-        # those of disks that are held by nothing else lose their forces together, to within APEX
-        faint = force[:, 0] + soonest * rate[:, 0] <= APEX * piece.mean
-        return Next(float(soonest), with_partners(piece, np.flatnonzero(faint | (time <= soonest + TOGETHER))), AT_APEX)
+        # contacts of disks that are held by nothing else lose their forces together, to within APEX
+        faint = force[:, 0] + soonest * rate[:, 0] <= APEX * increment.mean
+        return NextEvent(
+            float(soonest), with_partners(increment, np.flatnonzero(faint | (time <= soonest + TOGETHER))), AT_APEX
+        )
     met = first.contacts
-    if first.kind == REACHES and (force[met, 0] + first.step * rate[met, 0] <= APEX * piece.mean).any():
+    if first.kind == REACHES and (force[met, 0] + first.step * rate[met, 0] <= APEX * increment.mean).any():
         return first._replace(kind=AT_APEX)
     return first
 
 
-def with_partners(piece, contacts: np.ndarray) -> np.ndarray:
-    """The contacts, and the second ones of disks with two contacts: these reach the apex together."""
-    chosen = np.zeros(piece.matrix.count, bool)
+def with_partners(increment, contacts: np.ndarray) -> np.ndarray:
+    """Contacts together with the second contacts of disks that have two, which reach the apex together."""
+    chosen = np.zeros(increment.matrix.count, bool)
     chosen[contacts] = True
     while True:
-        pulled = np.zeros(piece.state.n_bodies, bool)
-        pulled[piece.ends[chosen].ravel()] = True
-        more = ((pulled & piece.has_two)[piece.ends]).any(axis=1) | chosen
+        pulled = np.zeros(increment.state.n_bodies, bool)
+        pulled[increment.ends[chosen].ravel()] = True
+        more = ((pulled & increment.has_two)[increment.ends]).any(axis=1) | chosen
         if np.array_equal(more, chosen):
             return np.flatnonzero(chosen)
         chosen = more
 
 
-def pairs_apart(state: State, loose: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Rows of pairs of the list that are not among `rows`, and in which no rattler takes part."""
+def open_pairs(state: State, loose: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Rows of the pair list that are not among `rows` and do not involve rattlers."""
     rest = np.setdiff1d(np.arange(int(state.contacts.count[0])), rows)
     held = np.append(~loose, np.ones(state.n_bodies - len(loose), bool))
     return rest[held[state.contacts.i[rest]] & held[state.contacts.j[rest]]]
 
 
-def _closed(piece, choice: ContactStatus, first: Next) -> Next:
-    """The first pair that comes to touch."""
-    state, rows = piece.state, piece.gap_rows
-    moves = piece.matrix.free.spread(choice.velocity)[:, :3]
+def _first_closing(increment, choice: ContactStatus, first: NextEvent) -> NextEvent:
+    """First pair that closes."""
+    state, rows = increment.state, increment.gap_rows
+    moves = increment.matrix.free.spread(choice.velocity)[:, :3]
     normal, gap = gaps(state, rows)
     apart = moves[state.contacts.i[rows]] - moves[state.contacts.j[rows]]
     closing = np.einsum("ck,ck->c", apart, normal)
     small = float(state.grains.radius.min())
-    reach = np.maximum(gap, 0.0) + NUDGE * small  # a little beyond: they touch then
+    reach = np.maximum(gap, 0.0) + NUDGE * small  # slightly beyond zero, so that they touch
     time = np.where(closing < 0, reach / np.where(closing < 0, -closing, 1.0), np.inf)
     soonest = time.min(initial=np.inf)
     if not soonest < first.step:
         return first
-    # a pair that moves past each other overlaps more than the straight way says
+    # a pair whose bodies move past each other overlaps more than a linear step predicts
     aside = float((apart[time.argmin()] ** 2).sum() - closing[time.argmin()] ** 2) * soonest**2
-    if piece.matrix.springs[:, 0, 0].max() * aside / (2 * small) > APEX * piece.mean:
-        return Next(float(APPROACH * soonest), np.zeros(0, int), NEARS)
-    return Next(float(soonest), piece.matrix.count + np.flatnonzero(time <= soonest + TOGETHER), CLOSES)
+    if increment.matrix.springs[:, 0, 0].max() * aside / (2 * small) > APEX * increment.mean:
+        return NextEvent(float(APPROACH * soonest), np.zeros(0, int), NEARS)
+    return NextEvent(float(soonest), increment.matrix.count + np.flatnonzero(time <= soonest + TOGETHER), CLOSES)

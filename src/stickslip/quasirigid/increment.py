@@ -1,8 +1,8 @@
-"""One increment of a path: everything is linear in the load until a contact meets the cone, opens, or closes.
+"""One increment of a load path, linear in the load until a contact reaches the cone, opens, or closes.
 
-c, K and the geometric stiffness are frozen. Events within the increment that only change the statuses at the cone are
-gone through; where a contact opens or closes, the increment ends, and its status is decided at the start of the next,
-together with those of all contacts that have no force there.
+c, K and the geometric stiffness are frozen. Events that only change the statuses at the cone are processed within the
+increment. If a contact opens or closes, the increment ends, and its status is decided at the start of the next one,
+together with those of all contacts without force.
 
 Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Secs. II A and III D.
 """
@@ -23,37 +23,37 @@ from ..core.state import OPEN, SLIDE, STICK, Control, State
 from ..solve.freedom import Freedom, displaced, incidence, residual_vector
 from ..solve.linear import factorised
 from .cone_apex import OPENS, SLIDES, SLIDES_BACK, STICKS, WORDS
-from .events import APEX, CLOSES, INCREMENT, REACHES, Event, Fork, next_event, pairs_apart
-from .lcp import complementarity, wrong
+from .events import APEX, CLOSES, INCREMENT, REACHES, Event, Fork, next_event, open_pairs
+from .lcp import complementarity, inconsistent
 from .matrices import LinearSystem, linear_system, statuses, stiffness_matrix
-from .opening import Decided, decided
+from .opening import ApexStatuses, decide_statuses
 from .rattling import gaps, with_modes
 from .status import ContactStatus, Verdict, contact_status
 from .system import RESIDUAL, pins
 from .uniqueness import certificate
 
-AT_CONE = 1e-10  # distance from the cone, in mean normal forces, that is round-off: 1e-16 times conditions of k of 1e5
-BLURRED = 10.0  # times what is out of balance, below which a disk with two contacts is not yet said to meet the cone
-CROWD = 200  # events after which a path ends if the load has not gone on: no real avalanche of this size was seen
-OUT_OF_BALANCE = 1e-4  # force, in mean normal forces, beyond which an increment is halved: loads of events are as exact
-BALANCED = 1e-10  # the same, to which an increment is brought back: far below the force of a contact at the apex
-TOUCHES = 1e-7  # gap, as a force in mean normal forces, up to which a pair touches: below what is lost by deciding APEX
-CORRECTIONS = 6  # of the balance at most: each leaves about a thousandth
-LOOK = 0.01  # of a leg, after which other choices are looked for also where no event was: c changes little on it
-NO_P_MATRIX = "the status is not unique for every load any more"
-NOT_UNIQUE = "choices of statuses are consistent: the statuses are not unique"
+AT_CONE = 1e-10  # round-off of the distance from the cone, in mean normal forces: 1e-16 times conditions of k of 1e5
+BLURRED = 10.0  # force over the unbalanced one, below which disks with two contacts are not checked against the cone
+CROWD = 200  # events after which a path without progress of the load ends; no real avalanche of this size was seen
+OUT_OF_BALANCE = 1e-4  # in mean normal forces, beyond which an increment is halved; loads of events are as accurate
+BALANCED = 1e-10  # residual, in mean normal forces, after balancing; far below the force of a contact at the apex
+TOUCHES = 1e-7  # gap, as a force in mean normal forces, up to which a pair touches; below the error due to APEX
+CORRECTIONS = 6  # largest number of balance corrections; each leaves about a thousandth
+LOOK = 0.01  # share of a leg after which other statuses are sought even without an event; c changes little within it
+NO_P_MATRIX = "the status is no longer unique for every load"
+NOT_UNIQUE = "combinations of statuses are consistent: the statuses are not unique"
 
 
-class Place(NamedTuple):
-    """Where a path is."""
+class PathState(NamedTuple):
+    """State of a load path with the marks of its contacts."""
 
     state: State
     loose: np.ndarray  # (N,) bool: rattlers
-    parted: np.ndarray  # (C,) bool: pairs that still overlap a little but do not hold each other
-    fresh: np.ndarray  # (C,) bool: contacts at the apex of the cone, whose status is to be decided
-    unique: bool  # whether the status was unique for every load when it was last known
-    looked: float  # load at which that, and other choices, were last looked for
-    wedged: bool = False  # whether a rattler was wedged here, just now
+    parted: np.ndarray  # (C,) bool: pairs that still overlap slightly but carry no force
+    fresh: np.ndarray  # (C,) bool: contacts at the apex of the cone, whose status must be decided
+    unique: bool  # whether the status was unique for every load when last tested
+    looked: float  # load of the last test for uniqueness and for other statuses
+    wedged: bool = False  # whether a rattler has just been wedged here
 
 
 def external(state: State, free: Freedom) -> np.ndarray:
@@ -62,68 +62,68 @@ def external(state: State, free: Freedom) -> np.ndarray:
     return residual_vector(state, ContactLoads(nothing, nothing, np.zeros((3, 3))), free)
 
 
-class Piece:
+class Increment:
     """One increment of load at frozen c, K and geometric stiffness."""
 
-    def __init__(self, place: Place, law, begin: Control, end: Control, share, increment, geometric, mends):
+    def __init__(self, place: PathState, law, begin: Control, end: Control, share, increment, geometric, mends):
         self.law, self.increment, self.geometric, self.mends = law, increment, geometric, mends
         self.begin, self.end, self.share = begin, end, share
         self.events, self.forks, self.unchecked, self.lost, self.unique = [], [], 0, None, place.unique
         self.last, self.solve, self.missed, self.looked = None, None, 0.0, place.looked
-        self._start(place)
+        self._set_state(place)
         if place.fresh.any():
             self._decide_at_apex(place)
 
-    def _start(self, place: Place) -> None:
+    def _set_state(self, place: PathState) -> None:
         self.place, self.state, self.loose = place, place.state, place.loose
-        self.matrix = _held_matrices(place, self.law)
+        self.matrix = _increment_matrices(place, self.law)
         contacts, rows, n = self.state.contacts, self.matrix.rows, len(self.loose)
         self.ends = np.stack([contacts.i[rows], contacts.j[rows]], axis=1)
-        # both forces of a disk with two contacts lie along one line: it meets the cone, or its apex, with both at once
+        # both forces of a disk with two contacts lie along one line: it reaches the cone, or its apex, at both together
         self.has_two = np.bincount(self.ends.ravel(), minlength=self.state.n_bodies) == 2
         self.has_two[n:] = False
         self.paired = self.has_two[self.ends].any(axis=1)
         self.mean = float(self.matrix.force[:, 0].mean())
         at = self.state._replace(control=between(self.begin, self.end, self.share))
         to = self.state._replace(control=between(self.begin, self.end, self.share + self.increment))
-        missing = self._missing(place._replace(state=at))
+        missing = self._unbalanced_force(place._replace(state=at))
         self.load = external(to, self.matrix.free) - external(at, self.matrix.free) + self.mends * missing
         self.stiffest = float(self.matrix.springs[:, 0, 0].max(initial=0.0))
-        self.gap_rows = pairs_apart(self.state, self.loose, rows)
+        self.gap_rows = open_pairs(self.state, self.loose, rows)
         self.faint = max(APEX * self.mean, BLURRED * np.abs(missing).max())
 
-    def _decide_at_apex(self, place: Place) -> None:
-        """Contacts without force open, stick or slide either way; bodies without any are released.
+    def _decide_at_apex(self, place: PathState) -> None:
+        """Decide whether contacts without force open, stick or slide; bodies without contact forces are released.
 
-        All contacts that have no force now are decided together: one after the other they may undo each other.
+        All contacts without force are decided together; decisions one after the other could undo each other.
         """
-        before, place = place, self._with_touching(place)
-        self._start(place)
+        before, place = place, self._with_touching_pairs(place)
+        self._set_state(place)
         m = self.matrix
         faint = m.force[:, 0] <= APEX * self.mean
         apex = faint | np.isin(m.rows, np.flatnonzero(place.fresh))
-        found = decided(m, self.load, apex, geometric=self.geometric, wedged=place.wedged)
+        found = decide_statuses(m, self.load, apex, geometric=self.geometric, wedged=place.wedged)
         self.unchecked += not found.complete
         if found.status is None or not found.stable:
-            self.lost = _lost(found)
+            self.lost = _verdict_of_loss(found)
             return
         if found.others:
-            self._fork(found.status, found.others)
-        was = np.where(before.parted[m.rows], OPENS, _sided(np.where(m.limit, m.sign, 0.0)))
+            self._record_fork(found.status, found.others)
+        was = np.where(before.parted[m.rows], OPENS, _statuses_from_side(np.where(m.limit, m.sign, 0.0)))
         told = np.isin(m.rows, np.flatnonzero(before.fresh)) | (was != found.status)
-        self.events += [Event(0.0, WORDS[found.status[k]], *self._bodies(k)) for k in np.flatnonzero(apex & told)]
+        self.events += [Event(0.0, WORDS[found.status[k]], *self._bodies_of(k)) for k in np.flatnonzero(apex & told)]
         parted = place.parted.copy()
         parted[m.rows[found.opens]] = True
         loose = rattlers(with_modes(place.state, np.flatnonzero(parted), OPEN), 2, place.loose)
         sides = found.side
         state = with_modes(place.state, m.rows[apex & (sides == 0)], STICK)
         state = with_modes(state, m.rows[apex & (sides != 0)], SLIDE)
-        self._start(place._replace(state=state, loose=loose, parted=parted, fresh=np.zeros_like(parted)))
+        self._set_state(place._replace(state=state, loose=loose, parted=parted, fresh=np.zeros_like(parted)))
         side = sides[np.searchsorted(m.rows, self.matrix.rows)]
         self.matrix = self.matrix._replace(sign=np.where(side != 0, side, self.matrix.sign))
 
-    def _with_touching(self, place: Place) -> Place:
-        """The place in which pairs that parted, but still touch, are at the apex again."""
+    def _with_touching_pairs(self, place: PathState) -> PathState:
+        """State in which parted pairs that still touch are at the apex again."""
         contacts, loose = place.state.contacts, np.append(place.loose, np.zeros(len(place.state.walls.mass), bool))
         back = np.flatnonzero(place.parted & ~place.fresh)
         back = back[~(loose[contacts.i[back]] | loose[contacts.j[back]])]
@@ -131,40 +131,40 @@ class Piece:
         parted[back], fresh[back] = False, True
         return place._replace(state=with_modes(place.state, back, STICK), parted=parted, fresh=fresh)
 
-    def _fork(self, taken: np.ndarray, others, forces: bool = True) -> None:
-        """Record other consistent choices; statuses as in `apex`, of all contacts."""
+    def _record_fork(self, taken: np.ndarray, others, forces: bool = True) -> None:
+        """Record other consistent combinations; statuses of all contacts, as in `cone_apex`."""
         others = np.array(others)
         differ = np.flatnonzero((others != taken).any(axis=0))
         fork = Fork(
-            0.0, tuple(self._bodies(k) for k in differ), tuple(WORDS[k] for k in taken[differ]),
+            0.0, tuple(self._bodies_of(k) for k in differ), tuple(WORDS[k] for k in taken[differ]),
             tuple(tuple(WORDS[k] for k in other[differ]) for other in others), forces,
         )  # fmt: skip
         self.forks.append(fork)
-        self.events.append(Event(0.0, f"{1 + len(others)} {NOT_UNIQUE}", *self._bodies(differ[0])))
+        self.events.append(Event(0.0, f"{1 + len(others)} {NOT_UNIQUE}", *self._bodies_of(differ[0])))
 
     def run(self, start: float):
-        """The place at the end, the share of the leg that was used, and the verdict."""
+        """Run the increment; return the state at its end, the share of the leg that was used, and the verdict."""
         m = self.matrix
-        self._dated(start)
+        self._set_load(start)
         if self.lost is not None:
             return self.place, 0.0, self.lost
         force, slides, sign = m.force.copy(), m.limit.copy(), m.sign.copy()
         moved, done = np.zeros(len(m.free)), 0.0
         for _ in range(CROWD):
-            # what has come to the cone in several events at one load is decided together
-            beside = self._beside_cone(force, slides)
+            # contacts that reached the cone in several events at one load are decided together
+            beside = self._at_cone(force, slides)
             sign[beside] = -np.sign(force[beside, 1])
             now = m._replace(sign=sign, limit=slides | beside)
             load = start + done * self.increment
-            choice = self._chosen(now, slides, load)
+            choice = self._choose_status(now, slides, load)
             if not choice.ok:
-                return self._ended(force, moved, slides, sign, (), done), done * self.increment, choice.verdict
-            if self.looked == load and not self._stable(now, choice, load):
-                end = self._ended(force, moved, slides, sign, (), done)
+                return self._finish(force, moved, slides, sign, (), done), done * self.increment, choice.verdict
+            if self.looked == load and not self._is_stable(now, choice, load):
+                end = self._finish(force, moved, slides, sign, (), done)
                 return end, done * self.increment, Verdict.NEGATIVE
-            self._told(choice, slides, sign, load)
+            self._record_changes(choice, slides, sign, load)
             slides = choice.sliding
-            rate = _rates(now, slides, choice.velocity)
+            rate = _force_changes(now, slides, choice.velocity)
             self.last = now, slides
             step, contacts, kind = next_event(self, force, rate, now.limit, choice, 1.0 - done)
             force, moved, done = force + step * rate, moved + step * choice.velocity, done + step
@@ -172,57 +172,57 @@ class Piece:
                 break
             load = start + done * self.increment
             if kind != REACHES:
-                end = self._ended(force, moved, slides, sign, contacts, done)
+                end = self._finish(force, moved, slides, sign, contacts, done)
                 if kind == CLOSES and end.fresh.any():
-                    self.events += [Event(load, CLOSES, *self._bodies(c)) for c in contacts]
+                    self.events += [Event(load, CLOSES, *self._bodies_of(c)) for c in contacts]
                 return end, done * self.increment, Verdict.CONSISTENT
-            self.events += [Event(load, REACHES, *self._bodies(c)) for c in contacts]
+            self.events += [Event(load, REACHES, *self._bodies_of(c)) for c in contacts]
             slides = slides.copy()
             slides[contacts] = True
             sign[contacts] = -np.sign(force[contacts, 1])
-        end = self._ended(force, moved, slides, sign, (), done)
+        end = self._finish(force, moved, slides, sign, (), done)
         return end, done * self.increment, Verdict.CONSISTENT
 
-    def _chosen(self, now: LinearSystem, slides: np.ndarray, load: float) -> ContactStatus:
-        """The status; other choices are looked for after events, and from time to time."""
+    def _choose_status(self, now: LinearSystem, slides: np.ndarray, load: float) -> ContactStatus:
+        """Status at a load; other statuses are sought after events and at intervals of LOOK."""
         changed = (self.events and self.events[-1].load == load) or (now.limit & ~slides).any()
-        if not changed and load < self.looked + LOOK and (same := self._unchanged(now, slides)):
+        if not changed and load < self.looked + LOOK and (same := self._previous_status(now, slides)):
             return same
         self.looked, self.solve = load, None
         return contact_status(now, self.load, start=slides, geometric=self.geometric)
 
-    def _unchanged(self, now: LinearSystem, slides: np.ndarray) -> ContactStatus | None:
-        """The status that was, if it is still consistent."""
+    def _previous_status(self, now: LinearSystem, slides: np.ndarray) -> ContactStatus | None:
+        """Previous status if it is still consistent, otherwise None."""
         try:
-            self.solve = _solver(now, slides, self.geometric)
+            self.solve = _make_solver(now, slides, self.geometric)
             velocity = self.solve(self.load)
         except LinAlgError:
             return None
         critical = np.flatnonzero(now.limit)
         normal, along = (now.c.T @ velocity).reshape(-1, 2)[critical].T
         rate = now.slope[critical] * normal + now.sign[critical] * along
-        if not np.isfinite(rate).all() or wrong(slides[critical], rate).any():
+        if not np.isfinite(rate).all() or inconsistent(slides[critical], rate).any():
             return None
         return ContactStatus(Verdict.CONSISTENT, slides, critical, velocity, rate, "as before", 1)
 
-    def _dated(self, load: float) -> None:
+    def _set_load(self, load: float) -> None:
         self.events = [e._replace(load=load) for e in self.events]
         self.forks = [f._replace(load=load) for f in self.forks]
 
-    def _beside_cone(self, force: np.ndarray, slides: np.ndarray) -> np.ndarray:
-        """(M,) bool: contacts with a force that stick on the cone, to round-off."""
+    def _at_cone(self, force: np.ndarray, slides: np.ndarray) -> np.ndarray:
+        """(M,) mask of sticking contacts with a force that are on the cone to round-off."""
         m = self.matrix
         margin = m.mu * force[:, 0] - np.abs(force[:, 1])
         blurred = force[:, 0] <= np.where(self.paired, self.faint, APEX * self.mean)
         return ~slides & ~blurred & (margin <= AT_CONE * self.mean)
 
-    def _stable(self, matrix: LinearSystem, choice: ContactStatus, load: float) -> bool:
-        """False if det k < 0 for the status that was found; an event tells where another load could have had two."""
+    def _is_stable(self, matrix: LinearSystem, choice: ContactStatus, load: float) -> bool:
+        """Return False if det k < 0 for the status; record an event if statuses cease to be unique for every load."""
         if not len(choice.critical):
             self.unique = True
             return True
         known = choice.uniqueness
-        if known is None:  # too many contacts for `contact_status` to decide by itself
+        if known is None:  # `contact_status` does not test uniqueness with so many contacts
             try:
                 problem = complementarity(matrix, self.load, geometric=self.geometric)
             except LinAlgError:
@@ -238,44 +238,44 @@ class Piece:
         self.unchecked += known is None
         return True
 
-    def _bodies(self, contact) -> tuple[int, int]:
+    def _bodies_of(self, contact) -> tuple[int, int]:
         row = self.matrix.rows[contact] if contact < self.matrix.count else self.gap_rows[contact - self.matrix.count]
         return int(self.state.contacts.i[row]), int(self.state.contacts.j[row])
 
-    def _told(self, choice: ContactStatus, before, sign, load) -> None:
+    def _record_changes(self, choice: ContactStatus, before, sign, load) -> None:
         for contact in np.flatnonzero(before & ~choice.sliding):
-            self.events.append(Event(load, "sticks again", *self._bodies(contact)))
+            self.events.append(Event(load, "sticks again", *self._bodies_of(contact)))
         if choice.verdict in (Verdict.NOT_UNIQUE, Verdict.SINGULAR):
-            taken = _sided(np.where(choice.sliding, sign, 0.0))
-            others = [_sided(np.where(other.sliding, sign, 0.0)) for other in choice.others]
+            taken = _statuses_from_side(np.where(choice.sliding, sign, 0.0))
+            others = [_statuses_from_side(np.where(other.sliding, sign, 0.0)) for other in choice.others]
             if (np.array(others) != taken).any():
-                self._fork(taken, others, choice.verdict is Verdict.NOT_UNIQUE)
+                self._record_fork(taken, others, choice.verdict is Verdict.NOT_UNIQUE)
                 self.forks[-1] = self.forks[-1]._replace(load=load)
                 self.events[-1] = self.events[-1]._replace(load=load)
 
-    def _ended(self, force, moved, slides, sign, contacts, done: float) -> Place:
-        """The place after the increment, brought back to balance with the statuses of its last piece.
+    def _finish(self, force, moved, slides, sign, contacts, done: float) -> PathState:
+        """State after the increment, with balance restored using the statuses of its last piece.
 
-        The turning of contacts leaves forces of second order out of balance. Left to the next increment, they would
-        mix with its load, and decide statuses where that is small.
+        The rotation of contacts leaves unbalanced forces of second order. Left to the next increment, they would mix
+        with its load and determine statuses where that load is small.
         """
-        place = self._placed(force, moved, slides, sign, contacts, done)
+        place = self._advance(force, moved, slides, sign, contacts, done)
         if self.last is None:
             return place
         now, last = self.last
-        missing, solve = self._missing(place), self.solve
+        missing, solve = self._unbalanced_force(place), self.solve
         self.missed = np.abs(missing).max(initial=0.0) / self.mean
         for _ in range(CORRECTIONS):
             if not BALANCED < np.abs(missing).max(initial=0.0) / self.mean < OUT_OF_BALANCE:
                 break
             try:
-                solve = solve or _solver(now, last, self.geometric)
+                solve = solve or _make_solver(now, last, self.geometric)
                 velocity = solve(missing)
             except LinAlgError:
                 break
-            force, moved = force + _rates(now, last, velocity), moved + velocity
-            better = self._placed(force, moved, slides, sign, contacts, done)
-            left = self._missing(better)
+            force, moved = force + _force_changes(now, last, velocity), moved + velocity
+            better = self._advance(force, moved, slides, sign, contacts, done)
+            left = self._unbalanced_force(better)
             if not np.abs(left).max(initial=0.0) < 0.5 * np.abs(missing).max(initial=0.0):
                 break
             place, missing = better, left
@@ -283,10 +283,10 @@ class Piece:
             self.missed = max(self.missed, OUT_OF_BALANCE * (1 + np.abs(missing).max() / self.mean))
         return place
 
-    def _missing(self, place: Place) -> np.ndarray:
-        """(n,) force that is out of balance at a place.
+    def _unbalanced_force(self, place: PathState) -> np.ndarray:
+        """(n,) unbalanced force of a state.
 
-        What presses on rattlers is left out, since they are moved aside, and pairs that part but overlap a little.
+        Forces on rattlers, which are moved aside, and forces of parted pairs with a small overlap are excluded.
         """
         state, free, count = place.state, self.matrix.free, int(place.state.contacts.count[0])
         out = residual_vector(state, forces(state, self.law)[0], free)
@@ -297,8 +297,8 @@ class Piece:
         push[rows, :3] = contact_forces(state, self.law)[rows]
         return out - incidence(state, count, free) @ push.ravel() if push.any() else out
 
-    def _placed(self, force, moved, slides, sign, contacts, done: float) -> Place:
-        """The place after the increment: bodies moved, memory as the path has it, contacts at the apex marked."""
+    def _advance(self, force, moved, slides, sign, contacts, done: float) -> PathState:
+        """State after the increment: bodies moved, contact memory set from the path, contacts at the apex marked."""
         m, before = self.matrix, self.state
         state = updated(displaced(before, m.free, moved))
         _, trial = forces(state, self.law)
@@ -306,7 +306,7 @@ class Piece:
         where = np.searchsorted(trial.key[:count], before.contacts.key[m.rows])
         born = np.array([c for c in contacts if c >= m.count], int) - m.count
         new = np.searchsorted(trial.key[:count], before.contacts.key[self.gap_rows[born]]) if len(born) else born
-        # what the way to balance has left apart comes to touch in the next piece
+        # pairs still apart after balancing close in the next piece
         new = new[self.stiffest * gaps(state, new)[1] <= TOUCHES * self.mean]
         line = linearise(accept(state, trial), self.law)
         normal, stiffness = line.normal[where], np.where(line.stiffness_t[where] > 0, line.stiffness_t[where], 1.0)
@@ -318,7 +318,7 @@ class Piece:
         fresh = np.zeros(len(mode), bool)
         fresh[new] = True
         fresh[where[[c for c in contacts if c < m.count]]] = True
-        # pairs beside those of the matrix overlap where they part and were not quite apart, or met on a curved way
+        # pairs outside the matrix overlap if they have parted incompletely, or met on a curved path
         more = np.flatnonzero((mode[:count] == OPEN) & (trial.mode[:count] != OPEN))
         loose = np.append(self.loose, np.zeros(state.n_bodies - len(self.loose), bool))
         known = np.isin(trial.key[more], before.contacts.key[np.flatnonzero(self.place.parted)])
@@ -327,23 +327,23 @@ class Piece:
         parted[more[known]], fresh[more[~known]], mode[more] = True, True, STICK
         control = between(self.begin, self.end, self.share + done * self.increment)
         state = accept(state._replace(control=control), trial._replace(mode=mode, slip=slip, reached=mode == SLIDE))
-        return Place(state, self.loose, parted, fresh, self.unique, self.looked)
+        return PathState(state, self.loose, parted, fresh, self.unique, self.looked)
 
 
-def _sided(side: np.ndarray) -> np.ndarray:
-    """Statuses as in `apex` of contacts with a force, from sgn D_t of what slides, 0 elsewhere."""
+def _statuses_from_side(side: np.ndarray) -> np.ndarray:
+    """Statuses, as in `cone_apex`, of contacts with a force, from sgn D_t of sliding contacts, 0 elsewhere."""
     return np.where(side > 0, SLIDES, np.where(side < 0, SLIDES_BACK, STICKS))
 
 
-def _lost(found: Decided) -> Verdict:
-    """The verdict where contacts at the apex have no consistent choice that is stable."""
+def _verdict_of_loss(found: ApexStatuses) -> Verdict:
+    """Verdict if contacts at the apex have no consistent and stable combination of statuses."""
     if found.status is not None:
         return Verdict.NEGATIVE
     return Verdict.UNSTABLE if found.complete else Verdict.NOT_FOUND
 
 
-def _solver(matrix: LinearSystem, slides, geometric: bool):
-    """A function that solves k(S) v = f for a status; LinAlgError where k(S) is singular to round-off."""
+def _make_solver(matrix: LinearSystem, slides, geometric: bool):
+    """Return a function that solves k(S) v = f; it raises LinAlgError if k(S) is singular to round-off."""
     size = len(matrix.free)
     kept = np.setdiff1d(np.arange(size), pins(matrix))
     k = stiffness_matrix(matrix, slides, geometric=geometric)[kept][:, kept]
@@ -359,15 +359,15 @@ def _solver(matrix: LinearSystem, slides, geometric: bool):
     return spread
 
 
-def _rates(matrix: LinearSystem, slides, velocity) -> np.ndarray:
+def _force_changes(matrix: LinearSystem, slides, velocity) -> np.ndarray:
     """(M, 2) dF of all contacts over an increment."""
     relative = (matrix.c.T @ velocity).reshape(-1, 2)
     turned = np.einsum("mab,mb->ma", statuses(matrix, slides), relative)
     return -np.einsum("mab,mb->ma", matrix.springs, turned)
 
 
-def _held_matrices(place: Place, law: Law) -> LinearSystem:
-    """The matrices of what holds each other, with the springs of contacts that are about to touch, too."""
+def _increment_matrices(place: PathState, law: Law) -> LinearSystem:
+    """Matrices of grains that support each other, including the springs of contacts about to touch."""
     state = place.state
     m = linear_system(state, law, rattlers=place.loose)
     kept = np.flatnonzero(~place.parted[m.rows])

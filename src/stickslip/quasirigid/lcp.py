@@ -1,9 +1,9 @@
-"""The linear complementarity problem of the critical contacts, with the round-off of its data, and two solvers.
+"""Linear complementarity problem of the critical contacts, with round-off bounds of its data, and two solvers.
 
     w = A λ + q ≥ 0,   λ ≥ 0,   wᵀ λ = 0,      A = 1 − Gᵀ k₀⁻¹ H,   q = −Gᵀ k₀⁻¹ b.
 
-Decisions on signs and ranks compare with the round-off of A and q, in units in which their entries are about 1: rows
-and columns are scaled by powers of two, which changes neither the sign of a minor nor any status.
+Decisions on signs and ranks take the round-off of A and q into account, in units in which their entries are about 1.
+Rows and columns are scaled by powers of two, which changes neither the sign of a minor nor any status.
 
 Source: Cottle, Pang, Stone, The Linear Complementarity Problem (Academic Press 1992); Ruiz, RAL-TR-2001-034, for the
 scaling.
@@ -16,12 +16,12 @@ import numpy as np
 from ..core.readable import readable
 from ..solve.linear import one_thread
 from .matrices import LinearSystem
-from .system import System
+from .system import StatusSolver
 
 SLACK = 1e-9  # share of the largest rate below which a rate may have either sign
-ROUND_OFF = 1e-14  # of an entry, over the entry: 45 units in the last place, of sums of some dozens of terms
-SPARE = 10.0  # times an error that was estimated from two right-hand sides
-SWEEPS = 6  # of scaling: each halves the logarithms of the largest entries
+ROUND_OFF = 1e-14  # relative error of an entry: 45 units in the last place, for sums of a few dozen terms
+SPARE = 10.0  # safety factor on errors estimated from two right-hand sides
+SWEEPS = 6  # scaling sweeps; each halves the logarithms of the largest entries
 
 
 @readable
@@ -34,26 +34,26 @@ class Complementarity(NamedTuple):
     vector_error: float = 0.0  # likewise of q
 
 
-class Scaled(NamedTuple):
-    """The same problem in units in which the largest entries of rows, columns and q are about 1."""
+class ScaledProblem(NamedTuple):
+    """Complementarity problem in units in which the largest entries of rows, columns and q are about 1."""
 
     matrix: np.ndarray  # (Mc, Mc)
     vector: np.ndarray  # (Mc,)
-    doubt: np.ndarray  # (Mc, Mc) error bounds of the matrix
-    vector_doubt: np.ndarray  # (Mc,) error bounds of the vector
+    error: np.ndarray  # (Mc, Mc) error bounds of the matrix
+    vector_error: np.ndarray  # (Mc,) error bounds of the vector
     slip_unit: np.ndarray  # (Mc,) λ = slip_unit · its value here
     gap_unit: np.ndarray  # (Mc,) w = gap_unit · its value here
 
-    def part(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """A_SS and its error bounds."""
+    def submatrix(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """A_SS with its error bounds."""
         box = np.ix_(chosen, chosen)
-        return self.matrix[box], self.doubt[box]
+        return self.matrix[box], self.error[box]
 
 
 def complementarity(
     matrix: LinearSystem, load: np.ndarray, *, critical: np.ndarray | None = None, geometric: bool = True
 ) -> Complementarity:
-    """A and q of the critical contacts under a load rate; arguments as in `contact_status`.
+    """Compute A and q of the critical contacts under a load rate; arguments are those of `contact_status`.
 
     Raises
     ------
@@ -61,10 +61,10 @@ def complementarity(
         if k is singular while all contacts stick.
     """
     with one_thread():
-        return of_system(System(matrix, load, numbers(matrix, critical), geometric))
+        return complementarity_of_system(StatusSolver(matrix, load, critical_numbers(matrix, critical), geometric))
 
 
-def numbers(matrix: LinearSystem, critical) -> np.ndarray:
+def critical_numbers(matrix: LinearSystem, critical) -> np.ndarray:
     """Numbers of the critical contacts, from numbers or from a mask of all contacts."""
     if critical is None:
         return np.flatnonzero(matrix.limit)
@@ -74,8 +74,8 @@ def numbers(matrix: LinearSystem, critical) -> np.ndarray:
     known = critical.dtype.kind in "iu" or not critical.size
     if critical.dtype == bool or critical.ndim != 1 or not known or len(np.unique(critical)) < len(critical):
         raise ValueError(
-            f"critical = {str(critical)[:60]} was given: it takes different numbers of contacts, or one bool for each "
-            f"of the {matrix.count} contacts"
+            f"critical = {str(critical)[:60]} was given: distinct numbers of contacts, or one bool for each of the "
+            f"{matrix.count} contacts, are needed"
         )
     if critical.size and not 0 <= critical.min() <= critical.max() < matrix.count:
         raise ValueError(
@@ -85,33 +85,33 @@ def numbers(matrix: LinearSystem, critical) -> np.ndarray:
     return critical.astype(np.int64)
 
 
-def of_system(system: System) -> Complementarity:
-    """A and q, and their errors: one step of refinement of two columns and of the load tells how large they are."""
+def complementarity_of_system(system: StatusSolver) -> Complementarity:
+    """A and q with errors, which are estimated by one refinement step for two columns and for the load."""
     size = len(system.critical)
     stuck = np.zeros(size, bool)
-    system.renew(stuck)
+    system.factorise(stuck)
     velocity, rate = system.rates(stuck)
     pull = system.pull.toarray(order="F")
-    reach = system.reach(pull)
+    reach = system.solve_columns(pull)
     probes = np.stack([np.ones(size), np.where(np.arange(size) % 2, -1.0, 1.0)], axis=1)
     answers = np.column_stack([reach @ probes, system.answer])
     missed = np.column_stack([pull @ probes, system.right]) - system.stuck @ answers
-    error = np.abs(system.sees.T @ system.reach(missed))
+    error = np.abs(system.sees.T @ system.solve_columns(missed))
     drawn = system.sees.T @ reach
-    # what is left of 1 − Gᵀ k₀⁻¹ H may be far smaller than both
+    # the difference 1 − Gᵀ k₀⁻¹ H may be far smaller than both terms
     lost = ROUND_OFF * np.abs(drawn).max(initial=1.0)
     matrix_error = SPARE * error[:, :2].max(initial=0.0) + lost
-    vector_error = SPARE * error[:, 2].max(initial=0.0) + system.blur(velocity).max(initial=0.0)
+    vector_error = SPARE * error[:, 2].max(initial=0.0) + system.round_off(velocity).max(initial=0.0)
     return Complementarity(np.eye(size) - drawn, -rate, float(matrix_error), float(vector_error))
 
 
-def scaled(problem: Complementarity) -> Scaled:
-    """The problem in units in which its largest entries are about 1, and the error bounds of all entries."""
+def scale_problem(problem: Complementarity) -> ScaledProblem:
+    """Scale a problem so that its largest entries are about 1, with error bounds of all entries."""
     a, q = problem.matrix, problem.vector
     if not (np.isfinite(a).all() and np.isfinite(q).all()):
         raise ValueError("A or q is not finite: every entry must be a number; look for NaN in positions and forces")
     error = problem.matrix_error + ROUND_OFF * np.abs(a)
-    # what may be zero must not become the unit of a row or column
+    # entries that may be zero must not become the unit of a row or column
     nothing = np.abs(a) <= error
     a, error = np.where(nothing, 0.0, a), np.where(nothing, error + np.abs(a), error)
     rows, columns = np.ones(len(q)), np.ones(len(q))
@@ -123,38 +123,38 @@ def scaled(problem: Complementarity) -> Scaled:
     largest = np.abs(rows * q).max(initial=0.0)
     unit = np.exp2(np.round(np.log2(largest))) if largest else 1.0
     vector_error = problem.vector_error + ROUND_OFF * np.abs(q)
-    return Scaled(
+    return ScaledProblem(
         rows[:, None] * a * columns, rows * q / unit, rows[:, None] * error * columns, rows * vector_error / unit,
         columns * unit, unit / rows,
     )  # fmt: skip
 
 
-def slack_of(rate: np.ndarray, slack=0.0):
-    """Size up to which a rate may have either sign: a share of the largest one, or `slack` if that is more."""
+def sign_slack(rate: np.ndarray, slack=0.0):
+    """Magnitude below which a rate may have either sign: a share of the largest rate, or `slack` if larger."""
     return np.maximum(slack, SLACK * np.abs(rate).max(initial=0.0))
 
 
-def wrong(slides: np.ndarray, rate: np.ndarray, slack=0.0) -> np.ndarray:
-    """Contacts whose status is not consistent; a rate of nearly zero is consistent with either."""
-    slack = slack_of(rate, slack)
+def inconsistent(slides: np.ndarray, rate: np.ndarray, slack=0.0) -> np.ndarray:
+    """Mask of contacts with an inconsistent status; a rate near zero is consistent with either status."""
+    slack = sign_slack(rate, slack)
     return np.where(slides, rate < -slack, rate > slack)
 
 
-def pivoted(problem: Complementarity) -> tuple[np.ndarray | None, int]:
-    """Murty's principal pivoting: of the inconsistent contacts the one with the largest number is flipped.
+def principal_pivoting(problem: Complementarity) -> tuple[np.ndarray | None, int]:
+    """Solve by Murty's principal pivoting, which flips the inconsistent contact with the largest number.
 
     Returns
     -------
     (Mc,) bool or None, int
-        what slides, and the number of pivots. For a P-matrix no status occurs twice; where one does, it is None.
+        sliding contacts, and the number of pivots. For a P-matrix no status occurs twice; None if one does.
     """
     size, seen = len(problem.vector), set()
     slides = np.zeros(size, bool)
     for pivots in range(20 * size + 20):
-        rate = _rates_of(problem, slides)
+        rate = _rates_of_status(problem, slides)
         if rate is None or slides.tobytes() in seen:
             return None, pivots
-        bad = np.flatnonzero(wrong(slides, rate))
+        bad = np.flatnonzero(inconsistent(slides, rate))
         if not len(bad):
             return slides, pivots
         seen.add(slides.tobytes())
@@ -162,8 +162,8 @@ def pivoted(problem: Complementarity) -> tuple[np.ndarray | None, int]:
     return None, pivots
 
 
-def _rates_of(problem: Complementarity, slides: np.ndarray) -> np.ndarray | None:
-    """Ṽ of all critical contacts for a status, or None if it is singular."""
+def _rates_of_status(problem: Complementarity, slides: np.ndarray) -> np.ndarray | None:
+    """Ṽ of all critical contacts for a status, or None if the status is singular."""
     slip = np.zeros(len(slides))
     if slides.any():
         try:
@@ -175,16 +175,16 @@ def _rates_of(problem: Complementarity, slides: np.ndarray) -> np.ndarray | None
 
 
 def lemke(problem: Complementarity) -> np.ndarray | None:
-    """λ by Lemke's algorithm with covering vector 1, or None where it ends on a ray.
+    """Solve for λ by Lemke's algorithm with covering vector 1; None if it ends on a ray.
 
-    A ray proves nothing: a solution may exist all the same. In the units of `Scaled`, so that the size of a pivot means
-    something.
+    A ray proves nothing: a solution may still exist. The algorithm uses the units of `ScaledProblem`, in which the size
+    of a pivot is meaningful.
     """
-    here = scaled(problem)
+    here = scale_problem(problem)
     size, q = len(here.vector), here.vector
     if not size or q.min() >= 0:
         return np.zeros(size)
-    # columns: w, λ, the covering variable; basic at first: w
+    # columns: w, λ, the covering variable; w is basic at first
     table = np.hstack([np.eye(size), -here.matrix, -np.ones((size, 1)), q[:, None]])
     basis, entering = np.arange(size), 2 * size
     row = int(np.argmin(q))
@@ -199,7 +199,7 @@ def lemke(problem: Complementarity) -> np.ndarray | None:
             return here.slip_unit * slip[size : 2 * size]
         entering = leaving + size if leaving < size else leaving - size
         column = table[:, entering]
-        able = column > 1e-11 * max(1.0, np.abs(column).max())  # of entries of about 1, after a few hundred pivots
+        able = column > 1e-11 * max(1.0, np.abs(column).max())  # for entries of about 1, after a few hundred pivots
         if not able.any():
             return None
         ratio = np.where(able, table[:, -1] / np.where(able, column, 1.0), np.inf)

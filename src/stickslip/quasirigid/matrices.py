@@ -1,14 +1,14 @@
-"""The chain of linear relations of a packing of disks under slow loads, and the stiffness matrix k = c K S cᵀ.
+"""Linear relations of a packing of disks under slow loads, and the stiffness matrix k = c K S cᵀ.
 
 A contact has the force F = (F_n, F_t) on its body i, along n from j to i and along t, clockwise of n, and the spring
 elongation D = (−δ, s·t). With v the generalised velocities (rotations as R ω), Table I of the paper reads
 
     f = c F,     dF/dt = −K dD/dt,     dD/dt = S V,     V = cᵀ v.
 
-S is 1 at a contact that sticks and ((1, 0), (−m sgn D_t, 0)) at one that slides, so that it stays at Coulomb's limit;
-m = μ K_n/K_t for a linear law. A law whose tangential force changes with the overlap has K = ((K_n, 0), (−φ', K_t)), φ'
-= sgn D_t ∂φ/∂δ, and m = (μ K_n − ∂φ/∂δ)/K_t. What turns with the contacts, the geometric stiffness −(dc/dt) F, is small
-with the overlap over the radius.
+S is 1 at a sticking contact and ((1, 0), (−m sgn D_t, 0)) at a sliding one, which thus stays at the Coulomb limit;
+m = μ K_n/K_t for a linear law. A law whose tangential force depends on the overlap has K = ((K_n, 0), (−φ', K_t)), φ'
+= sgn D_t ∂φ/∂δ, and m = (μ K_n − ∂φ/∂δ)/K_t. The geometric stiffness −(dc/dt) F, due to the rotation of contacts, is
+small like the overlap over the radius.
 
 Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Sec. III, with the errata of the documentation.
 """
@@ -24,23 +24,23 @@ from ..core.measure import branch_vectors, touching
 from ..core.measure import rattlers as loose_grains
 from ..core.readable import readable
 from ..core.state import SLIDE, State
-from ..solve.freedom import Freedom, freedom, incidence, of_branches
-from .walls import turning
+from ..solve.freedom import Freedom, cell_geometric_terms, freedom, incidence
+from .walls import append_wall_rotations
 
 
 @readable
 class LinearSystem(NamedTuple):
-    """What Table I relates, for the M touching contacts of a state and its n free coordinates."""
+    """Matrices and vectors of Table I, for the M touching contacts of a state and its n free coordinates."""
 
-    rows: np.ndarray  # (M,) rows of the contacts in the state's list
+    rows: np.ndarray  # (M,) rows of the contacts in the contact list
     c: sparse.csr_array  # (n, 2M) force on coordinates from (F_n, F_t) of every contact
-    springs: np.ndarray  # (M, 2, 2) K of a contact that sticks [force/length]
+    springs: np.ndarray  # (M, 2, 2) K of a sticking contact [force/length]
     damping: np.ndarray  # (M, 2) Γ_n, Γ_t [force time/length]
-    slope: np.ndarray  # (M,) m: how D_t of a sliding contact follows D_n
+    slope: np.ndarray  # (M,) m, the rate at which D_t of a sliding contact follows D_n
     sign: np.ndarray  # (M,) sgn D_t
     mu: np.ndarray  # (M,)
     force: np.ndarray  # (M, 2) F_n, F_t on body i [force]
-    limit: np.ndarray  # (M,) bool: at Coulomb's limit now
+    limit: np.ndarray  # (M,) bool: currently at the Coulomb limit
     geometric: sparse.csr_array  # (n, n) geometric stiffness [force/length]
     free: Freedom
 
@@ -58,26 +58,25 @@ class LinearSystem(NamedTuple):
 def linear_system(
     state: State, law: Law, *, rattlers: bool | np.ndarray = False, wall_arm: float | None = None
 ) -> LinearSystem:
-    """The matrices of an accepted state, at its positions.
+    """Compute the matrices of an accepted state.
 
     Parameters
     ----------
     state : State in two dimensions; walls and rigid groups are bodies, a free cell adds its strain
     law : Law with sharp Coulomb friction
-    rattlers : whether grains that hold nothing are among the coordinates, and their contacts among the contacts; or
-        (N,) bool, the grains to leave out in their place
-    wall_arm : if given, every wall may also turn about its point: the last coordinates are this arm times the walls'
-        angles [length]; see `walls`
+    rattlers : whether rattlers and their contacts are included; or (N,) bool, the grains to exclude instead
+    wall_arm : if given, every wall may also rotate about its point: the last coordinates are this arm times the angles
+        of the walls [length]; see `walls`
 
     Raises
     ------
     ValueError
-        in three dimensions, with a smooth law, for which no contact ever slides or sticks, or if walls cannot turn.
+        in three dimensions; for a smooth law, under which contacts neither slide nor stick; or if walls cannot rotate.
     """
     if state.cell.dim != 2:
         raise ValueError(
             "a packing in three dimensions was given: contacts there slide in a continuum of directions, and this "
-            "theory of two statuses is that of disks in the plane"
+            "theory with two statuses applies to disks in two dimensions only"
         )
     if law.coulomb == SMOOTH:
         raise ValueError(
@@ -85,14 +84,14 @@ def linear_system(
         )
     if state.control.spring.any():
         raise ValueError(
-            "a state with springs was given: this theory knows dead loads only, use `force_controlled` instead"
+            "a state with springs was given: this theory supports dead loads only; use `force_controlled` instead"
         )
     rows, line = touching(state), linearise(state, law)
     loose = np.zeros(state.n_bodies, bool)
     if not isinstance(rattlers, bool):
         if np.shape(rattlers) != (len(state.grains.radius),):
             raise ValueError(
-                f"rattlers has the shape {np.shape(rattlers)}: give True, False, or one bool for each grain"
+                f"rattlers of shape {np.shape(rattlers)} was given: True, False, or one bool for each grain is needed"
             )
         loose[: len(state.grains.radius)] = rattlers
     elif not rattlers:
@@ -101,13 +100,13 @@ def linear_system(
     free = freedom(state).without(loose)
     count = len(line.normal)
     normal = line.normal[rows]
-    parted = ~normal.any(axis=1)  # contacts that are remembered but do not overlap, to the last digits
+    parted = ~normal.any(axis=1)  # contacts with memory that do not overlap, to the last digits
     apart = branch_vectors(state)[rows[parted]]
     normal[parted] = apart / np.linalg.norm(apart, axis=1)[:, None]
     along = np.stack([normal[:, 1], -normal[:, 0], np.zeros(len(rows))], axis=1)
     c = sparse.csr_array(incidence(state, count, free) @ _directions(rows, normal, along, count))
     slip = np.einsum("ck,ck->c", line.slip[rows], along)
-    # a contact at the limit exerts exactly μ F_n, whatever its slip is to the last bit
+    # a contact at the limit exerts exactly μ F_n, whatever the round-off of its slip
     sliding = state.contacts.mode[rows] == SLIDE
     pull = np.where(sliding, line.mu[rows] * line.force_n[rows], line.stiffness_t[rows] * np.abs(slip))
     sign = np.where(slip < 0, -1.0, 1.0)
@@ -117,9 +116,9 @@ def linear_system(
     springs = np.zeros((len(rows), 2, 2))
     springs[:, 0, 0], springs[:, 1, 1], springs[:, 1, 0] = k_n, k_t, -sign * by_overlap
     slope = np.divide(line.mu[rows] * k_n - by_overlap, k_t, out=np.zeros(len(rows)), where=k_t > 0)
-    geometric = _turned(state, free, rows, force, normal, along, line.inverse[rows], count)
+    geometric = _geometric_stiffness(state, free, rows, force, normal, along, line.inverse[rows], count)
     if wall_arm is not None:
-        c, geometric, free = turning(state, rows, force, c, geometric, free, wall_arm)
+        c, geometric, free = append_wall_rotations(state, rows, force, c, geometric, free, wall_arm)
     return LinearSystem(
         rows, c, springs, np.stack([line.damping_n[rows], line.damping_t[rows]], axis=1), slope, sign, line.mu[rows],
         force, sliding, geometric, free,
@@ -137,8 +136,8 @@ def _directions(rows, normal, along, count: int):
     return sparse.csr_array((np.concatenate(values), where), shape=(6 * count, 2 * m))
 
 
-def _turned(state: State, free: Freedom, rows, force, normal, along, inverse, count: int):
-    """(n, n) geometric stiffness −(dc/dt) F: contact forces turn with the normal, (F_n t − F_t n)(t·dr)/|r|."""
+def _geometric_stiffness(state: State, free: Freedom, rows, force, normal, along, inverse, count: int):
+    """(n, n) geometric stiffness −(dc/dt) F: contact forces rotate with the normal, (F_n t − F_t n)(t·dr)/|r|."""
     turning = inverse[:, None] * (force[:, :1] * along - force[:, 1:] * normal)
     blocks = np.zeros((count, 6, 6))
     blocks[rows, :3, :3] = -turning[:, :, None] * along[:, None, :]
@@ -149,7 +148,7 @@ def _turned(state: State, free: Freedom, rows, force, normal, along, inverse, co
         return turned
     vectors = np.zeros((count, 3))
     vectors[rows] = force[:, :1] * normal + force[:, 1:] * along
-    return sparse.csr_array(turned - of_branches(state, vectors, free))
+    return sparse.csr_array(turned - cell_geometric_terms(state, vectors, free))
 
 
 def statuses(matrix: LinearSystem, sliding) -> np.ndarray:
@@ -160,22 +159,22 @@ def statuses(matrix: LinearSystem, sliding) -> np.ndarray:
     return out
 
 
-def blocks(parts: np.ndarray):
+def block_diagonal(parts: np.ndarray):
     """(2M, 2M) sparse block-diagonal matrix of (M, 2, 2) parts."""
     m = len(parts)
     return sparse.bsr_array((parts, np.arange(m), np.arange(m + 1)), shape=(2 * m, 2 * m))
 
 
 def stiffness_matrix(matrix: LinearSystem, sliding=None, *, geometric: bool = True):
-    """(n, n) sparse k = c K S cᵀ, df_ext/dt = k v, plus the geometric stiffness: −J of the same statuses.
+    """(n, n) sparse k = c K S cᵀ with df_ext/dt = k v, plus the geometric stiffness; equal to −J of these statuses.
 
     Parameters
     ----------
-    sliding : (M,) bool, which contacts slide; default: those at Coulomb's limit now
-    geometric : whether the forces turn with the contacts
+    sliding : (M,) bool, mask of sliding contacts; default: those currently at the Coulomb limit
+    geometric : whether the forces rotate with the contacts
     """
     sliding = _status_of_all(matrix, sliding)
-    k = matrix.c @ blocks(matrix.springs @ statuses(matrix, sliding)) @ matrix.c.T
+    k = matrix.c @ block_diagonal(matrix.springs @ statuses(matrix, sliding)) @ matrix.c.T
     return sparse.csr_array(k + matrix.geometric if geometric else k)
 
 
@@ -187,15 +186,17 @@ def force_rates(matrix: LinearSystem, sliding: np.ndarray, velocity: np.ndarray)
 
 
 def _status_of_all(matrix: LinearSystem, sliding) -> np.ndarray:
-    """(M,) bool: the statuses given, or those at Coulomb's limit now."""
+    """(M,) mask of sliding contacts: the given one, or contacts currently at the Coulomb limit."""
     sliding = matrix.limit if sliding is None else np.asarray(sliding, bool)
     if sliding.shape != (matrix.count,):
-        raise ValueError(f"{sliding.shape} statuses were given for {matrix.count} contacts: give one for each")
+        raise ValueError(
+            f"statuses of shape {sliding.shape} were given for {matrix.count} contacts: one for each contact is needed"
+        )
     return sliding
 
 
 def damping_matrix(matrix: LinearSystem, sliding=None):
-    """(n, n) sparse c Γ cᵀ; a contact that slides has no tangential dashpot."""
+    """(n, n) sparse c Γ cᵀ; a sliding contact has no tangential dashpot."""
     sliding = _status_of_all(matrix, sliding)
     damping = matrix.damping.copy()
     damping[sliding, 1] = 0.0
@@ -203,5 +204,5 @@ def damping_matrix(matrix: LinearSystem, sliding=None):
 
 
 def quadratic_form(matrix: LinearSystem, velocity: np.ndarray, sliding=None) -> float:
-    """Q = vᵀ k v without geometric stiffness: the packing's premise of stability is Q > 0 for all v (Eq. 41)."""
+    """Q = vᵀ k v without geometric stiffness; stability is assumed to mean Q > 0 for all v (Eq. 41)."""
     return float(velocity @ (stiffness_matrix(matrix, sliding, geometric=False) @ velocity))

@@ -1,7 +1,7 @@
-"""What contacts do that have no force, because they open or have just closed: the four statuses, in a packing.
+"""Statuses of contacts without force in a packing, because they open or have just closed.
 
-A disk that has lost the force of all its contacts is released as a body. It is drawn along by none of them if the least
-motion that follows its neighbours lets all of its contacts open; else it carries again.
+A disk without force at any contact is released as a body. It stays released if all of its contacts open under the least
+motion that follows its neighbours. Otherwise it carries load again.
 
 Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Sec. V B, where the question is left open.
 """
@@ -23,45 +23,45 @@ from .cone_apex import (
     SLIDES_BACK,
     STICKS,
     Apex,
-    Found,
-    changed,
-    choices,
-    every_choice,
-    piece,
+    StatusSolution,
+    count_choices,
+    enumerate_statuses,
+    piece_matrix,
     statuses_at_apex,
+    stiffness_change,
 )
 from .matrices import LinearSystem, stiffness_matrix
 from .system import pins
 
-COMBINED = 3  # bodies of which all combinations are released: each costs a factor of k
+COMBINED = 3  # bodies up to which all combinations of released ones are tried; each needs a factorisation of k
 
 
-class Reduced(NamedTuple):
-    """The map of some contacts of a packing, and the way back from their velocities to all."""
+class ReducedMap(NamedTuple):
+    """Map of some contacts of a packing, and the velocities of all coordinates that follow from theirs."""
 
     apex: Apex
-    free: np.ndarray  # (n,) velocities if all these contacts stuck
+    free: np.ndarray  # (n,) velocities if all these contacts stick
     reach: np.ndarray  # (n, 2E) velocities per unit force of each contact on its first body
 
-    def velocities(self, found: Found) -> np.ndarray:
+    def velocities(self, found: StatusSolution) -> np.ndarray:
         """(n,) velocities of all coordinates."""
-        lost = np.einsum("eab,eb->ea", changed(self.apex, found.status), found.velocity)
+        lost = np.einsum("eab,eb->ea", stiffness_change(self.apex, found.status), found.velocity)
         return self.free - self.reach @ lost.ravel()
 
 
 def reduced(
     matrix: LinearSystem, load: np.ndarray, contacts: np.ndarray, sign: np.ndarray, *, geometric: bool = True,
     without: np.ndarray | None = None, alone: np.ndarray | None = None,
-) -> Reduced:  # fmt: skip
-    """The map g of some contacts of a packing under a load rate.
+) -> ReducedMap:  # fmt: skip
+    """Compute the map g of some contacts of a packing under a load rate.
 
     Parameters
     ----------
     load : (n,) rate of the external load on the free coordinates [force/time]
     contacts : (E,) numbers of the contacts that may change their status; all others stick
-    sign : (E,) sgn D_t of those that are at Coulomb's limit with a force, 0 for those at the apex
-    without : coordinates that stand still
-    alone : (M,) bool, contacts of disks all of whose contacts are at the apex
+    sign : (E,) sgn D_t of those at the Coulomb limit with a force, 0 for those at the apex
+    without : coordinates that are held fixed
+    alone : (M,) bool, contacts of disks whose contacts are all at the apex
 
     Raises
     ------
@@ -82,96 +82,96 @@ def reduced(
         matrix.slope[contacts], np.asarray(sign, float),
         np.zeros(len(contacts), bool) if alone is None else alone[contacts],
     )  # fmt: skip
-    return Reduced(apex, free, reach)
+    return ReducedMap(apex, free, reach)
 
 
-class Decided(NamedTuple):
+class ApexStatuses(NamedTuple):
     """Statuses of contacts at the apex, for all M contacts."""
 
-    apex: np.ndarray  # (M,) bool: these were to be decided
-    status: np.ndarray | None  # (M,) as in `apex`; None if no choice of statuses was found to be consistent
-    stable: bool | None  # whether det k has the sign that it has if all contacts stick; None if nothing was found
-    others: tuple[np.ndarray, ...]  # (M,) other choices that are consistent, too
-    complete: bool  # all choices were gone through: there are no others
+    apex: np.ndarray  # (M,) bool: contacts at the apex
+    status: np.ndarray | None  # (M,) as in `cone_apex`; None if no consistent combination was found
+    stable: bool | None  # whether det k has the same sign as if all contacts stick; None if nothing was found
+    others: tuple[np.ndarray, ...]  # (M,) other consistent combinations
+    complete: bool  # True if all combinations were enumerated, so that there are no others
 
     @property
     def opens(self) -> np.ndarray:
-        """(M,) bool."""
+        """(M,) mask of contacts that open."""
         return self.status == OPENS
 
     @property
     def side(self) -> np.ndarray:
-        """(M,) sgn D_t of what slides, 0 elsewhere."""
+        """(M,) sgn D_t of sliding contacts, 0 elsewhere."""
         return SIDE[self.status]
 
 
 class _Search(NamedTuple):
-    """The problem of `decided`."""
+    """Problem of `decide_statuses`."""
 
     matrix: LinearSystem
     load: np.ndarray
     apex: np.ndarray  # (M,) bool
     geometric: bool
-    ours: np.ndarray  # (B, M) bool: the contacts of each grain
-    alone: np.ndarray  # (M,) bool: contacts of grains all of whose contacts are at the apex
-    any_motion: bool = False  # whether bodies are released if any motion lets their contacts open, not just the least
+    ours: np.ndarray  # (B, M) bool: contacts of each grain
+    alone: np.ndarray  # (M,) bool: contacts of grains whose contacts are all at the apex
+    any_motion: bool = False  # whether bodies are released if any motion opens their contacts, not just the least
 
 
-def decided(
+def decide_statuses(
     matrix: LinearSystem, load: np.ndarray, apex: np.ndarray, *, geometric: bool = True, wedged: bool = False
-) -> Decided:
+) -> ApexStatuses:
     """Decide the statuses of contacts at the apex, (M,) bool, together with those at the limit, under a load rate.
 
-    Grains all of whose contacts are at the apex may be released as bodies. Up to three of them all combinations of
-    released and carrying ones are looked at; of more, first all are released, then those carry that are drawn along.
-    Stable choices come first, and of these the one that releases most bodies; least, if some are `wedged` just now.
-    Where there is none, bodies that would be
-    drawn along are released if they can escape at all, unless they are `wedged`, just now, and could not.
+    Grains whose contacts are all at the apex may be released as bodies. For up to three such grains, all combinations
+    of released and load-carrying ones are tried. For more, all are released first, then those that are dragged along
+    carry load. Stable combinations come first, and of these the one that releases most bodies, or fewest if some have
+    just been `wedged`. If there is none, bodies that would be dragged along are released if they can escape at all,
+    unless they have just been `wedged` and cannot.
     """
     ours = _contacts_of_bodies(matrix)
     lone = np.flatnonzero((ours.sum(axis=1) > 0) & ~(ours & ~apex).any(axis=1))
     search = _Search(matrix, load, apex, geometric, ours, ours[lone].any(axis=0))
-    found, complete = _of_groups(search, lone)
+    found, complete = _try_groups(search, lone)
     if not found and len(lone) and not wedged:
-        found, complete = _of_groups(search._replace(any_motion=True), lone)
-    if wedged:  # there was no room to open: choices in which bodies carry come first
+        found, complete = _try_groups(search._replace(any_motion=True), lone)
+    if wedged:  # there was no room to open: combinations in which bodies carry load come first
         found.reverse()
     found.sort(key=lambda one: not one[1])
     if not found:
-        return Decided(apex, None, None, (), complete)
-    return Decided(apex, *found[0], tuple(status for status, _ in found[1:]), complete)
+        return ApexStatuses(apex, None, None, (), complete)
+    return ApexStatuses(apex, *found[0], tuple(status for status, _ in found[1:]), complete)
 
 
-def _of_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
-    """Choices with some of the lone bodies released, and whether there are no others."""
+def _try_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
+    """Combinations with some of the lone bodies released, and whether these are all."""
     if len(lone) <= COMBINED:
-        return _of_all_groups(search, lone)
-    return _of_fewer_and_fewer(search, lone), False
+        return _try_all_groups(search, lone)
+    return _release_as_many_as_possible(search, lone), False
 
 
-def _of_all_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
-    """Choices with all combinations of released bodies, most of them released first; whether there are no others."""
+def _try_all_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
+    """Combinations of statuses for all sets of released bodies, largest sets first, and whether these are all."""
     found, complete = [], True
     for size in range(len(lone), -1, -1):
         for group in itertools.combinations(lone, size):
-            good, _, all_seen = _choices_of(search, np.array(group, int))
+            good, _, all_seen = _choices_with_released(search, np.array(group, int))
             found, complete = found + good, complete and all_seen
     return found, complete
 
 
-def _of_fewer_and_fewer(search: _Search, released: np.ndarray) -> list:
-    """Choices with as many bodies released as are not drawn along by what moves."""
+def _release_as_many_as_possible(search: _Search, released: np.ndarray) -> list:
+    """Combinations with as many released bodies as are not dragged along by others."""
     while True:
-        good, caught, _ = _choices_of(search, released)
+        good, caught, _ = _choices_with_released(search, released)
         if good or not len(released):
             return good
         released = np.setdiff1d(released, caught)
 
 
-def _choices_of(search: _Search, released: np.ndarray) -> tuple[list, np.ndarray, bool]:
-    """Consistent (status of all, stable) with some bodies released; bodies that cannot be; whether all were seen.
+def _choices_with_released(search: _Search, released: np.ndarray) -> tuple[list, np.ndarray, bool]:
+    """Consistent (statuses, stable) with some bodies released, bodies that stay caught, and whether all were found.
 
-    By its least motion a body may be drawn along where another motion releases it: then not all were seen.
+    A body may be dragged along by its least motion although another motion releases it; then not all were found.
     """
     matrix, ours = search.matrix, search.ours
     gone = ours[released].any(axis=0)
@@ -183,12 +183,12 @@ def _choices_of(search: _Search, released: np.ndarray) -> tuple[list, np.ndarray
         map_of = reduced(
             rest, search.load, special, sign, geometric=search.geometric, without=loose, alone=search.alone
         )
-    except LinAlgError:  # without these bodies nothing holds the others: they have to carry
+    except LinAlgError:  # without these bodies nothing supports the others: they have to carry load
         return [], released, True
-    answers, all_seen = _answers(map_of.apex)
+    answers, all_seen = _stable_statuses(map_of.apex)
     good, caught = [], np.zeros(0, int)
     for found, stable in answers:
-        drawn = _drawn(search, map_of.velocities(found), loose, gone)[released]
+        drawn = _dragged_bodies(search, map_of.velocities(found), loose, gone)[released]
         if drawn.any():
             caught = np.union1d(caught, released[drawn])
             continue
@@ -198,23 +198,23 @@ def _choices_of(search: _Search, released: np.ndarray) -> tuple[list, np.ndarray
     return good, caught if answers else released, all_seen and (search.any_motion or not len(caught))
 
 
-def _answers(apex: Apex) -> tuple[list[tuple[Found, bool]], bool]:
-    """Consistent statuses, each with its stability, and whether there are no others."""
-    if choices(apex) <= ENUMERATED:
-        every = every_choice(apex)
-        found = [Found(s, v, "one by one") for s, v in zip(every.status, every.velocity, strict=True)]
+def _stable_statuses(apex: Apex) -> tuple[list[tuple[StatusSolution, bool]], bool]:
+    """Consistent statuses, each with its stability, and whether these are all."""
+    if count_choices(apex) <= ENUMERATED:
+        every = enumerate_statuses(apex)
+        found = [StatusSolution(s, v, "one by one") for s, v in zip(every.status, every.velocity, strict=True)]
         return list(zip(found, every.stable.tolist(), strict=True)), every.decided
-    # what slides goes on to do so, most likely; what has no force sticks, or opens
+    # most likely, sliding contacts keep sliding, and contacts without force stick or open
     slides, touches = np.where(apex.sign < 0, SLIDES_BACK, SLIDES), apex.sign == 0
     starts = (np.where(touches, STICKS, slides), np.where(touches, OPENS, slides), np.full(len(slides), STICKS))
     found = statuses_at_apex(apex, *starts)
     if found.status is None:
         return [], False
-    return [(found, bool(np.linalg.slogdet(piece(apex, found.status))[0] > 0))], False
+    return [(found, bool(np.linalg.slogdet(piece_matrix(apex, found.status))[0] > 0))], False
 
 
 def _contacts_of_bodies(matrix: LinearSystem) -> np.ndarray:
-    """(B, M) bool: which contacts each grain with a free rotation has; empty rows for all other bodies."""
+    """(B, M) mask of the contacts of each grain with a free rotation; empty rows for all other bodies."""
     body, c = matrix.free.body, matrix.c.tocoo()
     out = np.zeros((int(body.max(initial=-1)) + 1, matrix.count), bool)
     out[body[c.row[c.data != 0]], c.col[c.data != 0] // 2] = True
@@ -223,8 +223,8 @@ def _contacts_of_bodies(matrix: LinearSystem) -> np.ndarray:
     return out & turns[:, None]
 
 
-def _drawn(search: _Search, velocity: np.ndarray, loose: np.ndarray, gone: np.ndarray) -> np.ndarray:
-    """(B,) bool: released bodies some of whose contacts close although the bodies follow their neighbours."""
+def _dragged_bodies(search: _Search, velocity: np.ndarray, loose: np.ndarray, gone: np.ndarray) -> np.ndarray:
+    """(B,) mask of released bodies with contacts that close although the bodies follow their neighbours."""
     matrix, ours = search.matrix, search.ours
     if not len(loose):
         return np.zeros(len(ours), bool)

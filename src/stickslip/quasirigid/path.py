@@ -1,9 +1,10 @@
-"""The piecewise-linear path of a packing under a slowly changing load, from event to event.
+"""Piecewise-linear path of a packing under a slowly changing load, from event to event.
 
-Between events velocities are proportional to the load rate, k(S) dq = df_ext, and every contact force changes linearly:
-the times at which a contact reaches Coulomb's cone, opens, or closes are exact. At each of them the statuses are found
-anew by the principle of minimum sliding. c, K and the geometric stiffness are frozen within an increment of load and
-made anew after it. An increment ends in balance: a few Newton steps make good what the turning of contacts left.
+Between events velocities are proportional to the load rate, k(S) dq = df_ext, and every contact force changes linearly,
+so the loads at which a contact reaches the Coulomb cone, opens, or closes are exact. At each event the statuses are
+determined again by the principle of minimum sliding. c, K and the geometric stiffness are frozen within an increment of
+load and recomputed after it. At the end of an increment a few Newton steps remove the imbalance due to the rotation of
+contacts.
 
 Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Secs. II A, III D and V.
 """
@@ -20,122 +21,122 @@ from ..core.readable import readable
 from ..core.state import OPEN, SLIDE, STICK, Control, State
 from ..solve.freedom import freedom, residual_vector
 from .events import Event, Fork
-from .increment import CROWD, OUT_OF_BALANCE, Piece, Place, external
+from .increment import CROWD, OUT_OF_BALANCE, Increment, PathState, external
 from .matrices import linear_system, stiffness_matrix
-from .rattling import gaps, moved_aside, with_modes
+from .rattling import gaps, move_aside, with_modes
 from .status import Verdict
-from .system import pins, unheld
+from .system import pins, unbalanced_axes
 
 BALANCED = 1e-6  # largest unbalanced force at the start, in mean normal forces
-SMALLEST = 1e-8  # part of a leg to which increments are halved: what is wedged then overlaps by round-off
-CHECKED_UP_TO = 2500  # coordinates of which it is checked that the start is stable
-SHRINKS = 0.9  # what an increment leaves out of balance has to shrink by with its half, else halving is no use
-PROGRESS = 1e-5  # of a leg: a load that rises by less in CROWD events and parts of increments does not go on
-RETURNS = "is wedged and carries again"
+SMALLEST = 1e-8  # share of a leg to which increments are halved; wedged rattlers then overlap by round-off
+CHECKED_UP_TO = 2500  # coordinates up to which the stability of the initial state is checked
+SHRINKS = 0.9  # largest ratio of imbalances after and before halving an increment for which halving continues
+PROGRESS = 1e-5  # share of a leg; the load stalls if it rises by less in CROWD events and parts of increments
+RETURNS = "is wedged and carries load again"
 
 
 class Point(NamedTuple):
-    """The path where an increment of load ended."""
+    """Point of a load path at the end of an increment."""
 
     load: float  # in legs: 1.5 is the middle of the second one
     state: State
-    sliding: int  # contacts that slide
-    contacts: int
-    residual: float  # out-of-balance force over the mean normal force
+    sliding: int  # number of sliding contacts
+    contacts: int  # number of contacts
+    residual: float  # unbalanced force over the mean normal force
 
 
 @readable
 class LoadPath(NamedTuple):
-    """A path, until its last leg was done or stability was lost."""
+    """Load path up to the end of its last leg or to the loss of stability."""
 
     points: tuple[Point, ...]
     events: tuple[Event, ...]
-    verdict: Verdict  # CONSISTENT if the whole load was reached; the last event says where and why not
-    alternatives: tuple[Fork, ...]  # loads at which other choices of statuses were consistent, too
-    unchecked: int  # times when it is not known whether the statuses are unique: too many contacts are critical
+    verdict: Verdict  # CONSISTENT if the full load was reached; otherwise the last event gives the load and reason
+    alternatives: tuple[Fork, ...]  # loads at which other statuses were consistent, too
+    unchecked: int  # number of times that uniqueness could not be decided because too many contacts were critical
     law: Law
 
     @property
     def complete(self) -> bool:
-        """True if the whole load was reached."""
+        """True if the full load was reached."""
         return self.verdict is Verdict.CONSISTENT
 
     @property
     def loses_stability(self) -> bool:
-        """Whether the packing loses its stability where the path ends."""
+        """True if the packing loses its stability at the end of the path."""
         return self.verdict in (Verdict.UNSTABLE, Verdict.NEGATIVE, Verdict.MECHANISM)
 
     @property
     def summary(self) -> str:
-        """How the path ended, in a sentence, and how sure that is."""
-        end = "the whole load was reached" if self.complete else self.verdict.value
+        """Sentence on the end of the path and on the uniqueness of its statuses."""
+        end = "the full load was reached" if self.complete else self.verdict.value
         if forks := len(self.alternatives):
-            end += f"; other choices were consistent, too, at {forks} load{'s'[: forks > 1]}: see `alternatives`"
+            end += f"; other statuses were consistent, too, at {forks} load{'s'[: forks > 1]}: see `alternatives`"
         if self.unchecked:
-            end += f"; {self.unchecked} times it is not known whether there were others"
+            end += f"; {self.unchecked} times it is not known whether other statuses were consistent"
         return end
 
     @property
     def load(self) -> np.ndarray:
-        """(T,) load of each point."""
+        """(T,) loads of all points."""
         return np.array([p.load for p in self.points])
 
     @property
     def states(self) -> list[State]:
-        """State of each point."""
+        """States of all points."""
         return [p.state for p in self.points]
 
 
 def load_path(
     state: State, law: Law, *legs: Control, increment: float = 0.01, geometric: bool = True, report=None
 ) -> LoadPath:
-    """Follow a packing while its control goes in straight lines through the given ones.
+    """Follow a packing while its control changes linearly from one given control to the next.
 
     Parameters
     ----------
     state : State in equilibrium under its own control, in two dimensions
     law : Law with sharp friction, linear in the overlap (`linear`)
-    legs : Control, the ends of the legs; forces, torques, gravity and stress change linearly on the way
+    legs : Control at the end of each leg; forces, torques, gravity and stress change linearly in between
     increment : largest increment of load between two updates of the geometry, in legs
-    geometric : whether the geometric stiffness enters k
+    geometric : whether k includes the geometric stiffness
     report : called as report(share done, words) after every increment
 
     Raises
     ------
     ValueError
-        with one sentence, if the packing is out of balance or not stable, the law is not linear, the load acts on a
-        body that nothing holds, or the controls move different components.
+        if the packing is out of balance or unstable, the law is not linear, the load acts on a body that nothing
+        supports, or the controls have different free components.
     """
-    here = _accepted(updated(state), law)
+    here = _accept_forces(updated(state), law)
     _check_start(here, law, legs, increment)
     nothing = np.zeros(len(here.contacts.mode), bool)
-    place = Place(here, rattlers(here, 2), nothing, nothing, True, -np.inf)
-    way = _Way(_point(place, law, 0.0), law)
+    place = PathState(here, rattlers(here, 2), nothing, nothing, True, -np.inf)
+    way = _PathRecord(_path_point(place, law, 0.0), law)
     for number, end in enumerate(legs):
-        place, verdict = _leg(place, law, end, number, len(legs), increment, geometric, way, report)
+        place, verdict = _follow_leg(place, law, end, number, len(legs), increment, geometric, way, report)
         if verdict is not Verdict.CONSISTENT:
             return way.path(verdict)
         place = place._replace(state=place.state._replace(control=end))
     return way.path(Verdict.CONSISTENT)
 
 
-class _Way:
-    """What a path has met so far."""
+class _PathRecord:
+    """Record of a path: points, events and forks so far."""
 
     def __init__(self, first: Point, law: Law):
         self.points, self.events, self.forks, self.unchecked, self.law = [first], [], [], 0, law
         self.anchor, self.since = 0.0, 0
 
-    def add(self, piece: Piece, point: Point) -> None:
+    def add(self, piece: Increment, point: Point) -> None:
         self.points.append(point)
         self.events += piece.events
         self.unchecked += piece.unchecked
         last = self.forks[-1] if self.forks else None
         for fork in piece.forks:
-            if last is None or fork[1:] != last[1:]:  # a motion that stays undetermined is told once
+            if last is None or fork[1:] != last[1:]:  # a motion that stays undetermined is recorded once
                 self.forks.append(fork)
             last = fork
-        # events, and parts of increments, since the load last went on
+        # events and parts of increments since the load last advanced
         if point.load > self.anchor + PROGRESS:
             self.anchor, self.since = point.load, 0
         else:
@@ -147,15 +148,17 @@ class _Way:
         return LoadPath(tuple(self.points), tuple(self.events), verdict, tuple(self.forks), self.unchecked, self.law)
 
 
-def _leg(place: Place, law: Law, end: Control, number: int, legs: int, increment, geometric, way: _Way, report):
-    """Follow one leg: the place where it ends, and the verdict."""
+def _follow_leg(
+    place: PathState, law: Law, end: Control, number: int, legs: int, increment, geometric, way: _PathRecord, report
+):
+    """Follow one leg; return the state at its end and the verdict."""
     begin, share, size, missed = place.state.control, 0.0, increment, np.inf
-    wedged = 0.0  # share up to which a rattler is wedged: the load at which it is lies before
+    wedged = 0.0  # share at which a rattler was found wedged; it is wedged at a smaller load
     while share < 1.0:
-        # what is out of balance is made good within a whole increment: in a part of it, only its part
-        piece = Piece(place, law, begin, end, share, min(size, 1.0 - share), geometric, size / increment)
+        # an imbalance is removed over a whole increment: a part of it removes only its share
+        piece = Increment(place, law, begin, end, share, min(size, 1.0 - share), geometric, size / increment)
         after, used, verdict = piece.run(number + share)
-        after, wedge = _aside(after, law, place.state)
+        after, wedge = _move_rattlers(after, law, place.state)
         load = number + share + used
         if size > SMALLEST and (len(wedge) or OUT_OF_BALANCE < piece.missed < SHRINKS * missed):
             if len(wedge):
@@ -164,9 +167,9 @@ def _leg(place: Place, law: Law, end: Control, number: int, legs: int, increment
             continue
         missed = np.inf
         if len(wedge):
-            after, told = _carrying(after, law, wedge, load)
+            after, told = _reinstate_wedged(after, law, wedge, load)
             piece.events += told
-        point = _point(after, law, load)
+        point = _path_point(after, law, load)
         way.add(piece, point)
         if verdict is not Verdict.CONSISTENT:
             return after, verdict
@@ -174,16 +177,16 @@ def _leg(place: Place, law: Law, end: Control, number: int, legs: int, increment
         left = wedged - share if not len(wedge) else 0.0
         size = max(0.5 * left, SMALLEST) if left > SMALLEST else min(2 * size, increment)
         if report:
-            report((number + share) / legs, _words(point))
+            report((number + share) / legs, _progress_message(point))
         if way.since > CROWD:
             return place, Verdict.NO_PROGRESS
     return place, Verdict.CONSISTENT
 
 
-def _carrying(place: Place, law: Law, wedge: np.ndarray, load: float) -> tuple[Place, list[Event]]:
-    """The place in which wedged rattlers are grains like the others, and the events that say so.
+def _reinstate_wedged(place: PathState, law: Law, wedge: np.ndarray, load: float) -> tuple[PathState, list[Event]]:
+    """State in which wedged rattlers are ordinary grains again, and the corresponding events.
 
-    Others that are wedged then follow, until all that are left have moved aside.
+    Rattlers that these wedge in turn are reinstated, too, until all remaining rattlers can be moved aside.
     """
     events = []
     while len(wedge):
@@ -192,7 +195,7 @@ def _carrying(place: Place, law: Law, wedge: np.ndarray, load: float) -> tuple[P
         caught = np.unique(ends[ends < len(loose)])
         caught = caught[loose[caught]]
         loose[caught] = False
-        # beside what wedges them, whatever they overlap
+        # in addition to the wedging contacts, all others that overlap
         count, whole = int(contacts.count[0]), np.append(loose, np.zeros(place.state.n_bodies - len(loose), bool))
         rows = np.flatnonzero(np.isin(contacts.i[:count], caught) | np.isin(contacts.j[:count], caught))
         rows = rows[~(whole[contacts.i[rows]] | whole[contacts.j[rows]])]
@@ -201,55 +204,55 @@ def _carrying(place: Place, law: Law, wedge: np.ndarray, load: float) -> tuple[P
         fresh[wedge] = True
         stuck = with_modes(place.state, wedge, STICK)
         place = place._replace(state=stuck, loose=loose, parted=place.parted & ~fresh, fresh=fresh, wedged=True)
-        place, wedge = _aside(place, law)
+        place, wedge = _move_rattlers(place, law)
         events += [Event(load, RETURNS, int(g), -1) for g in caught]
     return place, events
 
 
-def _aside(place: Place, law: Law, start: State | None = None) -> tuple[Place, np.ndarray]:
-    """The place with rattlers moved aside, and the rows of contacts that wedge some of them."""
+def _move_rattlers(place: PathState, law: Law, start: State | None = None) -> tuple[PathState, np.ndarray]:
+    """State with rattlers moved aside, and the rows of contacts that wedge some of them."""
     before = place.state.contacts
-    state, wedge = moved_aside(place.state, law, place.loose, start)
+    state, wedge = move_aside(place.state, law, place.loose, start)
     after = state.contacts
     if after is before:
         return place, wedge
-    marks = [_carried(mark, before, after) & (after.mode != OPEN) for mark in (place.parted, place.fresh)]
+    marks = [_transfer_marks(mark, before, after) & (after.mode != OPEN) for mark in (place.parted, place.fresh)]
     return place._replace(state=state, parted=marks[0], fresh=marks[1]), wedge
 
 
-def _carried(mark: np.ndarray, before, after) -> np.ndarray:
-    """Marks of contacts in another list, by their keys."""
+def _transfer_marks(mark: np.ndarray, before, after) -> np.ndarray:
+    """Marks of contacts transferred to another list by their keys."""
     out = np.zeros(len(after.mode), bool)
     out[: int(after.count[0])] = np.isin(after.key[: int(after.count[0])], before.key[np.flatnonzero(mark)])
     return out
 
 
-def _accepted(state: State, law: Law) -> State:
+def _accept_forces(state: State, law: Law) -> State:
     return accept(state, forces(state, law)[1])
 
 
 def _check_start(state: State, law: Law, legs, increment: float) -> None:
     if not legs:
-        raise ValueError("no leg of the load was given: give at least one Control to go to")
+        raise ValueError("no leg was given: at least one Control is needed")
     if law.kind != LINEAR:
         raise ValueError(
-            "a law that is not linear in the overlap was given: a path is piecewise linear for `linear` only"
+            "a law that is not linear in the overlap was given: paths are piecewise linear only for `linear`"
         )
     if not law.table[..., KT].min() > 0:
-        raise ValueError("a law with kt = 0 was given: without tangential springs no contact sticks; use a positive kt")
+        raise ValueError("a law with kt = 0 was given: no contact sticks without tangential springs; use a positive kt")
     if not 0 < increment <= 1:
         raise ValueError(f"increment = {increment} was given: it must be above 0 and at most 1, in legs of the load")
     for end in legs:
         _check_leg(state.control, end)
     matrix = linear_system(state, law)
     if not len(matrix.free):
-        raise ValueError("nothing but rattlers was given: a path needs grains that hold each other")
+        raise ValueError("the packing has only rattlers: a path needs grains that support each other")
     mean = mean_normal_force(state, law)
     residual = np.abs(residual_vector(state, forces(state, law)[0], matrix.free)).max()
     if not residual < BALANCED * mean:
         raise ValueError(
-            f"the packing is out of balance by {residual / mean:.1e} of its mean normal force, at most {BALANCED:g} is "
-            f"allowed: bring it to rest with relax or equilibrate first"
+            f"the packing is out of balance by {residual / mean:.1e} of its mean normal force: at most {BALANCED:g} is "
+            f"allowed; use `relax` or `equilibrate` first"
         )
     stuck = stiffness_matrix(matrix, np.zeros(matrix.count, bool))
     kept = np.setdiff1d(np.arange(len(matrix.free)), pins(matrix))
@@ -258,44 +261,48 @@ def _check_start(state: State, law: Law, legs, increment: float) -> None:
         lowest = float(np.linalg.eigvalsh(0.5 * (part + part.T))[0])
         if lowest < -1e-9 * np.abs(part).max():
             raise ValueError(
-                f"the packing is not stable: k has the eigenvalue {lowest:.1e} although all contacts stick; let it "
-                f"come to rest under this control, with drag"
+                f"the packing is not stable: k has the eigenvalue {lowest:.1e} although all contacts stick; bring the "
+                f"packing to rest under this control, with drag"
             )
     whole = freedom(state)
     carried = np.isin(whole.component, matrix.free.component)
     for end in legs:
         at = state._replace(control=end)
-        if axes := unheld(matrix, external(at, matrix.free)):
-            raise ValueError(f"a leg has a net force along {axes}, which nothing holds: give loads that balance")
+        if axes := unbalanced_axes(matrix, external(at, matrix.free)):
+            raise ValueError(
+                f"a leg has a net force along {axes} that nothing balances: give loads without net force along {axes}"
+            )
         pull = np.abs(external(state._replace(control=end), whole))
         bad = np.flatnonzero((pull > 0) & ~carried)
         if len(bad):
             raise ValueError(
-                f"body {whole.body[bad[0]]} is loaded but holds nothing (a rattler): load bodies that others hold"
+                f"body {whole.body[bad[0]]} is loaded but is a rattler: load only bodies that are supported by others"
             )
 
 
 def _check_leg(begin: Control, end: Control) -> None:
     if not isinstance(end, Control):
         raise ValueError(
-            f"a leg of {type(end).__name__} was given: give the Control at its end, such as with_load(...)"
+            f"a leg of type {type(end).__name__} was given: the Control at its end is needed, such as with_load(...)"
         )
     for name in ("free", "group", "cell_free"):
         if not np.array_equal(getattr(end, name), getattr(begin, name)):
-            raise ValueError("the legs' controls free other components than the state's: only loads may change")
+            raise ValueError(
+                "the controls of the legs free other components than that of the state: only loads may change"
+            )
     for name in set(Control._fields) - {"free", "group", "cell_free", "force", "torque", "gravity", "stress"}:
         if not np.array_equal(getattr(end, name), getattr(begin, name)):
             raise ValueError(
-                f"the legs' controls change {name}: only forces, torques, gravity and stress may change; to control "
-                f"strain, let dynamics do it"
+                f"the controls of the legs change {name}: only forces, torques, gravity and stress may change; to "
+                f"control strain, use dynamics"
             )
     if ((end.stress != begin.stress) & ~begin.cell_free).any():
         raise ValueError(
-            "the legs change the stress of a component of the cell that is not free: see stress_controlled"
+            "the legs change the stress of a cell component that is not free: free it with `stress_controlled`"
         )
 
 
-def _point(place: Place, law: Law, load: float) -> Point:
+def _path_point(place: PathState, law: Law, load: float) -> Point:
     state = place.state
     loads, _ = forces(state, law)
     rows = touching(state)
@@ -306,7 +313,7 @@ def _point(place: Place, law: Law, load: float) -> Point:
     return Point(load, state, sliding, len(rows), residual / mean if mean else np.inf)
 
 
-def _words(point: Point) -> str:
+def _progress_message(point: Point) -> str:
     return (
         f"load {point.load:.4f}, {point.sliding} of {point.contacts} contacts slide, unbalanced "
         f"{point.residual:.0e} of the mean force"

@@ -1,11 +1,11 @@
-"""Rattlers on a path: they are pushed aside by what moves, until they are wedged and carry again.
+"""Rattlers on a load path, which are pushed aside by other grains until they are wedged and carry load again.
 
-Between the grains of a packing that hold each other, rattlers carry nothing: no balance tells where they are. What
-presses into one moves it by the least distance that gives room. Where the contacts that push it can hold it by
-friction, they draw it along: it follows them with as little slip as it can. Where that gives no room either, it is
-wedged, and is a grain like the others from then on.
+Rattlers carry no load, so no force balance determines their positions. A grain that presses into a rattler moves it by
+the least distance that makes room. If the contacts that push a rattler can hold it by friction, they drag it along with
+as little slip as possible. If that does not make room either, the rattler is wedged and is an ordinary grain from then
+on.
 
-Source of the least distance: Lawson and Hanson, Solving Least Squares Problems (SIAM 1995), chapter 23.
+Source for the least distance: Lawson and Hanson, Solving Least Squares Problems (SIAM 1995), chapter 23.
 """
 
 import numpy as np
@@ -17,10 +17,10 @@ from ..core.laws.builtin import MU, Law
 from ..core.measure import branch_vectors
 from ..core.state import OPEN, State
 
-NUDGE = 1e-12  # gap, in radii, to which rattlers are pushed aside, and overlap with which a contact is born
-ROUNDS = 30  # of pushing: directions change on the way
-NEAR = 30.0  # deepest overlaps within which a pair can come to touch on the way
-BALANCED = 1e-8  # residual of a balance of forces of size 1
+NUDGE = 1e-12  # gap, in radii, to which rattlers are pushed aside, and overlap of a new contact
+ROUNDS = 30  # iterations of pushing, since directions change
+NEAR = 30.0  # gap, in deepest overlaps, within which a pair may close while rattlers move
+BALANCED = 1e-8  # residual of a force balance, for forces of size 1
 
 
 def gaps(state: State, rows) -> tuple[np.ndarray, np.ndarray]:
@@ -38,19 +38,19 @@ def gaps(state: State, rows) -> tuple[np.ndarray, np.ndarray]:
     return normal, distance - radius[contacts.i[rows]] - radius[contacts.j[rows]]
 
 
-def moved_aside(state: State, law: Law, loose: np.ndarray, before: State | None = None) -> tuple[State, np.ndarray]:
-    """The state with rattlers moved out of what they touch, and the rows of contacts that wedge some of them.
+def move_aside(state: State, law: Law, loose: np.ndarray, before: State | None = None) -> tuple[State, np.ndarray]:
+    """Move rattlers out of contact; return the state and the rows of contacts that wedge some of them.
 
     Parameters
     ----------
     loose : (N,) bool, the rattlers
     law : Law, whose friction may hold a rattler
-    before : State before the increment, from which rattlers may be drawn along
+    before : State before the increment, from which rattlers may be dragged along
 
     Returns
     -------
     State, (K,) rows
-        with K > 0 some rattlers are wedged by these contacts of the returned state, and nothing more was moved
+        if K > 0, some rattlers are wedged by these contacts of the returned state, and no others were moved
     """
     whole = np.append(loose, np.zeros(state.n_bodies - len(loose), bool))
     nothing, material = np.zeros(0, int), np.concatenate([state.grains.material, state.walls.material])
@@ -58,13 +58,13 @@ def moved_aside(state: State, law: Law, loose: np.ndarray, before: State | None 
         return state, nothing
     tiny, drawn = NUDGE * float(state.grains.radius.min()), np.zeros_like(whole)
     for _ in range(ROUNDS):
-        contacts, (rows, normal, gap) = state.contacts, _near(state, whole)
+        contacts, (rows, normal, gap) = state.contacts, _nearby_pairs(state, whole)
         if not len(rows) or gap.min() >= 0:
-            return as_loose(state, loose), nothing
+            return release_rattlers(state, loose), nothing
         i, j = contacts.i[rows], contacts.j[rows]
-        move, pressed = _least_distance(_directions(i, j, normal, whole), tiny - gap)
+        move, pressed = _smallest_displacement(_gap_directions(i, j, normal, whole), tiny - gap)
         friction = law.table[material[i], material[j], MU]
-        wedge = _wedge(i[pressed], j[pressed], normal[pressed], friction[pressed], whole)
+        wedge = _wedging_contacts(i[pressed], j[pressed], normal[pressed], friction[pressed], whole)
         if len(wedge) or move is None:
             held = rows[pressed][wedge] if len(wedge) else rows[pressed]
             caught = np.zeros_like(whole)
@@ -72,16 +72,16 @@ def moved_aside(state: State, law: Law, loose: np.ndarray, before: State | None 
             caught &= whole
             if before is None or (caught & drawn).any():
                 return state, held
-            position, drawn = _drawn_along(state, before, caught, held), drawn | caught
+            position, drawn = _dragged_positions(state, before, caught, held), drawn | caught
         else:
             position = state.grains.position.copy()
             position[loose, :2] += move.reshape(-1, 2)
-        state = as_loose(updated(state._replace(grains=state.grains._replace(position=position))), loose)
+        state = release_rattlers(updated(state._replace(grains=state.grains._replace(position=position))), loose)
     return state, rows[gap < 0]
 
 
-def _near(state: State, whole: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows, normals and gaps of rattlers' pairs that overlap, or may come to do so when these are moved apart."""
+def _nearby_pairs(state: State, whole: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows, normals and gaps of pairs with rattlers that overlap, or may do so when rattlers are moved."""
     contacts, count = state.contacts, int(state.contacts.count[0])
     rows = np.flatnonzero(whole[contacts.i[:count]] | whole[contacts.j[:count]])
     normal, gap = gaps(state, rows)
@@ -89,8 +89,8 @@ def _near(state: State, whole: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.n
     return rows[near], normal[near], gap[near]
 
 
-def _drawn_along(state: State, before: State, caught: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """(N, 3) positions with caught rattlers where they follow, with the least slip at contacts, what holds them."""
+def _dragged_positions(state: State, before: State, caught: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """(N, 3) positions in which caught rattlers follow the bodies that hold them, with the least slip at contacts."""
     contacts, count = state.contacts, len(state.grains.radius)
     i, j = contacts.i[rows], contacts.j[rows]
     normal = gaps(state, rows)[0]
@@ -114,8 +114,8 @@ def _drawn_along(state: State, before: State, caught: np.ndarray, rows: np.ndarr
     return position
 
 
-def _directions(i, j, normal, whole) -> np.ndarray:
-    """(C, 2L) how gaps open as rattlers move."""
+def _gap_directions(i, j, normal, whole) -> np.ndarray:
+    """(C, 2L) derivatives of gaps with respect to positions of rattlers."""
     number = np.where(whole, np.cumsum(whole) - 1, -1)
     out = np.zeros((len(i), 2 * int(whole.sum())))
     for body, sign in ((i, 1.0), (j, -1.0)):
@@ -125,8 +125,8 @@ def _directions(i, j, normal, whole) -> np.ndarray:
     return out
 
 
-def _least_distance(directions: np.ndarray, needed: np.ndarray) -> tuple[np.ndarray | None, np.ndarray]:
-    """The least x with G x ≥ h, or None if there is none, and which rows press."""
+def _smallest_displacement(directions: np.ndarray, needed: np.ndarray) -> tuple[np.ndarray | None, np.ndarray]:
+    """Smallest x with G x ≥ h, or None if there is none, and a mask of the active rows."""
     scale = np.abs(needed).max()
     system = np.vstack([directions.T, needed / scale])
     aim = np.zeros(len(system))
@@ -139,8 +139,8 @@ def _least_distance(directions: np.ndarray, needed: np.ndarray) -> tuple[np.ndar
     return -scale * rest[:-1] / rest[-1], pressed
 
 
-def _wedge(i, j, normal, mu, whole) -> np.ndarray:
-    """Numbers of those contacts that can hold rattlers by forces within their cones, in balance; empty if none can."""
+def _wedging_contacts(i, j, normal, mu, whole) -> np.ndarray:
+    """Numbers of contacts that can hold rattlers in balance by forces within their cones; empty if none can."""
     if len(i) < 2:
         return np.zeros(0, int)
     along = np.stack([normal[:, 1], -normal[:, 0]], axis=1)
@@ -163,15 +163,15 @@ def _wedge(i, j, normal, mu, whole) -> np.ndarray:
     return np.flatnonzero(weights.reshape(-1, 2).sum(axis=1) > 1e-9)
 
 
-def as_loose(state: State, loose: np.ndarray) -> State:
-    """The state in which no contact of a rattler carries anything."""
+def release_rattlers(state: State, loose: np.ndarray) -> State:
+    """State in which the contacts of rattlers carry no force."""
     body = np.append(loose, np.zeros(state.n_bodies - len(loose), bool))
     contacts, count = state.contacts, int(state.contacts.count[0])
     return with_modes(state, np.flatnonzero(body[contacts.i[:count]] | body[contacts.j[:count]]), OPEN)
 
 
 def with_modes(state: State, rows: np.ndarray, mode: int) -> State:
-    """The state with contacts opened, or born without slip, and their memory committed here."""
+    """State with the mode of some contacts set, without slip, and with their memory reset to the current positions."""
     contacts = state.contacts
     modes, slip, pair, roll = (a.copy() for a in (contacts.mode, contacts.slip, contacts.pair, contacts.roll))
     modes[rows], slip[rows] = mode, 0.0

@@ -1,8 +1,8 @@
-"""Is the status unique for every load? Certificates for P-matrices, and counterexamples that can be checked.
+"""Uniqueness of the status for every load: certificates for P-matrices, and verifiable counterexamples.
 
 The status is unique for every load if and only if A is a P-matrix: all principal minors, det A_SS = det k(S)/det k₀,
-are positive. Signs are decided against the errors of the entries of A: a minor that they may turn to zero counts as
-zero, and A is then called singular, neither a P-matrix nor none.
+are positive. Signs are decided to within the errors of the entries of A: a minor that may be zero within these errors
+counts as zero, and A is then reported as singular, neither as a P-matrix nor as not being one.
 
 Source: Cottle, Pang, Stone, The Linear Complementarity Problem (Academic Press 1992), Theorem 3.3.7 and Sec. 3.3.
 """
@@ -13,26 +13,28 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.readable import readable
-from .enumeration import BLUR, MAPPED, gone_through
-from .lcp import Complementarity, Scaled, scaled
+from .enumeration import BLUR, MAPPED, enumerate_rates
+from .lcp import Complementarity, ScaledProblem, scale_problem
 
 
-class Known(Enum):
-    """Is the status unique for every load? Each value is a sentence."""
+class UniquenessVerdict(Enum):
+    """Uniqueness of the status for every load; each value is a sentence."""
 
     UNIQUE = "the status is unique for every load"
     NOT_UNIQUE = (
-        "the status is not unique for every load: under some, none or several are consistent; ask `contact_status`"
+        "the status is not unique for every load: under some loads none or several are consistent; see `contact_status`"
     )
-    SINGULAR = "singular: several slip rates give the same forces under some loads; ask `contact_status` about this one"
-    UNDECIDED = "not known: no cheap argument decides; up to 14 critical contacts all minors are gone through"
+    SINGULAR = (
+        "singular: several slip rates give the same forces under some loads; see `contact_status` for a given load"
+    )
+    UNDECIDED = "not known: no fast test decides; all minors are computed only up to 14 critical contacts"
 
 
 @readable
 class Uniqueness(NamedTuple):
-    """An answer, and what it rests on; A_SS means the rows and columns `contacts` of A."""
+    """Verdict on uniqueness and its justification; A_SS denotes the rows and columns `contacts` of A."""
 
-    verdict: Known
+    verdict: UniquenessVerdict
     reason: str
     contacts: np.ndarray  # numbers among the critical contacts
     value: float = np.nan  # det A_SS; its smallest singular value if singular; the margin of a sufficient condition
@@ -41,70 +43,75 @@ class Uniqueness(NamedTuple):
     @property
     def unique(self) -> bool | None:
         """True, False, or None if it is not known."""
-        return {Known.UNIQUE: True, Known.UNDECIDED: None}.get(self.verdict, False)
+        return {UniquenessVerdict.UNIQUE: True, UniquenessVerdict.UNDECIDED: None}.get(self.verdict, False)
 
     def __str__(self):
         return f"{self.verdict.value} ({self.reason})"
 
 
 def certificate(problem: Complementarity) -> Uniqueness:
-    """Decide whether the status is unique for every load, by the cheapest argument that holds beyond round-off.
+    """Test whether the status is unique for every load, by the fastest criterion that holds beyond round-off.
 
-    A is a P-matrix if its symmetric part is positive definite, or if it is an H-matrix with a positive diagonal. Up to
-    14 contacts all principal minors decide; beyond, those of one and two contacts and of all may still say no.
+    A is a P-matrix if its symmetric part is positive definite, or if it is an H-matrix with a positive diagonal.
+    Otherwise all principal minors are computed up to 14 contacts. Beyond that, the minors of one and two contacts and
+    of all contacts may still exclude a P-matrix.
     """
     size = len(problem.vector)
     if not size:
-        return Uniqueness(Known.UNIQUE, "no contact is critical", np.arange(0))
-    here = scaled(problem)
-    found = _dominant(here)
+        return Uniqueness(UniquenessVerdict.UNIQUE, "no contact is critical", np.arange(0))
+    here = scale_problem(problem)
+    found = _sufficient_condition(here)
     if found is not None:
         return found
-    negative = _negative(here)
+    negative = _find_negative_minor(here)
     if negative is not None:
-        return _not_unique(problem, negative, "minors of one and two contacts and of all were looked at")
-    return _by_all_minors(problem, here) if size <= MAPPED else _by_some_minors(here)
+        return _make_not_unique(problem, negative, "minors of one and two contacts and of all were computed")
+    return _check_all_minors(problem, here) if size <= MAPPED else _check_small_minors(here)
 
 
-def _dominant(here: Scaled) -> Uniqueness | None:
-    """A certificate that holds for whole matrices at once."""
+def _sufficient_condition(here: ScaledProblem) -> Uniqueness | None:
+    """Sufficient condition for a P-matrix that needs no minors; None if it does not hold."""
     a, everything = here.matrix, np.arange(len(here.vector))
     # no change within the error bounds moves an eigenvalue of the symmetric part by more than their norm
-    margin = float(np.linalg.eigvalsh(0.5 * (a + a.T))[0] - np.linalg.norm(here.doubt))
+    margin = float(np.linalg.eigvalsh(0.5 * (a + a.T))[0] - np.linalg.norm(here.error))
     if margin > 0:
-        return Uniqueness(Known.UNIQUE, "the symmetric part of scaled A is positive definite", everything, margin)
+        return Uniqueness(
+            UniquenessVerdict.UNIQUE, "the symmetric part of scaled A is positive definite", everything, margin
+        )
     compared = np.diag(2 * np.diag(a)) - np.abs(a)
     weight = np.linalg.lstsq(compared, np.ones(len(a)), rcond=None)[0]
-    margin = float((compared @ weight - here.doubt @ np.abs(weight)).min())
+    margin = float((compared @ weight - here.error @ np.abs(weight)).min())
     if (weight > 0).all() and margin > 0:
         weight = here.slip_unit * weight
-        return Uniqueness(Known.UNIQUE, "A is an H-matrix with a positive diagonal", everything, margin, weight)
+        return Uniqueness(
+            UniquenessVerdict.UNIQUE, "A is an H-matrix with a positive diagonal", everything, margin, weight
+        )
     return None
 
 
-def _by_all_minors(problem: Complementarity, here: Scaled) -> Uniqueness:
-    """The verdict of 2^Mc − 1 minors."""
-    through = gone_through(here)
-    words = f"all {len(through.sign) - 1} principal minors were gone through"
+def _check_all_minors(problem: Complementarity, here: ScaledProblem) -> Uniqueness:
+    """Verdict from all 2^Mc − 1 principal minors."""
+    through = enumerate_rates(here)
+    words = f"all {len(through.sign) - 1} principal minors were computed"
     if (through.sign < 0).any():
-        return _not_unique(problem, _smallest(through, through.sign < 0), words)
+        return _make_not_unique(problem, _fewest_sliding(through, through.sign < 0), words)
     if (through.sign == 0).any():
-        return _singular(here, _smallest(through, through.sign == 0), words)
+        return _make_singular(here, _fewest_sliding(through, through.sign == 0), words)
     least = np.flatnonzero(through.slides[1 + int(np.argmin(through.minor[1:]))])
     value = float(np.linalg.det(problem.matrix[np.ix_(least, least)]))
-    return Uniqueness(Known.UNIQUE, f"{words}; the smallest is {value:.3g}", least, value)
+    return Uniqueness(UniquenessVerdict.UNIQUE, f"{words}; the smallest is {value:.3g}", least, value)
 
 
-def _smallest(through, which: np.ndarray) -> np.ndarray:
-    """Of some statuses one with the fewest sliding contacts."""
+def _fewest_sliding(through, which: np.ndarray) -> np.ndarray:
+    """Status with the fewest sliding contacts among the given ones."""
     rows = through.slides[which]
     return np.flatnonzero(rows[int(np.argmin(rows.sum(axis=1)))])
 
 
-def _negative(here: Scaled) -> np.ndarray | None:
-    """One contact, two, or all of them, whose minor is negative beyond round-off."""
-    diagonal, pair, blur = small_minors(here)
-    for one in np.flatnonzero(diagonal < -np.diag(here.doubt)):
+def _find_negative_minor(here: ScaledProblem) -> np.ndarray | None:
+    """Find one contact, two, or all of them, with a minor that is negative beyond round-off."""
+    diagonal, pair, blur = minors_of_one_and_two(here)
+    for one in np.flatnonzero(diagonal < -np.diag(here.error)):
         return np.array([one])
     for two in np.argwhere(np.triu(pair < -blur, 1)):
         return two
@@ -112,55 +119,59 @@ def _negative(here: Scaled) -> np.ndarray | None:
     return everything if sign_of_minor(here, everything) < 0 else None
 
 
-def _by_some_minors(here: Scaled) -> Uniqueness:
-    """Singular, if a minor of one or two contacts, or of all, is zero; else it is not known."""
-    diagonal, pair, blur = small_minors(here)
+def _check_small_minors(here: ScaledProblem) -> Uniqueness:
+    """Singular if a minor of one or two contacts or of all is zero; otherwise undecided."""
+    diagonal, pair, blur = minors_of_one_and_two(here)
     everything = np.arange(len(diagonal))
-    zero = [np.array([k]) for k in np.flatnonzero(diagonal <= np.diag(here.doubt))]
+    zero = [np.array([k]) for k in np.flatnonzero(diagonal <= np.diag(here.error))]
     zero += list(np.argwhere(np.triu(pair <= blur, 1))[:1])
-    zero += [] if regular(here, everything) else [everything]
-    words = "minors of one and two contacts and of all were looked at"
+    zero += [] if is_regular(here, everything) else [everything]
+    words = "minors of one and two contacts and of all were computed"
     if zero:
-        return _singular(here, zero[0], words)
-    return Uniqueness(Known.UNDECIDED, f"{words}; {len(diagonal)} contacts have too many minors", np.arange(0))
+        return _make_singular(here, zero[0], words)
+    return Uniqueness(
+        UniquenessVerdict.UNDECIDED, f"{words}; {len(diagonal)} contacts have too many minors", np.arange(0)
+    )
 
 
-def regular(here: Scaled, chosen: np.ndarray) -> bool:
-    """True if A_SS has full rank beyond the errors of its entries."""
-    a, doubt = here.part(chosen)
-    return not len(a) or bool(np.linalg.svd(a, compute_uv=False)[-1] > BLUR * np.linalg.norm(doubt))
+def is_regular(here: ScaledProblem, chosen: np.ndarray) -> bool:
+    """Return True if A_SS has full rank beyond the errors of its entries."""
+    a, error = here.submatrix(chosen)
+    return not len(a) or bool(np.linalg.svd(a, compute_uv=False)[-1] > BLUR * np.linalg.norm(error))
 
 
-def sign_of_minor(here: Scaled, chosen: np.ndarray) -> int:
+def sign_of_minor(here: ScaledProblem, chosen: np.ndarray) -> int:
     """Sign of det A_SS, 0 if it is singular to round-off."""
-    return int(np.linalg.slogdet(here.part(chosen)[0])[0]) if regular(here, chosen) else 0
+    return int(np.linalg.slogdet(here.submatrix(chosen)[0])[0]) if is_regular(here, chosen) else 0
 
 
-def _not_unique(problem: Complementarity, chosen: np.ndarray, words: str) -> Uniqueness:
+def _make_not_unique(problem: Complementarity, chosen: np.ndarray, words: str) -> Uniqueness:
     value = float(np.linalg.det(problem.matrix[np.ix_(chosen, chosen)]))
     named = ", ".join(map(str, chosen[:MAPPED]))
-    return Uniqueness(Known.NOT_UNIQUE, f"critical contacts {named} have the minor {value:.3g}; {words}", chosen, value)
+    return Uniqueness(
+        UniquenessVerdict.NOT_UNIQUE, f"critical contacts {named} have the minor {value:.3g}; {words}", chosen, value
+    )
 
 
-def _singular(here: Scaled, chosen: np.ndarray, words: str) -> Uniqueness:
-    _, values, right = np.linalg.svd(here.part(chosen)[0])
+def _make_singular(here: ScaledProblem, chosen: np.ndarray, words: str) -> Uniqueness:
+    _, values, right = np.linalg.svd(here.submatrix(chosen)[0])
     x = here.slip_unit[chosen] * right[-1]
     named = ", ".join(map(str, chosen[:MAPPED]))
     reason = f"A of critical contacts {named} has the singular value {values[-1]:.1e}, zero to round-off; {words}"
-    return Uniqueness(Known.SINGULAR, reason, chosen, float(values[-1]), x / np.abs(x).max())
+    return Uniqueness(UniquenessVerdict.SINGULAR, reason, chosen, float(values[-1]), x / np.abs(x).max())
 
 
-def small_minors(here: Scaled) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(Mc,) minors of one contact, (Mc, Mc) of two, infinite on the diagonal, and the error bounds of the latter."""
-    a, doubt = here.matrix, here.doubt
-    diagonal, own = np.diag(a), np.diag(doubt)
+def minors_of_one_and_two(here: ScaledProblem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(Mc,) minors of one contact, (Mc, Mc) of two with infinite diagonal, and error bounds of the latter."""
+    a, error = here.matrix, here.error
+    diagonal, own = np.diag(a), np.diag(error)
     pair = np.outer(diagonal, diagonal) - a * a.T
-    blur = np.outer(own, np.abs(diagonal)) + np.abs(a) * doubt.T
+    blur = np.outer(own, np.abs(diagonal)) + np.abs(a) * error.T
     np.fill_diagonal(pair, np.inf)
     return diagonal, pair, blur + blur.T
 
 
 def may_be_p(problem: Complementarity) -> bool:
-    """False if a minor of one or two contacts is not positive: principal pivoting may then go round for long."""
-    diagonal, pair, _ = small_minors(scaled(problem))
+    """Return False if a minor of one or two contacts is not positive; principal pivoting may then cycle for long."""
+    diagonal, pair, _ = minors_of_one_and_two(scale_problem(problem))
     return bool((diagonal > 0).all() and (pair > 0).all())

@@ -1,14 +1,14 @@
-"""Walls that may turn: one more coordinate for each wall, arm × angle about its point.
+"""Rotating walls: one additional coordinate for each wall, arm × angle about its point.
 
-A disk at x_i and a wall with point p, normal n and tangent t meet on the wall's surface, at p + a t, a = (x_i − p)·t:
-that is R − δ from the disk's centre, while the disk itself has the lever arm R. Where the wall turns with Ω, its
-surface moves there with Ω a n. So the wall feels of (F_n, F_t) the torque −a F_n, and none of F_t. With the wall turn n
-and t, dn = −Ω t and dt = Ω n, and da = (v_i − v_w)·t + (R − δ) Ω: that is its share in the geometric stiffness
-−(dc/dt) F. `displaced` moves such walls, but does not turn them.
+A disk at x_i and a wall with point p, normal n and tangent t touch on the surface of the wall, at p + a t with a =
+(x_i − p)·t. This point is at R − δ from the centre of the disk, while the disk itself has the lever arm R. If the wall
+rotates with Ω, its surface moves there with Ω a n. The torque of (F_n, F_t) on the wall is therefore −a F_n, without a
+contribution of F_t. n and t rotate with the wall, dn = −Ω t and dt = Ω n, and da = (v_i − v_w)·t + (R − δ) Ω; this is
+the contribution to the geometric stiffness −(dc/dt) F. `displaced` moves such walls, but does not rotate them.
 
 Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Sec. III E, which counts three rigid motions.
-With lever arms R the third one makes the overlap slip: vᵀkv/vᵀv is of the order of the squared overlap over the squared
-size of the packing, not zero.
+With lever arms R the third one causes slip of the size of the overlap: vᵀkv/vᵀv is not zero, but of the order of the
+squared overlap over the squared size of the packing.
 """
 
 from typing import NamedTuple
@@ -21,25 +21,25 @@ from ..core.state import State
 from ..solve.freedom import Freedom
 
 
-class Turning(NamedTuple):
-    """Coordinates and matrices of a packing whose walls may turn; see `LinearSystem` for what they are."""
+class RotatingWalls(NamedTuple):
+    """Coordinates and matrices of a packing with rotating walls; see `LinearSystem`."""
 
     c: sparse.csr_array
     geometric: sparse.csr_array
     free: Freedom
 
 
-def turning(state: State, rows, force, c, geometric, free: Freedom, arm: float) -> Turning:
-    """Append the rotations of all walls, in the order of the walls, to what a packing has without them.
+def append_wall_rotations(state: State, rows, force, c, geometric, free: Freedom, arm: float) -> RotatingWalls:
+    """Append the rotations of all walls, in the order of the walls, to coordinates and matrices of a packing.
 
     Parameters
     ----------
-    rows : (M,) contacts of the state's list
+    rows : (M,) rows of the contact list
     force : (M, 2) F_n, F_t on body i [force]
-    c, geometric, free : those of walls that translate
-    arm : by which a wall's angle is multiplied [length]
+    c, geometric, free : those with walls that only translate
+    arm : factor on the angle of a wall [length]
     """
-    _check(state, arm)
+    _check_walls(state, arm)
     n, count = len(state.grains.radius), len(state.walls.mass)
     mine = np.flatnonzero(state.contacts.j[rows] >= n)
     body, wall = state.contacts.i[rows[mine]], state.contacts.j[rows[mine]]
@@ -62,13 +62,13 @@ def turning(state: State, rows, force, c, geometric, free: Freedom, arm: float) 
     kept = (row >= 0) & (column >= 0)
     more = sparse.csr_array((value[kept], (row[kept], column[kept])), shape=(size, size))
     padded = sparse.block_diag([geometric, sparse.csr_array((count, count))], format="csr")
-    return Turning(
-        sparse.csr_array(sparse.vstack([c, c_more])), sparse.csr_array(padded + more), _with_angles(state, free)
+    return RotatingWalls(
+        sparse.csr_array(sparse.vstack([c, c_more])), sparse.csr_array(padded + more), _append_angles(state, free)
     )
 
 
-def _with_angles(state: State, free: Freedom) -> Freedom:
-    """Freedom with the rotation of each wall about z appended; its radius of gyration is taken to be the arm."""
+def _append_angles(state: State, free: Freedom) -> Freedom:
+    """Freedom with the rotation of each wall about z appended; the arm serves as its radius of gyration."""
     n, count = len(state.grains.radius), len(state.walls.mass)
     component = 6 * (n + np.arange(count)) + 5
     place = free.place.copy()
@@ -77,24 +77,26 @@ def _with_angles(state: State, free: Freedom) -> Freedom:
     return Freedom(np.append(free.component, component), mass, free.dim, place, free.length)
 
 
-def _check(state: State, arm: float) -> None:
+def _check_walls(state: State, arm: float) -> None:
     n = len(state.grains.radius)
     if not (np.isfinite(arm) and arm > 0):
         raise ValueError(f"wall_arm = {arm} was given: it must be positive, such as half the length of a wall")
     if not len(state.walls.mass):
         raise ValueError("wall_arm was given for a packing without walls: leave it out")
     if state.cell.periodic.any():
-        raise ValueError("wall_arm was given in a periodic cell, where a wall cannot turn: leave it out")
+        raise ValueError("wall_arm was given in a periodic cell, where a wall cannot rotate: leave it out")
     if (state.control.group[n:] >= 0).any():
-        raise ValueError("wall_arm was given for a wall in a rigid group, which turns with nothing: take it out")
+        raise ValueError(
+            "wall_arm was given for a wall in a rigid group, which cannot rotate: remove the wall from the group"
+        )
 
 
 def rigid_rotation(state: State, free: Freedom, arm: float) -> np.ndarray:
-    """(n,) the velocities of a turn of everything with unit angular velocity about the mean of all moving bodies.
+    """(n,) velocities of a rigid rotation with unit angular velocity about the mean position of all moving bodies.
 
     Parameters
     ----------
-    free : the coordinates of `linear_system(..., wall_arm=arm)`
+    free : coordinates of `linear_system(..., wall_arm=arm)`
     """
     place = np.concatenate([state.grains.position, state.walls.point])
     radius = np.append(state.grains.radius, np.full(len(state.walls.mass), arm))
@@ -107,7 +109,7 @@ def rigid_rotation(state: State, free: Freedom, arm: float) -> np.ndarray:
 
 
 def resists_turning(state: State, rows, relative: np.ndarray) -> bool:
-    """Whether a turn with unit angular velocity moves contacts by more than their overlaps.
+    """Return True if a rotation with unit angular velocity moves contacts by more than their overlaps.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Is a packing at rest? How far its forces are from balance, the likely reasons, and its contacts under another law."""
+"""Force balance of a packing: imbalance, likely causes, and contact modes under another law."""
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -9,24 +9,25 @@ from ..core.contacts.jacobian import linearise
 from ..core.laws.builtin import MU, Law
 from ..core.measure import mean_normal_force, touching, volume
 from ..core.state import SLIDE, STICK, Contacts, State
-from .freedom import loose_grains
+from .freedom import unsupported_grains
 
-# Of the mean contact force, `python -m benchmarks.equilibrium`: up to 1e-3 grains that were moved at random change the
-# verdict no more often than at 1e-8, and up to 2e-3 none of 52 packings had a wrong one without its slips; beyond, the
-# first have. Text of eight digits leaves 2e-4 in packings of 60 grains, and some 1e-3 in larger ones.
+# Share of the mean contact force, from `python -m benchmarks.equilibrium`. Up to 1e-3, moving grains at random changes
+# the verdict no more often than at 1e-8. Up to 2e-3, none of 52 packings had a wrong verdict without its slips; the
+# first wrong ones appear beyond that. Text with eight digits leaves 2e-4 in packings of 60 grains and about 1e-3 in
+# larger ones.
 BALANCED_BELOW = 2e-3
-AT_LIMIT = 1e-3  # a contact that slides is at its limit as nearly as forces must balance: dashpots leave that much
-DIGITS = 13  # significant ones that positions have if no text or single precision took any
-ROUND_OFF = 1e-9  # of a contact's pull over its limit: slips are differences of positions, which carry 1e-16
+AT_LIMIT = 1e-3  # relative distance from the limit at which a sliding contact still slides; dashpots leave that much
+DIGITS = 13  # significant digits of positions that lost none to text or single precision
+ROUND_OFF = 1e-9  # relative excess over the limit of friction: slips are differences of positions, with errors of 1e-16
 
 
 def imbalance(state: State, law: Law) -> float:
-    """Largest unbalanced force or torque/R over the mean normal contact force, and that of a free cell's stress.
+    """Largest unbalanced force or torque/R over the mean normal contact force.
 
-    The mean is over the contacts of the grains that hang together, without rattlers: strong forces elsewhere do not
-    hide what is missing in a weak part. Zero where nothing acts at all; infinite where something acts, but no contact
-    bears it. The imbalance of a free cell is the largest difference between its stress and the imposed one, over the
-    larger of the two.
+    The mean is taken over the contacts of a connected group of grains, without rattlers, so that strong forces
+    elsewhere do not hide an imbalance in a weak part. The result is zero if no force acts at all, and infinite if
+    forces act but no contact bears them. If the cell is free, the largest difference between its stress and the
+    imposed stress, over the larger of the two, is also taken into account.
 
     Parameters
     ----------
@@ -41,22 +42,22 @@ def imbalance(state: State, law: Law) -> float:
     """
     loads = forces(state, law)[0]
     worst = np.abs(unbalanced_forces(state, loads)).max(axis=1)
-    found = max(map(_share, worst, _scales(state, law)), default=0.0) if worst.any() else 0.0
+    found = max(map(_ratio, worst, _local_force_scales(state, law)), default=0.0) if worst.any() else 0.0
     free = state.control.cell_free
     if free.any():
         has, wants = loads.virial[free], (volume(state) * state.control.stress)[free]
-        found = max(found, _share(float(np.abs(has - wants).max()), float(np.abs([has, wants]).max())))
+        found = max(found, _ratio(float(np.abs(has - wants).max()), float(np.abs([has, wants]).max())))
     return float(found)
 
 
-def _scales(state: State, law: Law) -> np.ndarray:
-    """(N + W,) mean |F_n| around each body: of the part of the packing that it belongs to, or of all contacts."""
+def _local_force_scales(state: State, law: Law) -> np.ndarray:
+    """(N + W,) mean |F_n| of the connected part that each body belongs to, or of all contacts if it has none."""
     rows, n = touching(state), len(state.grains.radius)
     if not len(rows):
         return np.zeros(state.n_bodies)
     force = np.abs(linearise(state, law).force_n[rows])
     held = state.control.free[:, : state.cell.dim].any(axis=1)
-    held[:n] &= ~loose_grains(state, law)
+    held[:n] &= ~unsupported_grains(state, law)
     i, j = state.contacts.i[rows], state.contacts.j[rows]
     linked = held[i] & held[j]
     links = coo_array((np.ones(linked.sum()), (i[linked], j[linked])), shape=(state.n_bodies,) * 2)
@@ -69,12 +70,13 @@ def _scales(state: State, law: Law) -> np.ndarray:
     return np.where(held, means[part], whole)
 
 
-def swing(state: State, law: Law) -> float:
-    """By which share of the mean contact force motion changes forces: v √(m k) of a spring k that stops a mass m.
+def motion_imbalance(state: State, law: Law) -> float:
+    """Force change caused by the motion, v √(m k) of a spring k that stops a mass m, over the mean contact force.
 
-    Of the grains that hang together, relative to their mean velocity where nothing holds them in place.
+    The largest value over all grains that are not rattlers. Velocities are relative to their mean if nothing holds
+    the grains in place.
     """
-    rows, still = touching(state), ~loose_grains(state, law)
+    rows, still = touching(state), ~unsupported_grains(state, law)
     if not (len(rows) and still.any()):
         return 0.0
     grains, velocity = state.grains, state.grains.velocity[still]
@@ -83,17 +85,17 @@ def swing(state: State, law: Law) -> float:
     turning = np.linalg.norm(grains.spin[still], axis=1) * grains.radius[still]
     speed = np.maximum(np.linalg.norm(velocity, axis=1), turning)
     stiffness = linearise(state, law).slope_n[rows].mean()
-    return _share(float((speed * np.sqrt(grains.mass[still] * stiffness)).max()), mean_normal_force(state, law))
+    return _ratio(float((speed * np.sqrt(grains.mass[still] * stiffness)).max()), mean_normal_force(state, law))
 
 
-def _share(part: float, whole: float) -> float:
+def _ratio(part: float, whole: float) -> float:
     if not part:
         return 0.0
     return part / whole if whole else np.inf
 
 
 def unjudged(residual: float, moves: float = 0.0) -> str:
-    """The sentence that stands for a verdict where there is no equilibrium."""
+    """Message given in place of a verdict if the state is not in equilibrium."""
     share = f"residual {_percent(residual)} of the mean contact force"
     words = share if np.isfinite(residual) else "no contact bears the forces that act"
     if residual <= BALANCED_BELOW < moves:
@@ -106,35 +108,37 @@ def _percent(share: float) -> str:
 
 
 def likely_causes(state: State, law: Law) -> tuple[str, ...]:
-    """Why the forces of a packing may not balance, as far as the state itself shows, the most telling first.
+    """Possible reasons why the forces of a packing do not balance, the most informative first.
 
-    Contacts that were never sheared, nothing that confines the grains, motion, positions with few digits; last, what no
-    state shows: another law.
+    The state can show contacts that were never sheared, missing confinement, motion, and positions with few digits.
+    A different contact law cannot be seen in the state and is always listed last.
     """
     found, n, rows = [], len(state.grains.radius), touching(state)
     bare = int((~state.contacts.slip[rows].any(axis=1)).sum())
     if law.table[..., MU].any() and bare:
         which = f"all {bare}" if bare == len(rows) else f"{bare} of {len(rows)}"
-        found.append(f"no slips: {which} contacts are taken as never sheared")
+        found.append(f"no slips: {which} contacts are treated as never sheared")
     control = state.control
     acts = any(a.any() for a in (control.force, control.torque, control.gravity, control.spring))
     if not (state.cell.periodic.any() or len(state.walls.mass) or acts) and control.free[:n, : state.cell.dim].all():
-        found.append("no cell: neither a periodic box nor walls or loads hold the grains together")
-    if swing(state, law) > BALANCED_BELOW:
+        found.append("no cell: no periodic box, walls or loads hold the grains together")
+    if motion_imbalance(state, law) > BALANCED_BELOW:
         speed = np.linalg.norm(state.grains.velocity, axis=1).max()
         found.append(f"motion: the grains move, the fastest at {speed:.2g}")
-    lost, error = _lost_digits(state)
+    lost, error = _precision_loss(state)
     stiffness = linearise(state, law).slope_n[rows].mean() if len(rows) else 0.0
-    share = _share(stiffness * error, mean_normal_force(state, law))
-    if share > 0.1 * BALANCED_BELOW:  # a grain has several contacts, each with the errors of two grains
-        found.append(f"few digits: positions {lost}, which leaves {_percent(share)} of the mean contact force open")
-    return (*found, "another law, or other parameters, than those under which the packing came to rest")
+    share = _ratio(stiffness * error, mean_normal_force(state, law))
+    if share > 0.1 * BALANCED_BELOW:  # a grain has several contacts, each with the position errors of two grains
+        found.append(
+            f"few digits: positions {lost}, which leaves {_percent(share)} of the mean contact force undetermined"
+        )
+    return (*found, "another law or other parameters than those under which the packing came to rest")
 
 
-def _lost_digits(state: State) -> tuple[str, float]:
-    """How the positions' digits were cut, in words, and the error that this leaves [length]; zero if they were not.
+def _precision_loss(state: State) -> tuple[str, float]:
+    """Description of how positions were truncated, and the resulting error [length]; zero if they were not.
 
-    Nothing is lost where positions have the digits that numbers of their size can have, or all are whole.
+    Positions with all the digits that numbers of their size can have, or with whole numbers only, are not truncated.
     """
     place = state.grains.position
     largest = max(float(np.abs(place).max()), 1e-30)
@@ -147,11 +151,12 @@ def _lost_digits(state: State) -> tuple[str, float]:
     return "", 0.0
 
 
-def under(state: State, law: Law) -> State:
-    """The state with each contact in the mode that its slip has under a law, which may be another than it came with.
+def with_modes_under(state: State, law: Law) -> State:
+    """State with the mode of each contact, stick or slide, determined by its slip under a given law.
 
-    A contact that slid at a smaller limit sticks; one beyond the limit slides, its slip cut. What slides at the limit
-    goes on sliding, as `AT_LIMIT` has it.
+    The law may differ from the one under which the state was accepted. A contact that slid at a smaller limit sticks.
+    A contact beyond its limit slides, and its slip is truncated. A contact that slides at its limit, to within
+    `AT_LIMIT`, continues to slide.
 
     Parameters
     ----------
@@ -161,7 +166,7 @@ def under(state: State, law: Law) -> State:
     --------
     >>> import stickslip as ss
     >>> state, _ = ss.packings.jammed(10, packing_fraction=0.7)
-    >>> set(under(state, ss.laws.hertz_mindlin(mu=0.5)).contacts.mode[touching(state)].tolist()) == {STICK}
+    >>> set(with_modes_under(state, ss.laws.hertz_mindlin(mu=0.5)).contacts.mode[touching(state)].tolist()) == {STICK}
     True
     """
     contacts, line = state.contacts, linearise(state, law)
@@ -171,10 +176,10 @@ def under(state: State, law: Law) -> State:
     slides = (pull > (1 + ROUND_OFF) * line.limit) | ((mode == STICK) & (line.limit == 0))
     if not (sticks | slides).any():
         return state
-    return state._replace(contacts=_changed(contacts, sticks, slides, forces(state, law)[1].slip))
+    return state._replace(contacts=_set_modes(contacts, sticks, slides, forces(state, law)[1].slip))
 
 
-def _changed(contacts: Contacts, sticks: np.ndarray, slides: np.ndarray, cut: np.ndarray) -> Contacts:
+def _set_modes(contacts: Contacts, sticks: np.ndarray, slides: np.ndarray, cut: np.ndarray) -> Contacts:
     count, mode, slip, reached = len(sticks), contacts.mode.copy(), contacts.slip.copy(), contacts.reached.copy()
     mode[:count][sticks], mode[:count][slides] = STICK, SLIDE
     slip[:count][slides] = cut[:count][slides]

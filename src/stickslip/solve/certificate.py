@@ -1,26 +1,26 @@
-"""Which eigenvalues are certainly real: Gershgorin discs after similarity passes, in floating point."""
+"""Certificate of real eigenvalues: Gershgorin discs after similarity passes, in floating point."""
 
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag, eig, lu_factor, lu_solve
 
-from .windows import Basis, Report, basis_of
+from .windows import Basis, Report, symmetric_basis
 
 CLUSTER = 0.3  # |E_ij/(d_j − d_i)| beyond which two modes are left coupled by a similarity pass
-CONVERGED = 1e-8  # a pass by W leaves W², which is then round-off
+CONVERGED = 1e-8  # a pass with W leaves W², which is then below round-off
 
 
 class Certificate(NamedTuple):
-    """What Gershgorin discs say about every eigenvalue, in floating point, not interval arithmetic."""
+    """Classification of all eigenvalues by Gershgorin discs, in floating point and not in interval arithmetic."""
 
     size: int  # eigenvalues examined
-    real: int  # alone in a disc with a real centre: real, because the spectrum of a real matrix is its own mirror image
-    zero: int  # coordinates that nothing holds: exactly zero, not among those examined
+    real: int  # alone in a disc with a real centre; real since the spectrum of A is symmetric about the real axis
+    zero: int  # exactly zero, from coordinates that nothing resists; not counted in `size`
     pairs: int  # pairs whose disc is isolated and does not touch the real axis
     undecided: np.ndarray  # (k,) centres of overlapping discs [1/time²]
     members: np.ndarray  # (k,) eigenvalues in each
-    consistent: bool  # every pair found is certified or among the undecided, and every certified pair was found
+    consistent: bool  # True if every pair found is certified or undecided, and every certified pair was found
 
     def __str__(self):
         centres = ", ".join(f"{c:.6g} ({m})" for c, m in zip(self.undecided, self.members, strict=True))
@@ -32,16 +32,16 @@ class Certificate(NamedTuple):
         )
 
 
-def certificate_of(matrix, basis: Basis | None, pairs: np.ndarray, zero: int, tell: Report) -> Certificate:
-    """Discs of A after similarity passes that shrink its off-diagonal part quadratically."""
+def gershgorin_certificate(matrix, basis: Basis | None, pairs: np.ndarray, zero: int, tell: Report) -> Certificate:
+    """Certificate from the discs of A, after similarity passes that reduce its off-diagonal part quadratically."""
     n = matrix.shape[0]
     if not n:
         return Certificate(0, 0, zero, 0, np.empty(0), np.empty(0, int), True)
     if basis is None:
-        basis = basis_of(matrix, np.float64, lambda share, words: None)
+        basis = symmetric_basis(matrix, np.float64, lambda share, words: None)
     centres, radii = _discs(basis.vectors.T @ basis.image, basis.scale, tell)
     real, certain, undecided, loose = 0, [], [], []
-    for group in _touching(centres, radii):
+    for group in _overlapping_groups(centres, radii):
         c, r = centres[group], radii[group]
         apart = np.abs(c[:, None] - c) > r[:, None] + r
         np.fill_diagonal(apart, True)
@@ -65,7 +65,8 @@ def certificate_of(matrix, basis: Basis | None, pairs: np.ndarray, zero: int, te
 def _discs(B: np.ndarray, scale: float, tell: Report, passes: int = 6):
     """Centres and radii of Gershgorin discs of B = D + E after passes (I + W)⁻¹ B (I + W), W_ij = E_ij/(d_j − d_i).
 
-    Modes too close for that keep their coupling; at the end each group of them is diagonalised as a block.
+    Modes that are too close for a pass keep their coupling. At the end each group of such modes is diagonalised as a
+    block.
     """
     n = len(B)
     for k in range(passes):
@@ -80,7 +81,7 @@ def _discs(B: np.ndarray, scale: float, tell: Report, passes: int = 6):
         W[np.diag_indices(n)] += 1.0
         B = lu_solve(lu_factor(W, overwrite_a=True, check_finite=False), B, overwrite_b=True, check_finite=False)
     centres, radii = np.diag(B).astype(complex), np.abs(B).sum(axis=1) - np.abs(np.diag(B))
-    groups = [g for g in _touching(centres, radii) if len(g) > 1]
+    groups = [g for g in _overlapping_groups(centres, radii) if len(g) > 1]
     if groups:
         turned = np.concatenate(groups)
         values, blocks = zip(*(eig(B[np.ix_(g, g)]) for g in groups), strict=True)
@@ -90,17 +91,17 @@ def _discs(B: np.ndarray, scale: float, tell: Report, passes: int = 6):
         others = np.setdiff1d(np.arange(n), turned)
         rows = inverse @ columns[turned]
         own = np.diag(rows)
-        # beside pairs of the same block a real eigenvalue has round-off for an imaginary part: its disc is moved back
+        # in a block with pairs, a real eigenvalue has an imaginary part of round-off size: move its disc back
         centre = np.where(np.concatenate(values).imag == 0, own.real, own)
         radius = np.abs(rows).sum(axis=1) - np.abs(own) + np.abs(inverse @ B[turned][:, others]).sum(1)
         centres[turned], radii[turned] = centre, radius + np.abs(own - centre)
         alone = np.abs(B[np.ix_(others, others)]).sum(axis=1) - np.abs(B[others, others])
         radii[others] = alone + np.abs(columns[others]).sum(axis=1)
-    return centres, radii + n * np.finfo(float).eps * scale  # the passes' own round-off
+    return centres, radii + n * np.finfo(float).eps * scale  # round-off of the passes
 
 
-def _touching(centres: np.ndarray, radii: np.ndarray) -> list[np.ndarray]:
-    """Groups of discs whose shadows on the real axis overlap."""
+def _overlapping_groups(centres: np.ndarray, radii: np.ndarray) -> list[np.ndarray]:
+    """Groups of discs whose projections onto the real axis overlap."""
     left, right = centres.real - radii, centres.real + radii
     order = np.argsort(left)
     reach = np.maximum.accumulate(right[order])

@@ -1,4 +1,4 @@
-"""One head-on collision: its restitution, duration and peak force, and the damping that gives a stated restitution."""
+"""Head-on collision of two grains: restitution, duration, peak force, and the damping for a given restitution."""
 
 from typing import NamedTuple
 
@@ -24,7 +24,7 @@ from ..core.readable import readable
 
 @readable
 class Collision(NamedTuple):
-    """Two grains that meet head-on and part."""
+    """Result of a head-on collision of two grains."""
 
     restitution: float  # speed after over speed before
     duration: float  # [time]
@@ -33,26 +33,30 @@ class Collision(NamedTuple):
 
 
 def collision(law: Law, *, radius: float, mass: float, speed: float, pair: tuple[int, int] = (0, 0)) -> Collision:
-    """m_eff δ'' = −F_n(δ, −δ') from δ = 0, δ' = `speed` until the grains part, integrated to 1e-10.
+    """Simulate a head-on collision of two grains.
+
+    Integrates m_eff δ'' = −F_n(δ, −δ') from δ = 0, δ' = `speed` until the grains separate, to a tolerance of 1e-10.
 
     Parameters
     ----------
-    radius, mass : of each of two alike grains [length], [mass]; R_eff and m_eff are half of them
-    speed : relative speed before, positive [length/time]
-    pair : materials
+    radius, mass : of each of the two identical grains [length], [mass]; R_eff and m_eff are half of these
+    speed : relative speed before the collision, positive [length/time]
+    pair : materials of the two grains
 
     Examples
     --------
     >>> import stickslip as ss
     >>> found = collision(ss.laws.linear(kn=1.0), radius=0.5, mass=2.0, speed=0.1)
-    >>> round(found.duration, 6)  # half a period of √(m_eff/k_n)
+    >>> round(found.duration, 6)  # half a period, π √(m_eff/k_n)
     3.141593
     """
     for name, value in (("radius", radius), ("mass", mass), ("speed", speed)):
         if not (np.isfinite(value) and value > 0):
             raise ValueError(f"{name} = {value} was given: it must be positive")
     if isinstance(law.kind, Kind):
-        raise ValueError("a collision was asked of a user's law: only built-in laws have one, run the pair instead")
+        raise ValueError(
+            "a user-defined law was given: `collision` supports built-in laws only; simulate the two grains with `run`"
+        )
     q, r_eff, m_eff = parameters(law.table, *pair), radius / 2, mass / 2
 
     def force(x, v):
@@ -60,7 +64,7 @@ def collision(law: Law, *, radius: float, mass: float, speed: float, pair: tuple
         damping = damping_factor(law.damping, r_eff, m_eff, x) * q[DAMPING_N]
         return with_dashpot(law.damping, normal_force(law.kind, q, r_eff, x), damping, -v)
 
-    # scales of an elastic collision, in which the equation is well conditioned whatever the units are
+    # scale by the elastic collision, so that the equation is well conditioned in any units
     unit = normal_force(law.kind, q, r_eff, 1.0)
     power = 1.0 if law.kind == LINEAR else 1.5
     depth = ((power + 1) / 2 * m_eff * speed**2 / unit) ** (1 / (power + 1))
@@ -92,10 +96,10 @@ def collision(law: Law, *, radius: float, mass: float, speed: float, pair: tuple
 def with_restitution(
     law: Law, restitution: float, *, radius: float, mass: float, speed: float, ratio: float = 0.5
 ) -> Law:
-    """The law with that γ_n which gives `restitution` to two alike grains at this size and speed, and γ_t = ratio γ_n.
+    """Law with γ_n chosen to give a head-on collision of two identical grains the given restitution; γ_t = ratio γ_n.
 
-    Only a linear law with mass-weighted dashpots has a restitution that does not depend on size and speed; hence both
-    must be said.
+    The restitution is independent of size and speed only for a linear law with mass-weighted dashpots, so both must be
+    given.
 
     Parameters
     ----------
@@ -139,27 +143,27 @@ def with_restitution(
 def eq8_damping(
     restitution: float, *, young: float, poisson: float, radius: float, mass: float, speed: float, ratio: float = 0.5
 ) -> float:
-    """γ_n by Eq 8 of the supplement of paper 003 (fault gouge), read literally [1/(length time)].
+    """Damping γ_n from Eq 8 of the supplement of paper 003 (fault gouge), taken literally [1/(length time)].
 
     The collision obeys m_eff δ'' + K (δ^{3/2} + (3/2) A √δ δ') = 0 with K = (2/3) E/(1 − ν²) √R_eff, and
 
         A = (1/3) (3γ_t − γ_n)²/(3γ_t + 2γ_n) · (1 − ν²)(1 − 2ν)/(E ν²),   γ_t = ratio γ_n.
 
-    The restitution determines A, and this formula then γ_n. In its source γ_n and γ_t are viscosities [Pa s]; their
-    numbers are taken here for the coefficients 1/(m s) of `hertz_mindlin_reff`, so that all arguments must be in SI.
-    The law damps a collision far less than the restitution says; compare `with_restitution`.
+    The restitution determines A, and A determines γ_n. In the source, γ_n and γ_t are viscosities [Pa s]. Here their
+    values are used as the coefficients [1/(m s)] of `hertz_mindlin_reff`, so all arguments must be in SI units. The
+    resulting law damps a collision far less than `restitution` requires; compare `with_restitution`.
 
     Parameters
     ----------
     restitution : float, above 0 and at most 1
     young [Pa], poisson : of the grains; poisson between −1/2 and 1/2, not 0
     radius, mass, speed : as in `collision` [m], [kg], [m/s]
-    ratio : γ_t/γ_n; not 1/3, where A is zero
+    ratio : γ_t/γ_n; must not be 1/3, where A is zero
 
     Raises
     ------
     ValueError
-        with one sentence, if no γ_n solves the equation.
+        if no γ_n solves the equation.
 
     Source
     ------
@@ -174,8 +178,8 @@ def eq8_damping(
     """
     if not (0 < abs(poisson) < 0.5 and np.isfinite(young) and young > 0) or abs(3 * ratio - 1) < 1e-9:
         raise ValueError(
-            f"young = {young}, poisson = {poisson}, ratio = {ratio} were given: Eq 8 has a solution for positive E, "
-            f"ν between −1/2 and 1/2 except 0, and γ_t/γ_n other than 1/3 only"
+            f"young = {young}, poisson = {poisson}, ratio = {ratio} were given: Eq 8 has a solution only for "
+            f"positive E, ν between −1/2 and 1/2 except 0, and γ_t/γ_n other than 1/3"
         )
     law = hertz_mindlin_reff(*elastic_constants(young, poisson), 0.0)
     law = with_restitution(law, restitution, radius=radius, mass=mass, speed=speed, ratio=ratio)

@@ -1,4 +1,4 @@
-"""Is this packing stable, dashpots included? The verdict from the first-order form of M q̈ = J q + C q̇."""
+"""Stability of a packing with dashpots, from the first-order form of M q̈ = J q + C q̇."""
 
 from typing import NamedTuple
 
@@ -11,32 +11,42 @@ from ..core.contacts.jacobian import contact_blocks
 from ..core.laws.builtin import Law
 from ..core.readable import readable
 from ..core.state import State
-from .balance import under, unjudged
+from .balance import unjudged, with_modes_under
 from .freedom import ZERO_BELOW, Freedom, assembled, dynamical_matrix
-from .stability import MIXED, PAIR_ABOVE, Stability, at_limit, in_both, stability, stable_if, sticking, unloaded
+from .stability import (
+    MIXED,
+    PAIR_ABOVE,
+    Stability,
+    combine_motions,
+    combine_stability,
+    contacts_at_limit,
+    stability,
+    unloading_scope,
+    with_sticking,
+)
 
-DENSE_UP_TO = 1_250  # coordinates, within seconds: the first-order form has twice as many
-DENSE_AT_MOST = 4_000  # minutes
-NEAR = 4  # exponents that are looked at near each one of the undamped motion
-NEAR_ZERO = 18  # the same at zero, where translations take six
-TOLERANCE = 1e-10  # relative, of their inverse distance from the shift
-STARTS = 8  # undamped pairs, the fastest first, near which is looked
+DENSE_UP_TO = 1_250  # coordinates, solved within seconds; the first-order form has twice as many
+DENSE_AT_MOST = 4_000  # coordinates, solved within minutes
+NEAR = 4  # exponents computed near each one of the undamped motion
+NEAR_ZERO = 18  # exponents computed near zero, where translations take six
+TOLERANCE = 1e-10  # relative, of the inverse distance from the shift
+STARTS = 8  # undamped pairs near which exponents are sought, the fastest first
 
 
 @readable
 class DampedStability(NamedTuple):
-    """What the linearised motion around a state does with its dashpots: exponents s of exp(st)."""
+    """Stability of the linearised motion around a state with dashpots: exponents s of exp(st)."""
 
-    undamped: Stability  # what it would do without; it counts grains, contacts, rattlers and zero modes
-    exponents: np.ndarray  # (K,) with Re s > 0, Im s ≥ 0 (which then stands for two), fastest growing first [1/time]
+    undamped: Stability  # without dashpots; also holds the numbers of grains, contacts, rattlers and zero modes
+    exponents: np.ndarray  # (K,) Re s > 0, Im s ≥ 0, one of each conjugate pair, fastest growing first [1/time]
     modes: np.ndarray  # (n, K) complex: generalised displacements of unit mass-weighted norm
-    slowest: complex | None  # exponent of the slowest decay; None where not all were computed
-    scope: str  # what was not looked at, in words
+    slowest: complex | None  # exponent of the slowest decay; None if not all were computed
+    scope: str  # limits of the analysis, in words
     if_stuck: "DampedStability | None" = None  # the same with contacts at Coulomb's limit sticking, see `Stability`
 
     @property
     def free(self) -> Freedom:
-        """Coordinates of the modes; rattlers are left out."""
+        """Coordinates of the modes, without rattlers."""
         return self.undamped.free
 
     @property
@@ -46,7 +56,7 @@ class DampedStability(NamedTuple):
 
     @property
     def causes(self) -> tuple[str, ...]:
-        """Why the forces may not balance; empty where they do."""
+        """Possible reasons why the forces do not balance; empty if they do."""
         return self.undamped.causes
 
     @property
@@ -56,13 +66,13 @@ class DampedStability(NamedTuple):
 
     @property
     def grows(self) -> bool:
-        """True if something grows exponentially in the motion linearised around this state, at rest or not."""
+        """True if any mode grows exponentially in the linearised motion around this state, at rest or not."""
         return bool(len(self.exponents))
 
     @property
     def stable(self) -> bool | None:
-        """True if nothing was found that grows exponentially; None where `Stability` has it so."""
-        return stable_if(self.grows, self.if_stuck) if self.balanced else None
+        """True if no exponentially growing mode was found; None under the conditions of `Stability.stable`."""
+        return combine_stability(self.grows, self.if_stuck) if self.balanced else None
 
     @property
     def growth_rate(self) -> np.ndarray:
@@ -76,14 +86,14 @@ class DampedStability(NamedTuple):
 
     @property
     def verdict(self) -> str:
-        """In words, with what the dashpots changed; or that this is no equilibrium."""
+        """Verdict in words, with dashpots included, or a statement that the state is not in equilibrium."""
         if not self.balanced:
             return unjudged(self.residual, self.undamped.swing)
-        return in_both(self.undamped.at_limit, self, self.if_stuck)
+        return combine_motions(self.undamped.at_limit, self, self.if_stuck)
 
     @property
     def motion(self) -> str:
-        """The spectrum in words: the verdict at an equilibrium, and how a motion begins elsewhere."""
+        """Spectrum in words: the verdict at an equilibrium, and the initial motion elsewhere."""
         found, swings = [], self.exponents.imag > 0
         if swings.any():
             s = self.exponents[swings][0]
@@ -96,30 +106,32 @@ class DampedStability(NamedTuple):
             found.append(f"buckling: {int((~swings).sum())} growing exponent(s), e-folding time {e_folding:.4g}")
         if self.undamped.zero_modes > self.undamped.rigid:
             floppy = self.undamped.zero_modes - self.undamped.rigid
-            found.append(f"floppy modes: {floppy} beside {self.undamped.rigid} translations")
+            found.append(f"floppy modes: {floppy} in addition to {self.undamped.rigid} translations")
         if not self.grows:
             found.insert(0, "stable" if self.balanced else "nothing grows")
         return "; ".join(found)
 
 
 def damped_stability(state: State, law: Law, *, method: str = "auto", report=None) -> DampedStability:
-    """The verdict on an accepted state at rest whose law has dashpots, by the exponents s of M q̈ = J q + C q̇.
+    """Analyse the stability of a state whose law has dashpots, from the exponents s of M q̈ = J q + C q̇.
 
     Parameters
     ----------
+    state : State, accepted and at rest
     method : "dense" (all exponents, up to 4000 coordinates), "pairs" or "fastest" (exponents near those of the undamped
-        motion, which `stability` finds by this method: growth that only dashpots cause is not looked for); "auto" takes
-        the first that fits
+        motion, which `stability` finds with this method; growth caused by dashpots alone is not sought); "auto" takes
+        the first that is feasible
     report : called as report(stage, share done, words)
 
     Raises
     ------
     ValueError
-        if the state is too large for the method; names the one to take.
+        if the state is too large for the method; the message names one that can be used.
 
     Source
     ------
-    Tisseur & Meerbergen, doi:10.1137/S0036144500381988, Sec. 3.4, for the first-order form of the quadratic problem.
+    Tisseur & Meerbergen, doi:10.1137/S0036144500381988, Sec. 3.4, for the first-order form of the quadratic
+    eigenvalue problem.
 
     Examples
     --------
@@ -129,73 +141,76 @@ def damped_stability(state: State, law: Law, *, method: str = "auto", report=Non
     >>> damped_stability(flat, law).undamped.contacts
     3
     """
-    size = _size(state)
+    size = _max_coordinates(state)
     if method == "dense" and size > DENSE_AT_MOST:
         raise ValueError(
-            f"{size} coordinates are too many for the method 'dense' with dashpots ({DENSE_AT_MOST}): take 'pairs' or "
-            f"'fastest'"
+            f"{size} coordinates were given: the method 'dense' with dashpots takes at most {DENSE_AT_MOST}; use "
+            f"'pairs' or 'fastest'"
         )
-    state = under(state, law)
+    state = with_modes_under(state, law)
     undamped = stability(state, law, method=method, report=report)
-    found = _judged(state, law, undamped, method, report)
+    found = _analyse(state, law, undamped, method, report)
     if undamped.if_stuck is None:
         return found
-    stuck = sticking(state, at_limit(state, law))
+    stuck = with_sticking(state, contacts_at_limit(state, law))
     scope = found.scope if MIXED in found.scope else f"{found.scope}; {MIXED}" if found.scope else MIXED
-    return found._replace(if_stuck=_judged(stuck, law, undamped.if_stuck, method, report), scope=scope)
+    return found._replace(if_stuck=_analyse(stuck, law, undamped.if_stuck, method, report), scope=scope)
 
 
-def _judged(state: State, law: Law, undamped: Stability, method: str, report) -> DampedStability:
-    """The verdict with every contact held in its mode."""
-    free, size = undamped.free, _size(state)
+def _analyse(state: State, law: Law, undamped: Stability, method: str, report) -> DampedStability:
+    """Stability with every contact held in its mode."""
+    free, size = undamped.free, _max_coordinates(state)
     pull, root = dynamical_matrix(state, law, free), 1 / np.sqrt(free.mass)
     _, blocks = contact_blocks(state, law)
     drag = sparse.csr_array(sparse.diags_array(-root) @ assembled(state, blocks, free) @ sparse.diags_array(root))
-    unit = np.sqrt(np.abs(pull.data).max())  # [1/time]: in it both blocks are of order one
+    unit = np.sqrt(np.abs(pull.data).max())  # [1/time]: in this unit both blocks are of order one
     pull, drag = pull / unit**2, drag / unit
     if method == "dense" or (method == "auto" and size <= DENSE_UP_TO):
-        values, vectors, slowest, scope = *_dense(pull, drag), unloaded(law)
+        values, vectors, slowest, scope = *_solve_dense(pull, drag), unloading_scope(law)
     else:
         starts = np.concatenate([-1j * np.sqrt(undamped.pairs), np.sqrt(-undamped.negative.astype(complex))]) / unit
-        values, vectors, slowest, scope = *_near(pull, drag, starts, report), None, _scope(undamped, starts)
+        values, vectors = _search_near_shifts(pull, drag, starts, report)
+        slowest, scope = None, _describe_scope(undamped, starts)
     order = np.lexsort((values.imag, -values.real))
     modes = vectors[:, order] * root[:, None]
     return DampedStability(undamped, unit * values[order], modes, None if slowest is None else unit * slowest, scope)
 
 
-def _size(state: State) -> int:
-    """Coordinates of all grains: an upper bound that needs no search for rattlers."""
+def _max_coordinates(state: State) -> int:
+    """Number of coordinates of all grains, an upper bound that does not require finding the rattlers."""
     per_grain = 3 if state.cell.dim == 2 else 6
     return per_grain * len(state.grains.radius)
 
 
-def _scope(undamped: Stability, starts: np.ndarray) -> str:
-    near = f"exponents were looked for near the {min(len(starts), STARTS)} fastest of the undamped motion and near zero"
-    return "; ".join(words for words in (near, "growth that only dashpots cause was not", undamped.scope) if words)
+def _describe_scope(undamped: Stability, starts: np.ndarray) -> str:
+    near = f"exponents were sought near the {min(len(starts), STARTS)} fastest of the undamped motion and near zero"
+    return "; ".join(
+        words for words in (near, "growth caused by dashpots alone was not sought", undamped.scope) if words
+    )
 
 
-def _growing(values: np.ndarray) -> np.ndarray:
-    """True for what grows and is not zero: one of each pair. Translations make s = 0 twice, which round-off splits."""
+def _is_growing(values: np.ndarray) -> np.ndarray:
+    """Mask of growing nonzero exponents, one of each pair. Translations give s = 0 twice, split by round-off."""
     return (values.real > PAIR_ABOVE) & (values.imag >= 0) & (np.abs(values) ** 2 > ZERO_BELOW)
 
 
-def _dense(pull, drag) -> tuple[np.ndarray, np.ndarray, complex]:
-    """Growing exponents, their modes in the mass-weighted metric, and the slowest decay; in units of the largest λ."""
+def _solve_dense(pull, drag) -> tuple[np.ndarray, np.ndarray, complex]:
+    """Growing exponents, their mass-weighted modes, and the slowest decay, in units of the largest λ."""
     n = pull.shape[0]
     form = np.block([[np.zeros((n, n)), np.eye(n)], [-pull.toarray(), -drag.toarray()]])
     values, vectors = eig(form, overwrite_a=True)
-    chosen = np.flatnonzero(_growing(values))
+    chosen = np.flatnonzero(_is_growing(values))
     decaying = values[(np.abs(values) ** 2 > ZERO_BELOW) & (values.real <= PAIR_ABOVE)]
     slowest = complex(decaying[np.argmax(decaying.real)]) if len(decaying) else None
-    return values[chosen], _unit(vectors[:n, chosen]), slowest
+    return values[chosen], _normalise_columns(vectors[:n, chosen]), slowest
 
 
-def _unit(vectors: np.ndarray) -> np.ndarray:
+def _normalise_columns(vectors: np.ndarray) -> np.ndarray:
     return vectors / np.linalg.norm(vectors, axis=0, keepdims=True)
 
 
-def _near(pull, drag, starts: np.ndarray, report) -> tuple[np.ndarray, np.ndarray]:
-    """Growing exponents near those of the undamped motion and near zero, by shift and invert, each once."""
+def _search_near_shifts(pull, drag, starts: np.ndarray, report) -> tuple[np.ndarray, np.ndarray]:
+    """Growing exponents near those of the undamped motion and near zero, by shift and invert, without duplicates."""
     n = pull.shape[0]
     chosen = starts[np.argsort(-starts.real)][:STARTS]
     shifts = [1e-3, *(complex(s.real, abs(s.imag)) for s in chosen)]
@@ -203,18 +218,18 @@ def _near(pull, drag, starts: np.ndarray, report) -> tuple[np.ndarray, np.ndarra
     for k, shift in enumerate(shifts):
         if report:
             report("exponents with dashpots", k / len(shifts), f"{len(values)} growing so far")
-        found, modes = _around(pull, drag, complex(shift), NEAR if k else NEAR_ZERO)
-        found, modes = found[_growing(found)], modes[:, _growing(found)]
+        found, modes = _exponents_near(pull, drag, complex(shift), NEAR if k else NEAR_ZERO)
+        found, modes = found[_is_growing(found)], modes[:, _is_growing(found)]
         new = [not np.any(np.abs(values - s) < 1e-8) for s in found]
         values, vectors = np.append(values, found[new]), np.hstack([vectors, modes[:, new]])
-    return values, _unit(vectors)
+    return values, _normalise_columns(vectors)
 
 
-def _around(pull, drag, shift: complex, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Exponents nearest to a shift, and their modes: (A − σ)⁻¹ by one factorisation of σ² + σ C + K."""
+def _exponents_near(pull, drag, shift: complex, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Exponents nearest to a shift σ, and their modes; (A − σ)⁻¹ takes one factorisation of σ² + σ C + K."""
     n = pull.shape[0]
     quadratic = sparse.csc_array(shift**2 * sparse.eye_array(n) + shift * drag + pull)
-    # the pattern is symmetric: an ordering that knows it fills a tenth of what the default does
+    # the pattern is symmetric: an ordering that uses this has a tenth of the fill of the default
     solve = splu(quadratic, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=1e-2, options={"SymmetricMode": True})
 
     def inverse(x):

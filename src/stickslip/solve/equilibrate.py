@@ -1,4 +1,4 @@
-"""Equilibrium, come what may: Newton's method, and strongly damped dynamics where it fails."""
+"""Robust search for equilibrium: Newton's method, with strongly damped dynamics as a fallback."""
 
 import warnings
 from contextlib import nullcontext
@@ -17,16 +17,17 @@ from .freedom import dynamical_matrix, freedom
 from .linear import DENSE_BELOW, one_thread
 from .newton import Factorisation, newton
 from .relax import relax, residual
-from .spectrum import softest
-from .stability import at_limit
+from .spectrum import soft_modes
+from .stability import contacts_at_limit
 
-STAGES = (3e-3, 3e-5, 3e-7, 3e-9)  # of the mean normal force, to which damped dynamics goes before Newton tries again
-CHECKED = 12  # softest eigenvalues that are looked at where dense algebra is too slow
+# residuals over the mean normal force at which damped dynamics hands over to Newton again
+STAGES = (3e-3, 3e-5, 3e-7, 3e-9)
+CHECKED = 12  # softest eigenvalues computed where dense algebra is too slow
 DRAG, STEP = 0.3, 0.2  # of damped dynamics, in units of the highest frequency
 
 
 class UnstableEquilibriumWarning(UserWarning):
-    """The forces balance, but the smallest push leads away."""
+    """The forces balance, but the equilibrium is unstable."""
 
 
 def equilibrate(
@@ -40,40 +41,41 @@ def equilibrate(
 ):
     """Bring a packing back to equilibrium after a step of load or strain.
 
-    Newton's method with the exact Jacobian first. Where that fails: strongly damped dynamics to 3e-3 of the mean
-    contact force and Newton again, then to 3e-5, 3e-7, 3e-9, each from where the last one ended.
+    Newton's method with the exact Jacobian is tried first. If it fails, strongly damped dynamics runs until the
+    residual is 3e-3 of the mean contact force and Newton is tried again, then 3e-5, 3e-7 and 3e-9, each stage starting
+    where the last one ended.
 
     Parameters
     ----------
     tolerance : float, largest unbalanced force or torque/R [force]
-    keep : Kept, a factorisation that is passed from step to step of a path
-    check : what the equilibrium is checked for. "buckling": directions of negative stiffness, below 700 coordinates all
-        of them, beyond those among the 12 softest; whenever a new factorisation was needed (as long as one factor leads
-        from equilibrium to equilibrium, the Jacobian is nearly the one that was checked); "spectrum": also complex
-        pairs, by dense eigenvalues, always; "nothing"
-    steps : int, the most steps of damped dynamics for each stage
+    keep : Factorisation, reused from step to step of a path
+    check : stability check of the equilibrium. "buckling" looks for directions of negative stiffness, among all below
+        700 coordinates and among the 12 softest beyond, whenever a new factorisation was needed (as long as one factor
+        leads from equilibrium to equilibrium, the Jacobian is nearly the one already checked). "spectrum" also looks
+        for complex pairs, by dense eigenvalues, every time. "nothing" skips the check
+    steps : int, largest number of steps of damped dynamics in each stage
 
     Returns
     -------
     State, Outcome
-        `outcome.how` says what was done, `outcome.fallback` if dynamics had to help, `outcome.warning` if the
-        equilibrium is unstable (then an UnstableEquilibriumWarning is issued too), or if the tolerance is too wide for
-        this to be judged. Unless CONVERGED, the state is the given one.
+        `outcome.how` describes the method used. `outcome.fallback` is True if damped dynamics was needed.
+        `outcome.warning` is set if the equilibrium is unstable (an UnstableEquilibriumWarning is then issued, too) or
+        if the tolerance is too large to judge stability. Unless the outcome is CONVERGED, the given state is returned.
     """
     if check not in ("buckling", "spectrum", "nothing"):
         raise ValueError(f"check={check!r} was given: 'buckling', 'spectrum' and 'nothing' are allowed")
     keep = keep or Factorisation()
     end, outcome = newton(state, law, tolerance=tolerance, keep=keep)
     if not outcome.ok:
-        end, outcome = _by_dynamics(state, law, tolerance, steps, outcome)
+        end, outcome = _damped_dynamics(state, law, tolerance, steps, outcome)
         keep.solve, keep.found_stable = None, -1
     if not outcome.ok or (check == "buckling" and keep.found_stable == keep.factorisations):
         return end, outcome
     if check != "nothing" and (rest := imbalance(end, law)) > BALANCED_BELOW:
         return end, outcome._replace(warning=unjudged(rest))
-    words = _instability(end, law, check)
-    if words and len(at_limit(end, law)):
-        words += ", if contacts at Coulomb's limit go on sliding"
+    words = _describe_instability(end, law, check)
+    if words and len(contacts_at_limit(end, law)):
+        words += ", if contacts at Coulomb's limit keep sliding"
     keep.found_stable = -1 if words else keep.factorisations
     if words:
         outcome = outcome._replace(warning=words)
@@ -81,8 +83,8 @@ def equilibrate(
     return end, outcome
 
 
-def _by_dynamics(state: State, law: Law, tolerance: float, steps: int, first: Outcome):
-    """Damped dynamics from the start of the step, with Newton's method after each stage."""
+def _damped_dynamics(state: State, law: Law, tolerance: float, steps: int, first: Outcome):
+    """Run damped dynamics from the start of the step, with Newton's method after each stage."""
     here, spent, outcome = updated(state, law), 0, first
     _, trial = forces(here, law)
     held = accept(here, trial)
@@ -102,23 +104,24 @@ def _by_dynamics(state: State, law: Law, tolerance: float, steps: int, first: Ou
     return (here if moved.ok else state), moved._replace(how=f"damped dynamics, {spent} steps", fallback=True)
 
 
-def _instability(state: State, law: Law, check: str) -> str:
-    """Why an equilibrium is unstable, in words, or nothing."""
+def _describe_instability(state: State, law: Law, check: str) -> str:
+    """Describe the instability of an equilibrium; empty if none was found."""
     if check == "nothing":
         return ""
     matrix = dynamical_matrix(state, law, freedom(state))
     if matrix.shape[0] >= DENSE_BELOW and check == "buckling":
-        held = np.flatnonzero(np.abs(matrix).sum(axis=1) > 0)  # without rattlers, whose zeros would crowd the rest out
-        return _words(len(softest(matrix[held][:, held], CHECKED, 1e-4)[0]), 0, 0.0)
+        # without rattlers, whose zeros would crowd out the other eigenvalues
+        held = np.flatnonzero(np.abs(matrix).sum(axis=1) > 0)
+        return _instability_message(len(soft_modes(matrix[held][:, held], CHECKED, 1e-4)[0]), 0, 0.0)
     with one_thread() if matrix.shape[0] < DENSE_BELOW else nullcontext():
-        return _dense_verdict(matrix.toarray(), check)
+        return _check_dense(matrix.toarray(), check)
 
 
-def _dense_verdict(full: np.ndarray, check: str) -> str:
+def _check_dense(full: np.ndarray, check: str) -> str:
     scale = np.abs(full).max(initial=0.0)
     if check == "buckling":
         try:
-            # if the symmetric part is positive, so is the real part of every eigenvalue
+            # if the symmetric part is positive definite, every eigenvalue has a positive real part
             cholesky(0.5 * (full + full.T) + 1e-8 * scale * np.eye(len(full)), overwrite_a=True, check_finite=False)
             return ""
         except LinAlgError:
@@ -126,10 +129,10 @@ def _dense_verdict(full: np.ndarray, check: str) -> str:
     values = eigvals(full, check_finite=False)
     buckling = int((values.real < -1e-8 * scale).sum())
     pairs = int((values.imag > 1e-9 * scale).sum()) if check == "spectrum" else 0
-    return _words(buckling, pairs, float(np.abs(np.sqrt(values).imag).max()) if pairs else 0.0)
+    return _instability_message(buckling, pairs, float(np.abs(np.sqrt(values).imag).max()) if pairs else 0.0)
 
 
-def _words(buckling: int, pairs: int, rate: float) -> str:
+def _instability_message(buckling: int, pairs: int, rate: float) -> str:
     found = [f"{buckling} direction(s) of negative stiffness"] if buckling else []
     found += [f"{pairs} complex pair(s), growing as exp({rate:.2e} t)"] if pairs else []
     return f"the equilibrium is unstable: {' and '.join(found)}" if found else ""

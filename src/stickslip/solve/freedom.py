@@ -1,4 +1,4 @@
-"""Generalised coordinates: which components of which bodies move, built from `Control`."""
+"""Generalised coordinates: the free components of all bodies and of the cell, built from `Control`."""
 
 from typing import NamedTuple
 
@@ -19,27 +19,28 @@ ZERO_BELOW = 1e-10  # share of the largest |λ| below which an eigenvalue is zer
 
 @readable
 class Freedom(NamedTuple):
-    """x = P q + x₀: P picks the free components of (x, y, z, R·angle) of every body; the rest is prescribed.
+    """Free coordinates q of x = P q + x₀, where x holds (x, y, z, R·angle) of every body.
 
-    Components are ordered body by body; in two dimensions a grain has x, y and R·angle_z. A rigid group has one
-    coordinate a direction, which stands where its first member does. Free components of the cell's strain ε come last:
-    their coordinates are ℓ ε_ab, ℓ = V^(1/dim), and grains are carried along, x → x + ε x.
+    P selects the free components; all others are prescribed. Components are ordered body by body. In two dimensions a
+    grain has x, y and R·angle_z. A rigid group has one coordinate per direction, at the position of its first member.
+    Free components of the cell strain ε come last: their coordinates are ℓ ε_ab with ℓ = V^(1/dim), and grains move
+    affinely with the cell, x → x + ε x.
     """
 
-    component: np.ndarray  # (n,) position of each coordinate in the flattened (B, 6) array, then in that of ε (3, 3)
+    component: np.ndarray  # (n,) index of each coordinate in the flattened (B, 6) array, followed by ε (3, 3)
     mass: np.ndarray  # (n,) mass, or I/R² for rotations [mass]
     dim: int
-    place: np.ndarray  # (6B + 9,) coordinate of each component, −1 for what is prescribed: the ones of P
+    place: np.ndarray  # (6B + 9,) coordinate of each component, −1 if it is prescribed: the nonzero entries of P
     length: float  # ℓ, 0 if the cell is not free [length]
 
     @property
     def axis(self) -> np.ndarray:
-        """(n,) 0, 1, 2 for x, y, z; 3, 4, 5 for rotations about them; 6 for the cell."""
+        """(n,) axis of each coordinate: 0, 1, 2 for x, y, z; 3, 4, 5 for rotations about them; 6 for the cell."""
         return np.where(self.body < self.bodies, self.component % 6, 6)
 
     @property
     def body(self) -> np.ndarray:
-        """(n,) body to which each coordinate belongs; `bodies` for the cell."""
+        """(n,) body of each coordinate; `bodies` for the cell."""
         return np.minimum(self.component // 6, self.bodies)
 
     @property
@@ -51,25 +52,25 @@ class Freedom(NamedTuple):
         return len(self.component)
 
     def spread(self, q: np.ndarray) -> np.ndarray:
-        """(B, 6) P q of coordinates (n,)."""
-        return self._all(q)[: 6 * self.bodies].reshape(-1, 6)
+        """(B, 6) P q for coordinates q (n,)."""
+        return self._expand(q)[: 6 * self.bodies].reshape(-1, 6)
 
     def strain(self, q: np.ndarray) -> np.ndarray:
-        """(3, 3) displacement gradient of the cell in coordinates (n,)."""
-        return self._all(q)[6 * self.bodies :].reshape(3, 3) / (self.length or 1.0)
+        """(3, 3) displacement gradient of the cell for coordinates (n,)."""
+        return self._expand(q)[6 * self.bodies :].reshape(3, 3) / (self.length or 1.0)
 
-    def _all(self, q):
+    def _expand(self, q):
         return np.where(self.place >= 0, np.append(q, 0)[self.place], 0)
 
     def without(self, bodies: np.ndarray) -> "Freedom":
-        """Freedom in which the given bodies, (B,) bool, are held."""
+        """Freedom with the given bodies, (B,) bool, held fixed."""
         kept = ~np.append(bodies, False)[self.body]
         number = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)
         return Freedom(self.component[kept], self.mass[kept], self.dim, number[self.place], self.length)
 
 
 def freedom(state: State) -> Freedom:
-    """Free coordinates of a state. Walls translate only."""
+    """Free coordinates of a state; walls only translate."""
     grains, free = state.grains, state.control.free.copy()
     n = len(grains.radius)
     free[n:, 3:] = False
@@ -94,19 +95,19 @@ def freedom(state: State) -> Freedom:
     return Freedom(component, mass[component], state.cell.dim, place, length)
 
 
-def loose_grains(state: State, law: Law) -> np.ndarray:
-    """(N,) bool: rattlers, as many contacts as the law needs to hold a grain taken into account."""
+def unsupported_grains(state: State, law: Law) -> np.ndarray:
+    """(N,) mask of rattlers, given the number of contacts that a grain needs under this law."""
     return rattlers(state, 2 if law.table[..., MU].any() else state.cell.dim + 1)
 
 
 def backbone(state: State, law: Law) -> Freedom:
     """Free coordinates of a state without its rattlers."""
-    loose = loose_grains(state, law)
+    loose = unsupported_grains(state, law)
     return freedom(state).without(np.append(loose, np.zeros(state.n_bodies - len(loose), bool)))
 
 
 def translations(matrix, free: Freedom) -> np.ndarray:
-    """(n, k) common translations that A of `dynamical_matrix` does not resist, in its coordinates, of unit norm."""
+    """(n, k) unit vectors of common translations that A of `dynamical_matrix` does not resist."""
     weight, scale = np.sqrt(free.mass), np.abs(matrix.data).max(initial=0.0)
     moves = np.stack([np.where(free.axis == axis, weight, 0.0) for axis in range(free.dim)], axis=1)
     moves = moves[:, moves.any(axis=0)]
@@ -124,32 +125,32 @@ def residual_vector(state: State, loads: ContactLoads, free: Freedom) -> np.ndar
 
 
 def jacobian(state: State, law: Law, free: Freedom, *, memory: int = HELD):
-    """(n, n) sparse J = ∂(Pᵀf)/∂q, with each contact held in its mode, or (FREE) in that of its trial memory.
+    """(n, n) sparse J = ∂(Pᵀf)/∂q, with each contact held in its mode or, with FREE, in that of its trial memory.
 
-    With Σ f_a r_b − V σ_ab the force on a free component of the cell, its row has, besides what a change of f does,
-    f_a δ_b from the change of r and −V σ_ab δ_cd from that of the volume. Without `free`, coordinates are those of
-    `freedom(state)`.
+    The force on a free component of the cell is Σ f_a r_b − V σ_ab. In addition to the change of f, its row contains
+    f_a δ_b from the change of r and −V σ_ab δ_cd from the change of volume. If `free` is None, the coordinates are
+    those of `freedom(state)`.
     """
     free = freedom(state) if free is None else free
     blocks, _ = contact_blocks(state, law, memory=memory)
     matrix = assembled(state, blocks, free)
     if state.control.spring.any():
-        matrix = sparse.csr_array(matrix - of_springs(state, free))
+        matrix = sparse.csr_array(matrix - spring_stiffness(state, free))
     if not free.length:
         return matrix
-    return sparse.csr_array(matrix + of_branches(state, contact_forces(state, law, memory=memory), free))
+    return sparse.csr_array(matrix + cell_geometric_terms(state, contact_forces(state, law, memory=memory), free))
 
 
-def of_springs(state: State, free: Freedom):
-    """(n, n) sparse diagonal: stiffness of the springs that pull each free coordinate."""
+def spring_stiffness(state: State, free: Freedom):
+    """(n, n) sparse diagonal stiffness of the springs attached to free coordinates."""
     body, axis = np.nonzero(state.control.spring)
     place = free.place[6 * body + axis]
     kept = place >= 0
     return sparse.diags_array(np.bincount(place[kept], state.control.spring[body, axis][kept], len(free)))
 
 
-def of_branches(state: State, force: np.ndarray, free: Freedom):
-    """(n, n) sparse: what a change of r and of the volume do to the cell's force, at constant contact forces (C, 3)."""
+def cell_geometric_terms(state: State, force: np.ndarray, free: Freedom):
+    """(n, n) sparse change of the force on the cell with r and volume, at constant contact forces (C, 3)."""
     count = len(force)
     turn = np.zeros((9, count, 6))  # ∂(f_a r_b)/∂(r, ρ) at constant f
     for k in range(9):
@@ -166,7 +167,7 @@ def of_branches(state: State, force: np.ndarray, free: Freedom):
 
 
 def assembled(state: State, blocks: np.ndarray, free: Freedom):
-    """(n, n) sparse PᵀKP of the matrix K that contact blocks add up to."""
+    """(n, n) sparse PᵀKP of the matrix K assembled from contact blocks."""
     if free.length:
         q = incidence(state, len(blocks), free, blocks.shape[1])
         flat = sparse.bsr_array((blocks, np.arange(len(blocks)), np.arange(len(blocks) + 1)))
@@ -180,8 +181,8 @@ def assembled(state: State, blocks: np.ndarray, free: Freedom):
 def dynamical_matrix(state: State, law: Law, free: Freedom | None = None):
     """(n, n) sparse A = −M^(−1/2) J M^(−1/2) of an accepted state, each contact held in its mode [1/time²].
 
-    Similar to −M⁻¹J, and symmetric where the forces have a potential: its eigenvalues are λ, and its eigenvectors over
-    √mass are modes.
+    It is similar to −M⁻¹J, and symmetric if the forces have a potential. Its eigenvalues are λ, and its eigenvectors
+    divided by √mass are the modes.
     """
     free = freedom(state) if free is None else free
     matrix = jacobian(state, law, free)
@@ -191,9 +192,9 @@ def dynamical_matrix(state: State, law: Law, free: Freedom | None = None):
 
 
 def incidence(state: State, count: int, free: Freedom, width: int = 6):
-    """(n, width count) sparse Q such that blocks B of the first `count` contacts add up to Q B Qᵀ: see `triplets`.
+    """(n, width count) sparse Q such that blocks B of the first `count` contacts assemble to Q B Qᵀ; see `triplets`.
 
-    With a width of 9 blocks hold moments of rolling, too.
+    With a width of 9, blocks include rolling moments.
     """
     k = np.arange(6)
     column = (width * np.arange(count)[:, None] + k).ravel()
@@ -220,7 +221,7 @@ def incidence(state: State, count: int, free: Freedom, width: int = 6):
 
 
 def displaced(state: State, free: Freedom, step: np.ndarray) -> State:
-    """The state with its free coordinates moved by `step` (n,) [length]; memory is not touched."""
+    """State with its free coordinates moved by `step` (n,) [length]; contact memory is left unchanged."""
     full = free.spread(step)
     if free.length:
         state = strained(state, free.strain(step))

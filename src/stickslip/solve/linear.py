@@ -1,4 +1,4 @@
-"""Solving with −J: dense LAPACK when small, PARDISO where it is installed, SuperLU elsewhere."""
+"""Linear solvers for −J: dense LAPACK if small, PARDISO where installed, otherwise SuperLU."""
 
 import os
 import weakref
@@ -13,40 +13,40 @@ from threadpoolctl import ThreadpoolController
 
 from ..extras import MissingExtraError, broken, needed, present
 
-DENSE_BELOW = 700  # coordinates; below it LAPACK is faster than a sparse factorisation
+DENSE_BELOW = 700  # coordinates below which LAPACK is faster than a sparse factorisation
 Solve = Callable[[np.ndarray], np.ndarray]
 
 
 @cache
-def _controller() -> ThreadpoolController:
+def _thread_controller() -> ThreadpoolController:
     return ThreadpoolController()
 
 
 def one_thread():
-    """Within it BLAS uses one thread.
+    """Context manager that limits BLAS to one thread.
 
-    A few hundred coordinates are solved sooner that way, and on a machine that others use, too, ten times sooner.
+    Systems of a few hundred coordinates are solved faster this way, on a shared machine up to ten times faster.
     """
-    return _controller().limit(limits=1, user_api="blas")
+    return _thread_controller().limit(limits=1, user_api="blas")
 
 
 @cache
 def has_pardiso() -> bool:
-    """True if the extra `fast` is installed and its library can be loaded; SuperLU serves where it is broken."""
+    """Return True if the extra `fast` is installed and its library can be loaded; otherwise SuperLU is used."""
     try:
-        return present("pypardiso") and _solver() is not None
+        return present("pypardiso") and _pardiso_solver() is not None
     except MissingExtraError:
         return False
 
 
 def factorised(matrix, *, method: str | None = None, ordered: bool = False) -> Solve:
-    """A function that solves with a square sparse matrix, factorised once.
+    """Return a function that solves linear systems with a square sparse matrix, which is factorised once.
 
     Parameters
     ----------
     matrix : (n, n) sparse, all diagonal entries stored
-    method : "dense", "pardiso" or "superlu"; default: by size and by what is installed
-    ordered : whether the coordinates stand in an order of little fill, so that SuperLU need not look for one
+    method : "dense", "pardiso" or "superlu"; default: chosen by size and by what is installed
+    ordered : whether the coordinates are already in a fill-reducing order, so that SuperLU need not compute one
 
     Raises
     ------
@@ -55,12 +55,16 @@ def factorised(matrix, *, method: str | None = None, ordered: bool = False) -> S
     """
     method = method or ("dense" if matrix.shape[0] < DENSE_BELOW else "pardiso" if has_pardiso() else "superlu")
     if method == "superlu":
-        # a matrix with so little fill that its order is known has no wide supernodes to gain from panels
-        return _superlu(matrix, "NATURAL", relax=1, panel_size=1) if ordered else _superlu(matrix, "MMD_AT_PLUS_A")
-    return {"dense": _dense, "pardiso": _pardiso}[method](matrix)
+        # with so little fill there are no wide supernodes that would benefit from panels
+        return (
+            _factorise_superlu(matrix, "NATURAL", relax=1, panel_size=1)
+            if ordered
+            else _factorise_superlu(matrix, "MMD_AT_PLUS_A")
+        )
+    return {"dense": _factorise_dense, "pardiso": _factorise_pardiso}[method](matrix)
 
 
-def _dense(matrix) -> Solve:
+def _factorise_dense(matrix) -> Solve:
     full = matrix.toarray(order="F")
     getrf, getrs = get_lapack_funcs(("getrf", "getrs"), (full,))
     with one_thread():
@@ -76,7 +80,7 @@ def _dense(matrix) -> Solve:
     return solve
 
 
-def _superlu(matrix, order: str, **sizes) -> Solve:
+def _factorise_superlu(matrix, order: str, **sizes) -> Solve:
     try:
         factor = splu(sparse.csc_array(matrix), order, diag_pivot_thresh=1e-3, options={"SymmetricMode": True}, **sizes)
     except RuntimeError as problem:
@@ -84,24 +88,24 @@ def _superlu(matrix, order: str, **sizes) -> Solve:
     return factor.solve
 
 
-def _solver():
-    """PARDISO for matrices without symmetry."""
+def _pardiso_solver():
+    """PARDISO solver for unsymmetric matrices."""
     room = needed("pypardiso", "fast")
     try:
         return room.PyPardisoSolver(mtype=11)
-    except (ImportError, OSError) as problem:  # it looks for MKL here, not when it is imported
+    except (ImportError, OSError) as problem:  # MKL is loaded here, not on import
         raise broken("pypardiso", "fast", problem) from problem
 
 
-def _pardiso(matrix) -> Solve:
+def _factorise_pardiso(matrix) -> Solve:
     matrix = sparse.csr_matrix(matrix)
     matrix.sort_indices()
-    solver = _solver()
-    os.environ.setdefault("PYPARDISO_MKL_RT", solver.libmkl._name)  # or the next one searches the disk again
+    solver = _pardiso_solver()
+    os.environ.setdefault("PYPARDISO_MKL_RT", solver.libmkl._name)  # otherwise the next solver searches the disk again
     solver.factorize(matrix)
 
     def solve(b: np.ndarray) -> np.ndarray:
         return solver.solve(matrix, b)
 
-    weakref.finalize(solve, solver.free_memory, everything=True)  # it lies outside of Python's memory
+    weakref.finalize(solve, solver.free_memory, everything=True)  # allocated outside Python
     return solve

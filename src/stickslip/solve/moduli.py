@@ -1,4 +1,4 @@
-"""Elastic moduli of a packing with friction: what the stress does when the cell is strained a little."""
+"""Elastic moduli of a packing with friction: response of the stress to a small strain of the cell."""
 
 from typing import NamedTuple
 
@@ -13,24 +13,23 @@ from ..core.state import State
 from .freedom import Freedom, backbone, jacobian
 from .linear import factorised
 
-HELD_ABOVE = (
-    1e-13  # row of J, over the largest, from which on a coordinate is resisted: rotations without friction are not
-)
-SOLVED = 1e-9  # residual of the non-affine motion, over the largest row of J, beyond which it was not found
-DENSE_UP_TO = 3_000  # coordinates, up to which floppy modes are told from a load that nothing bears
+# row sum of J over the largest, above which a coordinate is resisted; rotations without friction are not
+HELD_ABOVE = 1e-13
+SOLVED = 1e-9  # largest residual of the non-affine motion, over the largest row of J, for a valid solution
+DENSE_UP_TO = 3_000  # coordinates up to which floppy modes are distinguished from a load that nothing bears
 VOIGT = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))}
 
 
 @readable
 class ElasticModuli(NamedTuple):
-    """C_abcd = −∂σ_ab/∂G_cd of a displacement gradient G, with its affine part; all in [force/length^(dim−1)].
+    """C_abcd = −∂σ_ab/∂G_cd for a displacement gradient G, and its affine part [force/length^(dim−1)].
 
-    `shear`, `bulk` … are those of the isotropic tensor next to C. In two dimensions they are plane moduli.
+    `shear`, `bulk` and so on are those of the isotropic tensor nearest to C. In two dimensions they are plane moduli.
     """
 
     tensor: np.ndarray  # (dim,) * 4, C_abcd
-    affine: np.ndarray  # (dim,) * 4, if grains were carried along and did not turn
-    motion: np.ndarray  # (n, dim, dim) non-affine motion by unit of G_cd, in the coordinates `free` [length]
+    affine: np.ndarray  # (dim,) * 4, if grains moved affinely with the cell and did not rotate
+    motion: np.ndarray  # (n, dim, dim) non-affine motion per unit of G_cd, in the coordinates `free` [length]
     free: Freedom
 
     @property
@@ -40,7 +39,7 @@ class ElasticModuli(NamedTuple):
 
     @property
     def non_affine(self) -> np.ndarray:
-        """(dim,) * 4 what the grains' own motion adds to C: it is usually negative."""
+        """(dim,) * 4 contribution of the non-affine motion to C, usually negative."""
         return self.tensor - self.affine
 
     @property
@@ -81,40 +80,40 @@ class ElasticModuli(NamedTuple):
 
     @property
     def anisotropy(self) -> float:
-        """Distance of C from its isotropic part, over C (Frobenius norms of symmetrised tensors)."""
+        """Distance of C from its isotropic part, relative to C, in Frobenius norms of symmetrised tensors."""
         c = symmetrised(self.tensor)
         return float(np.linalg.norm(c - isotropic_tensor(self.dim, *isotropic(c))) / np.linalg.norm(c))
 
     @property
     def asymmetry(self) -> float:
-        """Share of C that has no major symmetry C_abcd = C_cdab: zero with a potential and without stress."""
+        """Share of C without major symmetry C_abcd = C_cdab: zero if forces have a potential and stress vanishes."""
         c = symmetrised(self.tensor)
         return float(np.linalg.norm(c - c.transpose(2, 3, 0, 1)) / 2 / np.linalg.norm(c))
 
 
 def elastic_moduli(state: State, law: Law) -> ElasticModuli:
-    """C = −∂σ/∂G = −(ℓ²/V) (J_cc − J_cg J_gg⁻¹ J_gc), c the cell's coordinates ℓG, g those of the grains.
+    """Elastic moduli C = −∂σ/∂G = −(ℓ²/V) (J_cc − J_cg J_gg⁻¹ J_gc) of a packing.
 
-    The first term is affine: grains are carried along, x → x + Gx, and do not turn. The second is what their own
-    motion adds until forces and torques balance again. Each contact is held in its mode, so that C is a tangent: it
-    holds for strains so small that no contact opens, closes, or changes between stick and slide. σ is Cauchy's stress,
-    compression positive, so that C is positive where a packing resists; under a pressure p it differs from the second
-    derivative of an energy by terms of order p. Rattlers are left out.
+    c denotes the coordinates ℓG of the cell and g those of the grains. The first term is affine: grains move with the
+    cell, x → x + Gx, and do not rotate. The second term is the contribution of the non-affine motion that restores the
+    balance of forces and torques. Each contact is held in its mode, so C is a tangent modulus: it holds for strains so
+    small that no contact opens, closes, or changes between stick and slide. σ is the Cauchy stress, compression
+    positive, so that C is positive where a packing resists. Under a pressure p it differs from the second derivative of
+    an energy by terms of order p. Rattlers are excluded.
 
     Parameters
     ----------
-    state : State, accepted and in equilibrium, in a cell that is periodic in all its dimensions, without walls and
-        rigid groups
+    state : State, accepted and in equilibrium, in a fully periodic cell, without walls and rigid groups
 
     Raises
     ------
     ValueError
-        if the cell has walls, rigid groups, springs or open sides, or if a strain drives motions that nothing resists.
+        if the state has walls, rigid groups, springs or open sides, or if a strain drives motions that nothing resists.
 
     Source
     ------
     Maloney & Lemaître, doi:10.1103/PhysRevE.74.016118, with −J for the Hessian; Barron & Klein,
-    doi:10.1088/0370-1328/85/3/313, for stress–strain coefficients under an initial stress.
+    doi:10.1088/0370-1328/85/3/313, for stress-strain coefficients under an initial stress.
 
     Examples
     --------
@@ -130,71 +129,73 @@ def elastic_moduli(state: State, law: Law) -> ElasticModuli:
     >>> round(found.bulk, 6), round(found.shear, 6), round(found.poisson, 6)
     (0.866025, 0.649519, 0.142857)
     """
-    _check(state)
+    _check_cell(state)
     dim = state.cell.dim
     free_cell = np.zeros((3, 3), bool)
     free_cell[:dim, :dim] = True
-    # with σ itself as the wanted stress, rows of J for the cell are derivatives of σ
+    # with σ itself as the imposed stress, rows of J for the cell are derivatives of σ
     control = state.control._replace(cell_free=free_cell, stress=stress(state, law), cell_rate=np.zeros((3, 3)))
     state = state._replace(control=control)
     free = backbone(state, law)
     if (free.axis == 6).all():
-        raise ValueError("nothing but rattlers was given: elastic moduli need grains that hold each other")
+        raise ValueError("the packing has only rattlers: elastic moduli need grains that support each other")
     matrix = jacobian(state, law, free)
     grain, cell = np.flatnonzero(free.axis < 6), np.flatnonzero(free.axis == 6)
     unit = -(free.length**2) / volume(state)
     affine = unit * matrix[cell][:, cell].toarray()
     pull = matrix[grain][:, cell].toarray()
-    motion = _relaxed(matrix[grain][:, grain], pull, free)
+    motion = _solve_non_affine(matrix[grain][:, grain], pull, free)
     tensor = affine + unit * (matrix[cell][:, grain] @ motion)
     shape = (dim,) * 4
     moved = free.length * motion.reshape(len(grain), dim, dim)
-    return ElasticModuli(tensor.reshape(shape), affine.reshape(shape), moved, _grains_of(free))
+    return ElasticModuli(tensor.reshape(shape), affine.reshape(shape), moved, _grain_freedom(free))
 
 
-def _check(state: State) -> None:
+def _check_cell(state: State) -> None:
     control, periodic = state.control, state.cell.periodic[: state.cell.dim]
     if len(state.walls.mass) or (control.group >= 0).any() or control.spring.any() or not periodic.all():
         raise ValueError(
-            "a packing with walls, rigid groups, springs or open sides was given: elastic moduli are those of a cell "
-            "that is periodic in all its dimensions and can be strained as a whole"
+            "a packing with walls, rigid groups, springs or open sides was given: elastic moduli need a cell that is "
+            "periodic in all its dimensions and can be strained as a whole"
         )
 
 
-def _grains_of(free: Freedom) -> Freedom:
-    """Freedom of the grains alone."""
+def _grain_freedom(free: Freedom) -> Freedom:
+    """Freedom of the grains without the cell."""
     kept = free.axis < 6
     place = np.where(free.place < kept.sum(), free.place, -1)
     return Freedom(free.component[kept], free.mass[kept], free.dim, place, 0.0)
 
 
-def _relaxed(matrix, pull: np.ndarray, free: Freedom) -> np.ndarray:
-    """x of J x = −pull; translations and what nothing resists stay where they are."""
+def _solve_non_affine(matrix, pull: np.ndarray, free: Freedom) -> np.ndarray:
+    """Solve J x = −pull; translations and coordinates that nothing resists do not move."""
     size = np.abs(matrix).sum(axis=1)
     held = size > HELD_ABOVE * size.max(initial=0.0)
     scale = size.max(initial=0.0)
     solved = held.copy()
-    solved[_pinned(matrix, held, free)] = False
+    solved[_pinned_coordinates(matrix, held, free)] = False
     rows = np.flatnonzero(solved)
     inner, out = matrix[rows][:, rows], np.zeros_like(pull)
     try:
         out[rows] = factorised(sparse.csr_array(-inner))(np.ascontiguousarray(pull[rows]))
     except LinAlgError:
         out[:] = np.inf
-    if not _balanced(matrix, out, pull, scale) and len(rows) <= DENSE_UP_TO:  # floppy modes that no strain drives
+    if (
+        not _is_balanced(matrix, out, pull, scale) and len(rows) <= DENSE_UP_TO
+    ):  # there may be floppy modes that no strain drives
         out = np.zeros_like(pull)
         out[rows] = np.linalg.lstsq(-inner.toarray(), pull[rows], rcond=1e-11)[0]
-    if not _balanced(matrix, out, pull, scale):
-        raise ValueError("a strain drives motions that nothing resists: such a packing has no elastic moduli")
+    if not _is_balanced(matrix, out, pull, scale):
+        raise ValueError("a strain drives motions that nothing resists: this packing has no elastic moduli")
     return out
 
 
-def _balanced(matrix, out, pull, scale) -> bool:
+def _is_balanced(matrix, out, pull, scale) -> bool:
     return bool(np.isfinite(out).all()) and np.abs(matrix @ out + pull).max(initial=0.0) <= SOLVED * scale
 
 
-def _pinned(matrix, held: np.ndarray, free: Freedom) -> np.ndarray:
-    """One coordinate along each axis along which nothing resists a common translation."""
+def _pinned_coordinates(matrix, held: np.ndarray, free: Freedom) -> np.ndarray:
+    """One coordinate for each axis along which nothing resists a common translation."""
     axis, scale = free.axis[: len(held)], np.abs(matrix.data).max(initial=0.0)
     pins = []
     for k in range(free.dim):
@@ -205,13 +206,13 @@ def _pinned(matrix, held: np.ndarray, free: Freedom) -> np.ndarray:
 
 
 def symmetrised(tensor: np.ndarray) -> np.ndarray:
-    """C_abcd symmetrised in a, b and in c, d: its answer to strains without rotation."""
+    """C_abcd symmetrised in a, b and in c, d: the response to strains without rotation."""
     first = (tensor + tensor.transpose(1, 0, 2, 3)) / 2
     return (first + first.transpose(0, 1, 3, 2)) / 2
 
 
 def voigt(tensor: np.ndarray) -> np.ndarray:
-    """(3, 3) or (6, 6) matrix of a tensor (dim,) * 4 in Voigt's order; see `Moduli.voigt`."""
+    """(3, 3) or (6, 6) matrix of a tensor (dim,) * 4 in Voigt order; see `ElasticModuli.voigt`."""
     pairs = VOIGT[len(tensor)]
     c = symmetrised(tensor)
     return np.array([[c[*row, *column] for column in pairs] for row in pairs])
@@ -225,7 +226,7 @@ def isotropic(tensor: np.ndarray) -> tuple[float, float]:
 
 
 def isotropic_tensor(dim: int, bulk: float, shear: float) -> np.ndarray:
-    """(dim,) * 4 (K − 2G/dim) δ_ab δ_cd + G (δ_ac δ_bd + δ_ad δ_bc)."""
+    """(dim,) * 4 isotropic tensor (K − 2G/dim) δ_ab δ_cd + G (δ_ac δ_bd + δ_ad δ_bc)."""
     one = np.eye(dim)
     swapped = np.einsum("ac,bd->abcd", one, one) + np.einsum("ad,bc->abcd", one, one)
     return (bulk - 2 * shear / dim) * np.einsum("ab,cd->abcd", one, one) + shear * swapped

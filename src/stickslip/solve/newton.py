@@ -18,31 +18,31 @@ from .freedom import Freedom, displaced, freedom, jacobian, residual_vector
 from .linear import DENSE_BELOW, Solve, factorised
 
 SHIFTS = (1e-9, 1e-5, 1e-3, 1e-1)  # added to −J in units of its largest diagonal entry, the next if one fails
-CHORD = 0.2  # a step with a kept factor must reduce the residual to this share
-KRYLOV = 40  # iterations after which a preconditioner is too old
+CHORD = 0.2  # a step with a stored factor must reduce the residual to this share
+KRYLOV = 40  # iterations above which a preconditioner is too old
 
 
 class Factorisation:
-    """A factorisation of −J that outlives a step: the next steps of a path use it as long as it helps."""
+    """Factorisation of −J that is reused by the next steps of a path as long as it helps."""
 
     solve: Solve | None = None
     factorisations = 0
     solves = 0
-    found_stable = -1  # number of factorisations when an equilibrium was last checked and nothing was found
+    found_stable = -1  # number of factorisations when an equilibrium was last checked and found stable
 
     def __repr__(self) -> str:
         return f"Factorisation: {self.factorisations} factorisations for {self.solves} solves"
 
     def renew(self, matrix) -> Solve:
-        """Factorise; the old factor is given back first."""
+        """Factorise a matrix; the old factor is freed first."""
         self.solve = None
         self.solve = factorised(matrix)
         self.factorisations += 1
         return self.solve
 
 
-class _Point(NamedTuple):
-    """A trial position, evaluated."""
+class _TrialPoint(NamedTuple):
+    """Trial position with its unbalanced forces."""
 
     state: State
     trial: object
@@ -62,30 +62,30 @@ def newton(
 ):
     """Solve Pᵀf(q) = 0 for the present loads; one increment of memory, committed only on success.
 
-    The slip of the whole load step is added in one increment along the final normal, which is a first-order rule: the
+    The slip of the whole load step is added in one increment along the final normal. This rule is of first order: the
     equilibrium differs from that of a slow ramp by O(step²) per step. Steps are halved until the residual falls.
-    Grains that nothing holds (rattlers: without load, and with at most one contact, or at most `dim` without friction)
-    are pushed out of what they touch, as their last contact would vanish at a rate of 3^−3/2 an iteration only.
+    Rattlers (grains without load and with at most one contact, or at most `dim` without friction) are pushed out of
+    what they touch, because their last contact would vanish at a rate of only 3^−3/2 per iteration.
 
     Parameters
     ----------
     tolerance : float, largest unbalanced force or torque/R [force]
     iterations : int, largest number of linear solves
-    keep : Kept, a factorisation to start with and to leave behind, for the steps of a path
+    keep : Factorisation, used as a first guess and updated, for the steps of a path
 
     Returns
     -------
     State, Outcome
-        the state at rest in equilibrium, or the given one unless the outcome is CONVERGED
+        the state at rest in equilibrium, or the given state unless the outcome is CONVERGED
     """
     free, keep = freedom(state), keep or Factorisation()
-    loose = _unloaded(state)
+    loose = _unloaded_grains(state)
     least = 2 if law.table[..., MU].any() else state.cell.dim + 1
     here = _evaluate(updated(state, law), law, free)
     before = keep.factorisations
     for used in range(iterations + 1):
         if np.isfinite(here.worst) and here.worst > tolerance:
-            here = _pushed_out(here, law, free, loose, least)
+            here = _push_out_loose(here, law, free, loose, least)
         if not np.isfinite(here.worst):
             return state, _failure(Status.NOT_A_NUMBER, here, free, used)
         if here.worst <= tolerance:
@@ -96,7 +96,7 @@ def newton(
         if used == iterations:
             break
         try:
-            closer = _with_kept(here, law, free, keep) or _with_fresh(here, law, free, keep)
+            closer = _step_with_stored_factor(here, law, free, keep) or _step_with_new_factor(here, law, free, keep)
         except LinAlgError:
             return state, _failure(Status.SINGULAR, here, free, used)
         if closer is None:
@@ -105,26 +105,26 @@ def newton(
     return state, _failure(Status.STALLED, here, free, used)
 
 
-def _evaluate(state: State, law: Law, free: Freedom) -> _Point:
+def _evaluate(state: State, law: Law, free: Freedom) -> _TrialPoint:
     state = updated(state, law)
     loads, trial = forces(state, law)
-    return _Point(state, trial, residual_vector(state, loads, free))
+    return _TrialPoint(state, trial, residual_vector(state, loads, free))
 
 
-def _failure(status: Status, point: _Point, free: Freedom, used: int) -> Outcome:
+def _failure(status: Status, point: _TrialPoint, free: Freedom, used: int) -> Outcome:
     worst = int(np.argmax(np.abs(point.vector)))
     return Outcome(status, float(np.abs(point.vector[worst])), used, int(free.body[worst]))
 
 
-def _unloaded(state: State) -> np.ndarray:
-    """(N,) grains that are free to move and on which nothing but contacts acts."""
+def _unloaded_grains(state: State) -> np.ndarray:
+    """(N,) mask of grains that are free to move and on which only contacts act."""
     control, n, dim = state.control, len(state.grains.radius), state.cell.dim
     acted = control.force[:n].any(axis=1) | control.torque[:n].any(axis=1) | control.gravity.any()
     return ~acted & control.free[:n, :dim].all(axis=1)
 
 
-def _pushed_out(point: _Point, law: Law, free: Freedom, loose: np.ndarray, least: int) -> _Point:
-    """The point with unloaded grains of fewer than `least` contacts moved until they touch nothing."""
+def _push_out_loose(point: _TrialPoint, law: Law, free: Freedom, loose: np.ndarray, least: int) -> _TrialPoint:
+    """Move unloaded grains with fewer than `least` contacts until they touch nothing."""
     n = len(loose)
     for _ in range(20):
         state, trial = point.state, point.trial
@@ -134,7 +134,7 @@ def _pushed_out(point: _Point, law: Law, free: Freedom, loose: np.ndarray, least
         out &= np.bincount(ends.ravel(), minlength=state.n_bodies) < least
         branch = branch_vectors(state._replace(contacts=trial))[rows]
         distance = np.linalg.norm(branch, axis=1)
-        out &= _leaning(branch / distance[:, None], ends, len(out))
+        out &= _one_sided_bodies(branch / distance[:, None], ends, len(out))
         mine = out[ends].any(axis=1)
         ends, branch, distance = ends[mine], branch[mine], distance[mine]
         if not len(ends):
@@ -150,33 +150,33 @@ def _pushed_out(point: _Point, law: Law, free: Freedom, loose: np.ndarray, least
     return point
 
 
-def _leaning(normal: np.ndarray, ends: np.ndarray, count: int) -> np.ndarray:
-    """(B,) bodies whose contacts lie on one side of them, so that pushing helps: not those held between two others."""
+def _one_sided_bodies(normal: np.ndarray, ends: np.ndarray, count: int) -> np.ndarray:
+    """(B,) mask of bodies with contacts on one side only, which can be pushed out, unlike those held between others."""
     total = np.zeros((count, 3))
     np.add.at(total, ends[:, 0], normal)
     np.add.at(total, ends[:, 1], -normal)
     return np.linalg.norm(total, axis=1) > 0.3 * np.bincount(ends.ravel(), minlength=count)
 
 
-def _moved(point: _Point, law: Law, free: Freedom, step: np.ndarray) -> _Point:
+def _move(point: _TrialPoint, law: Law, free: Freedom, step: np.ndarray) -> _TrialPoint:
     return _evaluate(displaced(point.state, free, step), law, free)
 
 
-def _capped(step: np.ndarray, point: _Point) -> np.ndarray:
-    """No coordinate moves further in one step than the list of contacts can see."""
+def _limit_step(step: np.ndarray, point: _TrialPoint) -> np.ndarray:
+    """Limit a step so that no coordinate moves beyond the range of the neighbour list."""
     reach = 0.5 * float(point.state.contacts.skin[0])
     return step * min(1.0, reach / max(float(np.abs(step).max(initial=0.0)), reach))
 
 
-def _with_kept(point: _Point, law: Law, free: Freedom, keep: Factorisation) -> _Point | None:
-    """One step with the factor that is there: as it is, or, when factors are dear, as a preconditioner."""
+def _step_with_stored_factor(point: _TrialPoint, law: Law, free: Freedom, keep: Factorisation) -> _TrialPoint | None:
+    """Take one step with the stored factor, used directly or, if factorisation is expensive, as a preconditioner."""
     if keep.solve is None:
         return None
     keep.solves += 1
     step = keep.solve(point.vector)
     if len(step) != len(free) or not np.isfinite(step).all():
         return None
-    closer = _moved(point, law, free, _capped(step, point))
+    closer = _move(point, law, free, _limit_step(step, point))
     if closer.size <= CHORD * point.size:
         return closer
     if len(free) < DENSE_BELOW:
@@ -194,14 +194,14 @@ def _with_kept(point: _Point, law: Law, free: Freedom, keep: Factorisation) -> _
         pull, point.vector, M=before, rtol=1e-4, restart=KRYLOV + 20, maxiter=1, callback=count, callback_type="pr_norm"
     )
     keep.solves += spent[0]
-    closer = _moved(point, law, free, _capped(step, point))
+    closer = _move(point, law, free, _limit_step(step, point))
     if spent[0] > KRYLOV:
         keep.solve = None
     return closer if closer.size <= 0.5 * point.size else None
 
 
-def _with_fresh(point: _Point, law: Law, free: Freedom, keep: Factorisation) -> _Point | None:
-    """One step with a new factor, halved until the residual falls; if it never does, with a larger shift."""
+def _step_with_new_factor(point: _TrialPoint, law: Law, free: Freedom, keep: Factorisation) -> _TrialPoint | None:
+    """Take one step with a new factor, halved until the residual falls; if it never does, increase the shift."""
     pull = jacobian(point.state, law, free, memory=FREE)
     scale = np.abs(pull.data).max(initial=0.0)
     if ((np.abs(pull).sum(axis=1) == 0) & (point.vector != 0)).any():
@@ -209,9 +209,9 @@ def _with_fresh(point: _Point, law: Law, free: Freedom, keep: Factorisation) -> 
     for shift in SHIFTS:
         solve = keep.renew(shift * scale * sparse.eye_array(len(free), format="csr") - pull)
         keep.solves += 1
-        step = _capped(solve(point.vector), point)
+        step = _limit_step(solve(point.vector), point)
         for _ in range(8):
-            closer = _moved(point, law, free, step)
+            closer = _move(point, law, free, step)
             if closer.size < point.size:
                 return closer
             step = 0.5 * step

@@ -1,4 +1,4 @@
-"""All complex pairs of −M⁻¹J where dense LAPACK is slow: modes of the symmetric part, coupled window by window."""
+"""All complex pairs of −M⁻¹J for large systems: modes of the symmetric part, coupled in windows."""
 
 from typing import NamedTuple
 
@@ -10,22 +10,33 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 from ..core.laws.builtin import Law
 from ..core.readable import readable
 from ..core.state import State
-from .certificate import Certificate, certificate_of
+from .certificate import Certificate, gershgorin_certificate
 from .freedom import Freedom, dynamical_matrix, freedom
 from .linear import factorised, one_thread
 from .spectrum import REAL_BELOW
-from .windows import NEAR_PAIR, Basis, Cluster, Report, Window, apart, basis_of, candidates, lacking
+from .windows import (
+    NEAR_PAIR,
+    Basis,
+    Cluster,
+    Report,
+    Window,
+    find_candidates,
+    pair_margin,
+    regularise_gaps,
+    symmetric_basis,
+)
 
 LARGEST = 12_000  # coordinates: four dense matrices of this size take 3 GB, and the time grows with the cube
-DENSE_BELOW = 1500  # coordinates; below it LAPACK takes a few seconds
-CONVERGED, ENOUGH = 2e-15, 1e-12  # residual over the largest |λ|: aimed at, and accepted where round-off stops earlier
-SAME = 1e-9  # share of the largest |λ| within which two refined eigenvalues with one eigenvector are one
-NEIGHBOURS = 20  # eigenvalues beside those of a subspace that Arnoldi's method looks at
+DENSE_BELOW = 1500  # coordinates below which LAPACK takes a few seconds
+# residual over the largest |λ|: target, and limit of acceptance if round-off stops earlier
+CONVERGED, ENOUGH = 2e-15, 1e-12
+SAME = 1e-9  # share of the largest |λ| within which two refined eigenvalues with one eigenvector are identical
+NEIGHBOURS = 20  # additional eigenvalues that Arnoldi's method computes near those of a subspace
 
 
 @readable
 class ComplexPairs(NamedTuple):
-    """Every complex pair of −M⁻¹J, one λ with Im λ > 0 for each, fastest growing first."""
+    """All complex pairs of −M⁻¹J, one λ with Im λ > 0 for each, fastest growing first."""
 
     eigenvalues: np.ndarray  # (P,) complex [1/time²]
     modes: np.ndarray  # (n, P) complex, columns: generalised displacements of unit mass-weighted norm
@@ -47,28 +58,29 @@ class ComplexPairs(NamedTuple):
 def complex_pairs(
     state: State, law: Law, *, certificate: bool = False, report: Report | None = None, dense_below: int = DENSE_BELOW
 ) -> ComplexPairs:
-    """Every complex pair λ_r ± iλ_i of −M⁻¹J at an accepted state, to double precision.
+    """Find all complex pairs λ_r ± iλ_i of −M⁻¹J at an accepted state, to double precision.
 
-    M^(−1/2)(−J)M^(−1/2) = S + K with a skew part K that is 1e-3 of S: a pair is born where K couples two nearly
-    degenerate modes of S more strongly than they are apart. S is diagonalised in single precision; windows of its modes
-    are coupled by K in double precision, all modes outside to second order. What is a pair, or too near to one to tell,
-    is refined as an invariant subspace of A itself, and counted if Im λ > 1e-9 of the largest |λ|. Where K is too
-    strong for that (sliding contacts), and for small systems, dense LAPACK does it all.
+    M^(−1/2)(−J)M^(−1/2) = S + K with a skew part K of about 1e-3 of S. A pair is born where K couples two nearly
+    degenerate modes of S more strongly than their separation. S is diagonalised in single precision. Windows of its
+    modes are coupled by K in double precision; all modes outside enter to second order. Pairs, and eigenvalues too
+    close to a pair to decide, are refined as invariant subspaces of A itself and counted if Im λ > 1e-9 of the largest
+    |λ|. Dense LAPACK is used where K is too strong (sliding contacts) and for small systems.
 
     Parameters
     ----------
-    certificate : count by Gershgorin discs what is real; needs double precision and several times the time
+    certificate : whether real eigenvalues are certified by Gershgorin discs; needs double precision and several times
+        the run time
     report : called as report(share done, words)
     dense_below : coordinates below which LAPACK is used
 
     Raises
     ------
     ValueError, LinAlgError
-        without coordinates, or beyond 12,000 of them; if a candidate could not be refined.
+        if there are no coordinates or more than 12,000; if a candidate could not be refined.
 
     Source
     ------
-    The pairs: S. Bonfanti et al., doi:10.1103/PhysRevE.101.052902.
+    S. Bonfanti et al., doi:10.1103/PhysRevE.101.052902, for the pairs.
 
     Examples
     --------
@@ -76,65 +88,67 @@ def complex_pairs(
     >>> len(found.eigenvalues), found.eigenvalues[0]  # doctest: +SKIP
     (146, 0.0360062+4.69e-05j)
     """
-    tell = report or _silent
+    tell = report or _no_report
     free = freedom(state)
     n = len(free)
     if not n:
         raise ValueError("nothing is free to move: pairs need at least one free coordinate")
     if n > LARGEST:
-        raise ValueError(f"{n} coordinates were given, at most {LARGEST} are taken: use `fastest_pair` instead")
+        raise ValueError(
+            f"{n} coordinates were given: `complex_pairs` takes at most {LARGEST}; use `fastest_pair` instead"
+        )
     matrix = dynamical_matrix(state, law, free)
-    # a row of zeros is an eigenvalue zero, and its coordinate does not move in any other mode
+    # a row of zeros gives a zero eigenvalue, and its coordinate does not move in any other mode
     held = np.flatnonzero(abs(matrix).sum(axis=1))
     matrix = matrix[held][:, held]
     basis, clusters = None, None
     if len(held) >= dense_below:
-        basis = basis_of(matrix, np.float64 if certificate else np.float32, tell)
-        clusters = candidates(basis, tell)
+        basis = symmetric_basis(matrix, np.float64 if certificate else np.float32, tell)
+        clusters = find_candidates(basis, tell)
     dense = clusters is None  # small, or K too strong
-    values, vectors, scale = _dense(matrix, tell) if dense else _refined(matrix, basis, clusters, tell)
+    values, vectors, scale = _pairs_dense(matrix, tell) if dense else _refine_clusters(matrix, basis, clusters, tell)
     order = np.argsort(-np.abs(np.sqrt(values).imag))
     order = order[values.imag[order] > REAL_BELOW * scale]
     values, vectors = values[order], vectors[:, order]
     residual = np.linalg.norm(matrix @ vectors - vectors * values, axis=0) / (scale or 1.0)
-    certified = certificate_of(matrix, basis, values, n - len(held), tell) if certificate else None
+    certified = gershgorin_certificate(matrix, basis, values, n - len(held), tell) if certificate else None
     modes = np.zeros((n, len(values)), complex)
     modes[held] = vectors / np.sqrt(free.mass[held])[:, None]
     tell(1.0, f"{len(values)} complex pairs")
     return ComplexPairs(values, modes, residual, free, certified)
 
 
-def _silent(share: float, words: str) -> None:
-    """Tell nobody."""
+def _no_report(share: float, words: str) -> None:
+    """Ignore progress."""
 
 
-def _dense(matrix, tell: Report):
-    """Eigenvalues with Im λ > 0, unit eigenvectors, and the largest |λ|, by LAPACK."""
+def _pairs_dense(matrix, tell: Report):
+    """Eigenvalues with Im λ > 0, unit eigenvectors, and the largest |λ|, from LAPACK."""
     tell(0.7, "dense eigenvalues")
     values, vectors = eig(matrix.toarray(order="F"), overwrite_a=True)
     upper = values.imag > 0
     return values[upper], vectors[:, upper], float(np.abs(values).max(initial=0.0))
 
 
-def _refined(matrix, basis: Basis, clusters: list[Cluster], tell: Report, sweeps: int = 20):
-    """Eigenvalues with Im λ > 0 and unit eigenvectors of all clusters, each once, and the largest |λ|.
+def _refine_clusters(matrix, basis: Basis, clusters: list[Cluster], tell: Report, sweeps: int = 20):
+    """Eigenvalues with Im λ > 0 and unit eigenvectors of all clusters, without duplicates, and the largest |λ|.
 
-    Every sweep takes the residual R = AX − XB of each invariant subspace X and removes X's error with an approximate
-    inverse of A − σ in the modes of S: two large matrix products for all clusters together, instead of one sparse
-    factor for each.
+    Every sweep computes the residual R = AX − XB of each invariant subspace X and removes the error of X with an
+    approximate inverse of A − σ in the modes of S. This takes two large matrix products for all clusters together,
+    instead of one sparse factor for each.
     """
     tell(0.8, f"refining {len(clusters)} candidates")
     subspaces = [qr(cluster.vectors, mode="economic")[0] for cluster in clusters]
-    single = np.float32  # a correction needs a few digits only
+    single = np.float32  # a correction needs only a few digits
     V = basis.vectors.astype(single, copy=False)
     last, active = np.full(len(clusters), np.inf), range(len(clusters))
     for _ in range(sweeps):
-        residuals = {k: _residual(matrix, subspaces[k]) for k in active}
+        residuals = {k: _subspace_residual(matrix, subspaces[k]) for k in active}
         size = {k: np.linalg.norm(R) / basis.scale for k, (R, _) in residuals.items()}
         active = [k for k in active if size[k] > (CONVERGED if size[k] < last[k] / 2 else ENOUGH)]
         for k, s in size.items():
             last[k] = s
-        real = {k for k in active if _surely_real(residuals[k][1], 10 * size[k] * basis.scale)}
+        real = {k for k in active if _is_certainly_real(residuals[k][1], 10 * size[k] * basis.scale)}
         active = [k for k in active if k not in real]
         last[list(real)] = 0
         if not active:
@@ -144,24 +158,26 @@ def _refined(matrix, basis: Basis, clusters: list[Cluster], tell: Report, sweeps
         ends = np.cumsum([subspaces[k].shape[1] for k in active])[:-1]
         parts = zip(active, np.split(inner, ends, axis=1), np.split(border, ends, axis=1), strict=True)
         with one_thread():  # many small systems
-            inner = np.hstack([_correction(basis, clusters[k].window, residuals[k][1], r, x) for k, r, x in parts])
+            inner = np.hstack(
+                [_subspace_correction(basis, clusters[k].window, residuals[k][1], r, x) for k, r, x in parts]
+            )
         for k, change in zip(active, np.split(V @ inner.astype(single), ends, axis=1), strict=True):
             subspaces[k] = qr(subspaces[k] - change, mode="economic")[0]
     good = [subspace for subspace, size in zip(subspaces, last, strict=True) if size <= ENOUGH]
     for k in np.flatnonzero(last > ENOUGH):
-        good += _by_arnoldi(matrix, subspaces[k], basis.scale)
-    values, vectors = _distinct(matrix, good, basis.scale)
-    tell(0.82, "comparing with what the windows found")
-    lost = [clusters[k] for k in _unmatched(values, clusters, 2 * NEAR_PAIR * basis.scale)]
-    if lost:  # refinement ran into a neighbour of the pair that it started from
+        good += _search_by_arnoldi(matrix, subspaces[k], basis.scale)
+    values, vectors = _extract_pairs(matrix, good, basis.scale)
+    tell(0.82, "comparing with the pairs found by the windows")
+    lost = [clusters[k] for k in _unmatched_clusters(values, clusters, 2 * NEAR_PAIR * basis.scale)]
+    if lost:  # refinement converged to a neighbour of the pair that it started from
         for cluster in lost:
-            good += _by_arnoldi(matrix, qr(cluster.vectors, mode="economic")[0], basis.scale)
-        values, vectors = _distinct(matrix, good, basis.scale)
+            good += _search_by_arnoldi(matrix, qr(cluster.vectors, mode="economic")[0], basis.scale)
+        values, vectors = _extract_pairs(matrix, good, basis.scale)
     return values, vectors, basis.scale
 
 
-def _unmatched(values: np.ndarray, clusters: list[Cluster], tolerance: float) -> list[int]:
-    """Clusters with an expected pair that no eigenvalue of its own lies near to, clear pairs only."""
+def _unmatched_clusters(values: np.ndarray, clusters: list[Cluster], tolerance: float) -> list[int]:
+    """Clusters with a clear expected pair that no eigenvalue matches."""
     owner = np.repeat(np.arange(len(clusters)), [len(c.expected) for c in clusters])
     expected = np.concatenate([np.zeros(0, complex), *(c.expected for c in clusters)])
     clear = expected.imag > 10 * tolerance
@@ -170,7 +186,7 @@ def _unmatched(values: np.ndarray, clusters: list[Cluster], tolerance: float) ->
         return []
     if not len(values):
         return sorted(set(owner.tolist()))
-    # the windows' borders list some pairs twice: one eigenvalue may answer two clusters, but not twice the same
+    # pairs at window borders occur twice: one eigenvalue may match two clusters, but not two pairs of one cluster
     far = np.abs(expected[:, None] - values[None, :])
     near = far < tolerance + 0.05 * expected.imag[:, None]
     lost = set(owner[~near.any(axis=1)].tolist())
@@ -181,58 +197,59 @@ def _unmatched(values: np.ndarray, clusters: list[Cluster], tolerance: float) ->
     return sorted(lost)
 
 
-def _surely_real(B: np.ndarray, error: float) -> bool:
-    """True if two real eigenvalues of a subspace are farther from being a pair than its error."""
+def _is_certainly_real(B: np.ndarray, error: float) -> bool:
+    """Return True if the two real eigenvalues of a subspace are farther from being a pair than its error."""
     values, vectors = np.linalg.eig(B)
-    return len(B) == 2 and not np.iscomplexobj(values) and lacking(values, vectors)[0] > error
+    return len(B) == 2 and not np.iscomplexobj(values) and pair_margin(values, vectors)[0] > error
 
 
-def _residual(matrix, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _subspace_residual(matrix, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """R = AX − XB of an orthonormal X, and B = XᵀAX."""
     image = matrix @ X
     B = X.T @ image
     return image - X @ B, B
 
 
-def _correction(basis: Basis, window: Window, B: np.ndarray, R: np.ndarray, border: np.ndarray) -> np.ndarray:
-    """Z in the modes of S with AZ − ZB ≈ R, without a part in the subspace itself (`border`).
+def _subspace_correction(basis: Basis, window: Window, B: np.ndarray, R: np.ndarray, border: np.ndarray) -> np.ndarray:
+    """Z in the modes of S with AZ − ZB ≈ R, without a component in the subspace itself (`border`).
 
-    Column by column in the complex Schur form B = QTQᴴ: it exists also where two eigenvalues of B coalesce.
+    Solved column by column in the complex Schur form B = QTQᴴ, which also exists if two eigenvalues of B coalesce.
     """
     T, Q = schur(B, output="complex")
     p, m = len(B), len(window.M)
-    K = basis.skew[window.inside]  # K_PQ and more; K_QP = −K_PQᵀ
+    K = basis.skew[window.inside]  # includes K_PQ; K_QP = −K_PQᵀ
     system, R, Z = np.zeros((m + p, m + p), complex), R @ Q, np.zeros(R.shape, complex)
     system[:m, m:] = border[window.inside]
     system[m:, :m] = border[window.inside].T
     for j in range(p):
         right = R[:, j] + Z[:, :j] @ T[:j, j]
-        weight = 1 / apart(basis.diagonal - T[j, j], basis.scale)
+        weight = 1 / regularise_gaps(basis.diagonal - T[j, j], basis.scale)
         weight[window.inside] = 0
         outside = right * weight
-        right = np.append(right[window.inside] - _real_times(K, outside), np.zeros(p))
+        right = np.append(right[window.inside] - _real_matmul(K, outside), np.zeros(p))
         system[:m, :m] = window.M - (T[j, j] - window.centre) * window.N
         own = np.linalg.solve(system, right)[:m]
-        Z[:, j] = outside + weight * _real_times(K.T, own)
+        Z[:, j] = outside + weight * _real_matmul(K.T, own)
         Z[window.inside, j] = own
     return (Z @ Q.conj().T).real
 
 
-def _real_times(K: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Kz of a real single-precision K, without a complex copy of it."""
+def _real_matmul(K: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Kz for a real single-precision K, without a complex copy of K."""
     product = K @ np.stack([z.real, z.imag], axis=1).astype(K.dtype)
     return product[:, 0] + 1j * product[:, 1]
 
 
-def _by_arnoldi(matrix, subspace: np.ndarray, scale: float) -> list[np.ndarray]:
-    """Planes of all pairs among the eigenvalues nearest to those of a subspace, by shift and invert.
+def _search_by_arnoldi(matrix, subspace: np.ndarray, scale: float) -> list[np.ndarray]:
+    """Invariant planes of all pairs among the eigenvalues nearest to those of a subspace, by shift and invert.
 
     Raises
     ------
     LinAlgError
         if Arnoldi's method does not converge.
     """
-    shift = np.trace(_residual(matrix, subspace)[1]) / subspace.shape[1] + 1e-9 * scale  # off the eigenvalue itself
+    # off the eigenvalue itself
+    shift = np.trace(_subspace_residual(matrix, subspace)[1]) / subspace.shape[1] + 1e-9 * scale
     solve = factorised(sparse.csr_array(matrix - shift * sparse.eye_array(len(subspace))))
     inverse = LinearOperator(matrix.shape, matvec=solve, dtype=float)
     count = min(subspace.shape[1] + NEIGHBOURS, matrix.shape[0] - 2)
@@ -244,8 +261,8 @@ def _by_arnoldi(matrix, subspace: np.ndarray, scale: float) -> list[np.ndarray]:
     return [qr(np.stack([vectors[:, k].real, vectors[:, k].imag], axis=1), mode="economic")[0] for k in pairs]
 
 
-def _distinct(matrix, subspaces: list[np.ndarray], scale: float):
-    """Eigenvalues with Im λ > 0 and eigenvectors within subspaces; one that two of them share is taken once."""
+def _extract_pairs(matrix, subspaces: list[np.ndarray], scale: float):
+    """Eigenvalues with Im λ > 0 and eigenvectors within subspaces, without duplicates."""
     values, vectors = [], []
     for X in subspaces:
         theta, y = eig(X.T @ (matrix @ X))

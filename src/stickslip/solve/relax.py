@@ -10,7 +10,7 @@ from ..core.state import OPEN, State, at_rest
 
 
 def residual(state: State, law: Law):
-    """Largest unbalanced force or torque/R of a state [force], and the body that carries it."""
+    """Largest unbalanced force or torque/R of a state [force], and the body on which it acts."""
     size = np.abs(unbalanced_forces(state, forces(state, law)[0])).max(axis=1)
     return float(size.max()), int(size.argmax())
 
@@ -25,19 +25,19 @@ def relax(
     dt: float = 0.1,
     steps: int = 2_000_000,
 ):
-    """Damped Newtonian dynamics until nothing moves: the quasi-static limit of the papers' protocol.
+    """Run damped Newtonian dynamics until the state is at rest: the quasi-static limit of the papers' protocol.
 
-    The drag acts on translations and on rotations; it must exceed twice the growth rate of any instability that is to
-    be held down.
+    The drag acts on translations and rotations. It must exceed twice the growth rate of any instability that is to be
+    suppressed.
 
     Parameters
     ----------
-    tolerance : float [force]; drag, spin_drag : float [1/time]; dt : float [time]; steps : int, the most allowed
+    tolerance : float [force]; drag, spin_drag : float [1/time]; dt : float [time]; steps : int, largest number allowed
 
     Returns
     -------
     State, Outcome
-        at rest on success. If the outcome is not CONVERGED, the state is where the run ended.
+        the state at rest on success; if the outcome is not CONVERGED, the state at the end of the run.
 
     Source
     ------

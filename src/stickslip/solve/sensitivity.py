@@ -1,4 +1,4 @@
-"""Which contact decides: what its stiffness, its sliding or its opening does to a packing's verdict."""
+"""Sensitivity of stability to single contacts: their stiffness, sliding and opening."""
 
 from contextlib import nullcontext
 from typing import NamedTuple
@@ -14,47 +14,47 @@ from ..core.measure import contact_forces, touching
 from ..core.readable import readable
 from ..core.state import OPEN, SLIDE, STICK, State
 from .balance import BALANCED_BELOW, imbalance, unjudged
-from .freedom import ZERO_BELOW, Freedom, backbone, dynamical_matrix, incidence, of_branches
+from .freedom import ZERO_BELOW, Freedom, backbone, cell_geometric_terms, dynamical_matrix, incidence
 from .linear import DENSE_BELOW, one_thread
-from .stability import PAIR_ABOVE, at_limit
+from .stability import PAIR_ABOVE, contacts_at_limit
 
-AT_MOST = 2_500  # coordinates: all modes, within minutes
-WORK = 5e9  # coordinates³ times spectra that are computed where the user does not say how many: some ten seconds
-LEAST = 3  # spectra, however large the packing
+AT_MOST = 2_500  # coordinates; all modes are computed within minutes
+WORK = 5e9  # default limit of coordinates³ times spectra, about ten seconds
+LEAST = 3  # smallest default number of spectra, however large the packing
 
 
 @readable
 class ContactSensitivity(NamedTuple):
-    """Of one pair to the stiffness of each contact, and of the verdict to each contact's sliding or opening.
+    """Sensitivity of one pair to contact stiffness, and of the verdict to the sliding or opening of each contact.
 
-    Rows of changes are sorted: those that turn the verdict first, then by how much the growth rate changes, then
-    by the derivative.
+    Changes are sorted: those that reverse the verdict first, then by the change of the growth rate, then by the
+    derivative.
     """
 
     eigenvalue: complex | None  # λ of the pair, Im λ > 0; None if there is no pair [1/time²]
-    condition: float  # ‖w‖‖v‖/|wᴴv| of λ, w and v its left and right mode: it diverges at a pair's birth; NaN without
-    contacts: np.ndarray  # (C,) rows of the state's list that touch and hold the packing
-    derivative: np.ndarray  # (C,) complex ∂λ/∂ln s of a factor s on each contact's stiffness; empty without a pair
-    growth_rate: float  # of what grows fastest, 0 if nothing does [1/time]
+    condition: float  # ‖w‖‖v‖/|wᴴv| of λ, with left mode w, right mode v; diverges at a pair's birth; NaN without
+    contacts: np.ndarray  # (C,) rows of the contact list that touch and support the packing
+    derivative: np.ndarray  # (C,) complex ∂λ/∂ln s for a factor s on each contact's stiffness; empty without a pair
+    growth_rate: float  # of the fastest growing mode, 0 if none grows [1/time]
     verdict: str  # stable, oscillates, buckles, or oscillates and buckles
-    contact: np.ndarray  # (K,) row of the state's list, of each change
+    contact: np.ndarray  # (K,) row of the contact list for each change
     i: np.ndarray  # (K,) the bodies in contact
     j: np.ndarray  # (K,)
     what: np.ndarray  # (K,) "slides" or "opens"
-    mobilised: np.ndarray  # (K,) |F_t|/(μ F_n) of the contact as it is, 1 at Coulomb's limit; NaN without friction
-    predicted: np.ndarray  # (K,) growth rate afterwards, by neighbouring modes in pairs: good for small changes only
-    after: np.ndarray  # (K,) growth rate afterwards, from the whole spectrum; NaN where it was not computed
-    verdict_after: np.ndarray  # (K,) the same, or falls apart: rattlers only; empty where it was not computed
-    scope: str  # what was not looked at, in words
+    mobilised: np.ndarray  # (K,) |F_t|/(μ F_n) of the unchanged contact, 1 at the Coulomb limit; NaN without friction
+    predicted: np.ndarray  # (K,) growth rate after it, from neighbouring modes in pairs: valid for small changes only
+    after: np.ndarray  # (K,) growth rate after it, from the full spectrum; NaN if not computed
+    verdict_after: np.ndarray  # (K,) verdict after it, "falls apart" if only rattlers are left; empty if not computed
+    scope: str  # limits of the analysis, in words
 
     @property
     def verified(self) -> np.ndarray:
-        """(K,) True where the whole spectrum was computed."""
+        """(K,) True where the full spectrum was computed."""
         return np.isfinite(self.after)
 
     @property
     def turns(self) -> np.ndarray:
-        """(K,) True where the change is known to make an unstable packing stable, or a stable one unstable."""
+        """(K,) True where the change is verified to make an unstable packing stable, or a stable one unstable."""
         return self.verified & ((self.verdict_after == "stable") != (self.verdict == "stable"))
 
     @property
@@ -63,19 +63,19 @@ class ContactSensitivity(NamedTuple):
         return (self.derivative / (2 * np.sqrt(self.eigenvalue or 1))).imag
 
 
-class _Modes(NamedTuple):
-    """Λ = W A V and what contacts act through, A = −Q B Qᵀ + the rest."""
+class _ModeData(NamedTuple):
+    """Modes Λ = W A V, and the contributions of contacts to A = −Q B Qᵀ + other terms."""
 
     matrix: np.ndarray  # (n, n) A
     values: np.ndarray  # (n,) sorted
     right: np.ndarray  # (n, n) V
     left: np.ndarray  # (n, n) W = V⁻¹
-    incidence: sparse.csc_array  # (n, 6C) Q, over √mass; 9C where contacts resist rolling
+    incidence: sparse.csc_array  # (n, 6C) Q, over √mass; 9C columns if contacts resist rolling
     blocks: np.ndarray  # (C, 6, 6) B
-    force: np.ndarray  # (C, 3) of contacts
+    force: np.ndarray  # (C, 3) contact forces
 
-    def acting(self, row: int) -> sparse.csc_array:
-        """(n, 6) columns of Q of one contact."""
+    def columns_of(self, row: int) -> sparse.csc_array:
+        """(n, 6) columns of Q for one contact."""
         width = self.blocks.shape[1]
         return self.incidence[:, width * row : width * (row + 1)]
 
@@ -83,36 +83,38 @@ class _Modes(NamedTuple):
 def contact_sensitivity(
     state: State, law: Law, *, pair: int = 0, most: int | None = None, report=None
 ) -> ContactSensitivity:
-    """dλ = wᴴ dA v/(wᴴv) of a pair; and which contact, if it slid or opened, would change the verdict.
+    """Sensitivity of a complex pair, and of the stability verdict, to single contacts.
 
-    A = −M^(−1/2) J M^(−1/2) is a sum over contacts. For small changes of one of them its derivative says what happens;
-    at the birth of a pair wᴴv → 0 and the derivative diverges, as λ goes with the square root of a change there. For
-    what is not small each contact's block is replaced: by nothing where it opens; where it slides, by that of a contact
-    at Coulomb's limit in the direction of its slip (of one without slip, tangential stiffness vanishes). Everything
-    else stays where it is: this is the spectrum at the moment of the change, before forces find a new balance. Grains
-    that become rattlers thereby are left out with their contacts.
+    A = −M^(−1/2) J M^(−1/2) is a sum over contacts. For a small change of one contact, dλ = wᴴ dA v/(wᴴv). At the birth
+    of a pair wᴴv → 0 and the derivative diverges, because λ depends there on the square root of the change. For large
+    changes the block of a contact is replaced: by zero if the contact opens; if it slides, by the block of a contact at
+    the Coulomb limit in the direction of its slip (without slip, the tangential stiffness vanishes). Everything else is
+    unchanged: the spectrum is that at the moment of the change, before the forces find a new balance. Grains that
+    become rattlers by the change are excluded together with their contacts.
 
     Parameters
     ----------
-    pair : which complex pair the derivative is of, the fastest growing first
-    most : changes whose whole spectrum is computed, the most promising ones first (if the packing is unstable: those
-        that promise the least growth); default: what takes some ten seconds, which in small packings is all.
-        "Promising" rests on first-order shifts of all modes and the coupling of neighbours, and may miss some
+    pair : index of the complex pair whose derivative is computed, the fastest growing first
+    most : number of changes whose full spectrum is computed, the most promising first (if the packing is unstable,
+        those with the least predicted growth); default: as many as take about ten seconds, which is all in small
+        packings. The prediction rests on first-order shifts of all modes and the coupling of neighbours, and may miss
+        some changes
     report : called as report(stage, share done, words)
 
     Raises
     ------
     ValueError
-        if there are more than 2500 coordinates or no such pair; if nothing but rattlers is there, or no equilibrium.
+        if there are more than 2500 coordinates, or no such pair; if the packing has only rattlers, or is not in
+        equilibrium.
 
     Source
     ------
-    Kato, Perturbation Theory for Linear Operators (Springer 1995), § II.2, of simple eigenvalues; Seyranian &
-    Mailybaev, doi:10.1142/5305, Ch. 2, of coalescing ones.
+    Kato, Perturbation Theory for Linear Operators (Springer 1995), § II.2, for simple eigenvalues; Seyranian &
+    Mailybaev, doi:10.1142/5305, Ch. 2, for coalescing ones.
 
     Examples
     --------
-    Three disks that are pressed together; without one of their contacts they are rattlers:
+    Three disks that are pressed together. Without any one of their contacts they are rattlers:
 
     >>> import numpy as np
     >>> import stickslip as ss
@@ -125,56 +127,56 @@ def contact_sensitivity(
     """
     free = backbone(state, law)
     if not len(free):
-        raise ValueError("nothing but rattlers was given: sensitivities need grains that hold each other")
+        raise ValueError("the packing has only rattlers: sensitivities need grains that support each other")
     if len(free) > AT_MOST:
-        raise ValueError(f"{len(free)} coordinates were given: sensitivities take at most {AT_MOST}, all modes")
+        raise ValueError(f"{len(free)} coordinates were given: sensitivities need all modes and take at most {AT_MOST}")
     if most is not None and most < 0:
-        raise ValueError(f"most = {most} was given: a number of changes, at least 0, is needed")
+        raise ValueError(f"most = {most} was given: it must be a number of changes, at least 0")
     if (residual := imbalance(state, law)) > BALANCED_BELOW:
-        raise ValueError(f"{unjudged(residual)}, and no contact decides it: equilibrate first")
+        raise ValueError(f"{unjudged(residual)}; equilibrate the packing first")
     with one_thread() if len(free) < DENSE_BELOW else nullcontext():
-        modes = _modes(state, law, free)
-        growth, verdict = _judged(modes.values)
+        modes = _compute_modes(state, law, free)
+        growth, verdict = _assess(modes.values)
         rows = touching(state)
         bodies = np.stack([state.contacts.i[rows], state.contacts.j[rows]])
         rows = rows[np.isin(bodies, free.body).any(axis=0)]
-        value, condition, derivative = _of_pair(modes, rows, pair)
-        changes = _changes(state, law, modes, rows)
-        predicted = np.array([_predicted(modes, row, block) for row, _, block, _ in changes])
+        value, condition, derivative = _pair_sensitivity(modes, rows, pair)
+        changes = _list_changes(state, law, modes, rows)
+        predicted = np.array([_predict_growth(modes, row, block) for row, _, block, _ in changes])
         order = np.argsort(predicted if growth else -predicted, kind="stable")
-        chosen = order[: _affordable(len(free), len(changes)) if most is None else most]
+        chosen = order[: _default_count(len(free), len(changes)) if most is None else most]
         after, words = np.full(len(changes), np.nan), np.full(len(changes), "", dtype="<U24")
         for k, one in enumerate(chosen):
             if report:
-                report("contacts that decide", k / len(chosen), f"{k} of {len(chosen)} spectra")
-            after[one], words[one] = _judged(_values_after(state, law, modes, free, *changes[one]))
+                report("sensitivity to contacts", k / len(chosen), f"{k} of {len(chosen)} spectra")
+            after[one], words[one] = _assess(_eigenvalues_after(state, law, modes, free, *changes[one]))
     missing = len(changes) - len(chosen)
-    scope = f"{missing} of {len(changes)} changes were judged by first-order shifts only" if missing else ""
-    if len(at_limit(state, law)):
-        scope = "; ".join([*filter(None, [scope]), "contacts at Coulomb's limit go on sliding"])
+    scope = f"{missing} of {len(changes)} changes were evaluated by first-order shifts only" if missing else ""
+    if len(contacts_at_limit(state, law)):
+        scope = "; ".join([*filter(None, [scope]), "contacts at Coulomb's limit are assumed to keep sliding"])
     contact = np.array([row for row, *_ in changes], int)
     slope = np.abs(derivative)[np.searchsorted(rows, contact)] if len(derivative) else np.zeros(len(contact))
-    last = _ranked(growth, verdict, after, words, slope)
+    last = _rank_changes(growth, verdict, after, words, slope)
     contact = contact[last]
     return ContactSensitivity(
         value, condition, rows, derivative, growth, verdict, contact, state.contacts.i[contact],
         state.contacts.j[contact], np.array([what for _, what, *_ in changes], "<U6")[last],
-        _mobilised(state, law)[contact], predicted[last], after[last], words[last], scope,
+        _mobilisation(state, law)[contact], predicted[last], after[last], words[last], scope,
     )  # fmt: skip
 
 
-def _ranked(growth: float, verdict: str, after, words, slope) -> np.ndarray:
-    """Order of changes: those that turn the verdict, those that change growth most, the unverified last."""
+def _rank_changes(growth: float, verdict: str, after, words, slope) -> np.ndarray:
+    """Order of changes: those that reverse the verdict, then by change of growth; unverified ones last."""
     known = np.isfinite(after)
     turns = known & ((words == "stable") != (verdict == "stable"))
     return np.lexsort((-slope, -np.abs(np.where(known, after - growth, 0.0)), ~known, ~turns))
 
 
-def _affordable(size: int, count: int) -> int:
+def _default_count(size: int, count: int) -> int:
     return min(count, max(LEAST, int(WORK / size**3)))
 
 
-def _modes(state: State, law: Law, free: Freedom) -> _Modes:
+def _compute_modes(state: State, law: Law, free: Freedom) -> _ModeData:
     matrix = dynamical_matrix(state, law, free).toarray()
     values, right = eig(matrix)
     order = np.lexsort((values.imag, values.real))
@@ -182,14 +184,14 @@ def _modes(state: State, law: Law, free: Freedom) -> _Modes:
     try:
         left = np.linalg.inv(right)
     except np.linalg.LinAlgError:
-        raise ValueError("modes coincide to round-off: this packing is at the very birth of a complex pair") from None
+        raise ValueError("modes coincide to round-off: this packing is at the birth of a complex pair") from None
     blocks, force = contact_blocks(state, law)[0], contact_forces(state, law)
     columns = incidence(state, len(blocks), free, blocks.shape[1]) / np.sqrt(free.mass)[:, None]
-    return _Modes(matrix, values, right, left, sparse.csc_array(columns), blocks, force)
+    return _ModeData(matrix, values, right, left, sparse.csc_array(columns), blocks, force)
 
 
-def _judged(values: np.ndarray) -> tuple[float, str]:
-    """Fastest growth rate and verdict, by the thresholds of `stability`."""
+def _assess(values: np.ndarray) -> tuple[float, str]:
+    """Fastest growth rate and verdict, with the thresholds of `stability`."""
     if not len(values):
         return 0.0, "falls apart"
     scale = np.abs(values).max(initial=0.0)
@@ -200,7 +202,7 @@ def _judged(values: np.ndarray) -> tuple[float, str]:
     return float(rates.max(initial=0.0)), " and ".join(words) or "stable"
 
 
-def _of_pair(modes: _Modes, rows: np.ndarray, pair: int):
+def _pair_sensitivity(modes: _ModeData, rows: np.ndarray, pair: int):
     """λ of a pair, its condition number, and ∂λ/∂ln s (C,) of each contact."""
     scale = np.abs(modes.values).max()
     pairs = np.flatnonzero(modes.values.imag > PAIR_ABOVE * scale)
@@ -208,7 +210,7 @@ def _of_pair(modes: _Modes, rows: np.ndarray, pair: int):
     if not len(pairs) and pair == 0:
         return None, np.nan, np.zeros(0, complex)
     if not 0 <= pair < len(pairs):
-        raise ValueError(f"pair {pair} was asked for: this packing has {len(pairs)}, counted from 0")
+        raise ValueError(f"pair = {pair} was given: this packing has {len(pairs)} pairs, counted from 0")
     p = pairs[pair]
     left, right = modes.left[p] @ modes.incidence, modes.right[:, p] @ modes.incidence
     left, right = (x.reshape(len(modes.blocks), -1)[rows] for x in (left, right))
@@ -216,9 +218,9 @@ def _of_pair(modes: _Modes, rows: np.ndarray, pair: int):
     return complex(modes.values[p]), condition, -np.einsum("ca,cab,cb->c", left, modes.blocks[rows], right)
 
 
-def _changes(state: State, law: Law, modes: _Modes, rows: np.ndarray) -> list:
-    """(row, what, change of its block, change of its force) of every contact that can slide or open."""
-    slid, blocks, force = _slid(state, law), modes.blocks, modes.force
+def _list_changes(state: State, law: Law, modes: _ModeData, rows: np.ndarray) -> list:
+    """(row, kind of change, change of block, change of force) for every contact that can slide or open."""
+    slid, blocks, force = _with_all_sliding(state, law), modes.blocks, modes.force
     slid_blocks, slid_force = contact_blocks(slid, law)[0], contact_forces(slid, law)
     still = ~slid.contacts.slip[: len(blocks)].any(axis=1)
     slid_blocks[still] = contact_blocks(_without_memory(slid, still), law, memory=FREE)[0][still]
@@ -227,8 +229,8 @@ def _changes(state: State, law: Law, modes: _Modes, rows: np.ndarray) -> list:
     return [*sliding, *((c, "opens", -blocks[c], -force[c]) for c in rows)]
 
 
-def _slid(state: State, law: Law) -> State:
-    """The state with every contact at Coulomb's limit, in the direction of its slip."""
+def _with_all_sliding(state: State, law: Law) -> State:
+    """State with every contact at the Coulomb limit, in the direction of its slip."""
     c, contacts = linearise(state, law), state.contacts
     count = len(c.limit)
     slip, mode = contacts.slip.copy(), contacts.mode.copy()
@@ -241,22 +243,22 @@ def _slid(state: State, law: Law) -> State:
 
 
 def _without_memory(state: State, rows: np.ndarray) -> State:
-    """The state with contacts, (C,) bool, that nothing holds along the plane of contact."""
+    """State with some contacts, (C,) bool, without tangential stiffness."""
     mode = state.contacts.mode.copy()
     mode[: len(rows)][rows] = OPEN
     return state._replace(contacts=state.contacts._replace(mode=mode))
 
 
-def _mobilised(state: State, law: Law) -> np.ndarray:
-    """(C,) |F_t| over its limit of every pair in the list; NaN where there is no limit."""
+def _mobilisation(state: State, law: Law) -> np.ndarray:
+    """(C,) |F_t| over its limit for every pair in the list; NaN without a limit."""
     c, force = linearise(state, law), contact_forces(state, law)
     limit, pull = c.limit, np.linalg.norm(force - c.force_n[:, None] * c.normal, axis=1)
     return np.divide(pull, limit, out=np.full(len(limit), np.nan), where=limit > 0)
 
 
-def _predicted(modes: _Modes, row: int, block: np.ndarray) -> float:
-    """Growth rate after a change: first-order shifts of all λ, then neighbours two by two."""
-    columns = modes.acting(row)
+def _predict_growth(modes: _ModeData, row: int, block: np.ndarray) -> float:
+    """Predicted growth rate after a change: first-order shifts of all λ, then coupling of neighbours in pairs."""
+    columns = modes.columns_of(row)
     where = np.unique(columns.indices)
     q = columns[where].toarray()
     left, right = -(modes.left[:, where] @ q) @ block, modes.right[where].T @ q
@@ -266,39 +268,39 @@ def _predicted(modes: _Modes, row: int, block: np.ndarray) -> float:
     coupling = (left[a] * right[b]).sum(axis=1) * (left[b] * right[a]).sum(axis=1)
     middle, half = (shifted[a] + shifted[b]) / 2, (shifted[a] - shifted[b]) / 2
     root = np.sqrt(half**2 + coupling)
-    return _judged(np.concatenate([middle + root, middle - root]))[0]
+    return _assess(np.concatenate([middle + root, middle - root]))[0]
 
 
-def _values_after(state, law, modes: _Modes, free: Freedom, row: int, what: str, block, force) -> np.ndarray:
-    """All eigenvalues with one contact changed; grains that hold nothing any more are left out with their contacts."""
+def _eigenvalues_after(state, law, modes: _ModeData, free: Freedom, row: int, what: str, block, force) -> np.ndarray:
+    """All eigenvalues with one contact changed; grains that become rattlers are excluded with their contacts."""
     if what == "slides":
-        return eigvals(_changed(state, modes, free, [(row, block, force)]), overwrite_a=True)
+        return eigvals(_changed_matrix(state, modes, free, [(row, block, force)]), overwrite_a=True)
     mode = state.contacts.mode.copy()
     mode[row] = OPEN
     left = backbone(state._replace(contacts=state.contacts._replace(mode=mode)), law)
     loose = np.setdiff1d(free.body, left.body)
     rows = touching(state)
     gone = rows[np.isin(state.contacts.i[rows], loose) | np.isin(state.contacts.j[rows], loose) | (rows == row)]
-    matrix = _changed(state, modes, free, [(c, -modes.blocks[c], -modes.force[c]) for c in gone])
+    matrix = _changed_matrix(state, modes, free, [(c, -modes.blocks[c], -modes.force[c]) for c in gone])
     kept = np.searchsorted(free.component, left.component)
     return eigvals(matrix[np.ix_(kept, kept)], overwrite_a=True)
 
 
-def _changed(state: State, modes: _Modes, free: Freedom, changes) -> np.ndarray:
-    """(n, n) A with changes of blocks and forces (row, block, force) of contacts."""
+def _changed_matrix(state: State, modes: _ModeData, free: Freedom, changes) -> np.ndarray:
+    """(n, n) A after changes (row, block, force) of contacts."""
     matrix = modes.matrix.copy()
     for row, block, force in changes:
-        q = modes.acting(row).toarray()
+        q = modes.columns_of(row).toarray()
         matrix -= q @ block @ q.T
         if free.length:
-            matrix -= _through_cell(state, free, row, force)
+            matrix -= _cell_change(state, free, row, force)
     return matrix
 
 
-def _through_cell(state: State, free: Freedom, row: int, force: np.ndarray) -> np.ndarray:
-    """(n, n) what a change of one contact's force changes in the cell's rows of J, over masses."""
+def _cell_change(state: State, free: Freedom, row: int, force: np.ndarray) -> np.ndarray:
+    """(n, n) mass-scaled change of the cell rows of J due to a change of one contact force."""
     all_forces = np.zeros((int(state.contacts.count[0]), 3))
-    nothing = of_branches(state, all_forces, free)
+    nothing = cell_geometric_terms(state, all_forces, free)
     all_forces[row] = force
     root = 1 / np.sqrt(free.mass)
-    return root[:, None] * (of_branches(state, all_forces, free) - nothing).toarray() * root
+    return root[:, None] * (cell_geometric_terms(state, all_forces, free) - nothing).toarray() * root

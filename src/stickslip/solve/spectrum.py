@@ -1,4 +1,4 @@
-"""The spectrum of −M⁻¹J: stability, complex pairs, growth rates, mode shapes, and pairs followed along a load."""
+"""Spectrum of −M⁻¹J: stability, complex pairs, growth rates, mode shapes, and tracking of pairs along a load."""
 
 from contextlib import nullcontext
 from typing import NamedTuple
@@ -17,11 +17,11 @@ from .balance import BALANCED_BELOW, imbalance
 from .freedom import ZERO_BELOW, Freedom, assembled, dynamical_matrix, freedom, jacobian
 from .linear import DENSE_BELOW, factorised, one_thread
 
-SOFTEST = 40  # eigenvalues nearest to zero that are looked at where not all are
+SOFTEST = 40  # eigenvalues nearest to zero that are computed if not all are
 REAL_BELOW = 1e-9  # |Im λ| below this share of the largest |λ| is round-off: J carries noise of 1e-15
 
 
-@readable(head=lambda found: _in_words(found))
+@readable(head=lambda found: _summary(found))
 class Spectrum(NamedTuple):
     """All eigenvalues λ of −M⁻¹J, sorted by real part, with their modes.
 
@@ -32,7 +32,7 @@ class Spectrum(NamedTuple):
     eigenvalues: np.ndarray  # (n,) complex [1/time²]
     modes: np.ndarray  # (n, n) complex, columns: generalised displacements of unit mass-weighted norm
     free: Freedom
-    residual: float  # largest unbalanced force or torque/R over the mean normal contact force, see `imbalance`
+    residual: float  # largest unbalanced force or torque/R over the mean normal contact force; see `imbalance`
 
     @property
     def pairs(self) -> np.ndarray:
@@ -57,36 +57,36 @@ class Spectrum(NamedTuple):
 
     @property
     def stable(self) -> bool | None:
-        """True if no complex pair and no negative eigenvalue is found (beyond round-off); None off equilibrium."""
+        """True if there is no complex pair and no negative eigenvalue beyond round-off; None off equilibrium."""
         if not self.residual <= BALANCED_BELOW:
             return None
         floor = -REAL_BELOW * np.abs(self.eigenvalues).max()
         return not len(self.pairs) and bool((self.eigenvalues.real > floor).all())
 
     def shares(self) -> np.ndarray:
-        """(n, 7) share of the mass-weighted norm of each mode in x, y, z, rotations, and the cell: adds up to 1."""
+        """(n, 7) shares of the mass-weighted norm of each mode in x, y, z, rotations and the cell; they add up to 1."""
         weight = self.free.mass[:, None] * np.abs(self.modes) ** 2
         axis = self.free.axis
         return np.stack([weight[axis == k].sum(axis=0) for k in range(7)], axis=1)
 
 
 def spectrum(state: State, law: Law, *, modes: bool = True) -> Spectrum:
-    """All eigenvalues and modes of −M⁻¹J at an accepted state, dense; each contact is held in its mode.
+    """Compute all eigenvalues and modes of −M⁻¹J at an accepted state, with each contact held in its mode.
 
-    Velocity-dependent parts of the law and drag do not enter; `damped_growth` has them.
+    The solution is dense. Velocity-dependent parts of the law and drag are not included; see `damped_growth`.
 
     Parameters
     ----------
-    modes : False leaves the modes out (n, 0), at a third of the time
+    modes : if False, modes are not computed (n, 0), which takes a third of the time
 
     Raises
     ------
     ValueError
-        beyond 10,000 coordinates, where a dense solution takes hours: `complex_pairs`, `fastest_pair`.
+        beyond 10,000 coordinates, where a dense solution takes hours; use `complex_pairs` or `fastest_pair`.
 
     Source
     ------
-    doi:10.48550/arXiv.1908.11724, Eq 8; the mass matrix of its supplement, Eq 2, with I = I0 m R² for any I0.
+    doi:10.48550/arXiv.1908.11724, Eq 8; the mass matrix is that of its supplement, Eq 2, with I = I0 m R² for any I0.
     """
     free = freedom(state)
     if not len(free):
@@ -94,7 +94,7 @@ def spectrum(state: State, law: Law, *, modes: bool = True) -> Spectrum:
     if len(free) > 10_000:
         raise ValueError(
             f"{len(free)} coordinates were given: the dense spectrum takes at most 10000; "
-            f"use complex_pairs up to 12000 and fastest_pair beyond"
+            f"use `complex_pairs` up to 12000 and `fastest_pair` beyond"
         )
     matrix, root = dynamical_matrix(state, law, free).toarray(), np.sqrt(free.mass)
     with one_thread() if len(free) < DENSE_BELOW else nullcontext():
@@ -109,14 +109,14 @@ def spectrum(state: State, law: Law, *, modes: bool = True) -> Spectrum:
     return Spectrum(values, vectors / root[:, None], free, imbalance(state, law))
 
 
-def softest(matrix, count: int = SOFTEST, tolerance: float = 1e-10):
-    """Negative λ, number of zero ones and modes of the negative ones, among the eigenvalues nearest to zero.
+def soft_modes(matrix, count: int = SOFTEST, tolerance: float = 1e-10):
+    """Negative eigenvalues with modes, and number of zero eigenvalues, among those nearest to zero.
 
     Parameters
     ----------
     matrix : (n, n) sparse, from `dynamical_matrix`
-    count : int, eigenvalues looked at, by Arnoldi's method with shift and invert
-    tolerance : float, relative, of the eigenvalues
+    count : int, number of eigenvalues computed, by Arnoldi's method with shift and invert
+    tolerance : float, relative tolerance of the eigenvalues
 
     Returns
     -------
@@ -158,10 +158,11 @@ def damped_growth(state: State, law: Law, *, drag: float = 0.0, spin_drag: float
     return values[np.argsort(-values.real)]
 
 
-def overlap(a: np.ndarray, b: np.ndarray, mass: np.ndarray) -> float:
-    """How much of the plane of one complex mode lies in another's, 0 to 1, in the mass-weighted metric.
+def mode_overlap(a: np.ndarray, b: np.ndarray, mass: np.ndarray) -> float:
+    """Overlap of the planes of two complex modes, 0 to 1, in the mass-weighted metric.
 
-    The plane is spanned by real and imaginary part; the result is the smaller cosine of the principal angles.
+    A plane is spanned by the real and imaginary part of a mode. The result is the smaller cosine of the principal
+    angles.
     """
 
     def plane(mode):
@@ -172,7 +173,7 @@ def overlap(a: np.ndarray, b: np.ndarray, mass: np.ndarray) -> float:
 
 
 def match_pairs(spectra, *, at_least: float = 0.5) -> list[dict[int, int]]:
-    """Complex pairs followed through a sequence of spectra by the overlap of their modes.
+    """Match complex pairs through a sequence of spectra by the overlap of their modes.
 
     Parameters
     ----------
@@ -182,7 +183,8 @@ def match_pairs(spectra, *, at_least: float = 0.5) -> list[dict[int, int]]:
     Returns
     -------
     list of dict
-        one for each family: index of the spectrum -> index of the eigenvalue. A family ends where its pair turns real.
+        one for each family: index of the spectrum -> index of the eigenvalue. A family ends where its pair becomes
+        real.
     """
     families: list[dict[int, int]] = []
     for k, now in enumerate(spectra):
@@ -192,7 +194,10 @@ def match_pairs(spectra, *, at_least: float = 0.5) -> list[dict[int, int]]:
         if living and len(pairs):
             before = spectra[k - 1]
             score = np.array(
-                [[overlap(before.modes[:, f[k - 1]], now.modes[:, p], now.free.mass) for p in pairs] for f in living]
+                [
+                    [mode_overlap(before.modes[:, f[k - 1]], now.modes[:, p], now.free.mass) for p in pairs]
+                    for f in living
+                ]
             )
             for row, col in zip(*linear_sum_assignment(-score), strict=True):
                 if score[row, col] >= at_least:
@@ -202,7 +207,7 @@ def match_pairs(spectra, *, at_least: float = 0.5) -> list[dict[int, int]]:
     return families
 
 
-def _in_words(found: Spectrum) -> str:
+def _summary(found: Spectrum) -> str:
     pairs, real = found.pairs, found.eigenvalues.real[found.eigenvalues.imag == 0]
     rate = f", the fastest grows at {found.growth_rate[pairs[0]]:.4g}" if len(pairs) else ""
     return (

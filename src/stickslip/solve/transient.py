@@ -1,4 +1,4 @@
-"""How much a stable packing amplifies a disturbance before it does not: transient growth of a non-normal motion."""
+"""Transient growth of disturbances in a stable packing with non-normal dynamics."""
 
 from contextlib import nullcontext
 from typing import NamedTuple
@@ -16,41 +16,41 @@ from .freedom import ZERO_BELOW, Freedom, assembled, backbone, dynamical_matrix,
 from .linear import DENSE_BELOW, one_thread
 from .spectrum import REAL_BELOW
 
-AT_MOST = 1_500  # coordinates: eigenvectors, and some hundred largest singular values, within minutes
-NOTHING = 1e-9  # beyond 1, up to which a bound leaves nothing to look for
-COARSE = 1e-3  # relative residual of a singular vector; its value is then good to about the square of that
-SMALL = 150  # size up to which LAPACK finds a largest singular value sooner than Lanczos' method
-UNCERTAIN = 1e10  # condition number of the modes beyond which their round-off spoils what is made of them
-SYMMETRIC = 1e-13  # of the largest entry
-PAIRS = 8  # of modes, those that nearly coincide, at whose beats is looked
-PERIODS = 20  # of the slowest mode: the window where no beat is longer
-FINE = 24  # times around each of the best ones, first between samples, then within a period on either side
+AT_MOST = 1_500  # coordinates; eigenvectors and a few hundred largest singular values are computed within minutes
+NOTHING = 1e-9  # excess of the bound over 1 up to which no search is needed
+COARSE = 1e-3  # relative residual of a singular vector; the singular value is accurate to about its square
+SMALL = 150  # size up to which LAPACK finds the largest singular value faster than Lanczos' method
+UNCERTAIN = 1e10  # condition number of the modes beyond which round-off spoils the result
+SYMMETRIC = 1e-13  # largest asymmetry of a symmetric matrix, over its largest entry
+PAIRS = 8  # pairs of nearly coinciding modes whose beats are searched
+PERIODS = 20  # periods of the slowest mode in the default window, unless a beat is longer
+FINE = 24  # times around each of the best times, first between samples, then within a period on either side
 
 
 @readable
 class TransientGrowth(NamedTuple):
-    """The largest amplification that was found, when, of what, and what none exceeds."""
+    """Largest amplification found, its time and disturbance, and an upper bound."""
 
-    amplitude: float  # largest ‖end‖/‖start‖ found; its square is that of the energy
-    time: float  # when [time]
-    bound: float  # of the amplitude at all times: condition number of the modes in this norm
-    of_pair: float  # that two modes alone reach, those which nearly coincide most; with dashpots an estimate
-    pair: np.ndarray  # (2,) their frequencies |Im s| [1/time]; they are in opposite phase at π over the difference
-    times: np.ndarray  # (T,) that were looked at, sorted, from 0 to the end of the window [time]
-    amplitudes: np.ndarray  # (T,)
-    start: np.ndarray  # (2, n) the disturbance that grows most: displacement and velocity, of unit norm
-    end: np.ndarray  # (2, n) what becomes of it: displacement and velocity at `time`
+    amplitude: float  # largest ‖end‖/‖start‖ found; its square is the amplification of the energy
+    time: float  # time of the largest amplification [time]
+    bound: float  # upper bound of the amplitude at all times: condition number of the modes in this norm
+    of_pair: float  # amplitude from the two most nearly coinciding modes alone; an estimate with dashpots
+    pair: np.ndarray  # (2,) their frequencies |Im s| [1/time]; they are in opposite phase after π over the difference
+    times: np.ndarray  # (T,) times evaluated, sorted, from 0 to the end of the window [time]
+    amplitudes: np.ndarray  # (T,) largest amplitude at each time
+    start: np.ndarray  # (2, n) displacement and velocity of the disturbance that grows most, of unit norm
+    end: np.ndarray  # (2, n) displacement and velocity of this disturbance at `time`
     norm: str  # "energy" or "displacement"
-    free: Freedom  # coordinates of start and end; rattlers are left out
+    free: Freedom  # coordinates of start and end, without rattlers
 
     @property
     def energy(self) -> float:
-        """Largest amplification of the energy, or of the square of displacements."""
+        """Largest amplification of the energy, or of the squared displacement."""
         return self.amplitude**2
 
 
-class _Motion(NamedTuple):
-    """(y, ẏ)(t) = Re X exp(st) W u of a start u, and its norm |Re P exp(st) W u|; one of each conjugate pair of s."""
+class _ModalMotion(NamedTuple):
+    """(y, ẏ)(t) = Re X exp(st) W u from a start u, with norm |Re P exp(st) W u|; one of each conjugate pair of s."""
 
     exponents: np.ndarray  # (k,)
     modes: np.ndarray  # (2n, k) X
@@ -61,28 +61,30 @@ class _Motion(NamedTuple):
 def transient_growth(
     state: State, law: Law, *, norm: str = "energy", duration: float | None = None, samples: int = 100, report=None
 ) -> TransientGrowth:
-    """sup_t ‖exp(Bt)‖ of the linearised motion M q̈ = J q + C q̇ of a packing whose spectrum is stable.
+    """Largest transient growth sup_t ‖exp(Bt)‖ of the motion M q̈ = J q + C q̇ of a packing with a stable spectrum.
 
-    Eigenvalues say what remains; J is not symmetric, its modes are not orthogonal, and their sum may grow before. Both
-    norms never grow where J is symmetric, so that all growth is the work of the curl of friction.
+    Eigenvalues describe the long-time behaviour. J is not symmetric and its modes are not orthogonal, so their sum may
+    grow at first. Neither norm can grow if J is symmetric; all growth is due to the curl of friction.
 
     Parameters
     ----------
-    norm : "energy": E = ½ q̇ᵀMq̇ + ½ qᵀKq, K the symmetric part of −J, which must be positive: dE/dt is the power of
-        the skew part, less what dashpots take. "displacement": |q|² = qᵀMq of what starts at rest. (Without dashpots
-        velocities that start from the equilibrium's positions grow by the same factor.)
-    duration : window that is searched [time]; default: 20 periods of the slowest mode, or if that is longer a whole
-        beat of the two modes that nearly coincide most. Without dashpots the motion is quasi-periodic and comes near
-        its supremum again and again, which may take longer: `amplitude` is what was found, `bound` what none exceeds
-    samples : times looked at, evenly spaced, besides a third as many early ones and those at which nearly coinciding
-        modes are in opposite phase
+    norm : "energy": E = ½ q̇ᵀMq̇ + ½ qᵀKq, with K the symmetric part of −J, which must be positive definite; dE/dt is
+        the power of the skew part minus the dissipation of dashpots. "displacement": |q|² = qᵀMq of a motion that
+        starts at rest. (Without dashpots, velocities that start from the equilibrium positions grow by the same
+        factor.)
+    duration : window that is searched [time]; default: 20 periods of the slowest mode, or a whole beat of the two most
+        nearly coinciding modes if that is longer. Without dashpots the motion is quasi-periodic and approaches its
+        supremum again and again, possibly only after a longer time: `amplitude` is the largest value found, `bound` an
+        upper bound
+    samples : number of evenly spaced times, in addition to a third as many early times and the times at which nearly
+        coinciding modes are in opposite phase
     report : called as report(stage, share done, words)
 
     Raises
     ------
     ValueError
-        if something grows exponentially; if floppy modes are left; if there are more than 1500 coordinates; if K is not
-        positive and the norm is "energy"; if modes coincide to round-off.
+        if a mode grows exponentially; if there are floppy modes; if there are more than 1500 coordinates; if K is not
+        positive definite and the norm is "energy"; if modes coincide to round-off.
 
     Source
     ------
@@ -91,7 +93,7 @@ def transient_growth(
 
     Examples
     --------
-    A lattice without tangential forces has a symmetric J, and amplifies nothing:
+    A lattice without tangential forces has a symmetric J and does not amplify disturbances:
 
     >>> import numpy as np
     >>> import stickslip as ss
@@ -107,27 +109,31 @@ def transient_growth(
         raise ValueError(f"norm {norm!r} was given: use energy or displacement")
     free = backbone(state, law)
     if len(free) > AT_MOST:
-        raise ValueError(f"{len(free)} coordinates were given: transient growth takes at most {AT_MOST}, all its modes")
-    basis, pull, drag = _reduced(state, law, free)
+        raise ValueError(
+            f"{len(free)} coordinates were given: transient growth needs all modes and takes at most {AT_MOST}"
+        )
+    basis, pull, drag = _reduced_matrices(state, law, free)
     with one_thread() if len(pull) < DENSE_BELOW else nullcontext():
-        motion, root = _motion(pull, drag, norm)
-        bound = _bound(motion)
+        motion, root = _modal_motion(pull, drag, norm)
+        bound = _amplitude_bound(motion)
         if bound > UNCERTAIN:
             raise ValueError(
                 f"modes of this packing coincide to round-off (condition number {bound:.1g}): it is at the birth of a "
-                f"complex pair, and its transient growth can't be told from modes"
+                f"complex pair, and its transient growth cannot be computed from modes"
             )
-        pairs = _beats(motion, drag is None)
+        pairs = _find_beats(motion, drag is None)
         if bound <= 1 + NOTHING:
             times, amplitudes = np.zeros(1), np.ones(1)
         else:
-            times, amplitudes = _searched(motion, pairs, duration, samples, report)
+            times, amplitudes = _search_times(motion, pairs, duration, samples, report)
         best = int(np.argmax(amplitudes))
-        amplitude, start = _start(motion, times[best])
+        amplitude, start = _optimal_start(motion, times[best])
         amplitudes[best] = amplitude
     lift = (basis / np.sqrt(free.mass)[:, None]).T
     n, end = len(pull), (motion.modes * np.exp(motion.exponents * times[best])) @ (motion.parts @ start)
-    begin = np.concatenate([start, 0 * start]) if root is None else np.append(_back(root, start[:n]), start[n:])
+    begin = (
+        np.concatenate([start, 0 * start]) if root is None else np.append(_from_energy_norm(root, start[:n]), start[n:])
+    )
     of_pair = pairs[0][0] if pairs else 1.0
     return TransientGrowth(
         amplitude, float(times[best]), max(bound, 1.0), of_pair, np.array(pairs[0][2:] if pairs else []), times,
@@ -135,23 +141,23 @@ def transient_growth(
     )  # fmt: skip
 
 
-def _bound(motion: _Motion) -> float:
-    """‖[Re P, Im P]‖ ‖[Re W; Im W]‖: what is between them turns and decays."""
+def _amplitude_bound(motion: _ModalMotion) -> float:
+    """Bound ‖[Re P, Im P]‖ ‖[Re W; Im W]‖, since exp(st) only rotates and decays."""
     p, w = motion.norms, motion.parts
     return float(np.linalg.norm(np.hstack([p.real, p.imag]), 2) * np.linalg.norm(np.vstack([w.real, w.imag]), 2))
 
 
-def _back(root: np.ndarray, u: np.ndarray) -> np.ndarray:
+def _from_energy_norm(root: np.ndarray, u: np.ndarray) -> np.ndarray:
     return solve_triangular(root, u)
 
 
-def _reduced(state: State, law: Law, free: Freedom):
-    """Orthonormal basis (n, r) of what is held, and −A and the dashpots in it; translations are left out."""
+def _reduced_matrices(state: State, law: Law, free: Freedom):
+    """Orthonormal basis (n, r) of resisted motions without translations, and −A and the dashpots in it."""
     if not len(free):
-        raise ValueError("nothing but rattlers was given: transient growth needs grains that hold each other")
+        raise ValueError("the packing has only rattlers: transient growth needs grains that support each other")
     matrix = dynamical_matrix(state, law, free)
     rigid, size = translations(matrix, free), np.abs(matrix).sum(axis=1)
-    held = size > REAL_BELOW * size.max()  # rotations without friction are not
+    held = size > REAL_BELOW * size.max()  # rotations without friction are not resisted
     basis = np.eye(len(free))[:, held]
     if rigid.shape[1]:
         basis = basis @ null_space(rigid[held].T)
@@ -163,25 +169,25 @@ def _reduced(state: State, law: Law, free: Freedom):
     return basis, pull, basis.T @ drag @ basis
 
 
-def _motion(pull: np.ndarray, drag: np.ndarray | None, norm: str) -> tuple[_Motion, np.ndarray | None]:
-    """Modes of ÿ = −A y + D ẏ in the norm, and the Cholesky factor of the symmetric part of A if it is needed."""
+def _modal_motion(pull: np.ndarray, drag: np.ndarray | None, norm: str) -> tuple[_ModalMotion, np.ndarray | None]:
+    """Modes of ÿ = −A y + D ẏ in the norm, and the Cholesky factor of the symmetric part of A if needed."""
     n = len(pull)
-    exponents, modes, inverse = _undamped(pull) if drag is None else _damped(pull, drag)
+    exponents, modes, inverse = _undamped_modes(pull) if drag is None else _damped_modes(pull, drag)
     if norm == "displacement":
-        return _scaled(exponents, modes, modes[:n], inverse[:, :n]), None
+        return _normalise_modes(exponents, modes, modes[:n], inverse[:, :n]), None
     try:
         root = cholesky((pull + pull.T) / 2)
     except LinAlgError:
         raise ValueError(
-            "the symmetric part of the stiffness is not positive, so that no elastic energy can measure growth: take "
-            "norm='displacement'"
+            "the symmetric part of the stiffness is not positive definite, so there is no elastic energy to measure "
+            "growth: use norm='displacement'"
         ) from None
     norms = np.concatenate([root @ modes[:n], modes[n:]])
     first = solve_triangular(root, inverse[:, :n].T, trans="T").T
-    return _scaled(exponents, modes, norms, np.hstack([first, inverse[:, n:]])), root
+    return _normalise_modes(exponents, modes, norms, np.hstack([first, inverse[:, n:]])), root
 
 
-def _undamped(pull: np.ndarray):
+def _undamped_modes(pull: np.ndarray):
     scale = np.abs(pull).max()
     if np.abs(pull - pull.T).max() <= SYMMETRIC * scale:
         values, vectors = eigh((pull + pull.T) / 2)
@@ -189,55 +195,59 @@ def _undamped(pull: np.ndarray):
     else:
         values, vectors = eig(pull)
         if (np.abs(values.imag) > REAL_BELOW * np.abs(values).max()).any():
-            _refuse(float(np.abs(np.sqrt(values).imag).max()))
+            _raise_unstable(float(np.abs(np.sqrt(values).imag).max()))
         order = np.argsort(values.real)
         values, vectors = values.real[order], vectors.real[:, order]
-        inverse = _inverse(vectors)
+        inverse = _invert(vectors)
     if values[0] < -ZERO_BELOW * scale:
-        _refuse(float(np.sqrt(-values[0])))
+        _raise_unstable(float(np.sqrt(-values[0])))
     if values[0] < ZERO_BELOW * scale:
-        raise ValueError("a packing with floppy modes was given: what nothing resists moves ever further")
+        raise ValueError(
+            "the packing has floppy modes, which move without limit: transient growth needs a rigid packing"
+        )
     speed = np.sqrt(values)
     modes = np.concatenate([vectors + 0j, -1j * vectors * speed])
     return -1j * speed, modes, np.hstack([inverse + 0j, 1j * inverse / speed[:, None]])
 
 
-def _damped(pull: np.ndarray, drag: np.ndarray):
+def _damped_modes(pull: np.ndarray, drag: np.ndarray):
     n, unit = len(pull), np.sqrt(np.abs(pull).max())
-    form = np.block([[np.zeros((n, n)), np.eye(n)], [-pull / unit**2, drag / unit]])  # both of order one
+    form = np.block([[np.zeros((n, n)), np.eye(n)], [-pull / unit**2, drag / unit]])  # both blocks are of order one
     values, vectors = eig(form)
     if values.real.max() > REAL_BELOW:
-        _refuse(float(unit * values.real.max()))
+        _raise_unstable(float(unit * values.real.max()))
     if np.abs(values).min() ** 2 < ZERO_BELOW:
-        raise ValueError("a packing with floppy modes was given: what nothing resists moves ever further")
-    inverse = _inverse(vectors)
+        raise ValueError(
+            "the packing has floppy modes, which move without limit: transient growth needs a rigid packing"
+        )
+    inverse = _invert(vectors)
     chosen = np.flatnonzero(values.imag <= 0)
     vectors, inverse = vectors[:, chosen], np.where(values[chosen].imag < 0, 2, 1)[:, None] * inverse[chosen]
     factor = np.repeat([1.0, unit], n)
     return unit * values[chosen], factor[:, None] * vectors, inverse / factor
 
 
-def _inverse(vectors: np.ndarray) -> np.ndarray:
+def _invert(vectors: np.ndarray) -> np.ndarray:
     try:
         return np.linalg.inv(vectors)
     except np.linalg.LinAlgError:
-        return np.full_like(vectors, UNCERTAIN)  # refused by the bound that they lead to
+        return np.full_like(vectors, UNCERTAIN)  # rejected by the resulting bound
 
 
-def _refuse(rate: float) -> None:
-    raise ValueError(f"an unstable packing was given, which grows as exp({rate:.4g} t): give a stable one")
+def _raise_unstable(rate: float) -> None:
+    raise ValueError(f"the packing is unstable and grows as exp({rate:.4g} t): transient growth needs a stable packing")
 
 
-def _scaled(exponents, modes, norms, parts) -> _Motion:
-    """Modes of unit norm, which makes the bound nearly the least that scaling can give."""
+def _normalise_modes(exponents, modes, norms, parts) -> _ModalMotion:
+    """Scale modes to unit norm, which makes the bound nearly as small as scaling can."""
     size = np.linalg.norm(norms, axis=0)
-    return _Motion(exponents, modes / size, norms / size, parts * size[:, None])
+    return _ModalMotion(exponents, modes / size, norms / size, parts * size[:, None])
 
 
-def _beats(motion: _Motion, undamped: bool) -> list[tuple[float, float, float, float]]:
-    """(amplitude, time of opposite phase, two frequencies) of the modes that nearly coincide, the largest first.
+def _find_beats(motion: _ModalMotion, undamped: bool) -> list[tuple[float, float, float, float]]:
+    """(amplitude, time of opposite phase, two frequencies) of nearly coinciding modes, the largest first.
 
-    Two unit modes with cosine c are a disturbance that their being in opposite phase turns into √((1 + c)/(1 − c)).
+    A disturbance of two unit modes with cosine c is amplified by √((1 + c)/(1 − c)) when they are in opposite phase.
     """
     swings = np.flatnonzero(motion.exponents.imag != 0)
     s, p = motion.exponents[swings], motion.norms[:, swings]
@@ -256,15 +266,17 @@ def _beats(motion: _Motion, undamped: bool) -> list[tuple[float, float, float, f
     return found
 
 
-def _searched(motion: _Motion, pairs, duration: float | None, samples: int, report):
-    """Times looked at, sorted, and the amplitude at each."""
+def _search_times(motion: _ModalMotion, pairs, duration: float | None, samples: int, report):
+    """Times evaluated, sorted, and the amplitude at each."""
     slowest = np.abs(motion.exponents).min()
     if duration is None:
         duration = max([PERIODS * 2 * np.pi / slowest, *(2 * time for _, time, *_ in pairs[:1])])
     if not (np.isfinite(duration) and duration > 0 and samples >= 2):
-        raise ValueError(f"duration = {duration} with {samples} samples was given: a positive time and at least 2")
+        raise ValueError(
+            f"duration = {duration}, samples = {samples} were given: a positive time and at least 2 samples are needed"
+        )
     beats = [time for _, time, *_ in pairs if time <= duration]
-    amplitude = _amplitudes(motion)
+    amplitude = _amplitude_function(motion)
     early = np.geomspace(0.1 / np.abs(motion.exponents).max(), duration, samples // 3)
     times = np.unique(np.concatenate([np.linspace(0.0, duration, samples), early[early < duration], beats]))
     found = np.empty(len(times))
@@ -272,7 +284,7 @@ def _searched(motion: _Motion, pairs, duration: float | None, samples: int, repo
         if report and k % 10 == 0:
             report("transient growth", 0.6 * k / len(times), f"{k} of {len(times)} times up to {duration:.4g}")
         found[k] = amplitude(t)
-    # the envelope first, then the phase of what swings below it
+    # the envelope first, then the phase of the oscillation below it
     reaches = duration / (samples - 1), 2 * np.pi / (max(pairs[0][2:]) if pairs else slowest)
     starts = np.unique([*times[np.argsort(-found)[:2]], *beats[:1]])
     for k, t in enumerate(starts):
@@ -292,25 +304,25 @@ def _searched(motion: _Motion, pairs, duration: float | None, samples: int, repo
     return times, found[first]
 
 
-def _amplitudes(motion: _Motion):
-    """A function of t: the largest singular value of Re P exp(st) W."""
+def _amplitude_function(motion: _ModalMotion):
+    """Return a function of t, the largest singular value of Re P exp(st) W."""
     if motion.norms.shape[0] <= SMALL:
-        return lambda t: float(np.linalg.norm(_whole(motion, t), 2))
+        return lambda t: float(np.linalg.norm(_propagator(motion, t), 2))
     guess = [np.random.default_rng(0).normal(size=motion.norms.shape[0])]
 
     def amplitude(t: float) -> float:
-        _, value, right = svds(_operator(motion, t), k=1, v0=guess[0], tol=COARSE, solver="arpack")
+        _, value, right = svds(_propagator_operator(motion, t), k=1, v0=guess[0], tol=COARSE, solver="arpack")
         guess[0] = right[0]
         return float(value[0])
 
     return amplitude
 
 
-def _whole(motion: _Motion, t: float) -> np.ndarray:
+def _propagator(motion: _ModalMotion, t: float) -> np.ndarray:
     return ((motion.norms * np.exp(motion.exponents * t)) @ motion.parts).real
 
 
-def _operator(motion: _Motion, t: float) -> LinearOperator:
+def _propagator_operator(motion: _ModalMotion, t: float) -> LinearOperator:
     turn, m = np.exp(motion.exponents * t), motion.norms.shape[0]
     return LinearOperator(
         (m, m), dtype=float,
@@ -319,11 +331,11 @@ def _operator(motion: _Motion, t: float) -> LinearOperator:
     )  # fmt: skip
 
 
-def _start(motion: _Motion, t: float) -> tuple[float, np.ndarray]:
-    """The largest amplitude at t, and the unit start (m,) that is amplified by it."""
+def _optimal_start(motion: _ModalMotion, t: float) -> tuple[float, np.ndarray]:
+    """Largest amplitude at t, and the unit start (m,) that reaches it."""
     if motion.norms.shape[0] <= SMALL:
-        _, values, starts = np.linalg.svd(_whole(motion, t))
+        _, values, starts = np.linalg.svd(_propagator(motion, t))
     else:
         guess = np.random.default_rng(0).normal(size=motion.norms.shape[0])
-        _, values, starts = svds(_operator(motion, t), k=1, v0=guess, solver="arpack")
+        _, values, starts = svds(_propagator_operator(motion, t), k=1, v0=guess, solver="arpack")
     return float(values[0]), starts[0]
