@@ -60,8 +60,8 @@ def folder(tmp_path):
 
 def forget(law, monkeypatch):
     """As in another process: the law is not known."""
-    monkeypatch.delitem(kinds.OWN, law.kind)
-    monkeypatch.delitem(kinds.KNOWN, law.kind)
+    monkeypatch.delitem(kinds.COMPILED, law.kind)
+    monkeypatch.delitem(kinds.USER_LAWS, law.kind)
 
 
 def test_a_scenario_names_a_file_beside_it_and_knows_its_text(folder):

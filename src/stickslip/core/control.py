@@ -144,9 +144,9 @@ def time_dependent(control: Control, bodies, times, factors, *, axes=slice(None)
     >>> ss.control.time_dependent(control, [10], times, np.cos(2 * np.pi * times / 50)).follows[10, :3]
     array([0, 0, 0], dtype=int16)
     """
-    control = control._replace(course=_with_column(control.course))
+    control = control._replace(course=_add_column(control.course))
     column = control.course.shape[1] - 1
-    knots, course = _joined(control, times, factors, column)
+    knots, course = _merge_course(control, times, factors, column)
     follows, cell_follows = control.follows.copy(), control.cell_follows.copy()
     if isinstance(bodies, str):
         if bodies != "cell":
@@ -189,9 +189,9 @@ def spring_loaded(
     others = control.leads == column
     others[bodies, axis] = False
     column = -1 if others.any() else column  # a course that others follow, too, stays theirs
-    control = control if column >= 0 else control._replace(course=_with_column(control.course))
+    control = control if column >= 0 else control._replace(course=_add_column(control.course))
     column = column if column >= 0 else control.course.shape[1] - 1
-    knots, course = _joined(control, times, displacement, column)
+    knots, course = _merge_course(control, times, displacement, column)
     arrays = {name: getattr(control, name).copy() for name in ("free", "rate", "spring", "anchor", "leads")}
     arrays["free"][bodies, axis], arrays["rate"][bodies, axis] = True, 0.0
     arrays["spring"][bodies, axis] = stiffness / len(bodies)
@@ -208,11 +208,11 @@ def spring_forces(control: Control, position: np.ndarray, time: float) -> np.nda
     return control.spring * (control.anchor + displacement - position)
 
 
-def _with_column(course):
+def _add_column(course):
     return np.concatenate([course, np.zeros((len(course), 1))], axis=1)
 
 
-def _joined(control: Control, times, values, column: int) -> tuple[np.ndarray, np.ndarray]:
+def _merge_course(control: Control, times, values, column: int) -> tuple[np.ndarray, np.ndarray]:
     """Knots and courses in which one column is what times and values say."""
     times, values = np.asarray(times, float), np.asarray(values, float)
     if times.ndim != 1 or times.shape != values.shape or not len(times) or (np.diff(times) <= 0).any():

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-VECTORS, RATE, AHEAD, STRETCH, TURN, SLIDE_BACK, SINCE, PULL = range(8)
+VECTORS, RATE, RATE_AHEAD, STRETCH, TURN, INVERSE_HALF, SINCE, PULL = range(8)
 
 
 class Flow(NamedTuple):

@@ -6,7 +6,7 @@ from numba import njit
 from .contacts.forces import bodies
 from .contacts.geometry import normal_and_overlap, pair_vector, shifts
 from .contacts.jacobian import linearise
-from .contacts.mechanics import HELD, apart, effective
+from .contacts.mechanics import HELD, effective_values, out_of_range
 from .laws.builtin import Law, normal_energy, row
 from .state import OPEN, State
 
@@ -170,9 +170,9 @@ def _elastic_energy(kind, dim, bodies, contacts, shift, p):
         i, j = contacts.i[c], contacts.j[c]
         rx, ry, rz = pair_vector(dim, bodies.position, shift, c, i, j)
         _, _, _, overlap, _ = normal_and_overlap(i, j, j >= n, j - n, radius, bodies.normal, rx, ry, rz)
-        if not apart(kind, p, bodies.material, radius, bodies.inverse_mass, i, j, j >= n, overlap):
+        if not out_of_range(kind, p, bodies.material, radius, bodies.inverse_mass, i, j, j >= n, overlap):
             q = row(kind, p, bodies.material[i], bodies.material[j])
-            r_eff, _ = effective(kind, 0, radius, bodies.inverse_mass, i, j, j >= n)
+            r_eff, _ = effective_values(kind, 0, radius, bodies.inverse_mass, i, j, j >= n)
             total += normal_energy(kind, q, r_eff, overlap)
     return total
 

@@ -12,11 +12,11 @@ from numba import njit
 from .readable import counted, readable
 
 OPEN, STICK, SLIDE = 0, 1, 2
-CROWD = 100  # centres in a cube of the smallest radius, which holds one if grains do not overlap
-COURSE = np.int16  # of the columns that components follow: there are nine of them to a body
+MAX_IN_CUBE = 100  # centres in a cube of the smallest radius, which holds one if grains do not overlap
+COURSE_DTYPE = np.int16  # of the columns that components follow: there are nine of them to a body
 
 
-@readable(head=lambda value: _grains_in_words(value))
+@readable(head=lambda value: _describe_grains(value))
 class Grains(NamedTuple):
     """Disks or spheres, one row each."""
 
@@ -30,7 +30,7 @@ class Grains(NamedTuple):
     material: np.ndarray  # (N,) row of the law's table
 
 
-@readable(head=lambda value: _walls_in_words(value))
+@readable(head=lambda value: _describe_walls(value))
 class Walls(NamedTuple):
     """Flat bodies that translate; grains live on the side to which the normal points."""
 
@@ -41,7 +41,7 @@ class Walls(NamedTuple):
     material: np.ndarray  # (W,)
 
 
-@readable(head=lambda value: _cell_in_words(value))
+@readable(head=lambda value: _describe_cell(value))
 class Cell(NamedTuple):
     """The box: vectors as rows, which of them are periodic, the number of dimensions, and how fast it deforms.
 
@@ -54,7 +54,7 @@ class Cell(NamedTuple):
     rate: np.ndarray  # (3, 3) velocity gradient L_ab = ∂v_a/∂x_b; each vector h changes as L h [1/time]
 
 
-@readable(head=lambda value: _contacts_in_words(value))
+@readable(head=lambda value: _describe_contacts(value))
 class Contacts(NamedTuple):
     """Pairs within reach, sorted by key, each with its memory; the first `count[0]` rows are valid.
 
@@ -78,7 +78,7 @@ class Contacts(NamedTuple):
     rolling: np.ndarray = np.zeros((0, 7))  # (C, 7) memory of laws that resist rolling, see there; else (0, 7)
 
 
-@readable(head=lambda value: _control_in_words(value))
+@readable(head=lambda value: _describe_control(value))
 class Control(NamedTuple):
     """What is imposed. A component that is not free moves at its `rate`: zero means frozen, anything else driven.
 
@@ -116,7 +116,7 @@ class Instant(NamedTuple):
     mark: int  # checksum of the state that they belong to
 
 
-@readable(head=lambda value: _state_in_words(value), picture=lambda value: _drawing(value))
+@readable(head=lambda value: _describe_state(value), picture=lambda value: _draw_svg(value))
 class State(NamedTuple):
     """Everything that the future depends on, except the law."""
 
@@ -134,7 +134,7 @@ class State(NamedTuple):
         return len(self.grains.radius) + len(self.walls.mass)
 
 
-def numbers(value, dtype=float) -> np.ndarray:
+def as_numbers(value, dtype=float) -> np.ndarray:
     """An array of real or whole numbers; ValueError with one sentence for what is none, or would lose a part."""
     array = np.asarray(value)
     if array.dtype.kind not in "biufO" or any(isinstance(v, complex) for v in array.ravel() if array.dtype.kind == "O"):
@@ -145,9 +145,9 @@ def numbers(value, dtype=float) -> np.ndarray:
     return np.asarray(array, dtype)
 
 
-def rows(value, n, width=None, dtype=float):
+def as_rows(value, n, width=None, dtype=float):
     """Contiguous copy of `value`, broadcast to (n,) or (n, width); plane vectors get a zero third component."""
-    array = np.asarray(value, bool) if dtype is bool else numbers(value, dtype)
+    array = np.asarray(value, bool) if dtype is bool else as_numbers(value, dtype)
     if width == 3 and array.shape[-1:] == (2,):
         array = np.concatenate([array, np.zeros((*array.shape[:-1], 1))], axis=-1)
     shape = (n,) if width is None else (n, width)
@@ -175,18 +175,18 @@ def disks(position, radius, *, mass=1.0, i0=0.5, material=0, velocity=0.0, spin=
     >>> disks([[0, 0.5], [1, 0.5]], 0.5).inertia
     array([0.125, 0.125])
     """
-    position = np.atleast_2d(numbers(position))
+    position = np.atleast_2d(as_numbers(position))
     n = len(position)
-    radius, mass = rows(radius, n), rows(mass, n)
+    radius, mass = as_rows(radius, n), as_rows(mass, n)
     return Grains(
-        rows(position, n, 3),
-        rows(angle, n, 3),
-        rows(velocity, n, 3),
-        rows(spin, n, 3),
+        as_rows(position, n, 3),
+        as_rows(angle, n, 3),
+        as_rows(velocity, n, 3),
+        as_rows(spin, n, 3),
         radius,
         mass,
         i0 * mass * radius**2,
-        rows(material, n, dtype=np.int64),
+        as_rows(material, n, dtype=np.int64),
     )
 
 
@@ -197,21 +197,25 @@ def spheres(position, radius, *, i0=0.4, **rest) -> Grains:
 
 def flat_walls(point=(), normal=(), *, mass=1.0, material=0, velocity=0.0) -> Walls:
     """Flat walls through `point` with `normal` (any length but zero) towards the grains."""
-    point, normal = numbers(point), numbers(normal)
+    point, normal = as_numbers(point), as_numbers(normal)
     point, normal = (np.atleast_2d(a) if a.size else np.zeros((0, 3)) for a in (point, normal))
     n = max(len(point), len(normal))
-    normal = rows(normal, n, 3)
+    normal = as_rows(normal, n, 3)
     size = np.linalg.norm(normal, axis=1, keepdims=True)
     if not (size > 0).all():
         raise ValueError("a wall's normal of length zero was given: give a vector that points towards the grains")
     return Walls(
-        rows(point, n, 3), normal / size, rows(velocity, n, 3), rows(mass, n), rows(material, n, dtype=np.int64)
+        as_rows(point, n, 3),
+        normal / size,
+        as_rows(velocity, n, 3),
+        as_rows(mass, n),
+        as_rows(material, n, dtype=np.int64),
     )
 
 
 def box(size=(1.0, 1.0, 1.0), periodic=(False, False, False), dim=3) -> Cell:
     """An orthogonal cell (three lengths) or any cell (three vectors as rows)."""
-    size = numbers(size)
+    size = as_numbers(size)
     vectors = np.diag(size) if size.ndim == 1 else size
     return Cell(np.ascontiguousarray(vectors), np.array(periodic, bool), int(dim), np.zeros((3, 3)))
 
@@ -262,7 +266,7 @@ def loads(n_grains: int, n_walls: int = 0, *, force=0.0, torque=0.0, gravity=(0.
         np.zeros((n, 3)),
         np.ones((n, 6), bool),
         np.zeros((n, 6)),
-        numbers(gravity).copy(),
+        as_numbers(gravity).copy(),
         np.full(n, -1),
         np.zeros((3, 3), bool),
         np.zeros((3, 3)),
@@ -270,15 +274,15 @@ def loads(n_grains: int, n_walls: int = 0, *, force=0.0, torque=0.0, gravity=(0.
         0.0,
         np.zeros(0),
         np.zeros((0, 0)),
-        np.full((n, 6), -1, COURSE),
+        np.full((n, 6), -1, COURSE_DTYPE),
         np.full((3, 3), -1),
         np.zeros((n, 3)),
         np.zeros((n, 3)),
-        np.full((n, 3), -1, COURSE),
+        np.full((n, 3), -1, COURSE_DTYPE),
     )
     for part, load in ((control.force, force), (control.torque, torque)):
         if np.any(load):  # zeros that nobody has written to take no memory
-            part[:n_grains] = rows(load, n_grains, 3)
+            part[:n_grains] = as_rows(load, n_grains, 3)
     control.free[n_grains:] = False
     return control
 
@@ -348,8 +352,8 @@ def check(state: State) -> None:
         if not (values > 0).all():
             bad = int(np.argmin(values))
             raise ValueError(f"grain {bad} has {name} {values[bad]:g}: it must be positive")
-    if n > CROWD:
-        _check_crowd(grains)
+    if n > MAX_IN_CUBE:
+        _check_crowding(grains)
     if cell.dim not in (2, 3):
         raise ValueError(f"a cell of {cell.dim} dimensions was given: 2 and 3 are allowed")
     for name in ("force", "torque", "free", "rate", "group", "follows", "spring", "anchor", "leads"):
@@ -373,11 +377,11 @@ def check(state: State) -> None:
         )
 
 
-def _check_crowd(grains: Grains) -> None:
+def _check_crowding(grains: Grains) -> None:
     """Raise ValueError where so many grains are in one place that lists of all pairs would fill the memory."""
     cells = np.floor(grains.position / grains.radius.min()) % 2.0**20
     _, place, count = np.unique(cells @ [1.0, 2.0**20, 2.0**40], return_index=True, return_counts=True)
-    if count.max() > CROWD:
+    if count.max() > MAX_IN_CUBE:
         x = ", ".join(f"{v:.4g}" for v in grains.position[place[count.argmax()]])
         raise ValueError(f"{count.max()} grains were given within a radius of ({x}): move them apart")
 
@@ -437,33 +441,33 @@ def _check_springs(control: Control) -> None:
         )
 
 
-def _grains_in_words(grains: Grains) -> str:
+def _describe_grains(grains: Grains) -> str:
     radius = grains.radius
     sizes = f", radii {radius.min():.4g} to {radius.max():.4g}, mass {grains.mass.sum():.4g}" if len(radius) else ""
     return counted(len(radius), "grain") + sizes
 
 
-def _walls_in_words(walls: Walls) -> str:
+def _describe_walls(walls: Walls) -> str:
     return counted(len(walls.mass), "flat wall")
 
 
-def _cell_in_words(cell: Cell) -> str:
+def _describe_cell(cell: Cell) -> str:
     lengths = " × ".join(f"{x:.4g}" for x in np.linalg.norm(cell.vectors, axis=1)[: cell.dim])
     axes = "".join(name for name, around in zip("xyz", cell.periodic[: cell.dim], strict=False) if around)
     moving = ", deforming" if cell.rate.any() else ""
     return f"{cell.dim} dimensions, {lengths}, {f'periodic along {axes}' if axes else 'not periodic'}{moving}"
 
 
-def _contacts_in_words(contacts: Contacts) -> str:
+def _describe_contacts(contacts: Contacts) -> str:
     mode = contacts.mode[: contacts.count[0]]
-    return f"{_touching_in_words(mode)} in a list of {len(mode)} pairs"
+    return f"{_describe_modes(mode)} in a list of {len(mode)} pairs"
 
 
-def _touching_in_words(mode: np.ndarray) -> str:
+def _describe_modes(mode: np.ndarray) -> str:
     return f"{counted(int((mode != OPEN).sum()), 'contact')} ({(mode == SLIDE).sum()} sliding)"
 
 
-def _control_in_words(control: Control) -> str:
+def _describe_control(control: Control) -> str:
     held = int((~control.free[:, :3].any(axis=1)).sum())
     parts = [counted(len(control.force), "body").replace("bodys", "bodies"), f"{held} of them fixed or driven"]
     if groups := len(np.unique(control.group[control.group >= 0])):
@@ -477,18 +481,16 @@ def _control_in_words(control: Control) -> str:
     return ", ".join(parts)
 
 
-def _state_in_words(state: State) -> str:
+def _describe_state(state: State) -> str:
     kind = "disk" if state.cell.dim == 2 else "sphere"
     around = state.cell.periodic[: state.cell.dim]
     cell = "a periodic cell" if around.all() else "a partly periodic cell" if around.any() else "open space"
     walls = f", {counted(len(state.walls.mass), 'wall')}" if len(state.walls.mass) else ""
     mode = state.contacts.mode[: state.contacts.count[0]]
-    return (
-        f"{counted(len(state.grains.radius), kind)} in {cell}{walls}, {_touching_in_words(mode)}, t = {state.time:.6g}"
-    )
+    return f"{counted(len(state.grains.radius), kind)} in {cell}{walls}, {_describe_modes(mode)}, t = {state.time:.6g}"
 
 
-def _drawing(state: State) -> str:
+def _draw_svg(state: State) -> str:
     """SVG of the grains seen along z, the nearest 3000 of them."""
     r, radius = state.grains.position, state.grains.radius
     if not len(radius) or not np.isfinite(r).all():

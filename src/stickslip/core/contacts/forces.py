@@ -1,6 +1,6 @@
 """Forces, torques and trial memory of all contacts.
 
-`forces` returns loads and *trial* contacts and leaves the state alone; only `accept` commits them. The kernel `sweep`
+`forces` returns loads and *trial* contacts and leaves the state alone; only `accept` commits them. The kernel `sweep_contacts`
 works in place on whatever list it is given: a copy here, the stepper's own list in `integrate`.
 """
 
@@ -16,16 +16,16 @@ from ..laws.builtin import (
     DAMPING_T,
     Law,
     cap,
-    damping_of,
+    contact_damping,
     dashpots,
-    fades,
     least_force,
     normal_force,
     reach,
+    rescaling_flag,
     row,
     tangential_stiffness,
 )
-from ..laws.dispatch import plain
+from ..laws.dispatch import as_numpy_integers
 from ..readable import readable
 from ..state import OPEN, SLIDE, State, groups
 from .geometry import (
@@ -39,8 +39,18 @@ from .geometry import (
     surface_rotation,
     touching_fraction,
 )
-from .mechanics import FREE, FROZEN, apart, damped, effective, faded, return_mapping, tangential_force, with_dashpot
-from .neighbors import body_positions, body_radii, joined, updated
+from .mechanics import (
+    FREE,
+    FROZEN,
+    effective_values,
+    out_of_range,
+    rescale_slip,
+    return_mapping,
+    tangential_force,
+    with_dashpot,
+    with_tangential_dashpot,
+)
+from .neighbors import body_positions, body_radii, join_bodies, updated
 from .rolling import add_rolling, forget_rolling
 
 CLOSED, OPENED, REACHED_LIMIT = 0, 1, 2
@@ -88,7 +98,7 @@ def bodies(state: State) -> Bodies:
         np.concatenate([grains.velocity, walls.velocity]),
         np.concatenate([grains.spin, still]),
         body_radii(state),
-        joined(grains.material, walls.material),
+        join_bodies(grains.material, walls.material),
         state.control.free[:, : state.cell.dim].any(axis=1) / moved_masses(state),
         walls.normal,
         state.cell.rate.copy(),
@@ -96,7 +106,7 @@ def bodies(state: State) -> Bodies:
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def approach(dim, velocity, spin, radius, rate, i, j, rx, ry, rz, nx, ny, nz):
+def relative_velocity(dim, velocity, spin, radius, rate, i, j, rx, ry, rz, nx, ny, nz):
     """Normal part, and tangential vector, of the velocity of i relative to j at the contact [length/time].
 
     `rate` is the velocity gradient L of the cell, which adds L r.
@@ -114,7 +124,7 @@ def approach(dim, velocity, spin, radius, rate, i, j, rx, ry, rz, nx, ny, nz):
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def rests(dim, pair, roll, c, rx, ry, rz, ax, ay, az):
+def is_unmoved(dim, pair, roll, c, rx, ry, rz, ax, ay, az):
     """True if pair vector and rolled angle are those at which the contact's memory was committed."""
     plane = rx == pair[c, 0] and ry == pair[c, 1] and az == roll[c, 2]
     return plane and (dim == 2 or (rz == pair[c, 2] and ax == roll[c, 0] and ay == roll[c, 1]))
@@ -134,7 +144,7 @@ def record_event(events, event_count, kind, time, i, j, image, c, place, at):
 
 
 @njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
-def sweep(
+def sweep_contacts(
     kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, step, force, torque, time, events, event_count,
     rescaled,
 ):  # fmt: skip
@@ -153,7 +163,7 @@ def sweep(
         rx, ry, rz = pair_vector(dim, position, shift, c, i, j)
         nx, ny, nz, overlap, inverse = normal_and_overlap(i, j, is_wall, wall, radius, wall_normal, rx, ry, rz)
         before = mode[c]
-        if apart(kind, p, material, radius, inverse_mass, i, j, is_wall, overlap):
+        if out_of_range(kind, p, material, radius, inverse_mass, i, j, is_wall, overlap):
             if before != OPEN:
                 mode[c] = OPEN
                 contacts.reached[c] = False
@@ -162,9 +172,9 @@ def sweep(
                 record_event(events, event_count, OPENED, time, i, j, contacts.image, c, position, i)
             continue
         q = row(kind, p, np.uint64(material[i]), np.uint64(material[j]))
-        r_eff, m_eff = effective(kind, viscous, radius, inverse_mass, i, j, is_wall)
+        r_eff, m_eff = effective_values(kind, viscous, radius, inverse_mass, i, j, is_wall)
         ax, ay, az = surface_rotation(dim, angle, radius, i, j)
-        kept = memory == FROZEN and before != OPEN and rests(dim, pair, roll, c, rx, ry, rz, ax, ay, az)
+        kept = memory == FROZEN and before != OPEN and is_unmoved(dim, pair, roll, c, rx, ry, rz, ax, ay, az)
         # slip before, turned with the contact, what is added to it, and the normal halfway
         sx = sy = sz = dx = dy = dz = 0.0
         mx, my, mz, part, whole, fade = nx, ny, nz, 1.0, 1.0, 1.0
@@ -177,7 +187,7 @@ def sweep(
             sx, sy, sz = slip[c, 0], slip[c, 1], slip[c, 2] if dim == 3 else 0.0
             sx, sy, sz = onto_plane(nx, ny, nz, mx, my, mz, sx, sy, sz)
             if rescaled is not None:
-                fade, sx, sy, sz = faded(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz)
+                fade, sx, sy, sz = rescale_slip(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz)
             dx, dy, dz = slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, wx, wy, az - roll[c, 2])
             if rescaled is not None:  # what was added before the overlap fell has faded, too
                 half = 0.5 * (1.0 + fade)
@@ -193,8 +203,8 @@ def sweep(
         fn = normal_force(kind, q, r_eff, overlap)
         vx = vy = vz = factor = 0.0
         if viscous:
-            vn, vx, vy, vz = approach(dim, velocity, spin, radius, rate, i, j, rx, ry, rz, nx, ny, nz)
-            factor = damping_of(kind, viscous, r_eff, m_eff, overlap)
+            vn, vx, vy, vz = relative_velocity(dim, velocity, spin, radius, rate, i, j, rx, ry, rz, nx, ny, nz)
+            factor = contact_damping(kind, viscous, r_eff, m_eff, overlap)
             fn = with_dashpot(viscous, fn, factor * q[DAMPING_N], vn, least_force(kind, fn))
         limit = cap(kind, q, r_eff, overlap, fn)
         stiffness = tangential_stiffness(kind, q, r_eff, overlap)
@@ -220,7 +230,7 @@ def sweep(
                     record_event(events, event_count, REACHED_LIMIT, time, i, j, contacts.image, c, position, i)
         tx, ty, tz = tangential_force(coulomb, stiffness, limit, sx, sy, sz)
         if viscous:
-            tx, ty, tz = damped(tx, ty, tz, factor * q[DAMPING_T], limit, vx, vy, vz)
+            tx, ty, tz = with_tangential_dashpot(tx, ty, tz, factor * q[DAMPING_T], limit, vx, vy, vz)
         fx, fy, fz = fn * nx + tx, fn * ny + ty, fn * nz + tz
         qx, qy, qz = nz * ty - ny * tz, nx * tz - nz * tx, ny * tx - nx * ty
         add_rolling(
@@ -249,7 +259,7 @@ def elastic_pair(kind, coulomb, dim, p, bodies, contacts, shift, c):
     rx, ry, rz = pair_vector(dim, bodies.position, shift, c, i, j)
     nx, ny, nz, overlap, _ = normal_and_overlap(i, j, False, 0, bodies.radius, bodies.normal, rx, ry, rz)
     q = row(kind, p, bodies.material[i], bodies.material[j])
-    r_eff, _ = effective(kind, 0, bodies.radius, bodies.inverse_mass, i, j, False)
+    r_eff, _ = effective_values(kind, 0, bodies.radius, bodies.inverse_mass, i, j, False)
     fn = normal_force(kind, q, r_eff, overlap)
     s = contacts.slip[c]
     limit = cap(kind, q, r_eff, overlap, fn)
@@ -275,12 +285,12 @@ def evaluation(kind: int, coulomb: int, dim: int, viscous: int):
 
     Numba's disk cache hits for closures over integers, and the compiler drops the branches that they decide.
     """
-    rescaled, (kind, coulomb) = fades(kind), plain(kind, coulomb)
+    rescaled, (kind, coulomb) = rescaling_flag(kind), as_numpy_integers(kind, coulomb)
 
     @njit(cache=True, fastmath=True, error_model="numpy")
     def evaluate(bodies, contacts, shift, p, memory, force, torque, events, event_count):
         still = (bodies.velocity, bodies.spin, 0.0)
-        sweep(
+        sweep_contacts(
             kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, still, force, torque, 0.0, events,
             event_count, rescaled,
         )  # fmt: skip

@@ -21,12 +21,12 @@ from ..laws.builtin import (
     Law,
     cap,
     cap_slopes,
-    damping_of,
+    contact_damping,
     dashpots,
-    fades,
-    mobilised,
-    mobilised_tangent,
+    mobilisation,
+    mobilisation_tangent,
     normal_force,
+    rescaling_flag,
     row,
     tangential_stiffness,
     tangents,
@@ -34,15 +34,14 @@ from ..laws.builtin import (
 from ..state import OPEN, SLIDE, State
 from .forces import bodies, check_materials
 from .geometry import mid_normal, normal_and_overlap, onto_plane, pair_vector, shifts, slip_increment, surface_rotation
-from .interaction_range import gap_listed, widest, with_room
-from .mechanics import HELD, apart, effective, faded, return_mapping, turned_weight
+from .interaction_range import largest_gap, listed_gap, with_rolling_memory
+from .mechanics import HELD, effective_values, out_of_range, rescale_slip, return_mapping, turning_weight
 from .neighbors import body_positions, moved_too_far
-from .rolling import rolls, with_moments
-from .tangent import column, outer, spring_of, turn_of
-from .tangent import memory as memory_tangent
+from .rolling import resists_rolling, with_moments
+from .tangent import column, make_turn, memory_tangent, outer, spring_tangent
 
 
-class Linear(NamedTuple):
+class Linearisation(NamedTuple):
     """Each contact's vectors and scalars that its linearisation is made of, one row a contact."""
 
     normal: np.ndarray  # (C, 3)
@@ -80,14 +79,14 @@ def _friction_tangent(coulomb, stiffness, slope_k, limit, mu, by_overlap, slope_
     if slides or limit <= 0.0:
         return limit / stretch if stretch > 0.0 else 0.0, 0.0, mu * slope_n + by_overlap, mu
     x = stiffness * stretch / limit
-    h, g = mobilised(coulomb, x), mobilised_tangent(coulomb, x)
+    h, g = mobilisation(coulomb, x), mobilisation_tangent(coulomb, x)
     by_force = -mu * x * x * g
     changed = by_force * slope_n - by_overlap * x * x * g
     return stiffness * h, stiffness * (h + x * g), slope_k * stretch * (h + x * g) + changed, by_force
 
 
 @njit(cache=True, error_model="numpy")
-def _linearise(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, rescaled, out):
+def _fill_linearisation(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, rescaled, out):
     position, angle, _, _, radius, material, inverse_mass, wall_normal, _ = bodies
     n_grains = len(radius) - len(wall_normal)
     for c in range(contacts.count[0]):
@@ -96,10 +95,10 @@ def _linearise(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, 
         nx, ny, nz, overlap, inverse = normal_and_overlap(
             i, j, j >= n_grains, j - n_grains, radius, wall_normal, rx, ry, rz
         )
-        if apart(kind, p, material, radius, inverse_mass, i, j, j >= n_grains, overlap):
+        if out_of_range(kind, p, material, radius, inverse_mass, i, j, j >= n_grains, overlap):
             continue
         q = row(kind, p, material[i], material[j])
-        r_eff, m_eff = effective(kind, viscous, radius, inverse_mass, i, j, j >= n_grains)
+        r_eff, m_eff = effective_values(kind, viscous, radius, inverse_mass, i, j, j >= n_grains)
         force_n, stiffness = normal_force(kind, q, r_eff, overlap), tangential_stiffness(kind, q, r_eff, overlap)
         slope_n, slope_k = tangents(kind, q, r_eff, overlap)
         limit = cap(kind, q, r_eff, overlap, force_n)
@@ -119,7 +118,7 @@ def _linearise(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, 
             mx, my, mz = mid_normal(nx, ny, nz, inverse, dx, dy, dz)
             sx, sy, sz = onto_plane(nx, ny, nz, mx, my, mz, sx, sy, sz)
             if rescaled is not None:
-                fade, sx, sy, sz = faded(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz)
+                fade, sx, sy, sz = rescale_slip(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz)
             dx, dy, dz = slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, ax, ay, az)
             if rescaled is not None:
                 half = 0.5 * (1.0 + fade)
@@ -127,10 +126,10 @@ def _linearise(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, 
         spring = (stiffness, limit, sx, sy, sz, dx, dy, dz)
         if rescaled is not None:
             mode = return_mapping(dim, *spring, 1.0, 1.0, before, memory, fade)[3]
-            top, below = turned_weight(*spring, fade)
+            top, below = turning_weight(*spring, fade)
         else:
             mode = return_mapping(dim, *spring, 1.0, 1.0, before, memory)[3]
-            top, below = turned_weight(*spring)
+            top, below = turning_weight(*spring)
         weighted, weight = dim == 3 and mode == SLIDE and before == SLIDE and limit > 0.0, 1.0
         if weighted:
             weight = top / below
@@ -144,21 +143,21 @@ def _linearise(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, 
         out.force_n[c], out.slope_n[c] = force_n, slope_n
         out.stiffness_t[c], out.slope_t[c], out.mu[c], out.limit[c] = stiffness, slope_k, mu, limit
         out.fade[c], out.fading[c] = fade, 0.5 * fade / overlap if fade < 1.0 else 0.0
-        factor = damping_of(kind, viscous, r_eff, m_eff, overlap)
+        factor = contact_damping(kind, viscous, r_eff, m_eff, overlap)
         out.damping_n[c], out.damping_t[c] = factor * q[DAMPING_N], factor * q[DAMPING_T]
 
 
-def linearise(state: State, law: Law, *, memory: int = HELD) -> Linear:
+def linearise(state: State, law: Law, *, memory: int = HELD) -> Linearisation:
     """Scalars and vectors of every contact's linearisation, at rest; see `contact_blocks` for the arguments."""
     check_materials(state, law)
-    if moved_too_far(body_positions(state), state.contacts) or widest(state, law) > gap_listed(state.contacts):
+    if moved_too_far(body_positions(state), state.contacts) or largest_gap(state, law) > listed_gap(state.contacts):
         raise ValueError(
             "the list of contacts is not that of these positions: equilibrate, or accept(state, trial) first"
         )
     count = int(state.contacts.count[0])
     vectors = ("normal", "before", "way", "turn", "slip")
-    out = Linear(*(np.zeros((count, 3) if name in vectors else count) for name in Linear._fields))
-    _linearise(
+    out = Linearisation(*(np.zeros((count, 3) if name in vectors else count) for name in Linearisation._fields))
+    _fill_linearisation(
         law.kind,
         law.coulomb,
         dashpots(law),
@@ -168,7 +167,7 @@ def linearise(state: State, law: Law, *, memory: int = HELD) -> Linear:
         shifts(state.contacts, state.cell.vectors),
         law.table,
         memory,
-        fades(law.kind),
+        rescaling_flag(law.kind),
         out,
     )
     if memory == HELD and (out.closed > out.remembers).any():
@@ -212,18 +211,18 @@ def contact_blocks(state: State, law: Law, *, memory: int = HELD):
     c = linearise(state, law, memory=memory)
 
     count, cross_n = len(c.normal), cross_matrix(c.normal)
-    turn = turn_of(c.normal, c.inverse, c.way)
+    turn = make_turn(c.normal, c.inverse, c.way)
     by_way = np.zeros((count, 3, 6))
     by_way[:, :, :3] = np.eye(3) - cross_matrix(c.turn) @ turn.by_mid
     by_way[:, :, 3:] = cross_matrix(turn.mid)
     soft = np.where(c.stiffness_t > 0, c.stiffness_t, 1.0)
     reach = np.where(c.stiffness_t > 0, c.limit / soft, 0.0)
-    fading = (c.fade, c.fading) if fades(law.kind) else ()
+    fading = (c.fade, c.fading) if rescaling_flag(law.kind) else ()
     slip, by_slip = memory_tangent(
         turn, c.before, c.way + np.cross(turn.mid, c.turn), by_way, reach, (c.by_overlap - reach * c.slope_t) / soft,
         c.weighted > 0, *fading,
     )  # fmt: skip
-    spring, hat = spring_of(slip, c.remembers, c.secant, c.along)
+    spring, hat = spring_tangent(slip, c.remembers, c.secant, c.along)
     force = c.force_n[:, None] * c.normal - c.secant[:, None] * slip
     nn, hat_n = outer(c.normal, c.normal), outer(hat, c.normal)
 
@@ -237,9 +236,9 @@ def contact_blocks(state: State, law: Law, *, memory: int = HELD):
     damp[:, :3, 3:] = -dashpot @ cross_n
     damp[:, 3:] = -cross_n @ damp[:, :3]
     stiff, damp = column(c.closed) * stiff, column(c.closed) * damp
-    if not rolls(law.kind):
+    if not resists_rolling(law.kind):
         return stiff, damp
-    state = state._replace(contacts=with_room(state.contacts, law))
+    state = state._replace(contacts=with_rolling_memory(state.contacts, law))
     return with_moments(state, law, bodies(state), c, turn, memory, stiff, damp)
 
 

@@ -6,20 +6,30 @@ Sweeps over few contacts and vectorised blocks of many call these functions, so 
 import numpy as np
 from numba import njit
 
-from ..laws.builtin import MASS, NO_TENSION, SMOOTH, VISCOELASTIC, asks_radius, mobilised, reach, reaches, row
+from ..laws.builtin import (
+    MASS,
+    NO_TENSION,
+    SMOOTH,
+    VISCOELASTIC,
+    acts_across_gaps,
+    mobilisation,
+    reach,
+    row,
+    uses_radius,
+)
 from ..state import SLIDE, STICK
 from .geometry import overlap_increment
 
 # what an evaluation does with the memory: carry it along, but keep to the last bit what has not moved since it was
 # committed; carry it along with every mode held; carry it along
 FROZEN, HELD, FREE = 0, 1, 2
-LEAST_WEIGHT = 0.6  # of an increment, see `turned_weight`; above 1/2, or a slip could not change its sign
+MIN_WEIGHT = 0.6  # of an increment, see `turning_weight`; above 1/2, or a slip could not change its sign
 
 
 @njit(cache=True)
 def needs_radius(kind, viscous):
     """True if the law asks for R_eff."""
-    return asks_radius(kind) or viscous & 3 == VISCOELASTIC
+    return uses_radius(kind) or viscous & 3 == VISCOELASTIC
 
 
 @njit(cache=True)
@@ -42,7 +52,7 @@ def effective_mass(inverse_mass, i, j):
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def effective(kind, viscous, radius, inverse_mass, i, j, is_wall):
+def effective_values(kind, viscous, radius, inverse_mass, i, j, is_wall):
     """R_eff and m_eff of a pair, 1 where the law does not ask."""
     r_eff = m_eff = 1.0
     if needs_radius(kind, viscous):
@@ -53,11 +63,11 @@ def effective(kind, viscous, radius, inverse_mass, i, j, is_wall):
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def apart(kind, p, material, radius, inverse_mass, i, j, is_wall, overlap):
+def out_of_range(kind, p, material, radius, inverse_mass, i, j, is_wall, overlap):
     """True if a pair is out of the law's reach."""
-    if not reaches(kind):
+    if not acts_across_gaps(kind):
         return overlap <= 0.0
-    r_eff, _ = effective(kind, 0, radius, inverse_mass, i, j, is_wall)
+    r_eff, _ = effective_values(kind, 0, radius, inverse_mass, i, j, is_wall)
     return overlap <= -reach(kind, row(kind, p, np.uint64(material[i]), np.uint64(material[j])), r_eff)
 
 
@@ -71,7 +81,7 @@ def with_dashpot(viscous, elastic, damping, vn, least=0.0):
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def kept_share(overlap, gained):
+def contact_radius_ratio(overlap, gained):
     """√(δ/δ_old) where the overlap has fallen, else 1: a/a_old of the contact's radius a."""
     falls = gained < 0.0 and overlap > 0.0
     root = np.sqrt((overlap if falls else 1.0) / (overlap - gained if falls else 1.0))
@@ -79,14 +89,14 @@ def kept_share(overlap, gained):
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def faded(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz):
+def rescale_slip(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz):
     """Factor f on the slip s of laws that rescale, after a displacement dr of the pair that ends at n; and f s."""
-    fade = kept_share(overlap, overlap_increment(nx, ny, nz, inverse, dx, dy, dz))
+    fade = contact_radius_ratio(overlap, overlap_increment(nx, ny, nz, inverse, dx, dy, dz))
     return fade, fade * sx, fade * sy, fade * sz
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def same_length(ax, ay, az, bx, by, bz):
+def scale_to_length(ax, ay, az, bx, by, bz):
     """The vector a with the length of b, as LAMMPS `granular` turns its memory."""
     square = ax * ax + ay * ay + az * az
     factor = np.sqrt((bx * bx + by * by + bz * bz) / (square if square > 0.0 else 1.0))
@@ -94,7 +104,7 @@ def same_length(ax, ay, az, bx, by, bz):
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def turned_weight(stiffness, limit, ax, ay, az, dx, dy, dz, fade=None):
+def turning_weight(stiffness, limit, ax, ay, az, dx, dy, dz, fade=None):
     """Factor κ on the increment d for which a + κ d points where the slip `a` of a sliding contact turns to.
 
     A slip of length R turns towards d by dψ = −sin ψ |d|/R, and its direction at the end is that of a + κ d with
@@ -110,10 +120,10 @@ def turned_weight(stiffness, limit, ax, ay, az, dx, dy, dz, fade=None):
     if fade is not None:
         bx, by, bz, share = ax / fade, ay / fade, az / fade, 2.0 * fade / (1.0 + fade)
         change = scale * (bx * (bx + 2.0 * dx) + by * (by + 2.0 * dy) + bz * (bz + 2.0 * dz))
-        return share * max(0.75 * square + 0.25 * change, LEAST_WEIGHT * square), square
+        return share * max(0.75 * square + 0.25 * change, MIN_WEIGHT * square), square
     change = scale * (ax * (ax + 2.0 * dx) + ay * (ay + 2.0 * dy) + az * (az + 2.0 * dz))
     # a contact that is sheared to the other side must not keep its direction for a correction of small steps
-    return max(0.75 * square + 0.25 * change, LEAST_WEIGHT * square), square
+    return max(0.75 * square + 0.25 * change, MIN_WEIGHT * square), square
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
@@ -121,7 +131,7 @@ def return_mapping(dim, stiffness, limit, ax, ay, az, dx, dy, dz, part, whole, m
     """Slip a + d part/whole cut at Coulomb's limit, and the mode that follows; with memory HELD the mode decides.
 
     `a` is the slip before, turned with the contact and shortened by `fade`, d the increment, and part/whole the share
-    of it that counts. In three dimensions the slip of a contact that goes on sliding turns, see `turned_weight`; one
+    of it that counts. In three dimensions the slip of a contact that goes on sliding turns, see `turning_weight`; one
     that begins to slide is cut along a + d part/whole. One division serves all cases: vectors take as long for it as
     for ten products.
     """
@@ -132,7 +142,7 @@ def return_mapping(dim, stiffness, limit, ax, ay, az, dx, dy, dz, part, whole, m
     held = mode == SLIDE and (ax != 0.0 or ay != 0.0 or az != 0.0)
     slides = limit == 0.0 or (held if memory == HELD else pull > bound * bound)
     if dim == 3:
-        some, unit = turned_weight(stiffness, limit, ax, ay, az, dx, dy, dz, fade)
+        some, unit = turning_weight(stiffness, limit, ax, ay, az, dx, dy, dz, fade)
         turns = slides and mode == SLIDE and limit > 0.0
         some, unit = some if turns else part, unit if turns else whole
         bx, by, bz = unit * ax + some * dx, unit * ay + some * dy, unit * az + some * dz
@@ -148,14 +158,14 @@ def tangential_force(coulomb, stiffness, limit, sx, sy, sz):
     factor = -stiffness
     if coulomb == SMOOTH:
         if limit > 0.0:
-            factor *= mobilised(coulomb, stiffness * np.sqrt(sx * sx + sy * sy + sz * sz) / limit)
+            factor *= mobilisation(coulomb, stiffness * np.sqrt(sx * sx + sy * sy + sz * sz) / limit)
         else:
             factor = 0.0
     return factor * sx, factor * sy, factor * sz
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def damped(tx, ty, tz, damping, limit, vx, vy, vz):
+def with_tangential_dashpot(tx, ty, tz, damping, limit, vx, vy, vz):
     """Tangential force with its dashpot, truncated at Coulomb's limit."""
     tx, ty, tz = tx - damping * vx, ty - damping * vy, tz - damping * vz
     square = tx * tx + ty * ty + tz * tz
@@ -164,7 +174,7 @@ def damped(tx, ty, tz, damping, limit, vx, vy, vz):
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def in_one_go(stiffness, damping, limit, sx, sy, sz, vx, vy, vz, hold):
+def truncate_as_lammps(stiffness, damping, limit, sx, sy, sz, vx, vy, vz, hold):
     """Tangential force and slip when spring and dashpot together are held to Coulomb's limit, as LAMMPS does.
 
     s ← f (s + c v_t/k_t) − c v_t/k_t, F_t ← f F_t, f = limit/|F_t|. Returns force, slip, and whether it slides.

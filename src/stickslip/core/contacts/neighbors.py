@@ -11,7 +11,7 @@ from numba import njit
 
 from ..laws.builtin import Law
 from ..state import OPEN, Cell, Contacts, State, empty_contacts
-from .interaction_range import as_wide, with_rolling_of, with_room
+from .interaction_range import copy_rolling_memory, with_range, with_rolling_memory
 
 _BODY_BITS, _IMAGE_BITS = 21, 7
 _IMAGE_OFFSET = 1 << (_IMAGE_BITS - 1)
@@ -62,16 +62,16 @@ class Bins(NamedTuple):
     box: np.ndarray  # (N, 3) periodic box in which it lies
 
 
-_SHORTER = 3  # bins to a reach along columns
+_BINS_PER_REACH = 3  # bins to a reach along columns
 
 
 @njit(cache=True)
-def _numbered(low, high, n, grid, reach):
+def _lay_out_bins(low, high, n, grid, reach):
     """Number of bins along each axis, how many to look at on either side, and where steps beyond them lead."""
     number, around = np.ones(3, np.int64), np.zeros(3, np.int64)
     most, span = np.int64(np.ceil((4.0 * n) ** (1 / 3))) + 1, (high - low) * grid.height
     for k in range(3):
-        number[k] = np.int64(min(max(span[k] / reach * (_SHORTER if k == 1 else 1), 1.0), 1e6))
+        number[k] = np.int64(min(max(span[k] / reach * (_BINS_PER_REACH if k == 1 else 1), 1.0), 1e6))
     while number[0] * number[1] * number[2] > 8 * n + most:
         number[np.argmax(number)] = (number.max() + 1) // 2
     for k in range(3):
@@ -89,7 +89,7 @@ def _numbered(low, high, n, grid, reach):
 
 
 @njit(cache=True, fastmath=False)
-def _placed(x, n, radius, grid, reach):
+def _sort_into_bins(x, n, radius, grid, reach):
     """Bins of all grains in fractional coordinates."""
     fraction, boxes, low, high = np.empty((n, 3)), np.zeros((n, 3), np.int32), np.full(3, np.inf), np.full(3, -np.inf)
     for a in range(n):
@@ -106,7 +106,7 @@ def _placed(x, n, radius, grid, reach):
     for k in range(3):
         if grid.periodic[k]:
             low[k], high[k] = 0.0, 1.0
-    number, around, stride, turn, over = _numbered(low, high, n, grid, reach)
+    number, around, stride, turn, over = _lay_out_bins(low, high, n, grid, reach)
     scale = np.zeros(3)
     for k in range(3):
         if number[k] > 1:
@@ -176,7 +176,7 @@ def _sort(key, first, last):
 
 
 @njit(cache=True)
-def _found(from_column, to_column, bins, x, radius, wall_normal, vectors, skin, key, at, end, first, many):
+def _find_pairs(from_column, to_column, bins, x, radius, wall_normal, vectors, skin, key, at, end, first, many):
     """Keys of all pairs of the grains in a stretch of columns, written to `key` from `at` on, sorted for each grain.
 
     Returns where they end, −1 if that were beyond `end`, or −2 if a pair lies more boxes apart than a key can hold.
@@ -230,7 +230,7 @@ def _found(from_column, to_column, bins, x, radius, wall_normal, vectors, skin, 
 
 
 @njit(cache=True)
-def _listed(key, first, many, new):
+def _fill_list(key, first, many, new):
     """Fill a list from the keys of each grain; returns the first row of each grain."""
     c, low, rows, keyed = 0, (1 << _IMAGE_BITS) - 1, np.empty(len(many) + 1, np.int64), len(new.key) > 0
     for a in range(len(many)):
@@ -249,7 +249,7 @@ def _listed(key, first, many, new):
 
 
 @njit(cache=True, _nrt=False)
-def carry_memory(old, new, rows):
+def copy_memory(old, new, rows):
     """Copy the memory of every closed contact that is in both lists; the rest of `new` starts open."""
     anchors, was, now = len(old.pair) > 0 and len(new.pair) > 0, old.image, new.image
     for c in range(old.count[0]):
@@ -265,7 +265,7 @@ def carry_memory(old, new, rows):
 
 
 @njit(cache=True, fastmath=False, _nrt=False)
-def farthest(x, contacts):
+def largest_displacement(x, contacts):
     """Distance of the body that moved most since the list was made; infinite if none was made."""
     most = 0.0
     for a in range(len(x)):
@@ -280,21 +280,21 @@ def farthest(x, contacts):
 
 def moved_too_far(x, contacts) -> bool:
     """True if some body has moved by half the skin since the list was made, or if none was made."""
-    return not farthest(x, contacts) <= 0.5 * contacts.skin[0]
+    return not largest_displacement(x, contacts) <= 0.5 * contacts.skin[0]
 
 
 @njit(cache=True)
-def _listed_anew(x, radius, wall_normal, grid, old):
+def _build_list(x, radius, wall_normal, grid, old):
     """A new list at positions x with the memory of the old one, as bare as that; its count is −1 on failure."""
     n, skin = len(radius) - len(wall_normal), old.skin[0]
     if len(old.skin) > 1:
         skin += old.skin[1]
-    bins = _placed(x, n, radius, grid, 2 * radius[:n].max() + skin)
+    bins = _sort_into_bins(x, n, radius, grid, 2 * radius[:n].max() + skin)
     columns, room = bins.number[0] * bins.number[2], 2 * max(old.count[0], 8 * len(x))
     first, many = np.empty(n, np.int64), np.empty(n, np.int32)
     while True:
         key = np.empty(room, np.int64)
-        end = _found(0, columns, bins, x, radius, wall_normal, grid.vectors, skin, key, 0, room, first, many)
+        end = _find_pairs(0, columns, bins, x, radius, wall_normal, grid.vectors, skin, key, 0, room, first, many)
         if end != -1:
             break
         room *= 2
@@ -304,7 +304,7 @@ def _listed_anew(x, radius, wall_normal, grid, old):
         for m in range(3):
             new.origin[a, m] = x[a, m]
     if end > 0:
-        carry_memory(old, new, _listed(key, first, many, new))
+        copy_memory(old, new, _fill_list(key, first, many, new))
     return new
 
 
@@ -318,10 +318,10 @@ def keys_of(contacts):
     return key
 
 
-def rebuilt(x, radius, wall_normal, grid, old: Contacts) -> Contacts:
+def rebuild_list(x, radius, wall_normal, grid, old: Contacts) -> Contacts:
     """A new list of contacts at positions x with the memory of the old one; its count is −1 on failure."""
-    new = _listed_anew(x, radius, wall_normal, grid, old)
-    return with_rolling_of(old, new._replace(skin=old.skin.copy()))
+    new = _build_list(x, radius, wall_normal, grid, old)
+    return copy_rolling_memory(old, new._replace(skin=old.skin.copy()))
 
 
 def body_positions(state: State) -> np.ndarray:
@@ -331,10 +331,10 @@ def body_positions(state: State) -> np.ndarray:
 
 def body_radii(state: State) -> np.ndarray:
     """(N + W,) radii [length]; zero for walls. To be read only: without walls they are the grains' own."""
-    return joined(state.grains.radius, np.zeros(len(state.walls.mass)))
+    return join_bodies(state.grains.radius, np.zeros(len(state.walls.mass)))
 
 
-def joined(grains: np.ndarray, walls: np.ndarray) -> np.ndarray:
+def join_bodies(grains: np.ndarray, walls: np.ndarray) -> np.ndarray:
     """What grains and walls have, in one array; without walls the grains' own, as memory counts."""
     return np.concatenate([grains, walls]) if len(walls) else grains
 
@@ -342,19 +342,19 @@ def joined(grains: np.ndarray, walls: np.ndarray) -> np.ndarray:
 def updated(state: State, law: Law | None = None) -> State:
     """The state with a list of contacts that is valid at its positions, and for a law; memory is carried by key."""
     if law is not None:
-        state = state._replace(contacts=with_room(as_wide(state, law), law))
+        state = state._replace(contacts=with_rolling_memory(with_range(state, law), law))
     x = body_positions(state)
     if not moved_too_far(x, state.contacts):
         return state
     if len(x) > MAX_BODIES:
         raise ValueError(f"{len(x)} bodies were given: at most {MAX_BODIES} are supported")
-    contacts = rebuilt(x, body_radii(state), state.walls.normal, grid_of(state.cell), state.contacts)
+    contacts = rebuild_list(x, body_radii(state), state.walls.normal, grid_of(state.cell), state.contacts)
     if contacts.count[0] < 0:
         raise ValueError(TOO_FAR)
-    return state._replace(contacts=contacts if law is None else with_room(contacts, law))
+    return state._replace(contacts=contacts if law is None else with_rolling_memory(contacts, law))
 
 
-def of_rows(contacts: Contacts, rows) -> Contacts:
+def select_rows(contacts: Contacts, rows) -> Contacts:
     """The list with some of its rows only; what it has no rows of, such as anchors of a bare list, stays so."""
     per_row = ("i", "j", "image", "key", "slip", "mode", "pair", "roll", "reached", "rolling")
     parts = {name: getattr(contacts, name) for name in per_row}
@@ -376,7 +376,7 @@ def without_walls(state: State, walls) -> State:
     kept[n + np.asarray(walls, np.int64)] = False
     rows = np.flatnonzero(kept[contacts.j[:count]])
     number = np.cumsum(kept) - 1
-    contacts = of_rows(contacts, rows)
+    contacts = select_rows(contacts, rows)
     j = number[contacts.j].astype(contacts.j.dtype)
     key = contacts.key - ((contacts.j.astype(np.int64) - j) << (3 * _IMAGE_BITS))  # see `pack_key`
     per_body = ("force", "torque", "free", "rate", "group", "follows", "spring", "anchor", "leads")

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .mechanics import LEAST_WEIGHT
+from .mechanics import MIN_WEIGHT
 
 
 class Turn(NamedTuple):
@@ -47,7 +47,7 @@ def rowwise(a: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     return np.einsum("ck,ckl->cl", a, matrix)
 
 
-def turn_of(normal: np.ndarray, inverse: np.ndarray, way: np.ndarray) -> Turn:
+def make_turn(normal: np.ndarray, inverse: np.ndarray, way: np.ndarray) -> Turn:
     """Normal and mid-step normal, with derivatives; `inverse` (C,) 1/|r|, zero at walls, `way` (C, 3) Δr."""
     project = np.eye(3) - outer(normal, normal)
     along = dot(normal, way)
@@ -69,7 +69,7 @@ def projected(turn: Turn, w: np.ndarray, by_w: np.ndarray) -> tuple[np.ndarray, 
     return w - along[:, None] * turn.mid, out
 
 
-def memory(
+def memory_tangent(
     turn: Turn, before, way, by_way, reach, by_overlap, weighted, fade=None, fading=None
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Memory f a + κ d (C, 3) and its derivative (C, 3, K), a = T (memory before), d = (1 + f)/2 T (way).
@@ -97,8 +97,8 @@ def memory(
         by_change = 2.0 * (rowwise(a + d, by_a) + rowwise(a, by_d))
         by_change[:, :3] += (2.0 * change / np.sqrt(square) * by_overlap)[:, None] * turn.normal
         weight = 0.75 + 0.25 * change / square
-        small = weight <= LEAST_WEIGHT
-        kappa = np.where(weighted, np.where(small, LEAST_WEIGHT, weight), 1.0)
+        small = weight <= MIN_WEIGHT
+        kappa = np.where(weighted, np.where(small, MIN_WEIGHT, weight), 1.0)
         by_kappa = np.where((weighted & ~small)[:, None], 0.25 * by_change / square[:, None], 0.0)
     if fade is not None:  # what goes on sliding turns as if it had not been shortened
         share, by_share = np.where(weighted, fade / half, 1.0), np.where(weighted, 0.5 / half**2, 0.0)
@@ -108,7 +108,7 @@ def memory(
     return a + kappa[:, None] * d, by_a + column(kappa) * by_d + d[:, :, None] * by_kappa[:, None, :]
 
 
-def spring_of(vector: np.ndarray, remembers, secant, along) -> tuple[np.ndarray, np.ndarray]:
+def spring_tangent(vector: np.ndarray, remembers, secant, along) -> tuple[np.ndarray, np.ndarray]:
     """−[φ/|u| (I − û ûᵀ) + ∂φ/∂|u| û ûᵀ] (C, 3, 3), zero without memory, and û (C, 3) of memory vectors u."""
     size = np.linalg.norm(vector, axis=1)[:, None]
     hat = np.divide(vector, size, out=np.zeros_like(vector), where=size > 0)

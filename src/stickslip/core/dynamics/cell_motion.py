@@ -15,15 +15,15 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ..contacts.interaction_range import gap_listed
+from ..contacts.interaction_range import listed_gap
 from ..control import factors_at
-from ..flow import AHEAD, PULL, RATE, SINCE, SLIDE_BACK, STRETCH, TURN, VECTORS, Flow
+from ..flow import INVERSE_HALF, PULL, RATE, RATE_AHEAD, SINCE, STRETCH, TURN, VECTORS, Flow
 from ..simd.transpose import VELOCITY
-from ..state import State, deforms, numbers
+from ..state import State, as_numbers, deforms
 
 # rows of `matrix`: the cell's vectors, at the positions; L; L at the end of the step, predicted, for dashpots; A; what
 # half a step of L does to a velocity; (1 + ½ dt L)⁻¹; deformation since blocks were chosen; L̇ of what is free
-LEAST_VOLUME = 1e-6  # of a cell that is strained in one go, of what it was
+MIN_VOLUME_RATIO = 1e-6  # of a cell that is strained in one go, of what it was
 
 
 class Frame(NamedTuple):
@@ -63,7 +63,7 @@ def strained(state: State, gradient, *, slip: bool = True) -> State:
         if G has another shape, leaves the plane, or the state has walls (they would have to bend).
     """
     dim = state.cell.dim
-    gradient = numbers(gradient)
+    gradient = as_numbers(gradient)
     if not np.isfinite(gradient).all():
         raise ValueError("a gradient with NaN or infinity was given: every entry must be a finite number")
     if gradient.shape not in ((3, 3), (dim, dim)):
@@ -75,7 +75,7 @@ def strained(state: State, gradient, *, slip: bool = True) -> State:
     if len(state.walls.mass):
         raise ValueError("a state with walls was given: only periodic cells can be strained")
     vectors = state.cell.vectors + state.cell.vectors @ g.T
-    if not np.linalg.det(vectors) > LEAST_VOLUME * abs(np.linalg.det(state.cell.vectors)):
+    if not np.linalg.det(vectors) > MIN_VOLUME_RATIO * abs(np.linalg.det(state.cell.vectors)):
         raise ValueError("a gradient was given that leaves the cell no volume, or turns it inside out: take less")
     contacts = state.contacts._replace(origin=np.full_like(state.contacts.origin, np.inf))
     if not slip:
@@ -88,7 +88,7 @@ def strained(state: State, gradient, *, slip: bool = True) -> State:
     )
 
 
-def imposes(state: State) -> bool:
+def needs_frame(state: State) -> bool:
     """True if a run needs a frame."""
     control = state.control
     return deforms(state) or bool((control.follows >= 0).any())
@@ -99,7 +99,7 @@ def cell_mass(state: State) -> float:
     return float(state.control.cell_mass or state.grains.mass.sum())
 
 
-def frame_of(state: State, order: np.ndarray) -> tuple[Frame, Flow]:
+def make_frame(state: State, order: np.ndarray) -> tuple[Frame, Flow]:
     """Frame and flow at the start of a run; `order` is that of the bodies in memory."""
     control, cell, n = state.control, state.cell, len(state.grains.radius)
     columns, place = control.course.shape[1], np.empty(state.n_bodies, np.int64)
@@ -117,7 +117,7 @@ def frame_of(state: State, order: np.ndarray) -> tuple[Frame, Flow]:
     frame = Frame(
         control.cell_free, control.cell_rate, control.cell_follows % (columns + 1), control.stress, cell_mass(state),
         control.knots, control.course, area, place[:n], state.grains.mass, used.copy(), np.full(1, state.time),
-        np.zeros(1), 2.0 * float(state.grains.radius.max()) + gap_listed(state.contacts),
+        np.zeros(1), 2.0 * float(state.grains.radius.max()) + listed_gap(state.contacts),
     )  # fmt: skip
     return frame, flow
 
@@ -136,7 +136,7 @@ def course_at(knots, course, c, time):
 
 
 @njit(cache=True, fastmath=False, error_model="numpy")
-def _course(frame, c, time):
+def _course_and_integral(frame, c, time):
     """A course at a time, and its integral from the first knot on."""
     knots, course = frame.knots, frame.course
     k, value = course_at(knots, course, c, time)
@@ -149,7 +149,7 @@ def _course(frame, c, time):
 
 
 @njit(cache=True, fastmath=False, error_model="numpy")
-def _inverse(m, out):
+def _invert(m, out):
     """Of a 3 × 3 matrix, into another."""
     for a in range(3):
         b, c = (a + 1) % 3, (a + 2) % 3
@@ -163,7 +163,7 @@ def _inverse(m, out):
 
 
 @njit(cache=True, fastmath=False, error_model="numpy")
-def _product(a, b, out):
+def _multiply(a, b, out):
     """Of two 3 × 3 matrices, always in the same order of operations, into a third."""
     for i in range(3):
         for j in range(3):
@@ -179,16 +179,16 @@ def _one_plus(factor, m, out):
 
 
 @njit(cache=True, fastmath=False, error_model="numpy")
-def begun(frame, flow, pace):
+def begin_cell_step(frame, flow, pace):
     """Begin a step: rates, matrices, the cell at its end. Returns the square of the displacement allowed, or −1."""
     dt, half, time = pace.dt, 0.5 * pace.dt, frame.clock[0]
     frame.clock[0] = time + dt
     for c in range(frame.course.shape[1]):
-        _, before = _course(frame, c, time)
-        flow.factor[1, c], after = _course(frame, c, frame.clock[0])
+        _, before = _course_and_integral(frame, c, time)
+        flow.factor[1, c], after = _course_and_integral(frame, c, frame.clock[0])
         flow.factor[0, c] = (after - before) / dt
     matrix = flow.matrix
-    rate, ahead, pull = matrix[RATE], matrix[AHEAD], matrix[PULL]
+    rate, ahead, pull = matrix[RATE], matrix[RATE_AHEAD], matrix[PULL]
     for a in range(3):
         for b in range(3):
             if frame.free[a, b]:
@@ -200,16 +200,16 @@ def begun(frame, flow, pace):
     work = np.empty((2, 3, 3))
     one, other = work[0], work[1]
     _one_plus(-half, rate, one)
-    _inverse(one, other)
+    _invert(one, other)
     _one_plus(half, rate, one)
-    _product(other, one, matrix[STRETCH])
-    _inverse(one, matrix[SLIDE_BACK])
+    _multiply(other, one, matrix[STRETCH])
+    _invert(one, matrix[INVERSE_HALF])
     _one_plus(0.5 * half, rate, one)
-    _inverse(one, other)
+    _invert(one, other)
     _one_plus(-0.5 * half, rate, one)
-    _product(other, one, matrix[TURN])
+    _multiply(other, one, matrix[TURN])
     stretch, since, vectors = matrix[STRETCH], matrix[SINCE], matrix[VECTORS]
-    _product(stretch, since, one)
+    _multiply(stretch, since, one)
     square = 0.0
     for a in range(3):
         for b in range(3):
@@ -227,7 +227,7 @@ def begun(frame, flow, pace):
 
 
 @njit(cache=True, fastmath=False, error_model="numpy")
-def finished(dim, frame, flow, pace, moving, fresh):
+def end_cell_step(dim, frame, flow, pace, moving, fresh):
     """End a step: the stress, in the order of the grains' numbers, and what it does to the cell."""
     total = np.zeros((3, 3))
     for a in range(len(frame.place)):
@@ -260,7 +260,7 @@ def unbalanced_cell(frame: Frame, flow: Flow, dim: int, drag: float) -> float:
     return float(frame.mass * length * force.max(initial=0.0))
 
 
-def room_left(vectors, made_at, skin: float, widest: float) -> tuple[float, np.ndarray]:
+def remaining_skin(vectors, made_at, skin: float, widest: float) -> tuple[float, np.ndarray]:
     """What a deformation of the cell leaves of a skin, and the deformation F, since a list was made."""
     deformation = np.linalg.solve(made_at, vectors).T
     strain = float(np.sqrt(((deformation - np.eye(3)) ** 2).sum()))

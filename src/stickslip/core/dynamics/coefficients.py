@@ -6,30 +6,30 @@ import numpy as np
 from numba import njit
 
 from ..contacts.forces import Bodies, bodies, moved_masses
-from ..contacts.neighbors import joined
+from ..contacts.neighbors import join_bodies
 from ..control import factors_at
 from ..state import Control, State, groups
 
 CHECK_EVERY = 200  # steps between checks for NaN and, with a tolerance, for rest
-DONE, CONVERGED, BAD, FULL, MOVED, AWAY = range(6)  # why a compiled loop over steps came back
+DONE, CONVERGED, NOT_FINITE, FULL, MOVED, RUNAWAY = range(6)  # why a compiled loop over steps came back
 
 
-class Pool(NamedTuple):
+class GroupMembers(NamedTuple):
     """Members of all rigid groups, group after group."""
 
     member: np.ndarray  # (M,)
     start: np.ndarray  # (G + 1,)
 
 
-def pool_of(control: Control, place: np.ndarray | None = None) -> Pool:
+def find_members(control: Control, place: np.ndarray | None = None) -> GroupMembers:
     """Members of the rigid groups, `place` says where each body lies in memory."""
     found = groups(control)
     member = np.concatenate([*found, np.zeros(0, np.int64)]).astype(np.int64)
-    return Pool(member if place is None else place[member], np.cumsum([0, *map(len, found)]))
+    return GroupMembers(member if place is None else place[member], np.cumsum([0, *map(len, found)]))
 
 
 @njit(cache=True, fastmath=False)
-def pooled(member, start, force):
+def sum_over_groups(member, start, force):
     """Give every member of a group the sum of its members' forces, in the order of their numbers."""
     for g in range(len(start) - 1):
         for k in range(3):
@@ -58,7 +58,7 @@ class Plan(NamedTuple):
 
 
 @njit(cache=True, fastmath=False)  # said aloud: a function inherits fastmath from whoever compiles it first
-def first_bad(x, angle):
+def find_not_finite(x, angle):
     """First body with a coordinate that is not finite, or −1."""
     for a in range(len(x)):
         for k in range(3):
@@ -133,7 +133,7 @@ def inverse_inertia_of(state: State) -> np.ndarray:
 
 
 @njit(cache=True, fastmath=False)
-def runaway(velocity, radius, dt):
+def find_runaway(velocity, radius, dt):
     """First grain that moves by more than its radius in one step, or −1."""
     for a in range(len(radius)):
         square = velocity[a, 0] ** 2 + velocity[a, 1] ** 2 + velocity[a, 2] ** 2
@@ -142,7 +142,7 @@ def runaway(velocity, radius, dt):
     return -1
 
 
-def _factors(state: State, drag: float, spin_drag: float, dt: float):
+def _drag_factors(state: State, drag: float, spin_drag: float, dt: float):
     """`motion` and `drag` of a plan."""
     n, half, free = len(state.grains.radius), 0.5 * dt, state.control.free
     kick, rate = np.zeros((2, state.n_bodies, 6))
@@ -156,16 +156,16 @@ def _factors(state: State, drag: float, spin_drag: float, dt: float):
     return np.stack([part[:, side].ravel() for side in (slice(0, 3), slice(3, 6)) for part in parts]), rate
 
 
-def plan_of(state: State, drag: float, spin_drag: float, dt: float, *, bare: bool = False) -> Plan:
+def make_plan(state: State, drag: float, spin_drag: float, dt: float, *, bare: bool = False) -> Plan:
     """Kicks, drags and external loads of all bodies for one time step; `bare`: without factors for each component."""
     grains, walls, control = state.grains, state.walls, state.control
     mass = np.concatenate([grains.mass, walls.mass])
-    motion, rate = (np.zeros((6, 0)), np.zeros((0, 6))) if bare else _factors(state, drag, spin_drag, dt)
+    motion, rate = (np.zeros((6, 0)), np.zeros((0, 6))) if bare else _drag_factors(state, drag, spin_drag, dt)
     external = np.zeros((2, state.n_bodies, 3))
     if control.force.any() or control.gravity.any():
         external[0] = control.force + mass[:, None] * control.gravity
     if control.torque.any():
         external[1] = control.torque
-    lever = joined(grains.radius, np.ones(len(walls.mass)))
+    lever = join_bodies(grains.radius, np.ones(len(walls.mass)))
     drags = (float(drag), float(spin_drag))
     return Plan(motion, rate, external, drags, grains.mass, grains.inertia, lever, float(dt))

@@ -14,16 +14,16 @@ from ..laws.builtin import Law, dashpots
 from ..state import Instant, State
 from .coefficients import driven_bodies
 
-_PASSED = ("pair", "roll", "origin", "skin", "i", "j", "image")  # follow from the rest, or change no force
+_IGNORED = ("pair", "roll", "origin", "skin", "i", "j", "image")  # follow from the rest, or change no force
 
 
-def mark(state: State, law: Law, memory: str) -> int:
+def state_checksum(state: State, law: Law, memory: str) -> int:
     """A checksum of what forces depend on: all arrays of a state, law and mode of memory."""
     out = zlib.crc32(f"{law.kind} {law.coulomb} {law.damping} {memory} {float(state.time)!r}".encode())
     count = int(state.contacts.count[0])
     for noun in (state.grains, state.walls, state.cell, state.contacts, state.control):
         for name, array in zip(noun._fields, noun, strict=True):
-            if name in _PASSED and noun is state.contacts:
+            if name in _IGNORED and noun is state.contacts:
                 continue
             rows = array[:count] if noun is state.contacts and name != "count" else array
             out = zlib.crc32(_bytes(rows), out)
@@ -37,13 +37,13 @@ def with_mark(state: State, law: Law, memory: str) -> State:
     """
     if not (dashpots(law) or (state.control.group >= 0).any()):
         return state._replace(instant=None)
-    return state._replace(instant=state.instant._replace(mark=mark(state, law, memory)))
+    return state._replace(instant=state.instant._replace(mark=state_checksum(state, law, memory)))
 
 
-def known_instant(state: State, law: Law, memory: str) -> Instant | None:
+def matching_instant(state: State, law: Law, memory: str) -> Instant | None:
     """Forces that an earlier run left behind, if they are those of this state."""
     found = state.instant
-    return found if found is not None and found.mark == mark(state, law, memory) else None
+    return found if found is not None and found.mark == state_checksum(state, law, memory) else None
 
 
 def bodies_at_start(state: State, instant: Instant | None) -> Bodies:

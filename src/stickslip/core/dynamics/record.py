@@ -11,7 +11,7 @@ from ..control import spring_forces
 from ..laws.builtin import MU
 from ..readable import readable
 from ..state import OPEN, SLIDE, State, groups
-from .ledger import Books, Ledger, ledger_of
+from .ledger import Books, Ledger, make_ledger
 
 SERIES = (
     "time", "msd", "kinetic_energy", "center_x", "center_y", "center_z", "touching", "sliding",
@@ -53,7 +53,7 @@ class Record(NamedTuple):
         return self.sliding / np.maximum(self.touching, 1)
 
 
-class Writing(NamedTuple):
+class RecordBuffers(NamedTuple):
     """Where the loop writes samples and events."""
 
     every: int
@@ -67,7 +67,7 @@ class Writing(NamedTuple):
 
 
 @njit(cache=True)
-def _held(contacts, n, bodies, least):
+def _count_rattlers(contacts, n, bodies, least):
     """Number of rattlers, and contacts of the other grains: peeled as `measure.rattlers` does."""
     loose, number = np.zeros(bodies, np.bool_), np.zeros(bodies, np.int64)
     while True:
@@ -92,7 +92,7 @@ def _held(contacts, n, bodies, least):
 
 
 @njit(cache=True)
-def _rubs(p):
+def _has_friction(p):
     """True if some pair of materials has friction."""
     for a in range(len(p)):
         for b in range(len(p)):
@@ -102,7 +102,7 @@ def _rubs(p):
 
 
 @njit(cache=True)
-def sample(kind, coulomb, dim, p, k, bodies, contacts, shift, plan, writing, vectors, time):
+def write_sample(kind, coulomb, dim, p, k, bodies, contacts, shift, plan, writing, vectors, time):
     """Row k of the series and of the tracks."""
     x, angle, v, spin = bodies.position, bodies.angle, bodies.velocity, bodies.spin
     row, track, n = writing.series[k], writing.tracks[k], len(plan.mass)
@@ -136,7 +136,7 @@ def sample(kind, coulomb, dim, p, k, bodies, contacts, shift, plan, writing, vec
                     row[_VIRIAL + 3 * m + q] += f[m] * r[q]
     for m in range(9):
         row[_FABRIC + m] /= max(row[6], 1.0)
-    row[_RATTLERS], row[_HELD] = _held(contacts, n, len(bodies.radius), 2 if _rubs(p) else dim + 1)
+    row[_RATTLERS], row[_HELD] = _count_rattlers(contacts, n, len(bodies.radius), 2 if _has_friction(p) else dim + 1)
     for m in range(3):
         for q in range(3):
             row[_CELL + 3 * m + q] = vectors[m, q]
@@ -146,7 +146,7 @@ def sample(kind, coulomb, dim, p, k, bodies, contacts, shift, plan, writing, vec
             track[a, 3 + m] = angle[writing.probes[a], m]
 
 
-def sample_groups(row: np.ndarray, state: State, external, bodies, force, time: float) -> None:
+def write_groups(row: np.ndarray, state: State, external, bodies, force, time: float) -> None:
     """One sample of all rigid groups; `force` (B, 3) holds the force on the whole at each member, loads included."""
     mass, pull = state.grains.mass, spring_forces(state.control, bodies.position, time)
     for g, members in enumerate(groups(state.control)):
@@ -158,7 +158,7 @@ def sample_groups(row: np.ndarray, state: State, external, bodies, force, time: 
         row[g, 2], row[g, 3] = force[members[0], :3] - external[0, members].sum(axis=0) - sprung, sprung
 
 
-def writing_of(state: State, steps: int, every: int, probes, events: bool, reference) -> Writing:
+def allocate_buffers(state: State, steps: int, every: int, probes, events: bool, reference) -> RecordBuffers:
     """Room for the samples and events of a run."""
     n, samples = len(state.grains.radius), steps // every + 1 if every else 0
     probes = np.asarray(probes, np.int64)
@@ -168,14 +168,14 @@ def writing_of(state: State, steps: int, every: int, probes, events: bool, refer
     if reference.shape != (n, 3):
         raise ValueError(f"a reference of shape {reference.shape} was given: it must be {(n, 3)}")
     room = max(1024, 8 * len(state.contacts.i)) if events else 0
-    return Writing(
+    return RecordBuffers(
         every, reference, probes, np.zeros((samples, len(SERIES))),
         np.zeros((samples, state.control.group.max(initial=-1) + 1, 4, 3)), np.zeros((samples, len(probes), 6)),
         np.zeros((room, len(EVENT_COLUMNS))), np.zeros(1, np.int64),
     )  # fmt: skip
 
 
-def with_lost(writing: Writing, before, after, position, time) -> Writing:
+def with_lost_contacts(writing: RecordBuffers, before, after, position, time) -> RecordBuffers:
     """Record as opened those contacts that left the list in one step."""
     if not len(writing.events):
         return writing
@@ -194,7 +194,7 @@ _EVENT_TYPE = np.dtype(
 _EVENT_NAMES = np.array(["closed", "opened", "limit"])
 
 
-def record_of(writing: Writing, done: int, books: Books | None) -> Record:
+def make_record(writing: RecordBuffers, done: int, books: Books | None) -> Record:
     """What was written in a run of `done` steps."""
     kept = done // writing.every + 1 if writing.every else 0
     n = len(writing.reference)
@@ -220,5 +220,5 @@ def record_of(writing: Writing, done: int, books: Books | None) -> Record:
         tracks[..., :3],
         tracks[..., 3:],
         events,
-        ledger_of(books, kept) if books else None,
+        make_ledger(books, kept) if books else None,
     )

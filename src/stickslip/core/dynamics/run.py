@@ -5,43 +5,43 @@ from functools import cache
 import numpy as np
 from numba import njit
 
-from ..contacts.forces import Bodies, check_materials, sweep
+from ..contacts.forces import Bodies, check_materials, sweep_contacts
 from ..contacts.geometry import shifts
-from ..contacts.interaction_range import with_room
+from ..contacts.interaction_range import with_rolling_memory
 from ..contacts.mechanics import FREE, FROZEN
-from ..contacts.neighbors import TOO_FAR, grid_of, rebuilt, updated
-from ..contacts.rolling import rolls
-from ..laws.builtin import SMOOTH, Law, dashpots, fades
-from ..laws.dispatch import Kind, plain
+from ..contacts.neighbors import TOO_FAR, grid_of, rebuild_list, updated
+from ..contacts.rolling import resists_rolling
+from ..laws.builtin import SMOOTH, Law, dashpots, rescaling_flag
+from ..laws.dispatch import Kind, as_numpy_integers
 from ..outcome import Outcome, Status
 from ..state import Instant, State
-from .cell_motion import imposes
+from .cell_motion import needs_frame
 from .coefficients import (
-    AWAY,
-    BAD,
     CHECK_EVERY,
     CONVERGED,
     DONE,
     FULL,
     MOVED,
+    NOT_FINITE,
+    RUNAWAY,
     Plan,
     driven_bodies,
-    first_bad,
+    find_not_finite,
+    find_runaway,
     largest_unbalanced,
+    make_plan,
     moved_by_forces,
-    plan_of,
-    runaway,
     state_after,
 )
-from .driver import MANY, marched
-from .last_forces import bodies_at_start, known_instant, with_mark
-from .ledger import entered, opened_books
-from .record import Writing, record_of, sample, with_lost, writing_of
+from .driver import MIN_BODIES, run_blocks
+from .last_forces import bodies_at_start, matching_instant, with_mark
+from .ledger import open_books, post_step
+from .record import RecordBuffers, allocate_buffers, make_record, with_lost_contacts, write_sample
 from .timestep import check_time_step, stable_time_step
 
 
 @njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
-def first_half(x, v, force, kick, keep, dt):
+def kick_and_drift(x, v, force, kick, keep, dt):
     """Half a kick with explicit drag, then the drift, on flat arrays so that it is done in vectors."""
     for q in range(len(x)):
         v[q] = keep[q] * v[q] + kick[q] * force[q]
@@ -49,14 +49,14 @@ def first_half(x, v, force, kick, keep, dt):
 
 
 @njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
-def second_half(v, force, kick, slow):
+def second_kick(v, force, kick, slow):
     """The other half of the kick, with implicit drag."""
     for q in range(len(v)):
         v[q] = (v[q] + kick[q] * force[q]) * slow[q]
 
 
 @njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
-def moved(x, origin, limit):
+def any_moved(x, origin, limit):
     """True if some coordinate is further than `limit` from its origin, or if fastmath cannot say so because of NaN."""
     far = 0.0
     for q in range(len(x)):
@@ -67,7 +67,7 @@ def moved(x, origin, limit):
 @cache
 def stepper(kind: int, coulomb: int, dim: int, viscous: int):
     """Compiled loop over time steps for one law and dimension, with or without dashpots."""
-    rescaled, (kind, coulomb) = fades(kind), plain(kind, coulomb)
+    rescaled, (kind, coulomb) = rescaling_flag(kind), as_numpy_integers(kind, coulomb)
 
     @njit(cache=True, fastmath=True, error_model="numpy")
     def advance(
@@ -107,9 +107,9 @@ def stepper(kind: int, coulomb: int, dim: int, viscous: int):
         for step in range(start, steps + 1):
             fresh, known = step == start and not drifted, step == start and ended
             if step > start:
-                first_half(flat_x, flat_v, flat_f, kick, keep, dt)
-                first_half(flat_angle, flat_spin, flat_t, kick_t, keep_t, dt)
-                if moved(flat_x, origin, limit):
+                kick_and_drift(flat_x, flat_v, flat_f, kick, keep, dt)
+                kick_and_drift(flat_angle, flat_spin, flat_t, kick_t, keep_t, dt)
+                if any_moved(flat_x, origin, limit):
                     return MOVED, step, residual, worst
             if room > 0 and not known and event_count[0] + contacts.count[0] > room:
                 return FULL, step, residual, worst
@@ -122,26 +122,26 @@ def stepper(kind: int, coulomb: int, dim: int, viscous: int):
             if not known:
                 for q in range(len(flat_f)):
                     flat_f[q], flat_t[q] = load[q], load_t[q]
-                sweep(
+                sweep_contacts(
                     kind, coulomb, dim, seen, contacts, shift, p, viscous, FROZEN if fresh else FREE,
                     (v, spin, 0.0 if fresh else dt), force, torque, time + step * dt, events, event_count, rescaled,
                 )  # fmt: skip
             if not (fresh or known):
-                second_half(flat_v, flat_f, kick, slow)
-                second_half(flat_spin, flat_t, kick_t, slow_t)
+                second_kick(flat_v, flat_f, kick, slow)
+                second_kick(flat_spin, flat_t, kick_t, slow_t)
             if every > 0 and step % every == 0:
-                sample(
+                write_sample(
                     kind, coulomb, dim, p, step // every, bodies, contacts, shift, plan, writing, vectors,
                     time + step * dt,
                 )  # fmt: skip
             if step % CHECK_EVERY == 0:
-                bad = first_bad(x, angle)
+                bad = find_not_finite(x, angle)
                 if bad >= 0:
-                    return BAD, step, residual, bad
+                    return NOT_FINITE, step, residual, bad
                 if tolerance > 0.0:
                     residual, worst = largest_unbalanced(v, spin, force, torque, plan)
                     if not np.isfinite(residual):
-                        return BAD, step, residual, worst
+                        return NOT_FINITE, step, residual, worst
                     if residual <= tolerance:
                         return CONVERGED, step, residual, worst
         return DONE, steps, residual, worst
@@ -208,37 +208,37 @@ def run(
     """
     check_materials(state, law)
     _check_arguments(law, steps, dt, every, ledger, slip_update, threads)
-    instant = known_instant(state, law, slip_update)
+    instant = matching_instant(state, law, slip_update)
     state = updated(state, law)
     check_time_step(state, law, driven_bodies(state), dt)
     grouped = bool(state.control.spring.any() or (state.control.group >= 0).any())
-    only_many = slip_update == "rate" or imposes(state) or grouped  # what the plain stepper does not know
-    if rolls(law.kind) and only_many:
+    only_many = slip_update == "rate" or needs_frame(state) or grouped  # what the plain stepper does not know
+    if resists_rolling(law.kind) and only_many:
         raise ValueError(
             "a law with rolling resistance was given with a deforming cell, courses, rigid groups or springs, which "
             "only the stepper for many grains knows: leave these or rolling_stiffness out"
         )
-    many = only_many or (state.n_bodies >= MANY and not rolls(law.kind))
-    plan = plan_of(state, drag, drag if spin_drag is None else spin_drag, dt, bare=many and not tolerance > 0)
+    many = only_many or (state.n_bodies >= MIN_BODIES and not resists_rolling(law.kind))
+    plan = make_plan(state, drag, drag if spin_drag is None else spin_drag, dt, bare=many and not tolerance > 0)
     if tolerance > 0 and not (plan.drag[moved_by_forces(plan.motion)] > 0).all():
         raise ValueError("a tolerance was given without drag on every free component: rest is not reached without it")
-    writing = writing_of(state, steps, every, probes, events, reference)
-    books = opened_books(len(writing.series), driven_bodies(state), state, slip_update == "rate") if ledger else None
+    writing = allocate_buffers(state, steps, every, probes, events, reference)
+    books = open_books(len(writing.series), driven_bodies(state), state, slip_update == "rate") if ledger else None
     if many:
         rate = int(slip_update == "rate")
-        result = marched(state, law, plan, steps, tolerance, writing, books, instant, rate=rate, threads=threads)
+        result = run_blocks(state, law, plan, steps, tolerance, writing, books, instant, rate=rate, threads=threads)
     else:
-        result = _advanced(state, law, plan, steps, tolerance, writing, books, instant)
+        result = _run_stepper(state, law, plan, steps, tolerance, writing, books, instant)
     end, code, done, residual, worst, writing, books = result
     end = with_mark(end, law, slip_update) if code in (DONE, CONVERGED) else end._replace(instant=None)
     finished = Status.STEPS_SPENT if tolerance > 0 else Status.DONE
-    ends = {BAD: Status.NOT_A_NUMBER, AWAY: Status.BLOWN_UP, CONVERGED: Status.CONVERGED}
+    ends = {NOT_FINITE: Status.NOT_A_NUMBER, RUNAWAY: Status.BLOWN_UP, CONVERGED: Status.CONVERGED}
     how = ""
-    if code in (BAD, AWAY):
+    if code in (NOT_FINITE, RUNAWAY):
         longest = stable_time_step(state, law)
         known = f"stable up to dt = {longest:.4g}" if np.isfinite(longest) else "without contacts"
         how = f"step {done}, time {state.time + done * dt:g}; at the start the grains were {known}"
-    return end, record_of(writing, done, books), Outcome(ends.get(code, finished), residual, done, worst, how)
+    return end, make_record(writing, done, books), Outcome(ends.get(code, finished), residual, done, worst, how)
 
 
 def _check_arguments(
@@ -265,7 +265,9 @@ def _check_arguments(
         raise ValueError(f"threads = {threads} was given: at least 1 is needed")
 
 
-def _advanced(state: State, law: Law, plan: Plan, steps: int, tolerance: float, writing: Writing, books, instant):
+def _run_stepper(
+    state: State, law: Law, plan: Plan, steps: int, tolerance: float, writing: RecordBuffers, books, instant
+):
     """Enter the compiled loop, again whenever it asks for a new list of contacts or for more room for events."""
     work, contacts = bodies_at_start(state, instant), type(state.contacts)(*(a.copy() for a in state.contacts))
     force, torque = (
@@ -281,21 +283,21 @@ def _advanced(state: State, law: Law, plan: Plan, steps: int, tolerance: float, 
             state.time, done, stop, drifted, ended, tolerance, writing,
         )  # fmt: skip
         drifted, ended = True, code == DONE
-        bad, away = first_bad(work.position, work.angle), runaway(work.velocity, work.radius, plan.dt)
+        bad, away = find_not_finite(work.position, work.angle), find_runaway(work.velocity, work.radius, plan.dt)
         if bad >= 0:
-            code, worst = BAD, bad
+            code, worst = NOT_FINITE, bad
         elif away >= 0:
-            code, worst = AWAY, away
+            code, worst = RUNAWAY, away
         if code == FULL:
             writing = writing._replace(events=np.concatenate([writing.events, np.zeros_like(writing.events)]))
         elif code == MOVED:
-            before, contacts = contacts, rebuilt(work.position, work.radius, work.normal, grid, contacts)
-            contacts = with_room(contacts, law)
+            before, contacts = contacts, rebuild_list(work.position, work.radius, work.normal, grid, contacts)
+            contacts = with_rolling_memory(contacts, law)
             if contacts.count[0] < 0:
                 raise ValueError(TOO_FAR)
-            writing = with_lost(writing, before, contacts, work.position, state.time + done * plan.dt)
+            writing = with_lost_contacts(writing, before, contacts, work.position, state.time + done * plan.dt)
         elif code in (DONE, CONVERGED) and books:
-            books = entered(books, law, state, plan, work, contacts, done, writing.every)
+            books = post_step(books, law, state, plan, work, contacts, done, writing.every)
             stop += 1
         if code not in (FULL, MOVED) and (code != DONE or done == steps):
             break

@@ -27,7 +27,7 @@ KN, KT, MU, DAMPING_N, DAMPING_T = range(5)
 STEP = 1e-60  # step of the complex derivative: its square vanishes in double precision
 
 
-@readable(head=lambda law: _in_words(law))
+@readable(head=lambda law: _describe(law))
 class Law(NamedTuple):
     """A contact law with its parameters."""
 
@@ -73,7 +73,7 @@ def hertz_mindlin(
     0.001
     """
     kind = HERTZ_MINDLIN_RESCALED if rescaled else HERTZ_MINDLIN
-    return _law(kind, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
+    return _make_law(kind, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
 
 
 def linear(
@@ -90,7 +90,7 @@ def linear(
     ------
     Cundall & Strack, doi:10.1680/geot.1979.29.1.47.
     """
-    return _law(LINEAR, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
+    return _make_law(LINEAR, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
 
 
 def hertz_mindlin_reff(
@@ -110,7 +110,7 @@ def hertz_mindlin_reff(
     Silbert et al., doi:10.1103/PhysRevE.64.051302, Eqs 2–3; Zhang & Makse, doi:10.1103/PhysRevE.72.011301.
     """
     kind = HERTZ_MINDLIN_REFF_RESCALED if rescaled else HERTZ_MINDLIN_REFF
-    return _law(kind, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
+    return _make_law(kind, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
 
 
 def elastic_constants(young: float, poisson: float) -> tuple[float, float]:
@@ -137,10 +137,10 @@ def elastic_constants(young: float, poisson: float) -> tuple[float, float]:
     return 2 / 3 * young / (1 - poisson**2), 2 * young / ((1 + poisson) * (2 - poisson))
 
 
-LARGEST = 1e100  # parameters are squared, and multiplied with each other
+MAX_PARAMETER = 1e100  # parameters are squared, and multiplied with each other
 
 
-def _law(kind, coulomb, damping, tension, *values) -> Law:
+def _make_law(kind, coulomb, damping, tension, *values) -> Law:
     if not isinstance(coulomb, str) or coulomb not in COULOMB:
         raise ValueError(f"coulomb={coulomb!r} was given: 'sharp' and 'smooth' are allowed")
     if not isinstance(damping, str) or damping not in DAMPING:
@@ -167,9 +167,9 @@ def check_parameter(name, value, names=PARAMETERS):
         raise ValueError(
             f"{name} = {value} was given: it must be finite and {'positive' if name == 'kn' else 'not negative'}"
         )
-    if abs(float(value)) > LARGEST or (name == "kn" and value < 1 / LARGEST):
+    if abs(float(value)) > MAX_PARAMETER or (name == "kn" and value < 1 / MAX_PARAMETER):
         raise ValueError(
-            f"{name} = {value:g} was given: beyond {LARGEST:g}, or below {1 / LARGEST:g}, its square is no number; "
+            f"{name} = {value:g} was given: beyond {MAX_PARAMETER:g}, or below {1 / MAX_PARAMETER:g}, its square is no number; "
             f"take other units"
         )
 
@@ -222,7 +222,7 @@ def row(kind, p, a, b):
 
 
 @by_kind
-def asks_radius(kind):
+def uses_radius(kind):
     """True if the law's functions ask for R_eff."""
     return kind in (HERTZ_MINDLIN_REFF, HERTZ_MINDLIN_REFF_RESCALED)
 
@@ -233,7 +233,7 @@ def rescales(kind):
     return kind in (HERTZ_MINDLIN_RESCALED, HERTZ_MINDLIN_REFF_RESCALED)
 
 
-def fades(kind: int) -> bool | None:
+def rescaling_flag(kind: int) -> bool | None:
     """True of laws that rescale, None of others: of None Numba leaves branches out before anything is optimised.
 
     Kernels of all other laws are so to the bit what they would be without rescaled ones.
@@ -242,7 +242,7 @@ def fades(kind: int) -> bool | None:
 
 
 @by_kind
-def reaches(kind):
+def acts_across_gaps(kind):
     """True if grains may act on each other across a gap."""
     return False
 
@@ -305,9 +305,9 @@ def masked(kind, touches, value):
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def damping_of(kind, viscous, r_eff, m_eff, overlap):
+def contact_damping(kind, viscous, r_eff, m_eff, overlap):
     """What the coefficients of the dashpots are multiplied with; they act only where grains touch."""
-    if reaches(kind) and overlap <= 0.0:
+    if acts_across_gaps(kind) and overlap <= 0.0:
         return 0.0
     return damping_factor(viscous, r_eff, m_eff, overlap)
 
@@ -324,7 +324,7 @@ def damping_factor(viscous, r_eff, m_eff, overlap):
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def mobilised(coulomb, x):
+def mobilisation(coulomb, x):
     """Factor on the tangential stiffness of a spring whose force k_t |s| is the share x of Coulomb's limit."""
     if coulomb == SMOOTH:
         return 1.0 + x - x * x
@@ -339,12 +339,12 @@ def tangents(kind, q, r_eff, overlap):
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def mobilised_tangent(coulomb, x):
+def mobilisation_tangent(coulomb, x):
     """d(mobilised)/dx, by a complex step."""
-    return mobilised(coulomb, complex(x, STEP)).imag / STEP
+    return mobilisation(coulomb, complex(x, STEP)).imag / STEP
 
 
-def slopes_of(function):
+def complex_step_slopes(function):
     """Derivatives of f(kind, q, r_eff, overlap, fn) with respect to fn and overlap, by a complex step."""
 
     @njit(fastmath=True, error_model="numpy")
@@ -381,7 +381,7 @@ def names_of(law: Law) -> tuple[str, ...]:
     return known(law.kind).names
 
 
-def _in_words(law: Law) -> str:
+def _describe(law: Law) -> str:
     kind = KINDS[law.kind] if 0 <= law.kind < len(KINDS) else "a law by the user"
     materials = f"{len(law.table)} materials" if len(law.table) > 1 else "1 material"
     first = law.table[0, 0]

@@ -2,7 +2,7 @@
 
 Kernels pass a law's kind along, down to the scalar functions of `laws`. A built-in kind is a plain integer. A user's is
 a `Kind`: to Numba a type of its own for each number, without any value, so that everything it is passed to is compiled
-for that law, and the user's functions are found in `OWN` while types are inferred. The number is a digest of all that
+for that law, and the user's functions are found in `COMPILED` while types are inferred. The number is a digest of all that
 decides the machine code of these functions, so that the disk cache hits in another process, and never when a law has
 changed; on a hit the functions themselves are not needed.
 """
@@ -28,11 +28,11 @@ ROLES = {  # what a function of each name may ask for besides parameters of the 
     "rolling_stiffness": ("overlap", "r_eff"),
     "rolling_cap": ("normal_force", "overlap", "r_eff"),
 }
-OWN: dict[int, dict] = {}  # by kind: compiled scalar functions by name, as kernels call them
+COMPILED: dict[int, dict] = {}  # by kind: compiled scalar functions by name, as kernels call them
 FAST = {"fastmath": True, "error_model": "numpy"}
 
 
-class Own(NamedTuple):
+class UserLaw(NamedTuple):
     """What is known of a law by a user."""
 
     name: str
@@ -43,7 +43,7 @@ class Own(NamedTuple):
     asks: dict[str, tuple[str, ...]]  # what each function takes, in order
 
 
-KNOWN: dict[int, Own] = {}  # by kind: the laws of this process
+USER_LAWS: dict[int, UserLaw] = {}  # by kind: the laws of this process
 
 
 class Kind(int):
@@ -76,7 +76,7 @@ def _(context, _, __, ___):
     return context.get_dummy_value()
 
 
-def plain(kind: int, *numbers: int) -> tuple:
+def as_numpy_integers(kind: int, *numbers: int) -> tuple:
     """A law's kind and other numbers for a kernel's closure, as NumPy's integers instead of literals.
 
     What takes a literal is compiled for that value alone, from Python on, mostly in vain: constants of both sorts are
@@ -86,7 +86,7 @@ def plain(kind: int, *numbers: int) -> tuple:
     return (kind if isinstance(kind, Kind) else np.int64(kind), *map(np.int64, numbers))
 
 
-def functions_of(kind: int) -> dict:
+def compiled_functions(kind: int) -> dict:
     """Compiled scalar functions of a user's law by name.
 
     Raises
@@ -94,38 +94,38 @@ def functions_of(kind: int) -> dict:
     ValueError
         if this process does not know the law.
     """
-    if int(kind) not in OWN:
+    if int(kind) not in COMPILED:
         raise ValueError(
             f"the law with digest {int(kind):x} is a user's own and not known here: make it with contact_law or "
             f"law_from_file first"
         )
-    return OWN[int(kind)]
+    return COMPILED[int(kind)]
 
 
 def by_kind(function):
-    """A scalar function of a law: for built-in kinds `function`, for a user's what `OWN` has under its name."""
+    """A scalar function of a law: for built-in kinds `function`, for a user's what `COMPILED` has under its name."""
     name, compiled = function.__name__, njit(**FAST)(function)
 
     @wraps(function)
     def scalar(kind, *rest):
-        return functions_of(kind)[name](kind, *rest) if isinstance(kind, Kind) else compiled(kind, *rest)
+        return compiled_functions(kind)[name](kind, *rest) if isinstance(kind, Kind) else compiled(kind, *rest)
 
     @overload(scalar, jit_options=FAST, strict=False)
     def _(kind, *rest):
         if not isinstance(kind, KindType):
             return function
         try:
-            return functions_of(kind.number)[name].py_func
+            return compiled_functions(kind.number)[name].py_func
         except ValueError as problem:
             raise TypingError(str(problem)) from None
 
     return scalar
 
 
-def known(kind: int) -> Own:
+def known(kind: int) -> UserLaw:
     """What this process knows of a user's law; ValueError with one sentence if it was not made here."""
-    functions_of(kind)
-    return KNOWN[kind]
+    compiled_functions(kind)
+    return USER_LAWS[kind]
 
 
 def described(law) -> dict:
@@ -142,10 +142,12 @@ def recalled(kind: int, about: dict) -> Kind:
     ValueError
         with one sentence, if the law, or another with the same text, was not made before.
     """
-    if kind in KNOWN:
+    if kind in USER_LAWS:
         return Kind(kind)
-    same = [k for k, own in KNOWN.items() if own.source == about.get("source") and "\n" in own.source]
-    if same and " ".join(KNOWN[same[0]].names) == about.get("parameters"):  # digests of other versions of Python differ
+    same = [k for k, own in USER_LAWS.items() if own.source == about.get("source") and "\n" in own.source]
+    if same and " ".join(USER_LAWS[same[0]].names) == about.get(
+        "parameters"
+    ):  # digests of other versions of Python differ
         return same[0]
     raise ValueError(
         f"it was computed with {about.get('name', 'a law')!r}, a contact law of a user (digest {int(kind):x}), whose "
@@ -153,7 +155,7 @@ def recalled(kind: int, about: dict) -> Kind:
     )
 
 
-def answer(kind: Kind, role: str, values, **given):
+def evaluate_role(kind: Kind, role: str, values, **given):
     """What a function of a law says, in plain Python; `values` are its parameters in the order of the table."""
     own = known(kind)
     values = dict(zip(own.names, values, strict=True)) | given

@@ -22,9 +22,19 @@ import numpy as np
 from numba import njit
 
 from ..text import text_of
-from .builtin import COULOMB, DAMPING, MU, NO_TENSION, PARAMETERS, Law, check_parameter, energy_by_quadrature, slopes_of
-from .dispatch import FAST, HELP, KNOWN, OWN, ROLES, Kind, Own
-from .validation import judged, where
+from .builtin import (
+    COULOMB,
+    DAMPING,
+    MU,
+    NO_TENSION,
+    PARAMETERS,
+    Law,
+    check_parameter,
+    complex_step_slopes,
+    energy_by_quadrature,
+)
+from .dispatch import COMPILED, FAST, HELP, ROLES, USER_LAWS, Kind, UserLaw
+from .validation import locate_error, validate_law
 
 _DEFAULTS = {"kn": 1.0, "kt": 0.0, "mu": 0.0, "damping_n": 0.0, "damping_t": 0.0}
 
@@ -32,39 +42,53 @@ _DEFAULTS = {"kn": 1.0, "kt": 0.0, "mu": 0.0, "damping_n": 0.0, "damping_t": 0.0
 # ---- what stands for functions that do not take complex numbers
 
 
-def _larger(a, b):
+def _max(a, b):
     return a if a.real >= b.real else b
 
 
-def _smaller(a, b):
+def _min(a, b):
     return a if a.real <= b.real else b
 
 
-def _size(a):
+def _abs(a):
     return a if a.real >= 0.0 else -a
 
 
-_INSTEAD = {max: _larger, min: _smaller, abs: _size, math.fabs: _size}
-_SAME = {"pow": "power", "asin": "arcsin", "acos": "arccos", "atan": "arctan"}
-for _name in ("sqrt", "exp", "log", "log10", "expm1", "log1p", "sin", "cos", "tan", "sinh", "cosh", "tanh", *_SAME):
-    _INSTEAD[getattr(math, _name)] = getattr(np, _SAME.get(_name, _name))
-_KEPT = (float, complex, int, bool, range, len)
+_REPLACEMENTS = {max: _max, min: _min, abs: _abs, math.fabs: _abs}
+_NUMPY_NAMES = {"pow": "power", "asin": "arcsin", "acos": "arccos", "atan": "arctan"}
+for _name in (
+    "sqrt",
+    "exp",
+    "log",
+    "log10",
+    "expm1",
+    "log1p",
+    "sin",
+    "cos",
+    "tan",
+    "sinh",
+    "cosh",
+    "tanh",
+    *_NUMPY_NAMES,
+):
+    _REPLACEMENTS[getattr(math, _name)] = getattr(np, _NUMPY_NAMES.get(_name, _name))
+_ALLOWED_BUILTINS = (float, complex, int, bool, range, len)
 
 
-def _stands_for(name: str, value, compiled: bool, made: dict):
+def _resolve_global(name: str, value, compiled: bool, made: dict):
     """What a function by a user gets where it uses a global name."""
     if value is math:
         whole = types.ModuleType("math")
         for key, thing in vars(math).items():
-            if isinstance(thing, float) or (callable(thing) and thing in _INSTEAD):
-                setattr(whole, key, _stands_for(key, thing, compiled, made))
+            if isinstance(thing, float) or (callable(thing) and thing in _REPLACEMENTS):
+                setattr(whole, key, _resolve_global(key, thing, compiled, made))
         return whole
-    if callable(value) and not isinstance(value, type) and getattr(value, "__hash__", None) and value in _INSTEAD:
-        value = _INSTEAD[value]
+    if callable(value) and not isinstance(value, type) and getattr(value, "__hash__", None) and value in _REPLACEMENTS:
+        value = _REPLACEMENTS[value]
     value = getattr(value, "py_func", value)
     if isinstance(value, types.FunctionType):
-        return _copied(value, compiled, made)
-    plain = isinstance(value, bool | int | float | complex | np.number) or value in _KEPT
+        return _copy_function(value, compiled, made)
+    plain = isinstance(value, bool | int | float | complex | np.number) or value in _ALLOWED_BUILTINS
     if plain or value is np or isinstance(value, np.ufunc):
         return value
     if isinstance(value, tuple) and all(isinstance(v, int | float) for v in value):
@@ -74,7 +98,7 @@ def _stands_for(name: str, value, compiled: bool, made: dict):
     )
 
 
-def _used(function) -> dict:
+def _find_globals(function) -> dict:
     """Global names and variables around it that a function uses, with their values."""
     found, codes = dict(inspect.getclosurevars(function).nonlocals), [function.__code__]
     while codes:
@@ -89,12 +113,14 @@ def _used(function) -> dict:
     return found
 
 
-def _copied(function, compiled: bool, made: dict):
+def _copy_function(function, compiled: bool, made: dict):
     """A function with what it uses replaced as above; with `compiled`, compiled for kernels."""
     if function in made:
         return made[function]
-    used = _used(function)
-    scope = {name: _stands_for(name, value, compiled, made) for name, value in used.items() if value is not function}
+    used = _find_globals(function)
+    scope = {
+        name: _resolve_global(name, value, compiled, made) for name, value in used.items() if value is not function
+    }
     scope["__builtins__"] = builtins
     cells = tuple(types.CellType(scope[name]) for name in function.__code__.co_freevars)
     copy = types.FunctionType(function.__code__, scope, function.__name__, function.__defaults__, cells)
@@ -103,7 +129,7 @@ def _copied(function, compiled: bool, made: dict):
     return made[function]
 
 
-def _told(function, seen: set) -> list:
+def _fingerprint(function, seen: set) -> list:
     """All that decides what a function computes."""
     if function in seen:
         return []
@@ -118,9 +144,9 @@ def _told(function, seen: set) -> list:
                 codes.append(constant)
             else:
                 out.append(repr(constant))
-    for name, value in sorted(_used(function).items()):
+    for name, value in sorted(_find_globals(function).items()):
         value = getattr(value, "py_func", value)
-        inner = _told(value, seen) if isinstance(value, types.FunctionType) else [repr(value)]
+        inner = _fingerprint(value, seen) if isinstance(value, types.FunctionType) else [repr(value)]
         out += [name, *(["<module>"] if isinstance(value, types.ModuleType) else inner)]
     return out
 
@@ -128,7 +154,7 @@ def _told(function, seen: set) -> list:
 # ---- from functions of named scalars to functions as kernels call them
 
 
-def _arguments(role: str, function, names: tuple[str, ...]) -> tuple[str, ...]:
+def _argument_names(role: str, function, names: tuple[str, ...]) -> tuple[str, ...]:
     """Names that a function takes, in order; ValueError if there is none such."""
     if not isinstance(function, types.FunctionType):
         raise ValueError(f"{role} is a {type(function).__name__}: a contact law is made of plain Python functions")
@@ -142,14 +168,14 @@ def _arguments(role: str, function, names: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(spec.args)
 
 
-def _called(signature: str, expression: str, **scope):
+def _compile_expression(signature: str, expression: str, **scope):
     """A compiled function of a signature whose value is an expression."""
     text = f"def shim({signature}):\n    return {expression}\n"
     exec(compile(text, "<contact law>", "exec"), scope)
     return njit(**FAST)(scope["shim"])
 
 
-def _as_called(functions: dict, asks: dict, names: tuple[str, ...]) -> dict:
+def _kernel_functions(functions: dict, asks: dict, names: tuple[str, ...]) -> dict:
     """Compiled functions by the names under which `laws` and `rolling` look for them."""
 
     def call(role, **given):
@@ -158,37 +184,41 @@ def _as_called(functions: dict, asks: dict, names: tuple[str, ...]) -> dict:
 
     has, out = functions.__contains__, {}
     here = "kind, q, r_eff, overlap"
-    out["row"] = _called("kind, p, a, b", "(" + ", ".join(f"p[a, b, {k}]" for k in range(len(names))) + ",)")
-    out["normal_force"] = _called(here, call("normal_force"), f=functions["normal_force"])
+    out["row"] = _compile_expression(
+        "kind, p, a, b", "(" + ", ".join(f"p[a, b, {k}]" for k in range(len(names))) + ",)"
+    )
+    out["normal_force"] = _compile_expression(here, call("normal_force"), f=functions["normal_force"])
     soft = call("tangential_stiffness") if has("tangential_stiffness") else "q[1] + 0.0 * overlap"
-    out["tangential_stiffness"] = _called(here, soft, f=functions.get("tangential_stiffness"))
+    out["tangential_stiffness"] = _compile_expression(here, soft, f=functions.get("tangential_stiffness"))
     wide = call("contact_range") if has("contact_range") else "0.0"
-    out["reach"] = _called("kind, q, r_eff", wide, f=functions.get("contact_range"))
+    out["reach"] = _compile_expression("kind, q, r_eff", wide, f=functions.get("contact_range"))
     whole = f"{here}, fn"
     for role in ("cap", "rolling_cap"):
         if has(role):  # without friction, nothing is held; what a user gives may be negative
             value = call(role, normal_force="fn")
-            out[role] = _called(whole, f"cut(q[{MU}], {value})", f=functions[role], cut=_cut)
+            out[role] = _compile_expression(whole, f"cut(q[{MU}], {value})", f=functions[role], cut=_clip_cap)
         else:
-            out[role] = _called(whole, f"cut(q[{MU}], q[{MU}] * fn)", cut=_cut)
-        out[f"{role}_slopes"] = slopes_of(out[role])
+            out[role] = _compile_expression(whole, f"cut(q[{MU}], q[{MU}] * fn)", cut=_clip_cap)
+        out[f"{role}_slopes"] = complex_step_slopes(out[role])
     if has("rolling_stiffness"):
-        out["rolling_stiffness"] = _called(here, call("rolling_stiffness"), f=functions["rolling_stiffness"])
+        out["rolling_stiffness"] = _compile_expression(
+            here, call("rolling_stiffness"), f=functions["rolling_stiffness"]
+        )
     if has("normal_energy"):
-        out["normal_energy"] = _called(here, call("normal_energy"), f=functions["normal_energy"])
+        out["normal_energy"] = _compile_expression(here, call("normal_energy"), f=functions["normal_energy"])
     else:
         out["normal_energy"] = energy_by_quadrature(out["normal_force"], out["reach"])
-    out["least_force"] = _called("kind, elastic", "min(elastic, 0.0)")
-    out["masked"] = _called("kind, touches, value", "value if touches else 0.0")
+    out["least_force"] = _compile_expression("kind, elastic", "min(elastic, 0.0)")
+    out["masked"] = _compile_expression("kind, touches, value", "value if touches else 0.0")
     radius = any("r_eff" in asked for asked in asks.values())
-    out["asks_radius"] = _called("kind", str(radius))
-    out["reaches"] = _called("kind", str(has("contact_range")))
-    out["rescales"] = _called("kind", "False")
+    out["uses_radius"] = _compile_expression("kind", str(radius))
+    out["acts_across_gaps"] = _compile_expression("kind", str(has("contact_range")))
+    out["rescales"] = _compile_expression("kind", "False")
     return out
 
 
 @njit(**FAST)
-def _cut(mu, value):
+def _clip_cap(mu, value):
     """Nothing is held without friction, or where the value is negative."""
     return value if mu > 0.0 and value.real > 0.0 else 0.0 * value
 
@@ -246,9 +276,9 @@ def custom(
     given = {role: function for role, function in given.items() if function is not None}
     if ("rolling_stiffness" in given) != ("rolling_cap" in given):
         raise ValueError("only one of rolling_stiffness and rolling_cap was given: rolling resistance needs both")
-    values = _values(parameters or {}, given)
-    asks = {role: _arguments(role, function, tuple(values)) for role, function in given.items()}
-    kind = _known(given, asks, tuple(values), name)
+    values = _parameter_values(parameters or {}, given)
+    asks = {role: _argument_names(role, function, tuple(values)) for role, function in given.items()}
+    kind = _register(given, asks, tuple(values), name)
     if coulomb not in COULOMB or damping not in DAMPING:
         raise ValueError(
             f"coulomb={coulomb!r}, damping={damping!r} were given: {', '.join(COULOMB)}, and {', '.join(DAMPING)} are "
@@ -256,10 +286,10 @@ def custom(
         )
     table = np.array(list(values.values()), float)[None, None, :].copy()
     law = Law(kind, COULOMB[coulomb], table, DAMPING[damping] + (0 if tension else NO_TENSION))
-    return judged(law, size)
+    return validate_law(law, size)
 
 
-def _values(parameters: dict, given: dict) -> dict:
+def _parameter_values(parameters: dict, given: dict) -> dict:
     """Parameters in the order of the table."""
     for name, value in parameters.items():
         if not (isinstance(name, str) and name.isidentifier()) or any(name in allowed for allowed in ROLES.values()):
@@ -273,25 +303,25 @@ def _values(parameters: dict, given: dict) -> dict:
     return {name: float(value) for name, value in values.items()}
 
 
-def _known(given: dict, asks: dict, names: tuple[str, ...], name: str) -> Kind:
+def _register(given: dict, asks: dict, names: tuple[str, ...], name: str) -> Kind:
     """The kind of a law, whose functions are from now on known to this process."""
     told: list = [names, sorted(asks.items())]
     for role in sorted(given):
-        told += [role, *_told(given[role], set())]
+        told += [role, *_fingerprint(given[role], set())]
     digest = hashlib.sha256(repr(told).encode()).digest()
     kind = Kind(int.from_bytes(digest[:8], "big") >> 2 | 1 << 61)
-    if kind not in KNOWN:
+    if kind not in USER_LAWS:
         made: dict = {}
-        compiled = {role: _copied(function, True, made) for role, function in given.items()}
+        compiled = {role: _copy_function(function, True, made) for role, function in given.items()}
         made = {}
-        plain = {role: _copied(function, False, made) for role, function in given.items()}
-        OWN[kind] = _as_called(compiled, asks, names)
-        KNOWN[kind] = Own(name, names, _source(given), "", plain, asks)
-    KNOWN[kind] = KNOWN[kind]._replace(name=name)
+        plain = {role: _copy_function(function, False, made) for role, function in given.items()}
+        COMPILED[kind] = _kernel_functions(compiled, asks, names)
+        USER_LAWS[kind] = UserLaw(name, names, _source_text(given), "", plain, asks)
+    USER_LAWS[kind] = USER_LAWS[kind]._replace(name=name)
     return kind
 
 
-def _source(given: dict) -> str:
+def _source_text(given: dict) -> str:
     """The text of functions, where it is known."""
     found = []
     for function in given.values():
@@ -320,10 +350,10 @@ def from_file(path: str | Path, **parameters: float) -> Law:
     path = Path(path)
     if not path.is_file():
         raise ValueError(f"{path} is no file: give a Python file with a function normal_force")
-    return _of_text(text_of(path, remedy="give a Python file"), path, parameters)
+    return _law_from_text(text_of(path, remedy="give a Python file"), path, parameters)
 
 
-def _of_text(text: str, path: Path, parameters: dict) -> Law:
+def _law_from_text(text: str, path: Path, parameters: dict) -> Law:
     scope = {"__name__": path.stem, "__file__": str(path)}
     try:
         exec(compile(text, str(path), "exec"), scope)
@@ -331,7 +361,7 @@ def _of_text(text: str, path: Path, parameters: dict) -> Law:
         line = (problem.text or "").strip()
         raise ValueError(f"{path} does not compile, line {problem.lineno}: {line!r} ({problem.msg})") from None
     except Exception as problem:
-        raise ValueError(f"{path} does not run, {where(problem, path, text)}") from None
+        raise ValueError(f"{path} does not run, {locate_error(problem, path, text)}") from None
     given = {role: scope[role] for role in ROLES if role in scope}
     if "normal_force" not in given:
         raise ValueError(f"{path} has no function normal_force: a law needs one, such as def normal_force(overlap, kn)")
@@ -348,21 +378,21 @@ def _of_text(text: str, path: Path, parameters: dict) -> Law:
         law = custom(**given, parameters=values | parameters, name=path.stem, **options)
     except ValueError as problem:
         raise ValueError(f"{path}: {problem}") from None
-    KNOWN[law.kind] = KNOWN[law.kind]._replace(source=text, file=str(path))
+    USER_LAWS[law.kind] = USER_LAWS[law.kind]._replace(source=text, file=str(path))
     return law
 
 
-def _sent(kind: Kind):
+def _reduce_kind(kind: Kind):
     """How a kind travels to another process of the same run: with the text of its file, if it has one."""
-    own = KNOWN.get(kind)
-    return _arrived, (int(kind), own.source, own.file) if own and own.file else (int(kind), "", "")
+    own = USER_LAWS.get(kind)
+    return _restore_kind, (int(kind), own.source, own.file) if own and own.file else (int(kind), "", "")
 
 
-def _arrived(number: int, text: str, file: str) -> Kind:
+def _restore_kind(number: int, text: str, file: str) -> Kind:
     """The kind, whose law is made here, too, if it was not."""
-    if text and number not in KNOWN:
-        _of_text(text, Path(file), {})
+    if text and number not in USER_LAWS:
+        _law_from_text(text, Path(file), {})
     return Kind(number)
 
 
-copyreg.pickle(Kind, _sent)
+copyreg.pickle(Kind, _reduce_kind)

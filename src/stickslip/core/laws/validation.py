@@ -12,53 +12,55 @@ from numba.core.errors import NumbaError
 from numba.core.types import complex128, float64
 
 from .builtin import KT, STEP, Law
-from .dispatch import HELP, KNOWN, OWN, ROLES, Own, answer, known
+from .dispatch import COMPILED, HELP, ROLES, USER_LAWS, UserLaw, evaluate_role, known
 
-WIDEST = 100.0  # range of a law, in radii
+MAX_RANGE = 100.0  # range of a law, in radii
 NOT_NEGATIVE = ("tangential_stiffness", "contact_range", "rolling_stiffness")
-SHARES = (1e-6, 1e-4, 1e-3, 0.0031, 0.01, 0.031, 0.1)  # of the size: overlaps that are looked at
-AGREE = 1e-3  # of the largest slope: differences over a step of 1e-6 are as good as that, wherever functions are smooth
-JUMP = 1e-6  # of the largest force: a jump that is told
+OVERLAP_RATIOS = (1e-6, 1e-4, 1e-3, 0.0031, 0.01, 0.031, 0.1)  # of the size: overlaps that are looked at
+SLOPE_TOLERANCE = (
+    1e-3  # of the largest slope: differences over a step of 1e-6 are as good as that, wherever functions are smooth
+)
+JUMP_THRESHOLD = 1e-6  # of the largest force: a jump that is told
 
 
 class LawWarning(UserWarning):
     """Something in a user's law is unusual, but it can be used."""
 
 
-def judged(law: Law, size: float) -> Law:
+def validate_law(law: Law, size: float) -> Law:
     """The law, if it can be used; ValueError with one sentence if not. `size` is a radius of its grains [length]."""
     if isinstance(size, bool) or not (isinstance(size, int | float) and np.isfinite(size) and size > 0):
         raise ValueError(f"size = {size!r} was given: it is a radius, a positive number")
-    own, values = KNOWN[law.kind], dict(zip(KNOWN[law.kind].names, law.table[0, 0].tolist(), strict=True))
+    own, values = USER_LAWS[law.kind], dict(zip(USER_LAWS[law.kind].names, law.table[0, 0].tolist(), strict=True))
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        ranges = [float(_asked(own, "contact_range", values, r_eff=r)) for r in (0.5 * size, size)]
+        ranges = [float(_evaluate(own, "contact_range", values, r_eff=r)) for r in (0.5 * size, size)]
         if ranges[0] > ranges[1]:
             raise ValueError(
                 f"contact_range falls with r_eff, from {ranges[0]:g} to {ranges[1]:g}: lists need it to grow"
             )
-        if not ranges[1] <= WIDEST * size:
+        if not ranges[1] <= MAX_RANGE * size:
             raise ValueError(
-                f"contact_range is {ranges[1]:g} for a grain of radius {size:g}: at most {WIDEST:g} radii are allowed, "
+                f"contact_range is {ranges[1]:g} for a grain of radius {size:g}: at most {MAX_RANGE:g} radii are allowed, "
                 f"as all pairs within it are listed"
             )
-        points = [(r, x) for r, end in zip((0.5 * size, size), ranges, strict=True) for x in _overlaps(r, end)]
+        points = [(r, x) for r, end in zip((0.5 * size, size), ranges, strict=True) for x in _test_overlaps(r, end)]
         for role in own.functions:
-            _judge(own, role, values, points)
-        jump = _jump(own, values, points, ranges)
-    _compiled(law.kind, own, values)
+            _check_function(own, role, values, points)
+        jump = _describe_jump(own, values, points, ranges)
+    _compile(law.kind, own, values)
     if jump:
         warnings.warn(jump, LawWarning, stacklevel=4)
     return law
 
 
-def _overlaps(size: float, end: float) -> list[float]:
+def _test_overlaps(size: float, end: float) -> list[float]:
     """Overlaps to look at, from just within the range on."""
     gap = [-end * share for share in (0.999, 0.8, 0.55, 0.3, 0.1, 0.001)] if end > 0 else []
-    return gap + [size * share for share in SHARES]
+    return gap + [size * share for share in OVERLAP_RATIOS]
 
 
-def _asked(own: Own, role: str, values: dict, **given):
+def _evaluate(own: UserLaw, role: str, values: dict, **given):
     """What a function of the law answers; a missing range is zero."""
     if role not in own.functions:
         return 0.0
@@ -68,7 +70,7 @@ def _asked(own: Own, role: str, values: dict, **given):
     except ZeroDivisionError:
         return np.nan
     except Exception as problem:
-        words = _line(own, problem)
+        words = _error_location(own, problem)
         if any(isinstance(v, complex) for v in given.values()):
             raise ValueError(
                 f"{role} does not take complex numbers, which its derivative needs, {words}: compare real parts, as in "
@@ -77,27 +79,27 @@ def _asked(own: Own, role: str, values: dict, **given):
         raise ValueError(f"{role} cannot be evaluated, {words}: mend it") from None
 
 
-def _line(own: Own, problem: Exception) -> str:
+def _error_location(own: UserLaw, problem: Exception) -> str:
     """Where an error came from, with the line if its text is known."""
     last = traceback.extract_tb(problem.__traceback__)[-1]
     if Path(last.filename).suffix == ".py" and Path(last.filename).stem == own.name:
-        return where(problem, last.filename, own.source)
+        return locate_error(problem, last.filename, own.source)
     line = f"line {last.lineno}: {last.line!r} " if last.line else f"line {last.lineno} "
     return f"{line}({type(problem).__name__}: {problem})"
 
 
-def _judge(own: Own, role: str, values: dict, points) -> None:
+def _check_function(own: UserLaw, role: str, values: dict, points) -> None:
     """Raise ValueError with one sentence if a function gives no number, two of them, or no derivative."""
     slopes = {name: [] for name in ("overlap", "normal_force") if name in own.asks[role]}
     for r_eff, overlap in points:
         fn = 0.0
         if "normal_force" in ROLES[role]:
-            fn = abs(_asked(own, "normal_force", values, overlap=overlap, r_eff=r_eff)) or 1.0
+            fn = abs(_evaluate(own, "normal_force", values, overlap=overlap, r_eff=r_eff)) or 1.0
         at = {"overlap": overlap, "r_eff": r_eff, "normal_force": fn}
-        value, again = (_asked(own, role, values, **at) for _ in range(2))
+        value, again = (_evaluate(own, role, values, **at) for _ in range(2))
         told = f"{role} at overlap = {overlap:.4g}, r_eff = {r_eff:.4g}"
         if isinstance(value, bool) or not isinstance(value, int | float | np.floating | np.integer):
-            raise ValueError(f"{told} returns {_shown(value)}: it must return one real number")
+            raise ValueError(f"{told} returns {_describe_type(value)}: it must return one real number")
         if not np.isfinite(value):
             raise ValueError(f"{told} is {value}: it must be a finite number; a root or a logarithm of a gap, perhaps?")
         if value != again:
@@ -105,45 +107,45 @@ def _judge(own: Own, role: str, values: dict, points) -> None:
         if value < 0 and role in NOT_NEGATIVE:
             raise ValueError(f"{told} is {value:.4g}: it must not be negative")
         for name in slopes:
-            slopes[name].append((at, *_slopes(own, role, values, at, name, told)))
+            slopes[name].append((at, *_derivatives(own, role, values, at, name, told)))
     for name, found in slopes.items():
         scale = max(abs(one) for _, _, *sides in found for one in sides)
         for at, exact, left, right in found:
-            if min(abs(exact - left), abs(exact - right), abs(2 * exact - left - right) / 2) > AGREE * scale:
+            if min(abs(exact - left), abs(exact - right), abs(2 * exact - left - right) / 2) > SLOPE_TOLERANCE * scale:
                 raise ValueError(
                     f"{role} at overlap = {at['overlap']:.4g} has the slope {exact:.4g} by a complex step and "
                     f"{0.5 * (left + right):.4g} by differences in {name}: compare real parts only, and use max, min, "
                     f"abs, math or numpy; {HELP}"
                 )
     if role == "normal_energy":
-        _judge_energy(own, values, points)
+        _check_energy(own, values, points)
 
 
-def _shown(value) -> str:
+def _describe_type(value) -> str:
     return "nothing" if value is None else f"a {type(value).__name__}"
 
 
-def _slopes(own, role, values, at, name, told):
+def _derivatives(own, role, values, at, name, told):
     """d/d(name) by a complex step, and by differences to the left and to the right."""
     x = at[name]
     step = 1e-6 * abs(x)
-    stepped = _asked(own, role, values, **at | {name: complex(x, STEP)})
-    middle = _asked(own, role, values, **at)
+    stepped = _evaluate(own, role, values, **at | {name: complex(x, STEP)})
+    middle = _evaluate(own, role, values, **at)
     if not np.isclose(np.real(stepped), middle, rtol=1e-12, atol=1e-300):
         raise ValueError(
             f"{told} is {middle:.6g}, but {np.real(stepped):.6g} for a complex number with that real part: "
             f"compare real parts only; {HELP}"
         )
-    left, right = (_asked(own, role, values, **at | {name: x + d}) for d in (-step, step))
+    left, right = (_evaluate(own, role, values, **at | {name: x + d}) for d in (-step, step))
     return np.imag(stepped) / STEP, (middle - left) / step, (right - middle) / step
 
 
-def _judge_energy(own: Own, values: dict, points) -> None:
+def _check_energy(own: UserLaw, values: dict, points) -> None:
     """The energy's slope must be the force."""
     for r_eff, overlap in points:
         at = {"overlap": complex(overlap, STEP), "r_eff": r_eff}
-        force = _asked(own, "normal_force", values, overlap=overlap, r_eff=r_eff)
-        slope = np.imag(_asked(own, "normal_energy", values, **at)) / STEP
+        force = _evaluate(own, "normal_force", values, overlap=overlap, r_eff=r_eff)
+        slope = np.imag(_evaluate(own, "normal_energy", values, **at)) / STEP
         if not np.isclose(slope, force, rtol=1e-6, atol=1e-12 * abs(force)):
             raise ValueError(
                 f"normal_energy at overlap = {overlap:.4g} has the slope {slope:.6g}, but normal_force is {force:.6g}: "
@@ -151,14 +153,14 @@ def _judge_energy(own: Own, values: dict, points) -> None:
             )
 
 
-def _jump(own: Own, values: dict, points, ranges) -> str:
+def _describe_jump(own: UserLaw, values: dict, points, ranges) -> str:
     """In words, that the force does not end with zero at the end of the range."""
-    largest = max(abs(_asked(own, "normal_force", values, overlap=x, r_eff=r)) for r, x in points)
+    largest = max(abs(_evaluate(own, "normal_force", values, overlap=x, r_eff=r)) for r, x in points)
     end = max(ranges)
     r_eff = max(r for r, _ in points)
     edge = -end * (1 - 1e-9) if end else 1e-12 * r_eff
-    force = _asked(own, "normal_force", values, overlap=edge, r_eff=r_eff)
-    if not abs(force) > JUMP * largest:
+    force = _evaluate(own, "normal_force", values, overlap=edge, r_eff=r_eff)
+    if not abs(force) > JUMP_THRESHOLD * largest:
         return ""
     place = f"at the end of its range (a gap of {end:.4g})" if end else "where grains begin to touch"
     return (
@@ -167,13 +169,13 @@ def _jump(own: Own, values: dict, points, ranges) -> str:
     )
 
 
-def _compiled(kind, own: Own, values: dict) -> None:
+def _compile(kind, own: UserLaw, values: dict) -> None:
     """Compile each function, once for all processes; what Numba has to say becomes one sentence."""
     folder = Path(numba.config.CACHE_DIR or ".") / "laws"
     mark = folder / f"{int(kind):x}"
     if numba.config.CACHE_DIR and mark.exists():
         return
-    functions, many = OWN[kind], numba.types.UniTuple(float64, len(values))
+    functions, many = COMPILED[kind], numba.types.UniTuple(float64, len(values))
     for role in own.functions:
         name = "reach" if role == "contact_range" else role
         function, here = functions[name], (numba.types.int64, many, float64)
@@ -185,14 +187,16 @@ def _compiled(kind, own: Own, values: dict) -> None:
                 with warnings.catch_warnings(action="ignore"):
                     function.compile(one)
             except NumbaError as problem:
-                raise ValueError(f"{role} cannot be compiled, {_told(str(problem), own)}; {HELP}") from None
+                raise ValueError(
+                    f"{role} cannot be compiled, {_summarize_numba_error(str(problem), own)}; {HELP}"
+                ) from None
     if numba.config.CACHE_DIR:
         with contextlib.suppress(OSError):  # a full disk: the next process compiles them again
             folder.mkdir(parents=True, exist_ok=True)
             mark.touch()
 
 
-def _told(message: str, own: Own) -> str:
+def _summarize_numba_error(message: str, own: UserLaw) -> str:
     """The innermost place that Numba names, and what it has to say of it."""
     lines = [line.strip() for line in re.sub(r"\x1b\[[0-9;]*m", "", message).splitlines() if line.strip()]
     places = re.findall(r'File "([^"]+)", line (\d+)', message)
@@ -212,18 +216,20 @@ def stiffest(law: Law, values, r_eff: float, deepest: float) -> float:
     That of rolling counts as if the grains were spheres: k_r m/I.
     """
     functions, most = known(law.kind).functions, 0.0
-    end = answer(law.kind, "contact_range", values, r_eff=r_eff) if "contact_range" in functions else 0.0
+    end = evaluate_role(law.kind, "contact_range", values, r_eff=r_eff) if "contact_range" in functions else 0.0
     for x in np.append(np.linspace(-end, 0, 33)[1:-1] if end else [], np.geomspace(1e-6, 1, 33) * deepest):
         at = {"overlap": complex(x, STEP), "r_eff": r_eff}
-        most = max(most, abs(np.imag(answer(law.kind, "normal_force", values, **at))) / STEP)
+        most = max(most, abs(np.imag(evaluate_role(law.kind, "normal_force", values, **at))) / STEP)
         if "tangential_stiffness" in functions:
-            most = max(most, np.real(answer(law.kind, "tangential_stiffness", values, **at)))
+            most = max(most, np.real(evaluate_role(law.kind, "tangential_stiffness", values, **at)))
         if "rolling_stiffness" in functions:
-            most = max(most, np.real(answer(law.kind, "rolling_stiffness", values, **at)) / (0.4 * (2 * r_eff) ** 2))
+            most = max(
+                most, np.real(evaluate_role(law.kind, "rolling_stiffness", values, **at)) / (0.4 * (2 * r_eff) ** 2)
+            )
     return max(float(most), float(values[KT]) if "tangential_stiffness" not in functions else 0.0)
 
 
-def where(problem: Exception, path, text: str) -> str:
+def locate_error(problem: Exception, path, text: str) -> str:
     """The line of a file in which something went wrong, in words."""
     at, lines = None, text.splitlines()
     trace = problem.__traceback__

@@ -19,23 +19,23 @@ from numba import njit
 from ..contacts.geometry import at_contact, mid_normal, onto_plane, slip_increment, touching_fraction
 from ..contacts.mechanics import (
     FREE,
-    damped,
-    faded,
-    in_one_go,
     needs_mass,
     needs_radius,
+    rescale_slip,
     return_mapping,
-    same_length,
+    scale_to_length,
     tangential_force,
+    truncate_as_lammps,
     with_dashpot,
+    with_tangential_dashpot,
 )
-from ..flow import AHEAD, RATE, SLIDE_BACK, VECTORS
+from ..flow import INVERSE_HALF, RATE, RATE_AHEAD, VECTORS
 from ..laws.builtin import (
     DAMPING_N,
     DAMPING_T,
     MU,
     cap,
-    damping_of,
+    contact_damping,
     least_force,
     masked,
     normal_force,
@@ -54,26 +54,26 @@ from .transpose import (
     RADII,
     ROLL,
     ROLL_AHEAD,
-    gathered_motion,
-    gathered_places,
-    in_widest_vectors,
-    scattered,
-    soon,
-    written_soon,
+    gather_motion,
+    gather_positions,
+    prefetch_for_read,
+    prefetch_for_write,
+    scatter_loads,
+    use_widest_vectors,
 )
 
 # of what is compiled into its callers: it makes no arrays, and references to those that it takes out of tuples are not
 # counted, which would take half of a step with dashpots; it is cached by itself, so that kernels of another law find it
 # compiled
-BARE = {"error_model": "numpy", "forceinline": True, "_nrt": False, "cache": True}
-TILE = 1024  # grains, at most
+KERNEL_OPTIONS = {"error_model": "numpy", "forceinline": True, "_nrt": False, "cache": True}
+TILE_SIZE = 1024  # grains, at most
 # modes of a block's contact besides OPEN, STICK and SLIDE: it sticks but was at Coulomb's limit since it closed; it
 # slides because nothing presses it, and has not been at a limit
 STUCK_AGAIN, LOOSE = 3, 4
-_NEARLY = 1.0 + 1e-9  # squares of distances beyond which nothing can touch, whatever the rounding
+_SQUARE_MARGIN = 1.0 + 1e-9  # squares of distances beyond which nothing can touch, whatever the rounding
 
 
-class Moving(NamedTuple):
+class MovingBodies(NamedTuple):
     """Bodies in the order of memory: tiles of neighbouring grains, then rigid groups, then walls."""
 
     order: np.ndarray  # (B,) number of each body in the state
@@ -117,7 +117,7 @@ class Blocks(NamedTuple):
     code: np.ndarray  # (…,) uint32 rows of `load` in the order of summation, see `sums`
 
 
-def no_blocks() -> Blocks:
+def empty_blocks() -> Blocks:
     """Blocks without pairs, from which the first ones are made."""
     whole, flag = np.zeros((0, 2), np.int64), np.zeros(0, np.bool_)
     pairs, numbers, bounds = np.zeros(0, np.uint32), np.zeros(0), np.zeros(1, np.int64)
@@ -128,7 +128,7 @@ def no_blocks() -> Blocks:
 
 
 @njit(cache=True, _nrt=False)
-def committed(blocks, contacts, part, parts):
+def commit(blocks, contacts, part, parts):
     """Write slip and mode of a part of the blocks back to their rows in the list of contacts."""
     lanes = np.uint64(LANES)  # unsigned, so that no index is checked for counting from the end
     first, last = blocks.inner[-1] * part // parts, blocks.inner[-1] * (part + 1) // parts
@@ -143,7 +143,7 @@ def committed(blocks, contacts, part, parts):
 
 
 @njit(cache=True, fastmath=False, _nrt=False)
-def anchored(contacts, position, angle, radius, vectors, pair_out, roll_out):
+def store_reference(contacts, position, angle, radius, vectors, pair_out, roll_out):
     """Write the present pair vectors and angles of what touches; True if they are those of the committed memory.
 
     With empty arrays nothing is written.
@@ -162,26 +162,26 @@ def anchored(contacts, position, angle, radius, vectors, pair_out, roll_out):
     return rested
 
 
-@njit(**BARE)
-def _pairs_soon(blocks, body, b):
+@njit(**KERNEL_OPTIONS)
+def _prefetch_pairs(blocks, body, b):
     """Ask for both bodies of each pair of a block, two lines a body."""
     for s in range(LANES * b, LANES * (b + 1)):
         for g in (np.int64(blocks.i[np.uint64(s)]), np.int64(blocks.j[np.uint64(s)])):
-            soon(body, g * BODY)
-            soon(body, g * BODY + 8)
+            prefetch_for_read(body, g * BODY)
+            prefetch_for_read(body, g * BODY + 8)
 
 
-@njit(**BARE)
-def _bodies_soon(body, first, last):
+@njit(**KERNEL_OPTIONS)
+def _prefetch_bodies(body, first, last):
     """Ask for a stretch of bodies, which will be moved on."""
     for at in range(first * BODY, last * BODY, 8):
-        written_soon(body, at)
+        prefetch_for_write(body, at)
 
 
-@njit(fastmath=True, **BARE)
-def _apart(dim, flow, blocks, body, b, scratch):
+@njit(fastmath=True, **KERNEL_OPTIONS)
+def _gather_pair_vectors(dim, flow, blocks, body, b, scratch):
     """Pair vectors and sums of radii of block b, plane by plane."""
-    gathered_places(np.int64(dim), np.int64(b * LANES), blocks.i, blocks.j, body, scratch)
+    gather_positions(np.int64(dim), np.int64(b * LANES), blocks.i, blocks.j, body, scratch)
     if blocks.at[b] < 0 or blocks.wall[b]:
         return
     at = np.uint64(blocks.at[b])
@@ -201,13 +201,13 @@ def _apart(dim, flow, blocks, body, b, scratch):
                 scratch[PAIR + 128 + l] += p * h[0, 2] + q * h[1, 2] + r * h[2, 2]
 
 
-@njit(fastmath=True, **BARE)
-def _flowed(dim, predict, flow, scratch):
+@njit(fastmath=True, **KERNEL_OPTIONS)
+def _add_flow(dim, predict, flow, scratch):
     """What a deforming cell adds to relative velocities: L r.
 
     (1 + ½ dt L)⁻¹ (Δv + L r), r at the end of the step, is the change of r in the step over dt.
     """
-    rate, back, ahead = flow.matrix[RATE], flow.matrix[SLIDE_BACK], flow.matrix[AHEAD]
+    rate, back, ahead = flow.matrix[RATE], flow.matrix[INVERSE_HALF], flow.matrix[RATE_AHEAD]
     for lane in range(LANES):
         l = np.uint64(lane)
         if dim == 2:
@@ -222,10 +222,10 @@ def _flowed(dim, predict, flow, scratch):
                 scratch[MOTION_AHEAD + k * LANES + l] += ahead[k, 0] * x + ahead[k, 1] * y + ahead[k, 2] * z
 
 
-@njit(fastmath=True, **BARE)
-def _responded(kind, coulomb, dim, viscous, rate, rescaled, wall, q, blocks, b, dt, hold, scratch):
+@njit(fastmath=True, **KERNEL_OPTIONS)
+def _evaluate_block(kind, coulomb, dim, viscous, rate, rescaled, wall, q, blocks, b, dt, hold, scratch):
     """Forces and memory of one block, all lanes alike: what does not touch gets zeros. With `hold`, memory stays."""
-    in_widest_vectors()
+    use_widest_vectors()
     predict = viscous > 0 and not rate
     v, w = (MOTION_AHEAD, ROLL_AHEAD) if predict else (MOTION, ROLL)
     lanes, idle = slice(LANES * b, LANES * b + LANES), blocks.load[np.uint64(0)]
@@ -264,8 +264,8 @@ def _responded(kind, coulomb, dim, viscous, rate, rescaled, wall, q, blocks, b, 
         sx, sy, sz = onto_plane(nx, ny, nz, mx, my, mz, ox, oy, oz)
         if rescaled is not None:
             if rate:
-                sx, sy, sz = same_length(sx, sy, sz, ox, oy, oz)
-            fade, sx, sy, sz = faded(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz)
+                sx, sy, sz = scale_to_length(sx, sy, sz, ox, oy, oz)
+            fade, sx, sy, sz = rescale_slip(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz)
         dx, dy, dz = slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, wx, wy, wz)
         if rescaled is not None and not rate:
             half = 0.5 * (1.0 + fade)
@@ -277,7 +277,7 @@ def _responded(kind, coulomb, dim, viscous, rate, rescaled, wall, q, blocks, b, 
         stiffness = tangential_stiffness(kind, q, r_eff, overlap)
         vx = vy = vz = damping = 0.0
         if viscous:
-            factor = damping_of(kind, viscous, r_eff, m_eff, overlap)
+            factor = contact_damping(kind, viscous, r_eff, m_eff, overlap)
             factor = factor if touches else 0.0
             damping = factor * q[DAMPING_T]
             ax, ay, az = (
@@ -293,7 +293,7 @@ def _responded(kind, coulomb, dim, viscous, rate, rescaled, wall, q, blocks, b, 
         if viscous and rate:
             limit = q[MU] * abs(fn)
             sx, sy, sz = sx + dx, sy + dy, sz + dz
-            tx, ty, tz, sx, sy, sz, slides = in_one_go(stiffness, damping, limit, sx, sy, sz, vx, vy, vz, hold)
+            tx, ty, tz, sx, sy, sz, slides = truncate_as_lammps(stiffness, damping, limit, sx, sy, sz, vx, vy, vz, hold)
         else:
             limit = masked(kind, touches, cap(kind, q, r_eff, overlap, fn))
             slid = SLIDE if not rate and before in (SLIDE, LOOSE) else STICK
@@ -309,7 +309,7 @@ def _responded(kind, coulomb, dim, viscous, rate, rescaled, wall, q, blocks, b, 
             sx, sy, sz = (sx, sy, sz) if hold else (cx, cy, cz)
             tx, ty, tz = tangential_force(coulomb, stiffness, limit, sx, sy, sz)
             if viscous:
-                tx, ty, tz = damped(tx, ty, tz, damping, limit, vx, vy, vz)
+                tx, ty, tz = with_tangential_dashpot(tx, ty, tz, damping, limit, vx, vy, vz)
         here = 1.0 if touches else 0.0
         slip[l], slip[64 + l] = here * sx, here * sy
         if dim == 3:
@@ -328,7 +328,7 @@ def _responded(kind, coulomb, dim, viscous, rate, rescaled, wall, q, blocks, b, 
             scratch[128 + l] = scratch[192 + l] = scratch[256 + l] = 0.0
 
 
-@njit(fastmath=True, **BARE)
+@njit(fastmath=True, **KERNEL_OPTIONS)
 def _idle(kind, dim, viscous, wall, q, blocks, b, scratch):
     """True if no contact of a block touches or has touched before; may be false where one nearly does."""
     lanes = slice(LANES * b, LANES * b + LANES)
@@ -343,13 +343,13 @@ def _idle(kind, dim, viscous, wall, q, blocks, b, scratch):
             square, ranged = square * abs(square), ranged * abs(ranged)
         else:
             square, ranged = rx * rx + ry * ry + rz * rz, ranged * ranged
-        least = min(least, square - _NEARLY * ranged)
+        least = min(least, square - _SQUARE_MARGIN * ranged)
         held |= mode[l]
     return least > 0.0 and held == 0
 
 
-@njit(fastmath=True, **BARE)
-def evaluated(
+@njit(fastmath=True, **KERNEL_OPTIONS)
+def evaluate_blocks(
     kind, coulomb, dim, viscous, rate, rescaled, first, last, crossing, begin, end, blocks, body, ahead, p, dt, hold,
     flow, scratch,
 ):  # fmt: skip
@@ -362,11 +362,11 @@ def evaluated(
     each = (end - begin) // max(last - first, 1) + 1
     for b in range(first, last):
         if crossing:
-            _pairs_soon(blocks, body, min(b + 1, last - 1))
+            _prefetch_pairs(blocks, body, min(b + 1, last - 1))
         else:
-            _bodies_soon(body, min(begin, end), min(begin + each, end))
+            _prefetch_bodies(body, min(begin, end), min(begin + each, end))
             begin += each
-        _apart(dim, flow, blocks, body, b, scratch)
+        _gather_pair_vectors(dim, flow, blocks, body, b, scratch)
         place, q = blocks.place[b], row(kind, p, blocks.material[b, 0], blocks.material[b, 1])
         if _idle(kind, dim, viscous, blocks.wall[b], q, blocks, b, scratch):
             for s in range(np.uint64(place), np.uint64(place + LANES)):
@@ -376,18 +376,18 @@ def evaluated(
                     for m in range(np.uint64(3)):
                         blocks.pair[s, m] = 0.0
             continue
-        gathered_motion(
+        gather_motion(
             np.int64(dim), np.int64(predict), np.int64(b * LANES), blocks.i, blocks.j, body, ahead, scratch
         )  # fmt: skip
         if flow is not None:
-            _flowed(dim, predict, flow, scratch)
+            _add_flow(dim, predict, flow, scratch)
             for lane in range(LANES):
                 l, s = np.uint64(lane), np.uint64(place + lane)
                 blocks.pair[s, 0], blocks.pair[s, 1], blocks.pair[s, 2] = (
                     scratch[PAIR + l], scratch[PAIR + 64 + l], scratch[PAIR + 128 + l],
                 )  # fmt: skip
         if blocks.wall[b]:
-            _responded(kind, coulomb, dim, viscous, rate, rescaled, True, q, blocks, b, dt, hold, scratch)
+            _evaluate_block(kind, coulomb, dim, viscous, rate, rescaled, True, q, blocks, b, dt, hold, scratch)
         else:
-            _responded(kind, coulomb, dim, viscous, rate, rescaled, False, q, blocks, b, dt, hold, scratch)
-        scattered(np.int64(place), scratch, load)
+            _evaluate_block(kind, coulomb, dim, viscous, rate, rescaled, False, q, blocks, b, dt, hold, scratch)
+        scatter_loads(np.int64(place), scratch, load)

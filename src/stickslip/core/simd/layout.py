@@ -19,7 +19,7 @@ def speeds(moving):
 
 
 @njit(cache=True, fastmath=False, _nrt=False)
-def roam(moving, base, span, least, most, out):
+def displacement_limits(moving, base, span, least, most, out):
     """How far each body may go until blocks are chosen again: `base` and its way in the time `span`, within bounds."""
     for g in range(len(moving.order)):
         square = 0.0
@@ -29,7 +29,7 @@ def roam(moving, base, span, least, most, out):
 
 
 @njit(cache=True, fastmath=False, _nrt=False)
-def kept_within(moving, origin, most, room):
+def limit_displacements(moving, origin, most, room):
     """Shorten `room` so that no body ends up further than `most` from where it was, in the state's order.
 
     False if that takes more than half of what some body wants, or if it is not known where it was.
@@ -47,7 +47,7 @@ def kept_within(moving, origin, most, room):
 
 
 @njit(cache=True, fastmath=False, _nrt=False)
-def brought(order, here, kick, kick_t, body, ahead):
+def gather_bodies(order, here, kick, kick_t, body, ahead):
     """Write all bodies, given in the state's order, to rows of `body`, and to those of `ahead` if there are any."""
     for g in range(len(order)):
         a = np.uint64(order[g])
@@ -62,7 +62,7 @@ def brought(order, here, kick, kick_t, body, ahead):
 
 
 @njit(cache=True, fastmath=False, _nrt=False)
-def exported(moving, out):
+def scatter_bodies(moving, out):
     """Positions, angles, velocities, spins in the state's order; the body of every moving thing is left alone."""
     for g in range(len(moving.order)):
         a = moving.order[g]

@@ -7,18 +7,18 @@ from numba import njit, prange
 
 from ..contacts.mechanics import effective_mass, effective_radius, needs_mass
 from ..state import OPEN, SLIDE, STICK
-from .blocks import LOOSE, STUCK_AGAIN, Blocks, committed
-from .reduce import AHEAD, IS_FIRST, IS_I, ROW, WIDTH
-from .transpose import LANES, RADIUS, aligned
+from .blocks import LOOSE, STUCK_AGAIN, Blocks, commit
+from .reduce import IS_FIRST, IS_I, PREFETCH_DISTANCE, ROW, WIDTH
+from .transpose import LANES, RADIUS, empty_aligned
 
 # what is known of a pair picked: its row in the list, its bodies in memory, its bucket times _BUCKET, plus _FAR if its
 # block needs vectors, plus its mode in a block, and its class: 0 if it touches, else by how far apart it is
-_ROW, _I, _J, _WHAT, _CLASS, _COLUMNS = range(6)
+_ROW, _I, _J, _BUCKET_AND_MODE, _CLASS, _COLUMNS = range(6)
 _FAR, _BUCKET = 8, 16
 _CLASSES = 8
 
 
-def layered(x, rows, parts):
+def split_layers(x, rows, parts):
     """Some columns of points (3, n) cut into parts of neighbours, all of a size: layers, columns of these, and so on.
 
     Parts come layer after layer along the longest side, so that few pairs at a time reach from parts that have been to
@@ -33,11 +33,11 @@ def layered(x, rows, parts):
     bound = parts * np.arange(layers + 1) // layers
     cut = len(rows) * bound // parts
     rows = rows[np.argpartition(along[rows], cut[1:-1])]
-    layer = [layered(x, rows[cut[k] : cut[k + 1]], bound[k + 1] - bound[k]) for k in range(layers)]
+    layer = [split_layers(x, rows[cut[k] : cut[k + 1]], bound[k + 1] - bound[k]) for k in range(layers)]
     return [part for parts in layer for part in parts]
 
 
-def shared_out(share, spent):
+def balance_threads(share, spent):
     """Bounds of the tiles of each thread, so that all take as long, from what each `spent` on those that it had.
 
     Cores are not alike: some are made slower, and others are at work for somebody else, too.
@@ -51,7 +51,7 @@ def shared_out(share, spent):
 
 
 @njit(cache=True)
-def morton(x, size):
+def morton_keys(x, size):
     """(n,) places of points (3, n) along a space-filling curve through cells of `size`; no coordinate is negative."""
     key = np.zeros(x.shape[1], np.int64)
     for k in range(3):
@@ -63,7 +63,7 @@ def morton(x, size):
 
 
 @njit(cache=True)
-def _room(old, need):
+def _grow(old, need):
     """The old array if it is long enough: fresh memory costs more than what is written to it."""
     return old if len(old) >= need else np.empty(need + need // 8, old.dtype)
 
@@ -80,7 +80,7 @@ def _first_rows(contacts, bodies):
 
 
 @njit(error_model="numpy", forceinline=True)
-def _class(mode, left, most):
+def _distance_class(mode, left, most):
     """Class of a pair: 0 if it touches, else the higher, the further apart; `left` is what is left of room `most`."""
     if mode != OPEN:
         return 0
@@ -89,7 +89,7 @@ def _class(mode, left, most):
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)
-def _chosen(
+def _pick_pairs(
     begin, end, contacts, moving, first, internal, tile_of, worker, normal, vectors, room, gap, materials, material,
     picked, start, held,
 ):  # fmt: skip
@@ -130,8 +130,8 @@ def _chosen(
                 now = STUCK_AGAIN if mode[c] == STICK and contacts.reached[c] else mode[c]
                 now = LOOSE if mode[c] == SLIDE and not contacts.reached[c] else now
                 picked[number, _ROW], picked[number, _I], picked[number, _J] = c, g, h
-                picked[number, _WHAT] = bucket * _BUCKET + (_FAR if moved or z >= n else 0) + now
-                picked[number, _CLASS] = _class(now, near * near - square, near * near - touch * touch)
+                picked[number, _BUCKET_AND_MODE] = bucket * _BUCKET + (_FAR if moved or z >= n else 0) + now
+                picked[number, _CLASS] = _distance_class(now, near * near - square, near * near - touch * touch)
                 held[np.uint64(bucket)] += 1
                 start[h + np.uint64(2)] += 1
                 start[g + np.uint64(2)] += 1
@@ -140,7 +140,7 @@ def _chosen(
 
 
 @njit(cache=True)
-def _rows_of_loads(place, bound, top, share, tile_of, i, j, row):
+def _assign_load_rows(place, bound, top, share, tile_of, i, j, row):
     """Set the first row of every block's loads. Returns the number of rows.
 
     Blocks between threads have rows of their own. Tiles of a thread share those of pairs within a tile; those of pairs
@@ -180,7 +180,7 @@ def _rows_of_loads(place, bound, top, share, tile_of, i, j, row):
 
 
 @njit(cache=True, _nrt=False)
-def _pad(from_slot, to_slot, bodies, i, j, row, wall, at, size, mass, slip, mode):
+def _pad_blocks(from_slot, to_slot, bodies, i, j, row, wall, at, size, mass, slip, mode):
     """Fill lanes of a block without a contact with a pair of a body with itself; what keeps it apart is its vector."""
     b = from_slot // LANES
     if to_slot > from_slot:
@@ -198,7 +198,7 @@ def _pad(from_slot, to_slot, bodies, i, j, row, wall, at, size, mass, slip, mode
 
 
 @njit(cache=True, _nrt=False)
-def _numbered(at):
+def _place_vectors(at):
     """Turn marks into where the vectors of the blocks marked begin; returns where they end."""
     end = 0
     for b in range(len(at)):
@@ -209,7 +209,7 @@ def _numbered(at):
 
 
 @njit(cache=True, _nrt=False)
-def _pointed(contacts, row, wall, at, normal, across, bodies, far, vector):
+def _write_vectors(contacts, row, wall, at, normal, across, bodies, far, vector):
     """Write the vectors of all blocks that have them; `far` keeps a body from touching itself."""
     n, image = bodies - len(normal), contacts.image
     for b in range(len(at)):
@@ -230,7 +230,7 @@ def _pointed(contacts, row, wall, at, normal, across, bodies, far, vector):
 
 
 @njit(cache=True, _nrt=False)
-def _order_of_summation(contacts, slot, place, internal, start, code, nothing):
+def _write_summation_order(contacts, slot, place, internal, start, code, nothing):
     """From counts in `start` to the loads that each body adds up, in the order of partners, as the list is sorted.
 
     A body without any gets the row `nothing`, so that it has a first one, too.
@@ -259,12 +259,12 @@ def _order_of_summation(contacts, slot, place, internal, start, code, nothing):
 def _rank(picked, p, tile_of, crossing):
     """Rank by the last tile that a pair reaches, if it is one between tiles of a thread; then by its class."""
     g, h = np.uint64(picked[p, _I]), np.uint64(picked[p, _J])
-    last = max(tile_of[g], tile_of[h]) if picked[p, _WHAT] < crossing * _BUCKET else 0
+    last = max(tile_of[g], tile_of[h]) if picked[p, _BUCKET_AND_MODE] < crossing * _BUCKET else 0
     return np.uint64(_CLASSES * last + picked[p, _CLASS])
 
 
 @njit(cache=True)
-def _in_turn(picked, tile_of, tiles, crossing):
+def _sort_picked(picked, tile_of, tiles, crossing):
     """Pairs between tiles of a thread by the last that they reach, after all others; those of a tile by their class.
 
     `crossing`: the number of buckets of such pairs.
@@ -282,13 +282,13 @@ def _in_turn(picked, tile_of, tiles, crossing):
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)
-def _filled(picked, turn, filled, contacts, order, materials, material, radius, inverse_mass, parts, slot):
+def _fill_blocks(picked, turn, filled, contacts, order, materials, material, radius, inverse_mass, parts, slot):
     """Write the pairs that were picked into the lanes of their buckets' blocks; mark the blocks that need vectors."""
     i, j, row, size, mass, slip, mode, pair, wall, at = parts
     lanes = np.uint64(LANES)
-    for k in range(np.uint64(len(turn))):  # unsigned, see `_chosen`
+    for k in range(np.uint64(len(turn))):  # unsigned, see `_pick_pairs`
         p = np.uint64(turn[k])
-        c, what = np.uint64(picked[p, _ROW]), picked[p, _WHAT]
+        c, what = np.uint64(picked[p, _ROW]), picked[p, _BUCKET_AND_MODE]
         g, h, within = np.uint64(picked[p, _I]), np.uint64(picked[p, _J]), np.uint64(what // _BUCKET)
         is_wall = within & np.uint64(1) == np.uint64(1)
         s = np.uint64(filled[within])
@@ -308,7 +308,7 @@ def _filled(picked, turn, filled, contacts, order, materials, material, radius, 
 
 
 @njit(cache=True)
-def _prepared(contacts, moving, workers, materials):
+def _prepare(contacts, moving, workers, materials):
     """Where bodies are in memory, in which tile and whose; room for what each thread picks, from a row of its own."""
     order, tile, share, bodies = moving.order, moving.tile, moving.share, len(moving.order)
     internal, tile_of = np.empty(bodies, np.int32), np.empty(bodies, np.int32)
@@ -331,7 +331,7 @@ def _prepared(contacts, moving, workers, materials):
 
 
 @njit(cache=True)
-def _laid_out(old, contacts, moving, start, held, materials, by_size, viscous):
+def _lay_out(old, contacts, moving, start, held, materials, by_size, viscous):
     """Room for all blocks, in the memory of `old` ones if it is enough; where each thread begins to fill each bucket.
 
     What each body has is summed up in the first row of `start`.
@@ -349,16 +349,16 @@ def _laid_out(old, contacts, moving, start, held, materials, by_size, viscous):
             start[0, a] += start[w, a]
     blocks, bound = first[-1], first[::classes].copy()
     slots = blocks * LANES
-    i, j, row = _room(old.i, slots), _room(old.j, slots), _room(old.row, slots)
-    size, mass = _room(old.size, slots if by_size else 0), _room(old.mass, slots if needs_mass(viscous) else 0)
-    slip, mode, place = _room(old.slip, 3 * slots), _room(old.mode, slots), _room(old.place, blocks)
+    i, j, row = _grow(old.i, slots), _grow(old.j, slots), _grow(old.row, slots)
+    size, mass = _grow(old.size, slots if by_size else 0), _grow(old.mass, slots if needs_mass(viscous) else 0)
+    slip, mode, place = _grow(old.slip, 3 * slots), _grow(old.mode, slots), _grow(old.place, blocks)
     pair, wall, at = np.zeros((blocks, 2), np.int64), np.zeros(blocks, np.bool_), np.full(blocks, -1, np.int32)
     slot = np.full(contacts.count[0], -1, np.int32)
     return first, bound, filled, place, slot, (i, j, row, size, mass, slip, mode, pair, wall, at)
 
 
 @njit(cache=True)
-def _joined(
+def _assemble_blocks(
     old, contacts, moving, normal, across, room, gap, first, bound, filled, place, slot, parts, internal, tile_of, start
 ):  # fmt: skip
     """The blocks, once pairs are in them: lanes without any, vectors, rows of loads and the order of summation."""
@@ -367,21 +367,21 @@ def _joined(
     for g in range(bodies):
         far = max(far, 4.0 * moving.body[g, RADIUS] + 1.0 + gap + 2.0 * room[g])
     for k in range(len(first) - 1):
-        _pad(filled[-1, k], first[k + 1] * LANES, bodies, i, j, row, wall, at, size, mass, slip, mode)
-    most = _rows_of_loads(place, bound, top, moving.share, tile_of, i, j, row)
-    vector = _room(old.vector, _numbered(at))
-    _pointed(contacts, row, wall, at, normal, across, bodies, far, vector)
+        _pad_blocks(filled[-1, k], first[k + 1] * LANES, bodies, i, j, row, wall, at, size, mass, slip, mode)
+    most = _assign_load_rows(place, bound, top, moving.share, tile_of, i, j, row)
+    vector = _grow(old.vector, _place_vectors(at))
+    _write_vectors(contacts, row, wall, at, normal, across, bodies, far, vector)
     load, pairs = old.load, old.pair
     if len(load) <= most:
         rows = most + most // 8 + 1
-        load, pairs = aligned(rows, WIDTH), np.empty((rows if len(moving.virial) > 0 else 0, 3))
+        load, pairs = empty_aligned(rows, WIDTH), np.empty((rows if len(moving.virial) > 0 else 0, 3))
     for k in range(WIDTH):
         load[most, k] = 0.0
     active, start = 0, start[0]
     for a in range(bodies):
         active += max(start[a + 2], 1)
-    code = _room(old.code, active + AHEAD)
-    _order_of_summation(contacts, slot, place, internal, start, code, most)
+    code = _grow(old.code, active + PREFETCH_DISTANCE)
+    _write_summation_order(contacts, slot, place, internal, start, code, most)
     return Blocks(
         i, j, row, pair, wall, at, vector, size, mass, slip, mode, place, bound[: top + 1].copy(),
         bound[top:].copy(), load, pairs, start[: bodies + 1].copy(), code,
@@ -389,11 +389,11 @@ def _joined(
 
 
 @cache
-def chooser(parallel: bool):
+def block_chooser(parallel: bool):
     """Compiled choice of blocks, on one thread or several; no bit depends on how many."""
 
     @njit(cache=True, error_model="numpy", parallel=parallel)
-    def chosen_blocks(
+    def choose_blocks(
         old, contacts, moving, inverse_mass, material, normal, vectors, across, room, gap, materials, by_size, viscous
     ):  # fmt: skip
         """Blocks of all pairs that may touch before their bodies have gone as far as they may, in the memory of `old`
@@ -405,29 +405,29 @@ def chooser(parallel: bool):
         # whether this is parallel must stand in its body: what is kept compiled is known by that alone
         workers, crossing = len(moving.share) - 1 if parallel else 1, len(moving.tile) - 1
         for k in prange(workers):
-            committed(old, contacts, k, workers)
-        internal, tile_of, worker, own, first, begin, picked, start, held = _prepared(
+            commit(old, contacts, k, workers)
+        internal, tile_of, worker, own, first, begin, picked, start, held = _prepare(
             contacts, moving, workers, materials
         )
         number = np.empty(workers, np.int64)
         for k in prange(workers):
-            number[k] = _chosen(
+            number[k] = _pick_pairs(
                 own[k, 0], own[k, 1], contacts, moving, first, internal, tile_of, worker, normal, vectors, room, gap,
                 materials, material, picked[begin[k] :], start[k], held[k],
             )  # fmt: skip
-        first_block, bound, filled, place, slot, parts = _laid_out(
+        first_block, bound, filled, place, slot, parts = _lay_out(
             old, contacts, moving, start, held, materials, by_size, viscous
         )
         buckets = crossing * (held.shape[1] // (2 * (crossing + 1)))
         for k in prange(workers):
             own_picked = picked[begin[k] : begin[k] + number[k]]
-            _filled(
-                own_picked, _in_turn(own_picked, tile_of, crossing + 1, buckets), filled[k], contacts, moving.order,
+            _fill_blocks(
+                own_picked, _sort_picked(own_picked, tile_of, crossing + 1, buckets), filled[k], contacts, moving.order,
                 materials, material, moving.body[:, RADIUS], inverse_mass, parts, slot,
             )  # fmt: skip
-        return _joined(
+        return _assemble_blocks(
             old, contacts, moving, normal, across, room, gap, first_block, bound, filled, place, slot, parts, internal,
             tile_of, start,
         )  # fmt: skip
 
-    return chosen_blocks
+    return choose_blocks
