@@ -1,11 +1,11 @@
-"""Contact laws by users: plain Python functions of scalars, compiled into the kernels as the built-in laws are.
+"""User-defined contact laws: plain Python functions of scalars, compiled into the kernels like the built-in laws.
 
-A user's function names what it needs: `overlap` and `r_eff`, what else its role offers (see `ROLES`), and parameters
-of the law. What it uses besides must be numbers, functions, `math` or `numpy`: their values are part of the digest by
-which compiled kernels are found again on disk, so that a law that has changed in any of them is another law.
+The arguments of a user's function are `overlap`, `r_eff`, whatever else its role offers (see `ROLES`), and parameters
+of the law. Anything else that it uses must be a number, a function, `math` or `numpy`. Their values are part of the
+digest that identifies compiled kernels on disk, so that a law in which any of them has changed is a different law.
 
 Tangents come from a complex step, f'(x) = Im f(x + ih)/h. `max`, `min`, `abs` and `math` are therefore replaced by
-versions that take complex numbers and decide by the real part.
+versions that accept complex numbers and branch on the real part.
 """
 
 import builtins
@@ -39,7 +39,7 @@ from .validation import locate_error, validate_law
 _DEFAULTS = {"kn": 1.0, "kt": 0.0, "mu": 0.0, "damping_n": 0.0, "damping_t": 0.0}
 
 
-# ---- what stands for functions that do not take complex numbers
+# ---- replacements of functions that do not accept complex numbers
 
 
 def _max(a, b):
@@ -76,7 +76,7 @@ _ALLOWED_BUILTINS = (float, complex, int, bool, range, len)
 
 
 def _resolve_global(name: str, value, compiled: bool, made: dict):
-    """What a function by a user gets where it uses a global name."""
+    """Replacement of a global name used in a user's function."""
     if value is math:
         whole = types.ModuleType("math")
         for key, thing in vars(math).items():
@@ -94,12 +94,13 @@ def _resolve_global(name: str, value, compiled: bool, made: dict):
     if isinstance(value, tuple) and all(isinstance(v, int | float) for v in value):
         return value
     raise ValueError(
-        f"a contact law uses {name!r}, a {type(value).__name__}: it may use numbers, functions, math and numpy; {HELP}"
+        f"a contact law uses {name!r}, a {type(value).__name__}: only numbers, functions, math and numpy are allowed; "
+        f"{HELP}"
     )
 
 
 def _find_globals(function) -> dict:
-    """Global names and variables around it that a function uses, with their values."""
+    """Global names and enclosing variables that a function uses, with their values."""
     found, codes = dict(inspect.getclosurevars(function).nonlocals), [function.__code__]
     while codes:
         code = codes.pop()
@@ -114,7 +115,7 @@ def _find_globals(function) -> dict:
 
 
 def _copy_function(function, compiled: bool, made: dict):
-    """A function with what it uses replaced as above; with `compiled`, compiled for kernels."""
+    """Copy a function with the names it uses replaced as above; with `compiled`, compile it for kernels."""
     if function in made:
         return made[function]
     used = _find_globals(function)
@@ -130,7 +131,7 @@ def _copy_function(function, compiled: bool, made: dict):
 
 
 def _fingerprint(function, seen: set) -> list:
-    """All that decides what a function computes."""
+    """Everything that determines the result of a function."""
     if function in seen:
         return []
     seen.add(function)
@@ -151,32 +152,32 @@ def _fingerprint(function, seen: set) -> list:
     return out
 
 
-# ---- from functions of named scalars to functions as kernels call them
+# ---- conversion of functions of named scalars to functions with the signatures that kernels call
 
 
 def _argument_names(role: str, function, names: tuple[str, ...]) -> tuple[str, ...]:
-    """Names that a function takes, in order; ValueError if there is none such."""
+    """Argument names of a function, in order. Raise ValueError if one of them is not allowed."""
     if not isinstance(function, types.FunctionType):
-        raise ValueError(f"{role} is a {type(function).__name__}: a contact law is made of plain Python functions")
+        raise ValueError(f"{role} is a {type(function).__name__}: give a plain Python function")
     spec = inspect.getfullargspec(function)
     if spec.varargs or spec.varkw or spec.kwonlyargs:
-        raise ValueError(f"{role} takes *, ** or keyword-only arguments: give it plain ones, such as {role}(overlap)")
+        raise ValueError(f"{role} has *, ** or keyword-only arguments: use plain ones, such as {role}(overlap)")
     for name in spec.args:
         if name not in (*ROLES[role], *names):
             known = ", ".join((*ROLES[role], *names))
-            raise ValueError(f"{role} asks for {name!r}, which is no parameter: it may ask for {known}")
+            raise ValueError(f"{role} has an argument {name!r}, which is not a parameter: allowed are {known}")
     return tuple(spec.args)
 
 
 def _compile_expression(signature: str, expression: str, **scope):
-    """A compiled function of a signature whose value is an expression."""
+    """Compile a function with a given signature that returns the value of an expression."""
     text = f"def shim({signature}):\n    return {expression}\n"
     exec(compile(text, "<contact law>", "exec"), scope)
     return njit(**FAST)(scope["shim"])
 
 
 def _kernel_functions(functions: dict, asks: dict, names: tuple[str, ...]) -> dict:
-    """Compiled functions by the names under which `laws` and `rolling` look for them."""
+    """Compiled functions by the names under which `builtin` and `rolling` look them up."""
 
     def call(role, **given):
         parts = [given.get(name, name) if name in ROLES[role] else f"q[{names.index(name)}]" for name in asks[role]]
@@ -194,7 +195,7 @@ def _kernel_functions(functions: dict, asks: dict, names: tuple[str, ...]) -> di
     out["reach"] = _compile_expression("kind, q, r_eff", wide, f=functions.get("contact_range"))
     whole = f"{here}, fn"
     for role in ("cap", "rolling_cap"):
-        if has(role):  # without friction, nothing is held; what a user gives may be negative
+        if has(role):  # without friction it is zero, and values from a user may be negative
             value = call(role, normal_force="fn")
             out[role] = _compile_expression(whole, f"cut(q[{MU}], {value})", f=functions[role], cut=_clip_cap)
         else:
@@ -219,7 +220,7 @@ def _kernel_functions(functions: dict, asks: dict, names: tuple[str, ...]) -> di
 
 @njit(**FAST)
 def _clip_cap(mu, value):
-    """Nothing is held without friction, or where the value is negative."""
+    """Value of a cap, zero without friction or where it is negative."""
     return value if mu > 0.0 and value.real > 0.0 else 0.0 * value
 
 
@@ -229,38 +230,40 @@ def custom(
     rolling_cap: Callable | None = None, normal_energy: Callable | None = None, parameters: dict | None = None,
     coulomb="sharp", damping="velocity", tension=True, size=1.0, name="a user's law",
 ) -> Law:  # fmt: skip
-    """A contact law of functions by the user: F_n(δ), k_t(δ), |F_t| ≤ cap, −M = k_r(δ) ψ with |M| ≤ rolling cap.
+    """Contact law from user-defined functions: F_n(δ), k_t(δ), |F_t| ≤ cap, −M = k_r(δ) ψ with |M| ≤ rolling cap.
 
-    Each function is plain Python of scalars and takes, by name, `overlap` δ and `r_eff` and any parameters of the law;
-    caps may take `normal_force`, too. Functions are compiled into the kernels, and their derivatives taken by a complex
-    step, so that they must branch on the real part: `if overlap.real < 0.0`. A law is judged when it is made.
+    Each function is a plain Python function of scalars and takes, by name, `overlap` δ, `r_eff` and any parameters of
+    the law; caps may also take `normal_force`. Functions are compiled into the kernels. Their derivatives are taken by
+    a complex step, so that they must branch on the real part: `if overlap.real < 0.0`. A law is validated when it is
+    created.
 
     Parameters
     ----------
-    normal_force : F_n [force], positive for repulsion; where overlap < 0 the force across a gap, within the range
+    normal_force : F_n [force], positive for repulsion; for overlap < 0 the force across a gap within the range
     tangential_stiffness : k_t [force/length], not negative; default the parameter `kt`
-    cap : largest tangential force [force], below zero taken as zero; default μ max(F_n, 0). Not asked where μ = 0
+    cap : largest tangential force [force], negative values count as zero; default μ max(F_n, 0). Not evaluated where
+        μ = 0
     contact_range : largest gap at which grains act on each other [length]; default 0
-    rolling_stiffness : k_r of the moment that opposes the relative rotation ψ of i against j, perpendicular to the
-        normal, accumulated since the contact closed [force length]; default none
-    rolling_cap : largest such moment [force length]; needed with `rolling_stiffness`. Not asked where μ = 0
-    normal_energy : ∫F_n dδ from the end of the range [energy]; by default found by quadrature, which is exact for
-        powers δ, δ^{3/2}, δ² … and good to some digits for others; it serves the ledger only
+    rolling_stiffness : k_r of the moment that opposes the relative rotation ψ of i and j, perpendicular to the normal,
+        accumulated since the contact closed [force length]; default none
+    rolling_cap : largest such moment [force length]; required with `rolling_stiffness`. Not evaluated where μ = 0
+    normal_energy : ∫F_n dδ from the end of the range [energy]; by default computed by quadrature, which is exact for
+        powers δ, δ^{3/2}, δ² … and accurate to some digits for others; used by the energy ledger only
     parameters : values by name. kn, kt, mu, damping_n and damping_t exist in every law (1, 0, 0, 0, 0 unless given; mu
-        is 1 where `cap` does not ask for it); others are the law's own
+        is 1 if there is a `cap` that does not take it); others may be added
     coulomb, damping, tension : as in `hertz_mindlin`; dashpots act only where overlap > 0
-    size : a radius for which the law is judged [length]
-    name : for tables and sentences
+    size : a grain radius for which the law is validated [length]
+    name : used in tables and messages
 
     Raises
     ------
     ValueError
-        with one sentence, if a function has a wrong signature, gives no finite number, gives two answers, does not take
-        complex numbers, or cannot be compiled. A LawWarning tells of a force that jumps at the end of the range.
+        with one sentence, if a function has a wrong signature, is not finite, is not deterministic, does not accept
+        complex numbers, or cannot be compiled. A LawWarning reports a force that jumps at the end of the range.
 
     Source
     ------
-    Of the complex step: Squire & Trapp, doi:10.1137/S003614459631241X.
+    Complex step: Squire & Trapp, doi:10.1137/S003614459631241X.
 
     Examples
     --------
@@ -293,9 +296,11 @@ def _parameter_values(parameters: dict, given: dict) -> dict:
     """Parameters in the order of the table."""
     for name, value in parameters.items():
         if not (isinstance(name, str) and name.isidentifier()) or any(name in allowed for allowed in ROLES.values()):
-            raise ValueError(f"a parameter {name!r} was given: its name must be a word of its own")
+            raise ValueError(
+                f"a parameter {name!r} was given: its name must be an identifier other than overlap, r_eff, normal_force"
+            )
         if isinstance(value, bool) or not isinstance(value, int | float | np.number):
-            raise ValueError(f"{name} = {value!r} was given: a parameter is a number")
+            raise ValueError(f"{name} = {value!r} was given: it must be a number")
     capped = "cap" in given and "mu" not in inspect.getfullargspec(given["cap"]).args
     values = _DEFAULTS | ({"mu": 1.0} if capped else {}) | parameters
     for name, value in values.items():
@@ -304,7 +309,7 @@ def _parameter_values(parameters: dict, given: dict) -> dict:
 
 
 def _register(given: dict, asks: dict, names: tuple[str, ...], name: str) -> Kind:
-    """The kind of a law, whose functions are from now on known to this process."""
+    """Register the functions of a law in this process, and return its kind."""
     told: list = [names, sorted(asks.items())]
     for role in sorted(given):
         told += [role, *_fingerprint(given[role], set())]
@@ -322,7 +327,7 @@ def _register(given: dict, asks: dict, names: tuple[str, ...], name: str) -> Kin
 
 
 def _source_text(given: dict) -> str:
-    """The text of functions, where it is known."""
+    """Source text of the functions, where it is known."""
     found = []
     for function in given.values():
         try:
@@ -333,23 +338,23 @@ def _source_text(given: dict) -> str:
 
 
 def from_file(path: str | Path, **parameters: float) -> Law:
-    """A contact law from a Python file: functions named as the arguments of `custom`, and a table `parameters`.
+    """Contact law from a Python file with functions named as the arguments of `custom`, and a table `parameters`.
 
-    The file is a program of the user's own, and is run. It may also set `coulomb`, `damping`, `tension` and `size`.
+    The file is executed. It may also set `coulomb`, `damping`, `tension` and `size`.
 
     Parameters
     ----------
-    path : a file that ends in .py
+    path : a file ending in .py
     parameters : values that replace those in the file
 
     Raises
     ------
     ValueError
-        with one sentence, and the line, if the file does not compile or run, or as `custom`.
+        with one sentence and the line, if the file does not compile or run, or for the reasons given in `custom`.
     """
     path = Path(path)
     if not path.is_file():
-        raise ValueError(f"{path} is no file: give a Python file with a function normal_force")
+        raise ValueError(f"{path} is not a file: give a Python file with a function normal_force")
     return _law_from_text(text_of(path, remedy="give a Python file"), path, parameters)
 
 
@@ -364,7 +369,7 @@ def _law_from_text(text: str, path: Path, parameters: dict) -> Law:
         raise ValueError(f"{path} does not run, {locate_error(problem, path, text)}") from None
     given = {role: scope[role] for role in ROLES if role in scope}
     if "normal_force" not in given:
-        raise ValueError(f"{path} has no function normal_force: a law needs one, such as def normal_force(overlap, kn)")
+        raise ValueError(f"{path} has no function normal_force: define one, such as def normal_force(overlap, kn)")
     values = scope.get("parameters", {})
     if not isinstance(values, dict):
         raise ValueError(f"{path}: parameters is a {type(values).__name__}: give a dictionary of numbers by name")
@@ -383,13 +388,13 @@ def _law_from_text(text: str, path: Path, parameters: dict) -> Law:
 
 
 def _reduce_kind(kind: Kind):
-    """How a kind travels to another process of the same run: with the text of its file, if it has one."""
+    """Pickle a kind for another process of the same run, with the text of its file if it has one."""
     own = USER_LAWS.get(kind)
     return _restore_kind, (int(kind), own.source, own.file) if own and own.file else (int(kind), "", "")
 
 
 def _restore_kind(number: int, text: str, file: str) -> Kind:
-    """The kind, whose law is made here, too, if it was not."""
+    """Unpickle a kind, and create its law if this process does not know it."""
     if text and number not in USER_LAWS:
         _law_from_text(text, Path(file), {})
     return Kind(number)

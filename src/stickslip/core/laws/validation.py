@@ -1,4 +1,4 @@
-"""A user's law is judged when it is made: on a grid of overlaps and radii, in Python, and then by compiling it."""
+"""Validation of new user-defined laws: evaluation on a grid of overlaps and radii in Python, then compilation."""
 
 import contextlib
 import re
@@ -14,35 +14,34 @@ from numba.core.types import complex128, float64
 from .builtin import KT, STEP, Law
 from .dispatch import COMPILED, HELP, ROLES, USER_LAWS, UserLaw, evaluate_role, known
 
-MAX_RANGE = 100.0  # range of a law, in radii
+MAX_RANGE = 100.0  # of a law, in radii
 NOT_NEGATIVE = ("tangential_stiffness", "contact_range", "rolling_stiffness")
-OVERLAP_RATIOS = (1e-6, 1e-4, 1e-3, 0.0031, 0.01, 0.031, 0.1)  # of the size: overlaps that are looked at
-SLOPE_TOLERANCE = (
-    1e-3  # of the largest slope: differences over a step of 1e-6 are as good as that, wherever functions are smooth
-)
-JUMP_THRESHOLD = 1e-6  # of the largest force: a jump that is told
+OVERLAP_RATIOS = (1e-6, 1e-4, 1e-3, 0.0031, 0.01, 0.031, 0.1)  # test overlaps over the size
+SLOPE_TOLERANCE = 1e-3  # of the largest slope: accuracy of differences over a step of 1e-6 for smooth functions
+JUMP_THRESHOLD = 1e-6  # of the largest force: jumps above it are reported
 
 
 class LawWarning(UserWarning):
-    """Something in a user's law is unusual, but it can be used."""
+    """Warning about an unusual user-defined law that can still be used."""
 
 
 def validate_law(law: Law, size: float) -> Law:
-    """The law, if it can be used; ValueError with one sentence if not. `size` is a radius of its grains [length]."""
+    """Return the law if it can be used, else raise ValueError with one sentence. `size` is a grain radius [length]."""
     if isinstance(size, bool) or not (isinstance(size, int | float) and np.isfinite(size) and size > 0):
-        raise ValueError(f"size = {size!r} was given: it is a radius, a positive number")
+        raise ValueError(f"size = {size!r} was given: it must be a radius, a positive number")
     own, values = USER_LAWS[law.kind], dict(zip(USER_LAWS[law.kind].names, law.table[0, 0].tolist(), strict=True))
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         ranges = [float(_evaluate(own, "contact_range", values, r_eff=r)) for r in (0.5 * size, size)]
         if ranges[0] > ranges[1]:
             raise ValueError(
-                f"contact_range falls with r_eff, from {ranges[0]:g} to {ranges[1]:g}: lists need it to grow"
+                f"contact_range decreases with r_eff, from {ranges[0]:g} to {ranges[1]:g}: neighbour lists "
+                f"require that it does not decrease"
             )
         if not ranges[1] <= MAX_RANGE * size:
             raise ValueError(
-                f"contact_range is {ranges[1]:g} for a grain of radius {size:g}: at most {MAX_RANGE:g} radii are allowed, "
-                f"as all pairs within it are listed"
+                f"contact_range is {ranges[1]:g} for a grain of radius {size:g}: at most {MAX_RANGE:g} radii are "
+                f"allowed, because the neighbour list holds all pairs within it"
             )
         points = [(r, x) for r, end in zip((0.5 * size, size), ranges, strict=True) for x in _test_overlaps(r, end)]
         for role in own.functions:
@@ -55,13 +54,13 @@ def validate_law(law: Law, size: float) -> Law:
 
 
 def _test_overlaps(size: float, end: float) -> list[float]:
-    """Overlaps to look at, from just within the range on."""
+    """Overlaps for the tests, starting just inside the range."""
     gap = [-end * share for share in (0.999, 0.8, 0.55, 0.3, 0.1, 0.001)] if end > 0 else []
     return gap + [size * share for share in OVERLAP_RATIOS]
 
 
 def _evaluate(own: UserLaw, role: str, values: dict, **given):
-    """What a function of the law answers; a missing range is zero."""
+    """Evaluate a function of the law; a missing contact range is zero."""
     if role not in own.functions:
         return 0.0
     known = values | given
@@ -73,14 +72,14 @@ def _evaluate(own: UserLaw, role: str, values: dict, **given):
         words = _error_location(own, problem)
         if any(isinstance(v, complex) for v in given.values()):
             raise ValueError(
-                f"{role} does not take complex numbers, which its derivative needs, {words}: compare real parts, as in "
-                f"overlap.real < 0.0, and use max, min, abs, math or numpy; {HELP}"
+                f"{role} does not accept complex numbers, which its derivative needs, {words}: compare real parts, as "
+                f"in overlap.real < 0.0, and use max, min, abs, math or numpy; {HELP}"
             ) from None
-        raise ValueError(f"{role} cannot be evaluated, {words}: mend it") from None
+        raise ValueError(f"{role} cannot be evaluated, {words}: correct it") from None
 
 
 def _error_location(own: UserLaw, problem: Exception) -> str:
-    """Where an error came from, with the line if its text is known."""
+    """Location of an error in words, with the line if its text is known."""
     last = traceback.extract_tb(problem.__traceback__)[-1]
     if Path(last.filename).suffix == ".py" and Path(last.filename).stem == own.name:
         return locate_error(problem, last.filename, own.source)
@@ -89,7 +88,7 @@ def _error_location(own: UserLaw, problem: Exception) -> str:
 
 
 def _check_function(own: UserLaw, role: str, values: dict, points) -> None:
-    """Raise ValueError with one sentence if a function gives no number, two of them, or no derivative."""
+    """Raise ValueError with one sentence if a function is not finite, not deterministic, or not differentiable."""
     slopes = {name: [] for name in ("overlap", "normal_force") if name in own.asks[role]}
     for r_eff, overlap in points:
         fn = 0.0
@@ -101,9 +100,9 @@ def _check_function(own: UserLaw, role: str, values: dict, points) -> None:
         if isinstance(value, bool) or not isinstance(value, int | float | np.floating | np.integer):
             raise ValueError(f"{told} returns {_describe_type(value)}: it must return one real number")
         if not np.isfinite(value):
-            raise ValueError(f"{told} is {value}: it must be a finite number; a root or a logarithm of a gap, perhaps?")
+            raise ValueError(f"{told} is {value}: it must be finite; perhaps it takes a root or a logarithm of a gap")
         if value != again:
-            raise ValueError(f"{told} is {value:.6g} once and {again:.6g} then: a law must give one answer")
+            raise ValueError(f"{told} is {value:.6g} first and {again:.6g} next: a law must be deterministic")
         if value < 0 and role in NOT_NEGATIVE:
             raise ValueError(f"{told} is {value:.4g}: it must not be negative")
         for name in slopes:
@@ -122,11 +121,11 @@ def _check_function(own: UserLaw, role: str, values: dict, points) -> None:
 
 
 def _describe_type(value) -> str:
-    return "nothing" if value is None else f"a {type(value).__name__}"
+    return "None" if value is None else f"a {type(value).__name__}"
 
 
 def _derivatives(own, role, values, at, name, told):
-    """d/d(name) by a complex step, and by differences to the left and to the right."""
+    """Derivative d/d(name) by a complex step, and by differences to the left and to the right."""
     x = at[name]
     step = 1e-6 * abs(x)
     stepped = _evaluate(own, role, values, **at | {name: complex(x, STEP)})
@@ -141,7 +140,7 @@ def _derivatives(own, role, values, at, name, told):
 
 
 def _check_energy(own: UserLaw, values: dict, points) -> None:
-    """The energy's slope must be the force."""
+    """Raise ValueError with one sentence if the slope of the energy is not the force."""
     for r_eff, overlap in points:
         at = {"overlap": complex(overlap, STEP), "r_eff": r_eff}
         force = _evaluate(own, "normal_force", values, overlap=overlap, r_eff=r_eff)
@@ -149,12 +148,12 @@ def _check_energy(own: UserLaw, values: dict, points) -> None:
         if not np.isclose(slope, force, rtol=1e-6, atol=1e-12 * abs(force)):
             raise ValueError(
                 f"normal_energy at overlap = {overlap:.4g} has the slope {slope:.6g}, but normal_force is {force:.6g}: "
-                f"the force must be the slope of the energy, or leave normal_energy out"
+                f"make the force the slope of the energy, or omit normal_energy"
             )
 
 
 def _describe_jump(own: UserLaw, values: dict, points, ranges) -> str:
-    """In words, that the force does not end with zero at the end of the range."""
+    """Describe a force that is not zero at the end of the range; empty if there is none."""
     largest = max(abs(_evaluate(own, "normal_force", values, overlap=x, r_eff=r)) for r, x in points)
     end = max(ranges)
     r_eff = max(r for r, _ in points)
@@ -164,13 +163,13 @@ def _describe_jump(own: UserLaw, values: dict, points, ranges) -> str:
         return ""
     place = f"at the end of its range (a gap of {end:.4g})" if end else "where grains begin to touch"
     return (
-        f"the normal force of {own.name} jumps from 0 to {force:.4g} {place}: contacts there close and open with a "
-        f"jolt, and energy is conserved only as far as the time step resolves it"
+        f"the normal force of {own.name} jumps from 0 to {force:.4g} {place}: the force is discontinuous "
+        f"when contacts close and open there, and energy is conserved only as far as the time step resolves it"
     )
 
 
 def _compile(kind, own: UserLaw, values: dict) -> None:
-    """Compile each function, once for all processes; what Numba has to say becomes one sentence."""
+    """Compile each function, once for all processes. An error from Numba is reported in one sentence."""
     folder = Path(numba.config.CACHE_DIR or ".") / "laws"
     mark = folder / f"{int(kind):x}"
     if numba.config.CACHE_DIR and mark.exists():
@@ -191,13 +190,13 @@ def _compile(kind, own: UserLaw, values: dict) -> None:
                     f"{role} cannot be compiled, {_summarize_numba_error(str(problem), own)}; {HELP}"
                 ) from None
     if numba.config.CACHE_DIR:
-        with contextlib.suppress(OSError):  # a full disk: the next process compiles them again
+        with contextlib.suppress(OSError):  # if the disk is full, the next process compiles them again
             folder.mkdir(parents=True, exist_ok=True)
             mark.touch()
 
 
 def _summarize_numba_error(message: str, own: UserLaw) -> str:
-    """The innermost place that Numba names, and what it has to say of it."""
+    """Innermost location that Numba reports, and its message."""
     lines = [line.strip() for line in re.sub(r"\x1b\[[0-9;]*m", "", message).splitlines() if line.strip()]
     places = re.findall(r'File "([^"]+)", line (\d+)', message)
     text = own.source.splitlines()
@@ -211,9 +210,9 @@ def _summarize_numba_error(message: str, own: UserLaw) -> str:
 
 
 def stiffest(law: Law, values, r_eff: float, deepest: float) -> float:
-    """Largest stiffness of a user's law between the end of its range and an overlap [force/length].
+    """Largest stiffness of a user-defined law between the end of its range and an overlap [force/length].
 
-    That of rolling counts as if the grains were spheres: k_r m/I.
+    The rolling stiffness is converted as for spheres: k_r m/I.
     """
     functions, most = known(law.kind).functions, 0.0
     end = evaluate_role(law.kind, "contact_range", values, r_eff=r_eff) if "contact_range" in functions else 0.0
@@ -230,7 +229,7 @@ def stiffest(law: Law, values, r_eff: float, deepest: float) -> float:
 
 
 def locate_error(problem: Exception, path, text: str) -> str:
-    """The line of a file in which something went wrong, in words."""
+    """Describe the line of a file in which an error occurred."""
     at, lines = None, text.splitlines()
     trace = problem.__traceback__
     while trace:
