@@ -1,4 +1,4 @@
-"""Short `repr` and HTML table of values: counts and sizes, never a dump of arrays."""
+"""Short `repr` and HTML tables of values: counts and sizes instead of arrays."""
 
 import html
 import textwrap
@@ -6,16 +6,16 @@ from enum import Enum
 
 import numpy as np
 
-MAX_LINES, LINE_WIDTH, MAX_LENGTH = 6, 110, 60  # lines of a repr, characters of a line, characters of one value
+MAX_LINES, LINE_WIDTH, MAX_LENGTH = 6, 110, 60  # lines of a repr, characters per line, characters per value
 
 
 def readable(kind=None, *, head=None, picture=None):
-    """Class decorator: a NamedTuple prints itself in at most six lines, and as a small table in notebooks.
+    """Decorate a NamedTuple class with a repr of at most six lines, and a small table for notebooks.
 
     Parameters
     ----------
-    head : one line about a value, such as its counts; called as head(value). Default: its own `str`, else all fields
-    picture : SVG that stands above the table; called as picture(value)
+    head : function of the value that returns one line, such as its counts. Default: its own `str`, else all fields
+    picture : function of the value that returns an SVG to be shown above the table
     """
     if kind is None:
         return lambda kind: readable(kind, head=head, picture=picture)
@@ -37,12 +37,12 @@ def readable(kind=None, *, head=None, picture=None):
 
 
 def fields(value) -> list[tuple[str, object]]:
-    """Names and values of what a NamedTuple holds."""
+    """Names and values of the public fields of a NamedTuple."""
     return [(name, getattr(value, name)) for name in value._fields if not name.startswith("_")]
 
 
 def folded(text: str) -> str:
-    """Text in at most six lines; what is left out is marked."""
+    """Wrap text to at most six lines, and mark omissions."""
     return "\n".join(
         textwrap.wrap(
             text, LINE_WIDTH, subsequent_indent="  ", max_lines=MAX_LINES, placeholder=" …", break_on_hyphens=False
@@ -51,7 +51,7 @@ def folded(text: str) -> str:
 
 
 def format_value(value) -> str:
-    """One value in a few characters."""
+    """Format a value in a few characters."""
     if isinstance(value, np.ndarray) and value.ndim:
         return (
             f"{value.dtype} {value.shape}" if value.size > 3 or value.ndim > 1 else np.array2string(value, precision=4)
@@ -79,10 +79,10 @@ def format_value(value) -> str:
 
 
 def counted(number: int, word: str) -> str:
-    """A number with its noun."""
+    """Format a number with its noun, as in "2 grains"."""
     return f"{number} {word}{'' if number == 1 else 's'}"
 
 
 def truncate(text: str) -> str:
-    """The first characters of a text."""
+    """Truncate a text to MAX_LENGTH characters."""
     return text if len(text) <= MAX_LENGTH else text[: MAX_LENGTH - 1] + "…"

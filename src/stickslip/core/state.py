@@ -1,7 +1,7 @@
-"""The nouns: grains, walls, cell, contacts, control, and the state that holds them. Values, not objects with habits.
+"""Data types: grains, walls, cell, contacts, control, and the state that holds them. All are plain values.
 
-Two dimensions are three dimensions held in a plane: every vector has three components and `cell.dim` says how many
-of them move. A *body* is a grain or a wall: bodies 0…N−1 are the grains, N…N+W−1 the walls.
+Two dimensions are three dimensions restricted to a plane: every vector has three components, of which the first
+`cell.dim` move. A *body* is a grain or a wall: bodies 0…N−1 are the grains, N…N+W−1 the walls.
 """
 
 from typing import NamedTuple
@@ -12,15 +12,15 @@ from numba import njit
 from .readable import counted, readable
 
 OPEN, STICK, SLIDE = 0, 1, 2
-MAX_IN_CUBE = 100  # centres in a cube of the smallest radius, which holds one if grains do not overlap
-COURSE_DTYPE = np.int16  # of the columns that components follow: there are nine of them to a body
+MAX_IN_CUBE = 100  # centres in a cube with edges of the smallest radius; it holds one if grains do not overlap
+COURSE_DTYPE = np.int16  # of column numbers; small, because there are nine per body
 
 
 @readable(head=lambda value: _describe_grains(value))
 class Grains(NamedTuple):
     """Disks or spheres, one row each."""
 
-    position: np.ndarray  # (N, 3) [length], never wrapped
+    position: np.ndarray  # (N, 3) [length], unwrapped
     angle: np.ndarray  # (N, 3) [rad], time integral of spin
     velocity: np.ndarray  # (N, 3) [length/time]
     spin: np.ndarray  # (N, 3) [rad/time]
@@ -32,7 +32,7 @@ class Grains(NamedTuple):
 
 @readable(head=lambda value: _describe_walls(value))
 class Walls(NamedTuple):
-    """Flat bodies that translate; grains live on the side to which the normal points."""
+    """Flat walls that may translate; grains are on the side to which the normal points."""
 
     point: np.ndarray  # (W, 3) [length]
     normal: np.ndarray  # (W, 3) unit vectors
@@ -43,7 +43,7 @@ class Walls(NamedTuple):
 
 @readable(head=lambda value: _describe_cell(value))
 class Cell(NamedTuple):
-    """The box: vectors as rows, which of them are periodic, the number of dimensions, and how fast it deforms.
+    """Simulation cell: vectors as rows, their periodicity, the number of dimensions, and the deformation rate.
 
     Grains are carried along: ẋ = v + L x. The velocities v of grains in a deforming cell are relative to this flow.
     """
@@ -56,11 +56,11 @@ class Cell(NamedTuple):
 
 @readable(head=lambda value: _describe_contacts(value))
 class Contacts(NamedTuple):
-    """Pairs within reach, sorted by key, each with its memory; the first `count[0]` rows are valid.
+    """Neighbour list: pairs within range, sorted by key, each with its memory. The first `count[0]` rows are valid.
 
-    The list holds all pairs closer than a skin, so that it outlives many steps; `mode` says which of them touch.
-    r_ij = r_i − r_j + cellᵀ·image. `pair` and `roll` are r_ij and R_i angle_i + R_j angle_j at which `slip` was last
-    committed. `origin` holds the bodies' positions at which the list was made.
+    The list holds all pairs closer than a skin, so that it stays valid for many steps. `mode` tells which of them
+    touch. r_ij = r_i − r_j + cellᵀ·image. `pair` and `roll` are r_ij and R_i angle_i + R_j angle_j when `slip` was last
+    committed. `origin` holds the positions of the bodies when the list was built.
     """
 
     i: np.ndarray  # (C,) int32
@@ -71,21 +71,21 @@ class Contacts(NamedTuple):
     mode: np.ndarray  # (C,) int8: OPEN, STICK or SLIDE
     pair: np.ndarray  # (C, 3) [length]
     roll: np.ndarray  # (C, 3) [length]
-    reached: np.ndarray  # (C,) bool: was at Coulomb's limit since it closed
+    reached: np.ndarray  # (C,) bool: has been at Coulomb's limit since it closed
     origin: np.ndarray  # (N + W, 3) [length]
-    skin: np.ndarray  # (1,) [length], or (2,): and the largest gap across which the law acts
+    skin: np.ndarray  # (1,) [length], or (2,) with the largest gap across which the law acts
     count: np.ndarray  # (1,)
-    rolling: np.ndarray = np.zeros((0, 7))  # (C, 7) memory of laws that resist rolling, see there; else (0, 7)
+    rolling: np.ndarray = np.zeros((0, 7))  # (C, 7) rolling memory, see `rolling`; (0, 7) if the law has none
 
 
 @readable(head=lambda value: _describe_control(value))
 class Control(NamedTuple):
-    """What is imposed. A component that is not free moves at its `rate`: zero means frozen, anything else driven.
+    """Imposed loads and motions. A component that is not free moves at its `rate`: frozen if zero, else driven.
 
-    Bodies of a group move as one and do not rotate: the forces on them add up, and so do their masses. A component of
-    the cell's velocity gradient that is free obeys M ℓ² L̇ = V (σ − `stress`), ℓ = V^(1/dim). A rate may follow a
-    course: it is then multiplied by a function of time, linear between `knots` and constant beyond them. A spring pulls
-    a body towards its load point, which is at `anchor`, plus the course that it follows.
+    Bodies of a group move as one and do not rotate; their forces and masses add up. A free component of the cell's
+    velocity gradient obeys M ℓ² L̇ = V (σ − `stress`), ℓ = V^(1/dim). A rate may follow a course: it is then multiplied
+    by a function of time, linear between `knots` and constant beyond them. A spring pulls a body towards its load
+    point, which is at `anchor` plus the course that it follows.
     """
 
     force: np.ndarray  # (N + W, 3) [force]
@@ -93,13 +93,13 @@ class Control(NamedTuple):
     free: np.ndarray  # (N + W, 6) bool: x, y, z, then rotation about x, y, z
     rate: np.ndarray  # (N + W, 6) [length/time], [rad/time]
     gravity: np.ndarray  # (3,) [length/time²]
-    group: np.ndarray  # (N + W,) number of the rigid group to which a body belongs, −1 for none
-    cell_free: np.ndarray  # (3, 3) bool: components of the cell's velocity gradient that the stress moves
-    cell_rate: np.ndarray  # (3, 3) the others [1/time]
-    stress: np.ndarray  # (3, 3) wanted, compression positive, where the cell is free [force/length^(dim−1)]
-    cell_mass: float  # M, with which the cell resists to being accelerated [mass]; 0: the mass of all grains
+    group: np.ndarray  # (N + W,) number of the rigid group of each body, −1 for none
+    cell_free: np.ndarray  # (3, 3) bool: components of the cell's velocity gradient that follow the stress
+    cell_rate: np.ndarray  # (3, 3) the other components [1/time]
+    stress: np.ndarray  # (3, 3) target where the cell is free, compression positive [force/length^(dim−1)]
+    cell_mass: float  # M, inertia of the cell [mass]; 0: the mass of all grains
     knots: np.ndarray  # (K,) [time], increasing
-    course: np.ndarray  # (K, C) factors of rates, or displacements of load points, one column a course
+    course: np.ndarray  # (K, C) factors of rates, or displacements of load points, one column per course
     follows: np.ndarray  # (N + W, 6) column of `course` that a rate follows, −1: none
     cell_follows: np.ndarray  # (3, 3) the same for the cell
     spring: np.ndarray  # (N + W, 3) stiffness along x, y, z, zero for none [force/length]
@@ -109,16 +109,16 @@ class Control(NamedTuple):
 
 @readable
 class Instant(NamedTuple):
-    """Forces of a run's last step, with which a continued run begins; see `instant`."""
+    """Forces of the last step of a run, from which a continued run starts; see `last_forces`."""
 
     force: np.ndarray  # (N + W, 6) forces and torques, external ones included
     pull: np.ndarray  # (3, 3) L̇ of the cell's free components [1/time²]
-    mark: int  # checksum of the state that they belong to
+    mark: int  # checksum of the state to which they belong
 
 
 @readable(head=lambda value: _describe_state(value), picture=lambda value: _draw_svg(value))
 class State(NamedTuple):
-    """Everything that the future depends on, except the law."""
+    """Complete state of an assembly, except for the law."""
 
     grains: Grains
     walls: Walls
@@ -126,7 +126,7 @@ class State(NamedTuple):
     contacts: Contacts
     control: Control
     time: float
-    instant: Instant | None = None  # what a run with dashpots leaves behind
+    instant: Instant | None = None  # forces stored by a run with dashpots
 
     @property
     def n_bodies(self) -> int:
@@ -135,10 +135,10 @@ class State(NamedTuple):
 
 
 def as_numbers(value, dtype=float) -> np.ndarray:
-    """An array of real or whole numbers; ValueError with one sentence for what is none, or would lose a part."""
+    """Array of real or whole numbers. Raise ValueError with one sentence if a value cannot be converted exactly."""
     array = np.asarray(value)
     if array.dtype.kind not in "biufO" or any(isinstance(v, complex) for v in array.ravel() if array.dtype.kind == "O"):
-        what = {"c": "complex numbers", "M": "dates", "m": "times of a clock", "O": "complex numbers"}
+        what = {"c": "complex numbers", "M": "dates", "m": "time differences", "O": "complex numbers"}
         raise ValueError(f"{what.get(array.dtype.kind, 'words')} were given where real numbers are needed")
     if np.issubdtype(dtype, np.integer) and array.dtype.kind == "f" and not (array == np.round(array)).all():
         raise ValueError(f"{array[array != np.round(array)].flat[0]:g} was given where whole numbers are needed")
@@ -146,7 +146,7 @@ def as_numbers(value, dtype=float) -> np.ndarray:
 
 
 def as_rows(value, n, width=None, dtype=float):
-    """Contiguous copy of `value`, broadcast to (n,) or (n, width); plane vectors get a zero third component."""
+    """Contiguous copy of `value`, broadcast to (n,) or (n, width). Plane vectors get a zero third component."""
     array = np.asarray(value, bool) if dtype is bool else as_numbers(value, dtype)
     if width == 3 and array.shape[-1:] == (2,):
         array = np.concatenate([array, np.zeros((*array.shape[:-1], 1))], axis=-1)
@@ -160,7 +160,7 @@ def as_rows(value, n, width=None, dtype=float):
 
 
 def disks(position, radius, *, mass=1.0, i0=0.5, material=0, velocity=0.0, spin=0.0, angle=0.0) -> Grains:
-    """Grains at rest unless told otherwise; the moment of inertia is i0 m R².
+    """Grains, at rest by default, with moment of inertia i0 m R².
 
     Parameters
     ----------
@@ -222,9 +222,9 @@ def box(size=(1.0, 1.0, 1.0), periodic=(False, False, False), dim=3) -> Cell:
 
 @njit(cache=True)
 def empty_contacts(n_bodies, capacity, skin, bare=False, keyed=True):
-    """A list without pairs, with room for `capacity`; the first evaluation of forces fills it.
+    """Empty list with room for `capacity` pairs, which the first evaluation of forces fills.
 
-    `bare`: without `pair` and `roll`, which a run of many grains writes only when it ends; nor, unless `keyed`, `key`.
+    `bare` omits `pair` and `roll`, which a run of many grains writes only at the end. `keyed=False` omits `key`.
     """
     c, anchors, keys = capacity, 0 if bare else capacity, capacity if keyed else 0
     return Contacts(
@@ -245,9 +245,9 @@ def empty_contacts(n_bodies, capacity, skin, bare=False, keyed=True):
 
 
 def at_rest(contacts: Contacts) -> Contacts:
-    """Contacts of an equilibrium: at Coulomb's limit is what slides now, whatever happened on the way.
+    """Contacts of an equilibrium: only those that slide now count as having reached Coulomb's limit.
 
-    What slides without slip slides because there is no friction, and has not been at a limit.
+    Contacts that slide without slip slide because there is no friction, and have not reached a limit.
     """
     return contacts._replace(reached=(contacts.mode == SLIDE) & contacts.slip.any(axis=1))
 
@@ -281,19 +281,19 @@ def loads(n_grains: int, n_walls: int = 0, *, force=0.0, torque=0.0, gravity=(0.
         np.full((n, 3), -1, COURSE_DTYPE),
     )
     for part, load in ((control.force, force), (control.torque, torque)):
-        if np.any(load):  # zeros that nobody has written to take no memory
+        if np.any(load):  # arrays of zeros take no memory until they are written to
             part[:n_grains] = as_rows(load, n_grains, 3)
     control.free[n_grains:] = False
     return control
 
 
 def groups(control: Control) -> list[np.ndarray]:
-    """Numbers of the bodies of each rigid group."""
+    """Numbers of the bodies in each rigid group."""
     return [np.flatnonzero(control.group == g) for g in range(control.group.max(initial=-1) + 1)]
 
 
 def heights(position: np.ndarray, walls: Walls) -> np.ndarray:
-    """(N, W) distances of points from walls, positive in front of them [length].
+    """Distances of points from walls, (N, W), positive in front of them [length].
 
     Examples
     --------
@@ -313,12 +313,12 @@ def assembly(
     skin: float | None = None,
     time: float = 0.0,
 ) -> State:
-    """A checked state; the list of contacts is made at the first evaluation of forces.
+    """Validated state. The list of contacts is built at the first evaluation of forces.
 
     Raises
     ------
     ValueError
-        with one sentence, if the parts do not fit or hold impossible values, or a grain's centre is behind a wall.
+        with one sentence, if the parts do not fit together or hold invalid values, or a centre is behind a wall.
     """
     walls, cell = flat_walls() if walls is None else walls, box() if cell is None else cell
     control = loads(len(grains.radius), len(walls.mass)) if control is None else control
@@ -331,14 +331,14 @@ def assembly(
     if len(grain):
         place = ", ".join(f"{x:.4g}" for x in grains.position[grain[0], : cell.dim])
         raise ValueError(
-            f"grain {grain[0]} at ({place}) lies behind wall {wall[0]}, which would throw it out: move one of them, or "
-            f"turn the wall's normal towards the grains"
+            f"grain {grain[0]} at ({place}) lies behind wall {wall[0]}, which would expel it: move one of them, or turn "
+            f"the wall's normal towards the grains"
         )
     return state
 
 
 def check(state: State) -> None:
-    """Raise ValueError with one sentence if a state holds what no state may hold."""
+    """Raise ValueError with one sentence if a state is not valid."""
     grains, walls, cell, contacts, control = state[:5]
     n, b = len(grains.radius), state.n_bodies
     for noun, part, count in (("grains", grains, n), ("walls", walls, len(walls.mass)), ("control", control, None)):
@@ -368,17 +368,17 @@ def check(state: State) -> None:
     if cell.periodic.any() and abs(np.linalg.det(cell.vectors)) < 1e-300:
         raise ValueError("the cell's vectors span no volume: give three independent vectors")
     if cell.dim == 2 and (cell.periodic[2] or walls.normal[:, 2].any()):
-        raise ValueError("a cell of 2 dimensions lies in the plane: it cannot be periodic or walled along z")
+        raise ValueError("a cell of 2 dimensions was given that is periodic or has walls along z: neither is allowed")
     least = 1e-4 * float(grains.radius.min())
     if not contacts.skin[0] >= least:
         raise ValueError(
             f"a skin of {contacts.skin[0]:g} was given: it must be at least {least:g}, 1e-4 of the smallest "
-            f"radius, or lists of contacts are made anew at every step"
+            f"radius, or contact lists are rebuilt at every step"
         )
 
 
 def _check_crowding(grains: Grains) -> None:
-    """Raise ValueError where so many grains are in one place that lists of all pairs would fill the memory."""
+    """Raise ValueError if so many grains are in one place that a list of all pairs would exhaust the memory."""
     cells = np.floor(grains.position / grains.radius.min()) % 2.0**20
     _, place, count = np.unique(cells @ [1.0, 2.0**20, 2.0**40], return_index=True, return_counts=True)
     if count.max() > MAX_IN_CUBE:
@@ -387,13 +387,13 @@ def _check_crowding(grains: Grains) -> None:
 
 
 def deforms(state: State) -> bool:
-    """True if the cell moves or may move."""
+    """Return True if the cell moves or may move."""
     control = state.control
     return bool(control.cell_free.any() or control.cell_rate.any() or state.cell.rate.any())
 
 
 def _check_control(state: State) -> None:
-    """Raise ValueError with one sentence if what is imposed contradicts itself or the cell."""
+    """Raise ValueError with one sentence if the control contradicts itself or the cell."""
     control, cell = state.control, state.cell
     for members in groups(control):
         if not len(members):
@@ -413,24 +413,24 @@ def _check_control(state: State) -> None:
         )
     follows = np.concatenate([part.ravel() for part in (control.follows, control.cell_follows, control.leads)])
     if ((follows < -1) | (follows >= columns)).any():
-        raise ValueError(f"course {follows.max()} is followed where {columns} are known: give its knots and factors")
+        raise ValueError(f"course {follows.max()} is used, but only {columns} are defined: give its knots and factors")
     _check_springs(control)
     if not deforms(state):
         return
     moves = control.cell_free | (control.cell_rate != 0) | (cell.rate != 0)
     periodic = cell.periodic & (np.arange(3) < cell.dim)
     if moves[~periodic].any() or moves[:, ~periodic].any():
-        raise ValueError("the cell was told to deform along an axis that is not periodic: only periodic cells deform")
+        raise ValueError("a deformation was given along an axis that is not periodic: only periodic cells deform")
     if len(state.walls.mass) or (control.group >= 0).any():
         raise ValueError(
-            "a deforming cell was given with walls or rigid groups, which cannot deform with it: leave one of them out"
+            "a deforming cell was given with walls or rigid groups, which cannot deform with it: omit one of them"
         )
     if not control.cell_mass >= 0:
         raise ValueError(f"a cell's mass of {control.cell_mass:g} was given: it must be positive, or 0 for the default")
 
 
 def _check_springs(control: Control) -> None:
-    """Raise ValueError with one sentence if a spring pushes, or pulls what cannot follow it."""
+    """Raise ValueError with one sentence if a stiffness is negative, or a spring pulls a body that is not free."""
     held = (control.spring > 0) & ~control.free[:, :3]
     if (control.spring < 0).any():
         raise ValueError(f"a spring of stiffness {control.spring.min():g} was given: it must be positive")
@@ -477,7 +477,7 @@ def _describe_control(control: Control) -> str:
     if control.gravity.any():
         parts.append(f"gravity ({', '.join(f'{g:.4g}' for g in control.gravity)})")
     if control.cell_free.any():
-        parts.append("cell that follows the stress")
+        parts.append("stress-controlled cell")
     return ", ".join(parts)
 
 
@@ -491,7 +491,7 @@ def _describe_state(state: State) -> str:
 
 
 def _draw_svg(state: State) -> str:
-    """SVG of the grains seen along z, the nearest 3000 of them."""
+    """SVG of the nearest 3000 grains, viewed along z."""
     r, radius = state.grains.position, state.grains.radius
     if not len(radius) or not np.isfinite(r).all():
         return ""

@@ -1,4 +1,4 @@
-"""What a list of contacts needs for laws by users: pairs across gaps, and room for a memory of rolling."""
+"""Requirements of user-defined laws on the neighbour list: pairs across gaps, and rows for the memory of rolling."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from ..state import Contacts, State
 
 
 def listed_gap(contacts: Contacts) -> float:
-    """Largest gap across which a list knows pairs, skin apart [length]."""
+    """Largest gap across which a list holds pairs, not counting the skin [length]."""
     return float(contacts.skin[1]) if len(contacts.skin) > 1 else 0.0
 
 
@@ -22,7 +22,7 @@ def largest_gap(state: State, law: Law) -> float:
 
 
 def with_range(state: State, law: Law) -> Contacts:
-    """The list of a state, or if it is not as wide as the law reaches, one that must be made anew."""
+    """Contact list of a state, marked for a rebuild with a larger gap if the range of the law requires it."""
     contacts, gap = state.contacts, largest_gap(state, law)
     if not gap > listed_gap(contacts):
         return contacts
@@ -31,7 +31,7 @@ def with_range(state: State, law: Law) -> Contacts:
 
 
 def with_rolling_memory(contacts: Contacts, law: Law) -> Contacts:
-    """The list with a row of rolling memory for each pair, if the law has such a memory."""
+    """List with a row of rolling memory for each pair, if the law has such a memory."""
     rolls = isinstance(law.kind, Kind) and "rolling_stiffness" in known(law.kind).functions
     if not rolls or len(contacts.rolling) == len(contacts.i):
         return contacts
@@ -39,7 +39,7 @@ def with_rolling_memory(contacts: Contacts, law: Law) -> Contacts:
 
 
 def copy_rolling_memory(old: Contacts, new: Contacts) -> Contacts:
-    """A new list with the rolling memory of the pairs that it shares with an old one, if that has any."""
+    """New list with the rolling memory of pairs that are also in an old one, if that has any."""
     if not len(old.rolling):
         return new
     here, there = int(old.count[0]), max(int(new.count[0]), 0)

@@ -1,18 +1,18 @@
-"""Resistance to rolling: a moment with a memory of its own, for laws by users that have one.
+"""Rolling resistance of user-defined laws: a moment with its own memory.
 
-The memory ψ of a contact is the rotation of i relative to j since it closed, perpendicular to the normal and cut to
-what the law bears, and carried along as slip is:
+The memory ψ of a contact is the rotation of i relative to j since it closed, perpendicular to the normal. It is
+truncated at the cap of the law and transported like the slip:
 
     ψ ← T (ψ + Δ(angle_i − angle_j)),   T = I − m nᵀ,   |ψ| ≤ cap/k_r,   M_i = −k_r ψ,   M_j = +k_r ψ,
 
-with m the normal halfway, see `geometry.mid_normal`.
+with m the mid-step normal, see `geometry.mid_normal`.
 
-A pair that turns as one body has angle_i = angle_j and feels nothing. M and angle_i − angle_j are conjugate, so that
-forces F, T/R and M follow from coordinates r, ρ and θ = angle_i − angle_j by the same matrix, transposed. Twisting
-about the normal is free.
+A pair that rotates as one body has angle_i = angle_j and no moment. M and angle_i − angle_j are conjugate, so that the
+matrix that maps coordinates to r, ρ and θ = angle_i − angle_j, transposed, maps F, T/R and M to loads. Twisting about
+the normal is free.
 
 Sources: Iwashita & Oda, doi:10.1061/(ASCE)0733-9399(1998)124:3(285); Ai et al., doi:10.1016/j.powtec.2010.09.030 (model
-C without its dashpot); of the same memory for slip and rolling: Luding, doi:10.1007/s10035-008-0099-x, Sec. 2.
+C without its dashpot); the same memory for slip and rolling: Luding, doi:10.1007/s10035-008-0099-x, Sec. 2.
 """
 
 from typing import NamedTuple
@@ -28,13 +28,13 @@ from .geometry import mid_normal, normal_and_overlap, onto_plane, pair_vector, s
 from .mechanics import effective_values, out_of_range, return_mapping, turning_weight
 from .tangent import Turn, column, memory_tangent, outer, spring_tangent
 
-# columns of `Contacts.rolling`: ψ; angle_i − angle_j at which it was committed; whether it was at the cap
+# columns of `Contacts.rolling`: ψ; angle_i − angle_j at which it was committed; 1 if it was at the cap
 WIDTH, ANCHOR, AT_CAP = 7, 3, 6
 
 
 @by_kind
 def rolling_stiffness(kind, q, r_eff, overlap):
-    """k_r [force length/rad]; built-in laws have none."""
+    """Rolling stiffness k_r [force length/rad]; zero for built-in laws."""
     return 0.0
 
 
@@ -46,17 +46,17 @@ def rolling_cap(kind, q, r_eff, overlap, fn):
 
 @by_kind
 def rolling_cap_slopes(kind, q, r_eff, overlap, fn):
-    """Its derivatives with respect to the normal force and the overlap."""
+    """Derivatives of the rolling cap with respect to the normal force and the overlap."""
     return 0.0, 0.0
 
 
 def resists_rolling(kind: int) -> bool:
-    """True if a law resists rolling."""
+    """Return True if a law has rolling resistance."""
     return isinstance(kind, Kind) and "rolling_stiffness" in COMPILED.get(kind, {})
 
 
 def _if_rolling(function):
-    """A step of a kernel that is compiled for laws with rolling resistance, and nothing for all others."""
+    """Decorate a part of a kernel that is compiled for laws with rolling resistance, and empty for all others."""
 
     def step(kind, *rest):
         return function(kind, *rest) if resists_rolling(kind) else None
@@ -73,7 +73,7 @@ def _if_rolling(function):
 
 @njit(cache=True, **FAST)
 def _relative_angle(dim, angle, i, j):
-    """angle_i − angle_j."""
+    """Relative rotation angle_i − angle_j."""
     z = angle[i, 2] - angle[j, 2]
     if dim == 2:
         return 0.0, 0.0, z
@@ -85,7 +85,7 @@ def add_rolling(
     kind, dim, memory, kept, q, r_eff, overlap, fn, angle, step, part, whole, normals, rolling, c, i, j, before,
     torque,
 ):  # fmt: skip
-    """Add the moments of a contact and update its ψ; arguments are those of `sweep`."""
+    """Add the moments of a contact and update its ψ; arguments as in `sweep_contacts`."""
     tx, ty, tz = _relative_angle(dim, angle, i, j)
     own = rolling[c]
     rests = kept and tx == own[3] and ty == own[4] and tz == own[5]
@@ -112,7 +112,7 @@ def add_rolling(
 
 @_if_rolling
 def forget_rolling(kind, rolling, c):
-    """A contact has opened."""
+    """Clear the rolling memory of a contact that has opened."""
     for k in range(WIDTH):
         rolling[c, k] = 0.0
 
@@ -122,9 +122,9 @@ def add_rolling_energy(
     kind, dim, p, old, new, shift0, shift, normals, fraction, before, m, after, c, i, j, known, closed, free, first,
     at, books,
 ):  # fmt: skip
-    """Add to a ledger's row what rolling stores, spends and does to bodies whose rotation is imposed, in one step.
+    """Add one step of rolling to a ledger's row: stored and dissipated energy, and work on imposed rotations.
 
-    `fraction`: of the step for which the contact has touched.
+    `fraction` is the fraction of the step during which the contact has touched.
     """
     stored_at, coulomb_at, nonpotential_at, external_at = at
     mine, own = before.rolling[m if known else 0], after.rolling[c]
@@ -153,7 +153,7 @@ def add_rolling_energy(
 
 @njit(cache=True, **FAST)
 def _evaluate_pair(kind, dim, p, bodies, shift, c, i, j):
-    """Normal, 1/|r|, overlap, parameters, R_eff of a pair, and whether it is out of reach."""
+    """Normal, 1/|r|, overlap, parameters and R_eff of a pair, and True if it is out of range."""
     n_grains = len(bodies.radius) - len(bodies.normal)
     rx, ry, rz = pair_vector(dim, bodies.position, shift, c, i, j)
     is_wall, radius = j >= n_grains, bodies.radius
@@ -166,13 +166,13 @@ def _evaluate_pair(kind, dim, p, bodies, shift, c, i, j):
 
 @njit(cache=True, **FAST)
 def _rolling_stiffness_at(kind, dim, p, bodies, shift, c, i, j):
-    """k_r, zero where the pair is out of reach."""
+    """Rolling stiffness k_r, zero if the pair is out of range."""
     _, _, overlap, q, r_eff, away = _evaluate_pair(kind, dim, p, bodies, shift, c, i, j)
     return 0.0 if away else rolling_stiffness(kind, q, r_eff, overlap)
 
 
 class _MomentLinearisation(NamedTuple):
-    """What the linearisation of M is made of, one row a contact."""
+    """Quantities of the linearisation of M, one row per contact."""
 
     before: np.ndarray  # (C, 3) ψ when the memory was committed
     way: np.ndarray  # (C, 3) Δθ since then
@@ -182,7 +182,7 @@ class _MomentLinearisation(NamedTuple):
     by_force: np.ndarray  # (C,) ∂φ/∂F_n, as a dashpot changes F_n
     reach: np.ndarray  # (C,) |ψ| at the cap
     reach_by_overlap: np.ndarray  # (C,)
-    weighted: np.ndarray  # (C,) as in `jacobian.Linear`
+    weighted: np.ndarray  # (C,) as in `jacobian.Linearisation`
 
 
 @njit(cache=True, error_model="numpy")
@@ -229,7 +229,7 @@ def _fill_moments(kind, dim, bodies, contacts, shift, p, memory, out):
 
 
 def with_moments(state, law: Law, here, line, turn: Turn, memory: int, stiff: np.ndarray, damp: np.ndarray):
-    """Blocks (C, 9, 9) of (F, T/R, M) by (r, ρ, θ) from those of (F, T/R) by (r, ρ), all at rest; see `jacobian`.
+    """Derivatives (C, 9, 9) of (F, T/R, M) by (r, ρ, θ) from those of (F, T/R) by (r, ρ), at rest; see `jacobian`.
 
     dM = −[φ/|ψ| (I − ψ̂ψ̂ᵀ) + ∂φ/∂|ψ| ψ̂ψ̂ᵀ] dψ + ∂φ/∂δ ψ̂ (n·dr), with dψ as in `tangent`.
     """
@@ -256,7 +256,7 @@ def with_moments(state, law: Law, here, line, turn: Turn, memory: int, stiff: np
 
 @njit(cache=True, error_model="numpy")
 def _largest_bound(kind, dim, bodies, contacts, shift, p, inverse_inertia):
-    """Largest sum over a body's contacts of 2 k_r/I."""
+    """Largest sum of 2 k_r/I over the contacts of a body."""
     total = np.zeros(len(bodies.radius))
     for c in range(contacts.count[0]):
         i, j = contacts.i[c], contacts.j[c]
@@ -267,7 +267,7 @@ def _largest_bound(kind, dim, bodies, contacts, shift, p, inverse_inertia):
 
 
 def rolling_bound(state, law: Law, here, inverse_inertia) -> float:
-    """Upper bound of ω² of the springs of rolling alone: |θ_i − θ_j|² ≤ 2 |θ_i|² + 2 |θ_j|² [1/time²]."""
+    """Upper bound of ω² of the rolling springs alone: |θ_i − θ_j|² ≤ 2 |θ_i|² + 2 |θ_j|² [1/time²]."""
     if not resists_rolling(law.kind):
         return 0.0
     shift = shifts(state.contacts, state.cell.vectors)

@@ -1,4 +1,4 @@
-"""Runs of many grains: bodies put in order, blocks chosen again when they must be, stops to look and to record."""
+"""Driver for runs of many grains: memory order of bodies, updates of the blocks, stops for records and checks."""
 
 import numba
 import numpy as np
@@ -37,24 +37,25 @@ from .ledger import post_step
 from .loop import Springs, StepFactors, block_loop
 from .record import RecordBuffers, with_lost_contacts, write_groups, write_sample
 
-MIN_BODIES = 48  # bodies from which blocks are faster than a plain sweep
-GRAINS_PER_THREAD = 2000  # grains a thread should have
-# how far bodies may go until blocks are chosen again: BASE √(u D) + SPAN √(D/u) times the way of a step, where u is
-# that of a body of the usual speed, and D a diameter
+MIN_BODIES = 48  # number of bodies above which blocks are faster than a plain sweep
+GRAINS_PER_THREAD = 2000  # minimum for good efficiency
+# displacement after which blocks are chosen again: BASE √(u D) + SPAN √(D/u) times the displacement per step, where u
+# is the displacement per step at the typical speed, and D a diameter
 BASE, SPAN = 1.4, 0.8
 _MOVING_FIELDS, _EMPTY = ("position", "angle", "velocity", "spin"), np.zeros((0, 3))
 
 
 def _thread_count(n: int, asked: int | None, watched: bool) -> int:
-    """Threads of a run; events are recorded in order of memory, so with them it takes one."""
+    """Number of threads of a run. Events are recorded in order of memory, which requires one thread."""
     available = numba.get_num_threads()
     return 1 if watched else min(available, max(1, n // GRAINS_PER_THREAD) if asked is None else asked)
 
 
 def _memory_order(state: State, threads: int) -> tuple[np.ndarray, np.ndarray]:
-    """(B,) bodies in the order in which they lie in memory: tile after tile, the last one's grains, walls.
+    """Bodies in the order of memory, (B,): tile after tile, the grains of the last tile, walls.
 
-    And (T + 1,) bounds of the tiles, equally many for each thread; within each, grains lie along a curve.
+    Also returns the bounds of the tiles, (T + 1,), equally many for each thread. Within a tile grains lie along a
+    space-filling curve.
     """
     n, last = len(state.grains.radius), _in_last_tile(state)
     single, grid = np.flatnonzero(~last), grid_of(state.cell)
@@ -70,13 +71,13 @@ def _memory_order(state: State, threads: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _in_last_tile(state: State) -> np.ndarray:
-    """(N,) bool: grains in rigid groups, and those that a spring pulls."""
+    """Grains in rigid groups and grains pulled by springs, (N,) bool."""
     control = state.control
     return ((control.group >= 0) | control.spring.any(axis=1))[: len(state.grains.radius)]
 
 
 def _gather_springs(state: State, moving: MovingBodies) -> Springs | None:
-    """Springs, if there are any."""
+    """Springs on the bodies of the last tile, or None."""
     control, last = state.control, moving.order[moving.tile[-1] :]
     if not control.spring.any():
         return None
@@ -125,7 +126,10 @@ def _make_moving_bodies(
 
 
 class _BlockRun:
-    """A run on its way. It alone holds list and blocks, so that they can be let go of before their successors come."""
+    """State of a run.
+
+    It holds the only references to list and blocks, so that their memory can be freed before new ones are made.
+    """
 
     def __init__(
         self, state: State, law: Law, plan: Plan, steps: int, writing: RecordBuffers, books, instant, rate: int, threads
@@ -143,7 +147,7 @@ class _BlockRun:
         self.frame, self.flow = make_frame(state, self.moving.order) if self.imposed else (None, None)
         self.pull, drags = _gather_springs(state, self.moving), [0.5 * plan.dt * nu for nu in plan.drags]
         self.pace = StepFactors(plan.dt, 1 - drags[0], 1 / (1 + drags[0]), 1 - drags[1], 1 / (1 + drags[1]))
-        self.few = 1 + 300 / len(state.grains.radius)  # choosing few pairs takes longer than their number says
+        self.few = 1 + 300 / len(state.grains.radius)  # small choices are disproportionately expensive
         self.step, self.ended, self.fresh = 0, instant is not None, instant is None
         if self.ended:
             self.moving.force[:] = instant.force[self.moving.order]
@@ -151,7 +155,10 @@ class _BlockRun:
                 self.flow.matrix[PULL] = instant.pull
 
     def choose_blocks(self) -> None:
-        """Blocks of what may touch until some body has gone too far, and a new list if this one is too short for it."""
+        """Choose blocks of pairs that may touch before a body has moved too far.
+
+        The list is rebuilt first if too little of its skin is left.
+        """
         state, moving, known = self.state, self.moving, self.known
         room, skin = self._choose_limits()
         if skin > 0:
@@ -169,16 +176,16 @@ class _BlockRun:
         )  # fmt: skip
 
     def _rebuild_list(self, skin: float) -> None:
-        """A list of all pairs nearer than `skin`."""
+        """Rebuild the list with all pairs nearer than `skin`."""
         commit(self.blocks, self.contacts, 0, 1)
-        self.blocks = empty_blocks()  # before there is a new list: memory
+        self.blocks = empty_blocks()  # free memory before the new list is made
         self.contacts = former = _without_open_pairs(self.contacts)
         position = _positions_in_state_order(self.moving)
         self.contacts = _rebuild_with_skin(skin, position, self.known, former, self.state.cell)
         self.writing = with_lost_contacts(self.writing, former, self.contacts, position, self._time())
 
     def advance(self, stop: int) -> int:
-        """Go on to a step, or until blocks must be chosen again; returns why it came back."""
+        """Advance to a step, or until blocks must be chosen again. Returns the code of the compiled loop."""
         while True:
             writing = self.writing
             code, self.step, self.ended = self.loop(
@@ -198,7 +205,7 @@ class _BlockRun:
         return code
 
     def find_broken(self) -> tuple[int, int]:
-        """BAD or AWAY and a body that is not a number or flies off; DONE and −1 if there is none."""
+        """NOT_FINITE or RUNAWAY with the body concerned, or DONE and −1 if there is none."""
         body, found = self.moving.body, -1
         for code, found in (
             (NOT_FINITE, find_not_finite(body[:, :3], self.moving.angle)),
@@ -209,9 +216,9 @@ class _BlockRun:
         return DONE, found
 
     def gather(self) -> Bodies:
-        """All bodies in the state's order, in fresh arrays kept only while they are looked at, as memory counts.
+        """Copy all bodies to fresh arrays in the state's order, and the memory of contacts to the list.
 
-        What contacts remember is in the list, then, too.
+        To save memory, the arrays should be kept only while they are used.
         """
         commit(self.blocks, self.contacts, 0, 1)
         here = self.known._replace(**{name: np.empty_like(self.moving.angle) for name in _MOVING_FIELDS})
@@ -219,7 +226,7 @@ class _BlockRun:
         return here
 
     def record(self, here: Bodies, row: int) -> None:
-        """Write a row of all series."""
+        """Write one row of all series."""
         law, cell, time = self.law, self.state.cell, self._time()
         write_sample(
             law.kind, law.coulomb, cell.dim, law.table, row, here, self.contacts, shifts(self.contacts, cell.vectors),
@@ -232,7 +239,7 @@ class _BlockRun:
             )
 
     def unbalanced(self, here: Bodies) -> tuple[float, int]:
-        """The largest unbalanced force and its body."""
+        """Largest unbalanced force and its body."""
         force = _forces_in_state_order(self.moving)
         residual, worst = largest_unbalanced(here.velocity, here.spin, force[:, :3], force[:, 3:], self.plan)
         if self.deforming:
@@ -240,9 +247,9 @@ class _BlockRun:
         return residual, worst
 
     def finish(self, skin: float) -> State:
-        """The state at the last step, with a list of the given skin."""
+        """State at the last step, with a list of the given skin."""
         commit(self.blocks, self.contacts, 0, 1)
-        self.blocks = empty_blocks()  # memory for what is given back
+        self.blocks = empty_blocks()  # free memory for the result
         clock = self.frame.clock if self.imposed else self.pull.clock if self.pull else [self._time()]
         pull, time = self.flow.matrix[PULL].copy() if self.imposed else np.zeros((3, 3)), float(clock[0])
         instant, here, vectors = (
@@ -252,7 +259,7 @@ class _BlockRun:
         )
         del self.moving
         if self.deforming or self.contacts.skin[0] != skin:
-            # a list tells whether it is still good by how far grains have moved, not by how the cell has
+            # the validity of a list is checked by displacements of grains, not by the deformation of the cell
             self.contacts = _without_open_pairs(self.contacts)
             self.contacts = _rebuild_with_skin(skin, here.position, here, self.contacts, self.state.cell)
         contacts, before = self.contacts, self.state.contacts
@@ -265,7 +272,7 @@ class _BlockRun:
         return self.state.time + self.step * self.plan.dt
 
     def _choose_limits(self) -> tuple[np.ndarray, float]:
-        """(B,) how far each body may go, and the skin of the list to make first, or 0 if this one will do."""
+        """Displacement limit of each body, (B,), and the skin of the list to build first, or 0 to keep the list."""
         state, contacts = self.state, self.contacts
         skin, size = float(contacts.skin[0]), 2 * float(state.grains.radius.mean())
         left, origin = skin, contacts.origin
@@ -276,15 +283,16 @@ class _BlockRun:
         if limit_displacements(self.moving, origin, 0.5 * left, room):
             return room, 0.0
         skin = float(state.contacts.skin[0])
-        if 2 * stride * (self.steps - self.step) > 4 * skin:  # else making the list given back is not worth it
+        if 2 * stride * (self.steps - self.step) > 4 * skin:  # else a larger skin does not repay the final rebuild
             skin = max(skin, min(8 * np.sqrt(stride * size * self.few), size))
         return self._limits(skin)[0], skin
 
     def _limits(self, skin: float) -> tuple[np.ndarray, float]:
-        """(B,) how far each body may go until blocks are chosen again, and how far the fastest one goes in a step.
+        """Displacement limit of each body, (B,), and the displacement of the fastest one per step.
 
-        The further, the rarer the choice and the more pairs in vain: what both cost together is least where the
-        distance goes with the root of the speed, with factors that were measured. Fast bodies may go further.
+        With larger limits blocks are chosen less often, but contain more pairs that do not touch. The total cost is
+        minimal if the limit is proportional to the root of the speed, with measured factors. Fast bodies have larger
+        limits.
         """
         dt, size = self.plan.dt, 2 * float(self.state.grains.radius.mean()) * self.few
         fastest, usual = (speed * dt for speed in speeds(self.moving))
@@ -297,10 +305,10 @@ class _BlockRun:
 
 
 def run_blocks(
-    state: State, law: Law, plan: Plan, steps: int, tolerance: float, writing: RecordBuffers, books, instant, *, rate: int,
-    threads,
+    state: State, law: Law, plan: Plan, steps: int, tolerance: float, writing: RecordBuffers, books, instant, *,
+    rate: int, threads,
 ):  # fmt: skip
-    """As many steps as asked, in blocks; see `run`. Returns what the plain stepper does."""
+    """Run all steps with blocks; see `run`. Returns the same values as `_run_stepper`."""
     blocks_run, every = _BlockRun(state, law, plan, steps, writing, books, instant, rate, threads), writing.every
     stop, code, residual, worst, before = 0, MOVED, np.inf, -1, numba.get_num_threads()
     numba.set_num_threads(blocks_run.threads)
@@ -336,7 +344,7 @@ def run_blocks(
 
 
 def _working_contacts(state: State, law: Law, here: Bodies, keyed: bool):
-    """The list that a run writes to; pair vectors, angles and keys that nobody asks for come back when it ends."""
+    """Copy of the list that a run writes to. Pair vectors, angles and unused keys are left out until it ends."""
     contacts = state.contacts
     if store_reference(contacts, here.position, here.angle, here.radius, state.cell.vectors, _EMPTY, _EMPTY):
         own = {name: getattr(contacts, name).copy() for name in ("slip", "mode", "reached")}
@@ -347,26 +355,26 @@ def _working_contacts(state: State, law: Law, here: Bodies, keyed: bool):
 
 
 def _forces_in_state_order(moving: MovingBodies) -> np.ndarray:
-    """(B, 6) forces and torques at the end of a step, in the state's order."""
+    """Forces and torques at the end of a step, (B, 6), in the state's order."""
     force = np.empty_like(moving.force)
     force[moving.order] = moving.force
     return force
 
 
 def _positions_in_state_order(moving: MovingBodies) -> np.ndarray:
-    """(B, 3) positions in the state's order."""
+    """Positions, (B, 3), in the state's order."""
     position = np.empty((len(moving.order), 3))
     position[moving.order] = moving.body[:, :3]
     return position
 
 
 def _without_open_pairs(contacts):
-    """The list without open pairs, which takes half the memory."""
+    """List without open pairs, which takes half the memory."""
     return select_rows(contacts, np.flatnonzero(contacts.mode[: contacts.count[0]] != OPEN))
 
 
 def _rebuild_with_skin(skin, position, known: Bodies, contacts, cell):
-    """The list made anew with the given skin."""
+    """List rebuilt with the given skin."""
     contacts = contacts._replace(skin=np.append(skin, contacts.skin[1:]))
     contacts = rebuild_list(position, known.radius, known.normal, grid_of(cell), contacts)
     if contacts.count[0] < 0:

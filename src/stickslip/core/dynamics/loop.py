@@ -1,9 +1,9 @@
-"""Time steps of many grains, tile by tile, on one thread or several: see `blocks` for how contacts are gone through.
+"""Time steps of many grains, tile by tile, on one thread or several. For the order of contacts see `blocks`.
 
-A step evaluates the contacts between bodies of different threads; then each thread takes its tiles in turn, evaluates
-the contacts of each with its later ones and within it, and moves its grains on while they are in the processor's
-cache. The kinematics are compiled without fast mathematics: whether a step is taken in one go or stopped at to be
-looked at changes no bit.
+A step first evaluates the contacts between bodies of different threads. Then each thread goes through its tiles. It
+evaluates the contacts of a tile with later tiles and within the tile, and moves its grains while they are in the
+processor's cache. The kinematics are compiled without fast math, so that stopping after a step for a record does not
+change the trajectory by a single bit.
 """
 
 from functools import cache
@@ -36,10 +36,11 @@ from ..state import OPEN, SLIDE
 from .cell_motion import begin_cell_step, course_at, end_cell_step
 from .coefficients import DONE, FULL, MOVED, sum_over_groups
 
-CHUNK = 64  # bodies whose forces are summed in one go
-_NOT_FINITE_SQUARE = 1e300  # squared displacement that stands for one that is not a number
+CHUNK = 64  # bodies whose forces are summed together
+_NOT_FINITE_SQUARE = 1e300  # squared displacement returned for NaN
 
-# loaded first wins: GNU's or Intel's OpenMP costs a microsecond a parallel region, TBB fifteen, Numba's own eighty
+# a parallel region costs 1 µs with GNU's or Intel's OpenMP, 15 µs with TBB, 80 µs with Numba's own layer; the first
+# that can be loaded is used
 if not numba.config.THREADING_LAYER or numba.config.THREADING_LAYER == "default":
     numba.config.THREADING_LAYER_PRIORITY = ["omp", "tbb", "workqueue"]
 
@@ -62,12 +63,12 @@ class Springs(NamedTuple):
     leads: np.ndarray  # (L, 3) column of `course`, −1: none
     knots: np.ndarray  # (K,)
     course: np.ndarray  # (K, C)
-    clock: np.ndarray  # (1,) time, summed up step by step
+    clock: np.ndarray  # (1,) time, accumulated step by step
 
 
 @njit(fastmath=False, error_model="numpy")
 def _add_springs(pull, first, body, force):
-    """Add the springs' forces to those on the bodies of the last tile."""
+    """Add the forces of springs to those on the bodies of the last tile."""
     for s in range(len(pull.stiffness)):
         for k in range(3):
             if pull.stiffness[s, k] > 0.0:
@@ -79,7 +80,7 @@ def _add_springs(pull, first, body, force):
 
 @njit(fastmath=False, **KERNEL_OPTIONS)
 def _kick(keep, slow, kick, half, go_on, v, f):
-    """Velocity after the end of a step, and after half a kick of the next one, for a free component."""
+    """Velocity of a free component after the end of a step (`half`) and half a kick of the next one (`go_on`)."""
     if half:
         v = (v + kick * f) * slow
     if go_on:
@@ -89,7 +90,7 @@ def _kick(keep, slow, kick, half, go_on, v, f):
 
 @njit(fastmath=False, **KERNEL_OPTIONS)
 def _transform(m, x, y, z):
-    """A 3 × 3 matrix times a vector."""
+    """Multiply a 3 × 3 matrix by a vector."""
     return (
         m[0, 0] * x + m[0, 1] * y + m[0, 2] * z,
         m[1, 0] * x + m[1, 1] * y + m[1, 2] * z,
@@ -99,20 +100,20 @@ def _transform(m, x, y, z):
 
 @njit(fastmath=False, **KERNEL_OPTIONS)
 def _turn_velocity(flow, free, g, vx, vy, vz):
-    """Velocity of a grain relative to the cell's flow after half a step of it; what is not free is left alone."""
+    """Velocity relative to the flow after half a step of the term −L v; components that are not free are unchanged."""
     x, y, z = _transform(flow.matrix[TURN], vx, vy, vz)
     return x if free[g, 0] else vx, y if free[g, 1] else vy, z if free[g, 2] else vz
 
 
 @njit(fastmath=False, **KERNEL_OPTIONS)
 def _free_or_imposed(flow, when, free, g, k, value):
-    """Rate of a component: its own if it is free, else what is imposed, in mean over the step (0) or at its end (1)."""
+    """Rate of a component: its own if free, else the imposed one, averaged over the step (0) or at its end (1)."""
     return value if free[g, k] else flow.rate[g, k] * flow.factor[when, flow.follows[g, k]]
 
 
 @njit(fastmath=False, **KERNEL_OPTIONS)
 def _drift(flow, dt, x, y, z, vx, vy, vz):
-    """Where a body is at the end of the step."""
+    """Position of a body at the end of the step."""
     if flow is None:
         return x + dt * vx, y + dt * vy, z + dt * vz
     half = 0.5 * dt
@@ -122,9 +123,9 @@ def _drift(flow, dt, x, y, z, vx, vy, vz):
 
 @njit(fastmath=False, **KERNEL_OPTIONS)
 def _move_body(dim, predict, moving, pace, flow, g, half, go_on, fx, fy, fz, tx, ty, tz):
-    """Half a kick with implicit drag ends a step; half a kick with explicit drag and the drift begin the next one.
+    """End a step by half a kick with implicit drag, and begin the next by half a kick with explicit drag and the drift.
 
-    Returns the squared distance from where the blocks were chosen over that which the body may go.
+    Returns the squared displacement since the blocks were chosen, over that allowed for the body.
     """
     body, angle, free, origin = moving.body, moving.angle, moving.free, moving.origin
     a, b, dt = body[g, KICK], body[g, KICK_T], pace.dt
@@ -132,7 +133,7 @@ def _move_body(dim, predict, moving, pace, flow, g, half, go_on, fx, fy, fz, tx,
     x, y, z = body[g, 0], body[g, 1], body[g, 2]
     vx, vy, vz = body[g, VELOCITY], body[g, VELOCITY + 1], body[g, VELOCITY + 2]
     wx, wy, wz = body[g, SPIN], body[g, SPIN + 1], body[g, SPIN + 2]
-    # a test for None stands by itself: it is decided before types are, and what it guards is not compiled
+    # a separate test for None is evaluated before type inference, and the code it guards is not compiled
     if flow is not None:  # noqa: SIM102
         if half:
             vx, vy, vz = _turn_velocity(flow, free, g, vx, vy, vz)
@@ -198,7 +199,7 @@ def _move_body(dim, predict, moving, pace, flow, g, half, go_on, fx, fy, fz, tx,
 
 @njit(fastmath=False, **KERNEL_OPTIONS)
 def _sum_virial(virial, blocks, first, last):
-    """Σ f ⊗ r of the contacts in which a body is i, for some bodies."""
+    """Sum f ⊗ r over the contacts in which a body is i, for a range of bodies."""
     g, load, pair = np.uint64(first) - np.uint64(1), blocks.load, blocks.pair
     for e in range(np.uint64(blocks.start[first]), np.uint64(blocks.start[last])):
         c = np.uint64(blocks.code[e])
@@ -215,8 +216,8 @@ def _sum_virial(virial, blocks, first, last):
 
 @njit(fastmath=False, **KERNEL_OPTIONS)
 def _sum_loads(flow, moving, blocks, first, last, total):
-    """External loads plus those of all contacts of at most CHUNK bodies, in the order of their partners."""
-    far = np.int64(len(moving.tile) > 2)  # of one tile, everything is near
+    """Sum external loads and those of all contacts, in the order of their partners, for at most CHUNK bodies."""
+    far = np.int64(len(moving.tile) > 2)  # with one tile, all data are near
     sum_rows(blocks.code, blocks.start, np.int64(first), np.int64(last), far, blocks.load, moving.external, total)
     if flow is not None:
         _sum_virial(moving.virial, blocks, first, last)
@@ -229,7 +230,7 @@ def _sum_loads(flow, moving, blocks, first, last, total):
 
 @njit(fastmath=False, **KERNEL_OPTIONS)
 def _store_forces(force, total, first, last):
-    """Keep the forces on some bodies."""
+    """Store the forces on a range of bodies."""
     for at in range(first, last):
         g, t = np.uint64(at), np.uint64(at - first)
         force[g, 0], force[g, 1], force[g, 2] = total[t, 0], total[t, 1], total[t, 2]
@@ -238,7 +239,7 @@ def _store_forces(force, total, first, last):
 
 @njit(fastmath=False, **KERNEL_OPTIONS)
 def _end_step(dim, predict, first, last, moving, blocks, pace, flow, fresh, go_on, total):
-    """End the step of a tile's grains and go on with the next, or keep the forces."""
+    """End the step of a tile's grains and begin the next one, or store the forces."""
     far = 0.0
     for start in range(first, last, CHUNK):
         end = min(start + CHUNK, last)
@@ -254,7 +255,7 @@ def _end_step(dim, predict, first, last, moving, blocks, pace, flow, fresh, go_o
 
 @njit(fastmath=False, **KERNEL_OPTIONS)
 def _end_last_tile(dim, predict, moving, blocks, pace, flow, pull, fresh, go_on, total):
-    """The same for the last tile: walls, what springs pull, and rigid groups, whose members get the force on all."""
+    """End the step of the last tile: walls, bodies on springs, and rigid groups, whose members get the total force."""
     first, last, force = moving.tile[-1], len(moving.body), moving.force
     for start in range(first, last, CHUNK):
         end = min(start + CHUNK, last)
@@ -273,7 +274,7 @@ def _end_last_tile(dim, predict, moving, blocks, pace, flow, pull, fresh, go_on,
 
 @njit(fastmath=False, **KERNEL_OPTIONS)
 def _begin_step(dim, predict, first, last, moving, pace, flow):
-    """Begin the step of a tile's grains with the forces kept."""
+    """Begin the step of a tile's grains with the stored forces."""
     far, force = 0.0, moving.force
     for at in range(first, last):
         g = np.uint64(at)
@@ -284,7 +285,7 @@ def _begin_step(dim, predict, first, last, moving, pace, flow):
 
 @njit(cache=True)
 def _record_events(blocks, before, contacts, moving, time, events, event_count):
-    """Append the contacts whose mode says that they closed, opened or first reached Coulomb's limit."""
+    """Record contacts that closed, opened or first reached Coulomb's limit according to their modes."""
     for s in range(len(before)):
         old, new, c = before[s], blocks.mode[s], blocks.row[s]
         if old == new or c < 0:
@@ -299,13 +300,13 @@ def _record_events(blocks, before, contacts, moving, time, events, event_count):
 
 @njit(**KERNEL_OPTIONS)
 def _add_ticks(spent, k, since):
-    """Add the ticks since some moment to those of a thread."""
+    """Add the ticks since a given time to those of a thread."""
     spent[k, 0] += ticks() - since
 
 
 @cache
 def block_loop(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel: bool):
-    """Compiled loop over time steps for one law and dimension, on one thread or several; with None for a frame, too."""
+    """Compiled loop over time steps for one law and dimension, on one thread or several, with or without a frame."""
     rescaled, (kind, coulomb, axes, predict) = (
         rescaling_flag(kind),
         as_numpy_integers(kind, coulomb, dim, viscous > 0 and not rate),
@@ -315,14 +316,14 @@ def block_loop(kind: int, coulomb: int, dim: int, viscous: int, rate: int, paral
     def loop(
         moving, blocks, contacts, p, pace, frame, flow, pull, time, step, stop, ended, fresh, events, event_count
     ):  # fmt: skip
-        """From step `step` to the end of step `stop`, or until some body is too far from where the blocks were chosen.
+        """Run from step `step` to the end of step `stop`, or until a body has moved too far for the blocks.
 
-        `ended`: the step has ended, forces are kept; else positions are those of the step, forces not known yet.
-        `fresh`: and velocities are, too; memory is not carried.
+        `ended`: the step has ended and forces are stored; else positions are those of the step, but forces are not
+        known yet. `fresh`: velocities are those of the step, too, and memory is not transported.
         """
         tile, share, body, ahead = moving.tile, moving.share, moving.body, moving.ahead
         cross, inner = blocks.cross, blocks.inner
-        # whether this is parallel must stand in its body: what is kept compiled is known by that alone
+        # the body must depend on `parallel`, because the cache of compiled code is keyed by it alone
         workers = len(share) - 1 if parallel else 1
         tiles, dt, watch, limit = len(tile) - 1, pace.dt, len(events) > 0, 1.0
         far, before = np.zeros(tiles + 1), np.zeros(inner[tiles] * LANES if watch else 0, np.int64)
@@ -336,7 +337,7 @@ def block_loop(kind: int, coulomb: int, dim: int, viscous: int, rate: int, paral
                     for s in range(len(before)):
                         before[s] = blocks.mode[s]
                 go_on = step < stop and not watch and flow is None
-                if between > 0:  # a condition keeps the compiler from making one loop of this and the next
+                if between > 0:  # the condition prevents the compiler from fusing this loop with the next
                     for k in prange(workers):
                         first, last = cross[tiles] + between * k // workers, cross[tiles] + between * (k + 1) // workers
                         evaluate_blocks(
@@ -346,7 +347,7 @@ def block_loop(kind: int, coulomb: int, dim: int, viscous: int, rate: int, paral
                 for k in prange(workers):
                     scratch, total, since = scratches[k], sums[k * CHUNK : (k + 1) * CHUNK], ticks()
                     for t in range(share[k], share[k + 1]):
-                        begin, end = tile[t + 1], tile[min(t + 2, share[k + 1])]  # the thread's next tile
+                        begin, end = tile[t + 1], tile[min(t + 2, share[k + 1])]  # next tile of the thread
                         for within in range(2):
                             first, last = (inner[t], inner[t + 1]) if within else (cross[t], cross[t + 1])
                             evaluate_blocks(
@@ -377,7 +378,7 @@ def block_loop(kind: int, coulomb: int, dim: int, viscous: int, rate: int, paral
             step += 1
             if pull is not None:
                 pull.clock[0] += dt
-            for t in range(tiles + 1):  # not far.max(), which would be made a parallel region of its own
+            for t in range(tiles + 1):  # not far.max(), which would become a separate parallel region
                 if far[t] > limit:
                     return MOVED, step, ended
 

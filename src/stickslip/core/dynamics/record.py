@@ -1,4 +1,4 @@
-"""What a run writes down: samples at intervals and events of contacts."""
+"""Records of a run: samples at intervals, and events of contacts."""
 
 from typing import NamedTuple
 
@@ -23,7 +23,7 @@ _VIRIAL, _FABRIC, _KINETIC, _RATTLERS, _HELD, _CONTACTS, _CELL = 8, 17, 26, 35, 
 
 @readable
 class Record(NamedTuple):
-    """What a run wrote down, T samples of P probed grains."""
+    """Record of a run with T samples and P probed grains."""
 
     time: np.ndarray  # (T,) [time]
     msd: np.ndarray  # (T,) Σ|Δr|² over grains, from the reference positions [length²]
@@ -31,12 +31,12 @@ class Record(NamedTuple):
     center: np.ndarray  # (T, 3) mean position of the grains [length]
     touching: np.ndarray  # (T,) number of closed contacts
     sliding: np.ndarray  # (T,) number of contacts at Coulomb's limit
-    virial: np.ndarray  # (T, 3, 3) Σ f ⊗ r over contacts between grains, elastic part [energy]; over volume: the stress
+    virial: np.ndarray  # (T, 3, 3) Σ f ⊗ r over contacts between grains, elastic part [energy]; stress times volume
     fabric: np.ndarray  # (T, 3, 3) mean of n ⊗ n over closed contacts, zero without any
-    momentum_flux: np.ndarray  # (T, 3, 3) Σ m v ⊗ v over grains [energy]; over volume: the kinetic stress
-    coordination: np.ndarray  # (T,) contacts of grains, over the number of grains; walls count for those they touch
-    held_coordination: np.ndarray  # (T,) the same without rattlers and their contacts: see `coordination`
-    rattlers: np.ndarray  # (T,) number of grains that hold nothing
+    momentum_flux: np.ndarray  # (T, 3, 3) Σ m v ⊗ v over grains [energy]; kinetic stress times volume
+    coordination: np.ndarray  # (T,) mean number of contacts per grain, walls included
+    held_coordination: np.ndarray  # (T,) the same without rattlers and their contacts: see `measure.coordination`
+    rattlers: np.ndarray  # (T,) number of rattlers
     cell: np.ndarray  # (T, 3, 3) vectors of the cell as rows [length]
     group_position: np.ndarray  # (T, G, 3) centre of mass of each rigid group [length]
     group_velocity: np.ndarray  # (T, G, 3) [length/time]
@@ -49,12 +49,12 @@ class Record(NamedTuple):
 
     @property
     def sliding_fraction(self) -> np.ndarray:
-        """(T,) share of the closed contacts that are at Coulomb's limit, zero without any."""
+        """Fraction of closed contacts at Coulomb's limit, (T,), zero without any."""
         return self.sliding / np.maximum(self.touching, 1)
 
 
 class RecordBuffers(NamedTuple):
-    """Where the loop writes samples and events."""
+    """Buffers for samples and events."""
 
     every: int
     reference: np.ndarray  # (N, 3)
@@ -68,7 +68,7 @@ class RecordBuffers(NamedTuple):
 
 @njit(cache=True)
 def _count_rattlers(contacts, n, bodies, least):
-    """Number of rattlers, and contacts of the other grains: peeled as `measure.rattlers` does."""
+    """Number of rattlers, and of contacts of the other grains; see `measure.rattlers`."""
     loose, number = np.zeros(bodies, np.bool_), np.zeros(bodies, np.int64)
     while True:
         for a in range(bodies):
@@ -93,7 +93,7 @@ def _count_rattlers(contacts, n, bodies, least):
 
 @njit(cache=True)
 def _has_friction(p):
-    """True if some pair of materials has friction."""
+    """Return True if some pair of materials has friction."""
     for a in range(len(p)):
         for b in range(len(p)):
             if p[a, b, MU] > 0.0:
@@ -103,10 +103,10 @@ def _has_friction(p):
 
 @njit(cache=True)
 def write_sample(kind, coulomb, dim, p, k, bodies, contacts, shift, plan, writing, vectors, time):
-    """Row k of the series and of the tracks."""
+    """Write row k of the series and of the tracks."""
     x, angle, v, spin = bodies.position, bodies.angle, bodies.velocity, bodies.spin
     row, track, n = writing.series[k], writing.tracks[k], len(plan.mass)
-    for m in range(len(row)):  # here and below not as a whole array, as in `neighbors.rebuilt`
+    for m in range(len(row)):  # loops instead of whole arrays compile faster, see `neighbors._build_list`
         row[m] = 0.0
     row[0] = time
     for a in range(n):
@@ -147,7 +147,7 @@ def write_sample(kind, coulomb, dim, p, k, bodies, contacts, shift, plan, writin
 
 
 def write_groups(row: np.ndarray, state: State, external, bodies, force, time: float) -> None:
-    """One sample of all rigid groups; `force` (B, 3) holds the force on the whole at each member, loads included."""
+    """Write one sample of all rigid groups; `force` (B, 6) holds the total load on the group at each member."""
     mass, pull = state.grains.mass, spring_forces(state.control, bodies.position, time)
     for g, members in enumerate(groups(state.control)):
         if not len(members):
@@ -159,7 +159,7 @@ def write_groups(row: np.ndarray, state: State, external, bodies, force, time: f
 
 
 def allocate_buffers(state: State, steps: int, every: int, probes, events: bool, reference) -> RecordBuffers:
-    """Room for the samples and events of a run."""
+    """Allocate buffers for the samples and events of a run."""
     n, samples = len(state.grains.radius), steps // every + 1 if every else 0
     probes = np.asarray(probes, np.int64)
     if ((probes < 0) | (probes >= n)).any():
@@ -176,7 +176,7 @@ def allocate_buffers(state: State, steps: int, every: int, probes, events: bool,
 
 
 def with_lost_contacts(writing: RecordBuffers, before, after, position, time) -> RecordBuffers:
-    """Record as opened those contacts that left the list in one step."""
+    """Record contacts that left the list in one step as opened."""
     if not len(writing.events):
         return writing
     n, count = int(before.count[0]), int(writing.event_count[0])
@@ -195,7 +195,7 @@ _EVENT_NAMES = np.array(["closed", "opened", "limit"])
 
 
 def make_record(writing: RecordBuffers, done: int, books: Books | None) -> Record:
-    """What was written in a run of `done` steps."""
+    """Make the record of a run of `done` steps."""
     kept = done // writing.every + 1 if writing.every else 0
     n = len(writing.reference)
     series, tracks, rows = writing.series[:kept], writing.tracks[:kept], writing.events[: writing.event_count[0]]

@@ -1,4 +1,4 @@
-"""Velocity Verlet with optional drag: n steps, records and events without leaving compiled code."""
+"""Velocity Verlet with optional drag; steps, records and events stay in compiled code."""
 
 from functools import cache
 
@@ -42,7 +42,7 @@ from .timestep import check_time_step, stable_time_step
 
 @njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
 def kick_and_drift(x, v, force, kick, keep, dt):
-    """Half a kick with explicit drag, then the drift, on flat arrays so that it is done in vectors."""
+    """Half a kick with explicit drag, then the drift, on flat arrays so that the loop is vectorised."""
     for q in range(len(x)):
         v[q] = keep[q] * v[q] + kick[q] * force[q]
         x[q] += dt * v[q]
@@ -50,14 +50,14 @@ def kick_and_drift(x, v, force, kick, keep, dt):
 
 @njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
 def second_kick(v, force, kick, slow):
-    """The other half of the kick, with implicit drag."""
+    """Second half of the kick, with implicit drag."""
     for q in range(len(v)):
         v[q] = (v[q] + kick[q] * force[q]) * slow[q]
 
 
 @njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
 def any_moved(x, origin, limit):
-    """True if some coordinate is further than `limit` from its origin, or if fastmath cannot say so because of NaN."""
+    """Return True if a coordinate is further than `limit` from its origin, or undecided due to NaN in fast math."""
     far = 0.0
     for q in range(len(x)):
         far = max(far, abs(x[q] - origin[q]))
@@ -73,9 +73,9 @@ def stepper(kind: int, coulomb: int, dim: int, viscous: int):
     def advance(
         bodies, contacts, shift, vectors, p, plan, force, torque, time, start, steps, drifted, ended, tolerance, writing
     ):  # fmt: skip
-        """Steps `start` … `steps`; `drifted`: positions are those of step `start` already, velocities not yet.
+        """Run steps `start` … `steps`. `drifted`: positions are already those of step `start`, velocities are not.
 
-        `ended`: velocities are, too, and forces known.
+        `ended`: velocities are, too, and forces are known.
         """
         x, angle, v, spin = bodies.position, bodies.angle, bodies.velocity, bodies.spin
         events, event_count, every, dt, motion = (
@@ -90,7 +90,7 @@ def stepper(kind: int, coulomb: int, dim: int, viscous: int):
         kick, keep, slow, kick_t, keep_t, slow_t = motion[0], motion[1], motion[2], motion[3], motion[4], motion[5]
         load, load_t = plan.external[0].reshape(-1), plan.external[1].reshape(-1)
         origin, limit = contacts.origin.reshape(-1), 0.5 * contacts.skin[0] / np.sqrt(dim)
-        # dashpots see velocities at the full step, predicted from the forces before it: second order in dt
+        # dashpots use velocities at the full step, predicted from the previous forces: second order in dt
         seen = Bodies(
             x,
             angle,
@@ -168,34 +168,34 @@ def run(
 ):
     """Velocity Verlet: m r̈ = F − m ν ṙ, I ω̇ = T − I ν' ω, for all free components of grains and walls.
 
-    Second order in dt, with friction, too; first order where contacts close or open whose dashpots act from the first
-    touch (`velocity`, `mass_velocity`), and with slip_update="rate". The state given is not changed. Stops early when
-    `tolerance` > 0 and both the largest unbalanced force (or torque/R) and the largest drag force are below it.
+    The scheme is second order in dt, also with friction. It is first order where contacts with dashpots that act from
+    first touch (`velocity`, `mass_velocity`) close or open, and with slip_update="rate". The given state is not
+    modified. If `tolerance` > 0, the run stops early once both the largest unbalanced force (or torque/R) and the
+    largest drag force are below it.
 
     Parameters
     ----------
     steps : int; dt : float [time]
-    drag, spin_drag : float [1/time], the same for both if only one is given
-    every : int, sample each `every` steps (0: no samples)
+    drag, spin_drag : float [1/time]; spin_drag defaults to drag
+    every : int, number of steps between samples (0: no samples)
     probes : grains whose position and angle are sampled
     events : also record each contact that closes, opens, or first reaches Coulomb's limit since it closed
-    ledger : also keep the books of energy, entered after every step and sampled each `every` steps: see `Ledger`
+    ledger : also compute the energy ledger, updated after every step and sampled each `every` steps: see `Ledger`
     tolerance : float [force]
-    reference : (N, 3) positions from which `msd` is taken [length]; default: where the run starts
-    slip_update : "difference", the slip turns with the contact and follows the exact displacements of the grains, a
-        contact that closes counts the fraction of the step in which it touched, dashpots see velocities at the full
-        step, and Coulomb's limit is μ max(F_n, 0); "rate", as LAMMPS `gran/*/history` does, for comparison with it:
-        velocities at the half step times dt, projected on the plane of contact at the end, the whole step in which a
-        contact closes, a limit of μ |F_n|, and the slip of a sliding contact set so that spring and dashpot together
-        are at it.
-        "rate" is of first order in dt where contacts turn, close or have dashpots
-    threads : int, by default one for few grains and one a core for many; the bits do not depend on it
+    reference : (N, 3) positions from which `msd` is measured [length]; default: positions at the start of the run
+    slip_update : "difference": the slip rotates with the contact and follows the exact displacements of the grains, a
+        closing contact counts the fraction of the step during which it touched, dashpots use velocities at the full
+        step, and Coulomb's limit is μ max(F_n, 0). "rate", as in LAMMPS `gran/*/history`, for comparison with it: slip
+        increments are velocities at the half step times dt, projected on the plane of contact at the end, a closing
+        contact counts the whole step, the limit is μ |F_n|, and the slip of a sliding contact is set so that spring and
+        dashpot together are at the limit. "rate" is first order in dt where contacts rotate, close or have dashpots
+    threads : int, by default one for few grains and one per core for many; results are bitwise independent of it
 
     Returns
     -------
     State, Record, Outcome
-        the outcome is DONE, or with `tolerance` CONVERGED or STEPS_SPENT, or NOT_A_NUMBER or BLOWN_UP, at once, with
-        the grain, the step, the time and the largest stable time step
+        the outcome is DONE, or with `tolerance` CONVERGED or STEPS_SPENT; or, immediately, NOT_A_NUMBER or BLOWN_UP,
+        with the grain, the step, the time and the largest stable time step
 
     Raises
     ------
@@ -204,7 +204,7 @@ def run(
 
     Source
     ------
-    doi:10.48550/arXiv.1908.11724, Eqs 6–7 and the computational protocol of its supplement.
+    doi:10.48550/arXiv.1908.11724, Eqs 6–7 and the computational protocol in its supplement.
     """
     check_materials(state, law)
     _check_arguments(law, steps, dt, every, ledger, slip_update, threads)
@@ -212,16 +212,16 @@ def run(
     state = updated(state, law)
     check_time_step(state, law, driven_bodies(state), dt)
     grouped = bool(state.control.spring.any() or (state.control.group >= 0).any())
-    only_many = slip_update == "rate" or needs_frame(state) or grouped  # what the plain stepper does not know
+    only_many = slip_update == "rate" or needs_frame(state) or grouped  # not supported by the plain stepper
     if resists_rolling(law.kind) and only_many:
         raise ValueError(
-            "a law with rolling resistance was given with a deforming cell, courses, rigid groups or springs, which "
-            "only the stepper for many grains knows: leave these or rolling_stiffness out"
+            "a law with rolling resistance was given with a deforming cell, courses, rigid groups or springs, which do "
+            "not support it: omit these or rolling_stiffness"
         )
     many = only_many or (state.n_bodies >= MIN_BODIES and not resists_rolling(law.kind))
     plan = make_plan(state, drag, drag if spin_drag is None else spin_drag, dt, bare=many and not tolerance > 0)
     if tolerance > 0 and not (plan.drag[moved_by_forces(plan.motion)] > 0).all():
-        raise ValueError("a tolerance was given without drag on every free component: rest is not reached without it")
+        raise ValueError("a tolerance was given without drag on every free component: add drag to reach equilibrium")
     writing = allocate_buffers(state, steps, every, probes, events, reference)
     books = open_books(len(writing.series), driven_bodies(state), state, slip_update == "rate") if ledger else None
     if many:
@@ -250,16 +250,16 @@ def _check_arguments(
     if steps < 0 or every < 0:
         raise ValueError(f"steps = {steps}, every = {every} were given: neither may be negative")
     if ledger and not every:
-        raise ValueError("a ledger was asked for without samples: give every = 1 or more steps between entries")
+        raise ValueError("ledger = True was given without samples: set every to 1 or more steps")
     if slip_update not in ("difference", "rate"):
         raise ValueError(f"slip_update={slip_update!r} was given: 'difference' and 'rate' are allowed")
     if slip_update == "rate" and law.coulomb == SMOOTH:
         raise ValueError(
-            "slip_update='rate' was given with a smooth law: LAMMPS knows sharp ones only, use coulomb='sharp'"
+            "slip_update='rate' was given with smooth friction, which LAMMPS does not have: use coulomb='sharp'"
         )
     if slip_update == "rate" and isinstance(law.kind, Kind):
         raise ValueError(
-            "slip_update='rate' was given with a user's law: it compares with LAMMPS, which has only its own"
+            "slip_update='rate' was given with a user's law: use a built-in law, or slip_update='difference'"
         )
     if threads is not None and threads < 1:
         raise ValueError(f"threads = {threads} was given: at least 1 is needed")
@@ -268,7 +268,7 @@ def _check_arguments(
 def _run_stepper(
     state: State, law: Law, plan: Plan, steps: int, tolerance: float, writing: RecordBuffers, books, instant
 ):
-    """Enter the compiled loop, again whenever it asks for a new list of contacts or for more room for events."""
+    """Run the compiled loop, and reenter it whenever it needs a new contact list or more room for events."""
     work, contacts = bodies_at_start(state, instant), type(state.contacts)(*(a.copy() for a in state.contacts))
     force, torque = (
         np.zeros((2, state.n_bodies, 3)) if instant is None else np.stack(np.split(instant.force, 2, axis=1))

@@ -1,4 +1,4 @@
-"""The largest time step that velocity Verlet bears: 2/ω of the stiffest mode of the contact network."""
+"""Largest stable time step of velocity Verlet: 2/ω of the stiffest mode of the contact network."""
 
 import numpy as np
 from numba import njit
@@ -17,7 +17,7 @@ from .coefficients import inverse_inertia_of
 
 @njit(cache=True, error_model="numpy", _nrt=False)
 def _contact_spring(kind, dim, bodies, contacts, shift, p, c):
-    """Normal, stiffnesses k_n and k_t and branch length of a contact; the last three are zero if it does not touch."""
+    """Normal, stiffnesses k_n, k_t and branch length of a contact; the last three are zero if it does not touch."""
     _, _, _, _, radius, material, inverse_mass, wall_normal, _ = bodies
     n = np.uint64(len(radius) - len(wall_normal))
     i, j = np.uint64(contacts.i[c]), np.uint64(contacts.j[c])
@@ -27,14 +27,14 @@ def _contact_spring(kind, dim, bodies, contacts, shift, p, c):
         return nx, ny, nz, 0.0, 0.0, 0.0
     q = row(kind, p, np.uint64(material[i]), np.uint64(material[j]))
     r_eff, _ = effective_values(kind, 0, radius, inverse_mass, i, j, j >= n)
-    # cohesion softens with the gap: as stiff as if it were not negative, to be on the safe side
+    # cohesion may have negative stiffness; its absolute value gives a safe bound
     along = abs(tangents(kind, q, r_eff, overlap)[0])
     return nx, ny, nz, along, tangential_stiffness(kind, q, r_eff, overlap), np.sqrt(rx * rx + ry * ry + rz * rz)
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)
 def _contact_springs(kind, dim, bodies, contacts, shift, p, normal, springs):
-    """Normals, and stiffnesses (k_n, k_t) and branch length of all contacts that touch; zero for the rest."""
+    """Write normals, stiffnesses (k_n, k_t) and branch lengths of all touching contacts; zero for the rest."""
     for c in range(np.uint64(contacts.count[0])):
         normal[c, 0], normal[c, 1], normal[c, 2], springs[c, 0], springs[c, 1], springs[c, 2] = _contact_spring(
             kind, dim, bodies, contacts, shift, p, c
@@ -45,7 +45,7 @@ def _contact_springs(kind, dim, bodies, contacts, shift, p, normal, springs):
 def _frequency_bound(kind, dim, bodies, contacts, shift, p, inverse_inertia, cell):
     """Upper bound of ω²: (a − b)² ≤ 2a² + 2b² in every contact, (a − b + c + d)² ≤ 4 (a² + b² + c² + d²) along it.
 
-    With a free cell there is one term more, and `cell` (3, 3) holds 1/(M ℓ²) of its free components.
+    A free cell adds one term, and `cell` (3, 3) holds 1/(M ℓ²) of its free components.
     """
     radius, inverse_mass, weight = bodies.radius, bodies.inverse_mass, cell.max()
     moves, turns, strains, more = np.zeros(len(radius)), np.zeros(len(radius)), 0.0, 1.0 if weight > 0.0 else 0.0
@@ -62,7 +62,7 @@ def _frequency_bound(kind, dim, bodies, contacts, shift, p, inverse_inertia, cel
 
 @njit(cache=True, _nrt=False)
 def _add_spring_forces(contacts, normal, springs, x, e, y, pull):
-    """Add K x to y and, of the cell, to `pull`: in scalars, as array expressions compile slowly."""
+    """Add K x to y and, for the cell, to `pull`. Scalars are used because array expressions compile slowly."""
     for c in range(contacts.count[0]):
         i, j = contacts.i[c], contacts.j[c]
         n0, n1, n2, arm = normal[c, 0], normal[c, 1], normal[c, 2], springs[c, 2]
@@ -110,13 +110,13 @@ def _spring_network(state: State, law: Law, here: Bodies):
 
 
 def _inverse_cell_inertia(state: State) -> np.ndarray:
-    """(3, 3) 1/(M ℓ²) of the free components of the cell, else zero [1/(mass length²)]."""
+    """Inverse inertia 1/(M ℓ²) of the free components of the cell, (3, 3), else zero [1/(mass length²)]."""
     free = state.control.cell_free
     return free / (cell_mass(state) * volume(state) ** (2 / state.cell.dim)) if free.any() else np.zeros((3, 3))
 
 
 def _load_spring_bound(state: State, here: Bodies) -> float:
-    """Largest ω² of a body, or of a rigid group, on its springs to load points alone [1/time²]."""
+    """Largest ω² of a body or rigid group due to its springs to load points alone [1/time²]."""
     if not state.control.spring.any():
         return 0.0
     total = state.control.spring.copy()
@@ -126,11 +126,11 @@ def _load_spring_bound(state: State, here: Bodies) -> float:
 
 
 def stable_time_step(state: State, law: Law) -> float:
-    """2/ω_max of the springs of all contacts that touch, sliding or not [time]; infinite without contacts.
+    """Largest stable time step 2/ω_max of all touching contacts, sliding or not [time]; infinite without contacts.
 
-    Springs to load points and springs of rolling make it shorter, by no less than what is needed.
+    Springs to load points and rolling springs are included by upper bounds of their ω².
 
-    Beyond it velocity Verlet blows up. A tenth of it gives four digits of a contact's force.
+    Velocity Verlet is unstable beyond it. A tenth of it gives four digits of a contact's force.
 
     Examples
     --------
@@ -176,5 +176,5 @@ def check_time_step(state: State, law: Law, here: Bodies, dt: float) -> None:
     if dt > longest:
         raise ValueError(
             f"dt = {dt:g} was given, but contacts as stiff as these are stable up to {longest:.4g} only: "
-            f"use at most that, and a tenth of it for accuracy"
+            f"use at most that, or a tenth of it for accuracy"
         )

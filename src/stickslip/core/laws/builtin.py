@@ -170,8 +170,8 @@ def check_parameter(name, value, names=PARAMETERS):
         )
     if abs(float(value)) > MAX_PARAMETER or (name == "kn" and value < 1 / MAX_PARAMETER):
         raise ValueError(
-            f"{name} = {value:g} was given: its square overflows above {MAX_PARAMETER:g} and underflows below "
-            f"{1 / MAX_PARAMETER:g}; use other units"
+            f"{name} = {value:g} was given: at most {MAX_PARAMETER:g} is allowed, and at least "
+            f"{1 / MAX_PARAMETER:g} for kn, so that products stay finite; use other units"
         )
 
 

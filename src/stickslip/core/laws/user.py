@@ -297,7 +297,8 @@ def _parameter_values(parameters: dict, given: dict) -> dict:
     for name, value in parameters.items():
         if not (isinstance(name, str) and name.isidentifier()) or any(name in allowed for allowed in ROLES.values()):
             raise ValueError(
-                f"a parameter {name!r} was given: its name must be an identifier other than overlap, r_eff, normal_force"
+                f"a parameter {name!r} was given: its name must be an identifier other than overlap, r_eff and "
+                f"normal_force"
             )
         if isinstance(value, bool) or not isinstance(value, int | float | np.number):
             raise ValueError(f"{name} = {value!r} was given: it must be a number")

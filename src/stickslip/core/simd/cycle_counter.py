@@ -1,4 +1,4 @@
-"""Time in compiled code."""
+"""Cycle counter for compiled code."""
 
 import platform
 
@@ -11,7 +11,7 @@ _INT64 = ir.IntType(64)
 
 @intrinsic
 def ticks(typingctx):
-    """What a clock of the processor that runs evenly shows, or 0 where none is known."""
+    """Read a constant-rate counter of the processor, or return 0 where none is known."""
 
     def generated(context, builder, signature, args):
         clock, machine = ir.FunctionType(_INT64, []), platform.machine().lower()
