@@ -119,7 +119,9 @@ def test_results_never_run_code(tmp_path, monkeypatch):
     archive.write(tmp_path / "state.h5", {"state": make_packing(3), "law": law})
     assert archive.read(tmp_path / "state.h5")["law"].kind == law.kind
     forget(law, monkeypatch)
-    with pytest.raises(archive.ArchiveError, match=r"'rolling_law', a user-defined contact law .* create that law first"):
+    with pytest.raises(
+        archive.ArchiveError, match=r"'rolling_law', a user-defined contact law .* create that law first"
+    ):
         archive.read(tmp_path / "state.h5")
     ss.laws.from_file(EXAMPLES / "rolling_law.py")
     assert archive.read(tmp_path / "state.h5")["law"].kind == law.kind

@@ -318,7 +318,7 @@ def assembly(
     Raises
     ------
     ValueError
-        with one sentence, if the parts do not fit together or hold invalid values, or a centre is behind a wall.
+        with one sentence, if parts do not fit together or hold invalid values, or a centre is behind a wall.
     """
     walls, cell = flat_walls() if walls is None else walls, box() if cell is None else cell
     control = loads(len(grains.radius), len(walls.mass)) if control is None else control
@@ -331,8 +331,8 @@ def assembly(
     if len(grain):
         place = ", ".join(f"{x:.4g}" for x in grains.position[grain[0], : cell.dim])
         raise ValueError(
-            f"grain {grain[0]} at ({place}) lies behind wall {wall[0]}, which would expel it: move one of them, or turn "
-            f"the wall's normal towards the grains"
+            f"grain {grain[0]} at ({place}) lies behind wall {wall[0]}, which would expel it: move one of them, or "
+            f"turn the wall's normal towards the grains"
         )
     return state
 

@@ -3,7 +3,7 @@
 import codecs
 from pathlib import Path
 
-_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, codecs.BOM_UTF32_BE)  # the mark of UTF-32-LE starts with the first one
+_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, codecs.BOM_UTF32_BE)  # UTF-32-LE's starts with the first
 _SAMPLE_BYTES = 64  # bytes examined to detect text with two bytes per letter
 _MAX_DIGITS = 40  # of a whole number in a file; valid ones have at most twenty
 

@@ -1,24 +1,24 @@
-"""Sums of contacts' loads for each body, in vectors of eight numbers: what the compiler does not find by itself."""
+"""Sums of the loads of contacts on each body, in vectors of eight numbers, which compilers do not generate."""
 
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-WIDTH = 8  # numbers in a row of loads: three of a force, three of a torque, two that stay zero
-# a row of loads that a body adds up is written as ROW times its number, plus: the body is i of that pair, so that the
-# force is not turned round; it is the body's first row
-IS_FIRST, IS_I, ROW = 1, 2, 64  # 64 bytes: the code is where the row lies
+WIDTH = 8  # numbers in a row of loads: three of a force, three of a torque, two zeros
+# the code of a row of loads that a body adds up is ROW times its number, plus flags. IS_I: the body is i of that pair,
+# so that the force keeps its sign; IS_FIRST: this is the first row of the body
+IS_FIRST, IS_I, ROW = 1, 2, 64  # a row has 64 bytes, so that the code without flags is its offset
 
-PREFETCH_DISTANCE = 16  # rows that are asked for before they are added
+PREFETCH_DISTANCE = 16  # rows
 
 _INT64, _INT8, _INT32 = ir.IntType(64), ir.IntType(8), ir.IntType(32)
 _DOUBLES, _INTEGERS = ir.VectorType(ir.DoubleType(), WIDTH), ir.VectorType(_INT64, WIDTH)
-_SIGNS = [[-1.0] * 3 + [1.0] * 5, [1.0] * 8]  # of a row where the body is j, and where it is i
+_SIGNS = [[-1.0] * 3 + [1.0] * 5, [1.0] * 8]  # of a row if the body is j, and if it is i
 
 
 def _constant_table(module, name, rows, kind):
-    """A constant with four vectors, one for each pair of marks in a code."""
+    """Constant with four vectors, one for each combination of flags in a code."""
     whole = ir.ArrayType(kind, len(rows))
     made = ir.GlobalVariable(module, whole, module.get_unique_name(name))
     made.initializer, made.global_constant, made.linkage, made.align = ir.Constant(whole, rows), True, "internal", 64
@@ -26,27 +26,27 @@ def _constant_table(module, name, rows, kind):
 
 
 def _vector_pointer(builder, data, at, kind=_DOUBLES):
-    """Pointer to a vector so many bytes from a pointer."""
+    """Pointer to a vector at a byte offset from a pointer."""
     first = builder.bitcast(data, _INT8.as_pointer())
     return builder.bitcast(builder.gep(first, [at]), kind.as_pointer())
 
 
 def prefetch(builder, pointer, write=False):
-    """Have a line of memory brought near before it is read or written; what lies far off is waited for less, then."""
+    """Prefetch a cache line before it is read or written, to hide the latency of distant memory."""
     near = _INT8.as_pointer()
     fetch = cgutils.get_or_insert_function(
         builder.module, ir.FunctionType(ir.VoidType(), [near] + [_INT32] * 3), "llvm.prefetch.p0i8"
     )
-    builder.call(fetch, [builder.bitcast(pointer, near), _INT32(int(write)), _INT32(3), _INT32(1)])  # to keep, data
+    builder.call(fetch, [builder.bitcast(pointer, near), _INT32(int(write)), _INT32(3), _INT32(1)])  # keep, data
 
 
 class _Stream:
-    """Sums of a stretch of bodies, one entry of `code` after another."""
+    """Sums for a range of bodies, one entry of `code` after another."""
 
     def __init__(self, builder, tables, pointers, first, origin):
         self.signs, self.kept = tables
         self.code, self.load, self.external, self.total = pointers
-        self.origin = origin  # where the row of the first of all bodies lies, in bytes, as of all that follows
+        self.origin = origin  # byte offset of the row of the first body; all offsets are in bytes
         before = builder.sub(builder.mul(first, _INT64(ROW)), _INT64(ROW))
         self.body = cgutils.alloca_once_value(builder, before)
         self.sums = cgutils.alloca_once_value(builder, ir.Constant(_DOUBLES, [0.0] * WIDTH))
@@ -59,7 +59,7 @@ class _Stream:
         return builder.zext(builder.load(builder.gep(self.code, [entry])), _INT64)
 
     def add(self, builder, entry, loaded: bool, far: bool):
-        """Take one entry; there is no branch, as what is a body's first row cannot be foreseen."""
+        """Add one entry. There is no branch, because the first row of a body is unpredictable."""
         word = self._entry(builder, entry)
         if far:
             prefetch(builder, self._row(builder, self._entry(builder, builder.add(entry, _INT64(PREFETCH_DISTANCE)))))
@@ -73,7 +73,7 @@ class _Stream:
             before = builder.or_(before, builder.and_(begin, builder.not_(kept)))
         row = builder.load(self._row(builder, word), align=8)
         signs = builder.load(_vector_pointer(builder, self.signs, marks), align=64)
-        # times one or minus one: exact, fused with the sum or not
+        # times one or minus one is exact, whether fused with the sum or not
         fused = cgutils.get_or_insert_function(
             builder.module, ir.FunctionType(_DOUBLES, [_DOUBLES] * 3), f"llvm.fmuladd.v{WIDTH}f64"
         )
@@ -84,15 +84,15 @@ class _Stream:
 
 @intrinsic
 def sum_rows(typingctx, code, start, first, last, far, load, external, total):
-    """Add up rows for each body from `first` to before `last`: `total` gets one row a body.
+    """Sum rows for each body from `first` to before `last`, and write one row per body to `total`.
 
-    A sum begins with the body's row of `external`; with one row only, with zero. Sums are sequential, in the order of
-    `code`. Two halves of the bodies are gone through side by side, as one sum waits for the one before.
+    A sum starts with the body's row of `external`, or with zero if that has only one row. Sums are sequential, in the
+    order of `code`. The two halves of the bodies are interleaved, because each addition waits for the previous one.
 
     Parameters
     ----------
-    code : (…,) uint32, AHEAD more than there are; start : (B + 1,) uint32, bounds of each body's part of `code`
-    first, last : int64; far : int64, 1 if rows may lie where no cache has them, so that they are asked for before
+    code : (…,) uint32, PREFETCH_DISTANCE longer than needed; start : (B + 1,) uint32, bounds of each body in `code`
+    first, last : int64; far : int64, 1 if rows may be outside the caches, so that they are prefetched
     load : (L, 8); external : (B, 8) or (1, 8) zeros; total : (…, 8), contiguous
     """
 

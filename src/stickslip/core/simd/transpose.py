@@ -1,6 +1,6 @@
-"""Between bodies and lanes, four at a time: rows of memory turned into planes and back in vectors.
+"""Transposition between rows of bodies and planes of lanes, four at a time, with vector instructions.
 
-The compiler moves one number after another instead, which takes longer than the contact law.
+Compilers move one number after another instead, which takes longer than the contact law.
 """
 
 import numpy as np
@@ -12,11 +12,12 @@ from numba.extending import intrinsic
 from .reduce import WIDTH, prefetch
 
 LANES = 64
-# where the planes of a block's scratch begin; flat, with offsets known when compiled, so that nothing seems to overlap:
-# pair vector, relative velocity, Σ R ω, sum of radii, and with dashpots velocity and Σ R ω predicted
+# offsets of the planes in the scratch memory of a block. It is flat, with offsets known at compile time, so that the
+# compiler sees no overlaps: pair vector, relative velocity, Σ R ω, sum of radii; with dashpots predicted velocity and
+# Σ R ω
 PAIR, MOTION, ROLL, RADII, MOTION_AHEAD, ROLL_AHEAD, SCRATCH = (LANES * k for k in (0, 3, 6, 9, 10, 13, 16))
-# columns of a body, four numbers a vector: position and radius; velocity and half a time step over mass; spin and half
-# a time step over inertia. And of what is predicted of it: velocity; spin
+# columns of a body, in vectors of four numbers: position and radius; velocity and half a time step over mass; spin and
+# half a time step over inertia. Then columns of predicted values: velocity; spin
 RADIUS, VELOCITY, KICK, SPIN, KICK_T, BODY = 3, 4, 7, 8, 11, 12
 VELOCITY_AHEAD, SPIN_AHEAD, BODY_AHEAD = 0, 4, 8
 
@@ -29,7 +30,7 @@ def _shuffle(builder, a, b, mask):
 
 
 def _transpose(builder, a, b, c, d):
-    """Four rows of four numbers as four planes, or the other way round."""
+    """Transpose four rows of four numbers to four planes, or back."""
     low_ab, high_ab = _shuffle(builder, a, b, [0, 4, 2, 6]), _shuffle(builder, a, b, [1, 5, 3, 7])
     low_cd, high_cd = _shuffle(builder, c, d, [0, 4, 2, 6]), _shuffle(builder, c, d, [1, 5, 3, 7])
     return (
@@ -55,7 +56,7 @@ def _data_pointer(context, builder, signature, args, k):
 
 @njit(cache=True)
 def empty_aligned(rows, width):
-    """(rows, width) numbers, not set, that begin where a line of the cache does: a vector across two costs two."""
+    """Uninitialised array (rows, width) aligned to cache lines, as loads of vectors across two lines cost twice."""
     line = 64 // 8
     flat = np.empty(rows * width + line)
     first = (line - flat.ctypes.data // 8 % line) % line
@@ -63,7 +64,7 @@ def empty_aligned(rows, width):
 
 
 def _prefetch_of(array, write):
-    """Signature and code of a wish for the line of memory with an element of a contiguous array."""
+    """Signature and code of a prefetch of the cache line with an element of a contiguous array."""
 
     def generated(context, builder, signature, args):
         prefetch(builder, builder.gep(_data_pointer(context, builder, signature, args, 0), [args[1]]), write)
@@ -74,32 +75,32 @@ def _prefetch_of(array, write):
 
 @intrinsic
 def prefetch_for_read(typingctx, array, at):
-    """Ask for the line of memory with element `at` of a contiguous array, read soon; no bit depends on it."""
+    """Prefetch the cache line with element `at` of a contiguous array for reading. Results do not depend on it."""
     return _prefetch_of(array, False)
 
 
 @intrinsic
 def prefetch_for_write(typingctx, array, at):
-    """The same of what is written soon: other processors that have the line let go of it meanwhile."""
+    """Prefetch a cache line for writing. Other processors that hold the line release it meanwhile."""
     return _prefetch_of(array, True)
 
 
 @intrinsic
 def use_widest_vectors(typingctx):
-    """Let loops of the function that this stands in use the widest vectors that there are.
+    """Let loops of the calling function use the widest available vectors.
 
-    The compiler prefers half of them, as if what follows were not as wide. Bits do not depend on it.
+    The compiler prefers half of that width, assuming narrower code nearby. Results do not depend on it.
     """
 
     def generated(context, builder, signature, args):
-        set.add(builder.function.attributes, '"prefer-vector-width"="512"')  # llvmlite's own `add` knows no such name
+        set.add(builder.function.attributes, '"prefer-vector-width"="512"')  # llvmlite's own `add` rejects this name
         return context.get_dummy_value()
 
     return types.none(), generated
 
 
 class _PairRows:
-    """What four pairs at a time read of both bodies of each, and the planes that they write."""
+    """Rows of both bodies of four pairs, and the planes to which their combinations are written."""
 
     def __init__(self, builder, solid, first, at, i, j, scratch):
         self.builder, self.solid, self.at, self.scratch = builder, solid, at, scratch
@@ -113,11 +114,11 @@ class _PairRows:
         return [[_load_vector(one, data, n) for n in pair] for pair in starts]
 
     def differences(self, rows):
-        """Planes of differences."""
+        """Planes of differences between the bodies."""
         return _transpose(self.builder, *(self.builder.fsub(*row) for row in rows))
 
     def rotations(self, levers, rows):
-        """Planes of Σ R ω."""
+        """Planes of R_i ω_i + R_j ω_j."""
         return _transpose(
             self.builder, *(_sum_rotations(self.builder, *both) for both in zip(levers, rows, strict=True))
         )
@@ -128,7 +129,7 @@ class _PairRows:
         self.builder.store(value, to, align=8)
 
     def write(self, planes, plane, in_plane):
-        """Store three planes, in two dimensions only those that lie in the plane."""
+        """Store three planes, in two dimensions only the components given by `in_plane`."""
         for k in in_plane:
             self.store(planes[k], plane + LANES * k)
         with self.builder.if_then(self.solid):
@@ -142,7 +143,7 @@ def _loop_by_four(builder):
 
 @intrinsic
 def gather_positions(typingctx, dim, first, i, j, body, scratch):
-    """Where a block's pairs see their bodies, into the planes of `scratch`: x_i − x_j and R_i + R_j.
+    """Gather x_i − x_j and R_i + R_j of the pairs of a block into planes of `scratch`.
 
     Parameters
     ----------
@@ -166,7 +167,7 @@ def gather_positions(typingctx, dim, first, i, j, body, scratch):
 
 @intrinsic
 def gather_motion(typingctx, dim, predict, first, i, j, body, ahead, scratch):
-    """What else a block's pairs see: v_i − v_j, R_i ω_i + R_j ω_j, and if `predict` the same of what is predicted.
+    """Gather v_i − v_j, R_i ω_i + R_j ω_j and, with `predict`, their predicted values into planes of `scratch`.
 
     Parameters
     ----------
@@ -195,14 +196,14 @@ def gather_motion(typingctx, dim, predict, first, i, j, body, ahead, scratch):
 
 
 def _negate_fourth(builder, row):
-    """The row with its fourth number turned round, so that a difference is a sum there."""
+    """Negate the fourth number of a row, so that a difference becomes a sum there."""
     bits = ir.VectorType(_INT64, 4)
     sign = ir.Constant(bits, [0, 0, 0, -(2**63)])
     return builder.bitcast(builder.xor(builder.bitcast(row, bits), sign), _DOUBLE4)
 
 
 def _sum_rotations(builder, levers, spins):
-    """R_i ω_i + R_j ω_j, the second product and the sum in one operation where the processor has it."""
+    """Compute R_i ω_i + R_j ω_j, fusing the second product and the sum if the processor supports it."""
     one = ir.FunctionType(_DOUBLE4, [_DOUBLE4] * 3)
     fused = cgutils.get_or_insert_function(builder.module, one, "llvm.fmuladd.v4f64")
     return builder.call(fused, [levers[1], spins[1], builder.fmul(levers[0], spins[0])])
@@ -210,7 +211,7 @@ def _sum_rotations(builder, levers, spins):
 
 @intrinsic
 def scatter_loads(typingctx, place, scratch, load):
-    """Six planes of `scratch`, forces and −n × F_t, into a block's rows of loads from `place` on; two numbers are zero.
+    """Scatter six planes of `scratch`, forces and −n × F_t, to rows of `load` from `place`; two numbers are zero.
 
     Parameters
     ----------
