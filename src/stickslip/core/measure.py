@@ -87,7 +87,9 @@ def fabric(state: State) -> np.ndarray:
 
 
 def inertial_number(shear_rate: float, pressure: float, *, diameter: float, density: float) -> float:
-    """Inertial number I = γ̇ d √(ρ/P). Below 1e-3 a flow is quasi-static. In two dimensions density is mass over area.
+    """Inertial number I = γ̇ d √(ρ/P). Flows below 1e-3 count as quasi-static.
+
+    In two dimensions the density is mass over area.
 
     Source
     ------

@@ -40,7 +40,7 @@ class UserLaw(NamedTuple):
     source: str  # text, as far as it is known
     file: str  # path, if the source is the text of a whole file; else empty
     functions: dict[str, Callable]  # by role, as written except for the replacements of `math`, `max` …
-    asks: dict[str, tuple[str, ...]]  # arguments of each function, in order
+    arguments: dict[str, tuple[str, ...]]  # arguments of each function, in order
 
 
 USER_LAWS: dict[int, UserLaw] = {}  # by kind: laws defined in this process
@@ -159,4 +159,4 @@ def evaluate_role(kind: Kind, role: str, values, **given):
     """Evaluate a function of a law in plain Python; `values` are its parameters in the order of the table."""
     own = known(kind)
     values = dict(zip(own.names, values, strict=True)) | given
-    return own.functions[role](*(values[name] for name in own.asks[role]))
+    return own.functions[role](*(values[name] for name in own.arguments[role]))

@@ -176,11 +176,13 @@ def _compile_expression(signature: str, expression: str, **scope):
     return njit(**FAST)(scope["shim"])
 
 
-def _kernel_functions(functions: dict, asks: dict, names: tuple[str, ...]) -> dict:
+def _kernel_functions(functions: dict, arguments: dict, names: tuple[str, ...]) -> dict:
     """Compiled functions by the names under which `builtin` and `rolling` look them up."""
 
     def call(role, **given):
-        parts = [given.get(name, name) if name in ROLES[role] else f"q[{names.index(name)}]" for name in asks[role]]
+        parts = [
+            given.get(name, name) if name in ROLES[role] else f"q[{names.index(name)}]" for name in arguments[role]
+        ]
         return f"f({', '.join(parts)})"
 
     has, out = functions.__contains__, {}
@@ -211,7 +213,7 @@ def _kernel_functions(functions: dict, asks: dict, names: tuple[str, ...]) -> di
         out["normal_energy"] = energy_by_quadrature(out["normal_force"], out["reach"])
     out["least_force"] = _compile_expression("kind, elastic", "min(elastic, 0.0)")
     out["masked"] = _compile_expression("kind, touches, value", "value if touches else 0.0")
-    radius = any("r_eff" in asked for asked in asks.values())
+    radius = any("r_eff" in taken for taken in arguments.values())
     out["uses_radius"] = _compile_expression("kind", str(radius))
     out["acts_across_gaps"] = _compile_expression("kind", str(has("contact_range")))
     out["rescales"] = _compile_expression("kind", "False")
@@ -280,8 +282,8 @@ def custom(
     if ("rolling_stiffness" in given) != ("rolling_cap" in given):
         raise ValueError("only one of rolling_stiffness and rolling_cap was given: rolling resistance needs both")
     values = _parameter_values(parameters or {}, given)
-    asks = {role: _argument_names(role, function, tuple(values)) for role, function in given.items()}
-    kind = _register(given, asks, tuple(values), name)
+    arguments = {role: _argument_names(role, function, tuple(values)) for role, function in given.items()}
+    kind = _register(given, arguments, tuple(values), name)
     if coulomb not in COULOMB or damping not in DAMPING:
         raise ValueError(
             f"coulomb={coulomb!r}, damping={damping!r} were given: {', '.join(COULOMB)}, and {', '.join(DAMPING)} are "
@@ -309,20 +311,20 @@ def _parameter_values(parameters: dict, given: dict) -> dict:
     return {name: float(value) for name, value in values.items()}
 
 
-def _register(given: dict, asks: dict, names: tuple[str, ...], name: str) -> Kind:
+def _register(given: dict, arguments: dict, names: tuple[str, ...], name: str) -> Kind:
     """Register the functions of a law in this process, and return its kind."""
-    told: list = [names, sorted(asks.items())]
+    content: list = [names, sorted(arguments.items())]
     for role in sorted(given):
-        told += [role, *_fingerprint(given[role], set())]
-    digest = hashlib.sha256(repr(told).encode()).digest()
+        content += [role, *_fingerprint(given[role], set())]
+    digest = hashlib.sha256(repr(content).encode()).digest()
     kind = Kind(int.from_bytes(digest[:8], "big") >> 2 | 1 << 61)
     if kind not in USER_LAWS:
         made: dict = {}
         compiled = {role: _copy_function(function, True, made) for role, function in given.items()}
         made = {}
         plain = {role: _copy_function(function, False, made) for role, function in given.items()}
-        COMPILED[kind] = _kernel_functions(compiled, asks, names)
-        USER_LAWS[kind] = UserLaw(name, names, _source_text(given), "", plain, asks)
+        COMPILED[kind] = _kernel_functions(compiled, arguments, names)
+        USER_LAWS[kind] = UserLaw(name, names, _source_text(given), "", plain, arguments)
     USER_LAWS[kind] = USER_LAWS[kind]._replace(name=name)
     return kind
 

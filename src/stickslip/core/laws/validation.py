@@ -65,7 +65,7 @@ def _evaluate(own: UserLaw, role: str, values: dict, **given):
         return 0.0
     known = values | given
     try:
-        return own.functions[role](*(known[name] for name in own.asks[role]))
+        return own.functions[role](*(known[name] for name in own.arguments[role]))
     except ZeroDivisionError:
         return np.nan
     except Exception as problem:
@@ -89,24 +89,24 @@ def _error_location(own: UserLaw, problem: Exception) -> str:
 
 def _check_function(own: UserLaw, role: str, values: dict, points) -> None:
     """Raise ValueError with one sentence if a function is not finite, not deterministic, or not differentiable."""
-    slopes = {name: [] for name in ("overlap", "normal_force") if name in own.asks[role]}
+    slopes = {name: [] for name in ("overlap", "normal_force") if name in own.arguments[role]}
     for r_eff, overlap in points:
         fn = 0.0
         if "normal_force" in ROLES[role]:
             fn = abs(_evaluate(own, "normal_force", values, overlap=overlap, r_eff=r_eff)) or 1.0
         at = {"overlap": overlap, "r_eff": r_eff, "normal_force": fn}
         value, again = (_evaluate(own, role, values, **at) for _ in range(2))
-        told = f"{role} at overlap = {overlap:.4g}, r_eff = {r_eff:.4g}"
+        place = f"{role} at overlap = {overlap:.4g}, r_eff = {r_eff:.4g}"
         if isinstance(value, bool) or not isinstance(value, int | float | np.floating | np.integer):
-            raise ValueError(f"{told} returns {_describe_type(value)}: it must return one real number")
+            raise ValueError(f"{place} returns {_describe_type(value)}: it must return one real number")
         if not np.isfinite(value):
-            raise ValueError(f"{told} is {value}: it must be finite; perhaps it takes a root or a logarithm of a gap")
+            raise ValueError(f"{place} is {value}: it must be finite; perhaps it takes a root or a logarithm of a gap")
         if value != again:
-            raise ValueError(f"{told} is {value:.6g} first and {again:.6g} next: a law must be deterministic")
+            raise ValueError(f"{place} is {value:.6g} first and {again:.6g} next: a law must be deterministic")
         if value < 0 and role in NOT_NEGATIVE:
-            raise ValueError(f"{told} is {value:.4g}: it must not be negative")
+            raise ValueError(f"{place} is {value:.4g}: it must not be negative")
         for name in slopes:
-            slopes[name].append((at, *_derivatives(own, role, values, at, name, told)))
+            slopes[name].append((at, *_derivatives(own, role, values, at, name, place)))
     for name, found in slopes.items():
         scale = max(abs(one) for _, _, *sides in found for one in sides)
         for at, exact, left, right in found:
@@ -124,7 +124,7 @@ def _describe_type(value) -> str:
     return "None" if value is None else f"a {type(value).__name__}"
 
 
-def _derivatives(own, role, values, at, name, told):
+def _derivatives(own, role, values, at, name, place):
     """Derivative d/d(name) by a complex step, and by differences to the left and to the right."""
     x = at[name]
     step = 1e-6 * abs(x)
@@ -132,7 +132,7 @@ def _derivatives(own, role, values, at, name, told):
     middle = _evaluate(own, role, values, **at)
     if not np.isclose(np.real(stepped), middle, rtol=1e-12, atol=1e-300):
         raise ValueError(
-            f"{told} is {middle:.6g}, but {np.real(stepped):.6g} for a complex number with that real part: "
+            f"{place} is {middle:.6g}, but {np.real(stepped):.6g} for a complex number with that real part: "
             f"compare real parts only; {HELP}"
         )
     left, right = (_evaluate(own, role, values, **at | {name: x + d}) for d in (-step, step))

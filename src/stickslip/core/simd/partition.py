@@ -230,7 +230,7 @@ def _write_vectors(contacts, row, wall, at, normal, across, bodies, far, vector)
 
 @njit(cache=True, _nrt=False)
 def _write_summation_order(contacts, slot, place, internal, start, code, nothing):
-    """Convert counts in `start` to the loads that each body sums, in the order of partners (that of the list).
+    """Convert counts in `start` to the loads that each body sums, in the order of partners.
 
     A body without loads gets the row `nothing`, so that it also has a first row.
     """

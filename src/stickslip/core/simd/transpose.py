@@ -56,7 +56,7 @@ def _data_pointer(context, builder, signature, args, k):
 
 @njit(cache=True)
 def empty_aligned(rows, width):
-    """Uninitialised array (rows, width) aligned to cache lines, as loads of vectors across two lines cost twice."""
+    """Uninitialised array (rows, width) aligned to cache lines. A vector across two lines costs twice as much."""
     line = 64 // 8
     flat = np.empty(rows * width + line)
     first = (line - flat.ctypes.data // 8 % line) % line
