@@ -54,18 +54,18 @@ def costs() -> tuple[float, float]:
 
 def memory_traffic(n: int) -> tuple[float, float]:
     """Bytes of streams, and lines at arbitrary addresses, per grain-step."""
-    seen, chooser = [], driver.chooser
+    seen, chooser = [], driver.block_chooser
     chosen = chooser(False)
 
     def watched(*args):
         seen.append((chosen(*args), args[2]))
         return seen[-1][0]
 
-    driver.chooser = lambda parallel: watched
+    driver.block_chooser = lambda parallel: watched
     try:
         ss.run(packing(n), LAW, 10, DT, threads=1)
     finally:
-        driver.chooser = chooser
+        driver.block_chooser = chooser
     blocks, moving = seen[-1]
     slots, cross = LANES * blocks.inner[-1] / n, LANES * blocks.cross[-1] / n
     a_slot = 2 * blocks.i.itemsize + 8 * (len(blocks.size) > 0) + 2 * (3 * 8 + 1)  # slip and mode are also written

@@ -60,8 +60,8 @@ def folder(tmp_path):
 
 def forget(law, monkeypatch):
     """As in another process: the law is not known."""
-    monkeypatch.delitem(kinds.OWN, law.kind)
-    monkeypatch.delitem(kinds.KNOWN, law.kind)
+    monkeypatch.delitem(kinds.COMPILED, law.kind)
+    monkeypatch.delitem(kinds.USER_LAWS, law.kind)
 
 
 def test_a_scenario_names_a_file_beside_it_and_knows_its_text(folder):
@@ -89,7 +89,7 @@ def test_scenarios_without_a_file_are_what_they_were():
     [
         ('file = "mine.py"', 'file = "mine.py"\nkn = 1.0', "law.file and law.kn were both given"),
         ('file = "mine.py"', "kn = 1.0", "law.parameters was given without law.file"),
-        ('file = "mine.py"', 'file = "other.py"', "other.py is no file"),
+        ('file = "mine.py"', 'file = "other.py"', "other.py is not a file"),
         ("kn = 2e4", "kn = -1.0", "kn = -1.0 was given"),
         ("kn = 2e4", "stiff = 1.0", "no parameter 'stiff': it has kn, kt, mu, mu_r"),
     ],
@@ -119,7 +119,9 @@ def test_results_never_run_code(tmp_path, monkeypatch):
     archive.write(tmp_path / "state.h5", {"state": make_packing(3), "law": law})
     assert archive.read(tmp_path / "state.h5")["law"].kind == law.kind
     forget(law, monkeypatch)
-    with pytest.raises(archive.ArchiveError, match=r"'rolling_law', a contact law of a user .* make that law first"):
+    with pytest.raises(
+        archive.ArchiveError, match=r"'rolling_law', a user-defined contact law .* create that law first"
+    ):
         archive.read(tmp_path / "state.h5")
     ss.laws.from_file(EXAMPLES / "rolling_law.py")
     assert archive.read(tmp_path / "state.h5")["law"].kind == law.kind

@@ -140,7 +140,7 @@ def test_rolling_is_resisted_up_to_the_cap_and_common_rotation_is_free():
 def test_lists_know_pairs_across_gaps_and_say_when_they_do_not():
     law = example("cohesive")
     narrow = updated(make_packing(2))
-    with pytest.raises(ValueError, match="the list of contacts is not that of these positions"):
+    with pytest.raises(ValueError, match="the list of contacts does not belong to these positions"):
         ss.modes.contact_blocks(narrow, law, memory=FREE)
     wide = updated(narrow, law)
     assert wide.contacts.skin.tolist() == [narrow.contacts.skin[0], 0.05]
@@ -233,7 +233,7 @@ def test_many_grains_in_blocks_move_as_in_the_plain_sweep_on_any_number_of_threa
     one, _, _ = ss.run(state, law, 300, 0.02, threads=1)
     two, _, _ = ss.run(state, law, 300, 0.02, threads=2)
     np.testing.assert_array_equal(one.grains.position, two.grains.position)
-    monkeypatch.setattr(integrate, "MANY", 10**9)
+    monkeypatch.setattr(integrate, "MIN_BODIES", 10**9)
     plain, _, _ = ss.run(state, law, 300, 0.02)
     assert (overlaps(plain)[plain.contacts.mode[: plain.contacts.count[0]] > 0] < 0).any()
     # one way of summing against another, over 300 steps without a change of contacts that would amplify it much

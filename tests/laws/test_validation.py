@@ -40,25 +40,25 @@ def uses_a_list(overlap):
 @pytest.mark.parametrize(
     ("functions", "words"),
     [
-        ({"normal_force": lambda overlap: float("nan")}, "it must be a finite number"),
+        ({"normal_force": lambda overlap: float("nan")}, "it must be finite"),
         ({"normal_force": root_of_a_gap, "contact_range": lambda r_eff: 0.1}, "nan"),
-        ({"normal_force": lambda overlap: None}, "returns nothing"),
-        ({"normal_force": lambda overlap, foo: overlap}, "asks for 'foo', which is no parameter"),
+        ({"normal_force": lambda overlap: None}, "returns None"),
+        ({"normal_force": lambda overlap, foo: overlap}, "an argument 'foo', which is not a parameter"),
         ({"normal_force": lambda overlap, *rest: overlap}, "plain ones"),
-        ({"normal_force": 3}, "plain Python functions"),
-        ({"normal_force": random}, "a law must give one answer"),
+        ({"normal_force": 3}, "give a plain Python function"),
+        ({"normal_force": random}, "a law must be deterministic"),
         ({"normal_force": branches_on_complex}, r"line \d+: 'return kn \* overlap if overlap > 0.01.*overlap.real"),
         ({"normal_force": modulus}, "by a complex step and"),
         ({"normal_force": uses_a_list}, "'TABLE', a list"),
         ({"normal_force": lambda overlap: nowhere * overlap}, "'nowhere', which is not defined"),  # noqa: F821
         ({"normal_force": lambda overlap: overlap.speed}, "cannot be evaluated, line"),
         ({"normal_force": hertz, "tangential_stiffness": lambda overlap: -1.0}, "must not be negative"),
-        ({"normal_force": hertz, "contact_range": lambda r_eff: 0.1 / r_eff}, "contact_range falls with r_eff"),
+        ({"normal_force": hertz, "contact_range": lambda r_eff: 0.1 / r_eff}, "contact_range decreases with r_eff"),
         ({"normal_force": hertz, "rolling_stiffness": hertz}, "rolling resistance needs both"),
-        ({"normal_force": hertz, "normal_energy": hertz}, "must be the slope of the energy"),
+        ({"normal_force": hertz, "normal_energy": hertz}, "make the force the slope of the energy"),
         ({"normal_force": hertz, "parameters": {"kn": -1.0}}, "kn = -1.0 was given"),
-        ({"normal_force": hertz, "parameters": {"overlap": 1.0}}, "a word of its own"),
-        ({"normal_force": hertz, "parameters": {"mu": "much"}}, "a parameter is a number"),
+        ({"normal_force": hertz, "parameters": {"overlap": 1.0}}, "its name must be an identifier"),
+        ({"normal_force": hertz, "parameters": {"mu": "much"}}, "it must be a number"),
         ({"normal_force": hertz, "coulomb": "rough"}, "'rough'"),
         ({"normal_force": hertz, "size": 0.0}, "size = 0.0"),
         ({"normal_force": lambda overlap: float(f"{overlap.real:.12f}") + 0 * overlap}, "by a complex step"),
@@ -145,5 +145,5 @@ def test_a_file_takes_values_and_refuses_names(tmp_path):
     assert ss.laws.from_file(path, well=0.2, mu=0.3).table[0, 0].tolist() == [1.0, 0.0, 0.3, 0.0, 0.0, 0.2]
     with pytest.raises(ValueError, match="no parameter 'wel': it has well, kn"):
         ss.laws.from_file(path, wel=0.2)
-    with pytest.raises(ValueError, match="is no file"):
+    with pytest.raises(ValueError, match="is not a file"):
         ss.laws.from_file(tmp_path / "other.py")

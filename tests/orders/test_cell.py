@@ -79,7 +79,7 @@ def test_a_deforming_cell_gives_the_same_bits_on_any_number_of_threads_and_in_an
     one, record, _ = ss.run(state, law, 200, 0.05, threads=1, every=20)
     assert np.abs(record.cell[-1] - record.cell[0])[:2].max() > 1e-3
     two, _, _ = ss.run(state, law, 200, 0.05, threads=2)
-    monkeypatch.setattr(many, "TILE", 32)
+    monkeypatch.setattr(many, "TILE_SIZE", 32)
     wide = state._replace(contacts=state.contacts._replace(skin=state.contacts.skin * 2.1))
     three, _, _ = ss.run(wide, law, 200, 0.05)
     for other in (two, three):
@@ -178,7 +178,7 @@ WRONG = {
     "knots must increase": lambda s: s._replace(
         control=s.control._replace(knots=np.array([1.0, 1.0]), course=np.ones((2, 1)))
     ),
-    "course 3 is followed where 0": lambda s: s._replace(
+    "course 3 is used, but only 0": lambda s: s._replace(
         control=s.control._replace(cell_follows=np.full((3, 3), 3))
     ),
 }  # fmt: skip

@@ -75,7 +75,7 @@ CASES = [
 def test_blocks_agree_with_a_plain_sweep(law_name, coulomb, dim, more, walls, monkeypatch):
     law, state = make_law(law_name, coulomb, **more), flowing(dim=dim, walls=walls)
     fast, record, _ = ss.run(state, law, 100, 0.05, drag=0.01, every=10, events=True)
-    monkeypatch.setattr(integrate, "MANY", 10**9)
+    monkeypatch.setattr(integrate, "MIN_BODIES", 10**9)
     slow, plain, _ = ss.run(state, law, 100, 0.05, drag=0.01, every=10, events=True)
     assert plain.sliding[-1] > 10
     assert {"closed", "opened", "limit"} <= set(plain.events["kind"])
@@ -127,7 +127,7 @@ def test_order_of_memory_and_tiles_do_not_matter(size, monkeypatch):
     plain, _, _ = ss.run(state, law, 120, 0.05)
     order = np.append(np.random.default_rng(size).permutation(300), [300, 301])
     tiles = np.append(np.arange(0, 300, size), 300)
-    monkeypatch.setattr(many, "_ordered", lambda state, threads: (order, tiles))
+    monkeypatch.setattr(many, "_memory_order", lambda state, threads: (order, tiles))
     shuffled, _, _ = ss.run(state, law, 120, 0.05)
     assert same_bits(plain, shuffled)
 
@@ -140,7 +140,7 @@ def test_where_arrays_lie_in_memory_does_not_matter(law_name, coulomb, dim, more
     """Those of the blocks end to end, one after any other: loops that ask whether two overlap get the same answer."""
     law, state = make_law(law_name, coulomb, **more), flowing(n=100, dim=dim, walls=walls)
     plain, _, _ = ss.run(state, law, 120, 0.05)
-    choose, ways = many.chooser, []
+    choose, ways = many.block_chooser, []
 
     def end_to_end(blocks, seed):
         ways.append(seed)
@@ -154,7 +154,7 @@ def test_where_arrays_lie_in_memory_does_not_matter(law_name, coulomb, dim, more
         return blocks._replace(**placed)
 
     for seed in range(12):
-        monkeypatch.setattr(many, "chooser", lambda *a, seed=seed: lambda *b: end_to_end(choose(*a)(*b), seed))
+        monkeypatch.setattr(many, "block_chooser", lambda *a, seed=seed: lambda *b: end_to_end(choose(*a)(*b), seed))
         moved, _, _ = ss.run(state, law, 120, 0.05)
         assert same_bits(plain, moved)
     assert len(ways) >= 12
@@ -169,8 +169,8 @@ def test_how_tiles_are_shared_out_does_not_matter(monkeypatch):
         taken.append(1 + len(taken) % 7)
         return np.array([0, taken[-1], share[-1]])
 
-    monkeypatch.setattr(many, "_ordered", lambda state, threads: (order, tiles))
-    monkeypatch.setattr(many, "shared_out", shared)
+    monkeypatch.setattr(many, "_memory_order", lambda state, threads: (order, tiles))
+    monkeypatch.setattr(many, "balance_threads", shared)
     uneven, _, _ = ss.run(state, law, 240, 0.05, threads=2)
     assert len(taken) > 1
     assert same_bits(plain, uneven)

@@ -5,9 +5,9 @@ import pytest
 
 import stickslip as ss
 from stickslip.core import measure
-from stickslip.core.contacts.mechanics import in_one_go
+from stickslip.core.contacts.mechanics import truncate_as_lammps
 from stickslip.core.contacts.neighbors import updated
-from stickslip.core.dynamics.cell_motion import room_left
+from stickslip.core.dynamics.cell_motion import remaining_skin
 from stickslip.solve.moduli import voigt
 
 
@@ -33,12 +33,12 @@ def test_a_contact_that_slides_is_held_or_let_go_as_lammps_does(hold):
     share = limit / np.linalg.norm(pull)
     assert share < 1
     kept = slip if hold else share * (slip + damping * v / stiffness) - damping * v / stiffness
-    *found, slides = in_one_go(stiffness, damping, limit, *slip, *v, hold)
+    *found, slides = truncate_as_lammps(stiffness, damping, limit, *slip, *v, hold)
     np.testing.assert_allclose(found, [*(share * pull), *kept], rtol=1e-14)  # the order of a few roundings
     assert slides == (not hold)
-    released = in_one_go(stiffness, damping, limit, 0.0, 0.0, 0.0, *v, True)
+    released = truncate_as_lammps(stiffness, damping, limit, 0.0, 0.0, 0.0, *v, True)
     assert tuple(released) == (0.0,) * 6 + (False,)
-    within = in_one_go(stiffness, damping, 10.0, 0.0, 0.0, 0.0, *v, hold)
+    within = truncate_as_lammps(stiffness, damping, 10.0, 0.0, 0.0, 0.0, *v, hold)
     np.testing.assert_allclose(within[:3], -damping * v, rtol=1e-15)
     assert not any(within[3:])
 
@@ -142,13 +142,13 @@ def test_the_room_that_a_strain_leaves_is_what_the_closest_pair_not_listed_has_l
     made, widest, skin = np.array([[4.0, 0, 0], [1.0, 5.0, 0], [-0.5, 0.3, 6.0]]), 1.2, 0.3
     for change in (0.03, 0.2, 0.5):
         stretch = np.diag([1.0, 1 - change, 1.0])
-        left, deformation = room_left(made @ stretch.T, made, skin, widest)
+        left, deformation = remaining_skin(made @ stretch.T, made, skin, widest)
         np.testing.assert_allclose(deformation, stretch, atol=1e-14)
         assert left == pytest.approx((widest + skin) * (1 - change) - widest, abs=1e-14)
     rng = np.random.default_rng(0)
     for _ in range(200):
         stretch = np.eye(3) + rng.normal(0, 0.05, (3, 3))
-        left, deformation = room_left(made @ stretch.T, made, skin, widest)
+        left, deformation = remaining_skin(made @ stretch.T, made, skin, widest)
         np.testing.assert_allclose(deformation, stretch, atol=1e-13)
         apart = rng.normal(size=3)
         apart *= (widest + skin) / np.linalg.norm(apart)

@@ -54,8 +54,10 @@ def test_tangents_by_complex_step_equal_closed_forms(kind, power):
 
 
 def test_smooth_coulomb_meets_its_limit_with_zero_slope():
-    assert laws.mobilised(laws.SMOOTH, 1.0) == 1.0
-    assert laws.mobilised(laws.SMOOTH, 1.0) + laws.mobilised_tangent(laws.SMOOTH, 1.0) == pytest.approx(0, abs=1e-15)
+    assert laws.mobilisation(laws.SMOOTH, 1.0) == 1.0
+    assert laws.mobilisation(laws.SMOOTH, 1.0) + laws.mobilisation_tangent(laws.SMOOTH, 1.0) == pytest.approx(
+        0, abs=1e-15
+    )
 
 
 def scattered(dim, seed):
@@ -225,7 +227,7 @@ def test_bad_input_is_one_clear_sentence(make, words):
         make()
 
 
-@pytest.mark.parametrize(("prepared", "times"), [(kinds.plain, 1), (lambda number: (number,), 3)])
+@pytest.mark.parametrize(("prepared", "times"), [(kinds.as_numpy_integers, 1), (lambda number: (number,), 3)])
 def test_what_a_kernel_calls_is_compiled_once_for_all_laws(prepared, times):
     """A kind reaches it as a plain integer, which is folded in the kernel; a literal would be compiled for apart."""
 

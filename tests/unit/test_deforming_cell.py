@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.dynamics.cell_motion import begun, frame_of
-from stickslip.core.dynamics.loop import Pace
+from stickslip.core.dynamics.cell_motion import begin_cell_step, make_frame
+from stickslip.core.dynamics.loop import StepFactors
 from stickslip.core.flow import SINCE
 
 GRADIENT = np.array([[-0.02, 0.01, 0], [0, -0.012, 0], [0, 0, 0]])
@@ -46,7 +46,7 @@ def test_one_run_sees_every_contact_that_runs_of_a_step_each_see(motion):
 
 def test_a_step_leaves_grains_what_the_strain_since_the_choice_has_not_taken():
     """Half of s − e (w + s), squared, with e the strain since blocks were chosen; −1 where nothing is left."""
-    frame, flow = frame_of(loose(0.0), np.arange(16))
+    frame, flow = make_frame(loose(0.0), np.arange(16))
     room, widest, dt = 0.2, 1.0, 1.0
     frame.reach[0] = room
     half = 0.5 * dt * GRADIENT
@@ -54,7 +54,7 @@ def test_a_step_leaves_grains_what_the_strain_since_the_choice_has_not_taken():
     for _ in range(12):
         since = stretch @ since
         left = room - np.linalg.norm(since - np.eye(3)) * (widest + room)
-        told.append(begun(frame, flow, Pace(dt, 1.0, 1.0, 1.0, 1.0)))
+        told.append(begin_cell_step(frame, flow, StepFactors(dt, 1.0, 1.0, 1.0, 1.0)))
         assert told[-1] == pytest.approx((0.5 * left) ** 2 if left > 0 else -1.0, rel=1e-9)
         np.testing.assert_allclose(flow.matrix[SINCE], since, rtol=1e-13, atol=1e-15)
     assert told[0] > 0 > told[-1]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.readable import LINES, WIDE, brief
+from stickslip.core.readable import LINE_WIDTH, MAX_LINES, format_value
 
 LAW = ss.laws.hertz_mindlin(kn=1.0, kt=2 / 7, mu=10.0, coulomb="smooth")
 
@@ -41,8 +41,8 @@ def test_a_large_value_stays_short_whatever_it_holds():
     path = ss.results.Ledger(*[np.arange(1e5)] * len(ss.results.Ledger._fields))
     for text in (repr(path), str(path)):
         assert len(text) < 1000
-        assert len(text.splitlines()) <= LINES
-        assert max(map(len, text.splitlines())) <= WIDE
+        assert len(text.splitlines()) <= MAX_LINES
+        assert max(map(len, text.splitlines())) <= LINE_WIDTH
 
 
 def test_nouns_say_how_many(state):
@@ -74,7 +74,7 @@ def test_what_stands_in_a_table_is_escaped():
     ],
 )  # fmt: skip
 def test_one_value(value, words):
-    assert brief(value) == words
+    assert format_value(value) == words
 
 
 def test_a_scenario_names_what_differs_from_its_defaults():

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from numba import njit
 
-from stickslip.core.simd.reduce import AHEAD, IS_FIRST, IS_I, ROW, WIDTH, summed_rows
+from stickslip.core.simd.reduce import IS_FIRST, IS_I, PREFETCH_DISTANCE, ROW, WIDTH, sum_rows
 
 
 @njit
 def summed(code, start, first, last, far, load, external, total):
-    summed_rows(code, start, first, last, far, load, external, total)
+    sum_rows(code, start, first, last, far, load, external, total)
 
 
 def slow(entries, load, external):
@@ -24,7 +24,7 @@ def slow(entries, load, external):
 def coded(entries):
     start = np.cumsum([0, *map(len, entries)])
     code = [ROW * row + IS_I * is_i + IS_FIRST * (k == 0) for rows in entries for k, (row, is_i) in enumerate(rows)]
-    return start.astype(np.uint32), np.array(code + [0] * AHEAD, np.uint32)
+    return start.astype(np.uint32), np.array(code + [0] * PREFETCH_DISTANCE, np.uint32)
 
 
 @pytest.mark.parametrize("far", [0, 1], ids=["near", "far"])

@@ -147,7 +147,7 @@ def test_other_scalars_are_those_of_the_plain_law(name, plain):
     q = laws.parameters(one.table, 0, 0)
     for function in (laws.normal_force, laws.normal_energy, laws.tangential_stiffness):
         assert function(one.kind, q, 0.3, 0.01) == function(other.kind, q, 0.3, 0.01)
-    assert laws.asks_radius(one.kind) == laws.asks_radius(other.kind)
+    assert laws.uses_radius(one.kind) == laws.uses_radius(other.kind)
     assert laws.rescales(one.kind) and not laws.rescales(other.kind)
     assert not laws.alike(one, other)
     at = {"radius": 0.5, "mass": 1.0, "speed": 0.1}

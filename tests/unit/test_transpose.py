@@ -10,13 +10,13 @@ from stickslip.core.simd.transpose import LANES, MOTION, MOTION_AHEAD, PAIR, RAD
 
 @njit
 def gathered(dim, predict, first, i, j, body, ahead, scratch):
-    lanes.gathered_places(dim, first, i, j, body, scratch)
-    lanes.gathered_motion(dim, predict, first, i, j, body, ahead, scratch)
+    lanes.gather_positions(dim, first, i, j, body, scratch)
+    lanes.gather_motion(dim, predict, first, i, j, body, ahead, scratch)
 
 
 @njit
 def scattered(place, scratch, load):
-    lanes.scattered(place, scratch, load)
+    lanes.scatter_loads(place, scratch, load)
 
 
 def planes(scratch, first, count):
@@ -61,5 +61,5 @@ def test_loads_come_back_as_rows():
 @pytest.mark.parametrize("rows", [0, 1, 7])
 def test_aligned_rows_begin_with_a_line_of_the_cache(rows):
     for _ in range(5):
-        found = lanes.aligned(rows, 8)
+        found = lanes.empty_aligned(rows, 8)
         assert found.shape == (rows, 8) and found.ctypes.data % 64 == 0

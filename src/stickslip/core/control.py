@@ -1,4 +1,4 @@
-"""What is imposed on bodies and on the cell: each function returns the control with something added."""
+"""Loads and motions imposed on bodies and on the cell. Each function returns an extended control."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from .state import Control
 
 
 def fixed(control: Control, bodies) -> Control:
-    """Control in which all components of the given bodies stand still."""
+    """Control in which the given bodies do not move."""
     return driven(control, bodies, 0.0)
 
 
@@ -19,10 +19,10 @@ def driven(control: Control, bodies, rate) -> Control:
 
 
 def rigid(control: Control, bodies) -> Control:
-    """Control in which the given bodies are one rigid body without rotation: a plate, a glued layer.
+    """Control in which the given bodies form one rigid body without rotation, such as a plate or a glued layer.
 
-    It is free, frozen, driven or force-controlled along each direction as its members are, which must be alike in that;
-    forces on members add up. Its velocity at the start of a run is that of its centre of mass.
+    Along each direction it is free, frozen, driven or force-controlled like its members, which must all be alike.
+    Forces on members add up. The velocity at the start of a run is that of the centre of mass.
 
     Examples
     --------
@@ -42,17 +42,17 @@ def rigid(control: Control, bodies) -> Control:
 
 
 def force_controlled(control: Control, bodies, force) -> Control:
-    """Control in which walls or rigid groups are servo-controlled: free along a force, which contacts come to balance.
+    """Control in which walls or rigid groups are servo-controlled: they move along a force until contacts balance it.
 
     Parameters
     ----------
     bodies : numbers of walls, or of grains of a rigid group
-    force : (3,) or (2,) on each of them, along its components that are not zero; a pressure times the area it acts on,
-        or for a rigid group the force on the whole over the number of its members [force]
+    force : (3,) or (2,) on each of them; nonzero components are controlled. A pressure times the area on which it acts,
+        or for a rigid group the total force over the number of its members [force]
 
     Examples
     --------
-    A lid, body 101, that is pressed down by 0.5:
+    A lid, body 101, pressed down with a force of 0.5:
 
     >>> import stickslip as ss
     >>> control = ss.control.force_controlled(ss.control.loads(100, 2), [101], [0, -0.5])
@@ -70,8 +70,8 @@ def force_controlled(control: Control, bodies, force) -> Control:
 def strained_at(control: Control, rate) -> Control:
     """Control in which the cell deforms at a velocity gradient L and carries the grains along: ẋ = v + L x.
 
-    Components that follow the stress (`stress_controlled`) stay free where `rate` is zero, so that shear at constant
-    pressure takes both calls.
+    Components that follow the stress (`stress_controlled`) stay free where `rate` is zero. Shear at constant pressure
+    therefore needs both calls.
 
     Parameters
     ----------
@@ -97,22 +97,22 @@ def strained_at(control: Control, rate) -> Control:
 
 
 def stress_controlled(control: Control, stress: dict[str, float], *, mass: float = 0.0) -> Control:
-    """Control in which components of the cell's strain follow the stress: M ℓ² L̇_ab = V (σ_ab − wanted), ℓ = V^(1/dim).
+    """Control in which components of the cell's strain follow the stress: M ℓ² L̇_ab = V (σ_ab − target), ℓ = V^(1/dim).
 
-    σ holds contacts and the fluctuating velocities, compression positive. Such a component is a degree of freedom in
+    σ includes contacts and fluctuating velocities, compression positive. Such a component is a degree of freedom in
     dynamics, in J, and in Newton's method.
 
     Parameters
     ----------
-    stress : component -> wanted value, as in {"xx": p, "yy": p, "zz": p} or {"xy": tau}; the first letter is the
+    stress : component -> target value, as in {"xx": p, "yy": p, "zz": p} or {"xy": tau}; the first letter is the
         direction of displacement and force, the second that of the gradient and of the area's normal
         [force/length^(dim−1)]
-    mass : float, M [mass]; 0: the mass of all grains, with which the cell breathes about as fast as sound crosses it
+    mass : float, M [mass]; 0: the mass of all grains, for which the cell oscillates about as fast as sound crosses it
 
     Raises
     ------
     ValueError
-        if a component is not two letters out of x, y, z.
+        if a component is not made of two letters out of x, y, z.
     """
     free, wanted = control.cell_free.copy(), control.stress.copy()
     for name, value in stress.items():
@@ -131,11 +131,11 @@ def time_dependent(control: Control, bodies, times, factors, *, axes=slice(None)
     ----------
     bodies : numbers of grains and walls, or "cell" for the cell's velocity gradient
     times : (K,) increasing [time]; factors : (K,) dimensionless, linear in between, constant before and after
-    axes : which of x, y, z, and rotations about them; default: all
+    axes : indices of x, y, z, and rotations about them; default: all
 
     Examples
     --------
-    A floor, body 10, that is shaken sideways with an amplitude of 0.1 in velocity, once in 50 time units:
+    A floor, body 10, shaken sideways with a velocity amplitude of 0.1 and a period of 50 time units:
 
     >>> import numpy as np
     >>> import stickslip as ss
@@ -144,9 +144,9 @@ def time_dependent(control: Control, bodies, times, factors, *, axes=slice(None)
     >>> ss.control.time_dependent(control, [10], times, np.cos(2 * np.pi * times / 50)).follows[10, :3]
     array([0, 0, 0], dtype=int16)
     """
-    control = control._replace(course=_with_column(control.course))
+    control = control._replace(course=_add_column(control.course))
     column = control.course.shape[1] - 1
-    knots, course = _joined(control, times, factors, column)
+    knots, course = _merge_course(control, times, factors, column)
     follows, cell_follows = control.follows.copy(), control.cell_follows.copy()
     if isinstance(bodies, str):
         if bodies != "cell":
@@ -162,14 +162,14 @@ def spring_loaded(
 ) -> Control:
     """Control in which a spring pulls the given bodies along an axis: F = k (x₀ + d(t) − x), x₀ + d the load point.
 
-    They are free along that axis, and may follow the spring as one if they are a rigid group. Called again, it replaces
-    the load point's course.
+    The bodies are free along that axis, and move as one if they are a rigid group. A second call replaces the course of
+    the load point.
 
     Parameters
     ----------
     bodies : numbers of walls, of grains, or of grains of a rigid group
-    position : (n, 3) x₀ of each, where a spring with d = 0 has no force [length]
-    stiffness : k of the one spring that pulls all of them, each bears the same share [force/length]
+    position : (n, 3) x₀ of each body, where a spring with d = 0 has no force [length]
+    stiffness : k of the single spring that pulls all bodies, divided equally among them [force/length]
     axis : 0, 1, 2 for x, y, z
     times : (K,) increasing [time]; displacement : (K,) d, linear in between, constant before and after [length]
 
@@ -188,10 +188,10 @@ def spring_loaded(
     column = control.leads[bodies[0], axis]
     others = control.leads == column
     others[bodies, axis] = False
-    column = -1 if others.any() else column  # a course that others follow, too, stays theirs
-    control = control if column >= 0 else control._replace(course=_with_column(control.course))
+    column = -1 if others.any() else column  # keep a course that other bodies follow, too
+    control = control if column >= 0 else control._replace(course=_add_column(control.course))
     column = column if column >= 0 else control.course.shape[1] - 1
-    knots, course = _joined(control, times, displacement, column)
+    knots, course = _merge_course(control, times, displacement, column)
     arrays = {name: getattr(control, name).copy() for name in ("free", "rate", "spring", "anchor", "leads")}
     arrays["free"][bodies, axis], arrays["rate"][bodies, axis] = True, 0.0
     arrays["spring"][bodies, axis] = stiffness / len(bodies)
@@ -201,23 +201,23 @@ def spring_loaded(
 
 
 def spring_forces(control: Control, position: np.ndarray, time: float) -> np.ndarray:
-    """(B, 3) forces of springs on bodies at (B, 3) positions [force]."""
+    """Forces of springs, (B, 3), on bodies at (B, 3) positions [force]."""
     if not control.spring.any():
         return np.zeros_like(control.spring)
     displacement = np.append(factors_at(control, time)[:-1], 0.0)[control.leads]
     return control.spring * (control.anchor + displacement - position)
 
 
-def _with_column(course):
+def _add_column(course):
     return np.concatenate([course, np.zeros((len(course), 1))], axis=1)
 
 
-def _joined(control: Control, times, values, column: int) -> tuple[np.ndarray, np.ndarray]:
-    """Knots and courses in which one column is what times and values say."""
+def _merge_course(control: Control, times, values, column: int) -> tuple[np.ndarray, np.ndarray]:
+    """Knots and courses with one column replaced by the given times and values."""
     times, values = np.asarray(times, float), np.asarray(values, float)
     if times.ndim != 1 or times.shape != values.shape or not len(times) or (np.diff(times) <= 0).any():
         raise ValueError(
-            f"{len(times)} times and {len(values)} values were given: as many of both are needed, times increasing"
+            f"{len(times)} times and {len(values)} values were given: equal numbers are needed, with increasing times"
         )
     knots = np.union1d(control.knots, times)
     old = [np.interp(knots, control.knots, c) if len(control.knots) else np.zeros(len(knots)) for c in control.course.T]
@@ -227,12 +227,12 @@ def _joined(control: Control, times, values, column: int) -> tuple[np.ndarray, n
 
 
 def factors_at(control: Control, time: float) -> np.ndarray:
-    """(C + 1,) factor of each course at a time; the last is 1, for rates that follow none."""
+    """Factor of each course at a time, (C + 1,). The last is 1, for rates without a course."""
     return np.array([*(np.interp(time, control.knots, column) for column in control.course.T), 1.0])
 
 
 def between(begin: Control, end: Control, share: float) -> Control:
-    """The control a share of the way from one to another: forces, torques, gravity and stress between those of both."""
+    """Interpolate between two controls: forces, torques, gravity and stress at the fraction `share` of the way."""
     mixed = {
         name: (1 - share) * getattr(begin, name) + share * getattr(end, name)
         for name in ("force", "torque", "gravity", "stress")

@@ -1,4 +1,4 @@
-"""What a state looks like from outside: stress, pressure, coordination, rattlers, packing fraction."""
+"""Macroscopic quantities of a state: stress, pressure, coordination, rattlers, packing fraction."""
 
 import numpy as np
 from numba import njit
@@ -6,18 +6,18 @@ from numba import njit
 from .contacts.forces import bodies
 from .contacts.geometry import normal_and_overlap, pair_vector, shifts
 from .contacts.jacobian import linearise
-from .contacts.mechanics import HELD, apart, effective
+from .contacts.mechanics import HELD, effective_values, out_of_range
 from .laws.builtin import Law, normal_energy, row
 from .state import OPEN, State
 
 
 def touching(state: State) -> np.ndarray:
-    """Rows of the contact list that touch."""
+    """Rows of touching contacts in the contact list."""
     return np.flatnonzero(state.contacts.mode[: state.contacts.count[0]] != OPEN)
 
 
 def branch_vectors(state: State) -> np.ndarray:
-    """(C, 3) vectors r_i − r_j + cellᵀ·image of all pairs in the list; for a wall, from its surface to i [length]."""
+    """Vectors r_i − r_j + cellᵀ·image of all pairs in the list, (C, 3); for a wall, from its surface to i [length]."""
     contacts, grains, count, n = state.contacts, state.grains, int(state.contacts.count[0]), len(state.grains.radius)
     i, j = contacts.i[:count], contacts.j[:count]
     place = np.concatenate([grains.position, state.walls.point])
@@ -29,16 +29,16 @@ def branch_vectors(state: State) -> np.ndarray:
 
 
 def contact_forces(state: State, law: Law, *, memory: int = HELD) -> np.ndarray:
-    """(C, 3) elastic force on body i of every pair in the list, zero where open [force].
+    """Elastic force on body i of every pair in the list, (C, 3), zero where open [force].
 
-    `memory`: HELD for an accepted state; FREE for the forces that its trial memory has, as in `contact_blocks`.
+    `memory`: HELD for an accepted state; FREE for the forces of its trial memory, as in `contact_blocks`.
     """
     c = linearise(state, law, memory=memory)
     return c.force_n[:, None] * c.normal - c.secant[:, None] * c.slip
 
 
 def stress(state: State, law: Law) -> np.ndarray:
-    """σ = (1/V) Σ f ⊗ r over contacts, each once: compression positive, contacts only [force/length^(dim−1)].
+    """Stress σ = (1/V) Σ f ⊗ r, each contact counted once, compression positive [force/length^(dim−1)].
 
     Parameters
     ----------
@@ -47,11 +47,12 @@ def stress(state: State, law: Law) -> np.ndarray:
 
     Returns
     -------
-    (3, 3); σ_ab holds the force's component a and the branch's component b, symmetric only where torques balance
+    (3, 3); σ_ab has component a of the force and b of the branch vector; it is symmetric only if torques balance.
+        Kinetic contributions are not included
 
     Source
     ------
-    Bonfanti et al., doi:10.1103/PhysRevE.101.052902, before Fig 5, where the sign is opposite and 1/L² stands for 1/V.
+    Bonfanti et al., doi:10.1103/PhysRevE.101.052902, before Fig 5, with the opposite sign and 1/L² for 1/V.
     """
     return np.einsum("ca,cb->ab", contact_forces(state, law), branch_vectors(state)) / volume(state)
 
@@ -62,19 +63,19 @@ def pressure(state: State, law: Law) -> float:
 
 
 def mean_normal_force(state: State, law: Law) -> float:
-    """Mean of |F_n| over touching contacts [force], as grains may pull; zero without contacts."""
+    """Mean of |F_n| over touching contacts [force]; F_n may be attractive. Zero without contacts."""
     force = linearise(state, law).force_n[touching(state)]
     return float(np.abs(force).mean()) if len(force) else 0.0
 
 
 def wrapped(state: State) -> np.ndarray:
-    """(N, 3) positions less whole periods of a cell along the axes: between 0 and its length where it is periodic."""
+    """Positions wrapped into a cell along the axes, (N, 3): between 0 and its length along periodic axes."""
     size = np.where(state.cell.periodic, np.diag(state.cell.vectors), 1.0)
     return state.grains.position - np.floor(state.grains.position / size) * np.where(state.cell.periodic, size, 0.0)
 
 
 def fabric(state: State) -> np.ndarray:
-    """(3, 3) mean of n ⊗ n over touching contacts: its trace is 1, isotropic contacts give 1/dim on the diagonal.
+    """Fabric tensor, (3, 3), the mean of n ⊗ n over touching contacts: trace 1, and 1/dim on the diagonal if isotropic.
 
     Source
     ------
@@ -86,7 +87,9 @@ def fabric(state: State) -> np.ndarray:
 
 
 def inertial_number(shear_rate: float, pressure: float, *, diameter: float, density: float) -> float:
-    """I = γ̇ d √(ρ/P): below 1e-3 a flow counts as quasi-static; in two dimensions density is mass over area.
+    """Inertial number I = γ̇ d √(ρ/P). Flows below 1e-3 count as quasi-static.
+
+    In two dimensions the density is mass over area.
 
     Source
     ------
@@ -104,12 +107,12 @@ def inertial_number(shear_rate: float, pressure: float, *, diameter: float, dens
 
 
 def volume(state: State) -> float:
-    """Of the cell; in two dimensions its area in the plane.
+    """Volume of the cell; in two dimensions its area.
 
     Raises
     ------
     ValueError
-        if the cell is not periodic in all its dimensions: then it encloses nothing.
+        if the cell is not periodic in all its dimensions.
     """
     dim = state.cell.dim
     if not state.cell.periodic[:dim].all():
@@ -125,19 +128,19 @@ def packing_fraction(state: State) -> float:
 
 
 def contact_numbers(state: State) -> np.ndarray:
-    """(N,) touching contacts of each grain, walls included."""
+    """Number of touching contacts of each grain, (N,), walls included."""
     n, rows = len(state.grains.radius), touching(state)
     ends = np.concatenate([state.contacts.i[rows], state.contacts.j[rows]])
     return np.bincount(ends, minlength=state.n_bodies)[:n]
 
 
 def rattlers(state: State, least: int = 2, known: np.ndarray | None = None) -> np.ndarray:
-    """(N,) bool: grains that hold nothing. Those with fewer than `least` contacts, and who loses too many thereby.
+    """Rattlers, (N,) bool: grains with fewer than `least` contacts, after recursive removal of rattlers.
 
     Parameters
     ----------
     least : int, 2 with friction (one contact cannot balance itself), dim + 1 without
-    known : (N,) bool, grains that are known to hold nothing, whatever they touch
+    known : (N,) bool, grains known to be rattlers, whatever they touch
     """
     n, rows = len(state.grains.radius), touching(state)
     i, j = state.contacts.i[rows], state.contacts.j[rows]
@@ -154,7 +157,7 @@ def rattlers(state: State, least: int = 2, known: np.ndarray | None = None) -> n
 
 
 def coordination(state: State, least: int = 2) -> float:
-    """Mean number of contacts of those grains that are no rattlers; zero if all are."""
+    """Mean number of contacts of grains that are not rattlers; zero if all are."""
     held = ~rattlers(state, least)
     n, rows = len(held), touching(state)
     ends = np.stack([state.contacts.i[rows], state.contacts.j[rows]], axis=1)
@@ -170,14 +173,14 @@ def _elastic_energy(kind, dim, bodies, contacts, shift, p):
         i, j = contacts.i[c], contacts.j[c]
         rx, ry, rz = pair_vector(dim, bodies.position, shift, c, i, j)
         _, _, _, overlap, _ = normal_and_overlap(i, j, j >= n, j - n, radius, bodies.normal, rx, ry, rz)
-        if not apart(kind, p, bodies.material, radius, bodies.inverse_mass, i, j, j >= n, overlap):
+        if not out_of_range(kind, p, bodies.material, radius, bodies.inverse_mass, i, j, j >= n, overlap):
             q = row(kind, p, bodies.material[i], bodies.material[j])
-            r_eff, _ = effective(kind, 0, radius, bodies.inverse_mass, i, j, j >= n)
+            r_eff, _ = effective_values(kind, 0, radius, bodies.inverse_mass, i, j, j >= n)
             total += normal_energy(kind, q, r_eff, overlap)
     return total
 
 
 def elastic_energy(state: State, law: Law) -> float:
-    """Work stored in the normal springs [energy]; tangential forces have no potential."""
+    """Energy stored in the normal springs [energy]. Tangential forces have no potential."""
     shift = shifts(state.contacts, state.cell.vectors)
     return _elastic_energy(law.kind, state.cell.dim, bodies(state), state.contacts, shift, law.table)

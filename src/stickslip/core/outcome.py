@@ -1,4 +1,4 @@
-"""How a solve ended: data first, exception second."""
+"""Outcome of a solve, as a value and as an exception."""
 
 from enum import Enum
 from typing import NamedTuple
@@ -7,17 +7,17 @@ from .readable import readable
 
 
 class Status(Enum):
-    """Each member is the sentence that a user should read, remedy included."""
+    """Status of a solve. The value of each member is a message for users, including a remedy."""
 
     CONVERGED = "equilibrium was reached"
     DONE = "the run reached its last step"
     STEPS_SPENT = (
-        "equilibrium was not reached in the allowed number of steps: perhaps nothing holds this load; "
-        "else allow more, use stronger drag, or a tolerance above round-off"
+        "equilibrium was not reached in the allowed number of steps: perhaps nothing balances this load; "
+        "otherwise allow more steps, or use stronger drag or a tolerance above round-off"
     )
     NOT_A_NUMBER = "a grain's position became infinite or not a number: use a smaller time step or smaller load steps"
     BLOWN_UP = "a grain moved by more than its radius in one time step: use a smaller time step"
-    STALLED = "Newton's method stopped getting closer: use smaller load steps, or damped dynamics"
+    STALLED = "Newton's method stopped converging: use smaller load steps, or damped dynamics"
     SINGULAR = (
         "the Jacobian is singular (a rattler, or sliding without resistance): remove rattlers, or use damped dynamics"
     )
@@ -32,18 +32,18 @@ class Outcome(NamedTuple):
     residual: float  # largest unbalanced force or torque/radius [force]
     iterations: int
     where: int = -1  # body with the largest residual, or the one that blew up
-    how: str = ""  # what the solve did, in words
-    fallback: bool = False  # whether Newton's method failed first and damped dynamics had to help
-    warning: str = ""  # what the user should know although the solve succeeded
+    how: str = ""  # description of the solve
+    fallback: bool = False  # True if Newton's method failed and damped dynamics was used
+    warning: str = ""  # message to the user about a solve that succeeded
 
     @property
     def ok(self) -> bool:
-        """True if equilibrium was reached, or the last step where no equilibrium was asked for."""
+        """True if equilibrium was reached, or the last step of a run without a tolerance."""
         return self.status in (Status.CONVERGED, Status.DONE)
 
     @property
     def broken(self) -> bool:
-        """True if the run blew up and its last state means nothing."""
+        """True if the run blew up, so that its last state is meaningless."""
         return self.status in (Status.NOT_A_NUMBER, Status.BLOWN_UP)
 
     def __str__(self) -> str:
@@ -54,7 +54,7 @@ class Outcome(NamedTuple):
 
 
 class NotInEquilibriumError(RuntimeError):
-    """A run that needs an equilibrium did not find one; `outcome` holds how the solve ended."""
+    """Error of a run that did not find a required equilibrium; `outcome` is the outcome of the solve."""
 
     def __init__(self, sentence: str, outcome: Outcome):
         super().__init__(f"{sentence}: {outcome}")

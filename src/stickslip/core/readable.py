@@ -1,4 +1,4 @@
-"""Short `repr` and HTML table of values: counts and sizes, never a dump of arrays."""
+"""Short `repr` and HTML tables of values: counts and sizes instead of arrays."""
 
 import html
 import textwrap
@@ -6,25 +6,29 @@ from enum import Enum
 
 import numpy as np
 
-LINES, WIDE, MOST = 6, 110, 60  # lines of a repr, characters of a line, characters of one value
+MAX_LINES, LINE_WIDTH, MAX_LENGTH = 6, 110, 60  # lines of a repr, characters per line, characters per value
 
 
 def readable(kind=None, *, head=None, picture=None):
-    """Class decorator: a NamedTuple prints itself in at most six lines, and as a small table in notebooks.
+    """Decorate a NamedTuple class with a repr of at most six lines, and a small table for notebooks.
 
     Parameters
     ----------
-    head : one line about a value, such as its counts; called as head(value). Default: its own `str`, else all fields
-    picture : SVG that stands above the table; called as picture(value)
+    head : function of the value that returns one line, such as its counts. Default: its own `str`, else all fields
+    picture : function of the value that returns an SVG to be shown above the table
     """
     if kind is None:
         return lambda kind: readable(kind, head=head, picture=picture)
-    head = head or vars(kind).get("__str__") or (lambda value: ", ".join(f"{k} = {brief(v)}" for k, v in fields(value)))
+    head = (
+        head
+        or vars(kind).get("__str__")
+        or (lambda value: ", ".join(f"{k} = {format_value(v)}" for k, v in fields(value)))
+    )
 
     def to_html(self) -> str:
         title = f"<p>{html.escape(folded(f'{kind.__name__}: {head(self)}'))}</p>"
         left = "style='text-align:left'"
-        rows = (f"<tr><td {left}>{k}</td><td {left}>{html.escape(brief(v))}</td></tr>" for k, v in fields(self))
+        rows = (f"<tr><td {left}>{k}</td><td {left}>{html.escape(format_value(v))}</td></tr>" for k, v in fields(self))
         return (picture(self) if picture else "") + title + f"<table>{''.join(rows)}</table>"
 
     kind.__repr__ = lambda self: folded(f"{kind.__name__}: {head(self)}")
@@ -33,19 +37,21 @@ def readable(kind=None, *, head=None, picture=None):
 
 
 def fields(value) -> list[tuple[str, object]]:
-    """Names and values of what a NamedTuple holds."""
+    """Names and values of the public fields of a NamedTuple."""
     return [(name, getattr(value, name)) for name in value._fields if not name.startswith("_")]
 
 
 def folded(text: str) -> str:
-    """Text in at most six lines; what is left out is marked."""
+    """Wrap text to at most six lines, and mark omissions."""
     return "\n".join(
-        textwrap.wrap(text, WIDE, subsequent_indent="  ", max_lines=LINES, placeholder=" …", break_on_hyphens=False)
+        textwrap.wrap(
+            text, LINE_WIDTH, subsequent_indent="  ", max_lines=MAX_LINES, placeholder=" …", break_on_hyphens=False
+        )
     )
 
 
-def brief(value) -> str:
-    """One value in a few characters."""
+def format_value(value) -> str:
+    """Format a value in a few characters."""
     if isinstance(value, np.ndarray) and value.ndim:
         return (
             f"{value.dtype} {value.shape}" if value.size > 3 or value.ndim > 1 else np.array2string(value, precision=4)
@@ -59,24 +65,24 @@ def brief(value) -> str:
     if isinstance(value, Enum):
         return value.name
     if isinstance(value, str):
-        return value if len(value) <= MOST else value[: MOST - 1] + "…"
+        return value if len(value) <= MAX_LENGTH else value[: MAX_LENGTH - 1] + "…"
     if isinstance(value, tuple) and hasattr(value, "_fields"):
         return type(value).__name__
     if isinstance(value, list | tuple | dict | set):
         items = list(value.values()) if isinstance(value, dict) else list(value)
         if len(items) <= 4 and all(isinstance(x, int | float | str | None.__class__) for x in items):
             shown = dict(value) if isinstance(value, dict) else value
-            return cut(str(shown))
+            return truncate(str(shown))
         kinds = {type(x).__name__ for x in items}
         return f"{len(items)} {kinds.pop()}" if len(kinds) == 1 else f"{len(items)} items"
-    return cut(str(value).split("\n")[0]) if isinstance(value, int) else type(value).__name__
+    return truncate(str(value).split("\n")[0]) if isinstance(value, int) else type(value).__name__
 
 
 def counted(number: int, word: str) -> str:
-    """A number with its noun."""
+    """Format a number with its noun, as in "2 grains"."""
     return f"{number} {word}{'' if number == 1 else 's'}"
 
 
-def cut(text: str) -> str:
-    """The first characters of a text."""
-    return text if len(text) <= MOST else text[: MOST - 1] + "…"
+def truncate(text: str) -> str:
+    """Truncate a text to MAX_LENGTH characters."""
+    return text if len(text) <= MAX_LENGTH else text[: MAX_LENGTH - 1] + "…"

@@ -1,7 +1,7 @@
-"""The nouns: grains, walls, cell, contacts, control, and the state that holds them. Values, not objects with habits.
+"""Data types: grains, walls, cell, contacts, control, and the state that holds them. All are plain values.
 
-Two dimensions are three dimensions held in a plane: every vector has three components and `cell.dim` says how many
-of them move. A *body* is a grain or a wall: bodies 0…N−1 are the grains, N…N+W−1 the walls.
+Two dimensions are three dimensions restricted to a plane: every vector has three components, of which the first
+`cell.dim` move. A *body* is a grain or a wall: bodies 0…N−1 are the grains, N…N+W−1 the walls.
 """
 
 from typing import NamedTuple
@@ -12,15 +12,15 @@ from numba import njit
 from .readable import counted, readable
 
 OPEN, STICK, SLIDE = 0, 1, 2
-CROWD = 100  # centres in a cube of the smallest radius, which holds one if grains do not overlap
-COURSE = np.int16  # of the columns that components follow: there are nine of them to a body
+MAX_IN_CUBE = 100  # centres in a cube with edges of the smallest radius; it holds one if grains do not overlap
+COURSE_DTYPE = np.int16  # of column numbers; small, because there are nine per body
 
 
-@readable(head=lambda value: _grains_in_words(value))
+@readable(head=lambda value: _describe_grains(value))
 class Grains(NamedTuple):
     """Disks or spheres, one row each."""
 
-    position: np.ndarray  # (N, 3) [length], never wrapped
+    position: np.ndarray  # (N, 3) [length], unwrapped
     angle: np.ndarray  # (N, 3) [rad], time integral of spin
     velocity: np.ndarray  # (N, 3) [length/time]
     spin: np.ndarray  # (N, 3) [rad/time]
@@ -30,9 +30,9 @@ class Grains(NamedTuple):
     material: np.ndarray  # (N,) row of the law's table
 
 
-@readable(head=lambda value: _walls_in_words(value))
+@readable(head=lambda value: _describe_walls(value))
 class Walls(NamedTuple):
-    """Flat bodies that translate; grains live on the side to which the normal points."""
+    """Flat walls that may translate; grains are on the side to which the normal points."""
 
     point: np.ndarray  # (W, 3) [length]
     normal: np.ndarray  # (W, 3) unit vectors
@@ -41,9 +41,9 @@ class Walls(NamedTuple):
     material: np.ndarray  # (W,)
 
 
-@readable(head=lambda value: _cell_in_words(value))
+@readable(head=lambda value: _describe_cell(value))
 class Cell(NamedTuple):
-    """The box: vectors as rows, which of them are periodic, the number of dimensions, and how fast it deforms.
+    """Simulation cell: vectors as rows, their periodicity, the number of dimensions, and the deformation rate.
 
     Grains are carried along: ẋ = v + L x. The velocities v of grains in a deforming cell are relative to this flow.
     """
@@ -54,13 +54,13 @@ class Cell(NamedTuple):
     rate: np.ndarray  # (3, 3) velocity gradient L_ab = ∂v_a/∂x_b; each vector h changes as L h [1/time]
 
 
-@readable(head=lambda value: _contacts_in_words(value))
+@readable(head=lambda value: _describe_contacts(value))
 class Contacts(NamedTuple):
-    """Pairs within reach, sorted by key, each with its memory; the first `count[0]` rows are valid.
+    """Neighbour list: pairs within range, sorted by key, each with its memory. The first `count[0]` rows are valid.
 
-    The list holds all pairs closer than a skin, so that it outlives many steps; `mode` says which of them touch.
-    r_ij = r_i − r_j + cellᵀ·image. `pair` and `roll` are r_ij and R_i angle_i + R_j angle_j at which `slip` was last
-    committed. `origin` holds the bodies' positions at which the list was made.
+    The list holds all pairs closer than a skin, so that it stays valid for many steps. `mode` tells which of them
+    touch. r_ij = r_i − r_j + cellᵀ·image. `pair` and `roll` are r_ij and R_i angle_i + R_j angle_j when `slip` was last
+    committed. `origin` holds the positions of the bodies when the list was built.
     """
 
     i: np.ndarray  # (C,) int32
@@ -71,21 +71,21 @@ class Contacts(NamedTuple):
     mode: np.ndarray  # (C,) int8: OPEN, STICK or SLIDE
     pair: np.ndarray  # (C, 3) [length]
     roll: np.ndarray  # (C, 3) [length]
-    reached: np.ndarray  # (C,) bool: was at Coulomb's limit since it closed
+    reached: np.ndarray  # (C,) bool: has been at Coulomb's limit since it closed
     origin: np.ndarray  # (N + W, 3) [length]
-    skin: np.ndarray  # (1,) [length], or (2,): and the largest gap across which the law acts
+    skin: np.ndarray  # (1,) [length], or (2,) with the largest gap across which the law acts
     count: np.ndarray  # (1,)
-    rolling: np.ndarray = np.zeros((0, 7))  # (C, 7) memory of laws that resist rolling, see there; else (0, 7)
+    rolling: np.ndarray = np.zeros((0, 7))  # (C, 7) rolling memory, see `rolling`; (0, 7) if the law has none
 
 
-@readable(head=lambda value: _control_in_words(value))
+@readable(head=lambda value: _describe_control(value))
 class Control(NamedTuple):
-    """What is imposed. A component that is not free moves at its `rate`: zero means frozen, anything else driven.
+    """Imposed loads and motions. A component that is not free moves at its `rate`: frozen if zero, else driven.
 
-    Bodies of a group move as one and do not rotate: the forces on them add up, and so do their masses. A component of
-    the cell's velocity gradient that is free obeys M ℓ² L̇ = V (σ − `stress`), ℓ = V^(1/dim). A rate may follow a
-    course: it is then multiplied by a function of time, linear between `knots` and constant beyond them. A spring pulls
-    a body towards its load point, which is at `anchor`, plus the course that it follows.
+    Bodies of a group move as one and do not rotate; their forces and masses add up. A free component of the cell's
+    velocity gradient obeys M ℓ² L̇ = V (σ − `stress`), ℓ = V^(1/dim). A rate may follow a course: it is then multiplied
+    by a function of time, linear between `knots` and constant beyond them. A spring pulls a body towards its load
+    point, which is at `anchor` plus the course that it follows.
     """
 
     force: np.ndarray  # (N + W, 3) [force]
@@ -93,13 +93,13 @@ class Control(NamedTuple):
     free: np.ndarray  # (N + W, 6) bool: x, y, z, then rotation about x, y, z
     rate: np.ndarray  # (N + W, 6) [length/time], [rad/time]
     gravity: np.ndarray  # (3,) [length/time²]
-    group: np.ndarray  # (N + W,) number of the rigid group to which a body belongs, −1 for none
-    cell_free: np.ndarray  # (3, 3) bool: components of the cell's velocity gradient that the stress moves
-    cell_rate: np.ndarray  # (3, 3) the others [1/time]
-    stress: np.ndarray  # (3, 3) wanted, compression positive, where the cell is free [force/length^(dim−1)]
-    cell_mass: float  # M, with which the cell resists to being accelerated [mass]; 0: the mass of all grains
+    group: np.ndarray  # (N + W,) number of the rigid group of each body, −1 for none
+    cell_free: np.ndarray  # (3, 3) bool: components of the cell's velocity gradient that follow the stress
+    cell_rate: np.ndarray  # (3, 3) the other components [1/time]
+    stress: np.ndarray  # (3, 3) target where the cell is free, compression positive [force/length^(dim−1)]
+    cell_mass: float  # M, inertia of the cell [mass]; 0: the mass of all grains
     knots: np.ndarray  # (K,) [time], increasing
-    course: np.ndarray  # (K, C) factors of rates, or displacements of load points, one column a course
+    course: np.ndarray  # (K, C) factors of rates, or displacements of load points, one column per course
     follows: np.ndarray  # (N + W, 6) column of `course` that a rate follows, −1: none
     cell_follows: np.ndarray  # (3, 3) the same for the cell
     spring: np.ndarray  # (N + W, 3) stiffness along x, y, z, zero for none [force/length]
@@ -109,16 +109,16 @@ class Control(NamedTuple):
 
 @readable
 class Instant(NamedTuple):
-    """Forces of a run's last step, with which a continued run begins; see `instant`."""
+    """Forces of the last step of a run, from which a continued run starts; see `last_forces`."""
 
     force: np.ndarray  # (N + W, 6) forces and torques, external ones included
     pull: np.ndarray  # (3, 3) L̇ of the cell's free components [1/time²]
-    mark: int  # checksum of the state that they belong to
+    mark: int  # checksum of the state to which they belong
 
 
-@readable(head=lambda value: _state_in_words(value), picture=lambda value: _drawing(value))
+@readable(head=lambda value: _describe_state(value), picture=lambda value: _draw_svg(value))
 class State(NamedTuple):
-    """Everything that the future depends on, except the law."""
+    """Complete state of an assembly, except for the law."""
 
     grains: Grains
     walls: Walls
@@ -126,7 +126,7 @@ class State(NamedTuple):
     contacts: Contacts
     control: Control
     time: float
-    instant: Instant | None = None  # what a run with dashpots leaves behind
+    instant: Instant | None = None  # forces stored by a run with dashpots
 
     @property
     def n_bodies(self) -> int:
@@ -134,20 +134,20 @@ class State(NamedTuple):
         return len(self.grains.radius) + len(self.walls.mass)
 
 
-def numbers(value, dtype=float) -> np.ndarray:
-    """An array of real or whole numbers; ValueError with one sentence for what is none, or would lose a part."""
+def as_numbers(value, dtype=float) -> np.ndarray:
+    """Array of real or whole numbers. Raise ValueError with one sentence if a value cannot be converted exactly."""
     array = np.asarray(value)
     if array.dtype.kind not in "biufO" or any(isinstance(v, complex) for v in array.ravel() if array.dtype.kind == "O"):
-        what = {"c": "complex numbers", "M": "dates", "m": "times of a clock", "O": "complex numbers"}
+        what = {"c": "complex numbers", "M": "dates", "m": "time differences", "O": "complex numbers"}
         raise ValueError(f"{what.get(array.dtype.kind, 'words')} were given where real numbers are needed")
     if np.issubdtype(dtype, np.integer) and array.dtype.kind == "f" and not (array == np.round(array)).all():
         raise ValueError(f"{array[array != np.round(array)].flat[0]:g} was given where whole numbers are needed")
     return np.asarray(array, dtype)
 
 
-def rows(value, n, width=None, dtype=float):
-    """Contiguous copy of `value`, broadcast to (n,) or (n, width); plane vectors get a zero third component."""
-    array = np.asarray(value, bool) if dtype is bool else numbers(value, dtype)
+def as_rows(value, n, width=None, dtype=float):
+    """Contiguous copy of `value`, broadcast to (n,) or (n, width). Plane vectors get a zero third component."""
+    array = np.asarray(value, bool) if dtype is bool else as_numbers(value, dtype)
     if width == 3 and array.shape[-1:] == (2,):
         array = np.concatenate([array, np.zeros((*array.shape[:-1], 1))], axis=-1)
     shape = (n,) if width is None else (n, width)
@@ -160,7 +160,7 @@ def rows(value, n, width=None, dtype=float):
 
 
 def disks(position, radius, *, mass=1.0, i0=0.5, material=0, velocity=0.0, spin=0.0, angle=0.0) -> Grains:
-    """Grains at rest unless told otherwise; the moment of inertia is i0 m R².
+    """Grains, at rest by default, with moment of inertia i0 m R².
 
     Parameters
     ----------
@@ -175,18 +175,18 @@ def disks(position, radius, *, mass=1.0, i0=0.5, material=0, velocity=0.0, spin=
     >>> disks([[0, 0.5], [1, 0.5]], 0.5).inertia
     array([0.125, 0.125])
     """
-    position = np.atleast_2d(numbers(position))
+    position = np.atleast_2d(as_numbers(position))
     n = len(position)
-    radius, mass = rows(radius, n), rows(mass, n)
+    radius, mass = as_rows(radius, n), as_rows(mass, n)
     return Grains(
-        rows(position, n, 3),
-        rows(angle, n, 3),
-        rows(velocity, n, 3),
-        rows(spin, n, 3),
+        as_rows(position, n, 3),
+        as_rows(angle, n, 3),
+        as_rows(velocity, n, 3),
+        as_rows(spin, n, 3),
         radius,
         mass,
         i0 * mass * radius**2,
-        rows(material, n, dtype=np.int64),
+        as_rows(material, n, dtype=np.int64),
     )
 
 
@@ -197,30 +197,34 @@ def spheres(position, radius, *, i0=0.4, **rest) -> Grains:
 
 def flat_walls(point=(), normal=(), *, mass=1.0, material=0, velocity=0.0) -> Walls:
     """Flat walls through `point` with `normal` (any length but zero) towards the grains."""
-    point, normal = numbers(point), numbers(normal)
+    point, normal = as_numbers(point), as_numbers(normal)
     point, normal = (np.atleast_2d(a) if a.size else np.zeros((0, 3)) for a in (point, normal))
     n = max(len(point), len(normal))
-    normal = rows(normal, n, 3)
+    normal = as_rows(normal, n, 3)
     size = np.linalg.norm(normal, axis=1, keepdims=True)
     if not (size > 0).all():
         raise ValueError("a wall's normal of length zero was given: give a vector that points towards the grains")
     return Walls(
-        rows(point, n, 3), normal / size, rows(velocity, n, 3), rows(mass, n), rows(material, n, dtype=np.int64)
+        as_rows(point, n, 3),
+        normal / size,
+        as_rows(velocity, n, 3),
+        as_rows(mass, n),
+        as_rows(material, n, dtype=np.int64),
     )
 
 
 def box(size=(1.0, 1.0, 1.0), periodic=(False, False, False), dim=3) -> Cell:
     """An orthogonal cell (three lengths) or any cell (three vectors as rows)."""
-    size = numbers(size)
+    size = as_numbers(size)
     vectors = np.diag(size) if size.ndim == 1 else size
     return Cell(np.ascontiguousarray(vectors), np.array(periodic, bool), int(dim), np.zeros((3, 3)))
 
 
 @njit(cache=True)
 def empty_contacts(n_bodies, capacity, skin, bare=False, keyed=True):
-    """A list without pairs, with room for `capacity`; the first evaluation of forces fills it.
+    """Empty list with room for `capacity` pairs, which the first evaluation of forces fills.
 
-    `bare`: without `pair` and `roll`, which a run of many grains writes only when it ends; nor, unless `keyed`, `key`.
+    `bare` omits `pair` and `roll`, which a run of many grains writes only at the end. `keyed=False` omits `key`.
     """
     c, anchors, keys = capacity, 0 if bare else capacity, capacity if keyed else 0
     return Contacts(
@@ -241,9 +245,9 @@ def empty_contacts(n_bodies, capacity, skin, bare=False, keyed=True):
 
 
 def at_rest(contacts: Contacts) -> Contacts:
-    """Contacts of an equilibrium: at Coulomb's limit is what slides now, whatever happened on the way.
+    """Contacts of an equilibrium: only those that slide now count as having reached Coulomb's limit.
 
-    What slides without slip slides because there is no friction, and has not been at a limit.
+    Contacts that slide without slip slide because there is no friction, and have not reached a limit.
     """
     return contacts._replace(reached=(contacts.mode == SLIDE) & contacts.slip.any(axis=1))
 
@@ -262,7 +266,7 @@ def loads(n_grains: int, n_walls: int = 0, *, force=0.0, torque=0.0, gravity=(0.
         np.zeros((n, 3)),
         np.ones((n, 6), bool),
         np.zeros((n, 6)),
-        numbers(gravity).copy(),
+        as_numbers(gravity).copy(),
         np.full(n, -1),
         np.zeros((3, 3), bool),
         np.zeros((3, 3)),
@@ -270,26 +274,26 @@ def loads(n_grains: int, n_walls: int = 0, *, force=0.0, torque=0.0, gravity=(0.
         0.0,
         np.zeros(0),
         np.zeros((0, 0)),
-        np.full((n, 6), -1, COURSE),
+        np.full((n, 6), -1, COURSE_DTYPE),
         np.full((3, 3), -1),
         np.zeros((n, 3)),
         np.zeros((n, 3)),
-        np.full((n, 3), -1, COURSE),
+        np.full((n, 3), -1, COURSE_DTYPE),
     )
     for part, load in ((control.force, force), (control.torque, torque)):
-        if np.any(load):  # zeros that nobody has written to take no memory
-            part[:n_grains] = rows(load, n_grains, 3)
+        if np.any(load):  # arrays of zeros take no memory until they are written to
+            part[:n_grains] = as_rows(load, n_grains, 3)
     control.free[n_grains:] = False
     return control
 
 
 def groups(control: Control) -> list[np.ndarray]:
-    """Numbers of the bodies of each rigid group."""
+    """Numbers of the bodies in each rigid group."""
     return [np.flatnonzero(control.group == g) for g in range(control.group.max(initial=-1) + 1)]
 
 
 def heights(position: np.ndarray, walls: Walls) -> np.ndarray:
-    """(N, W) distances of points from walls, positive in front of them [length].
+    """Distances of points from walls, (N, W), positive in front of them [length].
 
     Examples
     --------
@@ -309,12 +313,12 @@ def assembly(
     skin: float | None = None,
     time: float = 0.0,
 ) -> State:
-    """A checked state; the list of contacts is made at the first evaluation of forces.
+    """Validated state. The list of contacts is built at the first evaluation of forces.
 
     Raises
     ------
     ValueError
-        with one sentence, if the parts do not fit or hold impossible values, or a grain's centre is behind a wall.
+        with one sentence, if parts do not fit together or hold invalid values, or a centre is behind a wall.
     """
     walls, cell = flat_walls() if walls is None else walls, box() if cell is None else cell
     control = loads(len(grains.radius), len(walls.mass)) if control is None else control
@@ -327,14 +331,14 @@ def assembly(
     if len(grain):
         place = ", ".join(f"{x:.4g}" for x in grains.position[grain[0], : cell.dim])
         raise ValueError(
-            f"grain {grain[0]} at ({place}) lies behind wall {wall[0]}, which would throw it out: move one of them, or "
+            f"grain {grain[0]} at ({place}) lies behind wall {wall[0]}, which would expel it: move one of them, or "
             f"turn the wall's normal towards the grains"
         )
     return state
 
 
 def check(state: State) -> None:
-    """Raise ValueError with one sentence if a state holds what no state may hold."""
+    """Raise ValueError with one sentence if a state is not valid."""
     grains, walls, cell, contacts, control = state[:5]
     n, b = len(grains.radius), state.n_bodies
     for noun, part, count in (("grains", grains, n), ("walls", walls, len(walls.mass)), ("control", control, None)):
@@ -348,8 +352,8 @@ def check(state: State) -> None:
         if not (values > 0).all():
             bad = int(np.argmin(values))
             raise ValueError(f"grain {bad} has {name} {values[bad]:g}: it must be positive")
-    if n > CROWD:
-        _check_crowd(grains)
+    if n > MAX_IN_CUBE:
+        _check_crowding(grains)
     if cell.dim not in (2, 3):
         raise ValueError(f"a cell of {cell.dim} dimensions was given: 2 and 3 are allowed")
     for name in ("force", "torque", "free", "rate", "group", "follows", "spring", "anchor", "leads"):
@@ -364,32 +368,32 @@ def check(state: State) -> None:
     if cell.periodic.any() and abs(np.linalg.det(cell.vectors)) < 1e-300:
         raise ValueError("the cell's vectors span no volume: give three independent vectors")
     if cell.dim == 2 and (cell.periodic[2] or walls.normal[:, 2].any()):
-        raise ValueError("a cell of 2 dimensions lies in the plane: it cannot be periodic or walled along z")
+        raise ValueError("a cell of 2 dimensions was given that is periodic or has walls along z: neither is allowed")
     least = 1e-4 * float(grains.radius.min())
     if not contacts.skin[0] >= least:
         raise ValueError(
             f"a skin of {contacts.skin[0]:g} was given: it must be at least {least:g}, 1e-4 of the smallest "
-            f"radius, or lists of contacts are made anew at every step"
+            f"radius, or contact lists are rebuilt at every step"
         )
 
 
-def _check_crowd(grains: Grains) -> None:
-    """Raise ValueError where so many grains are in one place that lists of all pairs would fill the memory."""
+def _check_crowding(grains: Grains) -> None:
+    """Raise ValueError if so many grains are in one place that a list of all pairs would exhaust the memory."""
     cells = np.floor(grains.position / grains.radius.min()) % 2.0**20
     _, place, count = np.unique(cells @ [1.0, 2.0**20, 2.0**40], return_index=True, return_counts=True)
-    if count.max() > CROWD:
+    if count.max() > MAX_IN_CUBE:
         x = ", ".join(f"{v:.4g}" for v in grains.position[place[count.argmax()]])
         raise ValueError(f"{count.max()} grains were given within a radius of ({x}): move them apart")
 
 
 def deforms(state: State) -> bool:
-    """True if the cell moves or may move."""
+    """Return True if the cell moves or may move."""
     control = state.control
     return bool(control.cell_free.any() or control.cell_rate.any() or state.cell.rate.any())
 
 
 def _check_control(state: State) -> None:
-    """Raise ValueError with one sentence if what is imposed contradicts itself or the cell."""
+    """Raise ValueError with one sentence if the control contradicts itself or the cell."""
     control, cell = state.control, state.cell
     for members in groups(control):
         if not len(members):
@@ -409,24 +413,24 @@ def _check_control(state: State) -> None:
         )
     follows = np.concatenate([part.ravel() for part in (control.follows, control.cell_follows, control.leads)])
     if ((follows < -1) | (follows >= columns)).any():
-        raise ValueError(f"course {follows.max()} is followed where {columns} are known: give its knots and factors")
+        raise ValueError(f"course {follows.max()} is used, but only {columns} are defined: give its knots and factors")
     _check_springs(control)
     if not deforms(state):
         return
     moves = control.cell_free | (control.cell_rate != 0) | (cell.rate != 0)
     periodic = cell.periodic & (np.arange(3) < cell.dim)
     if moves[~periodic].any() or moves[:, ~periodic].any():
-        raise ValueError("the cell was told to deform along an axis that is not periodic: only periodic cells deform")
+        raise ValueError("a deformation was given along an axis that is not periodic: only periodic cells deform")
     if len(state.walls.mass) or (control.group >= 0).any():
         raise ValueError(
-            "a deforming cell was given with walls or rigid groups, which cannot deform with it: leave one of them out"
+            "a deforming cell was given with walls or rigid groups, which cannot deform with it: omit one of them"
         )
     if not control.cell_mass >= 0:
         raise ValueError(f"a cell's mass of {control.cell_mass:g} was given: it must be positive, or 0 for the default")
 
 
 def _check_springs(control: Control) -> None:
-    """Raise ValueError with one sentence if a spring pushes, or pulls what cannot follow it."""
+    """Raise ValueError with one sentence if a stiffness is negative, or a spring pulls a body that is not free."""
     held = (control.spring > 0) & ~control.free[:, :3]
     if (control.spring < 0).any():
         raise ValueError(f"a spring of stiffness {control.spring.min():g} was given: it must be positive")
@@ -437,33 +441,33 @@ def _check_springs(control: Control) -> None:
         )
 
 
-def _grains_in_words(grains: Grains) -> str:
+def _describe_grains(grains: Grains) -> str:
     radius = grains.radius
     sizes = f", radii {radius.min():.4g} to {radius.max():.4g}, mass {grains.mass.sum():.4g}" if len(radius) else ""
     return counted(len(radius), "grain") + sizes
 
 
-def _walls_in_words(walls: Walls) -> str:
+def _describe_walls(walls: Walls) -> str:
     return counted(len(walls.mass), "flat wall")
 
 
-def _cell_in_words(cell: Cell) -> str:
+def _describe_cell(cell: Cell) -> str:
     lengths = " × ".join(f"{x:.4g}" for x in np.linalg.norm(cell.vectors, axis=1)[: cell.dim])
     axes = "".join(name for name, around in zip("xyz", cell.periodic[: cell.dim], strict=False) if around)
     moving = ", deforming" if cell.rate.any() else ""
     return f"{cell.dim} dimensions, {lengths}, {f'periodic along {axes}' if axes else 'not periodic'}{moving}"
 
 
-def _contacts_in_words(contacts: Contacts) -> str:
+def _describe_contacts(contacts: Contacts) -> str:
     mode = contacts.mode[: contacts.count[0]]
-    return f"{_touching_in_words(mode)} in a list of {len(mode)} pairs"
+    return f"{_describe_modes(mode)} in a list of {len(mode)} pairs"
 
 
-def _touching_in_words(mode: np.ndarray) -> str:
+def _describe_modes(mode: np.ndarray) -> str:
     return f"{counted(int((mode != OPEN).sum()), 'contact')} ({(mode == SLIDE).sum()} sliding)"
 
 
-def _control_in_words(control: Control) -> str:
+def _describe_control(control: Control) -> str:
     held = int((~control.free[:, :3].any(axis=1)).sum())
     parts = [counted(len(control.force), "body").replace("bodys", "bodies"), f"{held} of them fixed or driven"]
     if groups := len(np.unique(control.group[control.group >= 0])):
@@ -473,23 +477,21 @@ def _control_in_words(control: Control) -> str:
     if control.gravity.any():
         parts.append(f"gravity ({', '.join(f'{g:.4g}' for g in control.gravity)})")
     if control.cell_free.any():
-        parts.append("cell that follows the stress")
+        parts.append("stress-controlled cell")
     return ", ".join(parts)
 
 
-def _state_in_words(state: State) -> str:
+def _describe_state(state: State) -> str:
     kind = "disk" if state.cell.dim == 2 else "sphere"
     around = state.cell.periodic[: state.cell.dim]
     cell = "a periodic cell" if around.all() else "a partly periodic cell" if around.any() else "open space"
     walls = f", {counted(len(state.walls.mass), 'wall')}" if len(state.walls.mass) else ""
     mode = state.contacts.mode[: state.contacts.count[0]]
-    return (
-        f"{counted(len(state.grains.radius), kind)} in {cell}{walls}, {_touching_in_words(mode)}, t = {state.time:.6g}"
-    )
+    return f"{counted(len(state.grains.radius), kind)} in {cell}{walls}, {_describe_modes(mode)}, t = {state.time:.6g}"
 
 
-def _drawing(state: State) -> str:
-    """SVG of the grains seen along z, the nearest 3000 of them."""
+def _draw_svg(state: State) -> str:
+    """SVG of the nearest 3000 grains, viewed along z."""
     r, radius = state.grains.position, state.grains.radius
     if not len(radius) or not np.isfinite(r).all():
         return ""

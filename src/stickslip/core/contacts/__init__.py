@@ -1,1 +1,1 @@
-"""One contact: geometry, mechanics, forces, rolling, neighbour lists, Jacobian."""
+"""Contacts: geometry, mechanics, forces, rolling, neighbour lists, Jacobian."""

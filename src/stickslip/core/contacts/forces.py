@@ -1,7 +1,7 @@
 """Forces, torques and trial memory of all contacts.
 
-`forces` returns loads and *trial* contacts and leaves the state alone; only `accept` commits them. The kernel `sweep`
-works in place on whatever list it is given: a copy here, the stepper's own list in `integrate`.
+`forces` returns loads and *trial* contacts and leaves the state unchanged; only `accept` commits them. The kernel
+`sweep_contacts` works in place on the list it receives: a copy here, the stepper's own list in `run`.
 """
 
 from functools import cache
@@ -16,16 +16,16 @@ from ..laws.builtin import (
     DAMPING_T,
     Law,
     cap,
-    damping_of,
+    contact_damping,
     dashpots,
-    fades,
     least_force,
     normal_force,
     reach,
+    rescaling_flag,
     row,
     tangential_stiffness,
 )
-from ..laws.dispatch import plain
+from ..laws.dispatch import as_numpy_integers
 from ..readable import readable
 from ..state import OPEN, SLIDE, State, groups
 from .geometry import (
@@ -39,8 +39,18 @@ from .geometry import (
     surface_rotation,
     touching_fraction,
 )
-from .mechanics import FREE, FROZEN, apart, damped, effective, faded, return_mapping, tangential_force, with_dashpot
-from .neighbors import body_positions, body_radii, joined, updated
+from .mechanics import (
+    FREE,
+    FROZEN,
+    effective_values,
+    out_of_range,
+    rescale_slip,
+    return_mapping,
+    tangential_force,
+    with_dashpot,
+    with_tangential_dashpot,
+)
+from .neighbors import body_positions, body_radii, join_bodies, updated
 from .rolling import add_rolling, forget_rolling
 
 CLOSED, OPENED, REACHED_LIMIT = 0, 1, 2
@@ -71,7 +81,7 @@ class ContactLoads(NamedTuple):
 
 
 def moved_masses(state: State) -> np.ndarray:
-    """(B,) mass that moves with each body: its own, or its rigid group's."""
+    """Mass that moves with each body, (B,): its own, or that of its rigid group."""
     own = np.concatenate([state.grains.mass, state.walls.mass])
     for members in groups(state.control):
         own[members] = own[members].sum()
@@ -79,7 +89,7 @@ def moved_masses(state: State) -> np.ndarray:
 
 
 def bodies(state: State) -> Bodies:
-    """Fresh arrays of all that moves, grains followed by walls; radii and materials are to be read only."""
+    """Fresh arrays of all bodies, grains followed by walls. Radii and materials must not be written to."""
     grains, walls = state.grains, state.walls
     still = np.zeros((len(walls.mass), 3))
     return Bodies(
@@ -88,7 +98,7 @@ def bodies(state: State) -> Bodies:
         np.concatenate([grains.velocity, walls.velocity]),
         np.concatenate([grains.spin, still]),
         body_radii(state),
-        joined(grains.material, walls.material),
+        join_bodies(grains.material, walls.material),
         state.control.free[:, : state.cell.dim].any(axis=1) / moved_masses(state),
         walls.normal,
         state.cell.rate.copy(),
@@ -96,8 +106,8 @@ def bodies(state: State) -> Bodies:
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def approach(dim, velocity, spin, radius, rate, i, j, rx, ry, rz, nx, ny, nz):
-    """Normal part, and tangential vector, of the velocity of i relative to j at the contact [length/time].
+def relative_velocity(dim, velocity, spin, radius, rate, i, j, rx, ry, rz, nx, ny, nz):
+    """Normal component and tangential vector of the velocity of i relative to j at the contact [length/time].
 
     `rate` is the velocity gradient L of the cell, which adds L r.
     """
@@ -114,15 +124,15 @@ def approach(dim, velocity, spin, radius, rate, i, j, rx, ry, rz, nx, ny, nz):
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def rests(dim, pair, roll, c, rx, ry, rz, ax, ay, az):
-    """True if pair vector and rolled angle are those at which the contact's memory was committed."""
+def is_unmoved(dim, pair, roll, c, rx, ry, rz, ax, ay, az):
+    """Return True if pair vector and rolled angle are those at which the contact's memory was committed."""
     plane = rx == pair[c, 0] and ry == pair[c, 1] and az == roll[c, 2]
     return plane and (dim == 2 or (rz == pair[c, 2] and ax == roll[c, 0] and ay == roll[c, 1]))
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def record_event(events, event_count, kind, time, i, j, image, c, place, at):
-    """Append one row of EVENT_COLUMNS; rows beyond the capacity are counted but not stored."""
+    """Append one row of EVENT_COLUMNS. Rows beyond the capacity are counted but not stored."""
     k = event_count[0]
     event_count[0] = k + 1
     if k >= len(events):
@@ -134,26 +144,27 @@ def record_event(events, event_count, kind, time, i, j, image, c, place, at):
 
 
 @njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
-def sweep(
+def sweep_contacts(
     kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, step, force, torque, time, events, event_count,
     rescaled,
 ):  # fmt: skip
-    """Add the loads of all contacts and update their memory in place; compiled into its callers.
+    """Add the loads of all contacts and update their memory in place. The function is inlined into its callers.
 
-    `step`: velocities and spins of the step that ends here, and its length, which decide for what fraction of it a
-    contact that closes has touched; with a length of zero it starts without slip. `rescaled`: see `laws.fades`.
+    `step` holds velocities and spins of the step that ends here, and its length. They determine for which fraction of
+    the step a closing contact has touched. If the length is zero, the contact starts without slip. `rescaled`: see
+    `builtin.rescaling_flag`.
     """
     position, angle, velocity, spin, radius, material, inverse_mass, wall_normal, rate = bodies
     n_grains = len(radius) - len(wall_normal)
     slip, mode, pair, roll = contacts.slip, contacts.mode, contacts.pair, contacts.roll
     for c in range(contacts.count[0]):
         is_wall = contacts.j[c] >= n_grains
-        # unsigned, so that no index is checked for counting from the end
+        # unsigned, so that indices are not checked for negative values
         i, j, wall = np.uint64(contacts.i[c]), np.uint64(contacts.j[c]), np.uint64(contacts.j[c] - n_grains)
         rx, ry, rz = pair_vector(dim, position, shift, c, i, j)
         nx, ny, nz, overlap, inverse = normal_and_overlap(i, j, is_wall, wall, radius, wall_normal, rx, ry, rz)
         before = mode[c]
-        if apart(kind, p, material, radius, inverse_mass, i, j, is_wall, overlap):
+        if out_of_range(kind, p, material, radius, inverse_mass, i, j, is_wall, overlap):
             if before != OPEN:
                 mode[c] = OPEN
                 contacts.reached[c] = False
@@ -162,10 +173,10 @@ def sweep(
                 record_event(events, event_count, OPENED, time, i, j, contacts.image, c, position, i)
             continue
         q = row(kind, p, np.uint64(material[i]), np.uint64(material[j]))
-        r_eff, m_eff = effective(kind, viscous, radius, inverse_mass, i, j, is_wall)
+        r_eff, m_eff = effective_values(kind, viscous, radius, inverse_mass, i, j, is_wall)
         ax, ay, az = surface_rotation(dim, angle, radius, i, j)
-        kept = memory == FROZEN and before != OPEN and rests(dim, pair, roll, c, rx, ry, rz, ax, ay, az)
-        # slip before, turned with the contact, what is added to it, and the normal halfway
+        kept = memory == FROZEN and before != OPEN and is_unmoved(dim, pair, roll, c, rx, ry, rz, ax, ay, az)
+        # previous slip rotated with the contact, its increment, and the mid-step normal
         sx = sy = sz = dx = dy = dz = 0.0
         mx, my, mz, part, whole, fade = nx, ny, nz, 1.0, 1.0, 1.0
         if kept:
@@ -177,9 +188,9 @@ def sweep(
             sx, sy, sz = slip[c, 0], slip[c, 1], slip[c, 2] if dim == 3 else 0.0
             sx, sy, sz = onto_plane(nx, ny, nz, mx, my, mz, sx, sy, sz)
             if rescaled is not None:
-                fade, sx, sy, sz = faded(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz)
+                fade, sx, sy, sz = rescale_slip(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz)
             dx, dy, dz = slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, wx, wy, az - roll[c, 2])
-            if rescaled is not None:  # what was added before the overlap fell has faded, too
+            if rescaled is not None:  # the increment before the overlap decreased is shortened, too
                 half = 0.5 * (1.0 + fade)
                 dx, dy, dz = half * dx, half * dy, half * dz
         elif step[2] > 0.0:
@@ -193,8 +204,8 @@ def sweep(
         fn = normal_force(kind, q, r_eff, overlap)
         vx = vy = vz = factor = 0.0
         if viscous:
-            vn, vx, vy, vz = approach(dim, velocity, spin, radius, rate, i, j, rx, ry, rz, nx, ny, nz)
-            factor = damping_of(kind, viscous, r_eff, m_eff, overlap)
+            vn, vx, vy, vz = relative_velocity(dim, velocity, spin, radius, rate, i, j, rx, ry, rz, nx, ny, nz)
+            factor = contact_damping(kind, viscous, r_eff, m_eff, overlap)
             fn = with_dashpot(viscous, fn, factor * q[DAMPING_N], vn, least_force(kind, fn))
         limit = cap(kind, q, r_eff, overlap, fn)
         stiffness = tangential_stiffness(kind, q, r_eff, overlap)
@@ -220,7 +231,7 @@ def sweep(
                     record_event(events, event_count, REACHED_LIMIT, time, i, j, contacts.image, c, position, i)
         tx, ty, tz = tangential_force(coulomb, stiffness, limit, sx, sy, sz)
         if viscous:
-            tx, ty, tz = damped(tx, ty, tz, factor * q[DAMPING_T], limit, vx, vy, vz)
+            tx, ty, tz = with_tangential_dashpot(tx, ty, tz, factor * q[DAMPING_T], limit, vx, vy, vz)
         fx, fy, fz = fn * nx + tx, fn * ny + ty, fn * nz + tz
         qx, qy, qz = nz * ty - ny * tz, nx * tz - nz * tx, ny * tx - nx * ty
         add_rolling(
@@ -244,12 +255,12 @@ def sweep(
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def elastic_pair(kind, coulomb, dim, p, bodies, contacts, shift, c):
-    """Pair vector and elastic force on i of a touching pair of grains whose memory is committed."""
+    """Pair vector and elastic force on i, for a touching pair of grains whose memory is committed."""
     i, j = contacts.i[c], contacts.j[c]
     rx, ry, rz = pair_vector(dim, bodies.position, shift, c, i, j)
     nx, ny, nz, overlap, _ = normal_and_overlap(i, j, False, 0, bodies.radius, bodies.normal, rx, ry, rz)
     q = row(kind, p, bodies.material[i], bodies.material[j])
-    r_eff, _ = effective(kind, 0, bodies.radius, bodies.inverse_mass, i, j, False)
+    r_eff, _ = effective_values(kind, 0, bodies.radius, bodies.inverse_mass, i, j, False)
     fn = normal_force(kind, q, r_eff, overlap)
     s = contacts.slip[c]
     limit = cap(kind, q, r_eff, overlap, fn)
@@ -259,7 +270,7 @@ def elastic_pair(kind, coulomb, dim, p, bodies, contacts, shift, c):
 
 @njit(cache=True)
 def _add_virial(kind, coulomb, dim, p, bodies, contacts, shift, out):
-    """Σ f ⊗ r over all touching pairs of grains whose memory is committed."""
+    """Add Σ f ⊗ r over all touching pairs of grains whose memory is committed."""
     n_grains = len(bodies.radius) - len(bodies.normal)
     for c in range(contacts.count[0]):
         if contacts.mode[c] != OPEN and contacts.j[c] < n_grains:
@@ -273,14 +284,14 @@ def _add_virial(kind, coulomb, dim, p, bodies, contacts, shift, out):
 def evaluation(kind: int, coulomb: int, dim: int, viscous: int):
     """Compiled evaluation of all contacts for one law and dimension, with or without dashpots.
 
-    Numba's disk cache hits for closures over integers, and the compiler drops the branches that they decide.
+    Numba's disk cache works for closures over integers, and the compiler removes the branches that they decide.
     """
-    rescaled, (kind, coulomb) = fades(kind), plain(kind, coulomb)
+    rescaled, (kind, coulomb) = rescaling_flag(kind), as_numpy_integers(kind, coulomb)
 
     @njit(cache=True, fastmath=True, error_model="numpy")
     def evaluate(bodies, contacts, shift, p, memory, force, torque, events, event_count):
         still = (bodies.velocity, bodies.spin, 0.0)
-        sweep(
+        sweep_contacts(
             kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, still, force, torque, 0.0, events,
             event_count, rescaled,
         )  # fmt: skip
@@ -292,17 +303,17 @@ NO_EVENTS = np.zeros((0, len(EVENT_COLUMNS)))
 
 
 def forces(state: State, law: Law, *, memory: int = FREE):
-    """Contact loads on every body and the trial memory; the state is left alone.
+    """Contact loads on every body, and the trial memory; the state is unchanged.
 
-    F_ij = F_n n + F_t on body i, T_i = −R_i n × F_t. With lever arms R rather than R − δ/2, as in the papers, total
-    angular momentum changes by O(δ).
+    F_ij = F_n n + F_t on body i, T_i = −R_i n × F_t. The lever arms are R rather than R − δ/2, as in the
+    papers, so that the total angular momentum changes by O(δ).
 
     Parameters
     ----------
     state : State; positions may differ from those at which its memory was committed
     law : Law
     memory : FREE (default), HELD (no contact changes between stick and slide) or FROZEN (contacts that have not moved
-        since their memory was committed keep it to the last bit)
+        since their memory was committed keep it bit for bit)
 
     Returns
     -------
@@ -337,22 +348,22 @@ def forces(state: State, law: Law, *, memory: int = FREE):
 
 
 def accept(state: State, trial) -> State:
-    """The state with trial memory committed."""
+    """State with the trial memory committed."""
     return state._replace(contacts=trial)
 
 
 def check_materials(state: State, law: Law) -> None:
-    """Raise ValueError if a body's material has no row in the law's table."""
+    """Raise ValueError if the material of a body has no row in the law's table."""
     used = np.concatenate([state.grains.material, state.walls.material])
     worst = int(used.min()) if used.min() < 0 else int(used.max())
     if not 0 <= worst < len(law.table):
         raise ValueError(
-            f"material {worst} is used but the law knows {len(law.table)} of them: add it with laws.for_pair(law, a, b)"
+            f"material {worst} is used, but the law has {len(law.table)} of them: add it with laws.for_pair(law, a, b)"
         )
 
 
 def unbalanced_forces(state: State, loads: ContactLoads):
-    """Generalised force on every body: (N + W, 6) force and torque/R, external loads included, zero where not free."""
+    """Force and torque/R on every body, (N + W, 6), external loads included; zero where not free."""
     grains, control = state.grains, state.control
     n = len(grains.radius)
     total = np.zeros((state.n_bodies, 6))

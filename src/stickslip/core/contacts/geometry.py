@@ -1,6 +1,6 @@
-"""Geometry of one contact, the same for all laws and both dimensions: pair vector, normal, overlap, slip.
+"""Geometry of one contact for all laws, in two and three dimensions: pair vector, normal, overlap, slip.
 
-Scalars in, scalars out; in two dimensions the z parts are literal zeros that the compiler removes.
+Functions take and return scalars. In two dimensions the z components are literal zeros that the compiler removes.
 """
 
 import numpy as np
@@ -9,7 +9,7 @@ from numba import njit
 
 @njit(cache=True)
 def shifts(contacts, cell):
-    """(C, 3) cellᵀ·image of every pair [length]."""
+    """Periodic shift cellᵀ·image of every pair, (C, 3) [length]."""
     out = np.zeros((contacts.count[0], 3))
     image = contacts.image
     for c in range(np.uint64(contacts.count[0])):
@@ -21,14 +21,14 @@ def shifts(contacts, cell):
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def pair_vector(dim, x, shift, c, i, j):
-    """r_i − r_j + cellᵀ·image [length], x the positions of all bodies."""
+    """Pair vector r_i − r_j + cellᵀ·image [length]; x are the positions of all bodies."""
     rz = x[i, 2] - x[j, 2] + shift[c, 2] if dim == 3 else 0.0
     return x[i, 0] - x[j, 0] + shift[c, 0], x[i, 1] - x[j, 1] + shift[c, 1], rz
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def normal_and_overlap(i, j, is_wall, wall, radius, wall_normal, rx, ry, rz):
-    """Normal from j to i, overlap δ, and 1/|r_ij|, which is zero for a wall: its normal does not turn."""
+    """Normal from j to i, overlap δ, and 1/|r_ij|. The latter is zero for walls, whose normal does not rotate."""
     if not is_wall:
         distance = np.sqrt(rx * rx + ry * ry + rz * rz)
         inverse = 1.0 / distance
@@ -39,7 +39,7 @@ def normal_and_overlap(i, j, is_wall, wall, radius, wall_normal, rx, ry, rz):
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def surface_rotation(dim, angle, radius, i, j):
-    """R_i angle_i + R_j angle_j [length]; the radius of a wall is zero."""
+    """Rolled length R_i angle_i + R_j angle_j [length]; the radius of a wall is zero."""
     z = radius[i] * angle[i, 2] + radius[j] * angle[j, 2]
     if dim == 2:
         return 0.0, 0.0, z
@@ -48,7 +48,7 @@ def surface_rotation(dim, angle, radius, i, j):
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def at_contact(nx, ny, nz, dx, dy, dz, ax, ay, az):
-    """Displacement of the surface of i relative to that of j: dr + n × d(roll); the same of velocities.
+    """Displacement of the surface of i relative to that of j, dr + n × d(roll). The same holds for velocities.
 
     Source: doi:10.48550/arXiv.1908.11724, Eq 2 and supplement Eq 7.
     """
@@ -57,9 +57,9 @@ def at_contact(nx, ny, nz, dx, dy, dz, ax, ay, az):
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def mid_normal(nx, ny, nz, inverse, dx, dy, dz):
-    """Normal halfway through a displacement dr that ends at n, scaled to n·m = 1: m = n − P dr/(2|r|).
+    """Normal halfway through a displacement dr that ends at n, scaled so that n·m = 1: m = n − P dr/(2|r|).
 
-    With `inverse` zero, as at walls, it is n.
+    If `inverse` is zero, as for walls, it is n.
     """
     half = 0.5 * inverse
     along = nx * dx + ny * dy + nz * dz
@@ -68,10 +68,10 @@ def mid_normal(nx, ny, nz, inverse, dx, dy, dz):
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def onto_plane(nx, ny, nz, mx, my, mz, wx, wy, wz):
-    """w − (n·w) m: the projection along the mid-step normal m onto the plane of contact.
+    """Project w along the mid-step normal m onto the plane of contact: w − (n·w) m.
 
-    It turns a slip in the plane of contact before the step into that after it, to third order in the angle, and
-    removes what approaches or separates the grains. With m = n it is the orthogonal projection.
+    The projection rotates a slip from the plane of contact before the step to that after it, to third order in the
+    angle, and removes the component that approaches or separates the grains. With m = n it is orthogonal.
     """
     along = wx * nx + wy * ny + wz * nz
     return wx - along * mx, wy - along * my, wz - along * mz
@@ -79,16 +79,16 @@ def onto_plane(nx, ny, nz, mx, my, mz, wx, wy, wz):
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, ax, ay, az):
-    """Slip increment of a displacement dr and a rotation d(roll), in the plane of contact after them."""
+    """Slip increment of a displacement dr and a rotation d(roll), in the plane of contact at the end."""
     wx, wy, wz = at_contact(mx, my, mz, dx, dy, dz, ax, ay, az)
     return onto_plane(nx, ny, nz, mx, my, mz, wx, wy, wz)
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def overlap_increment(nx, ny, nz, inverse, dx, dy, dz):
-    """Overlap increment of a displacement dr that ends at n: |r − dr| − |r|, zero to the bit without dr.
+    """Overlap increment of a displacement dr that ends at n: |r − dr| − |r|, exactly zero without dr.
 
-    With `inverse` zero, as at walls, it is −n·dr.
+    If `inverse` is zero, as for walls, it is −n·dr.
     """
     twice = inverse * (dx * dx + dy * dy + dz * dz) - 2.0 * (nx * dx + ny * dy + nz * dz)
     return twice / (1.0 + np.sqrt(max(1.0 + inverse * twice, 0.0)))
@@ -96,9 +96,9 @@ def overlap_increment(nx, ny, nz, inverse, dx, dy, dz):
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def touching_fraction(nx, ny, nz, inverse, depth, dx, dy, dz):
-    """Fraction of a step for which a contact that closes in it has touched, as a numerator and a denominator.
+    """Fraction of a step during which a closing contact has touched, as a numerator and a denominator.
 
-    `depth` is the overlap at the end, which grew by |P dr|²/(2|r|) − n·dr, to third order in dr.
+    `depth` is the overlap at the end. It grew by |P dr|²/(2|r|) − n·dr, to third order in dr.
     """
     along = nx * dx + ny * dy + nz * dz
     gained = 0.5 * inverse * (dx * dx + dy * dy + dz * dz - along * along) - along

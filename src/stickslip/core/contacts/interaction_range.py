@@ -1,45 +1,45 @@
-"""What a list of contacts needs for laws by users: pairs across gaps, and room for a memory of rolling."""
+"""Requirements of user-defined laws on the neighbour list: pairs across gaps, and rows for the memory of rolling."""
 
 import numpy as np
 
 from ..laws.builtin import Law
-from ..laws.dispatch import Kind, answer, known
+from ..laws.dispatch import Kind, evaluate_role, known
 from ..state import Contacts, State
 
 
-def gap_listed(contacts: Contacts) -> float:
-    """Largest gap across which a list knows pairs, skin apart [length]."""
+def listed_gap(contacts: Contacts) -> float:
+    """Largest gap across which a list holds pairs, not counting the skin [length]."""
     return float(contacts.skin[1]) if len(contacts.skin) > 1 else 0.0
 
 
-def widest(state: State, law: Law) -> float:
+def largest_gap(state: State, law: Law) -> float:
     """Largest gap across which a law acts between bodies of a state [length]."""
     if not isinstance(law.kind, Kind) or "contact_range" not in known(law.kind).functions:
         return 0.0
     r_eff = float(state.grains.radius.max()) * (1.0 if len(state.walls.mass) else 0.5)
     rows = law.table.reshape(-1, law.table.shape[2])
-    return max(float(answer(law.kind, "contact_range", q, r_eff=r_eff)) for q in rows)
+    return max(float(evaluate_role(law.kind, "contact_range", q, r_eff=r_eff)) for q in rows)
 
 
-def as_wide(state: State, law: Law) -> Contacts:
-    """The list of a state, or if it is not as wide as the law reaches, one that must be made anew."""
-    contacts, gap = state.contacts, widest(state, law)
-    if not gap > gap_listed(contacts):
+def with_range(state: State, law: Law) -> Contacts:
+    """Contact list of a state, marked for a rebuild with a larger gap if the range of the law requires it."""
+    contacts, gap = state.contacts, largest_gap(state, law)
+    if not gap > listed_gap(contacts):
         return contacts
     skin = np.array([contacts.skin[0], gap])
     return contacts._replace(skin=skin, origin=np.full_like(contacts.origin, np.inf))
 
 
-def with_room(contacts: Contacts, law: Law) -> Contacts:
-    """The list with a row of rolling memory for each pair, if the law has such a memory."""
+def with_rolling_memory(contacts: Contacts, law: Law) -> Contacts:
+    """List with a row of rolling memory for each pair, if the law has such a memory."""
     rolls = isinstance(law.kind, Kind) and "rolling_stiffness" in known(law.kind).functions
     if not rolls or len(contacts.rolling) == len(contacts.i):
         return contacts
     return contacts._replace(rolling=np.zeros((len(contacts.i), contacts.rolling.shape[1])))
 
 
-def with_rolling_of(old: Contacts, new: Contacts) -> Contacts:
-    """A new list with the rolling memory of the pairs that it shares with an old one, if that has any."""
+def copy_rolling_memory(old: Contacts, new: Contacts) -> Contacts:
+    """New list with the rolling memory of pairs that are also in an old one, if that has any."""
     if not len(old.rolling):
         return new
     here, there = int(old.count[0]), max(int(new.count[0]), 0)

@@ -1,13 +1,13 @@
-"""The exact Jacobian of contact forces and torques with memory: one 6 × 6 block a contact.
+"""Exact Jacobian of contact forces and torques with memory: one 6 × 6 block per contact.
 
-Coordinates of a body are (x, y, z, R·angle), torques are divided by R. A contact depends on r = r_i − r_j and
-ρ = R_i angle_i + R_j angle_j only; its loads on i are (F, T/R) = (F, −n × F). Geometry is derived here by hand, the
-law's tangents come from the law's own source. With u the slip, see `tangent`, and φ(δ, |u|) the tangential force:
+Coordinates of a body are (x, y, z, R·angle), and torques are divided by R. A contact depends on r = r_i − r_j and
+ρ = R_i angle_i + R_j angle_j only. Its loads on i are (F, T/R) = (F, −n × F). The geometric derivatives are written by
+hand, those of the law come from its source. With the slip u, see `tangent`, and the tangential force φ(δ, |u|):
 
     dF = −F_n' n (n·dr) + F_n dn − [φ/|u| (I − û ûᵀ) + ∂φ/∂|u| û ûᵀ] du + ∂φ/∂δ û (n·dr),      dn = P dr/|r|
 
-At an accepted state du = P dr − n (u·dn) + n × dρ, P = I − n nᵀ. The term −n (u·dn), the turning of the memory with
-the contact, is left out in the papers' supplements.
+At an accepted state du = P dr − n (u·dn) + n × dρ, P = I − n nᵀ. The papers' supplements omit the term −n (u·dn), the
+rotation of the memory with the contact.
 """
 
 from typing import NamedTuple
@@ -21,12 +21,12 @@ from ..laws.builtin import (
     Law,
     cap,
     cap_slopes,
-    damping_of,
+    contact_damping,
     dashpots,
-    fades,
-    mobilised,
-    mobilised_tangent,
+    mobilisation,
+    mobilisation_tangent,
     normal_force,
+    rescaling_flag,
     row,
     tangential_stiffness,
     tangents,
@@ -34,60 +34,59 @@ from ..laws.builtin import (
 from ..state import OPEN, SLIDE, State
 from .forces import bodies, check_materials
 from .geometry import mid_normal, normal_and_overlap, onto_plane, pair_vector, shifts, slip_increment, surface_rotation
-from .interaction_range import gap_listed, widest, with_room
-from .mechanics import HELD, apart, effective, faded, return_mapping, turned_weight
+from .interaction_range import largest_gap, listed_gap, with_rolling_memory
+from .mechanics import HELD, effective_values, out_of_range, rescale_slip, return_mapping, turning_weight
 from .neighbors import body_positions, moved_too_far
-from .rolling import rolls, with_moments
-from .tangent import column, outer, spring_of, turn_of
-from .tangent import memory as memory_tangent
+from .rolling import resists_rolling, with_moments
+from .tangent import column, make_turn, memory_tangent, outer, spring_tangent
 
 
-class Linear(NamedTuple):
-    """Each contact's vectors and scalars that its linearisation is made of, one row a contact."""
+class Linearisation(NamedTuple):
+    """Vectors and scalars of the linearisation, one row per contact."""
 
     normal: np.ndarray  # (C, 3)
     inverse: np.ndarray  # (C,) 1/|r|, zero at walls
     before: np.ndarray  # (C, 3) slip when the memory was committed
     way: np.ndarray  # (C, 3) Δr since then
     turn: np.ndarray  # (C, 3) Δρ since then
-    slip: np.ndarray  # (C, 3) now, before it is cut at Coulomb's limit
-    closed: np.ndarray  # (C,) 1 if it touches, else 0
-    remembers: np.ndarray  # (C,) 1 if it touched already when the memory was committed
-    slides: np.ndarray  # (C,)
-    weighted: np.ndarray  # (C,) 1 if the slip goes on sliding in three dimensions and turns on the way
+    slip: np.ndarray  # (C, 3) current slip before truncation at Coulomb's limit
+    closed: np.ndarray  # (C,) 1 if the contact touches, else 0
+    remembers: np.ndarray  # (C,) 1 if it already touched when the memory was committed
+    slides: np.ndarray  # (C,) 1 if it slides
+    weighted: np.ndarray  # (C,) 1 if it keeps sliding in three dimensions, so that the slip may turn
     force_n: np.ndarray  # (C,) F_n
     slope_n: np.ndarray  # (C,) dF_n/dδ
     secant: np.ndarray  # (C,) φ/|u|
     along: np.ndarray  # (C,) ∂φ/∂|u|
     by_overlap: np.ndarray  # (C,) ∂φ/∂δ at fixed |u|
-    by_force: np.ndarray  # (C,) ∂φ/∂F_n, as a dashpot changes F_n
+    by_force: np.ndarray  # (C,) ∂φ/∂F_n, needed because dashpots change F_n
     damping_n: np.ndarray  # (C,)
     damping_t: np.ndarray  # (C,)
-    stiffness_t: np.ndarray  # (C,) k_t, of a contact that sticks
+    stiffness_t: np.ndarray  # (C,) k_t of a sticking contact
     slope_t: np.ndarray  # (C,) dk_t/dδ
-    limit: np.ndarray  # (C,) of the tangential force
-    mu: np.ndarray  # (C,) its derivative with respect to F_n
-    fade: np.ndarray  # (C,) by which the law shortens the slip as the overlap falls
-    fading: np.ndarray  # (C,) its derivative with respect to the overlap
+    limit: np.ndarray  # (C,) Coulomb's limit of the tangential force
+    mu: np.ndarray  # (C,) derivative of the limit with respect to F_n
+    fade: np.ndarray  # (C,) factor by which the law shortens the slip as the overlap decreases
+    fading: np.ndarray  # (C,) derivative of that factor with respect to the overlap
 
 
 @njit(cache=True, error_model="numpy")
 def _friction_tangent(coulomb, stiffness, slope_k, limit, mu, by_overlap, slope_n, stretch, slides):
-    """φ/|u|, ∂φ/∂|u|, ∂φ/∂δ and ∂φ/∂F_n of the tangential force φ = k_t |u| (mobilised), at most `limit`.
+    """Coefficients φ/|u|, ∂φ/∂|u|, ∂φ/∂δ and ∂φ/∂F_n of the tangential force φ = k_t |u| (mobilisation) ≤ `limit`.
 
     `mu` and `by_overlap` are the limit's derivatives with respect to F_n and δ.
     """
     if slides or limit <= 0.0:
         return limit / stretch if stretch > 0.0 else 0.0, 0.0, mu * slope_n + by_overlap, mu
     x = stiffness * stretch / limit
-    h, g = mobilised(coulomb, x), mobilised_tangent(coulomb, x)
+    h, g = mobilisation(coulomb, x), mobilisation_tangent(coulomb, x)
     by_force = -mu * x * x * g
     changed = by_force * slope_n - by_overlap * x * x * g
     return stiffness * h, stiffness * (h + x * g), slope_k * stretch * (h + x * g) + changed, by_force
 
 
 @njit(cache=True, error_model="numpy")
-def _linearise(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, rescaled, out):
+def _fill_linearisation(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, rescaled, out):
     position, angle, _, _, radius, material, inverse_mass, wall_normal, _ = bodies
     n_grains = len(radius) - len(wall_normal)
     for c in range(contacts.count[0]):
@@ -96,10 +95,10 @@ def _linearise(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, 
         nx, ny, nz, overlap, inverse = normal_and_overlap(
             i, j, j >= n_grains, j - n_grains, radius, wall_normal, rx, ry, rz
         )
-        if apart(kind, p, material, radius, inverse_mass, i, j, j >= n_grains, overlap):
+        if out_of_range(kind, p, material, radius, inverse_mass, i, j, j >= n_grains, overlap):
             continue
         q = row(kind, p, material[i], material[j])
-        r_eff, m_eff = effective(kind, viscous, radius, inverse_mass, i, j, j >= n_grains)
+        r_eff, m_eff = effective_values(kind, viscous, radius, inverse_mass, i, j, j >= n_grains)
         force_n, stiffness = normal_force(kind, q, r_eff, overlap), tangential_stiffness(kind, q, r_eff, overlap)
         slope_n, slope_k = tangents(kind, q, r_eff, overlap)
         limit = cap(kind, q, r_eff, overlap, force_n)
@@ -119,7 +118,7 @@ def _linearise(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, 
             mx, my, mz = mid_normal(nx, ny, nz, inverse, dx, dy, dz)
             sx, sy, sz = onto_plane(nx, ny, nz, mx, my, mz, sx, sy, sz)
             if rescaled is not None:
-                fade, sx, sy, sz = faded(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz)
+                fade, sx, sy, sz = rescale_slip(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz)
             dx, dy, dz = slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, ax, ay, az)
             if rescaled is not None:
                 half = 0.5 * (1.0 + fade)
@@ -127,10 +126,10 @@ def _linearise(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, 
         spring = (stiffness, limit, sx, sy, sz, dx, dy, dz)
         if rescaled is not None:
             mode = return_mapping(dim, *spring, 1.0, 1.0, before, memory, fade)[3]
-            top, below = turned_weight(*spring, fade)
+            top, below = turning_weight(*spring, fade)
         else:
             mode = return_mapping(dim, *spring, 1.0, 1.0, before, memory)[3]
-            top, below = turned_weight(*spring)
+            top, below = turning_weight(*spring)
         weighted, weight = dim == 3 and mode == SLIDE and before == SLIDE and limit > 0.0, 1.0
         if weighted:
             weight = top / below
@@ -144,21 +143,21 @@ def _linearise(kind, coulomb, viscous, dim, bodies, contacts, shift, p, memory, 
         out.force_n[c], out.slope_n[c] = force_n, slope_n
         out.stiffness_t[c], out.slope_t[c], out.mu[c], out.limit[c] = stiffness, slope_k, mu, limit
         out.fade[c], out.fading[c] = fade, 0.5 * fade / overlap if fade < 1.0 else 0.0
-        factor = damping_of(kind, viscous, r_eff, m_eff, overlap)
+        factor = contact_damping(kind, viscous, r_eff, m_eff, overlap)
         out.damping_n[c], out.damping_t[c] = factor * q[DAMPING_N], factor * q[DAMPING_T]
 
 
-def linearise(state: State, law: Law, *, memory: int = HELD) -> Linear:
-    """Scalars and vectors of every contact's linearisation, at rest; see `contact_blocks` for the arguments."""
+def linearise(state: State, law: Law, *, memory: int = HELD) -> Linearisation:
+    """Linearisation of every contact, at rest; see `contact_blocks` for the arguments."""
     check_materials(state, law)
-    if moved_too_far(body_positions(state), state.contacts) or widest(state, law) > gap_listed(state.contacts):
+    if moved_too_far(body_positions(state), state.contacts) or largest_gap(state, law) > listed_gap(state.contacts):
         raise ValueError(
-            "the list of contacts is not that of these positions: equilibrate, or accept(state, trial) first"
+            "the list of contacts does not belong to these positions: equilibrate, or accept(state, trial) first"
         )
     count = int(state.contacts.count[0])
     vectors = ("normal", "before", "way", "turn", "slip")
-    out = Linear(*(np.zeros((count, 3) if name in vectors else count) for name in Linear._fields))
-    _linearise(
+    out = Linearisation(*(np.zeros((count, 3) if name in vectors else count) for name in Linearisation._fields))
+    _fill_linearisation(
         law.kind,
         law.coulomb,
         dashpots(law),
@@ -168,16 +167,16 @@ def linearise(state: State, law: Law, *, memory: int = HELD) -> Linear:
         shifts(state.contacts, state.cell.vectors),
         law.table,
         memory,
-        fades(law.kind),
+        rescaling_flag(law.kind),
         out,
     )
     if memory == HELD and (out.closed > out.remembers).any():
-        raise ValueError("a contact touches that was never committed: equilibrate, or accept(state, trial) first")
+        raise ValueError("a touching contact was never committed: equilibrate, or accept(state, trial) first")
     return out
 
 
 def cross_matrix(v: np.ndarray) -> np.ndarray:
-    """(C, 3, 3) matrices X with X y = v × y, for rows v (C, 3)."""
+    """Matrices X (C, 3, 3) with X y = v × y, for rows v (C, 3)."""
     x, y, z = v.T
     zero = np.zeros_like(x)
     return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
@@ -186,24 +185,24 @@ def cross_matrix(v: np.ndarray) -> np.ndarray:
 def contact_blocks(state: State, law: Law, *, memory: int = HELD):
     """Derivatives of (F, T/R) on body i with respect to (r, ρ) and to their rates, at rest.
 
-    Exact at any state. Where the memory was committed, a law with `rescaled=True` has only directional derivatives:
-    there it is the one of an overlap that grows.
+    They are exact at any state. Where the memory was committed, a law with `rescaled=True` has only directional
+    derivatives; the one for a growing overlap is returned.
 
     Parameters
     ----------
-    state : State, its list of contacts valid at its positions
-    memory : HELD, each contact stays in its mode (default: the Jacobian of an accepted state); FREE, the mode that the
-        trial memory has (for Newton's method)
+    state : State whose list of contacts is valid at its positions
+    memory : HELD, each contact stays in its mode (default: the Jacobian of an accepted state); FREE, each contact has
+        the mode of the trial memory (for Newton's method)
 
     Returns
     -------
     (C, 6, 6) [force/length], (C, 6, 6) [force time/length]
-        of laws that resist rolling (C, 9, 9): of (F, T/R, M) with respect to (r, ρ, angle_i − angle_j), see `rolling`
+        with rolling resistance (C, 9, 9): of (F, T/R, M) with respect to (r, ρ, angle_i − angle_j), see `rolling`
 
     Raises
     ------
     ValueError
-        if the list of contacts is not valid at these positions, or (with HELD) a touching contact was never committed.
+        if the list of contacts is not valid at these positions or, with HELD, a touching contact was never committed.
 
     Source
     ------
@@ -212,18 +211,18 @@ def contact_blocks(state: State, law: Law, *, memory: int = HELD):
     c = linearise(state, law, memory=memory)
 
     count, cross_n = len(c.normal), cross_matrix(c.normal)
-    turn = turn_of(c.normal, c.inverse, c.way)
+    turn = make_turn(c.normal, c.inverse, c.way)
     by_way = np.zeros((count, 3, 6))
     by_way[:, :, :3] = np.eye(3) - cross_matrix(c.turn) @ turn.by_mid
     by_way[:, :, 3:] = cross_matrix(turn.mid)
     soft = np.where(c.stiffness_t > 0, c.stiffness_t, 1.0)
     reach = np.where(c.stiffness_t > 0, c.limit / soft, 0.0)
-    fading = (c.fade, c.fading) if fades(law.kind) else ()
+    fading = (c.fade, c.fading) if rescaling_flag(law.kind) else ()
     slip, by_slip = memory_tangent(
         turn, c.before, c.way + np.cross(turn.mid, c.turn), by_way, reach, (c.by_overlap - reach * c.slope_t) / soft,
         c.weighted > 0, *fading,
     )  # fmt: skip
-    spring, hat = spring_of(slip, c.remembers, c.secant, c.along)
+    spring, hat = spring_tangent(slip, c.remembers, c.secant, c.along)
     force = c.force_n[:, None] * c.normal - c.secant[:, None] * slip
     nn, hat_n = outer(c.normal, c.normal), outer(hat, c.normal)
 
@@ -237,17 +236,17 @@ def contact_blocks(state: State, law: Law, *, memory: int = HELD):
     damp[:, :3, 3:] = -dashpot @ cross_n
     damp[:, 3:] = -cross_n @ damp[:, :3]
     stiff, damp = column(c.closed) * stiff, column(c.closed) * damp
-    if not rolls(law.kind):
+    if not resists_rolling(law.kind):
         return stiff, damp
-    state = state._replace(contacts=with_room(state.contacts, law))
+    state = state._replace(contacts=with_rolling_memory(state.contacts, law))
     return with_moments(state, law, bodies(state), c, turn, memory, stiff, damp)
 
 
 def triplets(state: State, blocks: np.ndarray):
-    """Rows, columns and values of the (6B, 6B) matrix of all bodies that contact blocks add up to.
+    """Rows, columns and values of the (6B, 6B) matrix of all bodies, assembled from contact blocks.
 
-    Body i feels +F, body j −F; both feel the same torque/R. r = x_i − x_j, ρ = ρ_i + ρ_j. Entries of one pair may
-    occur more than once: they add. A moment M is felt as +M/R_i and −M/R_j, and angle_i − angle_j = ρ_i/R_i − ρ_j/R_j.
+    The force is +F on body i and −F on body j; torque/R is the same on both. r = x_i − x_j, ρ = ρ_i + ρ_j. Entries with
+    equal row and column add. A moment M contributes +M/R_i and −M/R_j, and angle_i − angle_j = ρ_i/R_i − ρ_j/R_j.
     """
     count = len(blocks)
     if blocks.shape[1] > 6:
@@ -267,12 +266,12 @@ def triplets(state: State, blocks: np.ndarray):
 
 
 def inverse_radii(state: State) -> np.ndarray:
-    """(B,) 1/R of grains, zero for walls, which do not rotate [1/length]."""
+    """Inverse radii 1/R of grains, (B,), zero for walls, which do not rotate [1/length]."""
     return np.append(1.0 / state.grains.radius, np.zeros(len(state.walls.mass)))
 
 
 def _triplets_with_moments(state: State, blocks: np.ndarray):
-    """`triplets` of (C, 9, 9) blocks: each end's coordinates are (r, ρ, θ) = G x, and its loads Gᵀ (F, T/R, M)."""
+    """Triplets of (C, 9, 9) blocks: the coordinates at each end are (r, ρ, θ) = G x, its loads Gᵀ (F, T/R, M)."""
     count, k = len(blocks), np.arange(6)
     ends, inverse = (state.contacts.i[:count], state.contacts.j[:count]), inverse_radii(state)
     maps = []

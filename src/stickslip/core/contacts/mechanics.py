@@ -1,49 +1,60 @@
-"""Mechanics of one contact, the same for every way of going through the list: scalars in, scalars out.
+"""Mechanics of one contact; functions take and return scalars.
 
-Sweeps over few contacts and vectorised blocks of many call these functions, so that there is one source of physics.
+Sweeps over a few contacts and vectorised blocks of many both call these functions, so that the physics is written
+once.
 """
 
 import numpy as np
 from numba import njit
 
-from ..laws.builtin import MASS, NO_TENSION, SMOOTH, VISCOELASTIC, asks_radius, mobilised, reach, reaches, row
+from ..laws.builtin import (
+    MASS,
+    NO_TENSION,
+    SMOOTH,
+    VISCOELASTIC,
+    acts_across_gaps,
+    mobilisation,
+    reach,
+    row,
+    uses_radius,
+)
 from ..state import SLIDE, STICK
 from .geometry import overlap_increment
 
-# what an evaluation does with the memory: carry it along, but keep to the last bit what has not moved since it was
-# committed; carry it along with every mode held; carry it along
+# treatment of the memory in an evaluation. FROZEN: transport it, but keep it bit for bit where nothing has moved since
+# it was committed; HELD: transport it with every contact in its mode; FREE: transport it
 FROZEN, HELD, FREE = 0, 1, 2
-LEAST_WEIGHT = 0.6  # of an increment, see `turned_weight`; above 1/2, or a slip could not change its sign
+MIN_WEIGHT = 0.6  # of an increment, see `turning_weight`; above 1/2, so that a slip can change its sign
 
 
 @njit(cache=True)
 def needs_radius(kind, viscous):
-    """True if the law asks for R_eff."""
-    return asks_radius(kind) or viscous & 3 == VISCOELASTIC
+    """Return True if the law uses R_eff."""
+    return uses_radius(kind) or viscous & 3 == VISCOELASTIC
 
 
 @njit(cache=True)
 def needs_mass(viscous):
-    """True if the law asks for m_eff."""
+    """Return True if the law uses m_eff."""
     return viscous & 3 in (MASS, VISCOELASTIC)
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def effective_radius(radius, i, j, is_wall):
-    """R_eff of a pair."""
+    """Effective radius R_eff of a pair."""
     return radius[i] if is_wall else radius[i] * radius[j] / (radius[i] + radius[j])
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def effective_mass(inverse_mass, i, j):
-    """m_eff of a pair; what does not move is infinitely heavy."""
+    """Effective mass m_eff of a pair; bodies that do not move are infinitely heavy."""
     inverse = inverse_mass[i] + inverse_mass[j]
     return 1.0 / inverse if inverse > 0.0 else 0.0
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def effective(kind, viscous, radius, inverse_mass, i, j, is_wall):
-    """R_eff and m_eff of a pair, 1 where the law does not ask."""
+def effective_values(kind, viscous, radius, inverse_mass, i, j, is_wall):
+    """R_eff and m_eff of a pair, 1 where the law does not use them."""
     r_eff = m_eff = 1.0
     if needs_radius(kind, viscous):
         r_eff = effective_radius(radius, i, j, is_wall)
@@ -53,17 +64,17 @@ def effective(kind, viscous, radius, inverse_mass, i, j, is_wall):
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def apart(kind, p, material, radius, inverse_mass, i, j, is_wall, overlap):
-    """True if a pair is out of the law's reach."""
-    if not reaches(kind):
+def out_of_range(kind, p, material, radius, inverse_mass, i, j, is_wall, overlap):
+    """Return True if a pair is out of the range of the law."""
+    if not acts_across_gaps(kind):
         return overlap <= 0.0
-    r_eff, _ = effective(kind, 0, radius, inverse_mass, i, j, is_wall)
+    r_eff, _ = effective_values(kind, 0, radius, inverse_mass, i, j, is_wall)
     return overlap <= -reach(kind, row(kind, p, np.uint64(material[i]), np.uint64(material[j])), r_eff)
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def with_dashpot(viscous, elastic, damping, vn, least=0.0):
-    """Normal force with its dashpot, clipped at the `least` one where the law knows no tension."""
+    """Normal force with its dashpot, clipped at `least` if the law has no tension."""
     fn = elastic - damping * vn
     if viscous & NO_TENSION:
         return fn if fn > least else least
@@ -71,68 +82,68 @@ def with_dashpot(viscous, elastic, damping, vn, least=0.0):
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def kept_share(overlap, gained):
-    """√(δ/δ_old) where the overlap has fallen, else 1: a/a_old of the contact's radius a."""
+def contact_radius_ratio(overlap, gained):
+    """Ratio of contact radii √(δ/δ_old) where the overlap has decreased, else 1."""
     falls = gained < 0.0 and overlap > 0.0
     root = np.sqrt((overlap if falls else 1.0) / (overlap - gained if falls else 1.0))
     return root if falls else 1.0
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def faded(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz):
-    """Factor f on the slip s of laws that rescale, after a displacement dr of the pair that ends at n; and f s."""
-    fade = kept_share(overlap, overlap_increment(nx, ny, nz, inverse, dx, dy, dz))
+def rescale_slip(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz):
+    """Factor f on the slip s of laws that rescale, after a displacement dr of the pair that ends at n, and f s."""
+    fade = contact_radius_ratio(overlap, overlap_increment(nx, ny, nz, inverse, dx, dy, dz))
     return fade, fade * sx, fade * sy, fade * sz
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def same_length(ax, ay, az, bx, by, bz):
-    """The vector a with the length of b, as LAMMPS `granular` turns its memory."""
+def scale_to_length(ax, ay, az, bx, by, bz):
+    """Vector a scaled to the length of b, as LAMMPS `granular` rotates its memory."""
     square = ax * ax + ay * ay + az * az
     factor = np.sqrt((bx * bx + by * by + bz * bz) / (square if square > 0.0 else 1.0))
     return factor * ax, factor * ay, factor * az
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def turned_weight(stiffness, limit, ax, ay, az, dx, dy, dz, fade=None):
-    """Factor κ on the increment d for which a + κ d points where the slip `a` of a sliding contact turns to.
+def turning_weight(stiffness, limit, ax, ay, az, dx, dy, dz, fade=None):
+    """Factor κ on the increment d such that a + κ d has the direction to which the slip `a` of a sliding contact turns.
 
-    A slip of length R turns towards d by dψ = −sin ψ |d|/R, and its direction at the end is that of a + κ d with
-    κ = 1 + a·d/(2R²) + (a² − R²)/(4R²) to second order: the last term takes the mean of R before and after. Returns κ
+    A slip of length R turns towards d by dψ = −sin ψ |d|/R, and its final direction is that of a + κ d with
+    κ = 1 + a·d/(2R²) + (a² − R²)/(4R²) to second order. The last term uses the mean of R before and after. Returns κ
     as a numerator and a denominator.
 
-    A slip that was shortened by a factor f, `fade`, turns as if it had not been: with d shortened by (1 + f)/2, κ is
+    A slip that was shortened by a factor f, `fade`, turns as if it had not been. With d shortened by (1 + f)/2, κ is
     2f/(1 + f) times that of a/f.
 
-    Source: Krieg and Krieg, doi:10.1115/1.3454568, for the exact turn.
+    Source: Krieg and Krieg, doi:10.1115/1.3454568, for the exact rotation.
     """
     scale, square = stiffness * stiffness, limit * limit
     if fade is not None:
         bx, by, bz, share = ax / fade, ay / fade, az / fade, 2.0 * fade / (1.0 + fade)
         change = scale * (bx * (bx + 2.0 * dx) + by * (by + 2.0 * dy) + bz * (bz + 2.0 * dz))
-        return share * max(0.75 * square + 0.25 * change, LEAST_WEIGHT * square), square
+        return share * max(0.75 * square + 0.25 * change, MIN_WEIGHT * square), square
     change = scale * (ax * (ax + 2.0 * dx) + ay * (ay + 2.0 * dy) + az * (az + 2.0 * dz))
-    # a contact that is sheared to the other side must not keep its direction for a correction of small steps
-    return max(0.75 * square + 0.25 * change, LEAST_WEIGHT * square), square
+    # the bound lets a contact sheared in the opposite direction reverse, although κ is derived for small steps
+    return max(0.75 * square + 0.25 * change, MIN_WEIGHT * square), square
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def return_mapping(dim, stiffness, limit, ax, ay, az, dx, dy, dz, part, whole, mode, memory, fade=None):
-    """Slip a + d part/whole cut at Coulomb's limit, and the mode that follows; with memory HELD the mode decides.
+    """Slip a + d part/whole truncated at Coulomb's limit, and the resulting mode. With HELD memory the mode is fixed.
 
-    `a` is the slip before, turned with the contact and shortened by `fade`, d the increment, and part/whole the share
-    of it that counts. In three dimensions the slip of a contact that goes on sliding turns, see `turned_weight`; one
-    that begins to slide is cut along a + d part/whole. One division serves all cases: vectors take as long for it as
-    for ten products.
+    `a` is the previous slip, rotated with the contact and shortened by `fade`, d the increment, and part/whole the
+    fraction of it that counts. In three dimensions the slip of a contact that keeps sliding turns, see
+    `turning_weight`. The slip of one that starts to slide is truncated along a + d part/whole. One division serves all
+    cases, because a vector division takes as long as ten products.
     """
     bx, by, bz = whole * ax + part * dx, whole * ay + part * dy, whole * az + part * dz
     scale, bound = stiffness * stiffness, whole * limit
     pull = scale * (bx * bx + by * by + bz * bz)
-    # without any slip there is no direction to be held sliding in: such contacts slid under a law without friction
+    # without slip there is no sliding direction to hold: such contacts slid under a law without friction
     held = mode == SLIDE and (ax != 0.0 or ay != 0.0 or az != 0.0)
     slides = limit == 0.0 or (held if memory == HELD else pull > bound * bound)
     if dim == 3:
-        some, unit = turned_weight(stiffness, limit, ax, ay, az, dx, dy, dz, fade)
+        some, unit = turning_weight(stiffness, limit, ax, ay, az, dx, dy, dz, fade)
         turns = slides and mode == SLIDE and limit > 0.0
         some, unit = some if turns else part, unit if turns else whole
         bx, by, bz = unit * ax + some * dx, unit * ay + some * dy, unit * az + some * dz
@@ -144,18 +155,18 @@ def return_mapping(dim, stiffness, limit, ax, ay, az, dx, dy, dz, part, whole, m
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def tangential_force(coulomb, stiffness, limit, sx, sy, sz):
-    """−k_t (mobilisation) s: the force on i that the slip stands for."""
+    """Tangential force −k_t (mobilisation) s on i due to the slip."""
     factor = -stiffness
     if coulomb == SMOOTH:
         if limit > 0.0:
-            factor *= mobilised(coulomb, stiffness * np.sqrt(sx * sx + sy * sy + sz * sz) / limit)
+            factor *= mobilisation(coulomb, stiffness * np.sqrt(sx * sx + sy * sy + sz * sz) / limit)
         else:
             factor = 0.0
     return factor * sx, factor * sy, factor * sz
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def damped(tx, ty, tz, damping, limit, vx, vy, vz):
+def with_tangential_dashpot(tx, ty, tz, damping, limit, vx, vy, vz):
     """Tangential force with its dashpot, truncated at Coulomb's limit."""
     tx, ty, tz = tx - damping * vx, ty - damping * vy, tz - damping * vz
     square = tx * tx + ty * ty + tz * tz
@@ -164,8 +175,8 @@ def damped(tx, ty, tz, damping, limit, vx, vy, vz):
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def in_one_go(stiffness, damping, limit, sx, sy, sz, vx, vy, vz, hold):
-    """Tangential force and slip when spring and dashpot together are held to Coulomb's limit, as LAMMPS does.
+def truncate_as_lammps(stiffness, damping, limit, sx, sy, sz, vx, vy, vz, hold):
+    """Tangential force and slip if spring and dashpot together are truncated at Coulomb's limit, as in LAMMPS.
 
     s ← f (s + c v_t/k_t) − c v_t/k_t, F_t ← f F_t, f = limit/|F_t|. Returns force, slip, and whether it slides.
     """
@@ -173,7 +184,7 @@ def in_one_go(stiffness, damping, limit, sx, sy, sz, vx, vy, vz, hold):
     square = tx * tx + ty * ty + tz * tz
     slides = square > limit * limit
     share = limit / np.sqrt(square) if slides else 1.0
-    # a contact that slides without ever having been sheared is let go altogether
+    # a contact that slides without ever having been sheared transmits no tangential force
     grip = share if not slides or sx * sx + sy * sy + sz * sz > 0.0 else 0.0
     slides = slides and not hold
     less = share - 1.0 if slides else 0.0

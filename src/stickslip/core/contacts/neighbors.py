@@ -1,7 +1,7 @@
-"""Pairs within reach, sorted by key, with memory carried across rebuilds: a cell list in fractional coordinates.
+"""Neighbour list: pairs within range, sorted by key. The memory of contacts survives rebuilds.
 
-The bins follow the cell's vectors, so that sheared cells and boxes narrower than a grain's reach need no special case:
-every image is a bin some boxes away.
+Pairs are found with a cell list in fractional coordinates. Its bins follow the cell's vectors. Sheared cells and
+boxes narrower than the range of a grain therefore need no special case: every image is a bin some boxes away.
 """
 
 from typing import NamedTuple
@@ -11,7 +11,7 @@ from numba import njit
 
 from ..laws.builtin import Law
 from ..state import OPEN, Cell, Contacts, State, empty_contacts
-from .interaction_range import as_wide, with_rolling_of, with_room
+from .interaction_range import copy_rolling_memory, with_range, with_rolling_memory
 
 _BODY_BITS, _IMAGE_BITS = 21, 7
 _IMAGE_OFFSET = 1 << (_IMAGE_BITS - 1)
@@ -21,7 +21,7 @@ TOO_FAR = f"two touching grains are {_IMAGE_OFFSET} or more periodic boxes apart
 
 @njit(cache=True)
 def pack_key(i, j, a, b, c):
-    """One integer that sorts as (i, j, image) does."""
+    """Pack (i, j, image) into one integer with the same order."""
     key = (np.int64(i) << _BODY_BITS) | np.int64(j)
     for m in (a, b, c):
         key = (key << _IMAGE_BITS) | np.int64(m + _IMAGE_OFFSET)
@@ -29,7 +29,7 @@ def pack_key(i, j, a, b, c):
 
 
 class Grid(NamedTuple):
-    """What a search for pairs needs of the cell: constant while the cell does not change."""
+    """Cell data for the pair search, constant while the cell does not change."""
 
     vectors: np.ndarray  # (3, 3) [length]
     inverse: np.ndarray  # (3, 3) [1/length]
@@ -38,7 +38,7 @@ class Grid(NamedTuple):
 
 
 def grid_of(cell: Cell) -> Grid:
-    """The grid of a cell, sheared or not."""
+    """Grid of a cell, sheared or not."""
     inverse = np.linalg.inv(cell.vectors) if cell.periodic.any() else np.eye(3)
     vectors = cell.vectors if cell.periodic.any() else np.eye(3)
     height = 1.0 / np.linalg.norm(inverse, axis=0)
@@ -46,32 +46,33 @@ def grid_of(cell: Cell) -> Grid:
 
 
 class Bins(NamedTuple):
-    """Grains sorted into bins, those of a column of bins side by side in memory.
+    """Grains sorted into bins, with those of a column of bins contiguous in memory.
 
-    Columns run along the second axis, as in two dimensions there is but one bin along the third, and bins are shorter
-    along them: what is looked through is a few stretches of memory, longer than the reach by little.
+    Columns run along the second axis, because in two dimensions there is only one bin along the third. Bins are shorter
+    along columns. A search therefore reads a few contiguous ranges of memory that are only slightly longer than the
+    range.
     """
 
     number: np.ndarray  # (3,) bins along each axis
-    around: np.ndarray  # (3,) bins to look at on either side
-    turn: np.ndarray  # (3, …) where a step beyond the bins along each axis ends up: bin ≥ 0, or −1 outside
-    over: np.ndarray  # (3, …) and how many boxes away
+    around: np.ndarray  # (3,) bins to search on either side
+    turn: np.ndarray  # (3, …) bin reached by a step beyond the bins along each axis, or −1 outside
+    over: np.ndarray  # (3, …) number of boxes crossed by that step
     start: np.ndarray  # (bins + 1,) first entry of each bin
     member: np.ndarray  # (N,) grain of each entry
     wrapped: np.ndarray  # (N, 4) position in box 0 and radius of each entry
-    box: np.ndarray  # (N, 3) periodic box in which it lies
+    box: np.ndarray  # (N, 3) periodic box in which the grain lies
 
 
-_SHORTER = 3  # bins to a reach along columns
+_BINS_PER_REACH = 3  # along columns
 
 
 @njit(cache=True)
-def _numbered(low, high, n, grid, reach):
-    """Number of bins along each axis, how many to look at on either side, and where steps beyond them lead."""
+def _lay_out_bins(low, high, n, grid, reach):
+    """Number of bins along each axis, bins to search on either side, and the bins reached by steps beyond them."""
     number, around = np.ones(3, np.int64), np.zeros(3, np.int64)
     most, span = np.int64(np.ceil((4.0 * n) ** (1 / 3))) + 1, (high - low) * grid.height
     for k in range(3):
-        number[k] = np.int64(min(max(span[k] / reach * (_SHORTER if k == 1 else 1), 1.0), 1e6))
+        number[k] = np.int64(min(max(span[k] / reach * (_BINS_PER_REACH if k == 1 else 1), 1.0), 1e6))
     while number[0] * number[1] * number[2] > 8 * n + most:
         number[np.argmax(number)] = (number.max() + 1) // 2
     for k in range(3):
@@ -89,13 +90,13 @@ def _numbered(low, high, n, grid, reach):
 
 
 @njit(cache=True, fastmath=False)
-def _placed(x, n, radius, grid, reach):
-    """Bins of all grains in fractional coordinates."""
+def _sort_into_bins(x, n, radius, grid, reach):
+    """Sort all grains into bins in fractional coordinates."""
     fraction, boxes, low, high = np.empty((n, 3)), np.zeros((n, 3), np.int32), np.full(3, np.inf), np.full(3, -np.inf)
     for a in range(n):
         for k in range(3):
             f = x[a, 0] * grid.inverse[0, k] + x[a, 1] * grid.inverse[1, k] + x[a, 2] * grid.inverse[2, k]
-            if not abs(f) < 1e9:  # NaN touches nothing, wherever it is put
+            if not abs(f) < 1e9:  # NaN touches nothing, whatever its bin
                 f = 0.0
             if grid.periodic[k]:
                 whole = np.floor(f)
@@ -106,7 +107,7 @@ def _placed(x, n, radius, grid, reach):
     for k in range(3):
         if grid.periodic[k]:
             low[k], high[k] = 0.0, 1.0
-    number, around, stride, turn, over = _numbered(low, high, n, grid, reach)
+    number, around, stride, turn, over = _lay_out_bins(low, high, n, grid, reach)
     scale = np.zeros(3)
     for k in range(3):
         if number[k] > 1:
@@ -135,7 +136,7 @@ def _placed(x, n, radius, grid, reach):
 
 @njit(cache=True)
 def _columns_around(column, bins, vectors, base, boxes, push):
-    """First bins of the columns around a column, the boxes between, and what to subtract from a position."""
+    """Find the first bins of the columns around a column, the boxes crossed, and the shifts of positions."""
     number, around, turn, over, known = bins.number, bins.around, bins.turn, bins.over, 0
     for t in range(column // number[0], column // number[0] + 2 * around[2] + 1):
         for u in range(column % number[0], column % number[0] + 2 * around[0] + 1):
@@ -150,7 +151,7 @@ def _columns_around(column, bins, vectors, base, boxes, push):
 
 @njit(cache=True)
 def _windows(high, around, turn, over):
-    """Stretches of bins to look through around each bin of a column: bounds in the lists of first, end and boxes."""
+    """Ranges of bins to search around each bin of a column: bounds in the list of first bin, end and boxes crossed."""
     bound, window, known = np.zeros(high + 1, np.int64), np.empty((high * (2 * around + 1), 3), np.int64), 0
     for w in range(high):
         for v in range(w, w + 2 * around + 1):
@@ -166,7 +167,7 @@ def _windows(high, around, turn, over):
 
 @njit(cache=True)
 def _sort(key, first, last):
-    """Insertion sort of a short stretch."""
+    """Sort a short range by insertion."""
     for c in range(first + 1, last):
         k, d = key[c], c
         while d > first and key[d - 1] > k:
@@ -176,10 +177,10 @@ def _sort(key, first, last):
 
 
 @njit(cache=True)
-def _found(from_column, to_column, bins, x, radius, wall_normal, vectors, skin, key, at, end, first, many):
-    """Keys of all pairs of the grains in a stretch of columns, written to `key` from `at` on, sorted for each grain.
+def _find_pairs(from_column, to_column, bins, x, radius, wall_normal, vectors, skin, key, at, end, first, many):
+    """Write the keys of all pairs of the grains in a range of columns to `key[at:]`, sorted for each grain.
 
-    Returns where they end, −1 if that were beyond `end`, or −2 if a pair lies more boxes apart than a key can hold.
+    Returns the end of the keys, −1 if it would exceed `end`, or −2 if a pair is more boxes apart than a key can hold.
     """
     n, start, member, wrapped, box = len(radius) - len(wall_normal), bins.start, bins.member, bins.wrapped, bins.box
     high, ways = bins.number[1], (2 * bins.around[0] + 1) * (2 * bins.around[2] + 1)
@@ -204,7 +205,7 @@ def _found(from_column, to_column, bins, x, radius, wall_normal, vectors, skin, 
                         for f in range(np.uint64(from_entry), np.uint64(to_entry)):
                             dx, dy, dz = sx - wrapped[f, 0], sy - wrapped[f, 1], sz - wrapped[f, 2]
                             reach = near + wrapped[f, 3]
-                            # all are written and few are counted: cheaper than a branch that cannot be foreseen
+                            # all are written and few are counted, which is cheaper than an unpredictable branch
                             hit[np.uint64(hits)] = code | np.int64(f)
                             hits += dx * dx + dy * dy + dz * dz < reach * reach
                 if at + hits + len(wall_normal) > end:
@@ -230,8 +231,8 @@ def _found(from_column, to_column, bins, x, radius, wall_normal, vectors, skin, 
 
 
 @njit(cache=True)
-def _listed(key, first, many, new):
-    """Fill a list from the keys of each grain; returns the first row of each grain."""
+def _fill_list(key, first, many, new):
+    """Fill a list from the keys of each grain, and return the first row of each grain."""
     c, low, rows, keyed = 0, (1 << _IMAGE_BITS) - 1, np.empty(len(many) + 1, np.int64), len(new.key) > 0
     for a in range(len(many)):
         rows[a] = c
@@ -249,8 +250,8 @@ def _listed(key, first, many, new):
 
 
 @njit(cache=True, _nrt=False)
-def carry_memory(old, new, rows):
-    """Copy the memory of every closed contact that is in both lists; the rest of `new` starts open."""
+def copy_memory(old, new, rows):
+    """Copy the memory of every closed contact that is in both lists. The rest of `new` starts open."""
     anchors, was, now = len(old.pair) > 0 and len(new.pair) > 0, old.image, new.image
     for c in range(old.count[0]):
         if old.mode[c] != OPEN:
@@ -265,8 +266,8 @@ def carry_memory(old, new, rows):
 
 
 @njit(cache=True, fastmath=False, _nrt=False)
-def farthest(x, contacts):
-    """Distance of the body that moved most since the list was made; infinite if none was made."""
+def largest_displacement(x, contacts):
+    """Largest displacement of a body since the list was built; infinite if there is no list."""
     most = 0.0
     for a in range(len(x)):
         square = 0.0
@@ -279,38 +280,38 @@ def farthest(x, contacts):
 
 
 def moved_too_far(x, contacts) -> bool:
-    """True if some body has moved by half the skin since the list was made, or if none was made."""
-    return not farthest(x, contacts) <= 0.5 * contacts.skin[0]
+    """Return True if some body has moved by half the skin since the list was built, or if there is no list."""
+    return not largest_displacement(x, contacts) <= 0.5 * contacts.skin[0]
 
 
 @njit(cache=True)
-def _listed_anew(x, radius, wall_normal, grid, old):
-    """A new list at positions x with the memory of the old one, as bare as that; its count is −1 on failure."""
+def _build_list(x, radius, wall_normal, grid, old):
+    """Build a list at positions x with the memory of the old one and the same optional arrays; count −1 on failure."""
     n, skin = len(radius) - len(wall_normal), old.skin[0]
     if len(old.skin) > 1:
         skin += old.skin[1]
-    bins = _placed(x, n, radius, grid, 2 * radius[:n].max() + skin)
+    bins = _sort_into_bins(x, n, radius, grid, 2 * radius[:n].max() + skin)
     columns, room = bins.number[0] * bins.number[2], 2 * max(old.count[0], 8 * len(x))
     first, many = np.empty(n, np.int64), np.empty(n, np.int32)
     while True:
         key = np.empty(room, np.int64)
-        end = _found(0, columns, bins, x, radius, wall_normal, grid.vectors, skin, key, 0, room, first, many)
+        end = _find_pairs(0, columns, bins, x, radius, wall_normal, grid.vectors, skin, key, 0, room, first, many)
         if end != -1:
             break
         room *= 2
     new = empty_contacts(len(x), max(end, 0), skin, len(old.pair) < len(old.i), len(old.key) == len(old.i))
     new.count[0] = max(end, -1)
-    for a in range(len(x)):  # an assignment of whole arrays takes seconds to compile, for the text of its error
+    for a in range(len(x)):  # assigning whole arrays takes seconds to compile, because of their error message
         for m in range(3):
             new.origin[a, m] = x[a, m]
     if end > 0:
-        carry_memory(old, new, _listed(key, first, many, new))
+        copy_memory(old, new, _fill_list(key, first, many, new))
     return new
 
 
 @njit(cache=True)
 def keys_of(contacts):
-    """Keys of a list that was bare of them."""
+    """Keys of a list without keys."""
     key = np.empty(len(contacts.i), np.int64)
     for c in range(len(key)):
         image = contacts.image
@@ -318,51 +319,51 @@ def keys_of(contacts):
     return key
 
 
-def rebuilt(x, radius, wall_normal, grid, old: Contacts) -> Contacts:
-    """A new list of contacts at positions x with the memory of the old one; its count is −1 on failure."""
-    new = _listed_anew(x, radius, wall_normal, grid, old)
-    return with_rolling_of(old, new._replace(skin=old.skin.copy()))
+def rebuild_list(x, radius, wall_normal, grid, old: Contacts) -> Contacts:
+    """Build a list of contacts at positions x with the memory of the old one; count −1 on failure."""
+    new = _build_list(x, radius, wall_normal, grid, old)
+    return copy_rolling_memory(old, new._replace(skin=old.skin.copy()))
 
 
 def body_positions(state: State) -> np.ndarray:
-    """(N + W, 3) positions of grains and of a point of each wall [length]."""
+    """Positions of grains and of a point of each wall, (N + W, 3) [length]."""
     return np.concatenate([state.grains.position, state.walls.point])
 
 
 def body_radii(state: State) -> np.ndarray:
-    """(N + W,) radii [length]; zero for walls. To be read only: without walls they are the grains' own."""
-    return joined(state.grains.radius, np.zeros(len(state.walls.mass)))
+    """Radii, (N + W,), zero for walls [length]. Do not write to them: without walls they are the grains' own array."""
+    return join_bodies(state.grains.radius, np.zeros(len(state.walls.mass)))
 
 
-def joined(grains: np.ndarray, walls: np.ndarray) -> np.ndarray:
-    """What grains and walls have, in one array; without walls the grains' own, as memory counts."""
+def join_bodies(grains: np.ndarray, walls: np.ndarray) -> np.ndarray:
+    """Concatenate values of grains and walls. Without walls return the grains' own array, to save memory."""
     return np.concatenate([grains, walls]) if len(walls) else grains
 
 
 def updated(state: State, law: Law | None = None) -> State:
-    """The state with a list of contacts that is valid at its positions, and for a law; memory is carried by key."""
+    """State with a list of contacts that is valid at its positions, and for a law. The memory is matched by key."""
     if law is not None:
-        state = state._replace(contacts=with_room(as_wide(state, law), law))
+        state = state._replace(contacts=with_rolling_memory(with_range(state, law), law))
     x = body_positions(state)
     if not moved_too_far(x, state.contacts):
         return state
     if len(x) > MAX_BODIES:
         raise ValueError(f"{len(x)} bodies were given: at most {MAX_BODIES} are supported")
-    contacts = rebuilt(x, body_radii(state), state.walls.normal, grid_of(state.cell), state.contacts)
+    contacts = rebuild_list(x, body_radii(state), state.walls.normal, grid_of(state.cell), state.contacts)
     if contacts.count[0] < 0:
         raise ValueError(TOO_FAR)
-    return state._replace(contacts=contacts if law is None else with_room(contacts, law))
+    return state._replace(contacts=contacts if law is None else with_rolling_memory(contacts, law))
 
 
-def of_rows(contacts: Contacts, rows) -> Contacts:
-    """The list with some of its rows only; what it has no rows of, such as anchors of a bare list, stays so."""
+def select_rows(contacts: Contacts, rows) -> Contacts:
+    """List with selected rows only. Optional arrays that are absent stay absent."""
     per_row = ("i", "j", "image", "key", "slip", "mode", "pair", "roll", "reached", "rolling")
     parts = {name: getattr(contacts, name) for name in per_row}
     return contacts._replace(**{k: p[rows] for k, p in parts.items() if len(p)}, count=np.array([len(rows)]))
 
 
 def without_walls(state: State, walls) -> State:
-    """The state without some walls, numbers 0 … W−1; all other contacts keep their memory, later walls move up.
+    """State without some walls, numbers 0 … W−1. All other contacts keep their memory, and later walls move up.
 
     Examples
     --------
@@ -376,7 +377,7 @@ def without_walls(state: State, walls) -> State:
     kept[n + np.asarray(walls, np.int64)] = False
     rows = np.flatnonzero(kept[contacts.j[:count]])
     number = np.cumsum(kept) - 1
-    contacts = of_rows(contacts, rows)
+    contacts = select_rows(contacts, rows)
     j = number[contacts.j].astype(contacts.j.dtype)
     key = contacts.key - ((contacts.j.astype(np.int64) - j) << (3 * _IMAGE_BITS))  # see `pack_key`
     per_body = ("force", "torque", "free", "rate", "group", "follows", "spring", "anchor", "leads")

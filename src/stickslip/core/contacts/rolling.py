@@ -1,18 +1,18 @@
-"""Resistance to rolling: a moment with a memory of its own, for laws by users that have one.
+"""Rolling resistance of user-defined laws: a moment with its own memory.
 
-The memory ψ of a contact is the rotation of i relative to j since it closed, perpendicular to the normal and cut to
-what the law bears, and carried along as slip is:
+The memory ψ of a contact is the rotation of i relative to j since it closed, perpendicular to the normal. It is
+truncated at the cap of the law and transported like the slip:
 
     ψ ← T (ψ + Δ(angle_i − angle_j)),   T = I − m nᵀ,   |ψ| ≤ cap/k_r,   M_i = −k_r ψ,   M_j = +k_r ψ,
 
-with m the normal halfway, see `geometry.mid_normal`.
+with m the mid-step normal, see `geometry.mid_normal`.
 
-A pair that turns as one body has angle_i = angle_j and feels nothing. M and angle_i − angle_j are conjugate, so that
-forces F, T/R and M follow from coordinates r, ρ and θ = angle_i − angle_j by the same matrix, transposed. Twisting
-about the normal is free.
+A pair that rotates as one body has angle_i = angle_j and no moment. M and angle_i − angle_j are conjugate, so that the
+matrix that maps coordinates to r, ρ and θ = angle_i − angle_j, transposed, maps F, T/R and M to loads. Twisting about
+the normal is free.
 
 Sources: Iwashita & Oda, doi:10.1061/(ASCE)0733-9399(1998)124:3(285); Ai et al., doi:10.1016/j.powtec.2010.09.030 (model
-C without its dashpot); of the same memory for slip and rolling: Luding, doi:10.1007/s10035-008-0099-x, Sec. 2.
+C without its dashpot); the same memory for slip and rolling: Luding, doi:10.1007/s10035-008-0099-x, Sec. 2.
 """
 
 from typing import NamedTuple
@@ -22,20 +22,19 @@ from numba import njit
 from numba.extending import overload
 
 from ..laws.builtin import STEP, Law, by_kind, normal_force, row
-from ..laws.dispatch import FAST, OWN, Kind, KindType
+from ..laws.dispatch import COMPILED, FAST, Kind, KindType
 from ..state import OPEN, SLIDE, STICK
 from .geometry import mid_normal, normal_and_overlap, onto_plane, pair_vector, shifts
-from .mechanics import apart, effective, return_mapping, turned_weight
-from .tangent import Turn, column, outer, spring_of
-from .tangent import memory as memory_tangent
+from .mechanics import effective_values, out_of_range, return_mapping, turning_weight
+from .tangent import Turn, column, memory_tangent, outer, spring_tangent
 
-# columns of `Contacts.rolling`: ψ; angle_i − angle_j at which it was committed; whether it was at the cap
+# columns of `Contacts.rolling`: ψ; angle_i − angle_j at which it was committed; 1 if it was at the cap
 WIDTH, ANCHOR, AT_CAP = 7, 3, 6
 
 
 @by_kind
 def rolling_stiffness(kind, q, r_eff, overlap):
-    """k_r [force length/rad]; built-in laws have none."""
+    """Rolling stiffness k_r [force length/rad]; zero for built-in laws."""
     return 0.0
 
 
@@ -47,34 +46,34 @@ def rolling_cap(kind, q, r_eff, overlap, fn):
 
 @by_kind
 def rolling_cap_slopes(kind, q, r_eff, overlap, fn):
-    """Its derivatives with respect to the normal force and the overlap."""
+    """Derivatives of the rolling cap with respect to the normal force and the overlap."""
     return 0.0, 0.0
 
 
-def rolls(kind: int) -> bool:
-    """True if a law resists rolling."""
-    return isinstance(kind, Kind) and "rolling_stiffness" in OWN.get(kind, {})
+def resists_rolling(kind: int) -> bool:
+    """Return True if a law has rolling resistance."""
+    return isinstance(kind, Kind) and "rolling_stiffness" in COMPILED.get(kind, {})
 
 
 def _if_rolling(function):
-    """A step of a kernel that is compiled for laws with rolling resistance, and nothing for all others."""
+    """Decorate a part of a kernel that is compiled for laws with rolling resistance, and empty for all others."""
 
     def step(kind, *rest):
-        return function(kind, *rest) if rolls(kind) else None
+        return function(kind, *rest) if resists_rolling(kind) else None
 
     def nothing(kind, *rest):
         return None
 
     @overload(step, jit_options=FAST, strict=False)
     def _(kind, *rest):
-        return function if isinstance(kind, KindType) and rolls(Kind(kind.number)) else nothing
+        return function if isinstance(kind, KindType) and resists_rolling(Kind(kind.number)) else nothing
 
     return step
 
 
 @njit(cache=True, **FAST)
-def _turned(dim, angle, i, j):
-    """angle_i − angle_j."""
+def _relative_angle(dim, angle, i, j):
+    """Relative rotation angle_i − angle_j."""
     z = angle[i, 2] - angle[j, 2]
     if dim == 2:
         return 0.0, 0.0, z
@@ -86,8 +85,8 @@ def add_rolling(
     kind, dim, memory, kept, q, r_eff, overlap, fn, angle, step, part, whole, normals, rolling, c, i, j, before,
     torque,
 ):  # fmt: skip
-    """Add the moments of a contact and update its ψ; arguments are those of `sweep`."""
-    tx, ty, tz = _turned(dim, angle, i, j)
+    """Add the moments of a contact and update its ψ; arguments as in `sweep_contacts`."""
+    tx, ty, tz = _relative_angle(dim, angle, i, j)
     own = rolling[c]
     rests = kept and tx == own[3] and ty == own[4] and tz == own[5]
     stiffness, limit = rolling_stiffness(kind, q, r_eff, overlap), rolling_cap(kind, q, r_eff, overlap, fn)
@@ -99,7 +98,7 @@ def add_rolling(
             px, py, pz = onto_plane(*normals, own[0], own[1], own[2])
             dx, dy, dz = onto_plane(*normals, tx - own[3], ty - own[4], tz - own[5])
         elif step[2] > 0.0:
-            wx, wy, wz = _turned(dim, step[1], i, j)
+            wx, wy, wz = _relative_angle(dim, step[1], i, j)
             dt = step[2]
             dx, dy, dz = onto_plane(*normals, dt * wx, dt * wy, dt * wz)
         mode = SLIDE if own[AT_CAP] > 0.0 else STICK
@@ -113,32 +112,32 @@ def add_rolling(
 
 @_if_rolling
 def forget_rolling(kind, rolling, c):
-    """A contact has opened."""
+    """Clear the rolling memory of a contact that has opened."""
     for k in range(WIDTH):
         rolling[c, k] = 0.0
 
 
 @_if_rolling
-def add_rolling_books(
+def add_rolling_energy(
     kind, dim, p, old, new, shift0, shift, normals, fraction, before, m, after, c, i, j, known, closed, free, first,
     at, books,
 ):  # fmt: skip
-    """Add to a ledger's row what rolling stores, spends and does to bodies whose rotation is imposed, in one step.
+    """Add one step of rolling to a ledger's row: stored and dissipated energy, and work on imposed rotations.
 
-    `fraction`: of the step for which the contact has touched.
+    `fraction` is the fraction of the step during which the contact has touched.
     """
     stored_at, coulomb_at, nonpotential_at, external_at = at
     mine, own = before.rolling[m if known else 0], after.rolling[c]
-    k1 = _stiffness_at(kind, dim, p, new, shift, c, i, j)
+    k1 = _rolling_stiffness_at(kind, dim, p, new, shift, c, i, j)
     size1 = own[0] ** 2 + own[1] ** 2 + own[2] ** 2 if closed else 0.0
     books[stored_at] += 0.5 * k1 * size1
     if first:
         return
-    k0 = _stiffness_at(kind, dim, p, old, shift0, c, i, j)
+    k0 = _rolling_stiffness_at(kind, dim, p, old, shift0, c, i, j)
     size0 = mine[0] ** 2 + mine[1] ** 2 + mine[2] ** 2 if known else 0.0
     books[nonpotential_at] += 0.25 * (size1 + size0) * (k1 - k0)
-    x1, y1, z1 = _turned(dim, new.angle, i, j)
-    x0, y0, z0 = _turned(dim, old.angle, i, j)
+    x1, y1, z1 = _relative_angle(dim, new.angle, i, j)
+    x0, y0, z0 = _relative_angle(dim, old.angle, i, j)
     if known or closed:
         had, has = 1.0 if known else 0.0, 1.0 if closed else 0.0
         x, y, z = fraction * (x1 - x0), fraction * (y1 - y0), fraction * (z1 - z0)
@@ -153,27 +152,27 @@ def add_rolling_books(
 
 
 @njit(cache=True, **FAST)
-def _at(kind, dim, p, bodies, shift, c, i, j):
-    """Normal, 1/|r|, overlap, parameters, R_eff of a pair, and whether it is out of reach."""
+def _evaluate_pair(kind, dim, p, bodies, shift, c, i, j):
+    """Normal, 1/|r|, overlap, parameters and R_eff of a pair, and True if it is out of range."""
     n_grains = len(bodies.radius) - len(bodies.normal)
     rx, ry, rz = pair_vector(dim, bodies.position, shift, c, i, j)
     is_wall, radius = j >= n_grains, bodies.radius
     nx, ny, nz, overlap, inverse = normal_and_overlap(i, j, is_wall, j - n_grains, radius, bodies.normal, rx, ry, rz)
-    r_eff, _ = effective(kind, 0, radius, bodies.inverse_mass, i, j, is_wall)
+    r_eff, _ = effective_values(kind, 0, radius, bodies.inverse_mass, i, j, is_wall)
     q = row(kind, p, bodies.material[i], bodies.material[j])
-    away = apart(kind, p, bodies.material, radius, bodies.inverse_mass, i, j, is_wall, overlap)
+    away = out_of_range(kind, p, bodies.material, radius, bodies.inverse_mass, i, j, is_wall, overlap)
     return (nx, ny, nz), inverse, overlap, q, r_eff, away
 
 
 @njit(cache=True, **FAST)
-def _stiffness_at(kind, dim, p, bodies, shift, c, i, j):
-    """k_r, zero where the pair is out of reach."""
-    _, _, overlap, q, r_eff, away = _at(kind, dim, p, bodies, shift, c, i, j)
+def _rolling_stiffness_at(kind, dim, p, bodies, shift, c, i, j):
+    """Rolling stiffness k_r, zero if the pair is out of range."""
+    _, _, overlap, q, r_eff, away = _evaluate_pair(kind, dim, p, bodies, shift, c, i, j)
     return 0.0 if away else rolling_stiffness(kind, q, r_eff, overlap)
 
 
-class _Moments(NamedTuple):
-    """What the linearisation of M is made of, one row a contact."""
+class _MomentLinearisation(NamedTuple):
+    """Quantities of the linearisation of M, one row per contact."""
 
     before: np.ndarray  # (C, 3) ψ when the memory was committed
     way: np.ndarray  # (C, 3) Δθ since then
@@ -183,21 +182,21 @@ class _Moments(NamedTuple):
     by_force: np.ndarray  # (C,) ∂φ/∂F_n, as a dashpot changes F_n
     reach: np.ndarray  # (C,) |ψ| at the cap
     reach_by_overlap: np.ndarray  # (C,)
-    weighted: np.ndarray  # (C,) as in `jacobian.Linear`
+    weighted: np.ndarray  # (C,) as in `jacobian.Linearisation`
 
 
 @njit(cache=True, error_model="numpy")
-def _linearise(kind, dim, bodies, contacts, shift, p, memory, out):
+def _fill_moments(kind, dim, bodies, contacts, shift, p, memory, out):
     for c in range(contacts.count[0]):
         i, j = contacts.i[c], contacts.j[c]
-        (nx, ny, nz), inverse, overlap, q, r_eff, away = _at(kind, dim, p, bodies, shift, c, i, j)
+        (nx, ny, nz), inverse, overlap, q, r_eff, away = _evaluate_pair(kind, dim, p, bodies, shift, c, i, j)
         if away:
             continue
         px = py = pz = dx = dy = dz = 0.0
         if contacts.mode[c] != OPEN:
             own, old = contacts.rolling[c], contacts.pair[c]
             rx, ry, rz = pair_vector(dim, bodies.position, shift, c, i, j)
-            tx, ty, tz = _turned(dim, bodies.angle, i, j)
+            tx, ty, tz = _relative_angle(dim, bodies.angle, i, j)
             tx, ty, tz = tx - own[3], ty - own[4], tz - own[5]
             out.before[c, 0], out.before[c, 1], out.before[c, 2] = own[0], own[1], own[2]
             out.way[c, 0], out.way[c, 1], out.way[c, 2] = tx, ty, tz
@@ -218,7 +217,7 @@ def _linearise(kind, dim, bodies, contacts, shift, p, memory, out):
                 out.reach[c] = limit / stiffness
                 out.reach_by_overlap[c] = (out.by_overlap[c] - out.reach[c] * slope) / stiffness
             if dim == 3 and before == SLIDE and limit > 0.0:
-                top, below = turned_weight(stiffness, limit, px, py, pz, dx, dy, dz)
+                top, below = turning_weight(stiffness, limit, px, py, pz, dx, dy, dz)
                 out.weighted[c], weight = 1.0, top / below
         px, py, pz = px + weight * dx, py + weight * dy, pz + weight * dz
         size = np.sqrt(px * px + py * py + pz * pz)
@@ -230,20 +229,22 @@ def _linearise(kind, dim, bodies, contacts, shift, p, memory, out):
 
 
 def with_moments(state, law: Law, here, line, turn: Turn, memory: int, stiff: np.ndarray, damp: np.ndarray):
-    """Blocks (C, 9, 9) of (F, T/R, M) by (r, ρ, θ) from those of (F, T/R) by (r, ρ), all at rest; see `jacobian`.
+    """Derivatives (C, 9, 9) of (F, T/R, M) by (r, ρ, θ) from those of (F, T/R) by (r, ρ), at rest; see `jacobian`.
 
     dM = −[φ/|ψ| (I − ψ̂ψ̂ᵀ) + ∂φ/∂|ψ| ψ̂ψ̂ᵀ] dψ + ∂φ/∂δ ψ̂ (n·dr), with dψ as in `tangent`.
     """
     count = len(stiff)
-    out = _Moments(np.zeros((count, 3)), np.zeros((count, 3)), *np.zeros((len(_Moments._fields) - 2, count)))
+    out = _MomentLinearisation(
+        np.zeros((count, 3)), np.zeros((count, 3)), *np.zeros((len(_MomentLinearisation._fields) - 2, count))
+    )
     shift = shifts(state.contacts, state.cell.vectors)
-    _linearise(law.kind, state.cell.dim, here, state.contacts, shift, law.table, memory, out)
+    _fill_moments(law.kind, state.cell.dim, here, state.contacts, shift, law.table, memory, out)
     by_way = np.zeros((count, 3, 6))  # with respect to r and θ
     by_way[:, :, 3:] = np.eye(3)
     psi, by_psi = memory_tangent(
         turn, out.before, out.way, by_way, out.reach, out.reach_by_overlap, out.weighted > 0
     )  # fmt: skip
-    spring, hat = spring_of(psi, line.remembers * line.closed, out.secant, out.along)
+    spring, hat = spring_tangent(psi, line.remembers * line.closed, out.secant, out.along)
     hat_n, moved = outer(hat, line.normal), spring @ by_psi
     whole, rub = np.zeros((2, count, 9, 9))
     whole[:, :6, :6], rub[:, :6, :6] = stiff, damp
@@ -254,20 +255,20 @@ def with_moments(state, law: Law, here, line, turn: Turn, memory: int, stiff: np
 
 
 @njit(cache=True, error_model="numpy")
-def _stiffest(kind, dim, bodies, contacts, shift, p, inverse_inertia):
-    """Largest sum over a body's contacts of 2 k_r/I."""
+def _largest_bound(kind, dim, bodies, contacts, shift, p, inverse_inertia):
+    """Largest sum of 2 k_r/I over the contacts of a body."""
     total = np.zeros(len(bodies.radius))
     for c in range(contacts.count[0]):
         i, j = contacts.i[c], contacts.j[c]
-        k = _stiffness_at(kind, dim, p, bodies, shift, c, i, j)
+        k = _rolling_stiffness_at(kind, dim, p, bodies, shift, c, i, j)
         total[i] += 2.0 * k * inverse_inertia[i]
         total[j] += 2.0 * k * inverse_inertia[j]
     return total.max()
 
 
-def of_rolling(state, law: Law, here, inverse_inertia) -> float:
-    """Upper bound of ω² of the springs of rolling alone: |θ_i − θ_j|² ≤ 2 |θ_i|² + 2 |θ_j|² [1/time²]."""
-    if not rolls(law.kind):
+def rolling_bound(state, law: Law, here, inverse_inertia) -> float:
+    """Upper bound of ω² of the rolling springs alone: |θ_i − θ_j|² ≤ 2 |θ_i|² + 2 |θ_j|² [1/time²]."""
+    if not resists_rolling(law.kind):
         return 0.0
     shift = shifts(state.contacts, state.cell.vectors)
-    return float(_stiffest(law.kind, state.cell.dim, here, state.contacts, shift, law.table, inverse_inertia))
+    return float(_largest_bound(law.kind, state.cell.dim, here, state.contacts, shift, law.table, inverse_inertia))

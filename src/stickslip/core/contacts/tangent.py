@@ -1,21 +1,22 @@
-"""Derivatives of the update of a contact's memory, the same for slip and for rolling; arrays with one row a contact.
+"""Derivatives of the memory update of contacts, for slip and for rolling, as arrays with one row per contact.
 
-With n the normal now, Δr the displacement of the pair vector since the memory was committed and g = P Δr its
-tangential part, the mid-step normal is m = n − g/(2|r|), see `geometry`. A vector w gives T w = w − (n·w) m, so that
+Let n be the current normal, Δr the displacement of the pair vector since the memory was committed and g = P Δr its
+tangential part. The mid-step normal is m = n − g/(2|r|), see `geometry`. A vector w is mapped to T w = w − (n·w) m,
+so that
 
     dn = P dr/|r|,   dg = P dr − dn (n·Δr) − n (dn·Δr),   dm = dn − dg/(2|r|) + g (n·dr)/(2|r|²),
     d(T w) = dw − m (dn·w + n·dw) − (n·w) dm.
 
-Of laws that rescale, the memory before is multiplied with f = √(δ/δ_old) where δ < δ_old, and what is added with
-(1 + f)/2: df = −f/(2δ) n·dr. At
-δ = δ_old this has a kink, where f = 1 and df = 0 are taken: the tangent of an overlap that grows.
+For laws that rescale, the previous memory is multiplied by f = √(δ/δ_old) where δ < δ_old, and its increment by
+(1 + f)/2; df = −f/(2δ) n·dr. At δ = δ_old this has a kink. There f = 1 and df = 0 are used, the tangent of a growing
+overlap.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from .mechanics import LEAST_WEIGHT
+from .mechanics import MIN_WEIGHT
 
 
 class Turn(NamedTuple):
@@ -28,27 +29,27 @@ class Turn(NamedTuple):
 
 
 def column(a: np.ndarray) -> np.ndarray:
-    """(C, 1, 1) factors of matrices, one a contact."""
+    """Factors of matrices, one per contact: (C,) to (C, 1, 1)."""
     return a[:, None, None]
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(C,) scalar products of rows."""
+    """Scalar products of rows, (C,)."""
     return np.einsum("ck,ck->c", a, b)
 
 
 def outer(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(C, 3, 3) products a bᵀ of rows."""
+    """Outer products a bᵀ of rows, (C, 3, 3)."""
     return a[:, :, None] * b[:, None, :]
 
 
 def rowwise(a: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """(C, K) products aᵀ M of rows with (C, 3, K) matrices."""
+    """Products aᵀ M of rows with (C, 3, K) matrices, (C, K)."""
     return np.einsum("ck,ckl->cl", a, matrix)
 
 
-def turn_of(normal: np.ndarray, inverse: np.ndarray, way: np.ndarray) -> Turn:
-    """Normal and mid-step normal, with derivatives; `inverse` (C,) 1/|r|, zero at walls, `way` (C, 3) Δr."""
+def make_turn(normal: np.ndarray, inverse: np.ndarray, way: np.ndarray) -> Turn:
+    """Normal and mid-step normal with derivatives; `inverse` (C,) is 1/|r|, zero for walls, and `way` (C, 3) is Δr."""
     project = np.eye(3) - outer(normal, normal)
     along = dot(normal, way)
     g = way - along[:, None] * normal
@@ -60,7 +61,7 @@ def turn_of(normal: np.ndarray, inverse: np.ndarray, way: np.ndarray) -> Turn:
 
 
 def projected(turn: Turn, w: np.ndarray, by_w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """T w (C, 3) and its derivative (C, 3, K); the first three of the K coordinates are r, `by_w` is dw."""
+    """T w (C, 3) and its derivative (C, 3, K). The first three of the K coordinates are r, and `by_w` is dw."""
     along = dot(turn.normal, w)
     by_along = rowwise(turn.normal, by_w)
     by_along[:, :3] += rowwise(w, turn.by_normal)
@@ -69,18 +70,18 @@ def projected(turn: Turn, w: np.ndarray, by_w: np.ndarray) -> tuple[np.ndarray, 
     return w - along[:, None] * turn.mid, out
 
 
-def memory(
+def memory_tangent(
     turn: Turn, before, way, by_way, reach, by_overlap, weighted, fade=None, fading=None
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Memory f a + κ d (C, 3) and its derivative (C, 3, K), a = T (memory before), d = (1 + f)/2 T (way).
+    """Memory f a + κ d (C, 3) and its derivative (C, 3, K), with a = T `before` and d = (1 + f)/2 T `way`.
 
     Parameters
     ----------
-    before : (C, 3)
-    way, by_way : (C, 3) and (C, 3, K) what has been added to it, and its derivative
+    before : (C, 3) previous memory
+    way, by_way : (C, 3) and (C, 3, K) increment of the memory, and its derivative
     reach, by_overlap : (C,) length at Coulomb's limit, and its derivative with respect to the overlap
-    weighted : (C,) bool, where κ is not 1: see `contact.turned_weight`
-    fade, fading : (C,) f, by which a falling overlap shortens the memory, and df/dδ; 1 and 0 unless given
+    weighted : (C,) bool, True where κ is not 1: see `mechanics.turning_weight`
+    fade, fading : (C,) factor f by which a decreasing overlap shortens the memory, and df/dδ; default 1 and 0
     """
     a, by_a = projected(turn, before, np.zeros_like(by_way))
     d, by_d = projected(turn, way, by_way)
@@ -97,10 +98,10 @@ def memory(
         by_change = 2.0 * (rowwise(a + d, by_a) + rowwise(a, by_d))
         by_change[:, :3] += (2.0 * change / np.sqrt(square) * by_overlap)[:, None] * turn.normal
         weight = 0.75 + 0.25 * change / square
-        small = weight <= LEAST_WEIGHT
-        kappa = np.where(weighted, np.where(small, LEAST_WEIGHT, weight), 1.0)
+        small = weight <= MIN_WEIGHT
+        kappa = np.where(weighted, np.where(small, MIN_WEIGHT, weight), 1.0)
         by_kappa = np.where((weighted & ~small)[:, None], 0.25 * by_change / square[:, None], 0.0)
-    if fade is not None:  # what goes on sliding turns as if it had not been shortened
+    if fade is not None:  # a sliding memory rotates as if it had not been shortened
         share, by_share = np.where(weighted, fade / half, 1.0), np.where(weighted, 0.5 / half**2, 0.0)
         by_a = column(fade) * by_a + a[:, :, None] * by_fade[:, None, :]
         by_kappa = share[:, None] * by_kappa + (kappa * by_share)[:, None] * by_fade
@@ -108,8 +109,8 @@ def memory(
     return a + kappa[:, None] * d, by_a + column(kappa) * by_d + d[:, :, None] * by_kappa[:, None, :]
 
 
-def spring_of(vector: np.ndarray, remembers, secant, along) -> tuple[np.ndarray, np.ndarray]:
-    """−[φ/|u| (I − û ûᵀ) + ∂φ/∂|u| û ûᵀ] (C, 3, 3), zero without memory, and û (C, 3) of memory vectors u."""
+def spring_tangent(vector: np.ndarray, remembers, secant, along) -> tuple[np.ndarray, np.ndarray]:
+    """Tangent −[φ/|u| (I − û ûᵀ) + ∂φ/∂|u| û ûᵀ] (C, 3, 3), zero without memory, and û (C, 3), for memory vectors u."""
     size = np.linalg.norm(vector, axis=1)[:, None]
     hat = np.divide(vector, size, out=np.zeros_like(vector), where=size > 0)
     hh = outer(hat, hat)

@@ -1,10 +1,10 @@
-"""What moves with time in a run besides bodies under forces: the deforming cell, and rates that follow a course.
+"""Motion of the deforming cell, and rates that follow a course.
 
-The cell deforms at a velocity gradient L and carries the grains along, ẋ = v + L x, v̇ = F/m − L v: for simple shear
-this is Newton's law in Lees–Edwards conditions, written for velocities relative to the flow. Over a step, with
-A = (1 − ½ dt L)⁻¹ (1 + ½ dt L), every vector h of the cell becomes A h, and a grain A (x + ½ dt v) + ½ dt v, so that no
-pair vector depends on where the origin is. What L does to velocities is applied in halves, before and after the drift.
-Where the cell is free, M ℓ² L̇ = V (σ − wanted).
+The cell deforms at a velocity gradient L and carries the grains along, ẋ = v + L x, v̇ = F/m − L v. For simple shear
+this is Newton's law with Lees–Edwards boundary conditions, written for velocities relative to the flow. Over a step,
+with A = (1 − ½ dt L)⁻¹ (1 + ½ dt L), every vector h of the cell becomes A h, and a position becomes
+A (x + ½ dt v) + ½ dt v, so that pair vectors do not depend on the origin. The term −L v is applied in two halves,
+before and after the drift. Where the cell is free, M ℓ² L̇ = V (σ − wanted).
 
 Sources: the equations of motion are those of Evans and Morriss, doi:10.1103/PhysRevA.30.1528; the inertia of the cell
 is that of Parrinello and Rahman, doi:10.1063/1.328693, with one mass.
@@ -15,46 +15,44 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ..contacts.interaction_range import gap_listed
+from ..contacts.interaction_range import listed_gap
 from ..control import factors_at
-from ..flow import AHEAD, PULL, RATE, SINCE, SLIDE_BACK, STRETCH, TURN, VECTORS, Flow
+from ..flow import INVERSE_HALF, PULL, RATE, RATE_AHEAD, SINCE, STRETCH, TURN, VECTORS, Flow
 from ..simd.transpose import VELOCITY
-from ..state import State, deforms, numbers
+from ..state import State, as_numbers, deforms
 
-# rows of `matrix`: the cell's vectors, at the positions; L; L at the end of the step, predicted, for dashpots; A; what
-# half a step of L does to a velocity; (1 + ½ dt L)⁻¹; deformation since blocks were chosen; L̇ of what is free
-LEAST_VOLUME = 1e-6  # of a cell that is strained in one go, of what it was
+MIN_VOLUME_RATIO = 1e-6  # smallest volume of a cell after one strain, over its previous volume
 
 
 class Frame(NamedTuple):
-    """What moves the cell and the courses during a run; arrays are written in place."""
+    """Frame of reference that moves with the cell, and the courses, during a run. Arrays are written in place."""
 
     free: np.ndarray  # (3, 3) bool
-    given: np.ndarray  # (3, 3) rates of what is not free
+    given: np.ndarray  # (3, 3) rates of components that are not free
     follows: np.ndarray  # (3, 3) course, or the last column: constant
     wanted: np.ndarray  # (3, 3) stress
     mass: float
     knots: np.ndarray  # (K,)
     course: np.ndarray  # (K, C)
     area: np.ndarray  # (K, C) integral of `course` from the first knot
-    place: np.ndarray  # (N,) where each grain lies in memory
+    place: np.ndarray  # (N,) position of each grain in memory
     grain_mass: np.ndarray  # (N,)
-    made: np.ndarray  # (3, 3) vectors of the cell at which the list of contacts was made
-    clock: np.ndarray  # (1,) time, summed up step by step: a continued run sees the same courses to the last bit
-    reach: np.ndarray  # (1,) within which pairs were chosen
+    made: np.ndarray  # (3, 3) vectors of the cell for which the list of contacts was built
+    clock: np.ndarray  # (1,) time, accumulated step by step, so that a continued run has bitwise identical courses
+    reach: np.ndarray  # (1,) distance within which pairs were selected
     widest: float  # largest sum of two radii
 
 
 def strained(state: State, gradient, *, slip: bool = True) -> State:
-    """The state after an affine displacement x → x + G x of grains and cell; not in equilibrium.
+    """State after an affine displacement x → x + G x of grains and cell; not in equilibrium.
 
-    The cell stays the one that its vectors span, so that simple shear makes it triclinic: Lees–Edwards conditions.
+    The cell is always spanned by its vectors, so that simple shear makes it triclinic (Lees–Edwards conditions).
 
     Parameters
     ----------
     gradient : (3, 3) or (dim, dim) displacement gradient G; G[0, 1] = δγ is simple shear along x with gradient y
     slip : whether the affine displacement of i relative to j enters the slip of their contact. True (default): grains
-        are carried and do not turn, as an observer at the contact sees it. False: the memory is carried along, as by
+        move with the flow and do not rotate, and contacts slip accordingly. False: the memory is unaffected, as in
         codes that remap the box.
 
     Raises
@@ -63,7 +61,7 @@ def strained(state: State, gradient, *, slip: bool = True) -> State:
         if G has another shape, leaves the plane, or the state has walls (they would have to bend).
     """
     dim = state.cell.dim
-    gradient = numbers(gradient)
+    gradient = as_numbers(gradient)
     if not np.isfinite(gradient).all():
         raise ValueError("a gradient with NaN or infinity was given: every entry must be a finite number")
     if gradient.shape not in ((3, 3), (dim, dim)):
@@ -75,8 +73,8 @@ def strained(state: State, gradient, *, slip: bool = True) -> State:
     if len(state.walls.mass):
         raise ValueError("a state with walls was given: only periodic cells can be strained")
     vectors = state.cell.vectors + state.cell.vectors @ g.T
-    if not np.linalg.det(vectors) > LEAST_VOLUME * abs(np.linalg.det(state.cell.vectors)):
-        raise ValueError("a gradient was given that leaves the cell no volume, or turns it inside out: take less")
+    if not np.linalg.det(vectors) > MIN_VOLUME_RATIO * abs(np.linalg.det(state.cell.vectors)):
+        raise ValueError("a gradient was given that collapses or inverts the cell: use a smaller one")
     contacts = state.contacts._replace(origin=np.full_like(state.contacts.origin, np.inf))
     if not slip:
         contacts = contacts._replace(pair=contacts.pair + contacts.pair @ g.T)
@@ -88,19 +86,19 @@ def strained(state: State, gradient, *, slip: bool = True) -> State:
     )
 
 
-def imposes(state: State) -> bool:
-    """True if a run needs a frame."""
+def needs_frame(state: State) -> bool:
+    """Return True if a run needs a frame."""
     control = state.control
     return deforms(state) or bool((control.follows >= 0).any())
 
 
 def cell_mass(state: State) -> float:
-    """M [mass]."""
+    """Cell mass M [mass]."""
     return float(state.control.cell_mass or state.grains.mass.sum())
 
 
-def frame_of(state: State, order: np.ndarray) -> tuple[Frame, Flow]:
-    """Frame and flow at the start of a run; `order` is that of the bodies in memory."""
+def make_frame(state: State, order: np.ndarray) -> tuple[Frame, Flow]:
+    """Make the frame and flow at the start of a run; `order` is that of the bodies in memory."""
     control, cell, n = state.control, state.cell, len(state.grains.radius)
     columns, place = control.course.shape[1], np.empty(state.n_bodies, np.int64)
     place[order] = np.arange(len(order))
@@ -117,14 +115,14 @@ def frame_of(state: State, order: np.ndarray) -> tuple[Frame, Flow]:
     frame = Frame(
         control.cell_free, control.cell_rate, control.cell_follows % (columns + 1), control.stress, cell_mass(state),
         control.knots, control.course, area, place[:n], state.grains.mass, used.copy(), np.full(1, state.time),
-        np.zeros(1), 2.0 * float(state.grains.radius.max()) + gap_listed(state.contacts),
+        np.zeros(1), 2.0 * float(state.grains.radius.max()) + listed_gap(state.contacts),
     )  # fmt: skip
     return frame, flow
 
 
 @njit(cache=True, fastmath=False, error_model="numpy")
 def course_at(knots, course, c, time):
-    """Last knot that has passed, −1 if none has, and the value of a course at a time."""
+    """Last knot before a time, −1 if there is none, and the value of a course at that time."""
     last = len(knots) - 1
     if time <= knots[0]:
         return -1, course[0, c]
@@ -136,8 +134,8 @@ def course_at(knots, course, c, time):
 
 
 @njit(cache=True, fastmath=False, error_model="numpy")
-def _course(frame, c, time):
-    """A course at a time, and its integral from the first knot on."""
+def _course_and_integral(frame, c, time):
+    """Value of a course at a time, and its integral from the first knot."""
     knots, course = frame.knots, frame.course
     k, value = course_at(knots, course, c, time)
     if k < 0:
@@ -145,12 +143,12 @@ def _course(frame, c, time):
     return value, frame.area[k, c] + 0.5 * (time - knots[k]) * (course[k, c] + value)
 
 
-# scalars and loops, here and below: every array expression costs seconds of compile time
+# scalars and loops here and below, because every array expression costs seconds of compile time
 
 
 @njit(cache=True, fastmath=False, error_model="numpy")
-def _inverse(m, out):
-    """Of a 3 × 3 matrix, into another."""
+def _invert(m, out):
+    """Invert a 3 × 3 matrix into `out`."""
     for a in range(3):
         b, c = (a + 1) % 3, (a + 2) % 3
         for k in range(3):
@@ -163,8 +161,8 @@ def _inverse(m, out):
 
 
 @njit(cache=True, fastmath=False, error_model="numpy")
-def _product(a, b, out):
-    """Of two 3 × 3 matrices, always in the same order of operations, into a third."""
+def _multiply(a, b, out):
+    """Multiply two 3 × 3 matrices into `out`, always in the same order of operations."""
     for i in range(3):
         for j in range(3):
             out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
@@ -172,23 +170,23 @@ def _product(a, b, out):
 
 @njit(cache=True, fastmath=False, error_model="numpy")
 def _one_plus(factor, m, out):
-    """1 + factor m."""
+    """Write 1 + factor m to `out`."""
     for a in range(3):
         for b in range(3):
             out[a, b] = (1.0 if a == b else 0.0) + factor * m[a, b]
 
 
 @njit(cache=True, fastmath=False, error_model="numpy")
-def begun(frame, flow, pace):
-    """Begin a step: rates, matrices, the cell at its end. Returns the square of the displacement allowed, or −1."""
+def begin_cell_step(frame, flow, pace):
+    """Begin a step: rates, matrices and the cell at its end. Returns the square of the allowed displacement, or −1."""
     dt, half, time = pace.dt, 0.5 * pace.dt, frame.clock[0]
     frame.clock[0] = time + dt
     for c in range(frame.course.shape[1]):
-        _, before = _course(frame, c, time)
-        flow.factor[1, c], after = _course(frame, c, frame.clock[0])
+        _, before = _course_and_integral(frame, c, time)
+        flow.factor[1, c], after = _course_and_integral(frame, c, frame.clock[0])
         flow.factor[0, c] = (after - before) / dt
     matrix = flow.matrix
-    rate, ahead, pull = matrix[RATE], matrix[AHEAD], matrix[PULL]
+    rate, ahead, pull = matrix[RATE], matrix[RATE_AHEAD], matrix[PULL]
     for a in range(3):
         for b in range(3):
             if frame.free[a, b]:
@@ -200,16 +198,16 @@ def begun(frame, flow, pace):
     work = np.empty((2, 3, 3))
     one, other = work[0], work[1]
     _one_plus(-half, rate, one)
-    _inverse(one, other)
+    _invert(one, other)
     _one_plus(half, rate, one)
-    _product(other, one, matrix[STRETCH])
-    _inverse(one, matrix[SLIDE_BACK])
+    _multiply(other, one, matrix[STRETCH])
+    _invert(one, matrix[INVERSE_HALF])
     _one_plus(0.5 * half, rate, one)
-    _inverse(one, other)
+    _invert(one, other)
     _one_plus(-0.5 * half, rate, one)
-    _product(other, one, matrix[TURN])
+    _multiply(other, one, matrix[TURN])
     stretch, since, vectors = matrix[STRETCH], matrix[SINCE], matrix[VECTORS]
-    _product(stretch, since, one)
+    _multiply(stretch, since, one)
     square = 0.0
     for a in range(3):
         for b in range(3):
@@ -219,16 +217,16 @@ def begun(frame, flow, pace):
     for a in range(3):
         for b in range(3):
             vectors[a, b] = other[a, b]
-    # a pair further apart than s + reach stays so while the deformation alone takes no more than it leaves
+    # a pair further apart than s + reach stays apart while the deformation uses no more than the remaining reach
     strain = np.sqrt(square)
     left = frame.reach[0] - strain * (frame.widest + frame.reach[0])
-    # nothing is left for grains at rest in the flow either: none of their squares is above zero
+    # −1 triggers a new choice of blocks even if all grains are at rest in the flow
     return (0.5 * left) ** 2 if left > 0.0 else -1.0
 
 
 @njit(cache=True, fastmath=False, error_model="numpy")
-def finished(dim, frame, flow, pace, moving, fresh):
-    """End a step: the stress, in the order of the grains' numbers, and what it does to the cell."""
+def end_cell_step(dim, frame, flow, pace, moving, fresh):
+    """End a step: sum the stress in the order of the grains' numbers, and accelerate the cell."""
     total = np.zeros((3, 3))
     for a in range(len(frame.place)):
         g = frame.place[a]
@@ -254,14 +252,14 @@ def finished(dim, frame, flow, pace, moving, fresh):
 
 
 def unbalanced_cell(frame: Frame, flow: Flow, dim: int, drag: float) -> float:
-    """Largest force on a free component of the cell, over ℓ, and of its drag [force]."""
+    """Largest force or drag force on a free component of the cell, over ℓ [force]."""
     length = abs(np.linalg.det(flow.matrix[VECTORS, :dim, :dim])) ** (1 / dim)
     force = np.maximum(np.abs(flow.matrix[PULL]), drag * np.abs(flow.matrix[RATE]))[frame.free]
     return float(frame.mass * length * force.max(initial=0.0))
 
 
-def room_left(vectors, made_at, skin: float, widest: float) -> tuple[float, np.ndarray]:
-    """What a deformation of the cell leaves of a skin, and the deformation F, since a list was made."""
+def remaining_skin(vectors, made_at, skin: float, widest: float) -> tuple[float, np.ndarray]:
+    """Skin that remains after the deformation F of the cell since a list was built, and F."""
     deformation = np.linalg.solve(made_at, vectors).T
     strain = float(np.sqrt(((deformation - np.eye(3)) ** 2).sum()))
     return skin - strain * (widest + skin), deformation

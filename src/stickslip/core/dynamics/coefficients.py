@@ -1,4 +1,4 @@
-"""What a run multiplies with, and when it is at rest or broken."""
+"""Coefficients of the time integration, and criteria for convergence and failure of a run."""
 
 from typing import NamedTuple
 
@@ -6,31 +6,31 @@ import numpy as np
 from numba import njit
 
 from ..contacts.forces import Bodies, bodies, moved_masses
-from ..contacts.neighbors import joined
+from ..contacts.neighbors import join_bodies
 from ..control import factors_at
 from ..state import Control, State, groups
 
 CHECK_EVERY = 200  # steps between checks for NaN and, with a tolerance, for rest
-DONE, CONVERGED, BAD, FULL, MOVED, AWAY = range(6)  # why a compiled loop over steps came back
+DONE, CONVERGED, NOT_FINITE, FULL, MOVED, RUNAWAY = range(6)  # return codes of a compiled loop over steps
 
 
-class Pool(NamedTuple):
+class GroupMembers(NamedTuple):
     """Members of all rigid groups, group after group."""
 
     member: np.ndarray  # (M,)
     start: np.ndarray  # (G + 1,)
 
 
-def pool_of(control: Control, place: np.ndarray | None = None) -> Pool:
-    """Members of the rigid groups, `place` says where each body lies in memory."""
+def find_members(control: Control, place: np.ndarray | None = None) -> GroupMembers:
+    """Find the members of the rigid groups; `place` is the position of each body in memory."""
     found = groups(control)
     member = np.concatenate([*found, np.zeros(0, np.int64)]).astype(np.int64)
-    return Pool(member if place is None else place[member], np.cumsum([0, *map(len, found)]))
+    return GroupMembers(member if place is None else place[member], np.cumsum([0, *map(len, found)]))
 
 
 @njit(cache=True, fastmath=False)
-def pooled(member, start, force):
-    """Give every member of a group the sum of its members' forces, in the order of their numbers."""
+def sum_over_groups(member, start, force):
+    """Replace the force on each member of a group by the sum over its members, in the order of their numbers."""
     for g in range(len(start) - 1):
         for k in range(3):
             total = 0.0
@@ -41,10 +41,10 @@ def pooled(member, start, force):
 
 
 class Plan(NamedTuple):
-    """What the loop multiplies with, constant during a run.
+    """Coefficients of the loop, constant during a run.
 
-    Rows 0–2 of `motion` are for translations, 3–5 for rotations: half a step over mass (zero where not free), factor
-    of explicit drag, factor of implicit drag.
+    Rows 0–2 of `motion` are for translations, 3–5 for rotations: half a time step over mass (zero where not free),
+    factor of explicit drag, factor of implicit drag.
     """
 
     motion: np.ndarray  # (6, 3B)
@@ -57,9 +57,9 @@ class Plan(NamedTuple):
     dt: float
 
 
-@njit(cache=True, fastmath=False)  # said aloud: a function inherits fastmath from whoever compiles it first
-def first_bad(x, angle):
-    """First body with a coordinate that is not finite, or −1."""
+@njit(cache=True, fastmath=False)  # explicit, or a function inherits fastmath from its first caller
+def find_not_finite(x, angle):
+    """Find the first body with a coordinate that is not finite, or −1."""
     for a in range(len(x)):
         for k in range(3):
             if not (np.isfinite(x[a, k]) and np.isfinite(angle[a, k])):
@@ -69,7 +69,7 @@ def first_bad(x, angle):
 
 @njit(cache=True, fastmath=False, error_model="numpy")
 def largest_unbalanced(v, spin, force, torque, plan):
-    """Largest of force, torque/R and drag force over the free components, NaN above all, and its body."""
+    """Largest force, torque/R or drag force over the free components, and its body. NaN counts as largest."""
     motion, drag = plan.motion, plan.drag
     residual, worst = 0.0, -1
     for a in range(len(v)):
@@ -90,7 +90,7 @@ def largest_unbalanced(v, spin, force, torque, plan):
 
 
 def driven_bodies(state: State) -> Bodies:
-    """Fresh arrays of all bodies, with the velocities that `Control` prescribes."""
+    """Fresh arrays of all bodies, with the velocities prescribed by `Control`."""
     work, control = bodies(state), state.control
     factor = factors_at(control, state.time)
     if not control.free.all():
@@ -108,7 +108,7 @@ def driven_bodies(state: State) -> Bodies:
 
 
 def state_after(state: State, work: Bodies, contacts, time: float) -> State:
-    """The state at the end of a run, from its working copy of all bodies."""
+    """State at the end of a run, from its working copy of all bodies."""
     n = len(state.grains.radius)
     grains = state.grains._replace(
         position=work.position[:n], angle=work.angle[:n], velocity=work.velocity[:n], spin=work.spin[:n]
@@ -119,12 +119,12 @@ def state_after(state: State, work: Bodies, contacts, time: float) -> State:
 
 
 def moved_by_forces(motion):
-    """(B, 6) components that forces can move."""
+    """Components that forces can move, (B, 6)."""
     return np.concatenate([motion[0].reshape(-1, 3), motion[3].reshape(-1, 3)], axis=1) > 0
 
 
 def inverse_inertia_of(state: State) -> np.ndarray:
-    """(B,) 1/I of what rotates, else zero [1/(mass length²)]."""
+    """Inverse inertia 1/I of bodies that can rotate, (B,), else zero [1/(mass length²)]."""
     free = state.control.free[:, 5 if state.cell.dim == 2 else slice(3, 6)]
     n = len(state.grains.radius)
     out = np.zeros(state.n_bodies)
@@ -133,8 +133,8 @@ def inverse_inertia_of(state: State) -> np.ndarray:
 
 
 @njit(cache=True, fastmath=False)
-def runaway(velocity, radius, dt):
-    """First grain that moves by more than its radius in one step, or −1."""
+def find_runaway(velocity, radius, dt):
+    """Find the first grain that moves by more than its radius in one step, or −1."""
     for a in range(len(radius)):
         square = velocity[a, 0] ** 2 + velocity[a, 1] ** 2 + velocity[a, 2] ** 2
         if radius[a] > 0.0 and not square * dt * dt <= radius[a] ** 2:
@@ -142,8 +142,8 @@ def runaway(velocity, radius, dt):
     return -1
 
 
-def _factors(state: State, drag: float, spin_drag: float, dt: float):
-    """`motion` and `drag` of a plan."""
+def _drag_factors(state: State, drag: float, spin_drag: float, dt: float):
+    """Arrays `motion` and `drag` of a plan."""
     n, half, free = len(state.grains.radius), 0.5 * dt, state.control.free
     kick, rate = np.zeros((2, state.n_bodies, 6))
     kick[:, :3], kick[:n, 3:] = half / moved_masses(state)[:, None], half / state.grains.inertia[:, None]
@@ -156,16 +156,16 @@ def _factors(state: State, drag: float, spin_drag: float, dt: float):
     return np.stack([part[:, side].ravel() for side in (slice(0, 3), slice(3, 6)) for part in parts]), rate
 
 
-def plan_of(state: State, drag: float, spin_drag: float, dt: float, *, bare: bool = False) -> Plan:
-    """Kicks, drags and external loads of all bodies for one time step; `bare`: without factors for each component."""
+def make_plan(state: State, drag: float, spin_drag: float, dt: float, *, bare: bool = False) -> Plan:
+    """Kicks, drags and external loads of all bodies for one time step. `bare` omits the factors of each component."""
     grains, walls, control = state.grains, state.walls, state.control
     mass = np.concatenate([grains.mass, walls.mass])
-    motion, rate = (np.zeros((6, 0)), np.zeros((0, 6))) if bare else _factors(state, drag, spin_drag, dt)
+    motion, rate = (np.zeros((6, 0)), np.zeros((0, 6))) if bare else _drag_factors(state, drag, spin_drag, dt)
     external = np.zeros((2, state.n_bodies, 3))
     if control.force.any() or control.gravity.any():
         external[0] = control.force + mass[:, None] * control.gravity
     if control.torque.any():
         external[1] = control.torque
-    lever = joined(grains.radius, np.ones(len(walls.mass)))
+    lever = join_bodies(grains.radius, np.ones(len(walls.mass)))
     drags = (float(drag), float(spin_drag))
     return Plan(motion, rate, external, drags, grains.mass, grains.inertia, lever, float(dt))

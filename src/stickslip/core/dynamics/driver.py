@@ -1,93 +1,96 @@
-"""Runs of many grains: bodies put in order, blocks chosen again when they must be, stops to look and to record."""
+"""Driver for runs of many grains: memory order of bodies, updates of the blocks, stops for records and checks."""
 
 import numba
 import numpy as np
 
 from ..contacts.forces import Bodies, forces, moved_masses
 from ..contacts.geometry import shifts
-from ..contacts.interaction_range import gap_listed
+from ..contacts.interaction_range import listed_gap
 from ..contacts.mechanics import FROZEN, needs_radius
-from ..contacts.neighbors import TOO_FAR, grid_of, keys_of, of_rows, rebuilt
+from ..contacts.neighbors import TOO_FAR, grid_of, keys_of, rebuild_list, select_rows
 from ..flow import PULL, RATE, SINCE, VECTORS
 from ..laws.builtin import Law, dashpots
-from ..simd.blocks import TILE, Moving, anchored, committed, no_blocks
-from ..simd.layout import brought, exported, kept_within, roam, speeds
-from ..simd.partition import chooser, layered, morton, shared_out
+from ..simd.blocks import TILE_SIZE, MovingBodies, commit, empty_blocks, store_reference
+from ..simd.layout import displacement_limits, gather_bodies, limit_displacements, scatter_bodies, speeds
+from ..simd.partition import balance_threads, block_chooser, morton_keys, split_layers
 from ..simd.reduce import WIDTH
-from ..simd.transpose import BODY, BODY_AHEAD, KICK, RADIUS, VELOCITY, aligned
+from ..simd.transpose import BODY, BODY_AHEAD, KICK, RADIUS, VELOCITY, empty_aligned
 from ..state import OPEN, Instant, State, deforms
-from .cell_motion import frame_of, imposes, room_left, unbalanced_cell
+from .cell_motion import make_frame, needs_frame, remaining_skin, unbalanced_cell
 from .coefficients import (
-    AWAY,
-    BAD,
     CHECK_EVERY,
     CONVERGED,
     DONE,
     FULL,
     MOVED,
+    NOT_FINITE,
+    RUNAWAY,
     Plan,
-    first_bad,
+    find_members,
+    find_not_finite,
+    find_runaway,
     largest_unbalanced,
-    pool_of,
-    runaway,
     state_after,
 )
 from .last_forces import bodies_at_start
-from .ledger import entered
-from .loop import Pace, Pull, marcher
-from .record import Writing, sample, sample_groups, with_lost
+from .ledger import post_step
+from .loop import Springs, StepFactors, block_loop
+from .record import RecordBuffers, with_lost_contacts, write_groups, write_sample
 
-MANY = 48  # bodies from which blocks are faster than a plain sweep
-WORTH = 2000  # grains a thread should have
-# how far bodies may go until blocks are chosen again: BASE √(u D) + SPAN √(D/u) times the way of a step, where u is
-# that of a body of the usual speed, and D a diameter
+MIN_BODIES = 48  # number of bodies above which blocks are faster than a plain sweep
+GRAINS_PER_THREAD = 2000  # minimum for good efficiency
+# displacement after which blocks are chosen again: BASE √(u D) + SPAN √(D/u) times the displacement per step, where u
+# is the displacement per step at the typical speed, and D a diameter
 BASE, SPAN = 1.4, 0.8
-_MOVES, _NOTHING = ("position", "angle", "velocity", "spin"), np.zeros((0, 3))
+_MOVING_FIELDS, _EMPTY = ("position", "angle", "velocity", "spin"), np.zeros((0, 3))
 
 
-def _threads(n: int, asked: int | None, watched: bool) -> int:
-    """Threads of a run; events are recorded in order of memory, so with them it takes one."""
+def _thread_count(n: int, asked: int | None, watched: bool) -> int:
+    """Number of threads of a run. Events are recorded in order of memory, which requires one thread."""
     available = numba.get_num_threads()
-    return 1 if watched else min(available, max(1, n // WORTH) if asked is None else asked)
+    return 1 if watched else min(available, max(1, n // GRAINS_PER_THREAD) if asked is None else asked)
 
 
-def _ordered(state: State, threads: int) -> tuple[np.ndarray, np.ndarray]:
-    """(B,) bodies in the order in which they lie in memory: tile after tile, the last one's grains, walls.
+def _memory_order(state: State, threads: int) -> tuple[np.ndarray, np.ndarray]:
+    """Bodies in the order of memory, (B,): tile after tile, the grains of the last tile, walls.
 
-    And (T + 1,) bounds of the tiles, equally many for each thread; within each, grains lie along a curve.
+    Also returns the bounds of the tiles, (T + 1,), equally many for each thread. Within a tile grains lie along a
+    space-filling curve.
     """
     n, last = len(state.grains.radius), _in_last_tile(state)
     single, grid = np.flatnonzero(~last), grid_of(state.cell)
     fraction = grid.inverse.T @ state.grains.position[single].T
     x = (fraction - np.where(grid.periodic[:, None], np.floor(fraction), 0.0)) * grid.height[:, None]
     x -= x.min(axis=1, initial=np.inf)[:, None]
-    each, size = max(1, -(-len(single) // (threads * TILE))), 2 * state.grains.radius.mean()
-    shares = layered(x, np.arange(len(single)), threads)
-    parts = [part for share in shares for part in layered(x, share, each)]
-    parts = [part[np.argsort(morton(x[:, part], size))] for part in parts]
+    each, size = max(1, -(-len(single) // (threads * TILE_SIZE))), 2 * state.grains.radius.mean()
+    shares = split_layers(x, np.arange(len(single)), threads)
+    parts = [part for share in shares for part in split_layers(x, share, each)]
+    parts = [part[np.argsort(morton_keys(x[:, part], size))] for part in parts]
     order = np.concatenate([*(single[part] for part in parts), np.flatnonzero(last), np.arange(n, state.n_bodies)])
     return order, np.cumsum([0] + [len(part) for part in parts])
 
 
 def _in_last_tile(state: State) -> np.ndarray:
-    """(N,) bool: grains in rigid groups, and those that a spring pulls."""
+    """Grains in rigid groups and grains pulled by springs, (N,) bool."""
     control = state.control
     return ((control.group >= 0) | control.spring.any(axis=1))[: len(state.grains.radius)]
 
 
-def _pull(state: State, moving: Moving) -> Pull | None:
-    """Springs, if there are any."""
+def _gather_springs(state: State, moving: MovingBodies) -> Springs | None:
+    """Springs on the bodies of the last tile, or None."""
     control, last = state.control, moving.order[moving.tile[-1] :]
     if not control.spring.any():
         return None
     parts = (np.ascontiguousarray(part[last]) for part in (control.spring, control.anchor, control.leads.astype(int)))
-    return Pull(*parts, control.knots, control.course, np.full(1, state.time))
+    return Springs(*parts, control.knots, control.course, np.full(1, state.time))
 
 
-def _moving(state: State, plan: Plan, here: Bodies, predict: bool, imposed: bool, threads: int) -> Moving:
+def _make_moving_bodies(
+    state: State, plan: Plan, here: Bodies, predict: bool, imposed: bool, threads: int
+) -> MovingBodies:
     """Working copy of all bodies in the order of memory."""
     n, dim, b = len(state.grains.radius), state.cell.dim, state.n_bodies
-    order, tile = _ordered(state, threads)
+    order, tile = _memory_order(state, threads)
     mass, inertia = moved_masses(state), np.append(state.grains.inertia, np.ones(b - n))
     free = state.control.free.copy()
     free[n:, 3:] = False
@@ -101,9 +104,9 @@ def _moving(state: State, plan: Plan, here: Bodies, predict: bool, imposed: bool
         torque = plan.external[1][order]
     place = np.empty(b, np.int64)
     place[order] = np.arange(b)
-    body, ahead = aligned(b, BODY), aligned(b if predict else 0, BODY_AHEAD)
-    brought(order, here, 0.5 * plan.dt / mass, 0.5 * plan.dt / inertia, body, ahead)
-    return Moving(
+    body, ahead = empty_aligned(b, BODY), empty_aligned(b if predict else 0, BODY_AHEAD)
+    gather_bodies(order, here, 0.5 * plan.dt / mass, 0.5 * plan.dt / inertia, body, ahead)
+    return MovingBodies(
         order,
         body,
         here.angle[order],
@@ -116,70 +119,76 @@ def _moving(state: State, plan: Plan, here: Bodies, predict: bool, imposed: bool
         np.zeros((b if imposed else 0, 9)),
         np.zeros((b, 4)),
         tile,
-        *pool_of(state.control, place),
+        *find_members(state.control, place),
         np.arange(threads + 1) * (len(tile) - 1) // threads,
         np.zeros((threads, 8), np.int64),
     )
 
 
-class _March:
-    """A run on its way. It alone holds list and blocks, so that they can be let go of before their successors come."""
+class _BlockRun:
+    """State of a run.
+
+    It holds the only references to list and blocks, so that their memory can be freed before new ones are made.
+    """
 
     def __init__(
-        self, state: State, law: Law, plan: Plan, steps: int, writing: Writing, books, instant, rate: int, threads
+        self, state: State, law: Law, plan: Plan, steps: int, writing: RecordBuffers, books, instant, rate: int, threads
     ):
         self.state, self.law, self.plan, self.steps, self.writing = state, law, plan, steps, writing
-        self.viscous, self.imposed, self.deforming = dashpots(law), imposes(state), deforms(state)
-        self.threads = _threads(len(state.grains.radius), threads, len(writing.events) > 0)
-        self.march = marcher(law.kind, law.coulomb, state.cell.dim, self.viscous, rate, self.threads > 1)
-        self.chosen_blocks = chooser(self.threads > 1)
+        self.viscous, self.imposed, self.deforming = dashpots(law), needs_frame(state), deforms(state)
+        self.threads = _thread_count(len(state.grains.radius), threads, len(writing.events) > 0)
+        self.loop = block_loop(law.kind, law.coulomb, state.cell.dim, self.viscous, rate, self.threads > 1)
+        self.block_function = block_chooser(self.threads > 1)
         here = bodies_at_start(state, instant)
         keyed = bool(books or len(writing.events) or len(state.contacts.rolling))
-        self.contacts, self.blocks = _to_write(state, law, here, keyed), no_blocks()
-        self.moving = _moving(state, plan, here, self.viscous > 0 and not rate, self.imposed, self.threads)
-        self.known = here._replace(**dict.fromkeys(_MOVES, _NOTHING))
-        self.frame, self.flow = frame_of(state, self.moving.order) if self.imposed else (None, None)
-        self.pull, drags = _pull(state, self.moving), [0.5 * plan.dt * nu for nu in plan.drags]
-        self.pace = Pace(plan.dt, 1 - drags[0], 1 / (1 + drags[0]), 1 - drags[1], 1 / (1 + drags[1]))
-        self.few = 1 + 300 / len(state.grains.radius)  # choosing few pairs takes longer than their number says
+        self.contacts, self.blocks = _working_contacts(state, law, here, keyed), empty_blocks()
+        self.moving = _make_moving_bodies(state, plan, here, self.viscous > 0 and not rate, self.imposed, self.threads)
+        self.known = here._replace(**dict.fromkeys(_MOVING_FIELDS, _EMPTY))
+        self.frame, self.flow = make_frame(state, self.moving.order) if self.imposed else (None, None)
+        self.pull, drags = _gather_springs(state, self.moving), [0.5 * plan.dt * nu for nu in plan.drags]
+        self.pace = StepFactors(plan.dt, 1 - drags[0], 1 / (1 + drags[0]), 1 - drags[1], 1 / (1 + drags[1]))
+        self.few = 1 + 300 / len(state.grains.radius)  # small choices are disproportionately expensive
         self.step, self.ended, self.fresh = 0, instant is not None, instant is None
         if self.ended:
             self.moving.force[:] = instant.force[self.moving.order]
             if self.imposed:
                 self.flow.matrix[PULL] = instant.pull
 
-    def choose(self) -> None:
-        """Blocks of what may touch until some body has gone too far, and a new list if this one is too short for it."""
+    def choose_blocks(self) -> None:
+        """Choose blocks of pairs that may touch before a body has moved too far.
+
+        The list is rebuilt first if too little of its skin is left.
+        """
         state, moving, known = self.state, self.moving, self.known
-        room, skin = self._wanted()
+        room, skin = self._choose_limits()
         if skin > 0:
-            self._list_anew(skin)
+            self._rebuild_list(skin)
         if self.imposed:
             self.frame.reach[0], self.flow.matrix[SINCE] = 2 * room.min(), np.eye(3)
             self.frame.made[:] = state.cell.vectors if skin > 0 else self.frame.made
         moving.origin[:, :3], moving.origin[:, 3] = moving.body[:, :3], 1.0 if self.imposed else room**-2
-        moving.share[:], moving.spent[:] = shared_out(moving.share, moving.spent[:, 0]), 0
+        moving.share[:], moving.spent[:] = balance_threads(moving.share, moving.spent[:, 0]), 0
         across = np.eye(3) if self.imposed else state.cell.vectors
-        self.blocks = self.chosen_blocks(
+        self.blocks = self.block_function(
             self.blocks, self.contacts, moving, known.inverse_mass, known.material, known.normal,
-            state.cell.vectors, across, room, gap_listed(self.contacts), len(self.law.table),
+            state.cell.vectors, across, room, listed_gap(self.contacts), len(self.law.table),
             needs_radius(self.law.kind, self.viscous), self.viscous,
         )  # fmt: skip
 
-    def _list_anew(self, skin: float) -> None:
-        """A list of all pairs nearer than `skin`."""
-        committed(self.blocks, self.contacts, 0, 1)
-        self.blocks = no_blocks()  # before there is a new list: memory
-        self.contacts = former = _closed(self.contacts)
-        position = _positions(self.moving)
-        self.contacts = _with_skin(skin, position, self.known, former, self.state.cell)
-        self.writing = with_lost(self.writing, former, self.contacts, position, self._time())
+    def _rebuild_list(self, skin: float) -> None:
+        """Rebuild the list with all pairs nearer than `skin`."""
+        commit(self.blocks, self.contacts, 0, 1)
+        self.blocks = empty_blocks()  # free memory before the new list is made
+        self.contacts = former = _without_open_pairs(self.contacts)
+        position = _positions_in_state_order(self.moving)
+        self.contacts = _rebuild_with_skin(skin, position, self.known, former, self.state.cell)
+        self.writing = with_lost_contacts(self.writing, former, self.contacts, position, self._time())
 
     def advance(self, stop: int) -> int:
-        """Go on to a step, or until blocks must be chosen again; returns why it came back."""
+        """Advance to a step, or until blocks must be chosen again. Returns the code of the compiled loop."""
         while True:
             writing = self.writing
-            code, self.step, self.ended = self.march(
+            code, self.step, self.ended = self.loop(
                 self.moving, self.blocks, self.contacts, self.law.table, self.pace, self.frame, self.flow, self.pull,
                 self.state.time, self.step, stop, self.ended, self.fresh, writing.events,
                 writing.event_count,
@@ -195,88 +204,95 @@ class _March:
             )
         return code
 
-    def broken(self) -> tuple[int, int]:
-        """BAD or AWAY and a body that is not a number or flies off; DONE and −1 if there is none."""
+    def find_broken(self) -> tuple[int, int]:
+        """NOT_FINITE or RUNAWAY with the body concerned, or DONE and −1 if there is none."""
         body, found = self.moving.body, -1
         for code, found in (
-            (BAD, first_bad(body[:, :3], self.moving.angle)),
-            (AWAY, runaway(body[:, VELOCITY:KICK], body[:, RADIUS], self.plan.dt)),
+            (NOT_FINITE, find_not_finite(body[:, :3], self.moving.angle)),
+            (RUNAWAY, find_runaway(body[:, VELOCITY:KICK], body[:, RADIUS], self.plan.dt)),
         ):
             if found >= 0:
                 return code, int(self.moving.order[found])
         return DONE, found
 
-    def seen(self) -> Bodies:
-        """All bodies in the state's order, in fresh arrays kept only while they are looked at, as memory counts.
+    def gather(self) -> Bodies:
+        """Copy all bodies to fresh arrays in the state's order, and the memory of contacts to the list.
 
-        What contacts remember is in the list, then, too.
+        To save memory, the arrays should be kept only while they are used.
         """
-        committed(self.blocks, self.contacts, 0, 1)
-        here = self.known._replace(**{name: np.empty_like(self.moving.angle) for name in _MOVES})
-        exported(self.moving, here)
+        commit(self.blocks, self.contacts, 0, 1)
+        here = self.known._replace(**{name: np.empty_like(self.moving.angle) for name in _MOVING_FIELDS})
+        scatter_bodies(self.moving, here)
         return here
 
     def record(self, here: Bodies, row: int) -> None:
-        """Write a row of all series."""
+        """Write one row of all series."""
         law, cell, time = self.law, self.state.cell, self._time()
-        sample(
+        write_sample(
             law.kind, law.coulomb, cell.dim, law.table, row, here, self.contacts, shifts(self.contacts, cell.vectors),
             self.plan, self.writing, cell.vectors, time,
         )  # fmt: skip
         if self.writing.groups.shape[1]:
             external = self.plan.external
-            sample_groups(self.writing.groups[row], self.state, external, here, _forces(self.moving), time)
+            write_groups(
+                self.writing.groups[row], self.state, external, here, _forces_in_state_order(self.moving), time
+            )
 
     def unbalanced(self, here: Bodies) -> tuple[float, int]:
-        """The largest unbalanced force and its body."""
-        force = _forces(self.moving)
+        """Largest unbalanced force and its body."""
+        force = _forces_in_state_order(self.moving)
         residual, worst = largest_unbalanced(here.velocity, here.spin, force[:, :3], force[:, 3:], self.plan)
         if self.deforming:
             residual = max(residual, unbalanced_cell(self.frame, self.flow, self.state.cell.dim, self.plan.drags[0]))
         return residual, worst
 
-    def end(self, skin: float) -> State:
-        """The state at the last step, with a list of the given skin."""
-        committed(self.blocks, self.contacts, 0, 1)
-        self.blocks = no_blocks()  # memory for what is given back
+    def finish(self, skin: float) -> State:
+        """State at the last step, with a list of the given skin."""
+        commit(self.blocks, self.contacts, 0, 1)
+        self.blocks = empty_blocks()  # free memory for the result
         clock = self.frame.clock if self.imposed else self.pull.clock if self.pull else [self._time()]
         pull, time = self.flow.matrix[PULL].copy() if self.imposed else np.zeros((3, 3)), float(clock[0])
-        instant, here, vectors = Instant(_forces(self.moving), pull, 0), self.seen(), self.state.cell.vectors
+        instant, here, vectors = (
+            Instant(_forces_in_state_order(self.moving), pull, 0),
+            self.gather(),
+            self.state.cell.vectors,
+        )
         del self.moving
         if self.deforming or self.contacts.skin[0] != skin:
-            # a list tells whether it is still good by how far grains have moved, not by how the cell has
-            self.contacts = _closed(self.contacts)
-            self.contacts = _with_skin(skin, here.position, here, self.contacts, self.state.cell)
+            # the validity of a list is checked by displacements of grains, not by the deformation of the cell
+            self.contacts = _without_open_pairs(self.contacts)
+            self.contacts = _rebuild_with_skin(skin, here.position, here, self.contacts, self.state.cell)
         contacts, before = self.contacts, self.state.contacts
         key = before.key if contacts.i is before.i else keys_of(contacts)
         contacts = contacts._replace(key=key, pair=np.zeros_like(contacts.slip), roll=np.zeros_like(contacts.slip))
-        anchored(contacts, here.position, here.angle, here.radius, vectors, contacts.pair, contacts.roll)
+        store_reference(contacts, here.position, here.angle, here.radius, vectors, contacts.pair, contacts.roll)
         return state_after(self.state, here, contacts, time)._replace(instant=instant)
 
     def _time(self) -> float:
         return self.state.time + self.step * self.plan.dt
 
-    def _wanted(self) -> tuple[np.ndarray, float]:
-        """(B,) how far each body may go, and the skin of the list to make first, or 0 if this one will do."""
+    def _choose_limits(self) -> tuple[np.ndarray, float]:
+        """Displacement limit of each body, (B,), and the skin of the list to build first, or 0 to keep the list."""
         state, contacts = self.state, self.contacts
         skin, size = float(contacts.skin[0]), 2 * float(state.grains.radius.mean())
         left, origin = skin, contacts.origin
         if self.deforming:
-            left, deformation = room_left(state.cell.vectors, self.frame.made, skin, self.frame.widest)
+            left, deformation = remaining_skin(state.cell.vectors, self.frame.made, skin, self.frame.widest)
             origin = origin @ deformation.T
-        room, stride = self._room(skin)
-        if kept_within(self.moving, origin, 0.5 * left, room):
+        room, stride = self._limits(skin)
+        if limit_displacements(self.moving, origin, 0.5 * left, room):
             return room, 0.0
         skin = float(state.contacts.skin[0])
-        if 2 * stride * (self.steps - self.step) > 4 * skin:  # else making the list given back is not worth it
+        if 2 * stride * (self.steps - self.step) > 4 * skin:  # else a larger skin does not repay the final rebuild
             skin = max(skin, min(8 * np.sqrt(stride * size * self.few), size))
-        return self._room(skin)[0], skin
+        return self._limits(skin)[0], skin
 
-    def _room(self, skin: float) -> tuple[np.ndarray, float]:
-        """(B,) how far each body may go until blocks are chosen again, and how far the fastest one goes in a step.
+    def _limits(self, skin: float) -> tuple[np.ndarray, float]:
+        """Displacement limit of each body, (B,), and the displacement of the fastest one per step.
 
-        The further, the rarer the choice and the more pairs in vain: what both cost together is least where the
-        distance goes with the root of the speed, with factors that were measured. Fast bodies may go further.
+        With larger limits blocks are chosen less often, but contain more pairs that do not touch. The total cost is
+        minimal if the limit is proportional to the root of the speed, with measured factors. Fast bodies have larger
+        limits.
         """
         dt, size = self.plan.dt, 2 * float(self.state.grains.radius.mean()) * self.few
         fastest, usual = (speed * dt for speed in speeds(self.moving))
@@ -284,83 +300,83 @@ class _March:
         if not self.imposed and usual > 0:
             base, span = BASE * np.sqrt(usual * size), SPAN * np.sqrt(size / usual) * dt
         room = np.empty(len(self.moving.order))
-        roam(self.moving, base, span, 0.025 * skin, 0.25 * skin, room)
+        displacement_limits(self.moving, base, span, 0.025 * skin, 0.25 * skin, room)
         return room, fastest
 
 
-def marched(
-    state: State, law: Law, plan: Plan, steps: int, tolerance: float, writing: Writing, books, instant, *, rate: int,
-    threads,
+def run_blocks(
+    state: State, law: Law, plan: Plan, steps: int, tolerance: float, writing: RecordBuffers, books, instant, *,
+    rate: int, threads,
 ):  # fmt: skip
-    """As many steps as asked, in blocks; see `run`. Returns what the plain stepper does."""
-    march, every = _March(state, law, plan, steps, writing, books, instant, rate, threads), writing.every
+    """Run all steps with blocks; see `run`. Returns the same values as `_run_stepper`."""
+    blocks_run, every = _BlockRun(state, law, plan, steps, writing, books, instant, rate, threads), writing.every
     stop, code, residual, worst, before = 0, MOVED, np.inf, -1, numba.get_num_threads()
-    numba.set_num_threads(march.threads)
+    numba.set_num_threads(blocks_run.threads)
     try:
         while True:
             if code == MOVED:
-                march.choose()
-            code = march.advance(stop)
-            broken, body = march.broken()
+                blocks_run.choose_blocks()
+            code = blocks_run.advance(stop)
+            broken, body = blocks_run.find_broken()
             if broken != DONE:
                 code, worst = broken, body
                 break
             if code == MOVED:
                 continue
-            step = march.step
+            step = blocks_run.step
             sampled, checked = every and step % every == 0, tolerance > 0 and step % CHECK_EVERY == 0
-            here = march.seen() if books or sampled or checked else None
+            here = blocks_run.gather() if books or sampled or checked else None
             if books:
-                books = entered(books, law, march.state, plan, here, march.contacts, step, every)
+                books = post_step(books, law, blocks_run.state, plan, here, blocks_run.contacts, step, every)
             if sampled:
-                march.record(here, step // every)
+                blocks_run.record(here, step // every)
             if checked:
-                residual, worst = march.unbalanced(here)
-                code = BAD if not np.isfinite(residual) else CONVERGED if residual <= tolerance else DONE
+                residual, worst = blocks_run.unbalanced(here)
+                code = NOT_FINITE if not np.isfinite(residual) else CONVERGED if residual <= tolerance else DONE
             if step == steps or code != DONE:
                 break
             stop = min(steps, (step // CHECK_EVERY + 1) * CHECK_EVERY, (step // every + 1) * every if every else steps)
             stop = step + 1 if books else stop
     finally:
         numba.set_num_threads(before)
-    end = march.end(float(state.contacts.skin[0]))
-    return end, code, march.step, residual, worst, march.writing, books
+    end = blocks_run.finish(float(state.contacts.skin[0]))
+    return end, code, blocks_run.step, residual, worst, blocks_run.writing, books
 
 
-def _to_write(state: State, law: Law, here: Bodies, keyed: bool):
-    """The list that a run writes to; pair vectors, angles and keys that nobody asks for come back when it ends."""
+def _working_contacts(state: State, law: Law, here: Bodies, keyed: bool):
+    """Copy of the list that a run writes to. Pair vectors, angles and unused keys are left out until it ends."""
     contacts = state.contacts
-    if anchored(contacts, here.position, here.angle, here.radius, state.cell.vectors, _NOTHING, _NOTHING):
+    if store_reference(contacts, here.position, here.angle, here.radius, state.cell.vectors, _EMPTY, _EMPTY):
         own = {name: getattr(contacts, name).copy() for name in ("slip", "mode", "reached")}
         contacts = contacts._replace(**own)
     else:
         _, contacts = forces(state, law, memory=FROZEN)
-    return contacts._replace(pair=_NOTHING, roll=_NOTHING, key=contacts.key[: None if keyed else 0])
+    return contacts._replace(pair=_EMPTY, roll=_EMPTY, key=contacts.key[: None if keyed else 0])
 
 
-def _forces(moving: Moving) -> np.ndarray:
-    """(B, 6) forces and torques at the end of a step, in the state's order."""
+def _forces_in_state_order(moving: MovingBodies) -> np.ndarray:
+    """Forces and torques at the end of a step, (B, 6), in the state's order."""
     force = np.empty_like(moving.force)
     force[moving.order] = moving.force
     return force
 
 
-def _positions(moving: Moving) -> np.ndarray:
-    """(B, 3) positions in the state's order."""
+def _positions_in_state_order(moving: MovingBodies) -> np.ndarray:
+    """Positions, (B, 3), in the state's order."""
     position = np.empty((len(moving.order), 3))
     position[moving.order] = moving.body[:, :3]
     return position
 
 
-def _closed(contacts):
-    """The list without open pairs, which takes half the memory."""
-    return of_rows(contacts, np.flatnonzero(contacts.mode[: contacts.count[0]] != OPEN))
+def _without_open_pairs(contacts):
+    """List without open pairs, which takes half the memory."""
+    return select_rows(contacts, np.flatnonzero(contacts.mode[: contacts.count[0]] != OPEN))
 
 
-def _with_skin(skin, position, known: Bodies, contacts, cell):
-    """The list made anew with the given skin."""
+def _rebuild_with_skin(skin, position, known: Bodies, contacts, cell):
+    """List rebuilt with the given skin."""
     contacts = contacts._replace(skin=np.append(skin, contacts.skin[1:]))
-    contacts = rebuilt(position, known.radius, known.normal, grid_of(cell), contacts)
+    contacts = rebuild_list(position, known.radius, known.normal, grid_of(cell), contacts)
     if contacts.count[0] < 0:
         raise ValueError(TOO_FAR)
     return contacts

@@ -1,8 +1,8 @@
-"""Forces that a run leaves behind, so that the next one goes on as if there had been no stop.
+"""Forces at the end of a run, stored so that the next run continues as if there had been no stop.
 
-Dashpots see velocities that are predicted from the forces before; evaluated anew from the velocities in a state they
-give forces that differ by the error of the prediction. The forces of a run's last step are therefore kept in the state
-that it returns, with a mark of all that they depend on, and used only where the mark still holds.
+Dashpots use velocities predicted from the previous forces. If their forces were evaluated anew from the velocities in
+a state, they would differ by the error of the prediction. The forces of the last step of a run are therefore stored in
+the state that it returns, with a checksum of everything they depend on, and used only if the checksum still agrees.
 """
 
 import zlib
@@ -14,16 +14,16 @@ from ..laws.builtin import Law, dashpots
 from ..state import Instant, State
 from .coefficients import driven_bodies
 
-_PASSED = ("pair", "roll", "origin", "skin", "i", "j", "image")  # follow from the rest, or change no force
+_IGNORED = ("pair", "roll", "origin", "skin", "i", "j", "image")  # follow from the rest, or do not affect forces
 
 
-def mark(state: State, law: Law, memory: str) -> int:
-    """A checksum of what forces depend on: all arrays of a state, law and mode of memory."""
+def state_checksum(state: State, law: Law, memory: str) -> int:
+    """Checksum of everything that forces depend on: all arrays of a state, the law and the mode of memory."""
     out = zlib.crc32(f"{law.kind} {law.coulomb} {law.damping} {memory} {float(state.time)!r}".encode())
     count = int(state.contacts.count[0])
     for noun in (state.grains, state.walls, state.cell, state.contacts, state.control):
         for name, array in zip(noun._fields, noun, strict=True):
-            if name in _PASSED and noun is state.contacts:
+            if name in _IGNORED and noun is state.contacts:
                 continue
             rows = array[:count] if noun is state.contacts and name != "count" else array
             out = zlib.crc32(_bytes(rows), out)
@@ -31,23 +31,23 @@ def mark(state: State, law: Law, memory: str) -> int:
 
 
 def with_mark(state: State, law: Law, memory: str) -> State:
-    """The state at the end of a run, its instant marked, or left out where a run begins with the same bits anyway.
+    """State at the end of a run with a marked instant, or without one where a new run reproduces it bit for bit.
 
-    Without dashpots forces are found again, but the mean velocity of a rigid group is not.
+    Without dashpots, forces are reproduced, but the mean velocity of a rigid group is not.
     """
     if not (dashpots(law) or (state.control.group >= 0).any()):
         return state._replace(instant=None)
-    return state._replace(instant=state.instant._replace(mark=mark(state, law, memory)))
+    return state._replace(instant=state.instant._replace(mark=state_checksum(state, law, memory)))
 
 
-def known_instant(state: State, law: Law, memory: str) -> Instant | None:
-    """Forces that an earlier run left behind, if they are those of this state."""
+def matching_instant(state: State, law: Law, memory: str) -> Instant | None:
+    """Forces stored by an earlier run, if they belong to this state."""
     found = state.instant
-    return found if found is not None and found.mark == mark(state, law, memory) else None
+    return found if found is not None and found.mark == state_checksum(state, law, memory) else None
 
 
 def bodies_at_start(state: State, instant: Instant | None) -> Bodies:
-    """Fresh arrays of all bodies, with the velocities of the step before, or those that `Control` prescribes."""
+    """Fresh arrays of all bodies, with the velocities of the previous step, or those prescribed by `Control`."""
     return driven_bodies(state) if instant is None else bodies(state)
 
 

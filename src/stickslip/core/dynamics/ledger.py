@@ -1,14 +1,14 @@
-"""Where the energy goes: a ledger kept step by step, apart from the trajectory, which it only looks at.
+"""Energy ledger, updated after every step. It does not affect the trajectory.
 
 Over a step from 0 to 1 velocity Verlet changes the kinetic energy by ½(F₀ + F₁)·Δx up to a difference of states, so
-that sums of trapezia close to second order in the time step. With U(|s|, k_t, L) the energy of a tangential spring
-and L Coulomb's limit,
+that trapezoidal sums balance to second order in the time step. With the energy U(|s|, k_t, L) of a tangential spring
+and Coulomb's limit L,
 
     −F_t·v_t dt = dU − ∂U/∂k_t dk_t − ∂U/∂L dL + |F_t| d(slid distance):
 
-F_t has no potential, and the terms with ∂U are what a contact creates or destroys when it is sheared at one overlap
-and released at another. They have a column of their own. What a law destroys that shortens the slip as the overlap
-falls, −|F_t| |s| d ln f with f the factor on the slip, goes there, too.
+F_t has no potential, and the terms with ∂U are the energy that a contact creates or destroys when it is sheared at one
+overlap and released at another. They have a separate column. It also contains the energy destroyed by laws that
+shorten the slip as the overlap decreases, −|F_t| |s| d ln f with f the factor on the slip.
 """
 
 from typing import NamedTuple
@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ..contacts.forces import Bodies, approach
+from ..contacts.forces import Bodies, relative_velocity
 from ..contacts.geometry import (
     mid_normal,
     normal_and_overlap,
@@ -26,8 +26,14 @@ from ..contacts.geometry import (
     slip_increment,
     surface_rotation,
 )
-from ..contacts.mechanics import damped, effective, kept_share, tangential_force, with_dashpot
-from ..contacts.rolling import add_rolling_books
+from ..contacts.mechanics import (
+    contact_radius_ratio,
+    effective_values,
+    tangential_force,
+    with_dashpot,
+    with_tangential_dashpot,
+)
+from ..contacts.rolling import add_rolling_energy
 from ..control import spring_forces
 from ..laws.builtin import (
     DAMPING_N,
@@ -35,13 +41,13 @@ from ..laws.builtin import (
     MU,
     SMOOTH,
     cap,
-    damping_of,
+    contact_damping,
     dashpots,
-    fades,
     least_force,
     normal_energy,
     normal_force,
     reach,
+    rescaling_flag,
     row,
     tangential_stiffness,
 )
@@ -55,12 +61,12 @@ _KINETIC, _NORMAL, _TANGENTIAL, _EXTERNAL, _COULOMB, _VISCOUS, _DRAG, _NONPOTENT
 
 @readable
 class Ledger(NamedTuple):
-    """Energies at T samples, and what has flowed since the start of the run [energy]."""
+    """Energies at T samples, and work and dissipation since the start of the run [energy]."""
 
     kinetic: np.ndarray  # (T,) of grains and walls, translations and rotations
     normal: np.ndarray  # (T,) stored in normal springs
     tangential: np.ndarray  # (T,) stored in tangential springs
-    external: np.ndarray  # (T,) work of forces, springs, torques, gravity, of what drives bodies, and of the cell
+    external: np.ndarray  # (T,) work of forces, springs, torques, gravity, driven bodies, and the cell
     coulomb: np.ndarray  # (T,) dissipated by sliding
     viscous: np.ndarray  # (T,) dissipated by dashpots
     drag: np.ndarray  # (T,) dissipated by drag
@@ -69,23 +75,24 @@ class Ledger(NamedTuple):
 
     @property
     def defect(self) -> np.ndarray:
-        """(T,) stored + dissipated − put in, less its value at the start: zero up to the error of the integrator."""
+        """Energy stored + dissipated − supplied, less its initial value, (T,): zero up to the integration error."""
         stored = self.kinetic + self.normal + self.tangential
         total = stored + self.coulomb + self.viscous + self.drag - self.external - self.nonpotential
         return total - total[0]
 
 
 @njit(cache=True, fastmath=False, error_model="numpy")
-def _end(kind, coulomb, dim, viscous, rate, p, b, i, j, shift, c, slip, known):
-    """One end of a contact's step: overlap plus reach, (n, 1/|r|), energies, (k_t, L, …), |F_t|, power, loads.
+def _evaluate_contact(kind, coulomb, dim, viscous, rate, p, b, i, j, shift, c, slip, known):
+    """Evaluate a contact at one end of a step.
 
-    … are ∂U/∂k_t and ∂U/∂L.
+    Returns overlap plus reach, (n, 1/|r|), stored energies of both springs, (k_t, L, ∂U/∂k_t, ∂U/∂L), |F_t|, power of
+    the dashpots, force and torque/R.
     """
     n_grains = len(b.radius) - len(b.normal)
     rx, ry, rz = pair_vector(dim, b.position, shift, c, i, j)
     nx, ny, nz, overlap, inverse = normal_and_overlap(i, j, j >= n_grains, j - n_grains, b.radius, b.normal, rx, ry, rz)
     q = row(kind, p, b.material[i], b.material[j])
-    r_eff, m_eff = effective(kind, viscous, b.radius, b.inverse_mass, i, j, j >= n_grains)
+    r_eff, m_eff = effective_values(kind, viscous, b.radius, b.inverse_mass, i, j, j >= n_grains)
     edge = reach(kind, q, r_eff)
     if overlap <= -edge:
         stiffness, none = tangential_stiffness(kind, q, r_eff, 0.0 - edge), (0.0, 0.0, 0.0)
@@ -95,8 +102,8 @@ def _end(kind, coulomb, dim, viscous, rate, p, b, i, j, shift, c, slip, known):
     square = sx * sx + sy * sy + sz * sz
     fn, power, vx, vy, vz, factor = elastic, 0.0, 0.0, 0.0, 0.0, 0.0
     if viscous:
-        vn, vx, vy, vz = approach(dim, b.velocity, b.spin, b.radius, b.rate, i, j, rx, ry, rz, nx, ny, nz)
-        factor = damping_of(kind, viscous, r_eff, m_eff, overlap)
+        vn, vx, vy, vz = relative_velocity(dim, b.velocity, b.spin, b.radius, b.rate, i, j, rx, ry, rz, nx, ny, nz)
+        factor = contact_damping(kind, viscous, r_eff, m_eff, overlap)
         fn = with_dashpot(viscous, elastic, factor * q[DAMPING_N], vn, least_force(kind, elastic))
         power -= (fn - elastic) * vn
     limit = q[MU] * abs(fn) if rate else cap(kind, q, r_eff, overlap, fn)
@@ -110,7 +117,7 @@ def _end(kind, coulomb, dim, viscous, rate, p, b, i, j, shift, c, slip, known):
         by_limit = -stiffness * square * x * (1 / 3 - x / 2) / limit
     spends = (stiffness, limit, by_stiffness, by_limit)
     if viscous:
-        ux, uy, uz = damped(tx, ty, tz, factor * q[DAMPING_T], limit, vx, vy, vz)
+        ux, uy, uz = with_tangential_dashpot(tx, ty, tz, factor * q[DAMPING_T], limit, vx, vy, vz)
         power -= (ux - tx) * vx + (uy - ty) * vy + (uz - tz) * vz
         tx, ty, tz = ux, uy, uz
     force = (fn * nx + tx, fn * ny + ty, fn * nz + tz)
@@ -120,16 +127,16 @@ def _end(kind, coulomb, dim, viscous, rate, p, b, i, j, shift, c, slip, known):
 
 
 @njit(cache=True)
-def _size(s):
+def _length(s):
     return np.sqrt(s[0] * s[0] + s[1] * s[1] + s[2] * s[2])
 
 
 @njit(cache=True, fastmath=False, error_model="numpy")
-def _contacts(
+def _add_contacts(
     kind, coulomb, dim, viscous, p, old, new, before, after, shift0, shift, way, strain, free, dt, first, rate,
     rescaled, row,
 ):  # fmt: skip
-    """Add one step of all contacts to the row; with `first`, only what they store; `rate`: see `integrate.run`."""
+    """Add one step of all contacts to the row, or with `first` only their stored energies; `rate`: see `run`."""
     m, nothing = 0, np.zeros(3)
     for c in range(after.count[0]):
         while m < before.count[0] and before.key[m] < after.key[c]:
@@ -139,31 +146,31 @@ def _contacts(
         i, j = after.i[c], after.j[c]
         mine = before.slip[m] if same else nothing
         closed = after.mode[c] != OPEN
-        depth, (nx, ny, nz, inverse), stored, energy, spends, spring, power, force, turn = _end(
+        depth, (nx, ny, nz, inverse), stored, energy, spends, spring, power, force, turn = _evaluate_contact(
             kind, coulomb, dim, viscous, rate, p, new, i, j, shift, c, after.slip[c], closed
         )
         row[_NORMAL] += stored
         row[_TANGENTIAL] += energy
-        depth0, _, _, energy0, spends0, spring0, power0, force0, turn0 = _end(
+        depth0, _, _, energy0, spends0, spring0, power0, force0, turn0 = _evaluate_contact(
             kind, coulomb, dim, viscous, rate, p, old, i, j, shift0, c, mine, known
         )
-        # of the step in which a contact closes or opens, the fraction for which it has touched; LAMMPS counts it whole
+        # fraction of the step during which a closing or opening contact has touched; LAMMPS counts the whole step
         whole = rate or known == closed or depth == depth0
         fraction = 1.0 if whole else max(depth, depth0) / abs(depth - depth0)
         a0, a1 = pair_vector(dim, old.position, shift0, c, i, j), pair_vector(dim, new.position, shift, c, i, j)
         dx, dy, dz = a1[0] - a0[0], a1[1] - a0[1], a1[2] - a0[2]
         mx, my, mz = mid_normal(nx, ny, nz, 0.0 if rate else inverse, dx, dy, dz)
         normals = (nx, ny, nz, mx, my, mz)
-        add_rolling_books(
+        add_rolling_energy(
             kind, dim, p, old, new, shift0, shift, normals, fraction, before, m, after, c, i, j, known, closed, free,
             first, (_TANGENTIAL, _COULOMB, _NONPOTENTIAL, _EXTERNAL), row,
         )  # fmt: skip
         if first:
             continue
         if rescaled is not None:
-            fade = kept_share(depth, depth - depth0) if known and closed else 1.0
-            row[_NONPOTENTIAL] += 0.5 * (spring * _size(after.slip[c]) + spring0 * _size(mine)) * np.log(fade)
-            if known and not closed:  # all of it has faded: in place of the terms that follow
+            fade = contact_radius_ratio(depth, depth - depth0) if known and closed else 1.0
+            row[_NONPOTENTIAL] += 0.5 * (spring * _length(after.slip[c]) + spring0 * _length(mine)) * np.log(fade)
+            if known and not closed:  # the slip has vanished: replaces the terms that follow
                 row[_NONPOTENTIAL] += 0.5 * (spends0[0] * spends0[2] + spends0[1] * spends0[3]) - energy0
         for k in range(2):
             row[_NONPOTENTIAL] += 0.5 * (spends[2 + k] + spends0[2 + k]) * (spends[k] - spends0[k])
@@ -185,7 +192,7 @@ def _contacts(
             sx, sy, sz = sx + fraction * dx - s[0], sy + fraction * dy - s[1], sz + fraction * dz - s[2]
             slid = np.sqrt(sx * sx + sy * sy + sz * sz)
             if rescaled is not None:
-                slid = slid / half if closed else 0.0  # what has slid faded on its way, as what has not
+                slid = slid / half if closed else 0.0  # the slid distance was shortened like the slip
             row[_COULOMB] += 0.5 * (spring + spring0) * slid
         for end in range(2):
             a, sign = (i, 1.0) if end == 0 else (j, -1.0)
@@ -198,7 +205,7 @@ def _contacts(
 
 
 @njit(cache=True, fastmath=False)
-def _bodies(old, new, mass, inertia, external, way, strain, free, drag, spin_drag, dt, first, row):
+def _add_bodies(old, new, mass, inertia, external, way, strain, free, drag, spin_drag, dt, first, row):
     """Add kinetic energy, and one step of external work and drag, to the row."""
     for a in range(len(mass)):
         for k in range(3):
@@ -219,7 +226,7 @@ def _bodies(old, new, mass, inertia, external, way, strain, free, drag, spin_dra
 
 
 class Books(NamedTuple):
-    """What is needed to enter one step: the state before it, and the running row."""
+    """Data for posting one step: the state before it, and the running row."""
 
     bodies: Bodies
     contacts: tuple
@@ -227,21 +234,21 @@ class Books(NamedTuple):
     pull: np.ndarray  # (B, 3) forces of springs
     row: np.ndarray  # (len(COLUMNS),)
     rows: np.ndarray  # (T, len(COLUMNS))
-    rate: bool  # whether the memory is that of `slip_update="rate"`
+    rate: bool  # True with `slip_update="rate"`
 
 
-def opened_books(samples: int, bodies: Bodies, state, rate: bool) -> Books:
-    """Books before the first entry."""
+def open_books(samples: int, bodies: Bodies, state, rate: bool) -> Books:
+    """Open the books before the first entry."""
     row, rows = np.zeros(len(COLUMNS)), np.zeros((samples, len(COLUMNS)))
     pull = spring_forces(state.control, bodies.position, state.time)
     return Books(_copy(bodies), _copy(state.contacts), state.cell.vectors, pull, row, rows, rate)
 
 
-def entered(books: Books, law, state, plan: Plan, here: Bodies, contacts, step: int, every: int) -> Books:
-    """Books with one step more: from the state in the books to `here` and `contacts`, which are not touched."""
+def post_step(books: Books, law, state, plan: Plan, here: Bodies, contacts, step: int, every: int) -> Books:
+    """Post one step, from the state in the books to `here` and `contacts`, which are not modified."""
     row, first, viscous, old, vectors = books.row, step == 0, dashpots(law), books.bodies, state.cell.vectors
     strain = np.zeros((3, 3))
-    if (vectors != books.vectors).any():  # dt L of the step that has taken the cell from there to here
+    if (vectors != books.vectors).any():  # dt L of the step that moved the cell
         strain = 2 * np.linalg.solve((vectors + books.vectors), vectors - books.vectors).T
     way = here.position - old.position - 0.5 * (here.position + old.position) @ strain.T
     row[[_KINETIC, _NORMAL, _TANGENTIAL]] = 0.0
@@ -250,11 +257,11 @@ def entered(books: Books, law, state, plan: Plan, here: Bodies, contacts, step: 
     inertia = np.append(plan.inertia, np.zeros(b - n))
     pull = spring_forces(state.control, here.position, state.time + step * plan.dt)
     loads = np.stack([plan.external[0] + 0.5 * (pull + books.pull), plan.external[1]])
-    _bodies(old, here, mass, inertia, loads, way, strain, free, *plan.drags, plan.dt, first, row)
-    _contacts(
+    _add_bodies(old, here, mass, inertia, loads, way, strain, free, *plan.drags, plan.dt, first, row)
+    _add_contacts(
         law.kind, law.coulomb, state.cell.dim, viscous, law.table, old, here, books.contacts, contacts,
         shifts(contacts, books.vectors), shifts(contacts, vectors), way, strain, free, plan.dt, first,
-        books.rate, fades(law.kind), row,
+        books.rate, rescaling_flag(law.kind), row,
     )  # fmt: skip
     if step % every == 0:
         books.rows[step // every] = row
@@ -265,6 +272,6 @@ def _copy(arrays):
     return type(arrays)(*(a.copy() for a in arrays))
 
 
-def ledger_of(books: Books, kept: int) -> Ledger:
-    """The ledger at the first `kept` samples."""
+def make_ledger(books: Books, kept: int) -> Ledger:
+    """Make the ledger from the first `kept` samples."""
     return Ledger(*books.rows[:kept].T)

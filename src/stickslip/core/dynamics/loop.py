@@ -1,9 +1,9 @@
-"""Time steps of many grains, tile by tile, on one thread or several: see `blocks` for how contacts are gone through.
+"""Time steps of many grains, tile by tile, on one thread or several. For the order of contacts see `blocks`.
 
-A step evaluates the contacts between bodies of different threads; then each thread takes its tiles in turn, evaluates
-the contacts of each with its later ones and within it, and moves its grains on while they are in the processor's
-cache. The kinematics are compiled without fast mathematics: whether a step is taken in one go or stopped at to be
-looked at changes no bit.
+A step first evaluates the contacts between bodies of different threads. Then each thread goes through its tiles. It
+evaluates the contacts of a tile with later tiles and within the tile, and moves its grains while they are in the
+processor's cache. The kinematics are compiled without fast math, so that stopping after a step for a record does not
+change the trajectory by a single bit.
 """
 
 from functools import cache
@@ -15,25 +15,37 @@ from numba import njit, prange
 
 from ..contacts.forces import CLOSED, OPENED, REACHED_LIMIT, record_event
 from ..flow import STRETCH, TURN
-from ..laws.builtin import fades
-from ..laws.dispatch import plain
-from ..simd.blocks import BARE, STUCK_AGAIN, evaluated
+from ..laws.builtin import rescaling_flag
+from ..laws.dispatch import as_numpy_integers
+from ..simd.blocks import KERNEL_OPTIONS, STUCK_AGAIN, evaluate_blocks
 from ..simd.cycle_counter import ticks
-from ..simd.reduce import IS_FIRST, IS_I, ROW, WIDTH, summed_rows
-from ..simd.transpose import KICK, KICK_T, LANES, RADIUS, SCRATCH, SPIN, SPIN_AHEAD, VELOCITY, VELOCITY_AHEAD, aligned
+from ..simd.reduce import IS_FIRST, IS_I, ROW, WIDTH, sum_rows
+from ..simd.transpose import (
+    KICK,
+    KICK_T,
+    LANES,
+    RADIUS,
+    SCRATCH,
+    SPIN,
+    SPIN_AHEAD,
+    VELOCITY,
+    VELOCITY_AHEAD,
+    empty_aligned,
+)
 from ..state import OPEN, SLIDE
-from .cell_motion import begun, course_at, finished
-from .coefficients import DONE, FULL, MOVED, pooled
+from .cell_motion import begin_cell_step, course_at, end_cell_step
+from .coefficients import DONE, FULL, MOVED, sum_over_groups
 
-CHUNK = 64  # bodies whose forces are summed in one go
-_LOST = 1e300  # squared displacement that stands for one that is not a number
+CHUNK = 64  # bodies whose forces are summed together
+_NOT_FINITE_SQUARE = 1e300  # squared displacement returned for NaN
 
-# loaded first wins: GNU's or Intel's OpenMP costs a microsecond a parallel region, TBB fifteen, Numba's own eighty
+# a parallel region costs 1 µs with GNU's or Intel's OpenMP, 15 µs with TBB, 80 µs with Numba's own layer; the first
+# that can be loaded is used
 if not numba.config.THREADING_LAYER or numba.config.THREADING_LAYER == "default":
     numba.config.THREADING_LAYER_PRIORITY = ["omp", "tbb", "workqueue"]
 
 
-class Pace(NamedTuple):
+class StepFactors(NamedTuple):
     """Time step and the factors of drag, for translations and for rotations."""
 
     dt: float
@@ -43,7 +55,7 @@ class Pace(NamedTuple):
     slow_t: float
 
 
-class Pull(NamedTuple):
+class Springs(NamedTuple):
     """Springs on the bodies of the last tile."""
 
     stiffness: np.ndarray  # (L, 3)
@@ -51,12 +63,12 @@ class Pull(NamedTuple):
     leads: np.ndarray  # (L, 3) column of `course`, −1: none
     knots: np.ndarray  # (K,)
     course: np.ndarray  # (K, C)
-    clock: np.ndarray  # (1,) time, summed up step by step
+    clock: np.ndarray  # (1,) time, accumulated step by step
 
 
 @njit(fastmath=False, error_model="numpy")
-def _sprung(pull, first, body, force):
-    """Add the springs' forces to those on the bodies of the last tile."""
+def _add_springs(pull, first, body, force):
+    """Add the forces of springs to those on the bodies of the last tile."""
     for s in range(len(pull.stiffness)):
         for k in range(3):
             if pull.stiffness[s, k] > 0.0:
@@ -66,9 +78,9 @@ def _sprung(pull, first, body, force):
                 force[first + s, k] += pull.stiffness[s, k] * (pull.anchor[s, k] + ahead - body[first + s, k])
 
 
-@njit(fastmath=False, **BARE)
-def _one(keep, slow, kick, half, go_on, v, f):
-    """Velocity after the end of a step, and after half a kick of the next one, for a free component."""
+@njit(fastmath=False, **KERNEL_OPTIONS)
+def _kick(keep, slow, kick, half, go_on, v, f):
+    """Velocity of a free component after the end of a step (`half`) and half a kick of the next one (`go_on`)."""
     if half:
         v = (v + kick * f) * slow
     if go_on:
@@ -76,9 +88,9 @@ def _one(keep, slow, kick, half, go_on, v, f):
     return v
 
 
-@njit(fastmath=False, **BARE)
-def _carried(m, x, y, z):
-    """A 3 × 3 matrix times a vector."""
+@njit(fastmath=False, **KERNEL_OPTIONS)
+def _transform(m, x, y, z):
+    """Multiply a 3 × 3 matrix by a vector."""
     return (
         m[0, 0] * x + m[0, 1] * y + m[0, 2] * z,
         m[1, 0] * x + m[1, 1] * y + m[1, 2] * z,
@@ -86,34 +98,34 @@ def _carried(m, x, y, z):
     )
 
 
-@njit(fastmath=False, **BARE)
-def _turned(flow, free, g, vx, vy, vz):
-    """Velocity of a grain relative to the cell's flow after half a step of it; what is not free is left alone."""
-    x, y, z = _carried(flow.matrix[TURN], vx, vy, vz)
+@njit(fastmath=False, **KERNEL_OPTIONS)
+def _turn_velocity(flow, free, g, vx, vy, vz):
+    """Velocity relative to the flow after half a step of the term −L v; components that are not free are unchanged."""
+    x, y, z = _transform(flow.matrix[TURN], vx, vy, vz)
     return x if free[g, 0] else vx, y if free[g, 1] else vy, z if free[g, 2] else vz
 
 
-@njit(fastmath=False, **BARE)
-def _given(flow, when, free, g, k, value):
-    """Rate of a component: its own if it is free, else what is imposed, in mean over the step (0) or at its end (1)."""
+@njit(fastmath=False, **KERNEL_OPTIONS)
+def _free_or_imposed(flow, when, free, g, k, value):
+    """Rate of a component: its own if free, else the imposed one, averaged over the step (0) or at its end (1)."""
     return value if free[g, k] else flow.rate[g, k] * flow.factor[when, flow.follows[g, k]]
 
 
-@njit(fastmath=False, **BARE)
-def _drifted(flow, dt, x, y, z, vx, vy, vz):
-    """Where a body is at the end of the step."""
+@njit(fastmath=False, **KERNEL_OPTIONS)
+def _drift(flow, dt, x, y, z, vx, vy, vz):
+    """Position of a body at the end of the step."""
     if flow is None:
         return x + dt * vx, y + dt * vy, z + dt * vz
     half = 0.5 * dt
-    x, y, z = _carried(flow.matrix[STRETCH], x + half * vx, y + half * vy, z + half * vz)
+    x, y, z = _transform(flow.matrix[STRETCH], x + half * vx, y + half * vy, z + half * vz)
     return x + half * vx, y + half * vy, z + half * vz
 
 
-@njit(fastmath=False, **BARE)
-def _moved(dim, predict, moving, pace, flow, g, half, go_on, fx, fy, fz, tx, ty, tz):
-    """Half a kick with implicit drag ends a step; half a kick with explicit drag and the drift begin the next one.
+@njit(fastmath=False, **KERNEL_OPTIONS)
+def _move_body(dim, predict, moving, pace, flow, g, half, go_on, fx, fy, fz, tx, ty, tz):
+    """End a step by half a kick with implicit drag, and begin the next by half a kick with explicit drag and the drift.
 
-    Returns the squared distance from where the blocks were chosen over that which the body may go.
+    Returns the squared displacement since the blocks were chosen, over that allowed for the body.
     """
     body, angle, free, origin = moving.body, moving.angle, moving.free, moving.origin
     a, b, dt = body[g, KICK], body[g, KICK_T], pace.dt
@@ -121,40 +133,40 @@ def _moved(dim, predict, moving, pace, flow, g, half, go_on, fx, fy, fz, tx, ty,
     x, y, z = body[g, 0], body[g, 1], body[g, 2]
     vx, vy, vz = body[g, VELOCITY], body[g, VELOCITY + 1], body[g, VELOCITY + 2]
     wx, wy, wz = body[g, SPIN], body[g, SPIN + 1], body[g, SPIN + 2]
-    # a test for None stands by itself: it is decided before types are, and what it guards is not compiled
+    # a separate test for None is evaluated before type inference, and the code it guards is not compiled
     if flow is not None:  # noqa: SIM102
         if half:
-            vx, vy, vz = _turned(flow, free, g, vx, vy, vz)
+            vx, vy, vz = _turn_velocity(flow, free, g, vx, vy, vz)
     if moving.whole[g]:
-        vx, vy = _one(keep, slow, a, half, go_on, vx, fx), _one(keep, slow, a, half, go_on, vy, fy)
-        wz = _one(keep_t, slow_t, b, half, go_on, wz, tz)
+        vx, vy = _kick(keep, slow, a, half, go_on, vx, fx), _kick(keep, slow, a, half, go_on, vy, fy)
+        wz = _kick(keep_t, slow_t, b, half, go_on, wz, tz)
         if dim == 3:
-            vz = _one(keep, slow, a, half, go_on, vz, fz)
-            wx, wy = _one(keep_t, slow_t, b, half, go_on, wx, tx), _one(keep_t, slow_t, b, half, go_on, wy, ty)
+            vz = _kick(keep, slow, a, half, go_on, vz, fz)
+            wx, wy = _kick(keep_t, slow_t, b, half, go_on, wx, tx), _kick(keep_t, slow_t, b, half, go_on, wy, ty)
     else:
-        vx = _one(keep, slow, a, half, go_on, vx, fx) if free[g, 0] else vx
-        vy = _one(keep, slow, a, half, go_on, vy, fy) if free[g, 1] else vy
-        wz = _one(keep_t, slow_t, b, half, go_on, wz, tz) if free[g, 5] else wz
+        vx = _kick(keep, slow, a, half, go_on, vx, fx) if free[g, 0] else vx
+        vy = _kick(keep, slow, a, half, go_on, vy, fy) if free[g, 1] else vy
+        wz = _kick(keep_t, slow_t, b, half, go_on, wz, tz) if free[g, 5] else wz
         if dim == 3:
-            vz = _one(keep, slow, a, half, go_on, vz, fz) if free[g, 2] else vz
-            wx = _one(keep_t, slow_t, b, half, go_on, wx, tx) if free[g, 3] else wx
-            wy = _one(keep_t, slow_t, b, half, go_on, wy, ty) if free[g, 4] else wy
+            vz = _kick(keep, slow, a, half, go_on, vz, fz) if free[g, 2] else vz
+            wx = _kick(keep_t, slow_t, b, half, go_on, wx, tx) if free[g, 3] else wx
+            wy = _kick(keep_t, slow_t, b, half, go_on, wy, ty) if free[g, 4] else wy
     if flow is not None:
         if go_on:
-            vx, vy, vz = _turned(flow, free, g, vx, vy, vz)
+            vx, vy, vz = _turn_velocity(flow, free, g, vx, vy, vz)
         if not moving.whole[g] and (half or go_on):
             when = 0 if go_on else 1
-            vx, vy = _given(flow, when, free, g, 0, vx), _given(flow, when, free, g, 1, vy)
-            vz, wz = _given(flow, when, free, g, 2, vz), _given(flow, when, free, g, 5, wz)
-            wx, wy = _given(flow, when, free, g, 3, wx), _given(flow, when, free, g, 4, wy)
+            vx, vy = _free_or_imposed(flow, when, free, g, 0, vx), _free_or_imposed(flow, when, free, g, 1, vy)
+            vz, wz = _free_or_imposed(flow, when, free, g, 2, vz), _free_or_imposed(flow, when, free, g, 5, wz)
+            wx, wy = _free_or_imposed(flow, when, free, g, 3, wx), _free_or_imposed(flow, when, free, g, 4, wy)
     body[g, VELOCITY], body[g, VELOCITY + 1], body[g, SPIN + 2] = vx, vy, wz
     if dim == 3:
         body[g, VELOCITY + 2], body[g, SPIN], body[g, SPIN + 1] = vz, wx, wy
     if not go_on:
         return 0.0
-    x, y, z = _drifted(flow, dt, x, y, z, vx, vy, vz)
+    x, y, z = _drift(flow, dt, x, y, z, vx, vy, vz)
     if flow is not None:
-        origin[g, 0], origin[g, 1], origin[g, 2] = _carried(
+        origin[g, 0], origin[g, 1], origin[g, 2] = _transform(
             flow.matrix[STRETCH], origin[g, 0], origin[g, 1], origin[g, 2]
         )
     dx, dy, dz = x - origin[g, 0], y - origin[g, 1], 0.0
@@ -168,7 +180,7 @@ def _moved(dim, predict, moving, pace, flow, g, half, go_on, fx, fy, fz, tx, ty,
     if predict:
         ahead, whole = moving.ahead, moving.whole[g]
         if flow is not None:
-            vx, vy, vz = _turned(flow, free, g, vx, vy, vz)
+            vx, vy, vz = _turn_velocity(flow, free, g, vx, vy, vz)
         ahead[g, VELOCITY_AHEAD] = vx + a * fx if whole or free[g, 0] else vx
         ahead[g, VELOCITY_AHEAD + 1] = vy + a * fy if whole or free[g, 1] else vy
         ahead[g, SPIN_AHEAD + 2] = wz + b * tz if whole or free[g, 5] else wz
@@ -180,14 +192,14 @@ def _moved(dim, predict, moving, pace, flow, g, half, go_on, fx, fy, fz, tx, ty,
             if not whole:
                 for k in range(6):
                     c = VELOCITY_AHEAD + k if k < 3 else SPIN_AHEAD + k - 3
-                    ahead[g, c] = _given(flow, 1, free, g, k, ahead[g, c])
+                    ahead[g, c] = _free_or_imposed(flow, 1, free, g, k, ahead[g, c])
     square = (dx * dx + dy * dy + dz * dz) * origin[g, 3]
-    return square if square < _LOST else _LOST
+    return square if square < _NOT_FINITE_SQUARE else _NOT_FINITE_SQUARE
 
 
-@njit(fastmath=False, **BARE)
-def _pressed(virial, blocks, first, last):
-    """Σ f ⊗ r of the contacts in which a body is i, for some bodies."""
+@njit(fastmath=False, **KERNEL_OPTIONS)
+def _sum_virial(virial, blocks, first, last):
+    """Sum f ⊗ r over the contacts in which a body is i, for a range of bodies."""
     g, load, pair = np.uint64(first) - np.uint64(1), blocks.load, blocks.pair
     for e in range(np.uint64(blocks.start[first]), np.uint64(blocks.start[last])):
         c = np.uint64(blocks.code[e])
@@ -202,13 +214,13 @@ def _pressed(virial, blocks, first, last):
                     virial[g, 3 * k + m] += load[at, k] * pair[at, m]
 
 
-@njit(fastmath=False, **BARE)
-def _summed(flow, moving, blocks, first, last, total):
-    """External loads plus those of all contacts of at most CHUNK bodies, in the order of their partners."""
-    far = np.int64(len(moving.tile) > 2)  # of one tile, everything is near
-    summed_rows(blocks.code, blocks.start, np.int64(first), np.int64(last), far, blocks.load, moving.external, total)
+@njit(fastmath=False, **KERNEL_OPTIONS)
+def _sum_loads(flow, moving, blocks, first, last, total):
+    """Sum external loads and those of all contacts, in the order of their partners, for at most CHUNK bodies."""
+    far = np.int64(len(moving.tile) > 2)  # with one tile, all data are near
+    sum_rows(blocks.code, blocks.start, np.int64(first), np.int64(last), far, blocks.load, moving.external, total)
     if flow is not None:
-        _pressed(moving.virial, blocks, first, last)
+        _sum_virial(moving.virial, blocks, first, last)
     for at in range(first, last):
         g, t = np.uint64(at), np.uint64(at - first)
         own, radius = g if len(moving.torque) > 1 else np.uint64(0), moving.body[g, RADIUS]
@@ -216,64 +228,64 @@ def _summed(flow, moving, blocks, first, last, total):
             total[t, 3 + k] = moving.torque[own, k] + radius * total[t, 3 + k]
 
 
-@njit(fastmath=False, **BARE)
-def _kept(force, total, first, last):
-    """Keep the forces on some bodies."""
+@njit(fastmath=False, **KERNEL_OPTIONS)
+def _store_forces(force, total, first, last):
+    """Store the forces on a range of bodies."""
     for at in range(first, last):
         g, t = np.uint64(at), np.uint64(at - first)
         force[g, 0], force[g, 1], force[g, 2] = total[t, 0], total[t, 1], total[t, 2]
         force[g, 3], force[g, 4], force[g, 5] = total[t, 3], total[t, 4], total[t, 5]
 
 
-@njit(fastmath=False, **BARE)
-def _ended(dim, predict, first, last, moving, blocks, pace, flow, fresh, go_on, total):
-    """End the step of a tile's grains and go on with the next, or keep the forces."""
+@njit(fastmath=False, **KERNEL_OPTIONS)
+def _end_step(dim, predict, first, last, moving, blocks, pace, flow, fresh, go_on, total):
+    """End the step of a tile's grains and begin the next one, or store the forces."""
     far = 0.0
     for start in range(first, last, CHUNK):
         end = min(start + CHUNK, last)
-        _summed(flow, moving, blocks, start, end, total)
+        _sum_loads(flow, moving, blocks, start, end, total)
         for at in range(start, end):
             g, t = np.uint64(at), np.uint64(at - start)
             fx, fy, fz, tx, ty, tz = total[t, 0], total[t, 1], total[t, 2], total[t, 3], total[t, 4], total[t, 5]
-            far = max(far, _moved(dim, predict, moving, pace, flow, g, not fresh, go_on, fx, fy, fz, tx, ty, tz))
+            far = max(far, _move_body(dim, predict, moving, pace, flow, g, not fresh, go_on, fx, fy, fz, tx, ty, tz))
         if not go_on:
-            _kept(moving.force, total, start, end)
+            _store_forces(moving.force, total, start, end)
     return far
 
 
-@njit(fastmath=False, **BARE)
-def _last_ended(dim, predict, moving, blocks, pace, flow, pull, fresh, go_on, total):
-    """The same for the last tile: walls, what springs pull, and rigid groups, whose members get the force on all."""
+@njit(fastmath=False, **KERNEL_OPTIONS)
+def _end_last_tile(dim, predict, moving, blocks, pace, flow, pull, fresh, go_on, total):
+    """End the step of the last tile: walls, bodies on springs, and rigid groups, whose members get the total force."""
     first, last, force = moving.tile[-1], len(moving.body), moving.force
     for start in range(first, last, CHUNK):
         end = min(start + CHUNK, last)
-        _summed(flow, moving, blocks, start, end, total)
-        _kept(force, total, start, end)
+        _sum_loads(flow, moving, blocks, start, end, total)
+        _store_forces(force, total, start, end)
     if pull is not None:
-        _sprung(pull, first, moving.body, force)
-    pooled(moving.member, moving.members, force)
+        _add_springs(pull, first, moving.body, force)
+    sum_over_groups(moving.member, moving.members, force)
     far = 0.0
     for at in range(first, last):
         g = np.uint64(at)
         fx, fy, fz, tx, ty, tz = force[g, 0], force[g, 1], force[g, 2], force[g, 3], force[g, 4], force[g, 5]
-        far = max(far, _moved(dim, predict, moving, pace, flow, g, not fresh, go_on, fx, fy, fz, tx, ty, tz))
+        far = max(far, _move_body(dim, predict, moving, pace, flow, g, not fresh, go_on, fx, fy, fz, tx, ty, tz))
     return far
 
 
-@njit(fastmath=False, **BARE)
-def _begun(dim, predict, first, last, moving, pace, flow):
-    """Begin the step of a tile's grains with the forces kept."""
+@njit(fastmath=False, **KERNEL_OPTIONS)
+def _begin_step(dim, predict, first, last, moving, pace, flow):
+    """Begin the step of a tile's grains with the stored forces."""
     far, force = 0.0, moving.force
     for at in range(first, last):
         g = np.uint64(at)
         fx, fy, fz, tx, ty, tz = force[g, 0], force[g, 1], force[g, 2], force[g, 3], force[g, 4], force[g, 5]
-        far = max(far, _moved(dim, predict, moving, pace, flow, g, False, True, fx, fy, fz, tx, ty, tz))
+        far = max(far, _move_body(dim, predict, moving, pace, flow, g, False, True, fx, fy, fz, tx, ty, tz))
     return far
 
 
 @njit(cache=True)
-def _recorded(blocks, before, contacts, moving, time, events, event_count):
-    """Append the contacts whose mode says that they closed, opened or first reached Coulomb's limit."""
+def _record_events(blocks, before, contacts, moving, time, events, event_count):
+    """Record contacts that closed, opened or first reached Coulomb's limit according to their modes."""
     for s in range(len(before)):
         old, new, c = before[s], blocks.mode[s], blocks.row[s]
         if old == new or c < 0:
@@ -286,33 +298,36 @@ def _recorded(blocks, before, contacts, moving, time, events, event_count):
             record_event(events, event_count, REACHED_LIMIT, time, i, j, contacts.image, c, moving.body, g)
 
 
-@njit(**BARE)
-def _counted(spent, k, since):
-    """Add the ticks since some moment to those of a thread."""
+@njit(**KERNEL_OPTIONS)
+def _add_ticks(spent, k, since):
+    """Add the ticks since a given time to those of a thread."""
     spent[k, 0] += ticks() - since
 
 
 @cache
-def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel: bool):
-    """Compiled loop over time steps for one law and dimension, on one thread or several; with None for a frame, too."""
-    rescaled, (kind, coulomb, axes, predict) = fades(kind), plain(kind, coulomb, dim, viscous > 0 and not rate)
+def block_loop(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel: bool):
+    """Compiled loop over time steps for one law and dimension, on one thread or several, with or without a frame."""
+    rescaled, (kind, coulomb, axes, predict) = (
+        rescaling_flag(kind),
+        as_numpy_integers(kind, coulomb, dim, viscous > 0 and not rate),
+    )
 
     @njit(cache=True, fastmath=False, error_model="numpy", parallel=parallel)
-    def march(
+    def loop(
         moving, blocks, contacts, p, pace, frame, flow, pull, time, step, stop, ended, fresh, events, event_count
     ):  # fmt: skip
-        """From step `step` to the end of step `stop`, or until some body is too far from where the blocks were chosen.
+        """Run from step `step` to the end of step `stop`, or until a body has moved too far for the blocks.
 
-        `ended`: the step has ended, forces are kept; else positions are those of the step, forces not known yet.
-        `fresh`: and velocities are, too; memory is not carried.
+        `ended`: the step has ended and forces are stored; else positions are those of the step, but forces are not
+        known yet. `fresh`: velocities are those of the step, too, and memory is not transported.
         """
         tile, share, body, ahead = moving.tile, moving.share, moving.body, moving.ahead
         cross, inner = blocks.cross, blocks.inner
-        # whether this is parallel must stand in its body: what is kept compiled is known by that alone
+        # the body must depend on `parallel`, because the cache of compiled code is keyed by it alone
         workers = len(share) - 1 if parallel else 1
         tiles, dt, watch, limit = len(tile) - 1, pace.dt, len(events) > 0, 1.0
         far, before = np.zeros(tiles + 1), np.zeros(inner[tiles] * LANES if watch else 0, np.int64)
-        sums, scratches = aligned((workers + 1) * CHUNK, WIDTH), aligned(workers, SCRATCH)
+        sums, scratches = empty_aligned((workers + 1) * CHUNK, WIDTH), empty_aligned(workers, SCRATCH)
         between = cross[tiles + 1] - cross[tiles]  # blocks between threads, and within the last tile
         while True:
             if not ended:
@@ -322,49 +337,49 @@ def marcher(kind: int, coulomb: int, dim: int, viscous: int, rate: int, parallel
                     for s in range(len(before)):
                         before[s] = blocks.mode[s]
                 go_on = step < stop and not watch and flow is None
-                if between > 0:  # a condition keeps the compiler from making one loop of this and the next
+                if between > 0:  # the condition prevents the compiler from fusing this loop with the next
                     for k in prange(workers):
                         first, last = cross[tiles] + between * k // workers, cross[tiles] + between * (k + 1) // workers
-                        evaluated(
+                        evaluate_blocks(
                             kind, coulomb, dim, viscous, rate, rescaled, first, last, True, 0, 0, blocks, body, ahead,
                             p, dt, fresh, flow, scratches[k],
                         )  # fmt: skip
                 for k in prange(workers):
                     scratch, total, since = scratches[k], sums[k * CHUNK : (k + 1) * CHUNK], ticks()
                     for t in range(share[k], share[k + 1]):
-                        begin, end = tile[t + 1], tile[min(t + 2, share[k + 1])]  # the thread's next tile
+                        begin, end = tile[t + 1], tile[min(t + 2, share[k + 1])]  # next tile of the thread
                         for within in range(2):
                             first, last = (inner[t], inner[t + 1]) if within else (cross[t], cross[t + 1])
-                            evaluated(
+                            evaluate_blocks(
                                 kind, coulomb, dim, viscous, rate, rescaled, first, last, not within, begin, end,
                                 blocks, body, ahead, p, dt, fresh, flow, scratch,
                             )  # fmt: skip
-                        far[t] = _ended(
+                        far[t] = _end_step(
                             axes, predict, tile[t], tile[t + 1], moving, blocks, pace, flow, fresh, go_on, total
                         )
-                    _counted(moving.spent, k, since)
+                    _add_ticks(moving.spent, k, since)
                 total = sums[workers * CHUNK :]
-                far[tiles] = _last_ended(axes, predict, moving, blocks, pace, flow, pull, fresh, go_on, total)
+                far[tiles] = _end_last_tile(axes, predict, moving, blocks, pace, flow, pull, fresh, go_on, total)
                 if flow is not None:
-                    finished(axes, frame, flow, pace, moving, fresh)
+                    end_cell_step(axes, frame, flow, pace, moving, fresh)
                 if watch:
-                    _recorded(blocks, before, contacts, moving, time + step * dt, events, event_count)
+                    _record_events(blocks, before, contacts, moving, time + step * dt, events, event_count)
                 ended, fresh = not go_on, False
             if ended:
                 if step == stop:
                     return DONE, step, ended
                 if flow is not None:
-                    limit = begun(frame, flow, pace)
+                    limit = begin_cell_step(frame, flow, pace)
                 for k in prange(workers):
                     for t in range(share[k], share[k + 1]):
-                        far[t] = _begun(axes, predict, tile[t], tile[t + 1], moving, pace, flow)
-                far[tiles] = _begun(axes, predict, tile[tiles], len(body), moving, pace, flow)
+                        far[t] = _begin_step(axes, predict, tile[t], tile[t + 1], moving, pace, flow)
+                far[tiles] = _begin_step(axes, predict, tile[tiles], len(body), moving, pace, flow)
             ended = False
             step += 1
             if pull is not None:
                 pull.clock[0] += dt
-            for t in range(tiles + 1):  # not far.max(), which would be made a parallel region of its own
+            for t in range(tiles + 1):  # not far.max(), which would become a separate parallel region
                 if far[t] > limit:
                     return MOVED, step, ended
 
-    return march
+    return loop

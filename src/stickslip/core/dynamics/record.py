@@ -1,4 +1,4 @@
-"""What a run writes down: samples at intervals and events of contacts."""
+"""Records of a run: samples at intervals, and events of contacts."""
 
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ from ..control import spring_forces
 from ..laws.builtin import MU
 from ..readable import readable
 from ..state import OPEN, SLIDE, State, groups
-from .ledger import Books, Ledger, ledger_of
+from .ledger import Books, Ledger, make_ledger
 
 SERIES = (
     "time", "msd", "kinetic_energy", "center_x", "center_y", "center_z", "touching", "sliding",
@@ -23,7 +23,7 @@ _VIRIAL, _FABRIC, _KINETIC, _RATTLERS, _HELD, _CONTACTS, _CELL = 8, 17, 26, 35, 
 
 @readable
 class Record(NamedTuple):
-    """What a run wrote down, T samples of P probed grains."""
+    """Record of a run with T samples and P probed grains."""
 
     time: np.ndarray  # (T,) [time]
     msd: np.ndarray  # (T,) Σ|Δr|² over grains, from the reference positions [length²]
@@ -31,12 +31,12 @@ class Record(NamedTuple):
     center: np.ndarray  # (T, 3) mean position of the grains [length]
     touching: np.ndarray  # (T,) number of closed contacts
     sliding: np.ndarray  # (T,) number of contacts at Coulomb's limit
-    virial: np.ndarray  # (T, 3, 3) Σ f ⊗ r over contacts between grains, elastic part [energy]; over volume: the stress
+    virial: np.ndarray  # (T, 3, 3) Σ f ⊗ r over contacts between grains, elastic part [energy]; stress times volume
     fabric: np.ndarray  # (T, 3, 3) mean of n ⊗ n over closed contacts, zero without any
-    momentum_flux: np.ndarray  # (T, 3, 3) Σ m v ⊗ v over grains [energy]; over volume: the kinetic stress
-    coordination: np.ndarray  # (T,) contacts of grains, over the number of grains; walls count for those they touch
-    held_coordination: np.ndarray  # (T,) the same without rattlers and their contacts: see `coordination`
-    rattlers: np.ndarray  # (T,) number of grains that hold nothing
+    momentum_flux: np.ndarray  # (T, 3, 3) Σ m v ⊗ v over grains [energy]; kinetic stress times volume
+    coordination: np.ndarray  # (T,) mean number of contacts per grain, walls included
+    held_coordination: np.ndarray  # (T,) the same without rattlers and their contacts: see `measure.coordination`
+    rattlers: np.ndarray  # (T,) number of rattlers
     cell: np.ndarray  # (T, 3, 3) vectors of the cell as rows [length]
     group_position: np.ndarray  # (T, G, 3) centre of mass of each rigid group [length]
     group_velocity: np.ndarray  # (T, G, 3) [length/time]
@@ -49,12 +49,12 @@ class Record(NamedTuple):
 
     @property
     def sliding_fraction(self) -> np.ndarray:
-        """(T,) share of the closed contacts that are at Coulomb's limit, zero without any."""
+        """Fraction of closed contacts at Coulomb's limit, (T,), zero without any."""
         return self.sliding / np.maximum(self.touching, 1)
 
 
-class Writing(NamedTuple):
-    """Where the loop writes samples and events."""
+class RecordBuffers(NamedTuple):
+    """Buffers for samples and events."""
 
     every: int
     reference: np.ndarray  # (N, 3)
@@ -67,8 +67,8 @@ class Writing(NamedTuple):
 
 
 @njit(cache=True)
-def _held(contacts, n, bodies, least):
-    """Number of rattlers, and contacts of the other grains: peeled as `measure.rattlers` does."""
+def _count_rattlers(contacts, n, bodies, least):
+    """Number of rattlers, and of contacts of the other grains; see `measure.rattlers`."""
     loose, number = np.zeros(bodies, np.bool_), np.zeros(bodies, np.int64)
     while True:
         for a in range(bodies):
@@ -92,8 +92,8 @@ def _held(contacts, n, bodies, least):
 
 
 @njit(cache=True)
-def _rubs(p):
-    """True if some pair of materials has friction."""
+def _has_friction(p):
+    """Return True if some pair of materials has friction."""
     for a in range(len(p)):
         for b in range(len(p)):
             if p[a, b, MU] > 0.0:
@@ -102,11 +102,11 @@ def _rubs(p):
 
 
 @njit(cache=True)
-def sample(kind, coulomb, dim, p, k, bodies, contacts, shift, plan, writing, vectors, time):
-    """Row k of the series and of the tracks."""
+def write_sample(kind, coulomb, dim, p, k, bodies, contacts, shift, plan, writing, vectors, time):
+    """Write row k of the series and of the tracks."""
     x, angle, v, spin = bodies.position, bodies.angle, bodies.velocity, bodies.spin
     row, track, n = writing.series[k], writing.tracks[k], len(plan.mass)
-    for m in range(len(row)):  # here and below not as a whole array, as in `neighbors.rebuilt`
+    for m in range(len(row)):  # loops instead of whole arrays compile faster, see `neighbors._build_list`
         row[m] = 0.0
     row[0] = time
     for a in range(n):
@@ -136,7 +136,7 @@ def sample(kind, coulomb, dim, p, k, bodies, contacts, shift, plan, writing, vec
                     row[_VIRIAL + 3 * m + q] += f[m] * r[q]
     for m in range(9):
         row[_FABRIC + m] /= max(row[6], 1.0)
-    row[_RATTLERS], row[_HELD] = _held(contacts, n, len(bodies.radius), 2 if _rubs(p) else dim + 1)
+    row[_RATTLERS], row[_HELD] = _count_rattlers(contacts, n, len(bodies.radius), 2 if _has_friction(p) else dim + 1)
     for m in range(3):
         for q in range(3):
             row[_CELL + 3 * m + q] = vectors[m, q]
@@ -146,8 +146,8 @@ def sample(kind, coulomb, dim, p, k, bodies, contacts, shift, plan, writing, vec
             track[a, 3 + m] = angle[writing.probes[a], m]
 
 
-def sample_groups(row: np.ndarray, state: State, external, bodies, force, time: float) -> None:
-    """One sample of all rigid groups; `force` (B, 3) holds the force on the whole at each member, loads included."""
+def write_groups(row: np.ndarray, state: State, external, bodies, force, time: float) -> None:
+    """Write one sample of all rigid groups; `force` (B, 6) holds the total load on the group at each member."""
     mass, pull = state.grains.mass, spring_forces(state.control, bodies.position, time)
     for g, members in enumerate(groups(state.control)):
         if not len(members):
@@ -158,8 +158,8 @@ def sample_groups(row: np.ndarray, state: State, external, bodies, force, time: 
         row[g, 2], row[g, 3] = force[members[0], :3] - external[0, members].sum(axis=0) - sprung, sprung
 
 
-def writing_of(state: State, steps: int, every: int, probes, events: bool, reference) -> Writing:
-    """Room for the samples and events of a run."""
+def allocate_buffers(state: State, steps: int, every: int, probes, events: bool, reference) -> RecordBuffers:
+    """Allocate buffers for the samples and events of a run."""
     n, samples = len(state.grains.radius), steps // every + 1 if every else 0
     probes = np.asarray(probes, np.int64)
     if ((probes < 0) | (probes >= n)).any():
@@ -168,15 +168,15 @@ def writing_of(state: State, steps: int, every: int, probes, events: bool, refer
     if reference.shape != (n, 3):
         raise ValueError(f"a reference of shape {reference.shape} was given: it must be {(n, 3)}")
     room = max(1024, 8 * len(state.contacts.i)) if events else 0
-    return Writing(
+    return RecordBuffers(
         every, reference, probes, np.zeros((samples, len(SERIES))),
         np.zeros((samples, state.control.group.max(initial=-1) + 1, 4, 3)), np.zeros((samples, len(probes), 6)),
         np.zeros((room, len(EVENT_COLUMNS))), np.zeros(1, np.int64),
     )  # fmt: skip
 
 
-def with_lost(writing: Writing, before, after, position, time) -> Writing:
-    """Record as opened those contacts that left the list in one step."""
+def with_lost_contacts(writing: RecordBuffers, before, after, position, time) -> RecordBuffers:
+    """Record contacts that left the list in one step as opened."""
     if not len(writing.events):
         return writing
     n, count = int(before.count[0]), int(writing.event_count[0])
@@ -194,8 +194,8 @@ _EVENT_TYPE = np.dtype(
 _EVENT_NAMES = np.array(["closed", "opened", "limit"])
 
 
-def record_of(writing: Writing, done: int, books: Books | None) -> Record:
-    """What was written in a run of `done` steps."""
+def make_record(writing: RecordBuffers, done: int, books: Books | None) -> Record:
+    """Make the record of a run of `done` steps."""
     kept = done // writing.every + 1 if writing.every else 0
     n = len(writing.reference)
     series, tracks, rows = writing.series[:kept], writing.tracks[:kept], writing.events[: writing.event_count[0]]
@@ -220,5 +220,5 @@ def record_of(writing: Writing, done: int, books: Books | None) -> Record:
         tracks[..., :3],
         tracks[..., 3:],
         events,
-        ledger_of(books, kept) if books else None,
+        make_ledger(books, kept) if books else None,
     )

@@ -1,63 +1,63 @@
-"""Velocity Verlet with optional drag: n steps, records and events without leaving compiled code."""
+"""Velocity Verlet with optional drag; steps, records and events stay in compiled code."""
 
 from functools import cache
 
 import numpy as np
 from numba import njit
 
-from ..contacts.forces import Bodies, check_materials, sweep
+from ..contacts.forces import Bodies, check_materials, sweep_contacts
 from ..contacts.geometry import shifts
-from ..contacts.interaction_range import with_room
+from ..contacts.interaction_range import with_rolling_memory
 from ..contacts.mechanics import FREE, FROZEN
-from ..contacts.neighbors import TOO_FAR, grid_of, rebuilt, updated
-from ..contacts.rolling import rolls
-from ..laws.builtin import SMOOTH, Law, dashpots, fades
-from ..laws.dispatch import Kind, plain
+from ..contacts.neighbors import TOO_FAR, grid_of, rebuild_list, updated
+from ..contacts.rolling import resists_rolling
+from ..laws.builtin import SMOOTH, Law, dashpots, rescaling_flag
+from ..laws.dispatch import Kind, as_numpy_integers
 from ..outcome import Outcome, Status
 from ..state import Instant, State
-from .cell_motion import imposes
+from .cell_motion import needs_frame
 from .coefficients import (
-    AWAY,
-    BAD,
     CHECK_EVERY,
     CONVERGED,
     DONE,
     FULL,
     MOVED,
+    NOT_FINITE,
+    RUNAWAY,
     Plan,
     driven_bodies,
-    first_bad,
+    find_not_finite,
+    find_runaway,
     largest_unbalanced,
+    make_plan,
     moved_by_forces,
-    plan_of,
-    runaway,
     state_after,
 )
-from .driver import MANY, marched
-from .last_forces import bodies_at_start, known_instant, with_mark
-from .ledger import entered, opened_books
-from .record import Writing, record_of, sample, with_lost, writing_of
+from .driver import MIN_BODIES, run_blocks
+from .last_forces import bodies_at_start, matching_instant, with_mark
+from .ledger import open_books, post_step
+from .record import RecordBuffers, allocate_buffers, make_record, with_lost_contacts, write_sample
 from .timestep import check_time_step, stable_time_step
 
 
 @njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
-def first_half(x, v, force, kick, keep, dt):
-    """Half a kick with explicit drag, then the drift, on flat arrays so that it is done in vectors."""
+def kick_and_drift(x, v, force, kick, keep, dt):
+    """Half a kick with explicit drag, then the drift, on flat arrays so that the loop is vectorised."""
     for q in range(len(x)):
         v[q] = keep[q] * v[q] + kick[q] * force[q]
         x[q] += dt * v[q]
 
 
 @njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
-def second_half(v, force, kick, slow):
-    """The other half of the kick, with implicit drag."""
+def second_kick(v, force, kick, slow):
+    """Second half of the kick, with implicit drag."""
     for q in range(len(v)):
         v[q] = (v[q] + kick[q] * force[q]) * slow[q]
 
 
 @njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
-def moved(x, origin, limit):
-    """True if some coordinate is further than `limit` from its origin, or if fastmath cannot say so because of NaN."""
+def any_moved(x, origin, limit):
+    """Return True if a coordinate is further than `limit` from its origin, or undecided due to NaN in fast math."""
     far = 0.0
     for q in range(len(x)):
         far = max(far, abs(x[q] - origin[q]))
@@ -67,15 +67,15 @@ def moved(x, origin, limit):
 @cache
 def stepper(kind: int, coulomb: int, dim: int, viscous: int):
     """Compiled loop over time steps for one law and dimension, with or without dashpots."""
-    rescaled, (kind, coulomb) = fades(kind), plain(kind, coulomb)
+    rescaled, (kind, coulomb) = rescaling_flag(kind), as_numpy_integers(kind, coulomb)
 
     @njit(cache=True, fastmath=True, error_model="numpy")
     def advance(
         bodies, contacts, shift, vectors, p, plan, force, torque, time, start, steps, drifted, ended, tolerance, writing
     ):  # fmt: skip
-        """Steps `start` … `steps`; `drifted`: positions are those of step `start` already, velocities not yet.
+        """Run steps `start` … `steps`. `drifted`: positions are already those of step `start`, velocities are not.
 
-        `ended`: velocities are, too, and forces known.
+        `ended`: velocities are, too, and forces are known.
         """
         x, angle, v, spin = bodies.position, bodies.angle, bodies.velocity, bodies.spin
         events, event_count, every, dt, motion = (
@@ -90,7 +90,7 @@ def stepper(kind: int, coulomb: int, dim: int, viscous: int):
         kick, keep, slow, kick_t, keep_t, slow_t = motion[0], motion[1], motion[2], motion[3], motion[4], motion[5]
         load, load_t = plan.external[0].reshape(-1), plan.external[1].reshape(-1)
         origin, limit = contacts.origin.reshape(-1), 0.5 * contacts.skin[0] / np.sqrt(dim)
-        # dashpots see velocities at the full step, predicted from the forces before it: second order in dt
+        # dashpots use velocities at the full step, predicted from the previous forces: second order in dt
         seen = Bodies(
             x,
             angle,
@@ -107,9 +107,9 @@ def stepper(kind: int, coulomb: int, dim: int, viscous: int):
         for step in range(start, steps + 1):
             fresh, known = step == start and not drifted, step == start and ended
             if step > start:
-                first_half(flat_x, flat_v, flat_f, kick, keep, dt)
-                first_half(flat_angle, flat_spin, flat_t, kick_t, keep_t, dt)
-                if moved(flat_x, origin, limit):
+                kick_and_drift(flat_x, flat_v, flat_f, kick, keep, dt)
+                kick_and_drift(flat_angle, flat_spin, flat_t, kick_t, keep_t, dt)
+                if any_moved(flat_x, origin, limit):
                     return MOVED, step, residual, worst
             if room > 0 and not known and event_count[0] + contacts.count[0] > room:
                 return FULL, step, residual, worst
@@ -122,26 +122,26 @@ def stepper(kind: int, coulomb: int, dim: int, viscous: int):
             if not known:
                 for q in range(len(flat_f)):
                     flat_f[q], flat_t[q] = load[q], load_t[q]
-                sweep(
+                sweep_contacts(
                     kind, coulomb, dim, seen, contacts, shift, p, viscous, FROZEN if fresh else FREE,
                     (v, spin, 0.0 if fresh else dt), force, torque, time + step * dt, events, event_count, rescaled,
                 )  # fmt: skip
             if not (fresh or known):
-                second_half(flat_v, flat_f, kick, slow)
-                second_half(flat_spin, flat_t, kick_t, slow_t)
+                second_kick(flat_v, flat_f, kick, slow)
+                second_kick(flat_spin, flat_t, kick_t, slow_t)
             if every > 0 and step % every == 0:
-                sample(
+                write_sample(
                     kind, coulomb, dim, p, step // every, bodies, contacts, shift, plan, writing, vectors,
                     time + step * dt,
                 )  # fmt: skip
             if step % CHECK_EVERY == 0:
-                bad = first_bad(x, angle)
+                bad = find_not_finite(x, angle)
                 if bad >= 0:
-                    return BAD, step, residual, bad
+                    return NOT_FINITE, step, residual, bad
                 if tolerance > 0.0:
                     residual, worst = largest_unbalanced(v, spin, force, torque, plan)
                     if not np.isfinite(residual):
-                        return BAD, step, residual, worst
+                        return NOT_FINITE, step, residual, worst
                     if residual <= tolerance:
                         return CONVERGED, step, residual, worst
         return DONE, steps, residual, worst
@@ -168,34 +168,34 @@ def run(
 ):
     """Velocity Verlet: m r̈ = F − m ν ṙ, I ω̇ = T − I ν' ω, for all free components of grains and walls.
 
-    Second order in dt, with friction, too; first order where contacts close or open whose dashpots act from the first
-    touch (`velocity`, `mass_velocity`), and with slip_update="rate". The state given is not changed. Stops early when
-    `tolerance` > 0 and both the largest unbalanced force (or torque/R) and the largest drag force are below it.
+    The scheme is second order in dt, also with friction. It is first order where contacts with dashpots that act from
+    first touch (`velocity`, `mass_velocity`) close or open, and with slip_update="rate". The given state is not
+    modified. If `tolerance` > 0, the run stops early once both the largest unbalanced force (or torque/R) and the
+    largest drag force are below it.
 
     Parameters
     ----------
     steps : int; dt : float [time]
-    drag, spin_drag : float [1/time], the same for both if only one is given
-    every : int, sample each `every` steps (0: no samples)
+    drag, spin_drag : float [1/time]; spin_drag defaults to drag
+    every : int, number of steps between samples (0: no samples)
     probes : grains whose position and angle are sampled
     events : also record each contact that closes, opens, or first reaches Coulomb's limit since it closed
-    ledger : also keep the books of energy, entered after every step and sampled each `every` steps: see `Ledger`
+    ledger : also compute the energy ledger, updated after every step and sampled each `every` steps: see `Ledger`
     tolerance : float [force]
-    reference : (N, 3) positions from which `msd` is taken [length]; default: where the run starts
-    slip_update : "difference", the slip turns with the contact and follows the exact displacements of the grains, a
-        contact that closes counts the fraction of the step in which it touched, dashpots see velocities at the full
-        step, and Coulomb's limit is μ max(F_n, 0); "rate", as LAMMPS `gran/*/history` does, for comparison with it:
-        velocities at the half step times dt, projected on the plane of contact at the end, the whole step in which a
-        contact closes, a limit of μ |F_n|, and the slip of a sliding contact set so that spring and dashpot together
-        are at it.
-        "rate" is of first order in dt where contacts turn, close or have dashpots
-    threads : int, by default one for few grains and one a core for many; the bits do not depend on it
+    reference : (N, 3) positions from which `msd` is measured [length]; default: positions at the start of the run
+    slip_update : "difference": the slip rotates with the contact and follows the exact displacements of the grains, a
+        closing contact counts the fraction of the step during which it touched, dashpots use velocities at the full
+        step, and Coulomb's limit is μ max(F_n, 0). "rate", as in LAMMPS `gran/*/history`, for comparison with it: slip
+        increments are velocities at the half step times dt, projected on the plane of contact at the end, a closing
+        contact counts the whole step, the limit is μ |F_n|, and the slip of a sliding contact is set so that spring and
+        dashpot together are at the limit. "rate" is first order in dt where contacts rotate, close or have dashpots
+    threads : int, by default one for few grains and one per core for many; results are bitwise independent of it
 
     Returns
     -------
     State, Record, Outcome
-        the outcome is DONE, or with `tolerance` CONVERGED or STEPS_SPENT, or NOT_A_NUMBER or BLOWN_UP, at once, with
-        the grain, the step, the time and the largest stable time step
+        the outcome is DONE, or with `tolerance` CONVERGED or STEPS_SPENT; or, immediately, NOT_A_NUMBER or BLOWN_UP,
+        with the grain, the step, the time and the largest stable time step
 
     Raises
     ------
@@ -204,41 +204,41 @@ def run(
 
     Source
     ------
-    doi:10.48550/arXiv.1908.11724, Eqs 6–7 and the computational protocol of its supplement.
+    doi:10.48550/arXiv.1908.11724, Eqs 6–7 and the computational protocol in its supplement.
     """
     check_materials(state, law)
     _check_arguments(law, steps, dt, every, ledger, slip_update, threads)
-    instant = known_instant(state, law, slip_update)
+    instant = matching_instant(state, law, slip_update)
     state = updated(state, law)
     check_time_step(state, law, driven_bodies(state), dt)
     grouped = bool(state.control.spring.any() or (state.control.group >= 0).any())
-    only_many = slip_update == "rate" or imposes(state) or grouped  # what the plain stepper does not know
-    if rolls(law.kind) and only_many:
+    only_many = slip_update == "rate" or needs_frame(state) or grouped  # not supported by the plain stepper
+    if resists_rolling(law.kind) and only_many:
         raise ValueError(
-            "a law with rolling resistance was given with a deforming cell, courses, rigid groups or springs, which "
-            "only the stepper for many grains knows: leave these or rolling_stiffness out"
+            "a law with rolling resistance was given with a deforming cell, courses, rigid groups or springs, which do "
+            "not support it: omit these or rolling_stiffness"
         )
-    many = only_many or (state.n_bodies >= MANY and not rolls(law.kind))
-    plan = plan_of(state, drag, drag if spin_drag is None else spin_drag, dt, bare=many and not tolerance > 0)
+    many = only_many or (state.n_bodies >= MIN_BODIES and not resists_rolling(law.kind))
+    plan = make_plan(state, drag, drag if spin_drag is None else spin_drag, dt, bare=many and not tolerance > 0)
     if tolerance > 0 and not (plan.drag[moved_by_forces(plan.motion)] > 0).all():
-        raise ValueError("a tolerance was given without drag on every free component: rest is not reached without it")
-    writing = writing_of(state, steps, every, probes, events, reference)
-    books = opened_books(len(writing.series), driven_bodies(state), state, slip_update == "rate") if ledger else None
+        raise ValueError("a tolerance was given without drag on every free component: add drag to reach equilibrium")
+    writing = allocate_buffers(state, steps, every, probes, events, reference)
+    books = open_books(len(writing.series), driven_bodies(state), state, slip_update == "rate") if ledger else None
     if many:
         rate = int(slip_update == "rate")
-        result = marched(state, law, plan, steps, tolerance, writing, books, instant, rate=rate, threads=threads)
+        result = run_blocks(state, law, plan, steps, tolerance, writing, books, instant, rate=rate, threads=threads)
     else:
-        result = _advanced(state, law, plan, steps, tolerance, writing, books, instant)
+        result = _run_stepper(state, law, plan, steps, tolerance, writing, books, instant)
     end, code, done, residual, worst, writing, books = result
     end = with_mark(end, law, slip_update) if code in (DONE, CONVERGED) else end._replace(instant=None)
     finished = Status.STEPS_SPENT if tolerance > 0 else Status.DONE
-    ends = {BAD: Status.NOT_A_NUMBER, AWAY: Status.BLOWN_UP, CONVERGED: Status.CONVERGED}
+    ends = {NOT_FINITE: Status.NOT_A_NUMBER, RUNAWAY: Status.BLOWN_UP, CONVERGED: Status.CONVERGED}
     how = ""
-    if code in (BAD, AWAY):
+    if code in (NOT_FINITE, RUNAWAY):
         longest = stable_time_step(state, law)
         known = f"stable up to dt = {longest:.4g}" if np.isfinite(longest) else "without contacts"
         how = f"step {done}, time {state.time + done * dt:g}; at the start the grains were {known}"
-    return end, record_of(writing, done, books), Outcome(ends.get(code, finished), residual, done, worst, how)
+    return end, make_record(writing, done, books), Outcome(ends.get(code, finished), residual, done, worst, how)
 
 
 def _check_arguments(
@@ -250,23 +250,25 @@ def _check_arguments(
     if steps < 0 or every < 0:
         raise ValueError(f"steps = {steps}, every = {every} were given: neither may be negative")
     if ledger and not every:
-        raise ValueError("a ledger was asked for without samples: give every = 1 or more steps between entries")
+        raise ValueError("ledger = True was given without samples: set every to 1 or more steps")
     if slip_update not in ("difference", "rate"):
         raise ValueError(f"slip_update={slip_update!r} was given: 'difference' and 'rate' are allowed")
     if slip_update == "rate" and law.coulomb == SMOOTH:
         raise ValueError(
-            "slip_update='rate' was given with a smooth law: LAMMPS knows sharp ones only, use coulomb='sharp'"
+            "slip_update='rate' was given with smooth friction, which LAMMPS does not have: use coulomb='sharp'"
         )
     if slip_update == "rate" and isinstance(law.kind, Kind):
         raise ValueError(
-            "slip_update='rate' was given with a user's law: it compares with LAMMPS, which has only its own"
+            "slip_update='rate' was given with a user's law: use a built-in law, or slip_update='difference'"
         )
     if threads is not None and threads < 1:
         raise ValueError(f"threads = {threads} was given: at least 1 is needed")
 
 
-def _advanced(state: State, law: Law, plan: Plan, steps: int, tolerance: float, writing: Writing, books, instant):
-    """Enter the compiled loop, again whenever it asks for a new list of contacts or for more room for events."""
+def _run_stepper(
+    state: State, law: Law, plan: Plan, steps: int, tolerance: float, writing: RecordBuffers, books, instant
+):
+    """Run the compiled loop, and reenter it whenever it needs a new contact list or more room for events."""
     work, contacts = bodies_at_start(state, instant), type(state.contacts)(*(a.copy() for a in state.contacts))
     force, torque = (
         np.zeros((2, state.n_bodies, 3)) if instant is None else np.stack(np.split(instant.force, 2, axis=1))
@@ -281,21 +283,21 @@ def _advanced(state: State, law: Law, plan: Plan, steps: int, tolerance: float, 
             state.time, done, stop, drifted, ended, tolerance, writing,
         )  # fmt: skip
         drifted, ended = True, code == DONE
-        bad, away = first_bad(work.position, work.angle), runaway(work.velocity, work.radius, plan.dt)
+        bad, away = find_not_finite(work.position, work.angle), find_runaway(work.velocity, work.radius, plan.dt)
         if bad >= 0:
-            code, worst = BAD, bad
+            code, worst = NOT_FINITE, bad
         elif away >= 0:
-            code, worst = AWAY, away
+            code, worst = RUNAWAY, away
         if code == FULL:
             writing = writing._replace(events=np.concatenate([writing.events, np.zeros_like(writing.events)]))
         elif code == MOVED:
-            before, contacts = contacts, rebuilt(work.position, work.radius, work.normal, grid, contacts)
-            contacts = with_room(contacts, law)
+            before, contacts = contacts, rebuild_list(work.position, work.radius, work.normal, grid, contacts)
+            contacts = with_rolling_memory(contacts, law)
             if contacts.count[0] < 0:
                 raise ValueError(TOO_FAR)
-            writing = with_lost(writing, before, contacts, work.position, state.time + done * plan.dt)
+            writing = with_lost_contacts(writing, before, contacts, work.position, state.time + done * plan.dt)
         elif code in (DONE, CONVERGED) and books:
-            books = entered(books, law, state, plan, work, contacts, done, writing.every)
+            books = post_step(books, law, state, plan, work, contacts, done, writing.every)
             stop += 1
         if code not in (FULL, MOVED) and (code != DONE or done == steps):
             break

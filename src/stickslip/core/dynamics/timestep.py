@@ -1,13 +1,13 @@
-"""The largest time step that velocity Verlet bears: 2/ω of the stiffest mode of the contact network."""
+"""Largest stable time step of velocity Verlet: 2/ω of the stiffest mode of the contact network."""
 
 import numpy as np
 from numba import njit
 
 from ..contacts.forces import Bodies, bodies, check_materials
 from ..contacts.geometry import normal_and_overlap, pair_vector, shifts
-from ..contacts.mechanics import apart, effective
+from ..contacts.mechanics import effective_values, out_of_range
 from ..contacts.neighbors import updated
-from ..contacts.rolling import of_rolling
+from ..contacts.rolling import rolling_bound
 from ..laws.builtin import Law, row, tangential_stiffness, tangents
 from ..measure import volume
 from ..state import State, groups
@@ -16,41 +16,41 @@ from .coefficients import inverse_inertia_of
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)
-def _spring(kind, dim, bodies, contacts, shift, p, c):
-    """Normal, stiffnesses k_n and k_t and branch length of a contact; the last three are zero if it does not touch."""
+def _contact_spring(kind, dim, bodies, contacts, shift, p, c):
+    """Normal, stiffnesses k_n, k_t and branch length of a contact; the last three are zero if it does not touch."""
     _, _, _, _, radius, material, inverse_mass, wall_normal, _ = bodies
     n = np.uint64(len(radius) - len(wall_normal))
     i, j = np.uint64(contacts.i[c]), np.uint64(contacts.j[c])
     rx, ry, rz = pair_vector(dim, bodies.position, shift, c, i, j)
     nx, ny, nz, overlap, _ = normal_and_overlap(i, j, j >= n, j - n, radius, wall_normal, rx, ry, rz)
-    if apart(kind, p, material, radius, inverse_mass, i, j, j >= n, overlap):
+    if out_of_range(kind, p, material, radius, inverse_mass, i, j, j >= n, overlap):
         return nx, ny, nz, 0.0, 0.0, 0.0
     q = row(kind, p, np.uint64(material[i]), np.uint64(material[j]))
-    r_eff, _ = effective(kind, 0, radius, inverse_mass, i, j, j >= n)
-    # cohesion softens with the gap: as stiff as if it were not negative, to be on the safe side
+    r_eff, _ = effective_values(kind, 0, radius, inverse_mass, i, j, j >= n)
+    # cohesion may have negative stiffness; its absolute value gives a safe bound
     along = abs(tangents(kind, q, r_eff, overlap)[0])
     return nx, ny, nz, along, tangential_stiffness(kind, q, r_eff, overlap), np.sqrt(rx * rx + ry * ry + rz * rz)
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)
-def _springs(kind, dim, bodies, contacts, shift, p, normal, springs):
-    """Normals, and stiffnesses (k_n, k_t) and branch length of all contacts that touch; zero for the rest."""
+def _contact_springs(kind, dim, bodies, contacts, shift, p, normal, springs):
+    """Write normals, stiffnesses (k_n, k_t) and branch lengths of all touching contacts; zero for the rest."""
     for c in range(np.uint64(contacts.count[0])):
-        normal[c, 0], normal[c, 1], normal[c, 2], springs[c, 0], springs[c, 1], springs[c, 2] = _spring(
+        normal[c, 0], normal[c, 1], normal[c, 2], springs[c, 0], springs[c, 1], springs[c, 2] = _contact_spring(
             kind, dim, bodies, contacts, shift, p, c
         )
 
 
 @njit(cache=True, error_model="numpy")
-def _bound(kind, dim, bodies, contacts, shift, p, inverse_inertia, cell):
+def _frequency_bound(kind, dim, bodies, contacts, shift, p, inverse_inertia, cell):
     """Upper bound of ω²: (a − b)² ≤ 2a² + 2b² in every contact, (a − b + c + d)² ≤ 4 (a² + b² + c² + d²) along it.
 
-    With a free cell there is one term more, and `cell` (3, 3) holds 1/(M ℓ²) of its free components.
+    A free cell adds one term, and `cell` (3, 3) holds 1/(M ℓ²) of its free components.
     """
     radius, inverse_mass, weight = bodies.radius, bodies.inverse_mass, cell.max()
     moves, turns, strains, more = np.zeros(len(radius)), np.zeros(len(radius)), 0.0, 1.0 if weight > 0.0 else 0.0
     for c in range(np.uint64(contacts.count[0])):
-        _, _, _, kn, kt, branch = _spring(kind, dim, bodies, contacts, shift, p, c)
+        _, _, _, kn, kt, branch = _contact_spring(kind, dim, bodies, contacts, shift, p, c)
         if branch > 0.0:
             for end in (contacts.i[c], contacts.j[c]):
                 a = np.uint64(end)
@@ -61,8 +61,8 @@ def _bound(kind, dim, bodies, contacts, shift, p, inverse_inertia, cell):
 
 
 @njit(cache=True, _nrt=False)
-def _pulled(contacts, normal, springs, x, e, y, pull):
-    """Add K x to y and, of the cell, to `pull`: in scalars, as array expressions compile slowly."""
+def _add_spring_forces(contacts, normal, springs, x, e, y, pull):
+    """Add K x to y and, for the cell, to `pull`. Scalars are used because array expressions compile slowly."""
     for c in range(contacts.count[0]):
         i, j = contacts.i[c], contacts.j[c]
         n0, n1, n2, arm = normal[c, 0], normal[c, 1], normal[c, 2], springs[c, 2]
@@ -86,7 +86,7 @@ def _pulled(contacts, normal, springs, x, e, y, pull):
             pull[k, 2] += f * n2 * arm
 
 
-def _largest(contacts, normal, springs, radius, inverse_mass, inverse_inertia, cell, rounds):
+def _largest_squared_frequency(contacts, normal, springs, radius, inverse_mass, inverse_inertia, cell, rounds):
     """Largest ω² by power iteration on M^(−1/2) K M^(−1/2)."""
     root = np.repeat(np.sqrt(np.stack([inverse_mass, radius**2 * inverse_inertia], axis=1)), 3, axis=1)
     x, weight = np.sin(1.0 + 7.0 * np.arange(len(radius))[:, None] + 3.1 * np.arange(6)), np.sqrt(cell)
@@ -96,27 +96,27 @@ def _largest(contacts, normal, springs, radius, inverse_mass, inverse_inertia, c
         if value == 0.0:
             return 0.0
         y, pull = np.zeros_like(x), np.zeros((3, 3))
-        _pulled(contacts, normal, springs, x * (root / value), e * (weight / value), y, pull)
+        _add_spring_forces(contacts, normal, springs, x * (root / value), e * (weight / value), y, pull)
         x, e = y * root, pull * weight
     return value
 
 
-def _network(state: State, law: Law, here: Bodies):
+def _spring_network(state: State, law: Law, here: Bodies):
     count = int(state.contacts.count[0])
     normal, springs = np.empty((count, 3)), np.empty((count, 3))
     shift = shifts(state.contacts, state.cell.vectors)
-    _springs(law.kind, state.cell.dim, here, state.contacts, shift, law.table, normal, springs)
+    _contact_springs(law.kind, state.cell.dim, here, state.contacts, shift, law.table, normal, springs)
     return normal, springs
 
 
-def _inverse_cell(state: State) -> np.ndarray:
-    """(3, 3) 1/(M ℓ²) of the free components of the cell, else zero [1/(mass length²)]."""
+def _inverse_cell_inertia(state: State) -> np.ndarray:
+    """Inverse inertia 1/(M ℓ²) of the free components of the cell, (3, 3), else zero [1/(mass length²)]."""
     free = state.control.cell_free
     return free / (cell_mass(state) * volume(state) ** (2 / state.cell.dim)) if free.any() else np.zeros((3, 3))
 
 
-def _of_springs(state: State, here: Bodies) -> float:
-    """Largest ω² of a body, or of a rigid group, on its springs to load points alone [1/time²]."""
+def _load_spring_bound(state: State, here: Bodies) -> float:
+    """Largest ω² of a body or rigid group due to its springs to load points alone [1/time²]."""
     if not state.control.spring.any():
         return 0.0
     total = state.control.spring.copy()
@@ -126,11 +126,11 @@ def _of_springs(state: State, here: Bodies) -> float:
 
 
 def stable_time_step(state: State, law: Law) -> float:
-    """2/ω_max of the springs of all contacts that touch, sliding or not [time]; infinite without contacts.
+    """Largest stable time step 2/ω_max of all touching contacts, sliding or not [time]; infinite without contacts.
 
-    Springs to load points and springs of rolling make it shorter, by no less than what is needed.
+    Springs to load points and rolling springs are included by upper bounds of their ω².
 
-    Beyond it velocity Verlet blows up. A tenth of it gives four digits of a contact's force.
+    Velocity Verlet is unstable beyond it. A tenth of it gives four digits of a contact's force.
 
     Examples
     --------
@@ -142,12 +142,12 @@ def stable_time_step(state: State, law: Law) -> float:
     check_materials(state, law)
     state = updated(state, law)
     here = bodies(state)
-    normal, springs = _network(state, law, here)
-    largest = _largest(
+    normal, springs = _spring_network(state, law, here)
+    largest = _largest_squared_frequency(
         state.contacts, normal, springs, here.radius, here.inverse_mass, inverse_inertia_of(state),
-        _inverse_cell(state), 300,
+        _inverse_cell_inertia(state), 300,
     )  # fmt: skip
-    largest += _of_springs(state, here) + of_rolling(state, law, here, inverse_inertia_of(state))
+    largest += _load_spring_bound(state, here) + rolling_bound(state, law, here, inverse_inertia_of(state))
     return float(2 / np.sqrt(largest)) if largest > 0 else np.inf
 
 
@@ -157,10 +157,17 @@ def check_time_step(state: State, law: Law, here: Bodies, dt: float) -> None:
         return
     inverse_inertia, shift = inverse_inertia_of(state), shifts(state.contacts, state.cell.vectors)
     bound = (
-        _of_springs(state, here)
-        + of_rolling(state, law, here, inverse_inertia)
-        + _bound(
-            law.kind, state.cell.dim, here, state.contacts, shift, law.table, inverse_inertia, _inverse_cell(state)
+        _load_spring_bound(state, here)
+        + rolling_bound(state, law, here, inverse_inertia)
+        + _frequency_bound(
+            law.kind,
+            state.cell.dim,
+            here,
+            state.contacts,
+            shift,
+            law.table,
+            inverse_inertia,
+            _inverse_cell_inertia(state),
         )
     )
     if dt * dt * bound <= 4.0:
@@ -169,5 +176,5 @@ def check_time_step(state: State, law: Law, here: Bodies, dt: float) -> None:
     if dt > longest:
         raise ValueError(
             f"dt = {dt:g} was given, but contacts as stiff as these are stable up to {longest:.4g} only: "
-            f"use at most that, and a tenth of it for accuracy"
+            f"use at most that, or a tenth of it for accuracy"
         )

@@ -1,1 +1,1 @@
-"""Contact laws: built-in ones, dispatch to compiled code, laws by users and their validation."""
+"""Contact laws: built-in laws, dispatch to compiled code, user-defined laws and their validation."""

@@ -1,8 +1,8 @@
 """Contact laws, each written once as scalar functions; kernels do the vector algebra.
 
-A law is an integer `kind`, an integer `coulomb` and a table of parameters by pair of materials. The scalar functions
-take real or complex arguments (they branch on the real part), so that their tangents come from the same source by a
-complex step: f'(x) = Im f(x + ih)/h, exact to round-off because nothing is subtracted.
+A law consists of an integer `kind`, an integer `coulomb` and a table of parameters for each pair of materials. The
+scalar functions take real or complex arguments and branch on the real part. Their tangents come from the same source
+by a complex step, f'(x) = Im f(x + ih)/h, which is exact to round-off because nothing is subtracted.
 """
 
 from numbers import Real
@@ -20,21 +20,21 @@ SHARP, SMOOTH = 0, 1
 COULOMB = {"sharp": SHARP, "smooth": SMOOTH}
 VELOCITY, MASS, VISCOELASTIC = 1, 2, 3
 DAMPING = {"velocity": VELOCITY, "mass_velocity": MASS, "viscoelastic": VISCOELASTIC}
-NO_TENSION = 4  # added to the model of damping where dashpots must not make a contact pull
+NO_TENSION = 4  # added to the damping model if dashpots must not make a contact pull
 PARAMETERS = ("kn", "kt", "mu", "damping_n", "damping_t")
 KN, KT, MU, DAMPING_N, DAMPING_T = range(5)
 
 STEP = 1e-60  # step of the complex derivative: its square vanishes in double precision
 
 
-@readable(head=lambda law: _in_words(law))
+@readable(head=lambda law: _describe(law))
 class Law(NamedTuple):
-    """A contact law with its parameters."""
+    """Contact law with its parameters."""
 
     kind: int
     coulomb: int
     table: np.ndarray  # (materials, materials, parameters), symmetric in the first two
-    damping: int = VELOCITY  # what the dashpots' coefficients multiply, plus NO_TENSION
+    damping: int = VELOCITY  # model that converts damping coefficients to dashpot constants, plus NO_TENSION
 
 
 def hertz_mindlin(
@@ -43,7 +43,7 @@ def hertz_mindlin(
 ) -> Law:  # fmt: skip
     """F_n = k_n δ^{3/2} − c_n v_n; F_t = −k_t √δ s − c_t v_t, truncated at |F_t| = μ max(F_n, 0).
 
-    The model force of the papers, without R_eff. With `coulomb="smooth"`, F_t = −k_t √δ (1 + x − x²) s with
+    Force model of the papers, without R_eff. With `coulomb="smooth"`, F_t = −k_t √δ (1 + x − x²) s with
     x = |s|/s*, s* = μ (k_n/k_t) δ, whose derivative vanishes at the limit.
 
     Parameters
@@ -51,15 +51,15 @@ def hertz_mindlin(
     kn, kt : float [force/length^{3/2}]
     mu : float, not negative
     coulomb : "sharp" or "smooth"
-    damping : what `damping_n` and `damping_t` (γ, not negative) are multiplied with to give c_n and c_t
-        [force time/length]: "velocity", nothing; "mass_velocity", the effective mass m_eff = m_i m_j/(m_i + m_j);
-        "viscoelastic", m_eff and the contact's radius √(δ R_eff), R_eff = R_i R_j/(R_i + R_j). Walls and what `Control`
-        does not let move count as infinitely heavy, walls as flat.
+    damping : factor that converts `damping_n` and `damping_t` (γ, not negative) to c_n and c_t [force time/length]:
+        "velocity", one; "mass_velocity", the effective mass m_eff = m_i m_j/(m_i + m_j); "viscoelastic", m_eff times
+        the contact radius √(δ R_eff), R_eff = R_i R_j/(R_i + R_j). Walls and bodies that `Control` does not let move
+        count as infinitely heavy, walls as flat.
     tension : False clips F_n at zero where the dashpot would make the contact pull
-    rescaled : True shortens the slip as the contact's radius √(δ R_eff) shrinks, ds = (s/2δ) dδ where dδ < 0; as the
-        overlap grows nothing happens. Over an increment s ← f s before it turns, f = √(δ/δ_old), and grows by (1 + f)/2
-        of its displacement (by all of it with `slip_update="rate"`). Forces are only directionally differentiable where
-        the memory was committed; tangents there are those of a growing overlap
+    rescaled : True shortens the slip as the contact radius √(δ R_eff) shrinks, ds = (s/2δ) dδ where dδ < 0. A growing
+        overlap leaves it unchanged. Over an increment s ← f s before it is rotated, f = √(δ/δ_old), and it grows by
+        (1 + f)/2 of the displacement (by all of it with `slip_update="rate"`). Where the memory was committed, forces
+        are only directionally differentiable; tangents there are those of a growing overlap
 
     Source
     ------
@@ -73,7 +73,7 @@ def hertz_mindlin(
     0.001
     """
     kind = HERTZ_MINDLIN_RESCALED if rescaled else HERTZ_MINDLIN
-    return _law(kind, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
+    return _make_law(kind, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
 
 
 def linear(
@@ -81,16 +81,16 @@ def linear(
 ) -> Law:
     """F_n = k_n δ − c_n v_n; F_t = −k_t s − c_t v_t, truncated at |F_t| = μ max(F_n, 0).
 
-    Smooth friction is that of `hertz_mindlin`.
+    Smooth friction is defined as in `hertz_mindlin`.
 
-    Parameters are those of `hertz_mindlin`, with k_n, k_t in [force/length]. With `damping="mass_velocity"` it is the
+    Parameters are those of `hertz_mindlin`, with k_n, k_t in [force/length]. With `damping="mass_velocity"` this is the
     law of LAMMPS `gran/hooke/history`.
 
     Source
     ------
     Cundall & Strack, doi:10.1680/geot.1979.29.1.47.
     """
-    return _law(LINEAR, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
+    return _make_law(LINEAR, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
 
 
 def hertz_mindlin_reff(
@@ -99,8 +99,9 @@ def hertz_mindlin_reff(
 ) -> Law:  # fmt: skip
     """F_n = p (k_n δ − m_eff γ_n v_n); F_t = −p (k_t s + m_eff γ_t v_t), p = √(δ R_eff).
 
-    |F_t| ≤ μ max(F_n, 0); run with `slip_update="rate"` μ |F_n|, as LAMMPS `gran/hertz/history` has it; with
-    `rescaled=True` the law of `granular hertz` with `damping viscoelastic tangential mindlin_rescale`.
+    |F_t| ≤ μ max(F_n, 0). In a run with `slip_update="rate"` the limit is μ |F_n|, as in LAMMPS `gran/hertz/history`.
+    With `rescaled=True` this is the law of LAMMPS `granular hertz` with `damping viscoelastic tangential
+    mindlin_rescale`.
 
     Parameters are those of `hertz_mindlin`, with k_n, k_t in [force/length²] and γ in [1/(time length)];
     `elastic_constants` gives k_n and k_t of elastic grains.
@@ -110,11 +111,11 @@ def hertz_mindlin_reff(
     Silbert et al., doi:10.1103/PhysRevE.64.051302, Eqs 2–3; Zhang & Makse, doi:10.1103/PhysRevE.72.011301.
     """
     kind = HERTZ_MINDLIN_REFF_RESCALED if rescaled else HERTZ_MINDLIN_REFF
-    return _law(kind, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
+    return _make_law(kind, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
 
 
 def elastic_constants(young: float, poisson: float) -> tuple[float, float]:
-    """k_n = (2/3) E/(1 − ν²) and k_t = 2E/((1 + ν)(2 − ν)) of `hertz_mindlin_reff` for alike elastic grains.
+    """Stiffnesses k_n = (2/3) E/(1 − ν²), k_t = 2E/((1 + ν)(2 − ν)) of `hertz_mindlin_reff` for equal elastic grains.
 
     Parameters
     ----------
@@ -123,7 +124,7 @@ def elastic_constants(young: float, poisson: float) -> tuple[float, float]:
 
     Source
     ------
-    Mindlin & Deresiewicz, doi:10.1115/1.4010702, in the form that the supplement of paper 003 (fault gouge) gives.
+    Mindlin & Deresiewicz, doi:10.1115/1.4010702, in the form given in the supplement of paper 003 (fault gouge).
 
     Examples
     --------
@@ -137,10 +138,10 @@ def elastic_constants(young: float, poisson: float) -> tuple[float, float]:
     return 2 / 3 * young / (1 - poisson**2), 2 * young / ((1 + poisson) * (2 - poisson))
 
 
-LARGEST = 1e100  # parameters are squared, and multiplied with each other
+MAX_PARAMETER = 1e100  # parameters are squared and multiplied by each other
 
 
-def _law(kind, coulomb, damping, tension, *values) -> Law:
+def _make_law(kind, coulomb, damping, tension, *values) -> Law:
     if not isinstance(coulomb, str) or coulomb not in COULOMB:
         raise ValueError(f"coulomb={coulomb!r} was given: 'sharp' and 'smooth' are allowed")
     if not isinstance(damping, str) or damping not in DAMPING:
@@ -152,12 +153,12 @@ def _law(kind, coulomb, damping, tension, *values) -> Law:
 
 
 def dashpots(law: Law) -> int:
-    """The law's model of damping, 0 if no pair of materials has any: an integer, as kernels are cached by it."""
+    """Damping model of the law, 0 if no pair of materials has dashpots. It is an integer that keys kernels."""
     return law.damping if law.table[..., [DAMPING_N, DAMPING_T]].any() else 0
 
 
 def check_parameter(name, value, names=PARAMETERS):
-    """Raise ValueError with one sentence if a law has no such parameter, or it no such value."""
+    """Raise ValueError with one sentence if a law has no such parameter, or if the value is not allowed."""
     if name not in names:
         raise ValueError(f"a law has no parameter {name!r}: it has {', '.join(names)}")
     if not isinstance(value, Real) and not (np.ndim(value) == 0 and np.asarray(value).dtype.kind in "fiu"):
@@ -167,15 +168,15 @@ def check_parameter(name, value, names=PARAMETERS):
         raise ValueError(
             f"{name} = {value} was given: it must be finite and {'positive' if name == 'kn' else 'not negative'}"
         )
-    if abs(float(value)) > LARGEST or (name == "kn" and value < 1 / LARGEST):
+    if abs(float(value)) > MAX_PARAMETER or (name == "kn" and value < 1 / MAX_PARAMETER):
         raise ValueError(
-            f"{name} = {value:g} was given: beyond {LARGEST:g}, or below {1 / LARGEST:g}, its square is no number; "
-            f"take other units"
+            f"{name} = {value:g} was given: at most {MAX_PARAMETER:g} is allowed, and at least "
+            f"{1 / MAX_PARAMETER:g} for kn, so that products stay finite; use other units"
         )
 
 
 def for_pair(law: Law, a: int, b: int, **parameters) -> Law:
-    """The same law with other parameters between materials `a` and `b`; new materials start as copies of material 0.
+    """Law with other parameters between materials `a` and `b`. New materials start as copies of material 0.
 
     Examples
     --------
@@ -196,12 +197,12 @@ def for_pair(law: Law, a: int, b: int, **parameters) -> Law:
 
 
 def alike(a: Law, b: Law) -> bool:
-    """True if two laws are the same in kind and parameters."""
+    """Return True if two laws have the same kind and parameters."""
     return a[:2] == b[:2] and a.damping == b.damping and np.array_equal(a.table, b.table)
 
 
 def with_values(law: Law, **parameters) -> Law:
-    """The same law with other parameters between all materials."""
+    """Law with other parameters between all materials."""
     names, table = names_of(law), law.table.copy()
     for name, value in parameters.items():
         check_parameter(name, value, names)
@@ -222,28 +223,28 @@ def row(kind, p, a, b):
 
 
 @by_kind
-def asks_radius(kind):
-    """True if the law's functions ask for R_eff."""
+def uses_radius(kind):
+    """Return True if the law's functions use R_eff."""
     return kind in (HERTZ_MINDLIN_REFF, HERTZ_MINDLIN_REFF_RESCALED)
 
 
 @by_kind
 def rescales(kind):
-    """True if a falling overlap shortens the slip: see `hertz_mindlin`."""
+    """Return True if a decreasing overlap shortens the slip: see `hertz_mindlin`."""
     return kind in (HERTZ_MINDLIN_RESCALED, HERTZ_MINDLIN_REFF_RESCALED)
 
 
-def fades(kind: int) -> bool | None:
-    """True of laws that rescale, None of others: of None Numba leaves branches out before anything is optimised.
+def rescaling_flag(kind: int) -> bool | None:
+    """True for laws that rescale, None for others. Numba prunes branches on None before anything is optimised.
 
-    Kernels of all other laws are so to the bit what they would be without rescaled ones.
+    Kernels of all other laws are therefore identical, bit for bit, to kernels without support for rescaling.
     """
     return True if rescales(kind) else None
 
 
 @by_kind
-def reaches(kind):
-    """True if grains may act on each other across a gap."""
+def acts_across_gaps(kind):
+    """Return True if grains may act on each other across a gap."""
     return False
 
 
@@ -265,7 +266,7 @@ def normal_force(kind, q, r_eff, overlap):
 
 @by_kind
 def normal_energy(kind, q, r_eff, overlap):
-    """Work done against the elastic normal force [energy]; overlap > 0."""
+    """Elastic energy of the normal spring [energy]; overlap > 0."""
     power = 2.0 if kind == LINEAR else 2.5
     return normal_force(kind, q, r_eff, overlap) * overlap / power
 
@@ -288,33 +289,33 @@ def cap(kind, q, r_eff, overlap, fn):
 
 @by_kind
 def cap_slopes(kind, q, r_eff, overlap, fn):
-    """d(cap)/d(fn) and d(cap)/d(overlap), taken where fn > 0."""
+    """Derivatives d(cap)/d(fn) and d(cap)/d(overlap) where fn > 0."""
     return q[MU], 0.0
 
 
 @by_kind
 def least_force(kind, elastic):
-    """Normal force below which a dashpot may not pull where the law knows no tension: bridges pull by themselves."""
+    """Lowest normal force that a dashpot may cause with `tension=False`; attraction by the law itself is allowed."""
     return 0.0
 
 
 @by_kind
 def masked(kind, touches, value):
-    """Zero where a pair is out of reach: built-in laws end there with zero anyway."""
+    """Value, or zero where a pair is out of range. Built-in laws are zero there in any case."""
     return value
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def damping_of(kind, viscous, r_eff, m_eff, overlap):
-    """What the coefficients of the dashpots are multiplied with; they act only where grains touch."""
-    if reaches(kind) and overlap <= 0.0:
+def contact_damping(kind, viscous, r_eff, m_eff, overlap):
+    """Factor on the damping coefficients, zero where grains do not touch."""
+    if acts_across_gaps(kind) and overlap <= 0.0:
         return 0.0
     return damping_factor(viscous, r_eff, m_eff, overlap)
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def damping_factor(viscous, r_eff, m_eff, overlap):
-    """What the coefficients of the dashpots are multiplied with; see `hertz_mindlin`."""
+    """Factor on the damping coefficients: see `hertz_mindlin`."""
     model = viscous & 3
     if model == VISCOELASTIC:
         return m_eff * np.sqrt(overlap * r_eff)
@@ -324,8 +325,8 @@ def damping_factor(viscous, r_eff, m_eff, overlap):
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def mobilised(coulomb, x):
-    """Factor on the tangential stiffness of a spring whose force k_t |s| is the share x of Coulomb's limit."""
+def mobilisation(coulomb, x):
+    """Factor on the tangential stiffness of a spring whose force k_t |s| is the fraction x of Coulomb's limit."""
     if coulomb == SMOOTH:
         return 1.0 + x - x * x
     return 1.0 + 0.0 * x
@@ -333,18 +334,18 @@ def mobilised(coulomb, x):
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def tangents(kind, q, r_eff, overlap):
-    """d(normal force)/d(overlap) and d(tangential stiffness)/d(overlap), by a complex step."""
+    """Derivatives d(normal force)/d(overlap) and d(tangential stiffness)/d(overlap), by a complex step."""
     z = complex(overlap, STEP)
     return normal_force(kind, q, r_eff, z).imag / STEP, tangential_stiffness(kind, q, r_eff, z).imag / STEP
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def mobilised_tangent(coulomb, x):
-    """d(mobilised)/dx, by a complex step."""
-    return mobilised(coulomb, complex(x, STEP)).imag / STEP
+def mobilisation_tangent(coulomb, x):
+    """Derivative d(mobilisation)/dx, by a complex step."""
+    return mobilisation(coulomb, complex(x, STEP)).imag / STEP
 
 
-def slopes_of(function):
+def complex_step_slopes(function):
     """Derivatives of f(kind, q, r_eff, overlap, fn) with respect to fn and overlap, by a complex step."""
 
     @njit(fastmath=True, error_model="numpy")
@@ -359,7 +360,7 @@ _GAUSS = tuple(zip(*np.polynomial.legendre.leggauss(8), strict=True))
 
 
 def energy_by_quadrature(force, reach):
-    """∫F dδ from −reach to the overlap, by Gauss's rule: over √δ where grains touch, over δ in the gap."""
+    """Integral ∫F dδ from −reach to the overlap by Gauss quadrature: over √δ where grains touch, over δ in the gap."""
 
     @njit(fastmath=True, error_model="numpy")
     def energy(kind, q, r_eff, overlap):
@@ -381,8 +382,8 @@ def names_of(law: Law) -> tuple[str, ...]:
     return known(law.kind).names
 
 
-def _in_words(law: Law) -> str:
-    kind = KINDS[law.kind] if 0 <= law.kind < len(KINDS) else "a law by the user"
+def _describe(law: Law) -> str:
+    kind = KINDS[law.kind] if 0 <= law.kind < len(KINDS) else "user-defined law"
     materials = f"{len(law.table)} materials" if len(law.table) > 1 else "1 material"
     first = law.table[0, 0]
     numbers = f", kn = {first[KN]:.6g}, kt = {first[KT]:.6g}, mu = {first[MU]:.6g}" if len(law.table) == 1 else ""

@@ -1,10 +1,10 @@
-"""How a law written by a user reaches compiled kernels: its kind is a number that the compiler sees as a type.
+"""Dispatch of user-defined laws to compiled kernels: the kind of a law is a number that the compiler sees as a type.
 
-Kernels pass a law's kind along, down to the scalar functions of `laws`. A built-in kind is a plain integer. A user's is
-a `Kind`: to Numba a type of its own for each number, without any value, so that everything it is passed to is compiled
-for that law, and the user's functions are found in `OWN` while types are inferred. The number is a digest of all that
-decides the machine code of these functions, so that the disk cache hits in another process, and never when a law has
-changed; on a hit the functions themselves are not needed.
+Kernels pass the kind of a law down to the scalar functions of `builtin`. A built-in kind is a plain integer. The kind
+of a user's law is a `Kind`. Numba sees each of its numbers as a separate type without a value, so that every function
+that receives it is compiled for that law, and the user's functions are looked up in `COMPILED` during type inference.
+The number is a digest of everything that determines the machine code of these functions. The disk cache therefore hits
+in other processes, but never after a law has changed. On a hit the functions themselves are not needed.
 """
 
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from numba.core.imputils import lower_constant
 from numba.extending import NativeValue, models, overload, register_model, typeof_impl, unbox
 
 HELP = "see docs/contact_laws.md"
-ROLES = {  # what a function of each name may ask for besides parameters of the law
+ROLES = {  # arguments that a function of each name may take, in addition to parameters of the law
     "normal_force": ("overlap", "r_eff"),
     "normal_energy": ("overlap", "r_eff"),
     "tangential_stiffness": ("overlap", "r_eff"),
@@ -28,30 +28,30 @@ ROLES = {  # what a function of each name may ask for besides parameters of the 
     "rolling_stiffness": ("overlap", "r_eff"),
     "rolling_cap": ("normal_force", "overlap", "r_eff"),
 }
-OWN: dict[int, dict] = {}  # by kind: compiled scalar functions by name, as kernels call them
+COMPILED: dict[int, dict] = {}  # by kind: compiled scalar functions by name, as called by kernels
 FAST = {"fastmath": True, "error_model": "numpy"}
 
 
-class Own(NamedTuple):
-    """What is known of a law by a user."""
+class UserLaw(NamedTuple):
+    """Description of a user-defined law."""
 
     name: str
     names: tuple[str, ...]  # of all parameters, in the order of the law's table
     source: str  # text, as far as it is known
-    file: str  # where it is the text of a whole file, else nothing
-    functions: dict[str, Callable]  # by role, as written but for what stands for `math`, `max` …
-    asks: dict[str, tuple[str, ...]]  # what each function takes, in order
+    file: str  # path, if the source is the text of a whole file; else empty
+    functions: dict[str, Callable]  # by role, as written except for the replacements of `math`, `max` …
+    arguments: dict[str, tuple[str, ...]]  # arguments of each function, in order
 
 
-KNOWN: dict[int, Own] = {}  # by kind: the laws of this process
+USER_LAWS: dict[int, UserLaw] = {}  # by kind: laws defined in this process
 
 
 class Kind(int):
-    """The kind of a law that a user wrote."""
+    """Kind of a user-defined law."""
 
 
 class KindType(types.Type):
-    """Numba's type of a `Kind`: one for each number."""
+    """Numba type of a `Kind`, one for each number."""
 
     def __init__(self, number: int):
         self.number = number
@@ -76,85 +76,87 @@ def _(context, _, __, ___):
     return context.get_dummy_value()
 
 
-def plain(kind: int, *numbers: int) -> tuple:
-    """A law's kind and other numbers for a kernel's closure, as NumPy's integers instead of literals.
+def as_numpy_integers(kind: int, *numbers: int) -> tuple:
+    """Convert a law's kind and other numbers to NumPy integers, for use in the closure of a kernel.
 
-    What takes a literal is compiled for that value alone, from Python on, mostly in vain: constants of both sorts are
-    folded once callees are part of the kernel. Dimension and dashpots stay literals where vectors are made of loops, or
-    where rounding would change.
+    Functions that take a literal are compiled for that value alone, starting in Python. This is mostly wasted, because
+    constants of both sorts are folded once callees have become part of the kernel. The dimension and the model of
+    damping stay literals where vectors are made from loops, or where rounding would change.
     """
     return (kind if isinstance(kind, Kind) else np.int64(kind), *map(np.int64, numbers))
 
 
-def functions_of(kind: int) -> dict:
-    """Compiled scalar functions of a user's law by name.
+def compiled_functions(kind: int) -> dict:
+    """Compiled scalar functions of a user-defined law, by name.
 
     Raises
     ------
     ValueError
-        if this process does not know the law.
+        if the law is not known to this process.
     """
-    if int(kind) not in OWN:
+    if int(kind) not in COMPILED:
         raise ValueError(
-            f"the law with digest {int(kind):x} is a user's own and not known here: make it with contact_law or "
-            f"law_from_file first"
+            f"the law with digest {int(kind):x} is user-defined and not known to this process: create it with "
+            f"laws.custom or laws.from_file first"
         )
-    return OWN[int(kind)]
+    return COMPILED[int(kind)]
 
 
 def by_kind(function):
-    """A scalar function of a law: for built-in kinds `function`, for a user's what `OWN` has under its name."""
+    """Decorate a scalar function of a law: `function` for built-in kinds, `COMPILED[kind][name]` for a user's law."""
     name, compiled = function.__name__, njit(**FAST)(function)
 
     @wraps(function)
     def scalar(kind, *rest):
-        return functions_of(kind)[name](kind, *rest) if isinstance(kind, Kind) else compiled(kind, *rest)
+        return compiled_functions(kind)[name](kind, *rest) if isinstance(kind, Kind) else compiled(kind, *rest)
 
     @overload(scalar, jit_options=FAST, strict=False)
     def _(kind, *rest):
         if not isinstance(kind, KindType):
             return function
         try:
-            return functions_of(kind.number)[name].py_func
+            return compiled_functions(kind.number)[name].py_func
         except ValueError as problem:
             raise TypingError(str(problem)) from None
 
     return scalar
 
 
-def known(kind: int) -> Own:
-    """What this process knows of a user's law; ValueError with one sentence if it was not made here."""
-    functions_of(kind)
-    return KNOWN[kind]
+def known(kind: int) -> UserLaw:
+    """Description of a user-defined law. Raise ValueError with one sentence if it was not created in this process."""
+    compiled_functions(kind)
+    return USER_LAWS[kind]
 
 
 def described(law) -> dict:
-    """What is written down of a user's law beside its numbers, to be recognised and read, not to be run."""
+    """Record of a user-defined law apart from its numbers. It identifies the law and can be read, but is not run."""
     own = known(law.kind)
     return {"name": own.name, "digest": f"{int(law.kind):x}", "source": own.source, "parameters": " ".join(own.names)}
 
 
 def recalled(kind: int, about: dict) -> Kind:
-    """The kind of a user's law that was written down, if this process was given the law; its text is never run.
+    """Kind of a user-defined law from its record, if the law was created in this process. Its text is never run.
 
     Raises
     ------
     ValueError
-        with one sentence, if the law, or another with the same text, was not made before.
+        with one sentence, if neither the law nor another one with the same text was created before.
     """
-    if kind in KNOWN:
+    if kind in USER_LAWS:
         return Kind(kind)
-    same = [k for k, own in KNOWN.items() if own.source == about.get("source") and "\n" in own.source]
-    if same and " ".join(KNOWN[same[0]].names) == about.get("parameters"):  # digests of other versions of Python differ
+    same = [k for k, own in USER_LAWS.items() if own.source == about.get("source") and "\n" in own.source]
+    if same and " ".join(USER_LAWS[same[0]].names) == about.get(
+        "parameters"
+    ):  # digests differ between versions of Python
         return same[0]
     raise ValueError(
-        f"it was computed with {about.get('name', 'a law')!r}, a contact law of a user (digest {int(kind):x}), whose "
-        f"code is never run from a file of results: make that law first, with law_from_file or --law"
+        f"it was computed with {about.get('name', 'a law')!r}, a user-defined contact law (digest {int(kind):x}). "
+        f"Code is never run from a results file: create that law first, with laws.from_file or --law"
     )
 
 
-def answer(kind: Kind, role: str, values, **given):
-    """What a function of a law says, in plain Python; `values` are its parameters in the order of the table."""
+def evaluate_role(kind: Kind, role: str, values, **given):
+    """Evaluate a function of a law in plain Python; `values` are its parameters in the order of the table."""
     own = known(kind)
     values = dict(zip(own.names, values, strict=True)) | given
-    return own.functions[role](*(values[name] for name in own.asks[role]))
+    return own.functions[role](*(values[name] for name in own.arguments[role]))

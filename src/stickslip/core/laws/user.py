@@ -1,11 +1,11 @@
-"""Contact laws by users: plain Python functions of scalars, compiled into the kernels as the built-in laws are.
+"""User-defined contact laws: plain Python functions of scalars, compiled into the kernels like the built-in laws.
 
-A user's function names what it needs: `overlap` and `r_eff`, what else its role offers (see `ROLES`), and parameters
-of the law. What it uses besides must be numbers, functions, `math` or `numpy`: their values are part of the digest by
-which compiled kernels are found again on disk, so that a law that has changed in any of them is another law.
+The arguments of a user's function are `overlap`, `r_eff`, whatever else its role offers (see `ROLES`), and parameters
+of the law. Anything else that it uses must be a number, a function, `math` or `numpy`. Their values are part of the
+digest that identifies compiled kernels on disk, so that a law in which any of them has changed is a different law.
 
 Tangents come from a complex step, f'(x) = Im f(x + ih)/h. `max`, `min`, `abs` and `math` are therefore replaced by
-versions that take complex numbers and decide by the real part.
+versions that accept complex numbers and branch on the real part.
 """
 
 import builtins
@@ -22,60 +22,85 @@ import numpy as np
 from numba import njit
 
 from ..text import text_of
-from .builtin import COULOMB, DAMPING, MU, NO_TENSION, PARAMETERS, Law, check_parameter, energy_by_quadrature, slopes_of
-from .dispatch import FAST, HELP, KNOWN, OWN, ROLES, Kind, Own
-from .validation import judged, where
+from .builtin import (
+    COULOMB,
+    DAMPING,
+    MU,
+    NO_TENSION,
+    PARAMETERS,
+    Law,
+    check_parameter,
+    complex_step_slopes,
+    energy_by_quadrature,
+)
+from .dispatch import COMPILED, FAST, HELP, ROLES, USER_LAWS, Kind, UserLaw
+from .validation import locate_error, validate_law
 
 _DEFAULTS = {"kn": 1.0, "kt": 0.0, "mu": 0.0, "damping_n": 0.0, "damping_t": 0.0}
 
 
-# ---- what stands for functions that do not take complex numbers
+# ---- replacements of functions that do not accept complex numbers
 
 
-def _larger(a, b):
+def _max(a, b):
     return a if a.real >= b.real else b
 
 
-def _smaller(a, b):
+def _min(a, b):
     return a if a.real <= b.real else b
 
 
-def _size(a):
+def _abs(a):
     return a if a.real >= 0.0 else -a
 
 
-_INSTEAD = {max: _larger, min: _smaller, abs: _size, math.fabs: _size}
-_SAME = {"pow": "power", "asin": "arcsin", "acos": "arccos", "atan": "arctan"}
-for _name in ("sqrt", "exp", "log", "log10", "expm1", "log1p", "sin", "cos", "tan", "sinh", "cosh", "tanh", *_SAME):
-    _INSTEAD[getattr(math, _name)] = getattr(np, _SAME.get(_name, _name))
-_KEPT = (float, complex, int, bool, range, len)
+_REPLACEMENTS = {max: _max, min: _min, abs: _abs, math.fabs: _abs}
+_NUMPY_NAMES = {"pow": "power", "asin": "arcsin", "acos": "arccos", "atan": "arctan"}
+for _name in (
+    "sqrt",
+    "exp",
+    "log",
+    "log10",
+    "expm1",
+    "log1p",
+    "sin",
+    "cos",
+    "tan",
+    "sinh",
+    "cosh",
+    "tanh",
+    *_NUMPY_NAMES,
+):
+    _REPLACEMENTS[getattr(math, _name)] = getattr(np, _NUMPY_NAMES.get(_name, _name))
+_ALLOWED_BUILTINS = (float, complex, int, bool, range, len)
 
 
-def _stands_for(name: str, value, compiled: bool, made: dict):
-    """What a function by a user gets where it uses a global name."""
+def _resolve_global(name: str, value, compiled: bool, made: dict):
+    """Replacement of a global name used in a user's function."""
     if value is math:
         whole = types.ModuleType("math")
         for key, thing in vars(math).items():
-            if isinstance(thing, float) or (callable(thing) and thing in _INSTEAD):
-                setattr(whole, key, _stands_for(key, thing, compiled, made))
+            if isinstance(thing, float) or (callable(thing) and thing in _REPLACEMENTS):
+                setattr(whole, key, _resolve_global(key, thing, compiled, made))
         return whole
-    if callable(value) and not isinstance(value, type) and getattr(value, "__hash__", None) and value in _INSTEAD:
-        value = _INSTEAD[value]
+    if callable(value) and not isinstance(value, type) and getattr(value, "__hash__", None) and value in _REPLACEMENTS:
+        value = _REPLACEMENTS[value]
     value = getattr(value, "py_func", value)
     if isinstance(value, types.FunctionType):
-        return _copied(value, compiled, made)
-    plain = isinstance(value, bool | int | float | complex | np.number) or value in _KEPT
+        return _copy_function(value, compiled, made)
+    plain = isinstance(value, bool | int | float | complex | np.number) or value in _ALLOWED_BUILTINS
     if plain or value is np or isinstance(value, np.ufunc):
         return value
     if isinstance(value, tuple) and all(isinstance(v, int | float) for v in value):
         return value
     raise ValueError(
-        f"a contact law uses {name!r}, a {type(value).__name__}: it may use numbers, functions, math and numpy; {HELP}"
+        f"a contact law uses {name!r}, a {type(value).__name__}: only numbers, functions, math and numpy are allowed; "
+        f"{HELP}"
     )
 
 
-def _used(function) -> dict:
-    """Global names and variables around it that a function uses, with their values."""
+def _find_globals(function) -> dict:
+    """Global names and enclosing variables that a function uses, with their values."""
     found, codes = dict(inspect.getclosurevars(function).nonlocals), [function.__code__]
     while codes:
         code = codes.pop()
@@ -89,12 +114,14 @@ def _used(function) -> dict:
     return found
 
 
-def _copied(function, compiled: bool, made: dict):
-    """A function with what it uses replaced as above; with `compiled`, compiled for kernels."""
+def _copy_function(function, compiled: bool, made: dict):
+    """Copy a function with the names it uses replaced as above; with `compiled`, compile it for kernels."""
     if function in made:
         return made[function]
-    used = _used(function)
-    scope = {name: _stands_for(name, value, compiled, made) for name, value in used.items() if value is not function}
+    used = _find_globals(function)
+    scope = {
+        name: _resolve_global(name, value, compiled, made) for name, value in used.items() if value is not function
+    }
     scope["__builtins__"] = builtins
     cells = tuple(types.CellType(scope[name]) for name in function.__code__.co_freevars)
     copy = types.FunctionType(function.__code__, scope, function.__name__, function.__defaults__, cells)
@@ -103,8 +130,8 @@ def _copied(function, compiled: bool, made: dict):
     return made[function]
 
 
-def _told(function, seen: set) -> list:
-    """All that decides what a function computes."""
+def _fingerprint(function, seen: set) -> list:
+    """Everything that determines the result of a function."""
     if function in seen:
         return []
     seen.add(function)
@@ -118,78 +145,84 @@ def _told(function, seen: set) -> list:
                 codes.append(constant)
             else:
                 out.append(repr(constant))
-    for name, value in sorted(_used(function).items()):
+    for name, value in sorted(_find_globals(function).items()):
         value = getattr(value, "py_func", value)
-        inner = _told(value, seen) if isinstance(value, types.FunctionType) else [repr(value)]
+        inner = _fingerprint(value, seen) if isinstance(value, types.FunctionType) else [repr(value)]
         out += [name, *(["<module>"] if isinstance(value, types.ModuleType) else inner)]
     return out
 
 
-# ---- from functions of named scalars to functions as kernels call them
+# ---- conversion of functions of named scalars to functions with the signatures that kernels call
 
 
-def _arguments(role: str, function, names: tuple[str, ...]) -> tuple[str, ...]:
-    """Names that a function takes, in order; ValueError if there is none such."""
+def _argument_names(role: str, function, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Argument names of a function, in order. Raise ValueError if one of them is not allowed."""
     if not isinstance(function, types.FunctionType):
-        raise ValueError(f"{role} is a {type(function).__name__}: a contact law is made of plain Python functions")
+        raise ValueError(f"{role} is a {type(function).__name__}: give a plain Python function")
     spec = inspect.getfullargspec(function)
     if spec.varargs or spec.varkw or spec.kwonlyargs:
-        raise ValueError(f"{role} takes *, ** or keyword-only arguments: give it plain ones, such as {role}(overlap)")
+        raise ValueError(f"{role} has *, ** or keyword-only arguments: use plain ones, such as {role}(overlap)")
     for name in spec.args:
         if name not in (*ROLES[role], *names):
             known = ", ".join((*ROLES[role], *names))
-            raise ValueError(f"{role} asks for {name!r}, which is no parameter: it may ask for {known}")
+            raise ValueError(f"{role} has an argument {name!r}, which is not a parameter: allowed are {known}")
     return tuple(spec.args)
 
 
-def _called(signature: str, expression: str, **scope):
-    """A compiled function of a signature whose value is an expression."""
+def _compile_expression(signature: str, expression: str, **scope):
+    """Compile a function with a given signature that returns the value of an expression."""
     text = f"def shim({signature}):\n    return {expression}\n"
     exec(compile(text, "<contact law>", "exec"), scope)
     return njit(**FAST)(scope["shim"])
 
 
-def _as_called(functions: dict, asks: dict, names: tuple[str, ...]) -> dict:
-    """Compiled functions by the names under which `laws` and `rolling` look for them."""
+def _kernel_functions(functions: dict, arguments: dict, names: tuple[str, ...]) -> dict:
+    """Compiled functions by the names under which `builtin` and `rolling` look them up."""
 
     def call(role, **given):
-        parts = [given.get(name, name) if name in ROLES[role] else f"q[{names.index(name)}]" for name in asks[role]]
+        parts = [
+            given.get(name, name) if name in ROLES[role] else f"q[{names.index(name)}]" for name in arguments[role]
+        ]
         return f"f({', '.join(parts)})"
 
     has, out = functions.__contains__, {}
     here = "kind, q, r_eff, overlap"
-    out["row"] = _called("kind, p, a, b", "(" + ", ".join(f"p[a, b, {k}]" for k in range(len(names))) + ",)")
-    out["normal_force"] = _called(here, call("normal_force"), f=functions["normal_force"])
+    out["row"] = _compile_expression(
+        "kind, p, a, b", "(" + ", ".join(f"p[a, b, {k}]" for k in range(len(names))) + ",)"
+    )
+    out["normal_force"] = _compile_expression(here, call("normal_force"), f=functions["normal_force"])
     soft = call("tangential_stiffness") if has("tangential_stiffness") else "q[1] + 0.0 * overlap"
-    out["tangential_stiffness"] = _called(here, soft, f=functions.get("tangential_stiffness"))
+    out["tangential_stiffness"] = _compile_expression(here, soft, f=functions.get("tangential_stiffness"))
     wide = call("contact_range") if has("contact_range") else "0.0"
-    out["reach"] = _called("kind, q, r_eff", wide, f=functions.get("contact_range"))
+    out["reach"] = _compile_expression("kind, q, r_eff", wide, f=functions.get("contact_range"))
     whole = f"{here}, fn"
     for role in ("cap", "rolling_cap"):
-        if has(role):  # without friction, nothing is held; what a user gives may be negative
+        if has(role):  # without friction it is zero, and values from a user may be negative
             value = call(role, normal_force="fn")
-            out[role] = _called(whole, f"cut(q[{MU}], {value})", f=functions[role], cut=_cut)
+            out[role] = _compile_expression(whole, f"cut(q[{MU}], {value})", f=functions[role], cut=_clip_cap)
         else:
-            out[role] = _called(whole, f"cut(q[{MU}], q[{MU}] * fn)", cut=_cut)
-        out[f"{role}_slopes"] = slopes_of(out[role])
+            out[role] = _compile_expression(whole, f"cut(q[{MU}], q[{MU}] * fn)", cut=_clip_cap)
+        out[f"{role}_slopes"] = complex_step_slopes(out[role])
     if has("rolling_stiffness"):
-        out["rolling_stiffness"] = _called(here, call("rolling_stiffness"), f=functions["rolling_stiffness"])
+        out["rolling_stiffness"] = _compile_expression(
+            here, call("rolling_stiffness"), f=functions["rolling_stiffness"]
+        )
     if has("normal_energy"):
-        out["normal_energy"] = _called(here, call("normal_energy"), f=functions["normal_energy"])
+        out["normal_energy"] = _compile_expression(here, call("normal_energy"), f=functions["normal_energy"])
     else:
         out["normal_energy"] = energy_by_quadrature(out["normal_force"], out["reach"])
-    out["least_force"] = _called("kind, elastic", "min(elastic, 0.0)")
-    out["masked"] = _called("kind, touches, value", "value if touches else 0.0")
-    radius = any("r_eff" in asked for asked in asks.values())
-    out["asks_radius"] = _called("kind", str(radius))
-    out["reaches"] = _called("kind", str(has("contact_range")))
-    out["rescales"] = _called("kind", "False")
+    out["least_force"] = _compile_expression("kind, elastic", "min(elastic, 0.0)")
+    out["masked"] = _compile_expression("kind, touches, value", "value if touches else 0.0")
+    radius = any("r_eff" in taken for taken in arguments.values())
+    out["uses_radius"] = _compile_expression("kind", str(radius))
+    out["acts_across_gaps"] = _compile_expression("kind", str(has("contact_range")))
+    out["rescales"] = _compile_expression("kind", "False")
     return out
 
 
 @njit(**FAST)
-def _cut(mu, value):
-    """Nothing is held without friction, or where the value is negative."""
+def _clip_cap(mu, value):
+    """Value of a cap, zero without friction or where it is negative."""
     return value if mu > 0.0 and value.real > 0.0 else 0.0 * value
 
 
@@ -199,38 +232,40 @@ def custom(
     rolling_cap: Callable | None = None, normal_energy: Callable | None = None, parameters: dict | None = None,
     coulomb="sharp", damping="velocity", tension=True, size=1.0, name="a user's law",
 ) -> Law:  # fmt: skip
-    """A contact law of functions by the user: F_n(δ), k_t(δ), |F_t| ≤ cap, −M = k_r(δ) ψ with |M| ≤ rolling cap.
+    """Contact law from user-defined functions: F_n(δ), k_t(δ), |F_t| ≤ cap, −M = k_r(δ) ψ with |M| ≤ rolling cap.
 
-    Each function is plain Python of scalars and takes, by name, `overlap` δ and `r_eff` and any parameters of the law;
-    caps may take `normal_force`, too. Functions are compiled into the kernels, and their derivatives taken by a complex
-    step, so that they must branch on the real part: `if overlap.real < 0.0`. A law is judged when it is made.
+    Each function is a plain Python function of scalars and takes, by name, `overlap` δ, `r_eff` and any parameters of
+    the law; caps may also take `normal_force`. Functions are compiled into the kernels. Their derivatives are taken by
+    a complex step, so that they must branch on the real part: `if overlap.real < 0.0`. A law is validated when it is
+    created.
 
     Parameters
     ----------
-    normal_force : F_n [force], positive for repulsion; where overlap < 0 the force across a gap, within the range
+    normal_force : F_n [force], positive for repulsion; for overlap < 0 the force across a gap within the range
     tangential_stiffness : k_t [force/length], not negative; default the parameter `kt`
-    cap : largest tangential force [force], below zero taken as zero; default μ max(F_n, 0). Not asked where μ = 0
+    cap : largest tangential force [force], negative values count as zero; default μ max(F_n, 0). Not evaluated where
+        μ = 0
     contact_range : largest gap at which grains act on each other [length]; default 0
-    rolling_stiffness : k_r of the moment that opposes the relative rotation ψ of i against j, perpendicular to the
-        normal, accumulated since the contact closed [force length]; default none
-    rolling_cap : largest such moment [force length]; needed with `rolling_stiffness`. Not asked where μ = 0
-    normal_energy : ∫F_n dδ from the end of the range [energy]; by default found by quadrature, which is exact for
-        powers δ, δ^{3/2}, δ² … and good to some digits for others; it serves the ledger only
+    rolling_stiffness : k_r of the moment that opposes the relative rotation ψ of i and j, perpendicular to the normal,
+        accumulated since the contact closed [force length]; default none
+    rolling_cap : largest such moment [force length]; required with `rolling_stiffness`. Not evaluated where μ = 0
+    normal_energy : ∫F_n dδ from the end of the range [energy]; by default computed by quadrature, which is exact for
+        powers δ, δ^{3/2}, δ² … and accurate to some digits for others; used by the energy ledger only
     parameters : values by name. kn, kt, mu, damping_n and damping_t exist in every law (1, 0, 0, 0, 0 unless given; mu
-        is 1 where `cap` does not ask for it); others are the law's own
+        is 1 if there is a `cap` that does not take it); others may be added
     coulomb, damping, tension : as in `hertz_mindlin`; dashpots act only where overlap > 0
-    size : a radius for which the law is judged [length]
-    name : for tables and sentences
+    size : a grain radius for which the law is validated [length]
+    name : used in tables and messages
 
     Raises
     ------
     ValueError
-        with one sentence, if a function has a wrong signature, gives no finite number, gives two answers, does not take
-        complex numbers, or cannot be compiled. A LawWarning tells of a force that jumps at the end of the range.
+        with one sentence, if a function has a wrong signature, is not finite, is not deterministic, does not accept
+        complex numbers, or cannot be compiled. A LawWarning reports a force that jumps at the end of the range.
 
     Source
     ------
-    Of the complex step: Squire & Trapp, doi:10.1137/S003614459631241X.
+    Complex step: Squire & Trapp, doi:10.1137/S003614459631241X.
 
     Examples
     --------
@@ -246,9 +281,9 @@ def custom(
     given = {role: function for role, function in given.items() if function is not None}
     if ("rolling_stiffness" in given) != ("rolling_cap" in given):
         raise ValueError("only one of rolling_stiffness and rolling_cap was given: rolling resistance needs both")
-    values = _values(parameters or {}, given)
-    asks = {role: _arguments(role, function, tuple(values)) for role, function in given.items()}
-    kind = _known(given, asks, tuple(values), name)
+    values = _parameter_values(parameters or {}, given)
+    arguments = {role: _argument_names(role, function, tuple(values)) for role, function in given.items()}
+    kind = _register(given, arguments, tuple(values), name)
     if coulomb not in COULOMB or damping not in DAMPING:
         raise ValueError(
             f"coulomb={coulomb!r}, damping={damping!r} were given: {', '.join(COULOMB)}, and {', '.join(DAMPING)} are "
@@ -256,16 +291,19 @@ def custom(
         )
     table = np.array(list(values.values()), float)[None, None, :].copy()
     law = Law(kind, COULOMB[coulomb], table, DAMPING[damping] + (0 if tension else NO_TENSION))
-    return judged(law, size)
+    return validate_law(law, size)
 
 
-def _values(parameters: dict, given: dict) -> dict:
+def _parameter_values(parameters: dict, given: dict) -> dict:
     """Parameters in the order of the table."""
     for name, value in parameters.items():
         if not (isinstance(name, str) and name.isidentifier()) or any(name in allowed for allowed in ROLES.values()):
-            raise ValueError(f"a parameter {name!r} was given: its name must be a word of its own")
+            raise ValueError(
+                f"a parameter {name!r} was given: its name must be an identifier other than overlap, r_eff and "
+                f"normal_force"
+            )
         if isinstance(value, bool) or not isinstance(value, int | float | np.number):
-            raise ValueError(f"{name} = {value!r} was given: a parameter is a number")
+            raise ValueError(f"{name} = {value!r} was given: it must be a number")
     capped = "cap" in given and "mu" not in inspect.getfullargspec(given["cap"]).args
     values = _DEFAULTS | ({"mu": 1.0} if capped else {}) | parameters
     for name, value in values.items():
@@ -273,26 +311,26 @@ def _values(parameters: dict, given: dict) -> dict:
     return {name: float(value) for name, value in values.items()}
 
 
-def _known(given: dict, asks: dict, names: tuple[str, ...], name: str) -> Kind:
-    """The kind of a law, whose functions are from now on known to this process."""
-    told: list = [names, sorted(asks.items())]
+def _register(given: dict, arguments: dict, names: tuple[str, ...], name: str) -> Kind:
+    """Register the functions of a law in this process, and return its kind."""
+    content: list = [names, sorted(arguments.items())]
     for role in sorted(given):
-        told += [role, *_told(given[role], set())]
-    digest = hashlib.sha256(repr(told).encode()).digest()
+        content += [role, *_fingerprint(given[role], set())]
+    digest = hashlib.sha256(repr(content).encode()).digest()
     kind = Kind(int.from_bytes(digest[:8], "big") >> 2 | 1 << 61)
-    if kind not in KNOWN:
+    if kind not in USER_LAWS:
         made: dict = {}
-        compiled = {role: _copied(function, True, made) for role, function in given.items()}
+        compiled = {role: _copy_function(function, True, made) for role, function in given.items()}
         made = {}
-        plain = {role: _copied(function, False, made) for role, function in given.items()}
-        OWN[kind] = _as_called(compiled, asks, names)
-        KNOWN[kind] = Own(name, names, _source(given), "", plain, asks)
-    KNOWN[kind] = KNOWN[kind]._replace(name=name)
+        plain = {role: _copy_function(function, False, made) for role, function in given.items()}
+        COMPILED[kind] = _kernel_functions(compiled, arguments, names)
+        USER_LAWS[kind] = UserLaw(name, names, _source_text(given), "", plain, arguments)
+    USER_LAWS[kind] = USER_LAWS[kind]._replace(name=name)
     return kind
 
 
-def _source(given: dict) -> str:
-    """The text of functions, where it is known."""
+def _source_text(given: dict) -> str:
+    """Source text of the functions, where it is known."""
     found = []
     for function in given.values():
         try:
@@ -303,27 +341,27 @@ def _source(given: dict) -> str:
 
 
 def from_file(path: str | Path, **parameters: float) -> Law:
-    """A contact law from a Python file: functions named as the arguments of `custom`, and a table `parameters`.
+    """Contact law from a Python file with functions named as the arguments of `custom`, and a table `parameters`.
 
-    The file is a program of the user's own, and is run. It may also set `coulomb`, `damping`, `tension` and `size`.
+    The file is executed. It may also set `coulomb`, `damping`, `tension` and `size`.
 
     Parameters
     ----------
-    path : a file that ends in .py
+    path : a file ending in .py
     parameters : values that replace those in the file
 
     Raises
     ------
     ValueError
-        with one sentence, and the line, if the file does not compile or run, or as `custom`.
+        with one sentence and the line, if the file does not compile or run, or for the reasons given in `custom`.
     """
     path = Path(path)
     if not path.is_file():
-        raise ValueError(f"{path} is no file: give a Python file with a function normal_force")
-    return _of_text(text_of(path, remedy="give a Python file"), path, parameters)
+        raise ValueError(f"{path} is not a file: give a Python file with a function normal_force")
+    return _law_from_text(text_of(path, remedy="give a Python file"), path, parameters)
 
 
-def _of_text(text: str, path: Path, parameters: dict) -> Law:
+def _law_from_text(text: str, path: Path, parameters: dict) -> Law:
     scope = {"__name__": path.stem, "__file__": str(path)}
     try:
         exec(compile(text, str(path), "exec"), scope)
@@ -331,10 +369,10 @@ def _of_text(text: str, path: Path, parameters: dict) -> Law:
         line = (problem.text or "").strip()
         raise ValueError(f"{path} does not compile, line {problem.lineno}: {line!r} ({problem.msg})") from None
     except Exception as problem:
-        raise ValueError(f"{path} does not run, {where(problem, path, text)}") from None
+        raise ValueError(f"{path} does not run, {locate_error(problem, path, text)}") from None
     given = {role: scope[role] for role in ROLES if role in scope}
     if "normal_force" not in given:
-        raise ValueError(f"{path} has no function normal_force: a law needs one, such as def normal_force(overlap, kn)")
+        raise ValueError(f"{path} has no function normal_force: define one, such as def normal_force(overlap, kn)")
     values = scope.get("parameters", {})
     if not isinstance(values, dict):
         raise ValueError(f"{path}: parameters is a {type(values).__name__}: give a dictionary of numbers by name")
@@ -348,21 +386,21 @@ def _of_text(text: str, path: Path, parameters: dict) -> Law:
         law = custom(**given, parameters=values | parameters, name=path.stem, **options)
     except ValueError as problem:
         raise ValueError(f"{path}: {problem}") from None
-    KNOWN[law.kind] = KNOWN[law.kind]._replace(source=text, file=str(path))
+    USER_LAWS[law.kind] = USER_LAWS[law.kind]._replace(source=text, file=str(path))
     return law
 
 
-def _sent(kind: Kind):
-    """How a kind travels to another process of the same run: with the text of its file, if it has one."""
-    own = KNOWN.get(kind)
-    return _arrived, (int(kind), own.source, own.file) if own and own.file else (int(kind), "", "")
+def _reduce_kind(kind: Kind):
+    """Pickle a kind for another process of the same run, with the text of its file if it has one."""
+    own = USER_LAWS.get(kind)
+    return _restore_kind, (int(kind), own.source, own.file) if own and own.file else (int(kind), "", "")
 
 
-def _arrived(number: int, text: str, file: str) -> Kind:
-    """The kind, whose law is made here, too, if it was not."""
-    if text and number not in KNOWN:
-        _of_text(text, Path(file), {})
+def _restore_kind(number: int, text: str, file: str) -> Kind:
+    """Unpickle a kind, and create its law if this process does not know it."""
+    if text and number not in USER_LAWS:
+        _law_from_text(text, Path(file), {})
     return Kind(number)
 
 
-copyreg.pickle(Kind, _sent)
+copyreg.pickle(Kind, _reduce_kind)

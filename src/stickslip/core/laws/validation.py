@@ -1,4 +1,4 @@
-"""A user's law is judged when it is made: on a grid of overlaps and radii, in Python, and then by compiling it."""
+"""Validation of new user-defined laws: evaluation on a grid of overlaps and radii in Python, then compilation."""
 
 import contextlib
 import re
@@ -13,167 +13,168 @@ from numba.core.types import complex128, float64
 
 from ... import kernel_cache
 from .builtin import KT, STEP, Law
-from .dispatch import HELP, KNOWN, OWN, ROLES, Own, answer, known
+from .dispatch import COMPILED, HELP, ROLES, USER_LAWS, UserLaw, evaluate_role, known
 
-WIDEST = 100.0  # range of a law, in radii
+MAX_RANGE = 100.0  # of a law, in radii
 NOT_NEGATIVE = ("tangential_stiffness", "contact_range", "rolling_stiffness")
-SHARES = (1e-6, 1e-4, 1e-3, 0.0031, 0.01, 0.031, 0.1)  # of the size: overlaps that are looked at
-AGREE = 1e-3  # of the largest slope: differences over a step of 1e-6 are as good as that, wherever functions are smooth
-JUMP = 1e-6  # of the largest force: a jump that is told
+OVERLAP_RATIOS = (1e-6, 1e-4, 1e-3, 0.0031, 0.01, 0.031, 0.1)  # test overlaps over the size
+SLOPE_TOLERANCE = 1e-3  # of the largest slope: accuracy of differences over a step of 1e-6 for smooth functions
+JUMP_THRESHOLD = 1e-6  # of the largest force: jumps above it are reported
 
 
 class LawWarning(UserWarning):
-    """Something in a user's law is unusual, but it can be used."""
+    """Warning about an unusual user-defined law that can still be used."""
 
 
-def judged(law: Law, size: float) -> Law:
-    """The law, if it can be used; ValueError with one sentence if not. `size` is a radius of its grains [length]."""
+def validate_law(law: Law, size: float) -> Law:
+    """Return the law if it can be used, else raise ValueError with one sentence. `size` is a grain radius [length]."""
     if isinstance(size, bool) or not (isinstance(size, int | float) and np.isfinite(size) and size > 0):
-        raise ValueError(f"size = {size!r} was given: it is a radius, a positive number")
-    own, values = KNOWN[law.kind], dict(zip(KNOWN[law.kind].names, law.table[0, 0].tolist(), strict=True))
+        raise ValueError(f"size = {size!r} was given: it must be a radius, a positive number")
+    own, values = USER_LAWS[law.kind], dict(zip(USER_LAWS[law.kind].names, law.table[0, 0].tolist(), strict=True))
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        ranges = [float(_asked(own, "contact_range", values, r_eff=r)) for r in (0.5 * size, size)]
+        ranges = [float(_evaluate(own, "contact_range", values, r_eff=r)) for r in (0.5 * size, size)]
         if ranges[0] > ranges[1]:
             raise ValueError(
-                f"contact_range falls with r_eff, from {ranges[0]:g} to {ranges[1]:g}: lists need it to grow"
+                f"contact_range decreases with r_eff, from {ranges[0]:g} to {ranges[1]:g}: neighbour lists "
+                f"require that it does not decrease"
             )
-        if not ranges[1] <= WIDEST * size:
+        if not ranges[1] <= MAX_RANGE * size:
             raise ValueError(
-                f"contact_range is {ranges[1]:g} for a grain of radius {size:g}: at most {WIDEST:g} radii are allowed, "
-                f"as all pairs within it are listed"
+                f"contact_range is {ranges[1]:g} for a grain of radius {size:g}: at most {MAX_RANGE:g} radii are "
+                f"allowed, because the neighbour list holds all pairs within it"
             )
-        points = [(r, x) for r, end in zip((0.5 * size, size), ranges, strict=True) for x in _overlaps(r, end)]
+        points = [(r, x) for r, end in zip((0.5 * size, size), ranges, strict=True) for x in _test_overlaps(r, end)]
         for role in own.functions:
-            _judge(own, role, values, points)
-        jump = _jump(own, values, points, ranges)
-    _compiled(law.kind, own, values)
+            _check_function(own, role, values, points)
+        jump = _describe_jump(own, values, points, ranges)
+    _compile(law.kind, own, values)
     if jump:
         warnings.warn(jump, LawWarning, stacklevel=4)
     return law
 
 
-def _overlaps(size: float, end: float) -> list[float]:
-    """Overlaps to look at, from just within the range on."""
+def _test_overlaps(size: float, end: float) -> list[float]:
+    """Overlaps for the tests, starting just inside the range."""
     gap = [-end * share for share in (0.999, 0.8, 0.55, 0.3, 0.1, 0.001)] if end > 0 else []
-    return gap + [size * share for share in SHARES]
+    return gap + [size * share for share in OVERLAP_RATIOS]
 
 
-def _asked(own: Own, role: str, values: dict, **given):
-    """What a function of the law answers; a missing range is zero."""
+def _evaluate(own: UserLaw, role: str, values: dict, **given):
+    """Evaluate a function of the law; a missing contact range is zero."""
     if role not in own.functions:
         return 0.0
     known = values | given
     try:
-        return own.functions[role](*(known[name] for name in own.asks[role]))
+        return own.functions[role](*(known[name] for name in own.arguments[role]))
     except ZeroDivisionError:
         return np.nan
     except Exception as problem:
-        words = _line(own, problem)
+        words = _error_location(own, problem)
         if any(isinstance(v, complex) for v in given.values()):
             raise ValueError(
-                f"{role} does not take complex numbers, which its derivative needs, {words}: compare real parts, as in "
-                f"overlap.real < 0.0, and use max, min, abs, math or numpy; {HELP}"
+                f"{role} does not accept complex numbers, which its derivative needs, {words}: compare real parts, as "
+                f"in overlap.real < 0.0, and use max, min, abs, math or numpy; {HELP}"
             ) from None
-        raise ValueError(f"{role} cannot be evaluated, {words}: mend it") from None
+        raise ValueError(f"{role} cannot be evaluated, {words}: correct it") from None
 
 
-def _line(own: Own, problem: Exception) -> str:
-    """Where an error came from, with the line if its text is known."""
+def _error_location(own: UserLaw, problem: Exception) -> str:
+    """Location of an error in words, with the line if its text is known."""
     last = traceback.extract_tb(problem.__traceback__)[-1]
     if Path(last.filename).suffix == ".py" and Path(last.filename).stem == own.name:
-        return where(problem, last.filename, own.source)
+        return locate_error(problem, last.filename, own.source)
     line = f"line {last.lineno}: {last.line!r} " if last.line else f"line {last.lineno} "
     return f"{line}({type(problem).__name__}: {problem})"
 
 
-def _judge(own: Own, role: str, values: dict, points) -> None:
-    """Raise ValueError with one sentence if a function gives no number, two of them, or no derivative."""
-    slopes = {name: [] for name in ("overlap", "normal_force") if name in own.asks[role]}
+def _check_function(own: UserLaw, role: str, values: dict, points) -> None:
+    """Raise ValueError with one sentence if a function is not finite, not deterministic, or not differentiable."""
+    slopes = {name: [] for name in ("overlap", "normal_force") if name in own.arguments[role]}
     for r_eff, overlap in points:
         fn = 0.0
         if "normal_force" in ROLES[role]:
-            fn = abs(_asked(own, "normal_force", values, overlap=overlap, r_eff=r_eff)) or 1.0
+            fn = abs(_evaluate(own, "normal_force", values, overlap=overlap, r_eff=r_eff)) or 1.0
         at = {"overlap": overlap, "r_eff": r_eff, "normal_force": fn}
-        value, again = (_asked(own, role, values, **at) for _ in range(2))
-        told = f"{role} at overlap = {overlap:.4g}, r_eff = {r_eff:.4g}"
+        value, again = (_evaluate(own, role, values, **at) for _ in range(2))
+        place = f"{role} at overlap = {overlap:.4g}, r_eff = {r_eff:.4g}"
         if isinstance(value, bool) or not isinstance(value, int | float | np.floating | np.integer):
-            raise ValueError(f"{told} returns {_shown(value)}: it must return one real number")
+            raise ValueError(f"{place} returns {_describe_type(value)}: it must return one real number")
         if not np.isfinite(value):
-            raise ValueError(f"{told} is {value}: it must be a finite number; a root or a logarithm of a gap, perhaps?")
+            raise ValueError(f"{place} is {value}: it must be finite; perhaps it takes a root or a logarithm of a gap")
         if value != again:
-            raise ValueError(f"{told} is {value:.6g} once and {again:.6g} then: a law must give one answer")
+            raise ValueError(f"{place} is {value:.6g} first and {again:.6g} next: a law must be deterministic")
         if value < 0 and role in NOT_NEGATIVE:
-            raise ValueError(f"{told} is {value:.4g}: it must not be negative")
+            raise ValueError(f"{place} is {value:.4g}: it must not be negative")
         for name in slopes:
-            slopes[name].append((at, *_slopes(own, role, values, at, name, told)))
+            slopes[name].append((at, *_derivatives(own, role, values, at, name, place)))
     for name, found in slopes.items():
         scale = max(abs(one) for _, _, *sides in found for one in sides)
         for at, exact, left, right in found:
-            if min(abs(exact - left), abs(exact - right), abs(2 * exact - left - right) / 2) > AGREE * scale:
+            if min(abs(exact - left), abs(exact - right), abs(2 * exact - left - right) / 2) > SLOPE_TOLERANCE * scale:
                 raise ValueError(
                     f"{role} at overlap = {at['overlap']:.4g} has the slope {exact:.4g} by a complex step and "
                     f"{0.5 * (left + right):.4g} by differences in {name}: compare real parts only, and use max, min, "
                     f"abs, math or numpy; {HELP}"
                 )
     if role == "normal_energy":
-        _judge_energy(own, values, points)
+        _check_energy(own, values, points)
 
 
-def _shown(value) -> str:
-    return "nothing" if value is None else f"a {type(value).__name__}"
+def _describe_type(value) -> str:
+    return "None" if value is None else f"a {type(value).__name__}"
 
 
-def _slopes(own, role, values, at, name, told):
-    """d/d(name) by a complex step, and by differences to the left and to the right."""
+def _derivatives(own, role, values, at, name, place):
+    """Derivative d/d(name) by a complex step, and by differences to the left and to the right."""
     x = at[name]
     step = 1e-6 * abs(x)
-    stepped = _asked(own, role, values, **at | {name: complex(x, STEP)})
-    middle = _asked(own, role, values, **at)
+    stepped = _evaluate(own, role, values, **at | {name: complex(x, STEP)})
+    middle = _evaluate(own, role, values, **at)
     if not np.isclose(np.real(stepped), middle, rtol=1e-12, atol=1e-300):
         raise ValueError(
-            f"{told} is {middle:.6g}, but {np.real(stepped):.6g} for a complex number with that real part: "
+            f"{place} is {middle:.6g}, but {np.real(stepped):.6g} for a complex number with that real part: "
             f"compare real parts only; {HELP}"
         )
-    left, right = (_asked(own, role, values, **at | {name: x + d}) for d in (-step, step))
+    left, right = (_evaluate(own, role, values, **at | {name: x + d}) for d in (-step, step))
     return np.imag(stepped) / STEP, (middle - left) / step, (right - middle) / step
 
 
-def _judge_energy(own: Own, values: dict, points) -> None:
-    """The energy's slope must be the force."""
+def _check_energy(own: UserLaw, values: dict, points) -> None:
+    """Raise ValueError with one sentence if the slope of the energy is not the force."""
     for r_eff, overlap in points:
         at = {"overlap": complex(overlap, STEP), "r_eff": r_eff}
-        force = _asked(own, "normal_force", values, overlap=overlap, r_eff=r_eff)
-        slope = np.imag(_asked(own, "normal_energy", values, **at)) / STEP
+        force = _evaluate(own, "normal_force", values, overlap=overlap, r_eff=r_eff)
+        slope = np.imag(_evaluate(own, "normal_energy", values, **at)) / STEP
         if not np.isclose(slope, force, rtol=1e-6, atol=1e-12 * abs(force)):
             raise ValueError(
                 f"normal_energy at overlap = {overlap:.4g} has the slope {slope:.6g}, but normal_force is {force:.6g}: "
-                f"the force must be the slope of the energy, or leave normal_energy out"
+                f"make the force the slope of the energy, or omit normal_energy"
             )
 
 
-def _jump(own: Own, values: dict, points, ranges) -> str:
-    """In words, that the force does not end with zero at the end of the range."""
-    largest = max(abs(_asked(own, "normal_force", values, overlap=x, r_eff=r)) for r, x in points)
+def _describe_jump(own: UserLaw, values: dict, points, ranges) -> str:
+    """Describe a force that is not zero at the end of the range; empty if there is none."""
+    largest = max(abs(_evaluate(own, "normal_force", values, overlap=x, r_eff=r)) for r, x in points)
     end = max(ranges)
     r_eff = max(r for r, _ in points)
     edge = -end * (1 - 1e-9) if end else 1e-12 * r_eff
-    force = _asked(own, "normal_force", values, overlap=edge, r_eff=r_eff)
-    if not abs(force) > JUMP * largest:
+    force = _evaluate(own, "normal_force", values, overlap=edge, r_eff=r_eff)
+    if not abs(force) > JUMP_THRESHOLD * largest:
         return ""
     place = f"at the end of its range (a gap of {end:.4g})" if end else "where grains begin to touch"
     return (
-        f"the normal force of {own.name} jumps from 0 to {force:.4g} {place}: contacts there close and open with a "
-        f"jolt, and energy is conserved only as far as the time step resolves it"
+        f"the normal force of {own.name} jumps from 0 to {force:.4g} {place}: the force is discontinuous "
+        f"when contacts close and open there, and energy is conserved only as far as the time step resolves it"
     )
 
 
-def _compiled(kind, own: Own, values: dict) -> None:
-    """Compile each function, once for all processes; what Numba has to say becomes one sentence."""
+def _compile(kind, own: UserLaw, values: dict) -> None:
+    """Compile each function, once for all processes. An error from Numba is reported in one sentence."""
     mark = kernel_cache.folder() / "laws" / f"{int(kind):x}-{kernel_cache.digest('stickslip.core.laws.user')}"
     if mark.exists():
         return
-    functions, many = OWN[kind], numba.types.UniTuple(float64, len(values))
+    functions, many = COMPILED[kind], numba.types.UniTuple(float64, len(values))
     for role in own.functions:
         name = "reach" if role == "contact_range" else role
         function, here = functions[name], (numba.types.int64, many, float64)
@@ -185,14 +186,16 @@ def _compiled(kind, own: Own, values: dict) -> None:
                 with warnings.catch_warnings(action="ignore"):
                     function.compile(one)
             except NumbaError as problem:
-                raise ValueError(f"{role} cannot be compiled, {_told(str(problem), own)}; {HELP}") from None
-    with contextlib.suppress(OSError):  # a full disk: the next process compiles them again
+                raise ValueError(
+                    f"{role} cannot be compiled, {_summarize_numba_error(str(problem), own)}; {HELP}"
+                ) from None
+    with contextlib.suppress(OSError):  # if the disk is full, the next process compiles them again
         mark.parent.mkdir(parents=True, exist_ok=True)
         mark.touch()
 
 
-def _told(message: str, own: Own) -> str:
-    """The innermost place that Numba names, and what it has to say of it."""
+def _summarize_numba_error(message: str, own: UserLaw) -> str:
+    """Innermost location that Numba reports, and its message."""
     lines = [line.strip() for line in re.sub(r"\x1b\[[0-9;]*m", "", message).splitlines() if line.strip()]
     places = re.findall(r'File "([^"]+)", line (\d+)', message)
     text = own.source.splitlines()
@@ -206,24 +209,26 @@ def _told(message: str, own: Own) -> str:
 
 
 def stiffest(law: Law, values, r_eff: float, deepest: float) -> float:
-    """Largest stiffness of a user's law between the end of its range and an overlap [force/length].
+    """Largest stiffness of a user-defined law between the end of its range and an overlap [force/length].
 
-    That of rolling counts as if the grains were spheres: k_r m/I.
+    The rolling stiffness is converted as for spheres: k_r m/I.
     """
     functions, most = known(law.kind).functions, 0.0
-    end = answer(law.kind, "contact_range", values, r_eff=r_eff) if "contact_range" in functions else 0.0
+    end = evaluate_role(law.kind, "contact_range", values, r_eff=r_eff) if "contact_range" in functions else 0.0
     for x in np.append(np.linspace(-end, 0, 33)[1:-1] if end else [], np.geomspace(1e-6, 1, 33) * deepest):
         at = {"overlap": complex(x, STEP), "r_eff": r_eff}
-        most = max(most, abs(np.imag(answer(law.kind, "normal_force", values, **at))) / STEP)
+        most = max(most, abs(np.imag(evaluate_role(law.kind, "normal_force", values, **at))) / STEP)
         if "tangential_stiffness" in functions:
-            most = max(most, np.real(answer(law.kind, "tangential_stiffness", values, **at)))
+            most = max(most, np.real(evaluate_role(law.kind, "tangential_stiffness", values, **at)))
         if "rolling_stiffness" in functions:
-            most = max(most, np.real(answer(law.kind, "rolling_stiffness", values, **at)) / (0.4 * (2 * r_eff) ** 2))
+            most = max(
+                most, np.real(evaluate_role(law.kind, "rolling_stiffness", values, **at)) / (0.4 * (2 * r_eff) ** 2)
+            )
     return max(float(most), float(values[KT]) if "tangential_stiffness" not in functions else 0.0)
 
 
-def where(problem: Exception, path, text: str) -> str:
-    """The line of a file in which something went wrong, in words."""
+def locate_error(problem: Exception, path, text: str) -> str:
+    """Describe the line of a file in which an error occurred."""
     at, lines = None, text.splitlines()
     trace = problem.__traceback__
     while trace:

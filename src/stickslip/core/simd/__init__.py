@@ -1,1 +1,1 @@
-"""Vectorised blocks of contacts: layout, partition, transposition, sums."""
+"""Vectorised evaluation of many contacts, and the layout of bodies in memory."""

@@ -1,14 +1,15 @@
-"""Contacts of many grains in vectorised blocks of 64: the fast way through the list that time stepping takes.
+"""Contacts of many grains in vectorised blocks of 64, for fast time stepping.
 
-Grains are cut into tiles of neighbours, all of a size, and lie along a curve in each. A block holds contacts of one
-pair of materials, either within one tile, or between a tile and later ones (`cross`), or with walls. Contacts are
-evaluated block by block; each grain then gathers the loads of its contacts in the order of its partners' numbers. A
-pair's orientation and the order of summation follow from the numbers of the grains in the state alone, and every
-contact goes through the same vector instructions, so that the bits of a trajectory depend neither on the number of
-threads nor on how memory happens to be ordered.
+Grains are divided into tiles of neighbours of equal size, and follow a space-filling curve within each tile. A block
+holds contacts of one pair of materials, either within one tile, or between a tile and later ones (`cross`), or with
+walls. Contacts are evaluated block by block. Each grain then gathers the loads of its contacts in the order of its
+partners' numbers. The orientation of a pair and the order of summation depend on the numbers of the grains in the state
+alone, and every contact goes through the same vector instructions. Trajectories are therefore bitwise independent of
+the number of threads and of the memory order.
 
-Only touching and nearly touching pairs are in blocks: those nearer than both bodies may go, which for fast ones is
-further than for slow ones. They are chosen anew from the list of contacts when a body has gone that far.
+Blocks contain only touching and nearly touching pairs: those that the displacement limits of both bodies allow to
+touch. The limits are larger for faster bodies. When a body reaches its limit, blocks are chosen anew from the contact
+list.
 """
 
 from typing import NamedTuple
@@ -19,23 +20,23 @@ from numba import njit
 from ..contacts.geometry import at_contact, mid_normal, onto_plane, slip_increment, touching_fraction
 from ..contacts.mechanics import (
     FREE,
-    damped,
-    faded,
-    in_one_go,
     needs_mass,
     needs_radius,
+    rescale_slip,
     return_mapping,
-    same_length,
+    scale_to_length,
     tangential_force,
+    truncate_as_lammps,
     with_dashpot,
+    with_tangential_dashpot,
 )
-from ..flow import AHEAD, RATE, SLIDE_BACK, VECTORS
+from ..flow import INVERSE_HALF, RATE, RATE_AHEAD, VECTORS
 from ..laws.builtin import (
     DAMPING_N,
     DAMPING_T,
     MU,
     cap,
-    damping_of,
+    contact_damping,
     least_force,
     masked,
     normal_force,
@@ -54,71 +55,71 @@ from .transpose import (
     RADII,
     ROLL,
     ROLL_AHEAD,
-    gathered_motion,
-    gathered_places,
-    in_widest_vectors,
-    scattered,
-    soon,
-    written_soon,
+    gather_motion,
+    gather_positions,
+    prefetch_for_read,
+    prefetch_for_write,
+    scatter_loads,
+    use_widest_vectors,
 )
 
-# of what is compiled into its callers: it makes no arrays, and references to those that it takes out of tuples are not
-# counted, which would take half of a step with dashpots; it is cached by itself, so that kernels of another law find it
-# compiled
-BARE = {"error_model": "numpy", "forceinline": True, "_nrt": False, "cache": True}
-TILE = 1024  # grains, at most
-# modes of a block's contact besides OPEN, STICK and SLIDE: it sticks but was at Coulomb's limit since it closed; it
-# slides because nothing presses it, and has not been at a limit
+# options of functions that are inlined into their callers. They allocate no arrays, and references to arrays taken out
+# of tuples are not counted, which would take half of a step with dashpots. They are cached separately, so that kernels
+# of other laws find them compiled
+KERNEL_OPTIONS = {"error_model": "numpy", "forceinline": True, "_nrt": False, "cache": True}
+TILE_SIZE = 1024  # maximum number of grains
+# further modes of contacts in blocks. STUCK_AGAIN: it sticks but has been at Coulomb's limit since it closed; LOOSE: it
+# slides because its limit is zero, and has not been at a limit
 STUCK_AGAIN, LOOSE = 3, 4
-_NEARLY = 1.0 + 1e-9  # squares of distances beyond which nothing can touch, whatever the rounding
+_SQUARE_MARGIN = 1.0 + 1e-9  # factor on squared distances beyond which nothing can touch, whatever the rounding
 
 
-class Moving(NamedTuple):
+class MovingBodies(NamedTuple):
     """Bodies in the order of memory: tiles of neighbouring grains, then rigid groups, then walls."""
 
     order: np.ndarray  # (B,) number of each body in the state
-    body: np.ndarray  # (B, BODY) position, velocity, spin, radius and kicks, see `lanes`
+    body: np.ndarray  # (B, BODY) position, velocity, spin, radius and kicks, see `transpose`
     angle: np.ndarray  # (B, 3)
     ahead: np.ndarray  # (B, BODY_AHEAD) velocity and spin predicted at the full step, for dashpots; else (0, …)
-    force: np.ndarray  # (B, 6) force and torque, written where a step ends without going on
+    force: np.ndarray  # (B, 6) force and torque, written where a step ends without beginning the next
     free: np.ndarray  # (B, 6) bool
-    whole: np.ndarray  # (B,) bool: all components that this dimension has are free
-    external: np.ndarray  # (B, 8) external forces, and zeros, see `sums`; or (1, 8) without any
+    whole: np.ndarray  # (B,) bool: all components that exist in this dimension are free
+    external: np.ndarray  # (B, 8) external forces, and zeros, see `reduce`; or (1, 8) without any
     torque: np.ndarray  # (B, 3) external torques, or (1, 3) without any
     virial: np.ndarray  # (B, 9) Σ f ⊗ r over contacts in which a body is i, written with a frame; else (0, 9)
-    origin: np.ndarray  # (B, 4) where the blocks were chosen, and 1/d² (with a frame 1), d how far the body may go then
+    origin: np.ndarray  # (B, 4) positions when blocks were chosen, and 1/d² (1 with a frame), d the displacement limit
     tile: np.ndarray  # (T + 1,) bounds of the tiles of grains; rigid groups and walls follow
     member: np.ndarray  # (M,) bodies in rigid groups, group after group
     members: np.ndarray  # (G + 1,) bounds of the groups
     share: np.ndarray  # (threads + 1,) bounds of the tiles of each thread
-    spent: np.ndarray  # (threads, 8) in the first column, ticks that each thread spent on its tiles: see `clock`
+    spent: np.ndarray  # (threads, 8) first column: ticks that each thread spent on its tiles, see `cycle_counter`
 
 
 class Blocks(NamedTuple):
-    """Pairs in blocks of LANES, padded with pairs that never touch; K of them, the arrays may have room for more."""
+    """Pairs in K blocks of LANES, padded with pairs that never touch. The arrays may be longer than needed."""
 
-    i: np.ndarray  # (K LANES,) uint32, internal
+    i: np.ndarray  # (K LANES,) uint32, in the order of memory
     j: np.ndarray  # (K LANES,)
     row: np.ndarray  # (K LANES,) row in the list of contacts, −1 for padding
     material: np.ndarray  # (K, 2)
     wall: np.ndarray  # (K,) bool: all pairs of the block are with walls
-    at: np.ndarray  # (K,) int32 where a block's vectors begin, −1: no pair is with a wall or across a boundary
+    at: np.ndarray  # (K,) int32 start of a block's vectors, −1: no pair is with a wall or across a boundary
     vector: np.ndarray  # (V · 3 · LANES,) periodic shift (with a frame: the image), or the wall's normal
-    size: np.ndarray  # (K LANES,) R_eff, or (0,) if the law does not ask for it
-    mass: np.ndarray  # (K LANES,) m_eff, or (0,) if the law does not ask for it
+    size: np.ndarray  # (K LANES,) R_eff, or (0,) if the law does not use it
+    mass: np.ndarray  # (K LANES,) m_eff, or (0,) if the law does not use it
     slip: np.ndarray  # (K · 3 · LANES,)
-    mode: np.ndarray  # (K LANES,) int64: OPEN, STICK, SLIDE, STUCK_AGAIN or LOOSE; as wide as numbers beside it
+    mode: np.ndarray  # (K LANES,) int64: OPEN, STICK, SLIDE, STUCK_AGAIN or LOOSE; as wide as the other numbers
     place: np.ndarray  # (K,) first row of a block's loads
-    cross: np.ndarray  # (T + 2,) bounds of the blocks that reach from a tile to later ones; then those between threads
+    cross: np.ndarray  # (T + 2,) bounds of the blocks between a tile and later ones; then those between threads
     inner: np.ndarray  # (T + 2,) bounds of the blocks within each tile
-    load: np.ndarray  # (L, 8) force on i and −n × F_t, see `sums`
+    load: np.ndarray  # (L, 8) force on i and −n × F_t, see `reduce`
     pair: np.ndarray  # (L, 3) with a frame, the pair vectors; else (0, 3)
     start: np.ndarray  # (B + 1,) uint32: bounds of each body's part of `code`
-    code: np.ndarray  # (…,) uint32 rows of `load` in the order of summation, see `sums`
+    code: np.ndarray  # (…,) uint32 rows of `load` in the order of summation, see `reduce`
 
 
-def no_blocks() -> Blocks:
-    """Blocks without pairs, from which the first ones are made."""
+def empty_blocks() -> Blocks:
+    """Make blocks without pairs, from which the first ones are made."""
     whole, flag = np.zeros((0, 2), np.int64), np.zeros(0, np.bool_)
     pairs, numbers, bounds = np.zeros(0, np.uint32), np.zeros(0), np.zeros(1, np.int64)
     return Blocks(
@@ -128,9 +129,9 @@ def no_blocks() -> Blocks:
 
 
 @njit(cache=True, _nrt=False)
-def committed(blocks, contacts, part, parts):
+def commit(blocks, contacts, part, parts):
     """Write slip and mode of a part of the blocks back to their rows in the list of contacts."""
-    lanes = np.uint64(LANES)  # unsigned, so that no index is checked for counting from the end
+    lanes = np.uint64(LANES)  # unsigned, so that indices are not checked for negative values
     first, last = blocks.inner[-1] * part // parts, blocks.inner[-1] * (part + 1) // parts
     for s in range(np.uint64(first) * lanes, np.uint64(last) * lanes):
         if blocks.row[s] >= 0:
@@ -143,10 +144,10 @@ def committed(blocks, contacts, part, parts):
 
 
 @njit(cache=True, fastmath=False, _nrt=False)
-def anchored(contacts, position, angle, radius, vectors, pair_out, roll_out):
-    """Write the present pair vectors and angles of what touches; True if they are those of the committed memory.
+def store_reference(contacts, position, angle, radius, vectors, pair_out, roll_out):
+    """Write the current pair vectors and angles of touching contacts.
 
-    With empty arrays nothing is written.
+    Returns True if they are those of the committed memory. With empty arrays nothing is written.
     """
     rested, image = True, contacts.image
     for c in range(contacts.count[0]):
@@ -162,26 +163,26 @@ def anchored(contacts, position, angle, radius, vectors, pair_out, roll_out):
     return rested
 
 
-@njit(**BARE)
-def _pairs_soon(blocks, body, b):
-    """Ask for both bodies of each pair of a block, two lines a body."""
+@njit(**KERNEL_OPTIONS)
+def _prefetch_pairs(blocks, body, b):
+    """Prefetch both bodies of each pair of a block, two cache lines per body."""
     for s in range(LANES * b, LANES * (b + 1)):
         for g in (np.int64(blocks.i[np.uint64(s)]), np.int64(blocks.j[np.uint64(s)])):
-            soon(body, g * BODY)
-            soon(body, g * BODY + 8)
+            prefetch_for_read(body, g * BODY)
+            prefetch_for_read(body, g * BODY + 8)
 
 
-@njit(**BARE)
-def _bodies_soon(body, first, last):
-    """Ask for a stretch of bodies, which will be moved on."""
+@njit(**KERNEL_OPTIONS)
+def _prefetch_bodies(body, first, last):
+    """Prefetch a range of bodies that will be moved."""
     for at in range(first * BODY, last * BODY, 8):
-        written_soon(body, at)
+        prefetch_for_write(body, at)
 
 
-@njit(fastmath=True, **BARE)
-def _apart(dim, flow, blocks, body, b, scratch):
-    """Pair vectors and sums of radii of block b, plane by plane."""
-    gathered_places(np.int64(dim), np.int64(b * LANES), blocks.i, blocks.j, body, scratch)
+@njit(fastmath=True, **KERNEL_OPTIONS)
+def _gather_pair_vectors(dim, flow, blocks, body, b, scratch):
+    """Gather pair vectors and sums of radii of block b, plane by plane."""
+    gather_positions(np.int64(dim), np.int64(b * LANES), blocks.i, blocks.j, body, scratch)
     if blocks.at[b] < 0 or blocks.wall[b]:
         return
     at = np.uint64(blocks.at[b])
@@ -201,13 +202,13 @@ def _apart(dim, flow, blocks, body, b, scratch):
                 scratch[PAIR + 128 + l] += p * h[0, 2] + q * h[1, 2] + r * h[2, 2]
 
 
-@njit(fastmath=True, **BARE)
-def _flowed(dim, predict, flow, scratch):
-    """What a deforming cell adds to relative velocities: L r.
+@njit(fastmath=True, **KERNEL_OPTIONS)
+def _add_flow(dim, predict, flow, scratch):
+    """Add the contribution L r of a deforming cell to relative velocities.
 
-    (1 + ½ dt L)⁻¹ (Δv + L r), r at the end of the step, is the change of r in the step over dt.
+    (1 + ½ dt L)⁻¹ (Δv + L r), with r at the end of the step, is the change of r in the step over dt.
     """
-    rate, back, ahead = flow.matrix[RATE], flow.matrix[SLIDE_BACK], flow.matrix[AHEAD]
+    rate, back, ahead = flow.matrix[RATE], flow.matrix[INVERSE_HALF], flow.matrix[RATE_AHEAD]
     for lane in range(LANES):
         l = np.uint64(lane)
         if dim == 2:
@@ -222,15 +223,15 @@ def _flowed(dim, predict, flow, scratch):
                 scratch[MOTION_AHEAD + k * LANES + l] += ahead[k, 0] * x + ahead[k, 1] * y + ahead[k, 2] * z
 
 
-@njit(fastmath=True, **BARE)
-def _responded(kind, coulomb, dim, viscous, rate, rescaled, wall, q, blocks, b, dt, hold, scratch):
-    """Forces and memory of one block, all lanes alike: what does not touch gets zeros. With `hold`, memory stays."""
-    in_widest_vectors()
+@njit(fastmath=True, **KERNEL_OPTIONS)
+def _evaluate_block(kind, coulomb, dim, viscous, rate, rescaled, wall, q, blocks, b, dt, hold, scratch):
+    """Evaluate forces and memory of one block. Lanes that do not touch get zeros. With `hold`, the memory is kept."""
+    use_widest_vectors()
     predict = viscous > 0 and not rate
     v, w = (MOTION_AHEAD, ROLL_AHEAD) if predict else (MOTION, ROLL)
     lanes, idle = slice(LANES * b, LANES * b + LANES), blocks.load[np.uint64(0)]
-    # what the law does not ask for stands for memory that nothing overlaps: compiled code asks whether anything does,
-    # and takes another way, which rounds differently, if an array without elements lies close before another one
+    # arrays that the law does not use are replaced by memory that nothing overlaps. Compiled code checks for overlaps,
+    # and takes another path, which rounds differently, if an empty array lies just before another array
     size = blocks.size[lanes] if needs_radius(kind, viscous) else idle
     mass = blocks.mass[lanes] if needs_mass(viscous) else idle
     mode = blocks.mode[lanes]
@@ -250,7 +251,7 @@ def _responded(kind, coulomb, dim, viscous, rate, rescaled, wall, q, blocks, b, 
         touches = overlap > edge
         overlap = overlap if touches else edge
         before = mode[l]
-        # what the step since the last evaluation does to the slip; see `forces.sweep`
+        # slip increment of the step since the last evaluation; see `forces.sweep_contacts`
         dx, dy, dz = dt * scratch[MOTION + l], dt * scratch[MOTION + 64 + l], dt * scratch[MOTION + 128 + l]
         wx, wy, wz = dt * scratch[ROLL + l], dt * scratch[ROLL + 64 + l], dt * scratch[ROLL + 128 + l]
         if dim == 2:
@@ -264,8 +265,8 @@ def _responded(kind, coulomb, dim, viscous, rate, rescaled, wall, q, blocks, b, 
         sx, sy, sz = onto_plane(nx, ny, nz, mx, my, mz, ox, oy, oz)
         if rescaled is not None:
             if rate:
-                sx, sy, sz = same_length(sx, sy, sz, ox, oy, oz)
-            fade, sx, sy, sz = faded(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz)
+                sx, sy, sz = scale_to_length(sx, sy, sz, ox, oy, oz)
+            fade, sx, sy, sz = rescale_slip(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz)
         dx, dy, dz = slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, wx, wy, wz)
         if rescaled is not None and not rate:
             half = 0.5 * (1.0 + fade)
@@ -277,7 +278,7 @@ def _responded(kind, coulomb, dim, viscous, rate, rescaled, wall, q, blocks, b, 
         stiffness = tangential_stiffness(kind, q, r_eff, overlap)
         vx = vy = vz = damping = 0.0
         if viscous:
-            factor = damping_of(kind, viscous, r_eff, m_eff, overlap)
+            factor = contact_damping(kind, viscous, r_eff, m_eff, overlap)
             factor = factor if touches else 0.0
             damping = factor * q[DAMPING_T]
             ax, ay, az = (
@@ -293,7 +294,7 @@ def _responded(kind, coulomb, dim, viscous, rate, rescaled, wall, q, blocks, b, 
         if viscous and rate:
             limit = q[MU] * abs(fn)
             sx, sy, sz = sx + dx, sy + dy, sz + dz
-            tx, ty, tz, sx, sy, sz, slides = in_one_go(stiffness, damping, limit, sx, sy, sz, vx, vy, vz, hold)
+            tx, ty, tz, sx, sy, sz, slides = truncate_as_lammps(stiffness, damping, limit, sx, sy, sz, vx, vy, vz, hold)
         else:
             limit = masked(kind, touches, cap(kind, q, r_eff, overlap, fn))
             slid = SLIDE if not rate and before in (SLIDE, LOOSE) else STICK
@@ -309,7 +310,7 @@ def _responded(kind, coulomb, dim, viscous, rate, rescaled, wall, q, blocks, b, 
             sx, sy, sz = (sx, sy, sz) if hold else (cx, cy, cz)
             tx, ty, tz = tangential_force(coulomb, stiffness, limit, sx, sy, sz)
             if viscous:
-                tx, ty, tz = damped(tx, ty, tz, damping, limit, vx, vy, vz)
+                tx, ty, tz = with_tangential_dashpot(tx, ty, tz, damping, limit, vx, vy, vz)
         here = 1.0 if touches else 0.0
         slip[l], slip[64 + l] = here * sx, here * sy
         if dim == 3:
@@ -328,9 +329,9 @@ def _responded(kind, coulomb, dim, viscous, rate, rescaled, wall, q, blocks, b, 
             scratch[128 + l] = scratch[192 + l] = scratch[256 + l] = 0.0
 
 
-@njit(fastmath=True, **BARE)
+@njit(fastmath=True, **KERNEL_OPTIONS)
 def _idle(kind, dim, viscous, wall, q, blocks, b, scratch):
-    """True if no contact of a block touches or has touched before; may be false where one nearly does."""
+    """Return True if no contact of a block touches or has touched before. May be False if one nearly touches."""
     lanes = slice(LANES * b, LANES * b + LANES)
     size = blocks.size[lanes] if needs_radius(kind, viscous) else blocks.load[np.uint64(0)]
     mode, vector = blocks.mode[lanes], blocks.vector[blocks.at[b] :]
@@ -343,30 +344,30 @@ def _idle(kind, dim, viscous, wall, q, blocks, b, scratch):
             square, ranged = square * abs(square), ranged * abs(ranged)
         else:
             square, ranged = rx * rx + ry * ry + rz * rz, ranged * ranged
-        least = min(least, square - _NEARLY * ranged)
+        least = min(least, square - _SQUARE_MARGIN * ranged)
         held |= mode[l]
     return least > 0.0 and held == 0
 
 
-@njit(fastmath=True, **BARE)
-def evaluated(
+@njit(fastmath=True, **KERNEL_OPTIONS)
+def evaluate_blocks(
     kind, coulomb, dim, viscous, rate, rescaled, first, last, crossing, begin, end, blocks, body, ahead, p, dt, hold,
     flow, scratch,
 ):  # fmt: skip
-    """Loads and memory of a stretch of blocks; compiled into its callers.
+    """Evaluate loads and memory of a range of blocks; inlined into its callers.
 
-    Meanwhile memory is asked for: if the blocks are `crossing`, their bodies lie anywhere and are asked for a block
-    before; else it is that of bodies from `begin` to before `end`, which come next.
+    Data are prefetched meanwhile. If the blocks are `crossing`, their bodies may be anywhere and are prefetched one
+    block ahead. Otherwise bodies in the range `begin` to `end`, which come next, are prefetched.
     """
     load, predict = blocks.load, viscous > 0 and not rate
     each = (end - begin) // max(last - first, 1) + 1
     for b in range(first, last):
         if crossing:
-            _pairs_soon(blocks, body, min(b + 1, last - 1))
+            _prefetch_pairs(blocks, body, min(b + 1, last - 1))
         else:
-            _bodies_soon(body, min(begin, end), min(begin + each, end))
+            _prefetch_bodies(body, min(begin, end), min(begin + each, end))
             begin += each
-        _apart(dim, flow, blocks, body, b, scratch)
+        _gather_pair_vectors(dim, flow, blocks, body, b, scratch)
         place, q = blocks.place[b], row(kind, p, blocks.material[b, 0], blocks.material[b, 1])
         if _idle(kind, dim, viscous, blocks.wall[b], q, blocks, b, scratch):
             for s in range(np.uint64(place), np.uint64(place + LANES)):
@@ -376,18 +377,18 @@ def evaluated(
                     for m in range(np.uint64(3)):
                         blocks.pair[s, m] = 0.0
             continue
-        gathered_motion(
+        gather_motion(
             np.int64(dim), np.int64(predict), np.int64(b * LANES), blocks.i, blocks.j, body, ahead, scratch
         )  # fmt: skip
         if flow is not None:
-            _flowed(dim, predict, flow, scratch)
+            _add_flow(dim, predict, flow, scratch)
             for lane in range(LANES):
                 l, s = np.uint64(lane), np.uint64(place + lane)
                 blocks.pair[s, 0], blocks.pair[s, 1], blocks.pair[s, 2] = (
                     scratch[PAIR + l], scratch[PAIR + 64 + l], scratch[PAIR + 128 + l],
                 )  # fmt: skip
         if blocks.wall[b]:
-            _responded(kind, coulomb, dim, viscous, rate, rescaled, True, q, blocks, b, dt, hold, scratch)
+            _evaluate_block(kind, coulomb, dim, viscous, rate, rescaled, True, q, blocks, b, dt, hold, scratch)
         else:
-            _responded(kind, coulomb, dim, viscous, rate, rescaled, False, q, blocks, b, dt, hold, scratch)
-        scattered(np.int64(place), scratch, load)
+            _evaluate_block(kind, coulomb, dim, viscous, rate, rescaled, False, q, blocks, b, dt, hold, scratch)
+        scatter_loads(np.int64(place), scratch, load)

@@ -1,4 +1,4 @@
-"""Bodies between arrays of the state and lanes of the blocks; displacement limits of the neighbour list."""
+"""Copies of bodies between arrays of the state and rows in memory order; displacement limits of the blocks."""
 
 import numpy as np
 from numba import njit
@@ -8,7 +8,7 @@ from .transpose import KICK, KICK_T, RADIUS, SPIN, SPIN_AHEAD, VELOCITY, VELOCIT
 
 @njit(cache=True, fastmath=False, _nrt=False)
 def speeds(moving):
-    """Largest speed of a body, and the root of the mean square of all [length/time]."""
+    """Largest and root-mean-square speed of the bodies [length/time]."""
     most, total = 0.0, 0.0
     for g in range(len(moving.order)):
         square = 0.0
@@ -19,8 +19,8 @@ def speeds(moving):
 
 
 @njit(cache=True, fastmath=False, _nrt=False)
-def roam(moving, base, span, least, most, out):
-    """How far each body may go until blocks are chosen again: `base` and its way in the time `span`, within bounds."""
+def displacement_limits(moving, base, span, least, most, out):
+    """Displacement limit of each body until blocks are chosen again: `base` + `span` times its speed, within bounds."""
     for g in range(len(moving.order)):
         square = 0.0
         for k in range(3):
@@ -29,10 +29,10 @@ def roam(moving, base, span, least, most, out):
 
 
 @njit(cache=True, fastmath=False, _nrt=False)
-def kept_within(moving, origin, most, room):
-    """Shorten `room` so that no body ends up further than `most` from where it was, in the state's order.
+def limit_displacements(moving, origin, most, room):
+    """Reduce `room` so that no body moves further than `most` from its `origin`, which is in the state's order.
 
-    False if that takes more than half of what some body wants, or if it is not known where it was.
+    Returns False if this takes more than half of the limit of some body, or if an origin is not known.
     """
     for g in range(len(moving.order)):
         square = 0.0
@@ -47,8 +47,8 @@ def kept_within(moving, origin, most, room):
 
 
 @njit(cache=True, fastmath=False, _nrt=False)
-def brought(order, here, kick, kick_t, body, ahead):
-    """Write all bodies, given in the state's order, to rows of `body`, and to those of `ahead` if there are any."""
+def gather_bodies(order, here, kick, kick_t, body, ahead):
+    """Copy all bodies from the state's order to rows of `body`, and of `ahead` if it has any."""
     for g in range(len(order)):
         a = np.uint64(order[g])
         for k in range(3):
@@ -62,8 +62,8 @@ def brought(order, here, kick, kick_t, body, ahead):
 
 
 @njit(cache=True, fastmath=False, _nrt=False)
-def exported(moving, out):
-    """Positions, angles, velocities, spins in the state's order; the body of every moving thing is left alone."""
+def scatter_bodies(moving, out):
+    """Copy positions, angles, velocities and spins back to arrays in the state's order."""
     for g in range(len(moving.order)):
         a = moving.order[g]
         for k in range(3):

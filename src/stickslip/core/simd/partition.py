@@ -1,4 +1,4 @@
-"""Which pairs go into which blocks, and where grains lie in memory: see `blocks`."""
+"""Assignment of pairs to blocks, and of grains to tiles and threads: see `blocks`."""
 
 from functools import cache
 
@@ -7,22 +7,21 @@ from numba import njit, prange
 
 from ..contacts.mechanics import effective_mass, effective_radius, needs_mass
 from ..state import OPEN, SLIDE, STICK
-from .blocks import LOOSE, STUCK_AGAIN, Blocks, committed
-from .reduce import AHEAD, IS_FIRST, IS_I, ROW, WIDTH
-from .transpose import LANES, RADIUS, aligned
+from .blocks import LOOSE, STUCK_AGAIN, Blocks, commit
+from .reduce import IS_FIRST, IS_I, PREFETCH_DISTANCE, ROW, WIDTH
+from .transpose import LANES, RADIUS, empty_aligned
 
-# what is known of a pair picked: its row in the list, its bodies in memory, its bucket times _BUCKET, plus _FAR if its
-# block needs vectors, plus its mode in a block, and its class: 0 if it touches, else by how far apart it is
-_ROW, _I, _J, _WHAT, _CLASS, _COLUMNS = range(6)
+# columns of a picked pair: its row in the list; its bodies in the order of memory; its bucket times _BUCKET, plus _FAR
+# if its block needs vectors, plus its mode in a block; its class: 0 if it touches, else by distance
+_ROW, _I, _J, _BUCKET_AND_MODE, _CLASS, _COLUMNS = range(6)
 _FAR, _BUCKET = 8, 16
 _CLASSES = 8
 
 
-def layered(x, rows, parts):
-    """Some columns of points (3, n) cut into parts of neighbours, all of a size: layers, columns of these, and so on.
+def split_layers(x, rows, parts):
+    """Split some of the points x (3, n) into parts of equal size, each of neighbours: layers, rows of these, and so on.
 
-    Parts come layer after layer along the longest side, so that few pairs at a time reach from parts that have been to
-    parts that are still to come.
+    Parts are ordered by layers along the longest side, so that at any time few pairs connect earlier with later parts.
     """
     if parts == 1 or not len(rows):
         return [rows] * parts
@@ -33,14 +32,14 @@ def layered(x, rows, parts):
     bound = parts * np.arange(layers + 1) // layers
     cut = len(rows) * bound // parts
     rows = rows[np.argpartition(along[rows], cut[1:-1])]
-    layer = [layered(x, rows[cut[k] : cut[k + 1]], bound[k + 1] - bound[k]) for k in range(layers)]
+    layer = [split_layers(x, rows[cut[k] : cut[k + 1]], bound[k + 1] - bound[k]) for k in range(layers)]
     return [part for parts in layer for part in parts]
 
 
-def shared_out(share, spent):
-    """Bounds of the tiles of each thread, so that all take as long, from what each `spent` on those that it had.
+def balance_threads(share, spent):
+    """Bounds of the tiles of each thread that equalise its time, from the time each `spent` on its previous tiles.
 
-    Cores are not alike: some are made slower, and others are at work for somebody else, too.
+    Cores differ: some are slower by design, and others are shared with other processes.
     """
     if not (spent > 0).all():
         return share
@@ -51,8 +50,8 @@ def shared_out(share, spent):
 
 
 @njit(cache=True)
-def morton(x, size):
-    """(n,) places of points (3, n) along a space-filling curve through cells of `size`; no coordinate is negative."""
+def morton_keys(x, size):
+    """Morton keys (n,) of points (3, n) in cells of `size`; coordinates must not be negative."""
     key = np.zeros(x.shape[1], np.int64)
     for k in range(3):
         for a in range(len(key)):
@@ -63,14 +62,14 @@ def morton(x, size):
 
 
 @njit(cache=True)
-def _room(old, need):
-    """The old array if it is long enough: fresh memory costs more than what is written to it."""
+def _grow(old, need):
+    """Return the old array if it is long enough, else a new one. New memory costs more than writing to it."""
     return old if len(old) >= need else np.empty(need + need // 8, old.dtype)
 
 
 @njit(cache=True)
 def _first_rows(contacts, bodies):
-    """(B + 1,) first row of each body in the list, which is sorted by the first body of each pair."""
+    """First row of each body, (B + 1,), in the list, which is sorted by the first body of each pair."""
     first = np.zeros(bodies + 1, np.int32)
     for c in range(np.uint64(contacts.count[0])):
         first[np.uint64(contacts.i[c]) + np.uint64(1)] += 1
@@ -80,29 +79,29 @@ def _first_rows(contacts, bodies):
 
 
 @njit(error_model="numpy", forceinline=True)
-def _class(mode, left, most):
-    """Class of a pair: 0 if it touches, else the higher, the further apart; `left` is what is left of room `most`."""
+def _distance_class(mode, left, most):
+    """Class of a pair: 0 if it touches, else increasing with distance; `left` is the remaining part of `most`."""
     if mode != OPEN:
         return 0
-    # bounded as a float: without a skin, the room is zero and the quotient infinite
+    # bounded as a float, because without a skin `most` is zero and the quotient infinite
     return _CLASSES - 1 - np.int64(min((_CLASSES - 1) * max(left, 0.0) / most, _CLASSES - 2.0))
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)
-def _chosen(
+def _pick_pairs(
     begin, end, contacts, moving, first, internal, tile_of, worker, normal, vectors, room, gap, materials, material,
     picked, start, held,
 ):  # fmt: skip
-    """All pairs that touch or may soon touch, in the order of their first bodies in memory, `begin` to before `end`.
+    """Pick all pairs that touch or may soon touch, in the order of their first bodies in memory, `begin` to `end`.
 
-    Returns how many there are. A row of `picked` says all that blocks must know of a pair besides its slip, so that the
-    list is gone through once only. Counts pairs of each body in `start` and of each bucket in `held`: those that reach
-    from a tile to later ones of the same thread, those between threads and within the last tile, then those within each
-    other tile, each class of materials for itself.
+    Returns their number. A row of `picked` holds all data of a pair that blocks need except its slip, so that the list
+    is read only once. Counts pairs of each body in `start` and of each bucket in `held`. Buckets are pairs between a
+    tile and later ones of the same thread, pairs between threads and within the last tile, then pairs within each other
+    tile, each with separate buckets for pairs of materials.
     """
     order, body, image, mode, last = moving.order, moving.body, contacts.image, contacts.mode, len(moving.tile) - 1
     number, n = np.uint64(0), np.uint64(len(order) - len(normal))
-    for g in range(np.uint64(begin), np.uint64(end)):  # unsigned, so that no index is checked for being negative
+    for g in range(np.uint64(begin), np.uint64(end)):  # unsigned, so that indices are not checked for negative values
         a = np.uint64(order[g])
         for c in range(np.uint64(first[a]), np.uint64(first[a + np.uint64(1)])):
             z = np.uint64(contacts.j[c])
@@ -130,8 +129,8 @@ def _chosen(
                 now = STUCK_AGAIN if mode[c] == STICK and contacts.reached[c] else mode[c]
                 now = LOOSE if mode[c] == SLIDE and not contacts.reached[c] else now
                 picked[number, _ROW], picked[number, _I], picked[number, _J] = c, g, h
-                picked[number, _WHAT] = bucket * _BUCKET + (_FAR if moved or z >= n else 0) + now
-                picked[number, _CLASS] = _class(now, near * near - square, near * near - touch * touch)
+                picked[number, _BUCKET_AND_MODE] = bucket * _BUCKET + (_FAR if moved or z >= n else 0) + now
+                picked[number, _CLASS] = _distance_class(now, near * near - square, near * near - touch * touch)
                 held[np.uint64(bucket)] += 1
                 start[h + np.uint64(2)] += 1
                 start[g + np.uint64(2)] += 1
@@ -140,11 +139,11 @@ def _chosen(
 
 
 @njit(cache=True)
-def _rows_of_loads(place, bound, top, share, tile_of, i, j, row):
-    """Set the first row of every block's loads. Returns the number of rows.
+def _assign_load_rows(place, bound, top, share, tile_of, i, j, row):
+    """Assign the first row of loads to every block. Returns the number of rows.
 
-    Blocks between threads have rows of their own. Tiles of a thread share those of pairs within a tile; those of pairs
-    between tiles are given to another block as soon as the last of its tiles has added them up.
+    Blocks between threads have separate rows. Tiles of a thread share rows for pairs within a tile. Rows for pairs
+    between tiles are reused by another block as soon as the last of the tiles has summed them.
     """
     rows, following, due = 0, np.empty(bound[top], np.int32), np.full(top, -1, np.int32)
     for b in range(bound[top - 1], bound[top]):
@@ -180,8 +179,8 @@ def _rows_of_loads(place, bound, top, share, tile_of, i, j, row):
 
 
 @njit(cache=True, _nrt=False)
-def _pad(from_slot, to_slot, bodies, i, j, row, wall, at, size, mass, slip, mode):
-    """Fill lanes of a block without a contact with a pair of a body with itself; what keeps it apart is its vector."""
+def _pad_blocks(from_slot, to_slot, bodies, i, j, row, wall, at, size, mass, slip, mode):
+    """Fill unused lanes of a block with a pair of a body with itself, which its vector keeps apart."""
     b = from_slot // LANES
     if to_slot > from_slot:
         at[b] = 0
@@ -198,8 +197,8 @@ def _pad(from_slot, to_slot, bodies, i, j, row, wall, at, size, mass, slip, mode
 
 
 @njit(cache=True, _nrt=False)
-def _numbered(at):
-    """Turn marks into where the vectors of the blocks marked begin; returns where they end."""
+def _place_vectors(at):
+    """Replace marks of blocks by the start of their vectors, and return the end of the last one."""
     end = 0
     for b in range(len(at)):
         if at[b] >= 0:
@@ -209,8 +208,8 @@ def _numbered(at):
 
 
 @njit(cache=True, _nrt=False)
-def _pointed(contacts, row, wall, at, normal, across, bodies, far, vector):
-    """Write the vectors of all blocks that have them; `far` keeps a body from touching itself."""
+def _write_vectors(contacts, row, wall, at, normal, across, bodies, far, vector):
+    """Write the vectors of all blocks that have them; `far` prevents a body from touching itself."""
     n, image = bodies - len(normal), contacts.image
     for b in range(len(at)):
         if at[b] < 0:
@@ -230,10 +229,10 @@ def _pointed(contacts, row, wall, at, normal, across, bodies, far, vector):
 
 
 @njit(cache=True, _nrt=False)
-def _order_of_summation(contacts, slot, place, internal, start, code, nothing):
-    """From counts in `start` to the loads that each body adds up, in the order of partners, as the list is sorted.
+def _write_summation_order(contacts, slot, place, internal, start, code, nothing):
+    """Convert counts in `start` to the loads that each body sums, in the order of partners.
 
-    A body without any gets the row `nothing`, so that it has a first one, too.
+    A body without loads gets the row `nothing`, so that it also has a first row.
     """
     one, lanes = np.uint64(1), np.uint64(LANES)
     for a in range(len(internal)):
@@ -257,17 +256,17 @@ def _order_of_summation(contacts, slot, place, internal, start, code, nothing):
 
 @njit(cache=True, _nrt=False)
 def _rank(picked, p, tile_of, crossing):
-    """Rank by the last tile that a pair reaches, if it is one between tiles of a thread; then by its class."""
+    """Rank of a pair by its last tile, if it is between tiles of a thread, then by its class."""
     g, h = np.uint64(picked[p, _I]), np.uint64(picked[p, _J])
-    last = max(tile_of[g], tile_of[h]) if picked[p, _WHAT] < crossing * _BUCKET else 0
+    last = max(tile_of[g], tile_of[h]) if picked[p, _BUCKET_AND_MODE] < crossing * _BUCKET else 0
     return np.uint64(_CLASSES * last + picked[p, _CLASS])
 
 
 @njit(cache=True)
-def _in_turn(picked, tile_of, tiles, crossing):
-    """Pairs between tiles of a thread by the last that they reach, after all others; those of a tile by their class.
+def _sort_picked(picked, tile_of, tiles, crossing):
+    """Sort pairs between tiles of a thread by their last tile, after all others, and pairs of a tile by their class.
 
-    `crossing`: the number of buckets of such pairs.
+    `crossing` is the number of buckets of pairs between tiles.
     """
     first, turn = np.zeros(_CLASSES * tiles + 1, np.int64), np.empty(len(picked), np.int32)
     for p in range(np.uint64(len(picked))):
@@ -282,13 +281,13 @@ def _in_turn(picked, tile_of, tiles, crossing):
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)
-def _filled(picked, turn, filled, contacts, order, materials, material, radius, inverse_mass, parts, slot):
-    """Write the pairs that were picked into the lanes of their buckets' blocks; mark the blocks that need vectors."""
+def _fill_blocks(picked, turn, filled, contacts, order, materials, material, radius, inverse_mass, parts, slot):
+    """Write the picked pairs to the lanes of their buckets' blocks, and mark blocks that need vectors."""
     i, j, row, size, mass, slip, mode, pair, wall, at = parts
     lanes = np.uint64(LANES)
-    for k in range(np.uint64(len(turn))):  # unsigned, see `_chosen`
+    for k in range(np.uint64(len(turn))):  # unsigned, see `_pick_pairs`
         p = np.uint64(turn[k])
-        c, what = np.uint64(picked[p, _ROW]), picked[p, _WHAT]
+        c, what = np.uint64(picked[p, _ROW]), picked[p, _BUCKET_AND_MODE]
         g, h, within = np.uint64(picked[p, _I]), np.uint64(picked[p, _J]), np.uint64(what // _BUCKET)
         is_wall = within & np.uint64(1) == np.uint64(1)
         s = np.uint64(filled[within])
@@ -308,8 +307,8 @@ def _filled(picked, turn, filled, contacts, order, materials, material, radius, 
 
 
 @njit(cache=True)
-def _prepared(contacts, moving, workers, materials):
-    """Where bodies are in memory, in which tile and whose; room for what each thread picks, from a row of its own."""
+def _prepare(contacts, moving, workers, materials):
+    """Prepare places, tiles and threads of bodies, and a separate range of rows for the pairs picked by each thread."""
     order, tile, share, bodies = moving.order, moving.tile, moving.share, len(moving.order)
     internal, tile_of = np.empty(bodies, np.int32), np.empty(bodies, np.int32)
     for g in range(bodies):
@@ -331,10 +330,10 @@ def _prepared(contacts, moving, workers, materials):
 
 
 @njit(cache=True)
-def _laid_out(old, contacts, moving, start, held, materials, by_size, viscous):
-    """Room for all blocks, in the memory of `old` ones if it is enough; where each thread begins to fill each bucket.
+def _lay_out(old, contacts, moving, start, held, materials, by_size, viscous):
+    """Allocate all blocks, in the memory of `old` if it is large enough, and find the slots of each thread and bucket.
 
-    What each body has is summed up in the first row of `start`.
+    The counts of each body are summed over threads in the first row of `start`.
     """
     workers, buckets, top = len(held), held.shape[1], len(moving.tile)
     classes, first, filled = buckets // (2 * top), np.zeros(buckets + 1, np.int64), np.empty_like(held)
@@ -349,39 +348,39 @@ def _laid_out(old, contacts, moving, start, held, materials, by_size, viscous):
             start[0, a] += start[w, a]
     blocks, bound = first[-1], first[::classes].copy()
     slots = blocks * LANES
-    i, j, row = _room(old.i, slots), _room(old.j, slots), _room(old.row, slots)
-    size, mass = _room(old.size, slots if by_size else 0), _room(old.mass, slots if needs_mass(viscous) else 0)
-    slip, mode, place = _room(old.slip, 3 * slots), _room(old.mode, slots), _room(old.place, blocks)
+    i, j, row = _grow(old.i, slots), _grow(old.j, slots), _grow(old.row, slots)
+    size, mass = _grow(old.size, slots if by_size else 0), _grow(old.mass, slots if needs_mass(viscous) else 0)
+    slip, mode, place = _grow(old.slip, 3 * slots), _grow(old.mode, slots), _grow(old.place, blocks)
     pair, wall, at = np.zeros((blocks, 2), np.int64), np.zeros(blocks, np.bool_), np.full(blocks, -1, np.int32)
     slot = np.full(contacts.count[0], -1, np.int32)
     return first, bound, filled, place, slot, (i, j, row, size, mass, slip, mode, pair, wall, at)
 
 
 @njit(cache=True)
-def _joined(
+def _assemble_blocks(
     old, contacts, moving, normal, across, room, gap, first, bound, filled, place, slot, parts, internal, tile_of, start
 ):  # fmt: skip
-    """The blocks, once pairs are in them: lanes without any, vectors, rows of loads and the order of summation."""
+    """Complete filled blocks by padding, vectors, rows of loads and the order of summation."""
     i, j, row, size, mass, slip, mode, pair, wall, at = parts
     bodies, top, far = len(internal), len(moving.tile), 1.0 + gap
     for g in range(bodies):
         far = max(far, 4.0 * moving.body[g, RADIUS] + 1.0 + gap + 2.0 * room[g])
     for k in range(len(first) - 1):
-        _pad(filled[-1, k], first[k + 1] * LANES, bodies, i, j, row, wall, at, size, mass, slip, mode)
-    most = _rows_of_loads(place, bound, top, moving.share, tile_of, i, j, row)
-    vector = _room(old.vector, _numbered(at))
-    _pointed(contacts, row, wall, at, normal, across, bodies, far, vector)
+        _pad_blocks(filled[-1, k], first[k + 1] * LANES, bodies, i, j, row, wall, at, size, mass, slip, mode)
+    most = _assign_load_rows(place, bound, top, moving.share, tile_of, i, j, row)
+    vector = _grow(old.vector, _place_vectors(at))
+    _write_vectors(contacts, row, wall, at, normal, across, bodies, far, vector)
     load, pairs = old.load, old.pair
     if len(load) <= most:
         rows = most + most // 8 + 1
-        load, pairs = aligned(rows, WIDTH), np.empty((rows if len(moving.virial) > 0 else 0, 3))
+        load, pairs = empty_aligned(rows, WIDTH), np.empty((rows if len(moving.virial) > 0 else 0, 3))
     for k in range(WIDTH):
         load[most, k] = 0.0
     active, start = 0, start[0]
     for a in range(bodies):
         active += max(start[a + 2], 1)
-    code = _room(old.code, active + AHEAD)
-    _order_of_summation(contacts, slot, place, internal, start, code, most)
+    code = _grow(old.code, active + PREFETCH_DISTANCE)
+    _write_summation_order(contacts, slot, place, internal, start, code, most)
     return Blocks(
         i, j, row, pair, wall, at, vector, size, mass, slip, mode, place, bound[: top + 1].copy(),
         bound[top:].copy(), load, pairs, start[: bodies + 1].copy(), code,
@@ -389,45 +388,45 @@ def _joined(
 
 
 @cache
-def chooser(parallel: bool):
-    """Compiled choice of blocks, on one thread or several; no bit depends on how many."""
+def block_chooser(parallel: bool):
+    """Compiled choice of blocks, on one thread or several. Results are bitwise independent of their number."""
 
     @njit(cache=True, error_model="numpy", parallel=parallel)
-    def chosen_blocks(
+    def choose_blocks(
         old, contacts, moving, inverse_mass, material, normal, vectors, across, room, gap, materials, by_size, viscous
     ):  # fmt: skip
-        """Blocks of all pairs that may touch before their bodies have gone as far as they may, in the memory of `old`
-        ones, which are written back to the list first.
+        """Choose blocks of all pairs that may touch within the displacement limits, in the memory of `old` blocks.
 
-        The tiles of a thread share rows of loads, which stay in its cache. `across` turns an image into what is added
-        to the pair vector: the cell's vectors, or the unit matrix with a frame, which knows the vectors of the moment.
+        The old blocks are first written back to the list. The tiles of a thread share rows of loads, which stay in its
+        cache. `across` maps an image to the shift of the pair vector: the cell's vectors, or the unit matrix with a
+        frame, which has the current vectors.
         """
-        # whether this is parallel must stand in its body: what is kept compiled is known by that alone
+        # the body must depend on `parallel`, because the cache of compiled code is keyed by it alone
         workers, crossing = len(moving.share) - 1 if parallel else 1, len(moving.tile) - 1
         for k in prange(workers):
-            committed(old, contacts, k, workers)
-        internal, tile_of, worker, own, first, begin, picked, start, held = _prepared(
+            commit(old, contacts, k, workers)
+        internal, tile_of, worker, own, first, begin, picked, start, held = _prepare(
             contacts, moving, workers, materials
         )
         number = np.empty(workers, np.int64)
         for k in prange(workers):
-            number[k] = _chosen(
+            number[k] = _pick_pairs(
                 own[k, 0], own[k, 1], contacts, moving, first, internal, tile_of, worker, normal, vectors, room, gap,
                 materials, material, picked[begin[k] :], start[k], held[k],
             )  # fmt: skip
-        first_block, bound, filled, place, slot, parts = _laid_out(
+        first_block, bound, filled, place, slot, parts = _lay_out(
             old, contacts, moving, start, held, materials, by_size, viscous
         )
         buckets = crossing * (held.shape[1] // (2 * (crossing + 1)))
         for k in prange(workers):
             own_picked = picked[begin[k] : begin[k] + number[k]]
-            _filled(
-                own_picked, _in_turn(own_picked, tile_of, crossing + 1, buckets), filled[k], contacts, moving.order,
+            _fill_blocks(
+                own_picked, _sort_picked(own_picked, tile_of, crossing + 1, buckets), filled[k], contacts, moving.order,
                 materials, material, moving.body[:, RADIUS], inverse_mass, parts, slot,
             )  # fmt: skip
-        return _joined(
+        return _assemble_blocks(
             old, contacts, moving, normal, across, room, gap, first_block, bound, filled, place, slot, parts, internal,
             tile_of, start,
         )  # fmt: skip
 
-    return chosen_blocks
+    return choose_blocks

@@ -1,98 +1,98 @@
-"""Sums of contacts' loads for each body, in vectors of eight numbers: what the compiler does not find by itself."""
+"""Sums of the loads of contacts on each body, in vectors of eight numbers, which compilers do not generate."""
 
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-WIDTH = 8  # numbers in a row of loads: three of a force, three of a torque, two that stay zero
-# a row of loads that a body adds up is written as ROW times its number, plus: the body is i of that pair, so that the
-# force is not turned round; it is the body's first row
-IS_FIRST, IS_I, ROW = 1, 2, 64  # 64 bytes: the code is where the row lies
+WIDTH = 8  # numbers in a row of loads: three of a force, three of a torque, two zeros
+# the code of a row of loads that a body adds up is ROW times its number, plus flags. IS_I: the body is i of that pair,
+# so that the force keeps its sign; IS_FIRST: this is the first row of the body
+IS_FIRST, IS_I, ROW = 1, 2, 64  # a row has 64 bytes, so that the code without flags is its offset
 
-AHEAD = 16  # rows that are asked for before they are added
+PREFETCH_DISTANCE = 16  # rows
 
-_WHOLE, _BYTE, _MARK = ir.IntType(64), ir.IntType(8), ir.IntType(32)
-_NUMBERS, _BITS = ir.VectorType(ir.DoubleType(), WIDTH), ir.VectorType(_WHOLE, WIDTH)
-_SIGNS = [[-1.0] * 3 + [1.0] * 5, [1.0] * 8]  # of a row where the body is j, and where it is i
+_INT64, _INT8, _INT32 = ir.IntType(64), ir.IntType(8), ir.IntType(32)
+_DOUBLES, _INTEGERS = ir.VectorType(ir.DoubleType(), WIDTH), ir.VectorType(_INT64, WIDTH)
+_SIGNS = [[-1.0] * 3 + [1.0] * 5, [1.0] * 8]  # of a row if the body is j, and if it is i
 
 
-def _table(module, name, rows, kind):
-    """A constant with four vectors, one for each pair of marks in a code."""
+def _constant_table(module, name, rows, kind):
+    """Constant with four vectors, one for each combination of flags in a code."""
     whole = ir.ArrayType(kind, len(rows))
     made = ir.GlobalVariable(module, whole, module.get_unique_name(name))
     made.initializer, made.global_constant, made.linkage, made.align = ir.Constant(whole, rows), True, "internal", 64
     return made
 
 
-def _vector(builder, data, at, kind=_NUMBERS):
-    """Pointer to a vector so many bytes from a pointer."""
-    first = builder.bitcast(data, _BYTE.as_pointer())
+def _vector_pointer(builder, data, at, kind=_DOUBLES):
+    """Pointer to a vector at a byte offset from a pointer."""
+    first = builder.bitcast(data, _INT8.as_pointer())
     return builder.bitcast(builder.gep(first, [at]), kind.as_pointer())
 
 
-def asked(builder, pointer, write=False):
-    """Have a line of memory brought near before it is read or written; what lies far off is waited for less, then."""
-    near = _BYTE.as_pointer()
+def prefetch(builder, pointer, write=False):
+    """Prefetch a cache line before it is read or written, to hide the latency of distant memory."""
+    near = _INT8.as_pointer()
     fetch = cgutils.get_or_insert_function(
-        builder.module, ir.FunctionType(ir.VoidType(), [near] + [_MARK] * 3), "llvm.prefetch.p0i8"
+        builder.module, ir.FunctionType(ir.VoidType(), [near] + [_INT32] * 3), "llvm.prefetch.p0i8"
     )
-    builder.call(fetch, [builder.bitcast(pointer, near), _MARK(int(write)), _MARK(3), _MARK(1)])  # to keep, data
+    builder.call(fetch, [builder.bitcast(pointer, near), _INT32(int(write)), _INT32(3), _INT32(1)])  # keep, data
 
 
 class _Stream:
-    """Sums of a stretch of bodies, one entry of `code` after another."""
+    """Sums for a range of bodies, one entry of `code` after another."""
 
     def __init__(self, builder, tables, pointers, first, origin):
         self.signs, self.kept = tables
         self.code, self.load, self.external, self.total = pointers
-        self.origin = origin  # where the row of the first of all bodies lies, in bytes, as of all that follows
-        before = builder.sub(builder.mul(first, _WHOLE(ROW)), _WHOLE(ROW))
+        self.origin = origin  # byte offset of the row of the first body; all offsets are in bytes
+        before = builder.sub(builder.mul(first, _INT64(ROW)), _INT64(ROW))
         self.body = cgutils.alloca_once_value(builder, before)
-        self.sums = cgutils.alloca_once_value(builder, ir.Constant(_NUMBERS, [0.0] * WIDTH))
+        self.sums = cgutils.alloca_once_value(builder, ir.Constant(_DOUBLES, [0.0] * WIDTH))
 
     def _row(self, builder, word):
         """Pointer to the row of loads of an entry."""
-        return _vector(builder, self.load, builder.and_(word, _WHOLE(-ROW)))
+        return _vector_pointer(builder, self.load, builder.and_(word, _INT64(-ROW)))
 
     def _entry(self, builder, entry):
-        return builder.zext(builder.load(builder.gep(self.code, [entry])), _WHOLE)
+        return builder.zext(builder.load(builder.gep(self.code, [entry])), _INT64)
 
     def add(self, builder, entry, loaded: bool, far: bool):
-        """Take one entry; there is no branch, as what is a body's first row cannot be foreseen."""
+        """Add one entry. There is no branch, because the first row of a body is unpredictable."""
         word = self._entry(builder, entry)
         if far:
-            asked(builder, self._row(builder, self._entry(builder, builder.add(entry, _WHOLE(AHEAD)))))
-        marks = builder.shl(builder.and_(word, _WHOLE(3)), _WHOLE(6))
-        body = builder.add(builder.load(self.body), builder.shl(builder.and_(word, _WHOLE(1)), _WHOLE(6)))
+            prefetch(builder, self._row(builder, self._entry(builder, builder.add(entry, _INT64(PREFETCH_DISTANCE)))))
+        marks = builder.shl(builder.and_(word, _INT64(3)), _INT64(6))
+        body = builder.add(builder.load(self.body), builder.shl(builder.and_(word, _INT64(1)), _INT64(6)))
         builder.store(body, self.body)
-        kept = builder.load(_vector(builder, self.kept, marks, _BITS), align=64)
-        before = builder.and_(builder.bitcast(builder.load(self.sums), _BITS), kept)
+        kept = builder.load(_vector_pointer(builder, self.kept, marks, _INTEGERS), align=64)
+        before = builder.and_(builder.bitcast(builder.load(self.sums), _INTEGERS), kept)
         if loaded:
-            begin = builder.bitcast(builder.load(_vector(builder, self.external, body), align=8), _BITS)
+            begin = builder.bitcast(builder.load(_vector_pointer(builder, self.external, body), align=8), _INTEGERS)
             before = builder.or_(before, builder.and_(begin, builder.not_(kept)))
         row = builder.load(self._row(builder, word), align=8)
-        signs = builder.load(_vector(builder, self.signs, marks), align=64)
-        # times one or minus one: exact, fused with the sum or not
+        signs = builder.load(_vector_pointer(builder, self.signs, marks), align=64)
+        # times one or minus one is exact, whether fused with the sum or not
         fused = cgutils.get_or_insert_function(
-            builder.module, ir.FunctionType(_NUMBERS, [_NUMBERS] * 3), f"llvm.fmuladd.v{WIDTH}f64"
+            builder.module, ir.FunctionType(_DOUBLES, [_DOUBLES] * 3), f"llvm.fmuladd.v{WIDTH}f64"
         )
-        now = builder.call(fused, [row, signs, builder.bitcast(before, _NUMBERS)])
+        now = builder.call(fused, [row, signs, builder.bitcast(before, _DOUBLES)])
         builder.store(now, self.sums)
-        builder.store(now, _vector(builder, self.total, builder.sub(body, self.origin)), align=8)
+        builder.store(now, _vector_pointer(builder, self.total, builder.sub(body, self.origin)), align=8)
 
 
 @intrinsic
-def summed_rows(typingctx, code, start, first, last, far, load, external, total):
-    """Add up rows for each body from `first` to before `last`: `total` gets one row a body.
+def sum_rows(typingctx, code, start, first, last, far, load, external, total):
+    """Sum rows for each body from `first` to before `last`, and write one row per body to `total`.
 
-    A sum begins with the body's row of `external`; with one row only, with zero. Sums are sequential, in the order of
-    `code`. Two halves of the bodies are gone through side by side, as one sum waits for the one before.
+    A sum starts with the body's row of `external`, or with zero if that has only one row. Sums are sequential, in the
+    order of `code`. The two halves of the bodies are interleaved, because each addition waits for the previous one.
 
     Parameters
     ----------
-    code : (…,) uint32, AHEAD more than there are; start : (B + 1,) uint32, bounds of each body's part of `code`
-    first, last : int64; far : int64, 1 if rows may lie where no cache has them, so that they are asked for before
+    code : (…,) uint32, PREFETCH_DISTANCE longer than needed; start : (B + 1,) uint32, bounds of each body in `code`
+    first, last : int64; far : int64, 1 if rows may be outside the caches, so that they are prefetched
     load : (L, 8); external : (B, 8) or (1, 8) zeros; total : (…, 8), contiguous
     """
 
@@ -101,38 +101,40 @@ def summed_rows(typingctx, code, start, first, last, far, load, external, total)
         code, start, load, external, total = (array.data for array in arrays.values())
         rows = cgutils.unpack_tuple(builder, arrays[6].shape)[0]
         first, last = args[2], args[3]
-        middle = builder.ashr(builder.add(first, last), _WHOLE(1))
+        middle = builder.ashr(builder.add(first, last), _INT64(1))
         kept = [[-1] * WIDTH, [0] * WIDTH] * 2
         tables = (
-            _table(builder.module, "signs", [ir.Constant(_NUMBERS, _SIGNS[k // IS_I]) for k in range(4)], _NUMBERS),
-            _table(builder.module, "kept", [ir.Constant(_BITS, kept[k]) for k in range(4)], _BITS),
+            _constant_table(
+                builder.module, "signs", [ir.Constant(_DOUBLES, _SIGNS[k // IS_I]) for k in range(4)], _DOUBLES
+            ),
+            _constant_table(builder.module, "kept", [ir.Constant(_INTEGERS, kept[k]) for k in range(4)], _INTEGERS),
         )
-        origin = builder.mul(first, _WHOLE(ROW))
+        origin = builder.mul(first, _INT64(ROW))
 
         def bound(body):
-            return builder.zext(builder.load(builder.gep(start, [body])), _WHOLE)
+            return builder.zext(builder.load(builder.gep(start, [body])), _INT64)
 
-        def summed(loaded, far):
+        def sum_all(loaded, far):
             pointers = (code, load, external, total)
             one, two = (_Stream(builder, tables, pointers, body, origin) for body in (first, middle))
             begin, half, end = bound(first), bound(middle), bound(last)
             sizes = builder.sub(half, begin), builder.sub(end, half)
             both = builder.select(builder.icmp_signed("<", *sizes), *sizes)
-            with cgutils.for_range_slice(builder, _WHOLE(0), both, _WHOLE(1), intp=_WHOLE) as (k, _):
+            with cgutils.for_range_slice(builder, _INT64(0), both, _INT64(1), intp=_INT64) as (k, _):
                 one.add(builder, builder.add(begin, k), loaded, far)
                 two.add(builder, builder.add(half, k), loaded, far)
             for stream, own, stop in ((one, begin, half), (two, half, end)):
                 rest = builder.add(own, both)
-                with cgutils.for_range_slice(builder, rest, stop, _WHOLE(1), intp=_WHOLE) as (entry, _):
+                with cgutils.for_range_slice(builder, rest, stop, _INT64(1), intp=_INT64) as (entry, _):
                     stream.add(builder, entry, loaded, far)
 
-        cases = builder.icmp_signed(">", rows, _WHOLE(1)), builder.icmp_signed("!=", args[4], _WHOLE(0))
+        cases = builder.icmp_signed(">", rows, _INT64(1)), builder.icmp_signed("!=", args[4], _INT64(0))
         with builder.if_else(cases[0]) as loads:
             for loaded, branch in zip((True, False), loads, strict=True):
                 with branch, builder.if_else(cases[1]) as distances:
                     for far, inner in zip((True, False), distances, strict=True):
                         with inner:
-                            summed(loaded, far)
+                            sum_all(loaded, far)
         return context.get_dummy_value()
 
     return types.none(code, start, types.int64, types.int64, types.int64, load, external, total), generated

@@ -1,6 +1,6 @@
-"""Between bodies and lanes, four at a time: rows of memory turned into planes and back in vectors.
+"""Transposition between rows of bodies and planes of lanes, four at a time, with vector instructions.
 
-The compiler moves one number after another instead, which takes longer than the contact law.
+Compilers move one number after another instead, which takes longer than the contact law.
 """
 
 import numpy as np
@@ -9,124 +9,127 @@ from numba import njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from .reduce import WIDTH, asked
+from .reduce import WIDTH, prefetch
 
 LANES = 64
-# where the planes of a block's scratch begin; flat, with offsets known when compiled, so that nothing seems to overlap:
-# pair vector, relative velocity, Σ R ω, sum of radii, and with dashpots velocity and Σ R ω predicted
+# offsets of the planes in the scratch memory of a block. It is flat, with offsets known at compile time, so that the
+# compiler sees no overlaps: pair vector, relative velocity, Σ R ω, sum of radii; with dashpots predicted velocity and
+# Σ R ω
 PAIR, MOTION, ROLL, RADII, MOTION_AHEAD, ROLL_AHEAD, SCRATCH = (LANES * k for k in (0, 3, 6, 9, 10, 13, 16))
-# columns of a body, four numbers a vector: position and radius; velocity and half a time step over mass; spin and half
-# a time step over inertia. And of what is predicted of it: velocity; spin
+# columns of a body, in vectors of four numbers: position and radius; velocity and half a time step over mass; spin and
+# half a time step over inertia. Then columns of predicted values: velocity; spin
 RADIUS, VELOCITY, KICK, SPIN, KICK_T, BODY = 3, 4, 7, 8, 11, 12
 VELOCITY_AHEAD, SPIN_AHEAD, BODY_AHEAD = 0, 4, 8
 
-_WHOLE, _INDEX = ir.IntType(64), ir.IntType(32)
-_FOUR = ir.VectorType(ir.DoubleType(), 4)
+_INT64, _INT32 = ir.IntType(64), ir.IntType(32)
+_DOUBLE4 = ir.VectorType(ir.DoubleType(), 4)
 
 
-def _shuffled(builder, a, b, mask):
-    return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(_INDEX, 4), mask))
+def _shuffle(builder, a, b, mask):
+    return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(_INT32, 4), mask))
 
 
-def _turned(builder, a, b, c, d):
-    """Four rows of four numbers as four planes, or the other way round."""
-    low_ab, high_ab = _shuffled(builder, a, b, [0, 4, 2, 6]), _shuffled(builder, a, b, [1, 5, 3, 7])
-    low_cd, high_cd = _shuffled(builder, c, d, [0, 4, 2, 6]), _shuffled(builder, c, d, [1, 5, 3, 7])
+def _transpose(builder, a, b, c, d):
+    """Transpose four rows of four numbers to four planes, or back."""
+    low_ab, high_ab = _shuffle(builder, a, b, [0, 4, 2, 6]), _shuffle(builder, a, b, [1, 5, 3, 7])
+    low_cd, high_cd = _shuffle(builder, c, d, [0, 4, 2, 6]), _shuffle(builder, c, d, [1, 5, 3, 7])
     return (
-        _shuffled(builder, low_ab, low_cd, [0, 1, 4, 5]),
-        _shuffled(builder, high_ab, high_cd, [0, 1, 4, 5]),
-        _shuffled(builder, low_ab, low_cd, [2, 3, 6, 7]),
-        _shuffled(builder, high_ab, high_cd, [2, 3, 6, 7]),
+        _shuffle(builder, low_ab, low_cd, [0, 1, 4, 5]),
+        _shuffle(builder, high_ab, high_cd, [0, 1, 4, 5]),
+        _shuffle(builder, low_ab, low_cd, [2, 3, 6, 7]),
+        _shuffle(builder, high_ab, high_cd, [2, 3, 6, 7]),
     )
 
 
-def _four(builder, data, at):
+def _vector_pointer(builder, data, at):
     """Pointer to four numbers."""
-    return builder.bitcast(builder.gep(data, [at]), _FOUR.as_pointer())
+    return builder.bitcast(builder.gep(data, [at]), _DOUBLE4.as_pointer())
 
 
-def _load(builder, data, at):
-    return builder.load(_four(builder, data, at), align=8)
+def _load_vector(builder, data, at):
+    return builder.load(_vector_pointer(builder, data, at), align=8)
 
 
-def _data(context, builder, signature, args, k):
+def _data_pointer(context, builder, signature, args, k):
     return context.make_array(signature.args[k])(context, builder, args[k]).data
 
 
 @njit(cache=True)
-def aligned(rows, width):
-    """(rows, width) numbers, not set, that begin where a line of the cache does: a vector across two costs two."""
+def empty_aligned(rows, width):
+    """Uninitialised array (rows, width) aligned to cache lines. A vector across two lines costs twice as much."""
     line = 64 // 8
     flat = np.empty(rows * width + line)
     first = (line - flat.ctypes.data // 8 % line) % line
     return flat[first : first + rows * width].reshape(rows, width)
 
 
-def _line_asked(array, write):
-    """Signature and code of a wish for the line of memory with an element of a contiguous array."""
+def _prefetch_of(array, write):
+    """Signature and code of a prefetch of the cache line with an element of a contiguous array."""
 
     def generated(context, builder, signature, args):
-        asked(builder, builder.gep(_data(context, builder, signature, args, 0), [args[1]]), write)
+        prefetch(builder, builder.gep(_data_pointer(context, builder, signature, args, 0), [args[1]]), write)
         return context.get_dummy_value()
 
     return types.none(array, types.int64), generated
 
 
 @intrinsic
-def soon(typingctx, array, at):
-    """Ask for the line of memory with element `at` of a contiguous array, read soon; no bit depends on it."""
-    return _line_asked(array, False)
+def prefetch_for_read(typingctx, array, at):
+    """Prefetch the cache line with element `at` of a contiguous array for reading. Results do not depend on it."""
+    return _prefetch_of(array, False)
 
 
 @intrinsic
-def written_soon(typingctx, array, at):
-    """The same of what is written soon: other processors that have the line let go of it meanwhile."""
-    return _line_asked(array, True)
+def prefetch_for_write(typingctx, array, at):
+    """Prefetch a cache line for writing. Other processors that hold the line release it meanwhile."""
+    return _prefetch_of(array, True)
 
 
 @intrinsic
-def in_widest_vectors(typingctx):
-    """Let loops of the function that this stands in use the widest vectors that there are.
+def use_widest_vectors(typingctx):
+    """Let loops of the calling function use the widest available vectors.
 
-    The compiler prefers half of them, as if what follows were not as wide. Bits do not depend on it.
+    The compiler prefers half of that width, assuming narrower code nearby. Results do not depend on it.
     """
 
     def generated(context, builder, signature, args):
-        set.add(builder.function.attributes, '"prefer-vector-width"="512"')  # llvmlite's own `add` knows no such name
+        set.add(builder.function.attributes, '"prefer-vector-width"="512"')  # llvmlite's own `add` rejects this name
         return context.get_dummy_value()
 
     return types.none(), generated
 
 
-class _Rows:
-    """What four pairs at a time read of both bodies of each, and the planes that they write."""
+class _PairRows:
+    """Rows of both bodies of four pairs, and the planes to which their combinations are written."""
 
     def __init__(self, builder, solid, first, at, i, j, scratch):
         self.builder, self.solid, self.at, self.scratch = builder, solid, at, scratch
-        slots = [builder.add(builder.add(first, at), _WHOLE(q)) for q in range(4)]
-        self.pairs = [[builder.zext(builder.load(builder.gep(n, [s])), _WHOLE) for n in (i, j)] for s in slots]
+        slots = [builder.add(builder.add(first, at), _INT64(q)) for q in range(4)]
+        self.pairs = [[builder.zext(builder.load(builder.gep(n, [s])), _INT64) for n in (i, j)] for s in slots]
 
     def of_both(self, data, width, offset):
         """Four numbers of both bodies of each pair."""
         one = self.builder
-        starts = [[one.add(one.mul(n, _WHOLE(width)), _WHOLE(offset)) for n in pair] for pair in self.pairs]
-        return [[_load(one, data, n) for n in pair] for pair in starts]
+        starts = [[one.add(one.mul(n, _INT64(width)), _INT64(offset)) for n in pair] for pair in self.pairs]
+        return [[_load_vector(one, data, n) for n in pair] for pair in starts]
 
-    def apart(self, rows):
-        """Planes of differences."""
-        return _turned(self.builder, *(self.builder.fsub(*row) for row in rows))
+    def differences(self, rows):
+        """Planes of differences between the bodies."""
+        return _transpose(self.builder, *(self.builder.fsub(*row) for row in rows))
 
-    def together(self, levers, rows):
-        """Planes of Σ R ω."""
-        return _turned(self.builder, *(_rolled(self.builder, *both) for both in zip(levers, rows, strict=True)))
+    def rotations(self, levers, rows):
+        """Planes of R_i ω_i + R_j ω_j."""
+        return _transpose(
+            self.builder, *(_sum_rotations(self.builder, *both) for both in zip(levers, rows, strict=True))
+        )
 
     def store(self, value, plane):
         """Store one plane."""
-        to = _four(self.builder, self.scratch, self.builder.add(self.at, _WHOLE(plane)))
+        to = _vector_pointer(self.builder, self.scratch, self.builder.add(self.at, _INT64(plane)))
         self.builder.store(value, to, align=8)
 
     def write(self, planes, plane, in_plane):
-        """Store three planes, in two dimensions only those that lie in the plane."""
+        """Store three planes, in two dimensions only the components given by `in_plane`."""
         for k in in_plane:
             self.store(planes[k], plane + LANES * k)
         with self.builder.if_then(self.solid):
@@ -134,13 +137,13 @@ class _Rows:
                 self.store(planes[k], plane + LANES * k)
 
 
-def _each_four(builder):
-    return cgutils.for_range_slice(builder, _WHOLE(0), _WHOLE(LANES), _WHOLE(4), intp=_WHOLE)
+def _loop_by_four(builder):
+    return cgutils.for_range_slice(builder, _INT64(0), _INT64(LANES), _INT64(4), intp=_INT64)
 
 
 @intrinsic
-def gathered_places(typingctx, dim, first, i, j, body, scratch):
-    """Where a block's pairs see their bodies, into the planes of `scratch`: x_i − x_j and R_i + R_j.
+def gather_positions(typingctx, dim, first, i, j, body, scratch):
+    """Gather x_i − x_j and R_i + R_j of the pairs of a block into planes of `scratch`.
 
     Parameters
     ----------
@@ -149,12 +152,12 @@ def gathered_places(typingctx, dim, first, i, j, body, scratch):
     """
 
     def generated(context, builder, signature, args):
-        i, j, body, scratch = (_data(context, builder, signature, args, k) for k in range(2, 6))
-        solid = builder.icmp_signed("==", args[0], _WHOLE(3))
-        with _each_four(builder) as (at, _):
-            rows = _Rows(builder, solid, args[1], at, i, j, scratch)
-            sums = [(mine, _negative_fourth(builder, other)) for mine, other in rows.of_both(body, BODY, 0)]
-            planes = rows.apart(sums)
+        i, j, body, scratch = (_data_pointer(context, builder, signature, args, k) for k in range(2, 6))
+        solid = builder.icmp_signed("==", args[0], _INT64(3))
+        with _loop_by_four(builder) as (at, _):
+            rows = _PairRows(builder, solid, args[1], at, i, j, scratch)
+            sums = [(mine, _negate_fourth(builder, other)) for mine, other in rows.of_both(body, BODY, 0)]
+            planes = rows.differences(sums)
             rows.write(planes[:3], PAIR, (0, 1))
             rows.store(planes[RADIUS], RADII)
         return context.get_dummy_value()
@@ -163,8 +166,8 @@ def gathered_places(typingctx, dim, first, i, j, body, scratch):
 
 
 @intrinsic
-def gathered_motion(typingctx, dim, predict, first, i, j, body, ahead, scratch):
-    """What else a block's pairs see: v_i − v_j, R_i ω_i + R_j ω_j, and if `predict` the same of what is predicted.
+def gather_motion(typingctx, dim, predict, first, i, j, body, ahead, scratch):
+    """Gather v_i − v_j, R_i ω_i + R_j ω_j and, with `predict`, their predicted values into planes of `scratch`.
 
     Parameters
     ----------
@@ -173,42 +176,42 @@ def gathered_motion(typingctx, dim, predict, first, i, j, body, ahead, scratch):
     """
 
     def generated(context, builder, signature, args):
-        i, j, body, ahead, scratch = (_data(context, builder, signature, args, k) for k in range(3, 8))
-        solid = builder.icmp_signed("==", args[0], _WHOLE(3))
-        predicted = builder.icmp_signed("!=", args[1], _WHOLE(0))
-        with _each_four(builder) as (at, _):
-            rows = _Rows(builder, solid, args[2], at, i, j, scratch)
+        i, j, body, ahead, scratch = (_data_pointer(context, builder, signature, args, k) for k in range(3, 8))
+        solid = builder.icmp_signed("==", args[0], _INT64(3))
+        predicted = builder.icmp_signed("!=", args[1], _INT64(0))
+        with _loop_by_four(builder) as (at, _):
+            rows = _PairRows(builder, solid, args[2], at, i, j, scratch)
             places, spins = rows.of_both(body, BODY, 0), rows.of_both(body, BODY, SPIN)
-            levers = [[_shuffled(builder, row, row, [RADIUS] * 4) for row in pair] for pair in places]
-            rows.write(rows.apart(rows.of_both(body, BODY, VELOCITY))[:3], MOTION, (0, 1))
-            rows.write(rows.together(levers, spins)[:3], ROLL, (2,))
+            levers = [[_shuffle(builder, row, row, [RADIUS] * 4) for row in pair] for pair in places]
+            rows.write(rows.differences(rows.of_both(body, BODY, VELOCITY))[:3], MOTION, (0, 1))
+            rows.write(rows.rotations(levers, spins)[:3], ROLL, (2,))
             with builder.if_then(predicted):
-                moved = rows.apart(rows.of_both(ahead, BODY_AHEAD, VELOCITY_AHEAD))
+                moved = rows.differences(rows.of_both(ahead, BODY_AHEAD, VELOCITY_AHEAD))
                 rows.write(moved[:3], MOTION_AHEAD, (0, 1))
-                turned = rows.together(levers, rows.of_both(ahead, BODY_AHEAD, SPIN_AHEAD))
+                turned = rows.rotations(levers, rows.of_both(ahead, BODY_AHEAD, SPIN_AHEAD))
                 rows.write(turned[:3], ROLL_AHEAD, (2,))
         return context.get_dummy_value()
 
     return types.none(types.int64, types.int64, types.int64, i, j, body, ahead, scratch), generated
 
 
-def _negative_fourth(builder, row):
-    """The row with its fourth number turned round, so that a difference is a sum there."""
-    bits = ir.VectorType(_WHOLE, 4)
+def _negate_fourth(builder, row):
+    """Negate the fourth number of a row, so that a difference becomes a sum there."""
+    bits = ir.VectorType(_INT64, 4)
     sign = ir.Constant(bits, [0, 0, 0, -(2**63)])
-    return builder.bitcast(builder.xor(builder.bitcast(row, bits), sign), _FOUR)
+    return builder.bitcast(builder.xor(builder.bitcast(row, bits), sign), _DOUBLE4)
 
 
-def _rolled(builder, levers, spins):
-    """R_i ω_i + R_j ω_j, the second product and the sum in one operation where the processor has it."""
-    one = ir.FunctionType(_FOUR, [_FOUR] * 3)
+def _sum_rotations(builder, levers, spins):
+    """Compute R_i ω_i + R_j ω_j, fusing the second product and the sum if the processor supports it."""
+    one = ir.FunctionType(_DOUBLE4, [_DOUBLE4] * 3)
     fused = cgutils.get_or_insert_function(builder.module, one, "llvm.fmuladd.v4f64")
     return builder.call(fused, [levers[1], spins[1], builder.fmul(levers[0], spins[0])])
 
 
 @intrinsic
-def scattered(typingctx, place, scratch, load):
-    """Six planes of `scratch`, forces and −n × F_t, into a block's rows of loads from `place` on; two numbers are zero.
+def scatter_loads(typingctx, place, scratch, load):
+    """Scatter six planes of `scratch`, forces and −n × F_t, to rows of `load` from `place`; two numbers are zero.
 
     Parameters
     ----------
@@ -216,15 +219,15 @@ def scattered(typingctx, place, scratch, load):
     """
 
     def generated(context, builder, signature, args):
-        scratch, load = (_data(context, builder, signature, args, k) for k in (1, 2))
-        zeros = ir.Constant(_FOUR, [0.0] * 4)
-        with cgutils.for_range_slice(builder, _WHOLE(0), _WHOLE(LANES), _WHOLE(4), intp=_WHOLE) as (at, _):
-            planes = [_load(builder, scratch, builder.add(at, _WHOLE(LANES * k))) for k in range(6)]
-            halves = _turned(builder, *planes[:4]), _turned(builder, *planes[4:], zeros, zeros)
+        scratch, load = (_data_pointer(context, builder, signature, args, k) for k in (1, 2))
+        zeros = ir.Constant(_DOUBLE4, [0.0] * 4)
+        with cgutils.for_range_slice(builder, _INT64(0), _INT64(LANES), _INT64(4), intp=_INT64) as (at, _):
+            planes = [_load_vector(builder, scratch, builder.add(at, _INT64(LANES * k))) for k in range(6)]
+            halves = _transpose(builder, *planes[:4]), _transpose(builder, *planes[4:], zeros, zeros)
             for q in range(4):
-                row = builder.mul(builder.add(builder.add(args[0], at), _WHOLE(q)), _WHOLE(WIDTH))
+                row = builder.mul(builder.add(builder.add(args[0], at), _INT64(q)), _INT64(WIDTH))
                 for half, offset in zip(halves, (0, 4), strict=True):
-                    builder.store(half[q], _four(builder, load, builder.add(row, _WHOLE(offset))), align=8)
+                    builder.store(half[q], _vector_pointer(builder, load, builder.add(row, _INT64(offset))), align=8)
         return context.get_dummy_value()
 
     return types.none(types.int64, scratch, load), generated
