@@ -11,14 +11,14 @@ from stickslip.experiments.gouge import measures, statistics
 from stickslip.experiments.gouge.dimensionless import (
     Range,
     inertial_numbers,
+    make_range,
     normalised_hold,
     normalised_stiffness,
-    range_of,
     stiffness,
 )
-from stickslip.experiments.gouge.protocol import Realization, Series, Test, _mean_overlap, _thinned
+from stickslip.experiments.gouge.protocol import Realization, Series, Test, _log_binned, _mean_overlap
 from stickslip.experiments.gouge.report import numbers
-from stickslip.experiments.gouge.sample import BOTTOM, TOP, _apart, settled, sprung
+from stickslip.experiments.gouge.sample import BOTTOM, TOP, _shrink_apart, attach_spring, prepare_sample
 from stickslip.experiments.gouge.scenario import GougeScenario
 from stickslip.experiments.gouge.simulate import MEMBERS, GougeResult, simulate_gouge
 
@@ -97,7 +97,7 @@ def test_the_estimate_counts_every_leg():
 def test_a_time_step_that_is_too_long_is_refused_with_the_number():
     with pytest.raises(ss.experiments.ScenarioError, match=r"stable up to some 9.9e-07 only: give about 2e-07"):
         small(dt=3e-6)
-    ran = settled(small(), 0)
+    ran = prepare_sample(small(), 0)
     assert 0.5 < small().longest_step / ss.measure.stable_time_step(ran.state, ran.law) < 2
 
 
@@ -133,7 +133,7 @@ def test_every_definition_of_the_inertial_number_is_its_formula():
 
 def test_what_leaves_the_quasi_static_range_is_said():
     chosen = ss.scenario(experiment="gouge", law=LAW, protocol=SLIDE)
-    good = range_of(chosen, 0.1, 0.03, 0.004, 1e-6)
+    good = make_range(chosen, 0.1, 0.03, 0.004, 1e-6)
     assert good.warnings == []
     assert good.inertial_number == pytest.approx(0.1 / 0.03 * 3e-3 * np.sqrt(2500 / 5e6))
     assert good.stiffness == pytest.approx((50e9 / (0.91 * 5e6)) ** (2 / 3))
@@ -265,7 +265,7 @@ def test_samples_of_a_hold_are_means_over_growing_intervals():
     """Each sample counts once; 20 intervals in a decade, single samples at first."""
     columns = {name: np.arange(1.0, 5001) for name in Series._fields}
     columns["fabric"] = np.arange(1.0, 5001)[:, None, None] * np.ones((1, 3, 3))
-    thin = _thinned(Series(**columns))
+    thin = _log_binned(Series(**columns))
     assert 60 < len(thin.time) < 20 * np.log10(5001) + 1
     assert thin.time[:5] == pytest.approx([1, 2, 3, 4, 5])
     assert thin.time[-1] == pytest.approx(5000 * (1 + 10**-0.05) / 2, rel=1e-3)
@@ -322,8 +322,8 @@ def test_if_all_fail_the_first_reason_is_told(monkeypatch):
 
 
 def test_a_spring_pulls_the_plate_from_where_it_is():
-    gouge = settled(small(), 5)
-    pulled = sprung(gouge, 1e6, [gouge.state.time], [1e-6])
+    gouge = prepare_sample(small(), 5)
+    pulled = attach_spring(gouge, 1e6, [gouge.state.time], [1e-6])
     forces = ss.control.spring_forces(pulled.state.control, pulled.state.grains.position, pulled.state.time)
     assert forces[pulled.top, 0].sum() == pytest.approx(1.0)
 
@@ -436,7 +436,7 @@ def test_plates_and_overlaps_see_the_nearest_images():
     cell = ss.box([4.0, 4.0, 4.0], [True, False, True])
     state = updated(ss.assembly(ss.spheres(place, [0.5, 0.5, 0.4, 0.4]), cell=cell))
     distance = np.hypot(0.3, 0.4)
-    shrunk = _apart(state, np.arange(4)).radius
+    shrunk = _shrink_apart(state, np.arange(4)).radius
     np.testing.assert_allclose(shrunk, np.array([0.5, 0.5, 0.4, 0.4]) * distance / 1.0, rtol=1e-8)  # less 1e-9, told
     law = ss.laws.linear(kn=1.0, kt=0.5)
     touched = ss.accept(state, ss.forces(state, law)[1])

@@ -107,7 +107,7 @@ PRINTED = {"peak-vs-velocity-ratio", "a", "b", "a-minus-b", "dc", "restitution-i
 def test_the_papers_claims_are_all_judged(tmp_path, ran, full):
     """On samples far too small: nothing may be told to be reproduced that two of them cannot tell."""
     holds, more = ran[0], ran[1] if full else {}
-    claims = {c.id: c for c in gouge_claims.evaluated(holds, more)}
+    claims = {c.id: c for c in gouge_claims.evaluate_claims(holds, more)}
     assert set(claims) == PRINTED | {
         "hold-relaxation-per-e-fold", "hold-relaxation-at-end", "compaction-in-holds", "healing-rate",
         "velocity-step-symmetry", "calibrated-damping", "steady-friction", "granular-temperature", "quasi-static",

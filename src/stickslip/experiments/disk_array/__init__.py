@@ -18,7 +18,7 @@ def references(scenario: DiskArrayScenario) -> dict[str, tuple[str, ...]]:
 EXPERIMENT = Experiment(
     scenario=DiskArrayScenario,
     words="paper 000: ten disks on a substrate are pushed",
-    simulate=_here("simulate.simulate_and_check"),
+    simulate=_here("simulate.simulate_with_sensitivity"),
     numbers=_here("report.numbers"),
     measures=_here("report.measures"),
     show=_here("report.show"),

@@ -10,14 +10,14 @@ from .measures import (
     backward_front,
     forward_front,
     growth_error,
-    increase,
+    growth_factor,
     late_birth,
-    proportion,
     saturation_error,
+    speed_proportion,
     velocity_line,
     y_mode,
 )
-from .simulate import DiskArrayResult, at_load, protocol_of, push_disk_array
+from .simulate import DiskArrayResult, make_protocol, point_at_load, push_disk_array
 
 FRONT_LOADS = (0.083, 0.087, 0.090)
 STABLE_LOAD = 0.062
@@ -56,19 +56,19 @@ TOLERANCE = {
 }
 
 
-def evaluated(main: DiskArrayResult, quarter: DiskArrayResult, report=lambda share, words: None) -> list[Claim]:
+def evaluate_claims(main: DiskArrayResult, quarter: DiskArrayResult, report=lambda share, words: None) -> list[Claim]:
     """All claims, the main scenario's first; `report(share done, words)` is called along ramps of other steps."""
-    printed = _spectra(main, "", 0.05, lambda s, w: report(0.5 * s, w)) + _dynamics(main)
-    printed += _fronts(main) + _ratios(main) + _modes(main) + _sliding(main, "")
+    printed = _spectrum_claims(main, "", 0.05, lambda s, w: report(0.5 * s, w)) + _dynamics_claims(main)
+    printed += _front_claims(main) + _ratio_claims(main) + _mode_claims(main) + _sliding_claims(main, "")
     suffix = "@quarter"
     return [
-        *printed, *_spectra(quarter, suffix, 0.07, lambda s, w: report(0.5 + 0.5 * s, w)), _stable(quarter, suffix),
-        *_backward(quarter, suffix), *_sliding(quarter, suffix),
+        *printed, *_spectrum_claims(quarter, suffix, 0.07, lambda s, w: report(0.5 + 0.5 * s, w)), _stability(quarter, suffix),
+        *_backward_claims(quarter, suffix), *_sliding_claims(quarter, suffix),
     ]  # fmt: skip
 
 
-def _spectra(result: DiskArrayResult, suffix: str, near: float, report) -> list[Claim]:
-    protocol, paths = protocol_of(result.scenario, result.law), {}
+def _spectrum_claims(result: DiskArrayResult, suffix: str, near: float, report) -> list[Claim]:
+    protocol, paths = make_protocol(result.scenario, result.law), {}
     for k, step in enumerate(COARSER):
 
         def heard(_, share: float, words: str, k=k, step=step) -> None:
@@ -79,37 +79,37 @@ def _spectra(result: DiskArrayResult, suffix: str, near: float, report) -> list[
     paths[step] = result.path
     windows = {s: stable_window(path, near, protocol) for s, path in paths.items()}
     births = {s: late_birth(path, protocol) for s, path in paths.items()}
-    out = [_pairs(result, load, suffix) for load in (0.030, 0.040, STABLE_LOAD)]
+    out = [_pair_count(result, load, suffix) for load in (0.030, 0.040, STABLE_LOAD)]
     out.append(claim(
         f"stable-window{suffix}", "Fig 2: where no pair exists; its ends are not printed", None, windows[step] or [],
-        "F_x", TOLERANCE["window"], f"by load step of the ramp {_by_step(windows)}",
-        error=_apart(windows[step], windows[COARSER[-1]]), reference=[STABLE_LOAD, 0.082],
+        "F_x", TOLERANCE["window"], f"by load step of the ramp {_format_by_step(windows)}",
+        error=_sensitivity(windows[step], windows[COARSER[-1]]), reference=[STABLE_LOAD, 0.082],
         reference_source="a push that the text calls stable, and the one above which the supplement finds instability",
     ))  # fmt: skip
     out.append(claim(
         f"late-pair-birth{suffix}",
         'Fig 2: supplement, "the system becomes unstable for all force values F_x > 0.082"', 0.082, births[step],
-        "F_x", TOLERANCE["birth"], f"bisected to 1e-6 from one state; by load step of the ramp {_by_step(births)}",
-        error=_apart(births[step], births[COARSER[-1]]),
+        "F_x", TOLERANCE["birth"], f"bisected to 1e-6 from one state; by load step of the ramp {_format_by_step(births)}",
+        error=_sensitivity(births[step], births[COARSER[-1]]),
     ))  # fmt: skip
     out += [_im_lambda(load, result, paths[COARSER[-1]], births[step], suffix) for load in IM_LAMBDA]
     return out
 
 
-def _apart(fine, coarse) -> float | None:
+def _sensitivity(fine, coarse) -> float | None:
     """Largest difference of what two load steps give, or the bisection's width; None if one of them gives nothing."""
     return None if fine is None or coarse is None else max(BISECTED, float(np.abs(np.subtract(fine, coarse)).max()))
 
 
-def _by_step(values: dict) -> str:
+def _format_by_step(values: dict) -> str:
     def words(value):
         return "none" if value is None else "–".join(f"{v:.6f}" for v in np.ravel(value))
 
     return ", ".join(f"{step:g}: {words(value)}" for step, value in values.items())
 
 
-def _pairs(result: DiskArrayResult, load: float, suffix: str) -> Claim:
-    modes = at_load(result.path, load).spectrum
+def _pair_count(result: DiskArrayResult, load: float, suffix: str) -> Claim:
+    modes = point_at_load(result.path, load).spectrum
     said = '"for ... F_x = 0.03 and 0.04 the oscillatory instability exists", one pair in the figure'
     if load == STABLE_LOAD:
         said = '"for F_x = 0.062 all the eigenvalues of J are real"'
@@ -121,7 +121,7 @@ def _pairs(result: DiskArrayResult, load: float, suffix: str) -> Claim:
 
 
 def _im_lambda(load: float, result: DiskArrayResult, coarse, born: float | None, suffix: str) -> Claim:
-    modes, other = at_load(result.path, load).spectrum, at_load(coarse, load).spectrum
+    modes, other = point_at_load(result.path, load).spectrum, point_at_load(coarse, load).spectrum
     note = f"{len(modes.pairs)} pair(s)"
     if born:
         note += f"; {load - born:.5f} above the birth, from where Im lambda rises as a square root"
@@ -132,9 +132,9 @@ def _im_lambda(load: float, result: DiskArrayResult, coarse, born: float | None,
     )  # fmt: skip
 
 
-def _dynamics(main: DiskArrayResult) -> list[Claim]:
-    return [*(_growth(main, load) for load in GROWTH_LOADS), _stable(main, ""),
-            *(_saturation(main, load) for load in (0.030, 0.040)), _slides(main)]  # fmt: skip
+def _dynamics_claims(main: DiskArrayResult) -> list[Claim]:
+    return [*(_growth(main, load) for load in GROWTH_LOADS), _stability(main, ""),
+            *(_saturation(main, load) for load in (0.030, 0.040)), _sliding_onset(main)]  # fmt: skip
 
 
 def _growth(main: DiskArrayResult, load: float) -> Claim:
@@ -151,12 +151,12 @@ def _growth(main: DiskArrayResult, load: float) -> Claim:
     )  # fmt: skip
 
 
-def _stable(result: DiskArrayResult, suffix: str) -> Claim:
+def _stability(result: DiskArrayResult, suffix: str) -> Claim:
     """M(t) at the push where the paper's array is stable: it neither grows nor is there a pair."""
     free = result.free_runs.get(STABLE_LOAD)
     measured, note = None, "no run at this push"
     if free is not None:
-        rise = increase(free)
+        rise = growth_factor(free)
         measured = bool(rise < RISE)
         note = (
             f"mean M of the last over the first 1/{LATE} of {free.time[-1]:.0f} time units: {rise:.2g}, "
@@ -180,7 +180,7 @@ def _saturation(main: DiskArrayResult, load: float) -> Claim:
     )  # fmt: skip
 
 
-def _slides(main: DiskArrayResult) -> Claim:
+def _sliding_onset(main: DiskArrayResult) -> Claim:
     free = main.free_runs[0.083]
     note = "no contact reaches Coulomb's limit"
     if np.isfinite(free.breach).any():
@@ -191,13 +191,13 @@ def _slides(main: DiskArrayResult) -> Claim:
     return claim("sliding-0.083", said, True, free.slid, "", 0.0, note)
 
 
-def _about(found: Front, result: DiskArrayResult, loads) -> str:
+def _count_realizations(found: Front, result: DiskArrayResult, loads) -> str:
     failed = sum(len(result.sliding[load].failures) for load in loads)
     words = f"{found.counted} realizations, {found.complete} of them complete"
     return words + (f", {failed} failed" if failed else "")
 
 
-def _both(name: str, suffix: str, source: str, paper: float, found: Front | None, note: str) -> list[Claim]:
+def _speed_claims(name: str, suffix: str, source: str, paper: float, found: Front | None, note: str) -> list[Claim]:
     """A front speed by both estimators: through the front's start, as Eq 9 reads, and with a free intercept."""
     unit, tolerance = "length/time", TOLERANCE["front"]
     if not found:
@@ -213,25 +213,25 @@ def _both(name: str, suffix: str, source: str, paper: float, found: Front | None
     ]  # fmt: skip
 
 
-def _fronts(main: DiskArrayResult) -> list[Claim]:
+def _front_claims(main: DiskArrayResult) -> list[Claim]:
     out = []
     for load, paper in V1.items():
         found = forward_front(main, main.sliding[load])
         said = 'Fig 5: "0.0014 ± 0.00013, 0.0022 ± 0.00015 and 0.0028 ± 8e-5"'
-        note = _about(found, main, [load]) if found else ""
-        out += _both(f"forward-front-speed-{load:.3f}", "", said, paper, found, note)
-    return [*out, *_backward(main, "")]
+        note = _count_realizations(found, main, [load]) if found else ""
+        out += _speed_claims(f"forward-front-speed-{load:.3f}", "", said, paper, found, note)
+    return [*out, *_backward_claims(main, "")]
 
 
-def _ratios(main: DiskArrayResult) -> list[Claim]:
+def _ratio_claims(main: DiskArrayResult) -> list[Claim]:
     """V_1/Im λ at the paper's loads, and the power of V_1 ∝ (Im λ)^p over all loads that slide, by both estimators."""
     printed = float(np.polyfit(np.log(list(IM_LAMBDA.values())), np.log(list(V1.values())), 1)[0])
-    strongest = {load: float(at_load(main.path, load).spectrum.im_lambda.max()) for load in main.sliding}
+    strongest = {load: float(point_at_load(main.path, load).spectrum.im_lambda.max()) for load in main.sliding}
     said = '"an approximate constant value 4.3 ± 1.5" of velocities over Im λ'
     out = []
     for free, end in ((False, ""), (True, "-free")):
-        three = proportion(main, {load: strongest[load] for load in FRONT_LOADS}, free=free)
-        wide = proportion(main, strongest, free=free)
+        three = speed_proportion(main, {load: strongest[load] for load in FRONT_LOADS}, free=free)
+        wide = speed_proportion(main, strongest, free=free)
         ratio = three.mean_ratio if len(three.load) == len(FRONT_LOADS) else (None, None)
         power = wide.exponent or (None, None)
         words = ", ".join(f"{r:.2f} at {load:g}" for load, r in zip(wide.load, wide.ratio, strict=True)) or "no front"
@@ -247,7 +247,7 @@ def _ratios(main: DiskArrayResult) -> list[Claim]:
     return out
 
 
-def _backward(result: DiskArrayResult, suffix: str) -> list[Claim]:
+def _backward_claims(result: DiskArrayResult, suffix: str) -> list[Claim]:
     thresholds = result.scenario.sliding.thresholds
     found = {t: backward_front(result, t, FRONT_LOADS) for t in thresholds}
     middle, note = found[V2_THRESHOLD], ""
@@ -256,15 +256,15 @@ def _backward(result: DiskArrayResult, suffix: str) -> list[Claim]:
         times = times[np.isfinite(times).all(axis=1)]
         last = float((times.argmin(axis=1) == times.shape[1] - 1).mean()) if len(times) else 0.0
         note = (
-            f"{_about(middle, result, FRONT_LOADS)}; by threshold "
+            f"{_count_realizations(middle, result, FRONT_LOADS)}; by threshold "
             f"{', '.join(f'{t:g}: {f.speed:.3f}' for t, f in found.items() if f)}; the last disk slides first in "
             f"{last:.0%}"
         )
     said = 'Fig 5: "V_2 ≈ 0.235/π ≈ 0.075 in excellent agreement with the measured value"'
-    return _both("backward-front-speed", suffix, said, 0.075, middle, note)
+    return _speed_claims("backward-front-speed", suffix, said, 0.075, middle, note)
 
 
-def _sliding(result: DiskArrayResult, suffix: str) -> list[Claim]:
+def _sliding_claims(result: DiskArrayResult, suffix: str) -> list[Claim]:
     line = velocity_line(result, LINE_TOP)
     slope, error, note = None, None, "fewer than three loads at which realizations slide in time"
     if line:
@@ -289,8 +289,8 @@ def _sliding(result: DiskArrayResult, suffix: str) -> list[Claim]:
     return out
 
 
-def _modes(main: DiskArrayResult) -> list[Claim]:
-    modes = at_load(main.path, MODE_LOAD).spectrum
+def _mode_claims(main: DiskArrayResult) -> list[Claim]:
+    modes = point_at_load(main.path, MODE_LOAD).spectrum
     k, shares = y_mode(modes), modes.shares()
     others = f"x {shares[k, 0]:.1%}, rotation {shares[k, 5]:.1%}, at F_x = {MODE_LOAD}"
     press = main.scenario.load.press * main.scenario.load.unit

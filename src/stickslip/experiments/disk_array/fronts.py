@@ -58,7 +58,7 @@ def crossing_times(time: np.ndarray, displacement: np.ndarray, thresholds) -> np
     return np.where(beyond.any(axis=1), time[first], np.nan)
 
 
-def transition(
+def run_transition(
     state: State,
     law: Law,
     seed: int,
@@ -90,7 +90,7 @@ def transition(
     )
 
 
-def along_row(state: State, start: int, *, backward: bool = False):
+def row_order(state: State, start: int, *, backward: bool = False):
     """Order of disks from disk `start` on along the row (or against it), and their distances from it [length]."""
     n, x = len(state.grains.radius), state.grains.position[:, 0]
     order = (start + np.arange(n)) % n if not backward else (start - np.arange(n)) % n
@@ -98,7 +98,7 @@ def along_row(state: State, start: int, *, backward: bool = False):
     return order, np.mod(gap + 1e-9, state.cell.vectors[0, 0]) - 1e-9
 
 
-def front(times: np.ndarray, order: np.ndarray, distance: np.ndarray, seed: int = 0) -> Front | None:
+def fit_front(times: np.ndarray, order: np.ndarray, distance: np.ndarray, seed: int = 0) -> Front | None:
     """Front through (realizations, N) times of the same event; delays count from the disk where the front starts.
 
     Source

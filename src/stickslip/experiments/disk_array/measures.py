@@ -25,16 +25,16 @@ def late_birth(path: list[Equilibrium], protocol: Protocol, load: float = 0.083)
 
 def forward_front(result: DiskArrayResult, ensemble: Ensemble) -> fronts.Front | None:
     """Breaching of Coulomb's limit at the substrate, from the pushed disk along the row."""
-    order, distance = fronts.along_row(result.pressed, result.scenario.load.disk - 1)
-    return fronts.front(ensemble.breach, order, distance, result.scenario.seed)
+    order, distance = fronts.row_order(result.pressed, result.scenario.load.disk - 1)
+    return fronts.fit_front(ensemble.breach, order, distance, result.scenario.seed)
 
 
 def backward_front(result: DiskArrayResult, threshold: float, loads=None) -> fronts.Front | None:
     """Actual sliding by more than a threshold, from the last disk against the row, over all realizations at `loads`."""
     n, how = result.scenario.array.disks, result.scenario.sliding
-    order, distance = fronts.along_row(result.pressed, (result.scenario.load.disk - 2) % n, backward=True)
+    order, distance = fronts.row_order(result.pressed, (result.scenario.load.disk - 2) % n, backward=True)
     times = [result.sliding[load].slide[:, how.thresholds.index(threshold)] for load in loads or result.sliding]
-    return fronts.front(np.concatenate(times), order, distance, result.scenario.seed)
+    return fronts.fit_front(np.concatenate(times), order, distance, result.scenario.seed)
 
 
 class Line(NamedTuple):
@@ -88,7 +88,7 @@ def saturation_error(free: FreeRun) -> float | None:
     return standard_error([block.mean() for block in np.array_split(late, BLOCKS)])
 
 
-def increase(free: FreeRun) -> float:
+def growth_factor(free: FreeRun) -> float:
     """Mean of M over the last quarter of a run, over that of the first: about 1 where nothing grows."""
     parts = np.array_split(free.msd[1:], LATE)
     return float(parts[-1].mean() / parts[0].mean())
@@ -124,7 +124,7 @@ class Proportion(NamedTuple):
         return float(slope), float(np.sqrt(covariance[0, 0] * max(1.0, misfit)))
 
 
-def proportion(result: DiskArrayResult, im_lambda: dict[float, float], *, free: bool) -> Proportion:
+def speed_proportion(result: DiskArrayResult, im_lambda: dict[float, float], *, free: bool) -> Proportion:
     """Front speeds, by the fit through the start or with a free intercept, beside Im λ {load: value}."""
     found = {load: forward_front(result, result.sliding[load]) for load in im_lambda}
     there = [load for load, front in found.items() if front and im_lambda[load] > 0]

@@ -13,7 +13,7 @@ from ...data.checkpoint import UNFINISHED
 from ...data.schema import validated
 from ...ensemble import Workers
 from ..claims import Claim, for_quick_run
-from .claims import FRONT_LOADS, STABLE_LOAD, evaluated
+from .claims import FRONT_LOADS, STABLE_LOAD, evaluate_claims
 from .scenario import DiskArrayScenario
 from .simulate import DiskArrayResult, Report, silent, simulate_disk_array
 
@@ -80,5 +80,5 @@ def reproduce(
         report=lambda stage, share, words: report(f"{stage} (quarter)", share, words),
     )
     report("claims", 0.0, "births by bisection, for four load steps")
-    claims = evaluated(main, quarter, lambda share, words: report("claims", share, words))
+    claims = evaluate_claims(main, quarter, lambda share, words: report("claims", share, words))
     return Reproduction(main, quarter, for_quick_run(claims) if quick else claims)

@@ -11,7 +11,7 @@ from ..terminal import STYLE, console
 from .claims import FRONT_LOADS, IM_LAMBDA, LINE_TOP, MODE_LOAD, V2_THRESHOLD
 from .measures import backward_front, forward_front, velocity_line, y_mode
 from .paper import Reproduction
-from .simulate import DiskArrayResult, at_load
+from .simulate import DiskArrayResult, point_at_load
 
 FIGURES = (
     "fig2_complex_pairs.png",
@@ -25,9 +25,9 @@ FIGURES = (
 
 def figures(result: DiskArrayResult):
     """Yield (file name, Figure) of a run."""
-    slid = _first_slides(result)
+    slid = _loads_to_show(result)
     yield FIGURES[0], figures_of.complex_pairs({"": result})
-    point = at_load(result.path, slid[0]) if slid else result.path[-1]
+    point = point_at_load(result.path, slid[0]) if slid else result.path[-1]
     loads, line = list(result.sliding)[:4], velocity_line(result)
     yield from _figures(result, point, loads, line, center_load=slid[0] if slid else None)
 
@@ -48,7 +48,7 @@ def paper_figures(found: Reproduction):
     main = found.main
     both = {"printed model, $I_0$ = 1/2": main, "hypothesis: disk–disk stiffness $k_n$/4, $I_0$ = 1": found.quarter}
     yield FIGURES[0], figures_of.complex_pairs(both, IM_LAMBDA)
-    point, line = at_load(main.path, MODE_LOAD), velocity_line(main, LINE_TOP)
+    point, line = point_at_load(main.path, MODE_LOAD), velocity_line(main, LINE_TOP)
     yield from _figures(main, point, FRONT_LOADS, line, center_load=0.087, printed=(4.5e-4, -1.3e-5))
 
 
@@ -62,7 +62,7 @@ def paper_failures(found: Reproduction) -> tuple[str, ...]:
     return failures(found.main) + failures(found.quarter)
 
 
-def _first_slides(result: DiskArrayResult) -> list[float]:
+def _loads_to_show(result: DiskArrayResult) -> list[float]:
     """Loads whose free runs are shown, the one with a trajectory first."""
     if result.trajectory:
         return [result.trajectory.load]
@@ -97,7 +97,7 @@ def _numbers(result: DiskArrayResult) -> dict:
     for k, point in enumerate(path):
         eigenvalues[k, : len(point.spectrum.eigenvalues)] = point.spectrum.eigenvalues
     kept = sorted({0.0, *result.free_runs, *result.sliding, path[-1].load})
-    frames = {f"{load:.6f}": at_load(path, load).state for load in kept}
+    frames = {f"{load:.6f}": point_at_load(path, load).state for load in kept}
     return {
         "scenario": result.scenario.text,
         "law": result.law,
@@ -181,14 +181,14 @@ def measures(result: DiskArrayResult) -> dict[str, tuple[float, str]]:
     }
     if result.free_runs:
         out["first_load_that_slides"] = min(slid, default=np.nan), pushed
-        out["fitted_growth_rate"] = _last_fitted(result), "1/time"
+        out["fitted_growth_rate"] = _growth_at_largest_load(result), "1/time"
     for load, ensemble in result.sliding.items():
         good = ensemble.velocity[np.isfinite(ensemble.velocity)]
         out[f"sliding_velocity@{load:g}"] = good.mean() if len(good) else np.nan, "length/time"
     return out
 
 
-def _last_fitted(result: DiskArrayResult) -> float:
+def _growth_at_largest_load(result: DiskArrayResult) -> float:
     """Growth rate of the free run at the largest load at which one could be fitted."""
     fitted = {load: free.growth.growth_rate for load, free in result.free_runs.items() if free.growth}
     return fitted[max(fitted)] if fitted else np.nan

@@ -34,7 +34,7 @@ from . import fronts
 from .scenario import DiskArrayScenario, Dynamics
 
 BIRTHS = "births and deaths of pairs"  # a stage
-SLID = 0.1  # every disk moved by a tenth of a mean diameter: the array slides
+SLIDING_THRESHOLD = 0.1  # every disk moved by a tenth of a mean diameter: the array slides
 
 Report = Callable[[str, float, str], None]
 
@@ -101,7 +101,7 @@ def silent(stage: str, share: float, words: str) -> None:
     """Report nothing."""
 
 
-def protocol_of(scenario: DiskArrayScenario, law: Law) -> Protocol:
+def make_protocol(scenario: DiskArrayScenario, law: Law) -> Protocol:
     """How a scenario applies a push (in its own numbers) and finds equilibria."""
     how = scenario.relaxation
     options = {"tolerance": how.tolerance}
@@ -119,7 +119,7 @@ def protocol_of(scenario: DiskArrayScenario, law: Law) -> Protocol:
 
 def press(scenario: DiskArrayScenario) -> tuple[State, Law]:
     """The array at rest under its normal load."""
-    state, law = array_of(scenario)
+    state, law = build_array(scenario)
     how = scenario.relaxation
     state, _ = equilibrium(
         state,
@@ -155,10 +155,10 @@ def push_disk_array(
         words = f"push {point.load:.4f}, {len(point.spectrum.pairs)} pairs, growth rate {fastest:.2e}"
         report("quasi-static ramp", len(seen) / len(loads), f"{words}, unbalanced {point.outcome.residual:.0e}")
 
-    return state, law, ramp(state, loads, protocol_of(scenario, law), tell, kept=kept)
+    return state, law, ramp(state, loads, make_protocol(scenario, law), tell, kept=kept)
 
 
-def _coarse(scenario: DiskArrayScenario, law: Law, report: Report) -> list[Family]:
+def _coarse_pairs(scenario: DiskArrayScenario, law: Law, report: Report) -> list[Family]:
     """Pairs on the path with twice the load step."""
 
     def heard(_, share: float, words: str) -> None:
@@ -166,10 +166,10 @@ def _coarse(scenario: DiskArrayScenario, law: Law, report: Report) -> list[Famil
 
     path = push_disk_array(scenario, step=2 * scenario.load.step, report=heard)[2]
     last = lambda share, words: report(BIRTHS, 0.9 + 0.1 * share, f"twice the load step: {words}")  # noqa: E731
-    return track_pairs(path, protocol_of(scenario, law), last)
+    return track_pairs(path, make_protocol(scenario, law), last)
 
 
-def at_load(path: list[Equilibrium], load: float) -> Equilibrium:
+def point_at_load(path: list[Equilibrium], load: float) -> Equilibrium:
     """The first point of a path at a load."""
     return min(path, key=lambda point: abs(point.load - load))
 
@@ -204,7 +204,7 @@ def check_time_step(point: Equilibrium, dt: float) -> None:
         )
 
 
-def let_go(point: Equilibrium, law: Law, scenario: DiskArrayScenario) -> FreeRun:
+def run_free(point: Equilibrium, law: Law, scenario: DiskArrayScenario) -> FreeRun:
     """Newtonian dynamics from one equilibrium, from a tiny random velocity."""
     how = scenario.dynamics
     check_time_step(point, how.dt)
@@ -242,11 +242,11 @@ def let_go(point: Equilibrium, law: Law, scenario: DiskArrayScenario) -> FreeRun
         frequency,
         growth,
         float(record.msd[late].mean()),
-        bool((moved > SLID * diameter(start)).all()),
+        bool((moved > SLIDING_THRESHOLD * diameter(start)).all()),
     )
 
 
-def around_transition(point: Equilibrium, law: Law, scenario: DiskArrayScenario, known: FreeRun) -> Trajectory | None:
+def resample_transition(point: Equilibrium, law: Law, scenario: DiskArrayScenario, known: FreeRun) -> Trajectory | None:
     """The free run again, bit for bit, finely sampled from before the first slip to well after sliding."""
     if not (np.isfinite(known.breach).any() and np.isfinite(known.first_limit[0])):
         return None
@@ -259,7 +259,7 @@ def around_transition(point: Equilibrium, law: Law, scenario: DiskArrayScenario,
     length = min(how.duration - begin, 600 * period)
     _, record, _ = free_run(before, law, duration=length, sample=period / 20, **options)
     along = record.position[:, :, 0] - point.state.grains.position[:, 0]
-    slide = fronts.crossing_times(record.time, along, [SLID * diameter(point.state)])[0]
+    slide = fronts.crossing_times(record.time, along, [SLIDING_THRESHOLD * diameter(point.state)])[0]
     return Trajectory(
         point.load,
         record.time,
@@ -271,7 +271,7 @@ def around_transition(point: Equilibrium, law: Law, scenario: DiskArrayScenario,
     )
 
 
-def slide_many(
+def run_sliding(
     points: list[Equilibrium],
     law: Law,
     scenario: DiskArrayScenario,
@@ -299,10 +299,10 @@ def slide_many(
     names = [f"{point.load!r}-{seed}" for point in points for seed in seeds]
 
     def tell(done, total, member):
-        report("realizations of sliding", done / total, f"{done} of {total}, {_went(member)}")
+        report("realizations of sliding", done / total, f"{done} of {total}, {_describe_member(member)}")
 
     live = partial(report, "realizations of sliding")
-    members = run_members(_one_transition, tasks, workers=workers, report=tell, live=live, **hooks(kept, names))
+    members = run_members(_transition_task, tasks, workers=workers, report=tell, live=live, **hooks(kept, names))
     out = {}
     for k, point in enumerate(points):
         mine = members[k * len(seeds) : (k + 1) * len(seeds)]
@@ -322,7 +322,7 @@ def slide_many(
     return out
 
 
-def _went(member) -> str:
+def _describe_member(member) -> str:
     """What became of a realization, in words."""
     if member.failure:
         return member.failure
@@ -330,9 +330,9 @@ def _went(member) -> str:
     return f"sliding velocity {velocity:.2e}" if np.isfinite(velocity) else "did not slide in time"
 
 
-def _one_transition(state, law, load, seed, options, tell):
+def _transition_task(state, law, load, seed, options, tell):
     tell(0.0, f"push {load:g}, seed {seed} started")
-    return fronts.transition(state, law, seed, **options)
+    return fronts.run_transition(state, law, seed, **options)
 
 
 def simulate_disk_array(
@@ -369,33 +369,33 @@ def simulate_disk_array(
     pressed, law, path = push_disk_array(scenario, kept=kept and kept.of("ramp"), report=report)
     report(BIRTHS, 0.0, "bisection in the push")
     heard = lambda share, words: report(BIRTHS, 0.5 * share, words)  # noqa: E731
-    born = piece(kept, "families", lambda: track_pairs(path, protocol_of(scenario, law), heard))
+    born = piece(kept, "families", lambda: track_pairs(path, make_protocol(scenario, law), heard))
     coarse = []
     if sensitivity:
-        coarse = piece(kept, "coarse-families", lambda: _coarse(scenario, law, report))
+        coarse = piece(kept, "coarse-families", lambda: _coarse_pairs(scenario, law, report))
     free_runs, trajectory = {}, None
     for k, load in enumerate(scenario.dynamics.loads):
-        point, count = at_load(path, load), len(scenario.dynamics.loads)
+        point, count = point_at_load(path, load), len(scenario.dynamics.loads)
         rate = f"push {load:g}, growth rate {point.spectrum.growth_rate.max(initial=0.0):.2e}"
         report("free runs", k / count, rate)
-        free_runs[load] = piece(kept, f"free-run-{load!r}", lambda point=point: let_go(point, law, scenario))
+        free_runs[load] = piece(kept, f"free-run-{load!r}", lambda point=point: run_free(point, law, scenario))
         report("free runs", (k + 1) / count, f"{rate}, M = {free_runs[load].msd[-1]:.1e}")
         wanted = free_runs[load].slid if scenario.dynamics.watch is None else load == scenario.dynamics.watch
         if wanted and trajectory is None:
             known = free_runs[load]
             trajectory = piece(
-                kept, "trajectory", lambda point=point, known=known: around_transition(point, law, scenario, known)
+                kept, "trajectory", lambda point=point, known=known: resample_transition(point, law, scenario, known)
             )
     sliding = {}
     if scenario.sliding.loads:
-        points = [at_load(path, load) for load in scenario.sliding.loads]
-        sliding = slide_many(points, law, scenario, workers, report, kept=kept and kept.of("sliding"))
+        points = [point_at_load(path, load) for load in scenario.sliding.loads]
+        sliding = run_sliding(points, law, scenario, workers, report, kept=kept and kept.of("sliding"))
     return DiskArrayResult(
         scenario, law, pressed, spectrum(pressed, law), path, born, coarse, free_runs, trajectory, sliding
     )
 
 
-def array_of(scenario: DiskArrayScenario) -> tuple[State, Law]:
+def build_array(scenario: DiskArrayScenario) -> tuple[State, Law]:
     """The unloaded array of a scenario, pressed but not pushed, and its law."""
     array, load = scenario.array, scenario.load
     state = disk_array(
@@ -404,6 +404,6 @@ def array_of(scenario: DiskArrayScenario) -> tuple[State, Law]:
     return state, law_of(scenario.law)
 
 
-def simulate_and_check(scenario: DiskArrayScenario, **options) -> DiskArrayResult:
+def simulate_with_sensitivity(scenario: DiskArrayScenario, **options) -> DiskArrayResult:
     """Run a scenario, and its path again with twice the load step, to see how much births depend on it."""
     return simulate_disk_array(scenario, sensitivity=True, **options)

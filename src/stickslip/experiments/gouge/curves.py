@@ -10,7 +10,7 @@ from .simulate import GougeResult
 from .statistics import slope
 
 
-def predicted(result: GougeResult, before: float, times) -> dict:
+def predict_hold(result: GougeResult, before: float, times) -> dict:
     """{law: (times, change of friction)} in a hold, by rate-and-state friction with the scenario's a, b and dc."""
     scales, scenario = result.scenario.scales, result.scenario
     spring = Spring(stiffness(scenario) / scenario.load.normal_stress)
@@ -22,14 +22,14 @@ def predicted(result: GougeResult, before: float, times) -> dict:
     return out
 
 
-def predicted_per_efold(result: GougeResult, before: float, times, law: str) -> float:
+def predict_per_efold(result: GougeResult, before: float, times, law: str) -> float:
     """Slope of a predicted hold against the logarithm of time, over the times of `measures.per_efold`."""
-    time, change = predicted(result, before, times)[law]
+    time, change = predict_hold(result, before, times)[law]
     late = time >= min(measures.EARLIEST, time[-1] / 10)
     return float(np.polyfit(np.log(time[late]), change[late], 1)[0])
 
 
-def after_longest(result: GougeResult, before: float):
+def reslides_after_longest(result: GougeResult, before: float):
     """Curves, velocities and peaks after the longest hold, slowest first, and that hold."""
     longest = max(h for v, h, _ in measures.reslides(result) if v == before)
     after = [w for v, h, w in measures.reslides(result) if (v, h) == (before, longest)]
@@ -37,15 +37,15 @@ def after_longest(result: GougeResult, before: float):
     return curves, np.array(after), [measures.peak(c) for c in curves], longest
 
 
-def same_velocity(result: GougeResult, before: float) -> tuple[list[float], float]:
+def holds_with_common_velocity(result: GougeResult, before: float) -> tuple[list[float], float]:
     """Hold times after which slides go on at one velocity, and that: the one before, else the slowest."""
     found = [(h, w) for v, h, w in measures.reslides(result) if v == before]
     chosen = before if any(w == before for _, w in found) else min(w for _, w in found)
     return sorted(h for h, w in found if w == chosen), chosen
 
 
-def healed(result: GougeResult, before: float):
+def healing_peaks(result: GougeResult, before: float):
     """Hold times, peaks after them at one velocity, and their slope against the logarithm of the time."""
-    times, after = same_velocity(result, before)
+    times, after = holds_with_common_velocity(result, before)
     peaks = [measures.peak(measures.reslide_curve(result, before, h, after)) for h in times]
     return times, peaks, slope(np.log(times), peaks)

@@ -113,7 +113,7 @@ class Range(NamedTuple):
         return said
 
 
-def range_of(scenario: GougeScenario, velocity: float, thickness: float, overlap: float, stable: float) -> Range:
+def make_range(scenario: GougeScenario, velocity: float, thickness: float, overlap: float, stable: float) -> Range:
     """The range of a sample: its thickness [m], mean overlap over D, and largest stable time step [s]."""
     grains, law, stress = scenario.grains, scenario.law, scenario.load.normal_stress
     return Range(

@@ -37,8 +37,8 @@ from ...core.state import State, empty_contacts
 from ...data.schema import ScenarioError
 from ...extras import MissingExtraError, command
 from .dimensionless import stiffness
-from .protocol import Engine, Series, lead
-from .sample import BOTTOM, TOP, Gouge, sprung
+from .protocol import Engine, Series, load_point_lead
+from .sample import BOTTOM, TOP, Gouge, attach_spring
 from .scenario import GougeScenario
 
 SKIN = 0.02  # of neighbour lists, in mean diameters: the fastest of those that `benchmarks/gouge.py` tries
@@ -80,7 +80,7 @@ def engine(processes: int = 1) -> Engine:
     said = cannot_load()
     if said:
         raise MissingExtraError(f"LAMMPS is installed, but cannot be loaded ({said}): {GET}")
-    if processes > 1 and not _mpirun():
+    if processes > 1 and not _find_mpirun():
         raise MissingExtraError(f"LAMMPS was asked for in {processes} processes, but mpirun is missing: {GET}")
     leg, state = partial(_leg, processes=processes), lambda place: place.gouge.state
     return Engine(start, leg, state, lambda place: np.nan, (Place, Gouge))
@@ -88,8 +88,8 @@ def engine(processes: int = 1) -> Engine:
 
 def cannot_load() -> str:
     """What LAMMPS's library says where it cannot be loaded, such as that MPI's is missing; empty where it can."""
-    loaded = _child()
-    return _said(loaded) if loaded.returncode else ""
+    loaded = _run_lammps()
+    return _error_line(loaded) if loaded.returncode else ""
 
 
 def start(scenario: GougeScenario, gouge: Gouge) -> Place:
@@ -115,9 +115,9 @@ def start(scenario: GougeScenario, gouge: Gouge) -> Place:
             "LAMMPS was given a rescaled law with damping_t and without damping_n, of which it takes multiples: give "
             "damping_n, too, or neither"
         )
-    ahead = lead(gouge) if gouge.state.control.spring[gouge.top, 0].any() else 0.0
-    attached = sprung(gouge, stiffness(scenario) * scenario.area, [gouge.state.time], [ahead])
-    return Place(attached._replace(state=_touching(attached.state, law)), b"")
+    ahead = load_point_lead(gouge) if gouge.state.control.spring[gouge.top, 0].any() else 0.0
+    attached = attach_spring(gouge, stiffness(scenario) * scenario.area, [gouge.state.time], [ahead])
+    return Place(attached._replace(state=_with_fresh_contacts(attached.state, law)), b"")
 
 
 def write_input(scenario: GougeScenario, place: Place, velocity: float, steps: int, folder: Path) -> Path:
@@ -132,9 +132,9 @@ def write_input(scenario: GougeScenario, place: Place, velocity: float, steps: i
     if place.restart:
         (folder / BEFORE).write_bytes(place.restart)
     else:
-        (folder / DATA).write_text(_data(place.gouge), encoding="utf-8")
+        (folder / DATA).write_text(_format_data(place.gouge), encoding="utf-8")
     path = folder / INPUT
-    path.write_text(_script(scenario, place, velocity, steps), encoding="utf-8")
+    path.write_text(_format_input(scenario, place, velocity, steps), encoding="utf-8")
     return path
 
 
@@ -150,16 +150,18 @@ def read_output(
     """
     try:
         plate = np.loadtxt(folder / PLATE, ndmin=2)[-(steps // scenario.sample_every) :]
-        grains, pairs = _frames(folder / GRAINS, 10), _frames(folder / CONTACTS, 2)
+        grains, pairs = _read_frames(folder / GRAINS, 10), _read_frames(folder / CONTACTS, 2)
         restart = (folder / AFTER).read_bytes()
         frames = [(grains[step], pairs[step]) for step in plate[:, 0].astype(int)]
     except (OSError, ValueError, KeyError, IndexError) as problem:
         raise RuntimeError(f"LAMMPS did not finish a leg of {steps} steps: {problem}") from problem
-    begin, ahead = place.gouge.state.time, lead(place.gouge)
+    begin, ahead = place.gouge.state.time, load_point_lead(place.gouge)
     seconds = steps * scenario.dt
     course = [begin, begin + seconds], [ahead, ahead + velocity * seconds]
-    here = sprung(place.gouge, stiffness(scenario) * scenario.area, *course)
-    states = [_state(here, g, begin + step * scenario.dt) for step, (g, _) in zip(plate[:, 0], frames, strict=True)]
+    here = attach_spring(place.gouge, stiffness(scenario) * scenario.area, *course)
+    states = [
+        _state_from_frame(here, g, begin + step * scenario.dt) for step, (g, _) in zip(plate[:, 0], frames, strict=True)
+    ]
     if not all(np.isfinite(state.grains.position).all() for state in states):
         raise RuntimeError("the sample blew up in LAMMPS: use a shorter dt")
     series = _series(here, states, plate, [p for _, p in frames])
@@ -169,45 +171,45 @@ def read_output(
 def _leg(scenario: GougeScenario, place: Place, velocity: float, steps: int, *, processes: int):
     with TemporaryDirectory(prefix="stickslip-lammps-") as name:
         path = write_input(scenario, place, velocity, steps, Path(name))
-        run = _child(path.name, folder=path.parent, processes=processes)
+        run = _run_lammps(path.name, folder=path.parent, processes=processes)
         if run.returncode:
-            raise RuntimeError(f"LAMMPS stopped: {_said(run)}")
+            raise RuntimeError(f"LAMMPS stopped: {_error_line(run)}")
         return read_output(scenario, place, velocity, steps, path.parent)
 
 
-def _child(*words: str, folder: Path | None = None, processes: int = 1) -> subprocess.CompletedProcess:
+def _run_lammps(*words: str, folder: Path | None = None, processes: int = 1) -> subprocess.CompletedProcess:
     """LAMMPS's library in a process of its own, or in several, which finds MPI's library beside the interpreter.
 
     Not in this process: there a second LAMMPS does not find the memory of contacts in a restart file, as it looks for
     it under the number of its pair style, which counts those that the process has made.
     """
     beside = f"{sys.prefix}/lib:{os.environ.get('LD_LIBRARY_PATH', '')}"
-    before = [_mpirun(), "-np", str(processes)] if processes > 1 else []
+    before = [_find_mpirun(), "-np", str(processes)] if processes > 1 else []
     return subprocess.run(
         [*before, sys.executable, "-P", "-c", CHILD, *words], cwd=folder, capture_output=True, text=True,
         env=os.environ | {"LD_LIBRARY_PATH": beside, "OMP_NUM_THREADS": "1"},
     )  # fmt: skip
 
 
-def _said(run: subprocess.CompletedProcess) -> str:
+def _error_line(run: subprocess.CompletedProcess) -> str:
     """The last line in which a process said what was wrong."""
     lines = [line.strip() for line in run.stderr.splitlines() + run.stdout.splitlines() if line.strip()]
     wrong = [line for line in lines if "ERROR" in line or "Error" in line or "Exception" in line]
     return (wrong or lines or [f"status {run.returncode}, without a word"])[-1][:300]
 
 
-def _mpirun() -> str | None:
+def _find_mpirun() -> str | None:
     return which("mpirun", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}")
 
 
-def _data(gouge: Gouge) -> str:
+def _format_data(gouge: Gouge) -> str:
     """LAMMPS's data file: seventeen digits, so that every number is read as it was."""
     grains, size = gouge.state.grains, np.diag(gouge.state.cell.vectors)
     image = np.floor(grains.position / size).astype(int) * gouge.state.cell.periodic
     place, reach = grains.position - image * size, 2 * grains.radius.max()
     density = grains.mass / (4 / 3 * np.pi * grains.radius**3)
     low, high = place[:, 1].min() - reach, place[:, 1].max() + reach
-    types, rows = _types(gouge), range(len(density))
+    types, rows = _atom_types(gouge), range(len(density))
     atoms = [
         f"{k + 1} {types[k]} {_digits(2 * grains.radius[k], density[k], *place[k])} {' '.join(map(str, image[k]))}"
         for k in rows
@@ -221,7 +223,7 @@ def _data(gouge: Gouge) -> str:
     return "\n".join([*head, "Atoms # sphere", "", *atoms, "", "Velocities", "", *motion, ""])
 
 
-def _types(gouge: Gouge) -> np.ndarray:
+def _atom_types(gouge: Gouge) -> np.ndarray:
     group = gouge.state.control.group
     return np.select([group == BOTTOM, group == TOP], [BOTTOM_TYPE, TOP_TYPE], LOOSE_TYPE)
 
@@ -230,7 +232,7 @@ def _digits(*numbers: float) -> str:
     return " ".join(f"{number:.17g}" for number in numbers)
 
 
-def mechanics(scenario: GougeScenario, place: Place, velocity: float, skin: float = SKIN) -> str:
+def mechanics_commands(scenario: GougeScenario, place: Place, velocity: float, skin: float = SKIN) -> str:
     """LAMMPS commands of a leg without its end and its output; `skin` of neighbour lists in mean diameters."""
     gouge = place.gouge
     number = len(gouge.top)
@@ -246,14 +248,14 @@ reset_timestep 0
 comm_modify vel yes
 neighbor {_digits(skin * gouge.diameter)} bin
 neigh_modify delay 0 every 1 check yes exclude type {BOTTOM_TYPE} {BOTTOM_TYPE} exclude type {TOP_TYPE} {TOP_TYPE}
-{_pair_style(gouge.law)}
+{_pair_style_commands(gouge.law)}
 group loose type {LOOSE_TYPE}
 group bottom type {BOTTOM_TYPE}
 group top type {TOP_TYPE}
 timestep {_digits(scenario.dt)}
 
 # the spring from the load point, ahead of where it was attached, to the plate; then its share of each of the grains
-variable ahead equal {_digits(lead(gouge))}+{_digits(velocity)}*step*{_digits(scenario.dt)}
+variable ahead equal {_digits(load_point_lead(gouge))}+{_digits(velocity)}*step*{_digits(scenario.dt)}
 variable pull equal {_digits(stiffness(scenario) * scenario.area)}*({anchor}+v_ahead-xcm(top,x))
 variable share equal v_pull/{number}
 fix loose loose nve/sphere
@@ -264,7 +266,7 @@ thermo 0
 """
 
 
-def _pair_style(law: Law) -> str:
+def _pair_style_commands(law: Law) -> str:
     """`gran/hertz/history`, or of a rescaled law `granular`, in which γ_t is told as a multiple of γ_n."""
     kn, kt, mu, damping_n, damping_t = law.table[0, 0]
     clipped = " limit_damping" if law.damping & NO_TENSION else ""
@@ -277,9 +279,9 @@ def _pair_style(law: Law) -> str:
     )
 
 
-def _script(scenario: GougeScenario, place: Place, velocity: float, steps: int) -> str:
+def _format_input(scenario: GougeScenario, place: Place, velocity: float, steps: int) -> str:
     every = scenario.sample_every
-    return f"""{mechanics(scenario, place, velocity)}
+    return f"""{mechanics_commands(scenario, place, velocity)}
 compute contacts all pair/local force p4 cutoff radius
 dump grains all custom {every} {GRAINS} id xu yu zu vx vy vz omegax omegay omegaz
 dump_modify grains sort id format float %.17g
@@ -291,7 +293,7 @@ write_restart {AFTER}
 """
 
 
-def _frames(path: Path, columns: int) -> dict[int, np.ndarray]:
+def _read_frames(path: Path, columns: int) -> dict[int, np.ndarray]:
     """Tables of a dump by the step at which each was written."""
     found = {}
     for frame in path.read_text(encoding="utf-8").split("ITEM: TIMESTEP\n")[1:]:
@@ -300,18 +302,18 @@ def _frames(path: Path, columns: int) -> dict[int, np.ndarray]:
     return found
 
 
-def _touching(state: State, law) -> State:
+def _with_fresh_contacts(state: State, law) -> State:
     """The state with a list of its contacts that have not slipped."""
     bare = state._replace(contacts=empty_contacts(state.n_bodies, 0, float(state.contacts.skin[0])))
     listed = forces(bare, law)[1]
     return accept(bare, listed)
 
 
-def _state(gouge: Gouge, frame: np.ndarray, time: float) -> State:
+def _state_from_frame(gouge: Gouge, frame: np.ndarray, time: float) -> State:
     """Our state of a frame: grains do not leave their periodic images, angles are not followed by LAMMPS."""
     position, velocity, spin = frame[:, 1:4].copy(), frame[:, 4:7].copy(), frame[:, 7:10].copy()
     grains = gouge.state.grains._replace(position=position, velocity=velocity, spin=spin)
-    return _touching(gouge.state._replace(grains=grains, time=float(time)), gouge.law)
+    return _with_fresh_contacts(gouge.state._replace(grains=grains, time=float(time)), gouge.law)
 
 
 def _series(gouge: Gouge, states: list[State], plate: np.ndarray, pairs: list[np.ndarray]) -> Series:

@@ -9,7 +9,7 @@ from ...friction.measure import Mean, steady_mean
 from ...friction.model import Data
 from .protocol import Realization, Test
 from .simulate import GougeResult
-from .statistics import Curve, Number, combined, read_off
+from .statistics import Curve, Number, combine, read_off
 
 POINTS = 200  # of a mean curve
 EARLIEST = 1e-2  # time held from which on slopes against its logarithm are taken [s]
@@ -53,7 +53,7 @@ def mean_friction(result: GougeResult, velocity: float) -> Number:
 
     The error is that of the scatter of samples, or with one of them the error of its own mean.
     """
-    means = _levels(result, velocity)
+    means = _steady_levels(result, velocity)
     found = read_off(np.array([[m.mean] for m in means]), _seeds(result), lambda mean: mean[0])
     return found._replace(error=means[0].error) if len(means) == 1 else found
 
@@ -84,7 +84,7 @@ def _seeds(result: GougeResult) -> np.ndarray:
     return np.array([one.seed for one in result.realizations])
 
 
-def _levels(result: GougeResult, velocity: float) -> list[Mean]:
+def _steady_levels(result: GougeResult, velocity: float) -> list[Mean]:
     """Steady friction of every realization at a velocity."""
     return [steady_friction(one, velocity, _window(result)) for one in result.realizations]
 
@@ -106,15 +106,15 @@ def step_curve(
     for one in result.realizations:
         for test in one.of("step"):
             if (test.before, test.velocity) == (before, after):
-                pairs.append((one, test, _twin_of(one, test) if twin else None))
+                pairs.append((one, test, _find_twin(one, test) if twin else None))
     if not pairs or (twin and any(copy is None for _, _, copy in pairs)):
         return None
-    grid = _grid(_slid(result, test)[-1] for _, *both in pairs for test in both if test is not None)
+    grid = _grid(_load_point_slip(result, test)[-1] for _, *both in pairs for test in both if test is not None)
     rows = []
     for one, test, copy in pairs:
-        row = np.interp(grid, _slid(result, test), getattr(test.series, column))
+        row = np.interp(grid, _load_point_slip(result, test), getattr(test.series, column))
         if copy is not None:
-            rows.append(row - np.interp(grid, _slid(result, copy), getattr(copy.series, column)))
+            rows.append(row - np.interp(grid, _load_point_slip(result, copy), getattr(copy.series, column)))
         else:
             rows.append(row - np.concatenate(_steady_pieces(one, before, _window(result), column)).mean())
     return Curve(grid, np.array(rows), np.array([one.seed for one, *_ in pairs]), f"{before:g} → {after:g} m/s")
@@ -126,7 +126,7 @@ def _grid(ends) -> np.ndarray:
     return np.linspace(0, end, max(POINTS, int(20 * end / EARLY)))
 
 
-def _twin_of(one: Realization, test: Test) -> Test | None:
+def _find_twin(one: Realization, test: Test) -> Test | None:
     """The copy that went on from where a step, or the hold before a slide, was made."""
     for other in reversed(one.tests[: next(k for k, t in enumerate(one.tests) if t is test)]):
         if (other.part, other.branch) != (test.part, test.branch):
@@ -136,7 +136,7 @@ def _twin_of(one: Realization, test: Test) -> Test | None:
     return None
 
 
-def _slid(result: GougeResult, test: Test) -> np.ndarray:
+def _load_point_slip(result: GougeResult, test: Test) -> np.ndarray:
     """Slip of the load point since the test began, over D; samples are even, and the first is one interval in."""
     series = test.series
     begin = series.load_point[0] - (series.load_point[1] - series.load_point[0])
@@ -177,7 +177,7 @@ def response(result: GougeResult) -> Response | None:
         return None
     peaks = {(v, w): peak(curves[v, w], sign=np.sign(w - v)) for v, w in pairs}
     solve = np.linalg.pinv(design)
-    a, eta = (combined(list(peaks.values()), lambda y, row=row: row @ y) for row in solve)
+    a, eta = (combine(list(peaks.values()), lambda y, row=row: row @ y) for row in solve)
     return Response(a, eta, peaks)
 
 
@@ -195,23 +195,24 @@ def hold_curve(result: GougeResult, before: float, column: str = "friction") -> 
     found = []
     for one in result.realizations:
         tests = [t for t in one.of("hold") if t.before == before]
-        longest = max(_held(result, t)[-1] for t in tests)
-        found += [(one, t) for t in tests if _held(result, t)[-1] > longest * (1 - 1e-6)]
-    times = [_held(result, test) for _, test in found]
+        longest = max(_hold_time(result, t)[-1] for t in tests)
+        found += [(one, t) for t in tests if _hold_time(result, t)[-1] > longest * (1 - 1e-6)]
+    times = [_hold_time(result, test) for _, test in found]
     grid = np.geomspace(max(t[0] for t in times), min(t[-1] for t in times), POINTS)
     rows = [
-        np.interp(np.log(grid), np.log(time), getattr(test.series, column)) - _just_before(result, one, test, column)
+        np.interp(np.log(grid), np.log(time), getattr(test.series, column))
+        - _mean_before_hold(result, one, test, column)
         for (one, test), time in zip(found, times, strict=True)
     ]
     return Curve(grid, np.array(rows), np.array([one.seed for one, _ in found]), f"$V_i$ = {before:g} m/s")
 
 
-def _held(result: GougeResult, test: Test) -> np.ndarray:
+def _hold_time(result: GougeResult, test: Test) -> np.ndarray:
     """Time since a test began [s]; the first sample is one interval in."""
     return test.series.time - test.series.time[0] + result.scenario.interval
 
 
-def _just_before(result: GougeResult, one: Realization, hold: Test, column: str) -> float:
+def _mean_before_hold(result: GougeResult, one: Realization, hold: Test, column: str) -> float:
     series = one.slide_to(hold).series
     near = series.load_point > series.load_point[-1] - BEFORE * result.scenario.grains.mean
     return float(getattr(series, column)[near].mean())
@@ -233,7 +234,9 @@ def energy_ratio(result: GougeResult, before: float) -> Curve:
     """
     curve = hold_curve(result, before, "kinetic_energy")
     tests = [(one, t) for one in result.realizations for t in one.of("hold") if t.before == before]
-    rows = [np.interp(np.log(curve.x), np.log(_held(result, t)), t.series.kinetic_energy) / t.elastic for _, t in tests]
+    rows = [
+        np.interp(np.log(curve.x), np.log(_hold_time(result, t)), t.series.kinetic_energy) / t.elastic for _, t in tests
+    ]
     return curve._replace(rows=np.array(rows), seeds=np.array([one.seed for one, _ in tests]))
 
 
@@ -266,17 +269,17 @@ def reslide_curve(result: GougeResult, before: float, hold: float, after: float,
     With `twin`, less that of the copy that went on without a hold; None if there was none.
     """
     found = []
-    for one, level in zip(result.realizations, (m.mean for m in _levels(result, before)), strict=True):
+    for one, level in zip(result.realizations, (m.mean for m in _steady_levels(result, before)), strict=True):
         for test in one.of("reslide"):
             if (test.before, test.hold, test.velocity) == (before, hold, after):
-                found.append((one, level, test, _twin_of(one, test) if twin else None))
+                found.append((one, level, test, _find_twin(one, test) if twin else None))
     if not found or (twin and any(copy is None for *_, copy in found)):
         return None
-    grid = _grid(_slid(result, test)[-1] for _, _, *both in found for test in both if test is not None)
+    grid = _grid(_load_point_slip(result, test)[-1] for _, _, *both in found for test in both if test is not None)
     rows = []
     for _, level, test, copy in found:
-        less = level if copy is None else np.interp(grid, _slid(result, copy), copy.series.friction)
-        rows.append(np.interp(grid, _slid(result, test), test.series.friction) - less)
+        less = level if copy is None else np.interp(grid, _load_point_slip(result, copy), copy.series.friction)
+        rows.append(np.interp(grid, _load_point_slip(result, test), test.series.friction) - less)
     seeds = np.array([one.seed for one, *_ in found])
     return Curve(grid, np.array(rows), seeds, f"$V_r$ = {after:g} m/s, $t$ = {hold:g} s")
 
@@ -337,7 +340,7 @@ def step_records(result: GougeResult, *, samples: int = 400) -> list[Steps]:
     for one in result.realizations:
         for part, branch in dict.fromkeys((t.part, t.branch) for t in one.of("step")):
             tests = [t for t in one.of("step") if (t.part, t.branch) == (part, branch)]
-            found.append(Steps(one.seed, part, branch, _record([one.slide_to(tests[0]), *tests], samples)))
+            found.append(Steps(one.seed, part, branch, _make_record([one.slide_to(tests[0]), *tests], samples)))
     return found
 
 
@@ -353,7 +356,7 @@ def mean_records(result: GougeResult, *, samples: int = 400) -> list[Steps]:
     return found
 
 
-def _record(chain: list[Test], samples: int) -> Data:
+def _make_record(chain: list[Test], samples: int) -> Data:
     """The record of a chain. Where it comes from another velocity, it begins in the middle of its first leg."""
     time, friction, legs, start = [], [], [], 0.0
     for number, test in enumerate(chain):

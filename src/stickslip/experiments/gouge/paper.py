@@ -11,7 +11,7 @@ from typing import NamedTuple
 from ...data.schema import validated
 from ...ensemble import Workers
 from ..claims import Claim, for_quick_run
-from .claims import evaluated
+from .claims import evaluate_claims
 from .report import announce
 from .scenario import GougeScenario
 from .simulate import GougeResult, simulate_gouge
@@ -118,5 +118,5 @@ def reproduce(
 
     holds = {name: run(name, one) for name, one in chosen.items()}
     rest = {name: run(name, one) for name, one in more.items()}
-    claims = evaluated(holds, rest)
+    claims = evaluate_claims(holds, rest)
     return Reproduction(holds, rest, for_quick_run(claims) if quick else claims)

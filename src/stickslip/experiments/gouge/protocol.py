@@ -18,8 +18,8 @@ from ...core.measure import branch_vectors, elastic_energy, touching
 from ...core.state import State
 from ...data.checkpoint import Kept, piece
 from ...friction.measure import steady_mean
-from .dimensionless import Range, range_of, stiffness
-from .sample import BOTTOM, TOP, Gouge, gouge_law, settled, sprung
+from .dimensionless import Range, make_range, stiffness
+from .sample import BOTTOM, TOP, Gouge, attach_spring, gouge_law, prepare_sample
 from .scenario import GougeScenario, Slide, SlideHoldSlide, VelocitySteps
 
 DECADE = 20  # samples of a hold in each decade of time
@@ -116,7 +116,7 @@ class Engine(NamedTuple):
     nouns: tuple[type, ...]  # classes of NamedTuples in a place
 
 
-def trunk(scenario: GougeScenario, seed: int, engine: Engine, tell: Tell, kept: Kept | None = None) -> Trunk:
+def run_trunk(scenario: GougeScenario, seed: int, engine: Engine, tell: Tell, kept: Kept | None = None) -> Trunk:
     """Prepare one sample and take it through the slides of the protocol.
 
     Parameters
@@ -131,32 +131,34 @@ def trunk(scenario: GougeScenario, seed: int, engine: Engine, tell: Tell, kept: 
     """
     kept = kept and kept._replace(nouns=(Gouge, Series, *engine.nouns))
     gouge = piece(
-        kept, "settled", lambda: settled(scenario, seed, report=lambda stage, _, words: tell(0.0, f"{stage}: {words}"))
+        kept,
+        "settled",
+        lambda: prepare_sample(scenario, seed, report=lambda stage, _, words: tell(0.0, f"{stage}: {words}")),
     )
-    legs = _Legs(scenario, engine, tell, kept, scenario.trunk_duration)
+    legs = _LegRunner(scenario, engine, tell, kept, scenario.trunk_duration)
     place, tests, found = engine.start(scenario, gouge), [], []
     states, velocity = {"settled": gouge.state}, 0.0
-    place, test = _steadied(legs, place)
+    place, test = _slide_to_steadiness(legs, place)
     tests.append(test)
     states["steady"], velocity = engine.state(place), test.velocity
     for number, part in enumerate(scenario.protocol):
         for new in part.starts:
             for k, seconds in enumerate(part.trunk(new, scenario.grains.mean)):
-                place, series, elastic = _slid(legs, place, part, new, seconds)
+                place, series, elastic = _run_slide(legs, place, part, new, seconds)
                 tests.append(Test("slide", velocity, new, 0.0, series, number, k, elastic))
                 velocity = new
                 if part.branches:
                     found.append(Branch(number, k, new, place))
     states["end"] = engine.state(place)
-    counted = scenario.ledger_steps and engine is OURS  # states of other engines have no memory of contacts
-    ledger = _ledger(scenario, gouge._replace(state=states["end"])) if counted else {}
+    counted = scenario.ledger_steps and engine is STICKSLIP  # states of other engines have no memory of contacts
+    ledger = _run_ledger(scenario, gouge._replace(state=states["end"])) if counted else {}
     return Trunk(tuple(tests), tuple(found), states, ledger)
 
 
-def branch(
+def run_branch(
     scenario: GougeScenario, start: Branch, engine: Engine, tell: Tell, kept: Kept | None = None
 ) -> tuple[Test, ...]:
-    """Run the tests that start from one state of the trunk; arguments as in `trunk`.
+    """Run the tests that start from one state of the trunk; arguments as in `run_trunk`.
 
     Raises
     ------
@@ -165,26 +167,26 @@ def branch(
     """
     kept = kept and kept._replace(nouns=(Gouge, Series, *engine.nouns))
     part = scenario.protocol[start.part]
-    legs = _Legs(scenario, engine, tell, kept, sum(part.branch(start.before, scenario.grains.mean)))
-    make = _stepped if isinstance(part, VelocitySteps) else _held
+    legs = _LegRunner(scenario, engine, tell, kept, sum(part.branch(start.before, scenario.grains.mean)))
+    make = _run_steps if isinstance(part, VelocitySteps) else _run_holds
     return tuple(test._replace(part=start.part, branch=start.number) for test in make(legs, start, part))
 
 
-def realization(scenario: GougeScenario, seed: int, found: Trunk, tests) -> Realization:
+def make_realization(scenario: GougeScenario, seed: int, found: Trunk, tests) -> Realization:
     """A trunk and the tests of its branches, branch after branch."""
     everything = (*found.tests, *(test for one in tests for test in one))
     fastest = max(test.velocity for test in everything)
     state, thickness = found.states["steady"], float(found.tests[0].series.thickness[-1])
     overlap = _mean_overlap(state) / scenario.grains.mean
     law = gouge_law(scenario, scenario.law.mu)
-    good = range_of(scenario, fastest, thickness, overlap, stable_time_step(state, law))
+    good = make_range(scenario, fastest, thickness, overlap, stable_time_step(state, law))
     return Realization(seed, good, everything, found.states, found.ledger)
 
 
-def _steadied(legs: "_Legs", place):
+def _slide_to_steadiness(legs: "_LegRunner", place):
     """Slide until two windows of friction agree."""
     chosen = legs.scenario.preparation
-    found = _until_steady(legs, place, chosen.velocity, chosen.slip, chosen.longest)
+    found = _run_until_steady(legs, place, chosen.velocity, chosen.slip, chosen.longest)
     if found is None:
         raise RuntimeError(
             f"the sample was not steady after a slip of {chosen.longest:g} D: allow more change or a longer slip"
@@ -193,7 +195,7 @@ def _steadied(legs: "_Legs", place):
     return place, Test("steady", 0.0, chosen.velocity, 0.0, series, elastic=elastic)
 
 
-def _until_steady(legs: "_Legs", place, velocity: float, least: float, longest: float):
+def _run_until_steady(legs: "_LegRunner", place, velocity: float, least: float, longest: float):
     """Place, series and elastic energy once steady, or None; slips in D."""
     chosen, size = legs.scenario.preparation, legs.scenario.grains.mean
     parts, slid, wanted = [], 0.0, max(least, 2 * chosen.window)
@@ -201,23 +203,23 @@ def _until_steady(legs: "_Legs", place, velocity: float, least: float, longest: 
         place, part, elastic = legs.run(place, velocity, wanted * size / velocity, "to steady sliding")
         parts.append(part)
         slid, wanted = slid + wanted, 0.5 * chosen.window
-        series = _joined(parts)
+        series = _concatenate(parts)
         if _is_steady(series, chosen.window * size, chosen.change):
             return place, series, elastic
     return None
 
 
-def _slid(legs: "_Legs", place, part, velocity: float, seconds: float):
+def _run_slide(legs: "_LegRunner", place, part, velocity: float, seconds: float):
     """One slide of the trunk."""
     if isinstance(part, Slide) and part.steady:
-        found = _until_steady(legs, place, velocity, 0.0, part.slip)
+        found = _run_until_steady(legs, place, velocity, 0.0, part.slip)
         if found is None:
             raise RuntimeError(f"a slide at {velocity:g} m/s was not steady after {part.slip:g} D")
         return found
     return legs.run(place, velocity, seconds, f"slide at {velocity:g} m/s")
 
 
-def _stepped(legs: "_Legs", start: Branch, part: VelocitySteps):
+def _run_steps(legs: "_LegRunner", start: Branch, part: VelocitySteps):
     """Yield the tests of one sequence of velocity steps."""
     size, place, old = legs.scenario.grains.mean, start.place, start.before
     for velocity in part.velocities[1:]:
@@ -230,7 +232,7 @@ def _stepped(legs: "_Legs", start: Branch, part: VelocitySteps):
         old = velocity
 
 
-def _held(legs: "_Legs", start: Branch, part: SlideHoldSlide):
+def _run_holds(legs: "_LegRunner", start: Branch, part: SlideHoldSlide):
     """Yield the tests of one hold, and of the slides from each of its times."""
     size, interval, before = legs.scenario.grains.mean, legs.scenario.interval, start.before
     if part.twin:
@@ -246,10 +248,10 @@ def _held(legs: "_Legs", start: Branch, part: SlideHoldSlide):
             words = f"slide at {after:g} m/s after a hold of {hold:g} s"
             _, series, stored = legs.run(place, after, part.slip * size / after, words)
             yield Test("reslide", before, after, hold, series, elastic=stored)
-    yield Test("hold", before, 0.0, 0.0, _thinned(_joined(parts)), elastic=elastic)
+    yield Test("hold", before, 0.0, 0.0, _log_binned(_concatenate(parts)), elastic=elastic)
 
 
-def _thinned(series: Series) -> Series:
+def _log_binned(series: Series) -> Series:
     """Means over intervals of time held that grow with it, `DECADE` of them in each decade."""
     count = len(series.time)
     edges = np.unique(np.round(np.geomspace(1, count + 1, max(2, round(DECADE * np.log10(count + 1)) + 1))).astype(int))
@@ -259,7 +261,7 @@ def _thinned(series: Series) -> Series:
     return Series(*means)
 
 
-class _Legs:
+class _LegRunner:
     """Runs legs of a trunk or a branch in pieces that are kept, and tells how far it is."""
 
     def __init__(self, scenario: GougeScenario, engine: Engine, tell: Tell, kept: Kept | None, duration: float):
@@ -281,7 +283,7 @@ class _Legs:
                 place, part = piece(pieces, f"{first:09d}", leg)
                 parts.append(part)
                 self._went(steps, part, words)
-            return place, _joined(parts)
+            return place, _concatenate(parts)
 
         before = self.done
         place, series = piece(self.kept, name, run_pieces)
@@ -303,7 +305,7 @@ class _Legs:
         )
 
 
-def _joined(parts: list[Series]) -> Series:
+def _concatenate(parts: list[Series]) -> Series:
     return Series(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
@@ -320,25 +322,25 @@ def _is_steady(series: Series, window: float, change: float) -> bool:
 
 def _start(scenario: GougeScenario, gouge: Gouge) -> Gouge:
     """A settled sample, on its spring."""
-    return sprung(gouge, stiffness(scenario) * scenario.area, [gouge.state.time], [0.0])
+    return attach_spring(gouge, stiffness(scenario) * scenario.area, [gouge.state.time], [0.0])
 
 
-def _leg(scenario: GougeScenario, place: Gouge, velocity: float, steps: int) -> tuple[Gouge, Series]:
+def _run_leg(scenario: GougeScenario, place: Gouge, velocity: float, steps: int) -> tuple[Gouge, Series]:
     """Some steps of our own engine, sampled, without the sample at their start."""
-    begin, seconds, ahead = place.state.time, steps * scenario.dt, lead(place)
+    begin, seconds, ahead = place.state.time, steps * scenario.dt, load_point_lead(place)
     course = np.array([begin, begin + seconds]), np.array([ahead, ahead + velocity * seconds])
-    here = sprung(place, stiffness(scenario) * scenario.area, *course)
+    here = attach_spring(place, stiffness(scenario) * scenario.area, *course)
     end, record, outcome = run(here.state, here.law, steps, scenario.dt, every=scenario.sample_every, threads=1)
     if not outcome.ok:
         raise RuntimeError(f"the sample ended at time {end.time:.4g}: {outcome}")
     return here._replace(state=end), _series(record, here, np.interp(record.time, *course))[1:]
 
 
-def _ledger(scenario: GougeScenario, gouge: Gouge) -> dict[str, np.ndarray]:
+def _run_ledger(scenario: GougeScenario, gouge: Gouge) -> dict[str, np.ndarray]:
     """Energies while the spring goes on at the velocity of preparation, with our own engine."""
     begin, velocity = gouge.state.time, scenario.preparation.velocity
-    seconds, ahead = scenario.ledger_steps * scenario.dt, lead(gouge)
-    here = sprung(
+    seconds, ahead = scenario.ledger_steps * scenario.dt, load_point_lead(gouge)
+    here = attach_spring(
         gouge, stiffness(scenario) * scenario.area, [begin, begin + seconds], [ahead, ahead + velocity * seconds]
     )
     every = max(1, min(scenario.sample_every, scenario.ledger_steps // 10))
@@ -350,7 +352,7 @@ def _ledger(scenario: GougeScenario, gouge: Gouge) -> dict[str, np.ndarray]:
     return {"time": record.time, **record.ledger._asdict(), "defect": record.ledger.defect}
 
 
-def lead(place: Gouge) -> float:
+def load_point_lead(place: Gouge) -> float:
     """How far the load point is from where the spring was attached [m]."""
     control = place.state.control
     return float(factors_at(control, place.state.time)[control.leads[place.top[0], 0]])
@@ -386,4 +388,6 @@ def _mean_overlap(state: State) -> float:
     return float((radius[i] + radius[j] - distance).mean()) if len(rows) else 0.0
 
 
-OURS = Engine(_start, _leg, lambda place: place.state, lambda place: elastic_energy(place.state, place.law), (Gouge,))
+STICKSLIP = Engine(
+    _start, _run_leg, lambda place: place.state, lambda place: elastic_energy(place.state, place.law), (Gouge,)
+)

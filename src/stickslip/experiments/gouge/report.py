@@ -12,7 +12,7 @@ from ...friction.laboratory import LabRecord, write_csv
 from ..run_folder import CURVES, SERIES
 from ..terminal import STYLE, console
 from . import measures as measured
-from .curves import after_longest, healed, predicted, same_velocity
+from .curves import healing_peaks, holds_with_common_velocity, predict_hold, reslides_after_longest
 from .dimensionless import inertial_numbers, normalised_hold, normalised_stiffness, stiffness
 from .sample import damping
 from .simulate import GougeResult
@@ -47,9 +47,9 @@ def figures(result: GougeResult):
     before = measured.holds(result)
     if before:
         curves = [measured.hold_curve(result, v) for v in before]
-        shown = [([c], predicted(result, v, c.x)) for v, c in zip(before, curves, strict=True)]
+        shown = [([c], predict_hold(result, v, c.x)) for v, c in zip(before, curves, strict=True)]
         yield "fig3_holds.png", figures_of.holds(shown)
-        yield "fig4_rest.png", _rest({f"$V_i$ = {v:g} m/s": (result, v) for v in before})
+        yield "fig4_rest.png", _rest_figure({f"$V_i$ = {v:g} m/s": (result, v) for v in before})
         yield from _reslide_figures(result, result)
     yield "fig7_sample.png", figures_of.sample(result.realizations[0], result.scenario)
 
@@ -78,14 +78,14 @@ def paper_figures(found):
     yield "fig1_steady_sliding.png", figures_of.steady_sliding(main.realizations, main.scenario.grains.mean)
     if "steps" in found.more:
         yield from _step_figures(found.more["steps"])
-    curves = [measured.hold_curve(r, before)._replace(label=_damped(r, name)) for name, r in found.holds.items()]
-    yield "fig3_holds.png", figures_of.holds([(curves, predicted(main, before, curves[0].x))])
-    yield "fig4_rest.png", _rest({_damped(r, name): (r, before) for name, r in found.holds.items()})
+    curves = [measured.hold_curve(r, before)._replace(label=_damping_label(r, name)) for name, r in found.holds.items()]
+    yield "fig3_holds.png", figures_of.holds([(curves, predict_hold(main, before, curves[0].x))])
+    yield "fig4_rest.png", _rest_figure({_damping_label(r, name): (r, before) for name, r in found.holds.items()})
     yield from _reslide_figures(found.more.get("reslides", main), main)
     yield "fig7_sample.png", figures_of.sample(main.realizations[0], main.scenario)
 
 
-def _damped(result: GougeResult, name: str) -> str:
+def _damping_label(result: GougeResult, name: str) -> str:
     return f"{name}: $\\gamma_n$ = {damping(result.scenario):.1e}"
 
 
@@ -98,7 +98,7 @@ def _step_figures(result: GougeResult):
         yield "fig2_velocity_steps.png", figures_of.velocity_steps(curves, twins=twins)
 
 
-def _rest(runs: dict):
+def _rest_figure(runs: dict):
     ratios = [measured.energy_ratio(*run)._replace(label=label) for label, run in runs.items()]
     creep = [measured.creep_velocity(*run) for run in runs.values()]
     return figures_of.rest(ratios, creep, measured.sliding_energy_ratio(*next(iter(runs.values()))).value)
@@ -108,24 +108,27 @@ def _reslide_figures(result: GougeResult, healing: GougeResult):
     """Slides at several velocities after a hold, and at one velocity after several holds."""
     before = {v for v, _, _ in measured.reslides(result)}
     if before:
-        yield "fig5_reslides.png", _reslides(result, max(before, key=lambda v: len(after_longest(result, v)[0])))
+        yield (
+            "fig5_reslides.png",
+            _reslide_figure(result, max(before, key=lambda v: len(reslides_after_longest(result, v)[0]))),
+        )
     before = {v for v, _, _ in measured.reslides(healing)}
-    most = max(before, key=lambda v: len(same_velocity(healing, v)[0]), default=None)
-    if most and len(same_velocity(healing, most)[0]) > 1:
-        yield "fig6_healing.png", _healing(healing, most)
+    most = max(before, key=lambda v: len(holds_with_common_velocity(healing, v)[0]), default=None)
+    if most and len(holds_with_common_velocity(healing, most)[0]) > 1:
+        yield "fig6_healing.png", _healing_figure(healing, most)
 
 
-def _reslides(result: GougeResult, before: float):
-    curves, after, peaks, _ = after_longest(result, before)
+def _reslide_figure(result: GougeResult, before: float):
+    curves, after, peaks, _ = reslides_after_longest(result, before)
     ratios = after / before
     fitted = slope(np.log(ratios), peaks) if len(ratios) > 1 else None
     return figures_of.reslides(curves, ratios, peaks, fitted, COLLAPSE)
 
 
-def _healing(result: GougeResult, before: float):
+def _healing_figure(result: GougeResult, before: float):
     curve = measured.hold_curve(result, before, "thickness")
     thinner = curve._replace(rows=curve.rows / result.scenario.grains.mean)
-    return figures_of.healing(*healed(result, before), result.scenario.scales.b, thinner)
+    return figures_of.healing(*healing_peaks(result, before), result.scenario.scales.b, thinner)
 
 
 def numbers(result: GougeResult) -> dict:
@@ -173,14 +176,14 @@ def _write_curves(found, path: Path) -> None:
     """Mean curves of a reproduction, one row a point, with standard error and standard deviation over branches."""
     lines = ["run,kind,before [m/s],hold [s],after [m/s],x,unit of x,mean,error,deviation"]
     for run, result in found.results.items():
-        for kind, where, unit, curve in _curves(result):
+        for kind, where, unit, curve in _mean_curves(result):
             head = f"{run.replace(',', ';')},{kind}," + ",".join("" if w is None else f"{w:g}" for w in where)
             rows = zip(curve.x, curve.mean, curve.error, curve.band / 2, strict=True)
             lines += [f"{head},{x:.5g},{unit},{mean:.5g},{error:.3g},{band:.3g}" for x, mean, error, band in rows]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def _curves(result: GougeResult):
+def _mean_curves(result: GougeResult):
     """Yield (kind, (before, hold, after), unit of x, curve) of everything that a result has means of."""
     for v in measured.holds(result):
         for column in ("friction", "thickness"):
@@ -188,12 +191,12 @@ def _curves(result: GougeResult):
         yield "kinetic over elastic energy in a hold", (v, None, None), "s", measured.energy_ratio(result, v)
         yield "velocity of the plate in a hold", (v, None, None), "s", measured.creep_velocity(result, v)
     for v, hold, w in measured.reslides(result):
-        yield "friction after a hold", (v, hold, w), "D", _few(measured.reslide_curve(result, v, hold, w))
+        yield "friction after a hold", (v, hold, w), "D", _thin_out(measured.reslide_curve(result, v, hold, w))
     for v, w in measured.steps(result):
-        yield "friction after a step", (v, None, w), "D", _few(measured.step_curve(result, v, w, twin=False))
+        yield "friction after a step", (v, None, w), "D", _thin_out(measured.step_curve(result, v, w, twin=False))
 
 
-def _few(curve: measured.Curve) -> measured.Curve:
+def _thin_out(curve: measured.Curve) -> measured.Curve:
     """About two hundred points of a smoothed curve."""
     soft, every = measured.smoothed(curve), max(1, len(curve.x) // measured.POINTS)
     return soft._replace(x=soft.x[::every], rows=soft.rows[:, ::every])

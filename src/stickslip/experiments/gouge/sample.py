@@ -23,9 +23,9 @@ from ...data.schema import ScenarioError
 from ...solve.collision import eq8_damping, with_restitution
 from .scenario import GougeScenario
 
-ROOM = 1.05  # of the lattice on which grains are poured, in largest diameters
+SPACING = 1.05  # of the lattice on which grains are poured, in largest diameters
 CHUNK = 500  # steps between looks at a sample that settles
-SWING = 1e-3  # largest kinetic over elastic energy at rest
+MAX_KINETIC_RATIO = 1e-3  # largest kinetic over elastic energy at rest
 BOTTOM, TOP = 0, 1  # numbers of the rigid groups
 
 
@@ -85,7 +85,7 @@ def damping(scenario: GougeScenario) -> float:
     )  # fmt: skip
 
 
-def settled(scenario: GougeScenario, seed: int, *, report: Report = lambda stage, share, words: None) -> Gouge:
+def prepare_sample(scenario: GougeScenario, seed: int, *, report: Report = lambda stage, share, words: None) -> Gouge:
     """A sample at rest under its normal stress, with friction and not sheared yet.
 
     Raises
@@ -97,17 +97,17 @@ def settled(scenario: GougeScenario, seed: int, *, report: Report = lambda stage
     """
     rng = np.random.default_rng(seed)
     smooth = gouge_law(scenario, 0.0)
-    state = _poured(scenario, rng)
-    state = _approached(scenario, state, smooth, report)
-    state = _at_rest(scenario, state, smooth, "pressed", report)
-    state = _glued(scenario, state)
+    state = _pour(scenario, rng)
+    state = _approach(scenario, state, smooth, report)
+    state = _settle(scenario, state, smooth, "pressed", report)
+    state = _glue_plates(scenario, state)
     law = gouge_law(scenario, scenario.law.mu)
-    state = _at_rest(scenario, state, law, "glued", report)
+    state = _settle(scenario, state, law, "glued", report)
     grains = state.grains._replace(velocity=0 * state.grains.velocity, spin=0 * state.grains.spin)
     return Gouge(state._replace(grains=grains), law, scenario.area, scenario.load.normal_stress, scenario.grains.mean)
 
 
-def sprung(gouge: Gouge, stiffness: float, times, displacement) -> Gouge:
+def attach_spring(gouge: Gouge, stiffness: float, times, displacement) -> Gouge:
     """The sample with its upper plate on a spring along x whose load point follows a course from where it is.
 
     Parameters
@@ -122,12 +122,12 @@ def sprung(gouge: Gouge, stiffness: float, times, displacement) -> Gouge:
     return gouge._replace(state=state._replace(control=control))
 
 
-def _poured(scenario: GougeScenario, rng) -> State:
+def _pour(scenario: GougeScenario, rng) -> State:
     """Grains of all sizes on a loose lattice above a flat wall, below another that comes down."""
     cell, chosen = scenario.cell, scenario.grains
     number = chosen.number + 2 * scenario.plate_grains
     radius = rng.uniform(*chosen.diameter, number) / 2
-    wide = ROOM * chosen.diameter[1]
+    wide = SPACING * chosen.diameter[1]
     across = [max(1, int(length / wide)) for length in (cell.length, cell.width)]
     steps = cell.length / across[0], cell.width / across[1]
     site = np.arange(number)
@@ -151,12 +151,12 @@ def _drag(scenario: GougeScenario) -> float:
     return scenario.preparation.drag * float(np.sqrt(scenario.load.normal_stress * d / mass))
 
 
-def _approached(scenario: GougeScenario, state: State, law: Law, report: Report) -> State:
+def _approach(scenario: GougeScenario, state: State, law: Law, report: Report) -> State:
     """The upper wall comes down until it bears the normal stress; it is then pressed by that stress."""
     n, wanted = len(state.grains.radius), scenario.load.normal_stress
     start, least = float(state.walls.point[1, 1]), np.pi / 6 * (state.grains.radius**3 * 8).sum() / scenario.area
     while True:
-        state = _advanced(scenario, state, law, _drag(scenario))
+        state = _advance(scenario, state, law, _drag(scenario))
         found, _ = forces(state, law, memory=FROZEN)
         height, stress = float(state.walls.point[1, 1]), float(found.force[n + 1, 1]) / scenario.area
         report("pour and press", min(1.0, (start - height) / (start - 1.5 * least)), f"stress {stress:.2e} Pa")
@@ -168,7 +168,7 @@ def _approached(scenario: GougeScenario, state: State, law: Law, report: Report)
     return state._replace(control=control)
 
 
-def _advanced(scenario: GougeScenario, state: State, law: Law, drag: float, steps: int = CHUNK) -> State:
+def _advance(scenario: GougeScenario, state: State, law: Law, drag: float, steps: int = CHUNK) -> State:
     state = state._replace(instant=None)  # so that a seed's sample stays the one whose numbers are known
     try:
         state, _, outcome = run(state, law, steps, scenario.dt, drag=drag, threads=1)
@@ -183,14 +183,14 @@ def _advanced(scenario: GougeScenario, state: State, law: Law, drag: float, step
     return state
 
 
-def _at_rest(scenario: GougeScenario, state: State, law: Law, stage: str, report: Report) -> State:
+def _settle(scenario: GougeScenario, state: State, law: Law, stage: str, report: Report) -> State:
     """The state once its mean unbalanced force and its kinetic energy are small."""
     chosen = scenario.preparation
     for k in range(max(1, round(chosen.most / CHUNK))):
-        state = _advanced(scenario, state, law, _drag(scenario))
-        unrest, swing = _unrest(state, law)
+        state = _advance(scenario, state, law, _drag(scenario))
+        unrest, swing = _unbalance(state, law)
         report(stage, min(1.0, (k + 1) * CHUNK / chosen.most), f"unbalanced {unrest:.1e}, kinetic/elastic {swing:.1e}")
-        if unrest < chosen.unbalanced and swing < SWING:
+        if unrest < chosen.unbalanced and swing < MAX_KINETIC_RATIO:
             return state
     raise RuntimeError(
         f"the sample did not settle in {chosen.most:g} steps (unbalanced force {unrest:.1e} of the contact force, "
@@ -198,7 +198,7 @@ def _at_rest(scenario: GougeScenario, state: State, law: Law, stage: str, report
     )
 
 
-def _unrest(state: State, law: Law) -> tuple[float, float]:
+def _unbalance(state: State, law: Law) -> tuple[float, float]:
     """Mean unbalanced force of free bodies over mean contact force, and kinetic over elastic energy."""
     found, _ = forces(state, law, memory=FROZEN)
     free = state.control.group[: len(state.grains.radius)] < 0
@@ -212,7 +212,7 @@ def _unrest(state: State, law: Law) -> tuple[float, float]:
     return float(pull / held), float(energy / elastic_energy(state, law))
 
 
-def _glued(scenario: GougeScenario, state: State) -> State:
+def _glue_plates(scenario: GougeScenario, state: State) -> State:
     """Plates of the lowest and highest grains in place of the walls, and no memory: nothing has slipped yet.
 
     Glued grains lose what they overlap, so that they do not touch each other.
@@ -220,7 +220,7 @@ def _glued(scenario: GougeScenario, state: State) -> State:
     number, n = scenario.plate_grains, len(state.grains.radius)
     order = np.argsort(state.grains.position[:, 1], kind="stable")
     plates = order[:number], order[-number:]
-    grains = _apart(state, np.concatenate(plates))
+    grains = _shrink_apart(state, np.concatenate(plates))
     for members in plates:
         share = scenario.cell.plate_mass * grains.mass[members].sum() / number
         grains.mass[members] = share
@@ -236,7 +236,7 @@ def _glued(scenario: GougeScenario, state: State) -> State:
     return assembly(grains, cell=cell, control=control)._replace(time=bare.time)
 
 
-def _apart(state: State, members: np.ndarray) -> Grains:
+def _shrink_apart(state: State, members: np.ndarray) -> Grains:
     """Grains of which the members have shrunk until none of them touches another."""
     grains, size = state.grains, np.diag(state.cell.vectors)
     x, radius = grains.position[members], grains.radius.copy()

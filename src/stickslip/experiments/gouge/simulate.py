@@ -11,7 +11,19 @@ from ...data import archive
 from ...data.checkpoint import Kept, kept_in
 from ...ensemble import Workers, run_members
 from .dimensionless import Range
-from .protocol import OURS, Branch, Engine, Realization, Series, Tell, Test, Trunk, branch, realization, trunk
+from .protocol import (
+    STICKSLIP,
+    Branch,
+    Engine,
+    Realization,
+    Series,
+    Tell,
+    Test,
+    Trunk,
+    make_realization,
+    run_branch,
+    run_trunk,
+)
 from .scenario import GougeScenario
 
 MEMBERS = "realizations"  # folder beside the results
@@ -52,10 +64,10 @@ def simulate_gouge(
     ArchiveError
         if a file of what was finished before is damaged, or of another version.
     """
-    engine_of(scenario)
+    find_engine(scenario)
     seeds = range(scenario.seed, scenario.seed + scenario.realizations)
     alone = [scenario.model_copy(update={"realizations": 1, "seed": seed}) for seed in seeds]
-    found = [_read(_path(one, folder)) for one in alone]
+    found = [_read_realization(_realization_path(one, folder)) for one in alone]
     missing = [k for k, one in enumerate(found) if one is None]
     failures = {}
     if missing:
@@ -97,13 +109,13 @@ class _Ensemble:
             if wrong:
                 out.append(re.sub(r"^[A-Z][A-Za-z]+: ", "", wrong))
                 continue
-            out.append(realization(one, one.seed, stem.result, [member.result for member in mine]))
+            out.append(make_realization(one, one.seed, stem.result, [member.result for member in mine]))
             self._save(one, out[-1])
         return out
 
     def _trunks(self):
         """The trunk of every realization."""
-        nouns = (Trunk, Branch, Test, Series, *engine_of(self.scenario).nouns, *OURS.nouns)
+        nouns = (Trunk, Branch, Test, Series, *find_engine(self.scenario).nouns, *STICKSLIP.nouns)
         places = [self.kept and self.kept.of(one.digest, *nouns) for one in self.alone]
 
         def save(k, result):
@@ -112,7 +124,7 @@ class _Ensemble:
                 places[k].of(LEGS).clear()
 
         return run_members(
-            _trunk,
+            _trunk_task,
             [(one.text, place and place.of(LEGS)) for one, place in zip(self.alone, places, strict=True)],
             workers=self.workers,
             live=lambda share, words: self._tell(self.first * share, words),
@@ -131,7 +143,7 @@ class _Ensemble:
                 places[k].of(names[k]).clear()
 
         return run_members(
-            _branch,
+            _branch_task,
             [
                 (self.alone[k].text, start, place and place.of(name))
                 for k, start, place, name in zip(owners, starts, places, names, strict=True)
@@ -144,7 +156,7 @@ class _Ensemble:
 
     def _save(self, one: GougeScenario, result: Realization) -> None:
         if self.folder:
-            path = _path(one, self.folder)
+            path = _realization_path(one, self.folder)
             path.parent.mkdir(parents=True, exist_ok=True)
             archive.write(path, {"realization": result}, scenario=one.text, version=__version__)
             self.kept.of(one.digest).clear()
@@ -153,7 +165,7 @@ class _Ensemble:
         self.report(f"realizations ({len(self.alone)} to run)", share, words)
 
 
-def engine_of(scenario: GougeScenario) -> Engine:
+def find_engine(scenario: GougeScenario) -> Engine:
     """The engine that a scenario names.
 
     Raises
@@ -162,30 +174,30 @@ def engine_of(scenario: GougeScenario) -> Engine:
         with a sentence that says how to get it, if it is not installed.
     """
     if scenario.engine == "stickslip":
-        return OURS
+        return STICKSLIP
     from .lammps import engine
 
     return engine()
 
 
-def _trunk(text: str, kept: Kept | None, tell: Tell) -> Trunk:
+def _trunk_task(text: str, kept: Kept | None, tell: Tell) -> Trunk:
     """One trunk, in whichever process."""
     one = GougeScenario.model_validate_json(text)
-    return trunk(one, one.seed, engine_of(one), tell, kept and kept.seen())
+    return run_trunk(one, one.seed, find_engine(one), tell, kept and kept.seen())
 
 
-def _branch(text: str, start: Branch, kept: Kept | None, tell: Tell) -> tuple[Test, ...]:
+def _branch_task(text: str, start: Branch, kept: Kept | None, tell: Tell) -> tuple[Test, ...]:
     """One branch, in whichever process."""
     one = GougeScenario.model_validate_json(text)
-    return branch(one, start, engine_of(one), tell, kept and kept.seen())
+    return run_branch(one, start, find_engine(one), tell, kept and kept.seen())
 
 
-def _path(one: GougeScenario, folder: Path | None) -> Path | None:
+def _realization_path(one: GougeScenario, folder: Path | None) -> Path | None:
     """Where a realization is kept: by the digest of what defines it, so that no other scenario takes it for its own."""
     return folder / MEMBERS / f"{one.digest}.h5" if folder else None
 
 
-def _read(path: Path | None) -> Realization | None:
+def _read_realization(path: Path | None) -> Realization | None:
     """A realization that was finished before; None if there is none."""
     if path is None or not path.exists():
         return None

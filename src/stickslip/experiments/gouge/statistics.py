@@ -90,7 +90,7 @@ def read_off(rows: np.ndarray, seeds: np.ndarray, function: Callable) -> Number:
     means = np.array([group.mean(axis=0) for group in groups])
     value, alike = (
         float(function(means.mean(axis=0))),
-        similarity([[float(function(row)) for row in g] for g in groups]),
+        intraclass_correlation([[float(function(row)) for row in g] for g in groups]),
     )
     units = means if len(means) >= LEAST else rows
     count, wider = len(units), 1.0
@@ -100,17 +100,17 @@ def read_off(rows: np.ndarray, seeds: np.ndarray, function: Callable) -> Number:
         wider = np.sqrt(1 + (len(rows) / len(means) - 1) * max(alike, 0.0))
     rng = np.random.default_rng(0)
     draws = np.array([function(units[rng.integers(count, size=count)].mean(axis=0)) for _ in range(DRAWS)])
-    return _drawn(Number(value, np.nan, len(means), len(rows), draws, alike), wider)
+    return _with_bootstrap_error(Number(value, np.nan, len(means), len(rows), draws, alike), wider)
 
 
-def _drawn(number: Number, wider: float = 1.0) -> Number:
+def _with_bootstrap_error(number: Number, wider: float = 1.0) -> Number:
     """The number with the error that its draws give."""
     count = number.samples if number.samples >= LEAST else number.branches
     # what is drawn from a few values scatters less than what these were drawn from
     return number._replace(error=float(wider * np.sqrt(count / (count - 1)) * number.draws.std(ddof=1)))
 
 
-def similarity(groups: list[list[float]]) -> float:
+def intraclass_correlation(groups: list[list[float]]) -> float:
     """Correlation of two values of one group (intraclass, by analysis of variance); NaN without groups of two.
 
     Source: R. A. Fisher, Statistical Methods for Research Workers (1925), §40.
@@ -127,26 +127,26 @@ def similarity(groups: list[list[float]]) -> float:
     return float((between - within) / below) if below > 0 else np.nan
 
 
-def combined(numbers: list[Number], function: Callable) -> Number:
+def combine(numbers: list[Number], function: Callable) -> Number:
     """function(values) of numbers of one result, with the error that samples drawn again for all at once give."""
     first = numbers[0]
     value = float(function(np.array([n.value for n in numbers])))
     if min(len(n.draws) for n in numbers) == 0:
         return Number(value, np.nan, first.samples, first.branches, np.zeros(0))
     draws = np.array([function(one) for one in np.array([n.draws for n in numbers]).T])
-    wider = max(_widened(n) for n in numbers)
-    return _drawn(Number(value, np.nan, first.samples, first.branches, draws, first.alike), wider)
+    wider = max(_widening(n) for n in numbers)
+    return _with_bootstrap_error(Number(value, np.nan, first.samples, first.branches, draws, first.alike), wider)
 
 
-def _widened(number: Number) -> float:
+def _widening(number: Number) -> float:
     """By how much the error of a number exceeds the scatter of its draws."""
-    plain = _drawn(number).error
+    plain = _with_bootstrap_error(number).error
     return number.error / plain if plain > 0 else 1.0
 
 
 def average(numbers: list[Number]) -> Number:
     """Mean of numbers of one result."""
-    return combined(numbers, np.mean)
+    return combine(numbers, np.mean)
 
 
 def slope(x, numbers: list[Number]) -> Number:
@@ -155,10 +155,10 @@ def slope(x, numbers: list[Number]) -> Number:
     if len(set(x.tolist())) < 2:
         raise ValueError(f"a slope through {len(x)} points was asked for: give at least two different x")
     centred = x - x.mean()
-    return combined(numbers, lambda y: centred @ y / (centred @ centred))
+    return combine(numbers, lambda y: centred @ y / (centred @ centred))
 
 
-def apart(a: Number, b: Number) -> tuple[float, float]:
+def difference(a: Number, b: Number) -> tuple[float, float]:
     """Difference a − b of numbers of two results, and half its 95 % interval (Welch)."""
     variances = np.array([a.error**2, b.error**2])
     units = np.array([n.samples if n.samples >= LEAST else n.branches for n in (a, b)])

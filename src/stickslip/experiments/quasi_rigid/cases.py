@@ -14,7 +14,7 @@ from ...quasirigid.uniqueness import certificate
 from .simulate import QuasiResult
 
 
-class Constructed(NamedTuple):
+class StatusCases(NamedTuple):
     """Cases drawn on states of real packings: which contacts are critical, to which side, and the load."""
 
     total: int
@@ -24,11 +24,11 @@ class Constructed(NamedTuple):
     several: int  # with two or more
 
 
-def constructed(main: QuasiResult, cases: int) -> Constructed:
+def status_cases(main: QuasiResult, cases: int) -> StatusCases:
     """Random critical contacts, slip signs and loads on states of the paths: is the status unique?"""
     rng, count, drawn = np.random.default_rng(main.scenario.seed), np.zeros(4, int), 0
     while drawn < cases:
-        m = _some_matrices(main, rng, drawn)
+        m = _random_system(main, rng, drawn)
         critical = rng.choice(m.count, int(rng.integers(2, 9)), replace=False)
         m = m._replace(sign=rng.choice([-1.0, 1.0], m.count))
         try:
@@ -38,16 +38,16 @@ def constructed(main: QuasiResult, cases: int) -> Constructed:
         whole, mapped = bool(certificate(problem).unique), status_map(problem)
         count += [whole, whole == mapped.bijective, len(mapped.consistent) == 0, len(mapped.consistent) > 1]
         drawn += 1
-    return Constructed(cases, *(int(c) for c in count))
+    return StatusCases(cases, *(int(c) for c in count))
 
 
-def _some_matrices(main: QuasiResult, rng, number: int) -> LinearSystem:
+def _random_system(main: QuasiResult, rng, number: int) -> LinearSystem:
     """The matrices of a state that is drawn from one sample's path, sample after sample."""
     one = main.tested[number % len(main.tested)]
     return linear_system(one.path.states[int(rng.integers(len(one.path.points)))], one.law)
 
 
-class Opened(NamedTuple):
+class ApexCases(NamedTuple):
     """Contacts of real packings put at the apex of the cone."""
 
     total: int
@@ -74,11 +74,11 @@ def counterexample(directions: int = 720) -> tuple[str, ...]:
     return tuple(WORDS[status] for status in most[:, 0])
 
 
-def apexes(main: QuasiResult, cases: int) -> Opened:
+def apex_cases(main: QuasiResult, cases: int) -> ApexCases:
     """One or two contacts at the apex, up to two at the limit, and random loads: do the four statuses exclude?"""
     rng, count, drawn = np.random.default_rng(main.scenario.seed + 1), np.zeros(4, int), 0
     while drawn < cases:
-        m = _some_matrices(main, rng, drawn)
+        m = _random_system(main, rng, drawn)
         open_ones, critical = int(rng.integers(1, 3)), int(rng.integers(0, 3))
         contacts = rng.choice(m.count, open_ones + critical, replace=False)
         sign = np.append(np.zeros(open_ones), rng.choice([-1.0, 1.0], critical))
@@ -89,4 +89,4 @@ def apexes(main: QuasiResult, cases: int) -> Opened:
         found, coherent = consistent_statuses(apex)
         count += [coherent, coherent and len(found) != 1, not coherent and len(found) > 1, not (coherent or len(found))]
         drawn += 1
-    return Opened(cases, *(int(c) for c in count), counterexample())
+    return ApexCases(cases, *(int(c) for c in count), counterexample())

@@ -9,8 +9,8 @@ from ...quasirigid.matrices import linear_system
 from ...quasirigid.null_modes import DRIVEN, IDLE, RATTLER, RIGID, mechanisms
 from ...solve.spectrum import damped_growth, spectrum
 from ..claims import ALWAYS, Claim, claim, median_error
-from .cases import Constructed, Opened, apexes, constructed
-from .simulate import QuasiResult, Tested, table_one
+from .cases import ApexCases, StatusCases, apex_cases, status_cases
+from .simulate import QuasiResult, SampleResult, table_one
 
 CASES = 500
 RELATIONS = 1e-5  # relative error of Table I: a hundred times the step of 1e-7, which is the size of what is neglected
@@ -27,23 +27,23 @@ SHOWS = {
 }
 
 
-def evaluated(main: QuasiResult, *, cases: int = CASES) -> list[Claim]:
+def evaluate_claims(main: QuasiResult, *, cases: int = CASES) -> list[Claim]:
     """All claims; medians over samples, ranges in the notes."""
-    drawn, opened = constructed(main, cases), apexes(main, cases)
+    drawn, opened = status_cases(main, cases), apex_cases(main, cases)
     return [
-        _table_one(main), *_statuses(main, drawn), _slow(main), _collapse(main), _premise(main), _flutter(main),
+        _table_one(main), *_status_claims(main, drawn), _slow_error(main), _collapse(main), _premise(main), _flutter(main),
         _apex(opened), _mechanisms(main),
     ]  # fmt: skip
 
 
-def _middle(one: Tested) -> State:
+def _most_sliding_state(one: SampleResult) -> State:
     """The point of a path with most sliding contacts before its last tenth."""
     early = [p for p in one.path.points if p.load <= 0.9 * one.path.points[-1].load]
     return max(early, key=lambda p: p.sliding).state
 
 
 def _table_one(main: QuasiResult) -> Claim:
-    errors = [table_one(_middle(one), one.law) for one in main.tested]
+    errors = [table_one(_most_sliding_state(one), one.law) for one in main.tested]
     worst = {name: max(e[name] for e in errors) for name in errors[0]}
     words = ", ".join(f"{name} to {value:.0e}" for name, value in worst.items())
     return claim(
@@ -52,7 +52,7 @@ def _table_one(main: QuasiResult) -> Claim:
     )  # fmt: skip
 
 
-def _statuses(main: QuasiResult, drawn: Constructed) -> list[Claim]:
+def _status_claims(main: QuasiResult, drawn: StatusCases) -> list[Claim]:
     before = [one.looks.load < one.looks.load[-1] for one in main.tested]
     known = [(one.looks.bijective >= 0) & b for one, b in zip(main.tested, before, strict=True)]
     sliding = [k & (one.looks.critical > 0) for one, k in zip(main.tested, known, strict=True)]
@@ -94,7 +94,7 @@ def _statuses(main: QuasiResult, drawn: Constructed) -> list[Claim]:
     ]  # fmt: skip
 
 
-def _slow(main: QuasiResult) -> Claim:
+def _slow_error(main: QuasiResult) -> Claim:
     """Difference of path and dynamics at the slowest and at the fastest load: is it smaller at the slowest?"""
     errors = np.array([[run.error for run in sorted(one.slow, key=lambda r: r.time)] for one in main.tested])
     times = sorted(main.scenario.dynamics.times)
@@ -106,20 +106,20 @@ def _slow(main: QuasiResult) -> Claim:
     falls = int((errors[:, -1] < errors[:, 0]).sum())
     return claim(
         "path-vs-dynamics-error", "Sec. III D: quasi-static balance as the limit of Newton's second law", True,
-        mostly(falls, len(errors)), "", 0.0,
+        sign_test(falls, len(errors)), "", 0.0,
         f"largest difference of strain up to 95 % of the load, over the last strain, median and range, by the time of "
         f"the whole load: {words}; smaller at the slowest than at the fastest in {falls} of {len(errors)} samples",
     )  # fmt: skip
 
 
-def mostly(yes: int, total: int) -> bool | None:
+def sign_test(yes: int, total: int) -> bool | None:
     """Is something so more often than not, by a sign test at 5 %? None if too few cases tell, such as four."""
     if binomtest(yes, total, alternative="greater").pvalue <= 0.05:
         return True
     return False if binomtest(yes, total, alternative="less").pvalue <= 0.05 else None
 
 
-def collapse_ratio(one: Tested, beyond: float) -> tuple[float, float]:
+def collapse_ratio(one: SampleResult, beyond: float) -> tuple[float, float]:
     """Bounds of the load at which slow dynamics moves by itself over that at which the path loses its stability.
 
     Equal where both end. Dynamics that passed the path's end by the share `beyond`, or came to the whole load, gives a
@@ -159,24 +159,24 @@ def _collapse(main: QuasiResult) -> Claim:
     )  # fmt: skip
 
 
-def _first(load: np.ndarray, fails: np.ndarray) -> float:
+def _first_failure(load: np.ndarray, fails: np.ndarray) -> float:
     """Share of the path's load at which something first fails; 1 if it never does."""
     return float(load[np.argmax(fails)] / load[-1]) if fails.any() and load[-1] > 0 else 1.0
 
 
 def _premise(main: QuasiResult) -> Claim:
     """A state that has lost Q > 0, and whose packing goes on being loaded with a unique status, refutes."""
-    premise = [_first(one.looks.load, one.looks.symmetric < 0) for one in main.tested]
-    unique = [_first(one.looks.load, one.looks.unique == 0) for one in main.tested]
+    premise = [_first_failure(one.looks.load, one.looks.symmetric < 0) for one in main.tested]
+    unique = [_first_failure(one.looks.load, one.looks.unique == 0) for one in main.tested]
     unknown = sum(int((one.looks.unique < 0).sum()) for one in main.tested)
     points = sum(len(one.looks.load) for one in main.tested)
     shown = min(
-        (one for one in main.tested if _outlives(one).any()), key=lambda o: o.looks.load[np.argmax(_outlives(o))] /
+        (one for one in main.tested if _unique_without_premise(one).any()), key=lambda o: o.looks.load[np.argmax(_unique_without_premise(o))] /
         o.looks.load[-1], default=None,
     )  # fmt: skip
     note = "no state with Q ≤ 0 for some v has a unique status"
     if shown is not None:
-        k = int(np.argmax(_outlives(shown)))
+        k = int(np.argmax(_unique_without_premise(shown)))
         note = (
             f"counterexample: sample {shown.seed} at load {shown.looks.load[k]:.4g} has Q < 0 for some v (smallest "
             f"eigenvalue of the symmetric part of k {shown.looks.symmetric[k]:.1e} of K_n) and a unique status for "
@@ -191,7 +191,7 @@ def _premise(main: QuasiResult) -> Claim:
     )  # fmt: skip
 
 
-def _outlives(one: Tested) -> np.ndarray:
+def _unique_without_premise(one: SampleResult) -> np.ndarray:
     """(L,) where Q > 0 for all v has failed, the status is unique for every load, and the path goes on."""
     looks = one.looks
     return (looks.symmetric < 0) & (looks.unique == 1) & (looks.load < looks.load[-1])
@@ -224,7 +224,7 @@ def _flutter(main: QuasiResult) -> Claim:
     )  # fmt: skip
 
 
-def _apex(opened: Opened) -> Claim:
+def _apex(opened: ApexCases) -> Claim:
     return claim(
         "apex-counterexample", 'Sec. V B: "are these four states mutually exclusive?" is left open', None,
         bool(len(opened.example) > 1), "", 0.0,

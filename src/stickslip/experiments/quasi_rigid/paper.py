@@ -9,7 +9,7 @@ from typing import NamedTuple
 from ...data.schema import validated
 from ...ensemble import Workers
 from ..claims import Claim, for_quick_run
-from .claims import CASES, evaluated
+from .claims import CASES, evaluate_claims
 from .scenario import QuasiScenario
 from .simulate import QuasiResult, Report, silent, simulate_quasi
 
@@ -41,5 +41,5 @@ def reproduce(*, quick: bool = False, seed: int = 0, folder=None, workers: Worke
     """Run the paper's scenario and judge its claims; arguments as in `simulate_quasi`. Returns a Reproduction."""
     main = simulate_quasi(paper_scenario(quick=quick, seed=seed), folder=folder, workers=workers, report=report)
     report("constructed cases", 0.0, "statuses and the apex")
-    claims = evaluated(main, cases=QUICK_CASES if quick else CASES)
+    claims = evaluate_claims(main, cases=QUICK_CASES if quick else CASES)
     return Reproduction(main, for_quick_run(claims) if quick else claims)

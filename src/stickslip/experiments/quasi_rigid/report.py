@@ -10,7 +10,7 @@ from ...figures import quasi_rigid as figures_of
 from ...figures.grains import packing
 from ..run_folder import SERIES, plain
 from ..terminal import STYLE, console
-from .simulate import Curve, QuasiResult, Tested
+from .simulate import Curve, QuasiResult, SampleResult
 
 
 def figures(result: QuasiResult):
@@ -41,7 +41,7 @@ def numbers(result: QuasiResult) -> dict:
     }
 
 
-def _sample(one: Tested) -> dict:
+def _sample(one: SampleResult) -> dict:
     path, events = one.path, one.path.events
     out = {
         "law": one.law,

@@ -32,12 +32,12 @@ from ...solve.freedom import Freedom, displaced, residual_vector
 from .scenario import QuasiScenario
 
 Report = Callable[[str, float, str], None]
-LOOKED_AT = 60  # points of a path at most whose eigenvalues are computed
-ENUMERATED = 10  # critical contacts up to which all statuses are gone through
+MAX_POINTS = 60  # points of a path at most whose eigenvalues are computed
+MAX_ENUMERATED = 10  # critical contacts up to which all statuses are gone through
 PAIR = 1e-9  # imaginary part, in the largest eigenvalue, above which there is a complex pair
 CLOSED, LEAST = 0.1, 1e-10  # random motion of `table_one`, in the least overlap, and at least: 1e-6 of it is round-off
 COMPARED = 0.95  # of the path's load up to which path and dynamics are compared
-BURST, ALIKE, BEFORE, ASTRAY = 30.0, 0.5, 20, 0.05  # see `collapse`
+BURST, ALIKE, BEFORE, ASTRAY = 30.0, 0.5, 20, 0.05  # see `collapse_load`
 
 
 class Curve(NamedTuple):
@@ -49,7 +49,7 @@ class Curve(NamedTuple):
     ratio: np.ndarray  # (T,) stress of the loaded direction over that of the other; or shear stress over pressure
 
 
-class Looks(NamedTuple):
+class PathStiffness(NamedTuple):
     """The stiffness along a path, L points; eigenvalues over kn."""
 
     load: np.ndarray  # (L,)
@@ -63,7 +63,7 @@ class Looks(NamedTuple):
     bijective: np.ndarray  # (L,) 1 if the status map is bijective, 0 if not, −1 where too many are critical
 
 
-class Slowly(NamedTuple):
+class SlowDynamics(NamedTuple):
     """A run of slow dynamics beside the path."""
 
     time: float  # that the whole load takes [time]
@@ -72,7 +72,7 @@ class Slowly(NamedTuple):
     error: float  # largest difference of strain from the path's, over the path's last strain
 
 
-class Tested(NamedTuple):
+class SampleResult(NamedTuple):
     """One sample."""
 
     seed: int
@@ -80,8 +80,8 @@ class Tested(NamedTuple):
     path: LoadPath
     curve: Curve
     back: Curve | None  # unloading, if asked for
-    looks: Looks
-    slow: tuple[Slowly, ...]
+    looks: PathStiffness
+    slow: tuple[SlowDynamics, ...]
     collapse: float | None  # load at which dynamics lost stability, None if it did not, or was not asked
     forces: np.ndarray  # (T, C, 2) F_n, F_t of those contacts of the start that last [force]
     pairs: np.ndarray  # (C, 2) their bodies
@@ -92,7 +92,7 @@ class QuasiResult(NamedTuple):
     """All samples of a scenario, and why some are missing."""
 
     scenario: QuasiScenario
-    tested: tuple[Tested, ...]
+    tested: tuple[SampleResult, ...]
     failures: tuple[str, ...]
 
 
@@ -112,12 +112,25 @@ def simulate_quasi(
     workers : processes, one sample each, or a Dask scheduler's address; it does not change the results
     report : called as report(stage, share done, words)
     """
-    kept = kept_in(folder, scenario, Tested, LoadPath, Point, Event, Fork, Verdict, Curve, Looks, Slowly, SlowRun)
+    kept = kept_in(
+        folder,
+        scenario,
+        SampleResult,
+        LoadPath,
+        Point,
+        Event,
+        Fork,
+        Verdict,
+        Curve,
+        PathStiffness,
+        SlowDynamics,
+        SlowRun,
+    )
     seeds = [scenario.seed + k for k in range(scenario.samples)]
     names = [f"sample-{seed}" for seed in seeds]
     tasks = [(scenario, seed, kept and kept.of(name)) for seed, name in zip(seeds, names, strict=True)]
     live = partial(report, "path and slow dynamics")
-    members = run_members(tested, tasks, workers=workers, live=live, **hooks(kept, names))
+    members = run_members(simulate_sample, tasks, workers=workers, live=live, **hooks(kept, names))
     failures = tuple(f"sample {seed}: {m.failure}" for (_, seed, _), m in zip(tasks, members, strict=True) if m.failure)
     found = tuple(m.result for m in members if m.result is not None)
     if not found:
@@ -125,7 +138,7 @@ def simulate_quasi(
     return QuasiResult(scenario, found, failures)
 
 
-def prepared(scenario: QuasiScenario, seed: int) -> tuple[State, Law, Control]:
+def prepare(scenario: QuasiScenario, seed: int) -> tuple[State, Law, Control]:
     """A sample at rest, its law, and the control at the end of the load."""
     disks, load = scenario.disks, scenario.loading
     make = biaxial_box if load.test == "biaxial" else sheared_box
@@ -139,36 +152,40 @@ def prepared(scenario: QuasiScenario, seed: int) -> tuple[State, Law, Control]:
     return state, law, stress_controlled(state.control, {"xy": shear})
 
 
-def tested(scenario: QuasiScenario, seed: int, kept: Kept | None = None, tell=lambda share, words: None) -> Tested:
+def simulate_sample(
+    scenario: QuasiScenario, seed: int, kept: Kept | None = None, tell=lambda share, words: None
+) -> SampleResult:
     """One sample, followed by path and by slow dynamics; these are kept, each as soon as it is done."""
     load, slow = scenario.loading, scenario.dynamics
     kept = kept and kept.seen()
     tell(0.0, f"sample {seed}: coming to rest")
-    state, law, end = piece(kept, "prepared", lambda: prepared(scenario, seed))
+    state, law, end = piece(kept, "prepared", lambda: prepare(scenario, seed))
     options = {"increment": load.increment, "geometric": load.geometric}
     heard = lambda s, w: tell(0.3 * s, f"sample {seed}: {w}")  # noqa: E731
     path = piece(kept, "path", lambda: load_path(state, law, end, report=heard, **options))
-    curve, back = curve_of(path.states, path.load, scenario), None
+    curve, back = stress_strain_curve(path.states, path.load, scenario), None
     if load.unload:
         turn = load.turn * path.load[-1]
         there = between(state.control, end, turn)
         way = load_path(state, law, there, state.control, **options)
         down = [p for p in way.points if p.load >= 1]
-        back = curve_of([state, *(p.state for p in down)], [0, *(turn * (2 - p.load) for p in down)], scenario)
+        back = stress_strain_curve(
+            [state, *(p.state for p in down)], [0, *(turn * (2 - p.load) for p in down)], scenario
+        )
         back = Curve(*(values[1:] for values in back))
     until, runs = min(1.0, (1 + slow.beyond) * path.load[-1]), []
     for k, time in enumerate(slow.times if until > 0 else ()):
         heard = lambda s, w, k=k: tell(0.3 + 0.6 * (k + s) / len(slow.times), f"sample {seed}: {w}")  # noqa: E731
         follow = partial(slow_dynamics, state, law, end, time=time, until=until, drag=slow.drag, report=heard)
         run = piece(kept, f"slow-{k}", follow)
-        followed = curve_of([state, *run.states], np.append(0.0, run.load), scenario)
-        runs.append(Slowly(time, followed, run.kinetic_energy, difference(curve, followed)))
-    looks = looks_along(path, law, state, end)
-    lasting, track = cone_tracks(path)
-    return Tested(seed, law, path, curve, back, looks, tuple(runs), collapse(runs, curve), track, lasting)
+        followed = stress_strain_curve([state, *run.states], np.append(0.0, run.load), scenario)
+        runs.append(SlowDynamics(time, followed, run.kinetic_energy, strain_difference(curve, followed)))
+    looks = path_stiffness(path, law, state, end)
+    lasting, track = force_tracks(path)
+    return SampleResult(seed, law, path, curve, back, looks, tuple(runs), collapse_load(runs, curve), track, lasting)
 
 
-def curve_of(states: list[State], load, scenario: QuasiScenario) -> Curve:
+def stress_strain_curve(states: list[State], load, scenario: QuasiScenario) -> Curve:
     """The classical curve of states under shares of the load; the first state is the reference of strains."""
     if scenario.loading.test == "shear":
         cells, pressure = np.array([s.cell.vectors for s in states]), scenario.disks.pressure
@@ -185,14 +202,14 @@ def curve_of(states: list[State], load, scenario: QuasiScenario) -> Curve:
     return Curve(np.array(load), strain, 1 - area / area[0], stress[:, axis] / stress[:, 1 - axis])
 
 
-def difference(path: Curve, dynamics: Curve) -> float:
+def strain_difference(path: Curve, dynamics: Curve) -> float:
     """Largest difference of strain up to 95 % of the path's load, over the path's last strain."""
     near = dynamics.load <= COMPARED * path.load[-1]
     apart = dynamics.strain[near] - np.interp(dynamics.load[near], path.load, path.strain)
     return float(np.abs(apart).max(initial=0.0) / max(abs(path.strain[-1]), 1e-300))
 
 
-def collapse(runs: list[Slowly], path: Curve) -> float | None:
+def collapse_load(runs: list[SlowDynamics], path: Curve) -> float | None:
     """Load at which the slowest run leaves the path and moves fast by itself.
 
     In slow motion the kinetic energy falls as the square of the rate. A step of the load at which the slowest run has
@@ -213,14 +230,14 @@ def collapse(runs: list[Slowly], path: Curve) -> float | None:
     return None
 
 
-def looks_along(path: LoadPath, law: Law, start: State, end: Control) -> Looks:
+def path_stiffness(path: LoadPath, law: Law, start: State, end: Control) -> PathStiffness:
     """Eigenvalues, uniqueness and status maps at some points of a path."""
-    chosen = np.unique(np.linspace(0, len(path.points) - 1, LOOKED_AT).round().astype(int))
-    rows = [look(path.points[k].state, law, start.control, end) for k in chosen]
-    return Looks(path.load[chosen], *(np.array(column) for column in zip(*rows, strict=True)))
+    chosen = np.unique(np.linspace(0, len(path.points) - 1, MAX_POINTS).round().astype(int))
+    rows = [stiffness_at(path.points[k].state, law, start.control, end) for k in chosen]
+    return PathStiffness(path.load[chosen], *(np.array(column) for column in zip(*rows, strict=True)))
 
 
-def look(state: State, law: Law, begin: Control, end: Control) -> tuple:
+def stiffness_at(state: State, law: Law, begin: Control, end: Control) -> tuple:
     """One point: the fields of Looks after the load."""
     m = linear_system(state, law)
     kept = np.setdiff1d(np.arange(len(m.free)), pins(m))
@@ -244,7 +261,7 @@ def _uniqueness(m: LinearSystem, load: np.ndarray) -> tuple[int, int, int]:
         return -1, -1, -1
     known = certificate(problem).unique
     unique = -1 if known is None else int(known)
-    if len(problem.vector) > ENUMERATED:
+    if len(problem.vector) > MAX_ENUMERATED:
         return unique, -1, -1
     mapped = status_map(problem)
     return unique, len(mapped.consistent), int(mapped.bijective)
@@ -255,7 +272,7 @@ def load_rate(state: State, begin: Control, end: Control, free: Freedom) -> np.n
     return external(state._replace(control=end), free) - external(state._replace(control=begin), free)
 
 
-def cone_tracks(path: LoadPath) -> tuple[np.ndarray, np.ndarray]:
+def force_tracks(path: LoadPath) -> tuple[np.ndarray, np.ndarray]:
     """Pairs (C, 2) and trajectories (T, C, 2) of the forces of contacts that last as long as the path."""
     lasting = None
     for state in path.states:
@@ -264,13 +281,13 @@ def cone_tracks(path: LoadPath) -> tuple[np.ndarray, np.ndarray]:
     keys, track = np.array(sorted(lasting)), []
     for state in path.states:
         rows = np.searchsorted(state.contacts.key[: int(state.contacts.count[0])], keys)
-        track.append(components(state, path.law, rows))
+        track.append(force_components(state, path.law, rows))
     contacts = path.states[0].contacts
     rows = np.searchsorted(contacts.key[: int(contacts.count[0])], keys)
     return np.stack([contacts.i[rows], contacts.j[rows]], axis=1), np.array(track)
 
 
-def components(state: State, law: Law, rows: np.ndarray) -> np.ndarray:
+def force_components(state: State, law: Law, rows: np.ndarray) -> np.ndarray:
     """(C, 2) F_n along the branch and F_t clockwise of it, of contacts of the list [force]."""
     normal = branch_vectors(state)[rows]
     normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
@@ -293,7 +310,7 @@ def table_one(state: State, law: Law, seed: int = 0, size: float = 1e-7) -> dict
     moved = displaced(state, m.free, v)
     inner = residual_vector(state._replace(control=_unloaded(state.control)), loads, m.free)
     trial = forces(moved, law, memory=HELD)[1]
-    before, after = components(state, law, m.rows), components(moved._replace(contacts=trial), law, m.rows)
+    before, after = force_components(state, law, m.rows), force_components(moved._replace(contacts=trial), law, m.rows)
     relative = (m.c.T @ v).reshape(-1, 2)
     stretched = np.einsum("mab,mb->ma", statuses(m, m.limit), relative)
     predicted = -np.einsum("mab,mb->ma", m.springs, stretched)

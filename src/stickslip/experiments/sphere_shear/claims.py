@@ -9,7 +9,7 @@ from ..claims import CAN, Claim, claim, median_error
 from .simulate import ShearResult
 
 DECADES = 10.0  # of M, over which the paper sees exponential growth
-APART = np.log10(2.0)  # decades by which M may leave the predicted line: the oscillation itself moves it by that
+MISFIT = np.log10(2.0)  # decades by which M may leave the predicted line: the oscillation itself moves it by that
 LEAST_DURATION = (
     "read with care: the least duration of a run was set after runs of 45 growth times alone had ended at a median of "
     "0.13 while the stress was still falling"
@@ -34,7 +34,7 @@ TOLERANCE = {
 }
 
 
-def evaluated(main: ShearResult) -> list[Claim]:
+def evaluate_claims(main: ShearResult) -> list[Claim]:
     """All claims."""
     return _path_claims(main) + _growth_claims(main) + _failure_claims(main)
 
@@ -57,7 +57,7 @@ def _range(values, form: str = "{:.3g}") -> str:
     return f"{form.format(min(known))} to {form.format(max(known))} over {len(known)} of {len(values)} packings"
 
 
-def _middle(id: str, source: str, paper, values, unit: str, tolerance: str, note: str, **more) -> Claim:
+def _median_claim(id: str, source: str, paper, values, unit: str, tolerance: str, note: str, **more) -> Claim:
     """A row for the median of what packings have, with its error."""
     error = median_error(_finite(values))
     return claim(id, source, paper, _median(values), unit, TOLERANCE[tolerance], note, error=error, **more)
@@ -72,12 +72,12 @@ def _path_claims(main: ShearResult) -> list[Claim]:
     drift = [abs(p.zero_modes - _zero_modes(p.packed.rattlers, main.scenario.packing.dim)) for p in paths]
     back = sum(p.reappears for p in paths)
     return [
-        _middle(
+        _median_claim(
             "onset-strain", "Fig 1: first pair; no strain is printed", None, births, "strain", "onset",
             f"nor is the packing fraction, {np.median(fraction):.3g} here, pressure {_range(pressures)}; "
             f"{_range(births)}; bisected to 1e-6 from the last saved state without a pair",
         ),
-        _middle(
+        _median_claim(
             "im-lambda-at-birth-exponent", "Fig 1: birth of a pair; no exponent is printed", None, exponents, "1",
             "exponent", _range(exponents, "{:.4f}"), reference=0.5,
             reference_source="two real eigenvalues that meet leave the axis as a square root",
@@ -124,7 +124,7 @@ def exponential_stretch(run: Released) -> Stretch | None:
     time, decade = run.time[there], np.log10(envelope[there])
     line = decade - 2 * run.growth_rate / np.log(10) * time
     inside = np.flatnonzero((time >= run.growth.start) & (time <= run.growth.stop))
-    near = np.abs(line - np.median(line[inside])) < APART
+    near = np.abs(line - np.median(line[inside])) < MISFIT
     middle = int(inside[len(inside) // 2])
     before, after = np.flatnonzero(~near[:middle]), np.flatnonzero(~near[middle:])
     first = int(before[-1]) + 1 if len(before) else 0
@@ -142,17 +142,17 @@ def _growth_claims(main: ShearResult) -> list[Claim]:
     rate = _range([r.growth_rate if r else None for r in runs], "{:.2e}")
     said = 'Fig 3: "fitted ω_r and ω_i correspond perfectly to those expected"'
     return [
-        _middle(
+        _median_claim(
             "growth-rate-ratio", said, 1.0, rates, "1", "rate",
             f"from states with one pair, predicted rates {rate}; after Verlet's correction 1 + (omega_r dt)^2/8: "
             f"{_range(rates, '{:.6f}')}",
         ),
-        _middle(
+        _median_claim(
             "frequency-ratio", said, 1.0, frequencies, "1", "frequency",
             f"after Verlet's correction 1 + (omega_r dt)^2/24: {_range(frequencies, '{:.8f}')}",
         ),
-        *_decades(main),
-        _middle(
+        *_decade_claims(main),
+        _median_claim(
             "spectrum-constant-until", 'Fig 2: "eigenvalues remain constant for a period of time"; no M is printed',
             None, constant, "(2 sigma_1)^2", "constant",
             f"M at the last spectrum before the fastest Im lambda had changed by 1 %: {_range(constant)}; at the first "
@@ -161,7 +161,7 @@ def _growth_claims(main: ShearResult) -> list[Claim]:
     ]  # fmt: skip
 
 
-def _decades(main: ShearResult) -> list[Claim]:
+def _decade_claims(main: ShearResult) -> list[Claim]:
     """Over how many decades M follows the prediction, and if these are as many as the paper's."""
     stretches = [exponential_stretch(r) if r else None for r in main.single]
     known = [s for s in stretches if s]
@@ -183,31 +183,33 @@ def _decades(main: ShearResult) -> list[Claim]:
     ]  # fmt: skip
 
 
-def _ended(runs: list[Released | None]) -> list[Released]:
+def _ended_runs(runs: list[Released | None]) -> list[Released]:
     """Runs that left their exponential growth in time: only these can have failed."""
     found = [(r, exponential_stretch(r)) for r in runs if r]
     return [r for r, stretch in found if stretch and stretch.ended]
 
 
 def _failure_claims(main: ShearResult) -> list[Claim]:
-    lost = [r.contacts_lost for r in _ended(main.later)]
-    first = [r.contacts_lost for r in _ended(main.single)]
+    lost = [r.contacts_lost for r in _ended_runs(main.later)]
+    first = [r.contacts_lost for r in _ended_runs(main.single)]
     return [
-        _drop("stress-drop-one-pair", main.single, 'Fig 5: "a macroscopic drop, in the present case of 22%"', 0.22, {}),
-        _drop(
+        _stress_drop("stress-drop-one-pair", main.single, 'Fig 5: "a macroscopic drop, in the present case of 22%"', 0.22, {}),
+        _stress_drop(
             "stress-drop-later", main.later, "Fig 5: the paper prints none from states with many pairs", None,
             {"reference": 0.22, "reference_source": "the paper's one run, from a state with one pair"},
         ),
-        _middle(
+        _median_claim(
             "contacts-lost", 'Fig 5: "induced by granules losing contacts"; no number is printed', None, lost,
             "contacts", "contacts", f"from later states {_range(lost)}; from one-pair states {_range(first)}",
         ),
     ]  # fmt: skip
 
 
-def _drop(id: str, source_runs: list[Released | None], source: str, paper: float | None, reference: dict) -> Claim:
+def _stress_drop(
+    id: str, source_runs: list[Released | None], source: str, paper: float | None, reference: dict
+) -> Claim:
     """Loss of shear stress over its initial value; over the initial pressure in the note."""
-    there = _ended(source_runs)
+    there = _ended_runs(source_runs)
     relative = [r.drop / abs(r.shear_stress[0]) for r in there]
     to_pressure = [r.drop / r.pressure[0] for r in there]
     words = ", ".join(
@@ -220,7 +222,7 @@ def _drop(id: str, source_runs: list[Released | None], source: str, paper: float
     )
     if paper is None:
         note += f"; {LEAST_DURATION}"
-    return _middle(id, source, paper, relative, "1", "drop", note, **reference)
+    return _median_claim(id, source, paper, relative, "1", "drop", note, **reference)
 
 
 def shows() -> dict[str, tuple[str, str]]:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from ...data.schema import validated
 from ...ensemble import Workers
 from ..claims import Claim, for_quick_run
-from .claims import evaluated
+from .claims import evaluate_claims
 from .scenario import ShearScenario
 from .simulate import Report, ShearResult, silent, simulate_shear
 
@@ -37,5 +37,5 @@ def paper_scenario(*, quick: bool = False, seed: int = 0) -> ShearScenario:
 def reproduce(*, quick: bool = False, seed: int = 0, folder=None, workers: Workers = None, report: Report = silent):
     """Run the paper's scenario and judge its claims; arguments as in `simulate_shear`. Returns a Reproduction."""
     main = simulate_shear(paper_scenario(quick=quick, seed=seed), folder=folder, workers=workers, report=report)
-    claims = evaluated(main)
+    claims = evaluate_claims(main)
     return Reproduction(main, for_quick_run(claims) if quick else claims)

@@ -89,7 +89,7 @@ def silent(stage: str, share: float, words: str) -> None:
     """Report nothing."""
 
 
-def strains(scenario: ShearScenario) -> np.ndarray:
+def strain_path(scenario: ShearScenario) -> np.ndarray:
     """All strains of a path, each leg with its own step."""
     turns, out = scenario.shear.strain, [np.zeros(1)]
     for a, b, step in zip(turns[:-1], turns[1:], scenario.shear.steps, strict=True):
@@ -97,7 +97,7 @@ def strains(scenario: ShearScenario) -> np.ndarray:
     return np.concatenate(out)
 
 
-def packing_of(scenario: ShearScenario, seed: int):
+def make_packing(scenario: ShearScenario, seed: int):
     """The frictionless packing of a scenario: State and Packed."""
     chosen = scenario.packing
     fraction = chosen.packing_fraction
@@ -127,7 +127,7 @@ class Step(NamedTuple):
     fallback: bool
 
 
-def shear(
+def shear_packing(
     scenario: ShearScenario,
     seed: int,
     kept: Kept | None = None,
@@ -142,12 +142,14 @@ def shear(
     """
     law, kept = law_of(scenario.law), kept and kept.seen()
     report(0.0, f"packing {seed}: {scenario.packing.grains} grains are packed")
-    state, packed = piece(kept, "packing", lambda: packing_of(scenario, seed))
+    state, packed = piece(kept, "packing", lambda: make_packing(scenario, seed))
     protocol = aqs(law, slip=scenario.shear.slip, tolerance=scenario.shear.tolerance)
-    path, loads, stopped = [], strains(scenario), ""
+    path, loads, stopped = [], strain_path(scenario), ""
     for k, strain in enumerate(loads):
         try:
-            step = piece(kept, f"strain-{k:06d}", lambda state=state, strain=strain: _step(protocol, state, strain))
+            step = piece(
+                kept, f"strain-{k:06d}", lambda state=state, strain=strain: _equilibrate(protocol, state, strain)
+            )
         except NotInEquilibriumError as problem:
             stopped = str(problem)
             break
@@ -169,11 +171,11 @@ def shear(
     )  # fmt: skip
 
 
-def _step(protocol: Protocol, state: State, strain: float) -> Step:
+def _equilibrate(protocol: Protocol, state: State, strain: float) -> Step:
     point = protocol.step(state, strain)
     size = np.abs(point.spectrum.eigenvalues)
     zeros = int((size < 1e-9 * size.max()).sum())
-    return Step(float(strain), point.state, _row(point, protocol.law), zeros, point.outcome.fallback)
+    return Step(float(strain), point.state, _path_columns(point, protocol.law), zeros, point.outcome.fallback)
 
 
 def _equilibrium(step: Step, protocol: Protocol) -> Equilibrium:
@@ -182,7 +184,7 @@ def _equilibrium(step: Step, protocol: Protocol) -> Equilibrium:
     return Equilibrium(step.strain, step.state, modes, Outcome(Status.CONVERGED, step.row[-1], 0))
 
 
-def _row(point: Equilibrium, law: Law) -> tuple:
+def _path_columns(point: Equilibrium, law: Law) -> tuple:
     """Columns of ShearPath at one point: pairs, largest, smallest, growth, negative, stress, pressure, contacts, …"""
     modes, pairs, state = point.spectrum, point.spectrum.pairs, point.state
     im = modes.im_lambda[pairs]
@@ -244,14 +246,14 @@ def simulate_shear(
             function,
             tasks,
             workers=workers,
-            report=lambda done, total, member: report(stage, done / total, _words(member)),
+            report=lambda done, total, member: report(stage, done / total, _describe_member(member)),
             live=partial(report, stage),
             **hooks(kept, names),
         )
 
     names = [f"packing-{seed}" for seed in seeds]
     tasks = [(scenario, seed, kept and kept.of(name)) for seed, name in zip(seeds, names, strict=True)]
-    found = run("quasi-static shear", shear, tasks, names)
+    found = run("quasi-static shear", shear_packing, tasks, names)
     paths = [m.result for m in found if m.failure is None]
     if not paths:
         raise RuntimeError(f"every packing failed, the first with {found[0].failure}")
@@ -272,7 +274,7 @@ def simulate_shear(
     )
 
 
-def _words(member: Member) -> str:
+def _describe_member(member: Member) -> str:
     """What a finished member found."""
     found = member.result
     if member.failure:
