@@ -1,4 +1,4 @@
-"""A scenario, run: press, push quasi-statically with spectra, let go from chosen loads, slide many times."""
+"""Simulation of a disk array: press, push quasi-statically with spectra, run freely from chosen loads, and slide."""
 
 from collections.abc import Callable
 from functools import partial
@@ -33,8 +33,8 @@ from ...solve.spectrum import Spectrum, damped_growth, spectrum
 from . import fronts
 from .scenario import DiskArrayScenario, Dynamics
 
-BIRTHS = "births and deaths of pairs"  # a stage
-SLIDING_THRESHOLD = 0.1  # every disk moved by a tenth of a mean diameter: the array slides
+BIRTHS = "births and deaths of pairs"  # name of a stage
+SLIDING_THRESHOLD = 0.1  # the array slides once every disk has moved by this many mean diameters
 
 Report = Callable[[str, float, str], None]
 
@@ -48,9 +48,9 @@ class FreeRun(NamedTuple):
     center: np.ndarray  # (T, 2) [length]
     kinetic_energy: np.ndarray  # (T,)
     touching: np.ndarray  # (T,)
-    breach: np.ndarray  # (N,) first Coulomb limit of each wall contact; NaN if never [time]
+    breach: np.ndarray  # (N,) first time at Coulomb's limit of each wall contact; NaN if never [time]
     first_limit: np.ndarray  # (3,) time, i, j of the first contact anywhere to reach Coulomb's limit; NaN if none
-    predicted_growth: float  # ω_i of what grows fastest, with drag and dashpots [1/time]
+    predicted_growth: float  # ω_i of the fastest-growing mode, with drag and dashpots [1/time]
     predicted_frequency: float
     growth: Growth | None
     saturation: float  # mean of M over the last half of the run
@@ -58,7 +58,7 @@ class FreeRun(NamedTuple):
 
 
 class Trajectory(NamedTuple):
-    """All disks around the transition, finely sampled."""
+    """Finely sampled motion of all disks around the transition."""
 
     load: float
     time: np.ndarray  # (T,)
@@ -70,7 +70,7 @@ class Trajectory(NamedTuple):
 
 
 class Ensemble(NamedTuple):
-    """Many realizations of sliding at one load."""
+    """Realizations of sliding at one load."""
 
     load: float
     breach: np.ndarray  # (S, N)
@@ -83,7 +83,7 @@ class Ensemble(NamedTuple):
 
 @readable
 class DiskArrayResult(NamedTuple):
-    """Everything that a run of a scenario found."""
+    """Results of a run of a scenario."""
 
     scenario: DiskArrayScenario
     law: Law
@@ -91,7 +91,7 @@ class DiskArrayResult(NamedTuple):
     pressed_spectrum: Spectrum
     path: list[Equilibrium]  # loads in the scenario's numbers
     families: list[Family]
-    coarse_families: list[Family]  # on the same path with twice the load step, if asked for
+    coarse_families: list[Family]  # on the same path with twice the load step, if requested
     free_runs: dict[float, FreeRun]
     trajectory: Trajectory | None
     sliding: dict[float, Ensemble]
@@ -102,7 +102,7 @@ def silent(stage: str, share: float, words: str) -> None:
 
 
 def make_protocol(scenario: DiskArrayScenario, law: Law) -> Protocol:
-    """How a scenario applies a push (in its own numbers) and finds equilibria."""
+    """Return the protocol by which a scenario applies a push (in its own numbers) and finds equilibria."""
     how = scenario.relaxation
     options = {"tolerance": how.tolerance}
     if how.method == "dynamics":
@@ -118,7 +118,7 @@ def make_protocol(scenario: DiskArrayScenario, law: Law) -> Protocol:
 
 
 def press(scenario: DiskArrayScenario) -> tuple[State, Law]:
-    """The array at rest under its normal load."""
+    """Bring the array to equilibrium under its normal load."""
     state, law = build_array(scenario)
     how = scenario.relaxation
     state, _ = equilibrium(
@@ -137,12 +137,12 @@ def press(scenario: DiskArrayScenario) -> tuple[State, Law]:
 def push_disk_array(
     scenario: DiskArrayScenario, *, step: float | None = None, kept: Kept | None = None, report: Report = silent
 ):
-    """Press the array and push it along its path: State, Law and list of Equilibrium.
+    """Press the array and push it along its path; return State, Law and a list of Equilibrium.
 
     Parameters
     ----------
-    step : float, another load step than the scenario's, to see how much the path depends on it
-    kept : where points of the path are kept
+    step : load step, if it differs from the scenario's, to see how much the path depends on it
+    kept : storage for the points of the path
     """
     state, law = press(scenario)
     through = (*scenario.dynamics.loads, *scenario.sliding.loads)
@@ -159,7 +159,7 @@ def push_disk_array(
 
 
 def _coarse_pairs(scenario: DiskArrayScenario, law: Law, report: Report) -> list[Family]:
-    """Pairs on the path with twice the load step."""
+    """Track the pairs on the path with twice the load step."""
 
     def heard(_, share: float, words: str) -> None:
         report(BIRTHS, 0.5 + 0.4 * share, f"twice the load step: {words}")
@@ -170,22 +170,22 @@ def _coarse_pairs(scenario: DiskArrayScenario, law: Law, report: Report) -> list
 
 
 def point_at_load(path: list[Equilibrium], load: float) -> Equilibrium:
-    """The first point of a path at a load."""
+    """Return the first point of a path at a load."""
     return min(path, key=lambda point: abs(point.load - load))
 
 
 def diameter(state: State) -> float:
-    """Mean diameter of the grains, the unit of displacements [length]."""
+    """Mean diameter of the grains, used as the unit of displacements [length]."""
     return 2 * float(state.grains.radius.mean())
 
 
 def fastest_period(point: Equilibrium) -> float:
-    """Period of the fastest mode, the unit of sampling [time]."""
+    """Period of the fastest mode, used as the unit of sampling [time]."""
     return 2 * np.pi / float(point.spectrum.frequency.max())
 
 
 def predicted_growth(point: Equilibrium, law: Law, how: Dynamics) -> tuple[float, float]:
-    """Growth rate and frequency of what grows fastest in a free run, with its drag and the law's dashpots [1/time]."""
+    """Growth rate and frequency of the fastest-growing mode of a free run, with its drag and dashpots [1/time]."""
     if how.drag or how.spin_drag or dashpots(law):
         fastest = damped_growth(point.state, law, drag=how.drag, spin_drag=how.spin_drag)[0]
         return max(0.0, float(fastest.real)), abs(float(fastest.imag))
@@ -199,13 +199,13 @@ def check_time_step(point: Equilibrium, dt: float) -> None:
     longest = 2 / float(point.spectrum.frequency.max())
     if dt >= longest:
         raise ValueError(
-            f"dynamics.dt = {dt:g} is too long at push = {point.load:g}: velocity Verlet explodes from {longest:.3g}, "
-            f"use at most {0.2 * longest:.1g}"
+            f"dynamics.dt = {dt:g} is too long at push = {point.load:g}: velocity Verlet is unstable from "
+            f"{longest:.3g}, use at most {0.2 * longest:.1g}"
         )
 
 
 def run_free(point: Equilibrium, law: Law, scenario: DiskArrayScenario) -> FreeRun:
-    """Newtonian dynamics from one equilibrium, from a tiny random velocity."""
+    """Run Newtonian dynamics from one equilibrium with a tiny random velocity."""
     how = scenario.dynamics
     check_time_step(point, how.dt)
     start = perturbed(point.state, scenario.seed, how.seed_velocity)
@@ -247,7 +247,7 @@ def run_free(point: Equilibrium, law: Law, scenario: DiskArrayScenario) -> FreeR
 
 
 def resample_transition(point: Equilibrium, law: Law, scenario: DiskArrayScenario, known: FreeRun) -> Trajectory | None:
-    """The free run again, bit for bit, finely sampled from before the first slip to well after sliding."""
+    """Repeat a free run, bit for bit, with fine sampling from before the first slip until well after sliding."""
     if not (np.isfinite(known.breach).any() and np.isfinite(known.first_limit[0])):
         return None
     how = scenario.dynamics
@@ -280,7 +280,7 @@ def run_sliding(
     *,
     kept: Kept | None = None,
 ) -> dict[float, Ensemble]:
-    """Realizations of sliding at every load, in parallel; seeds are the scenario's seed + 1, 2, 3 …"""
+    """Run the realizations of sliding at every load in parallel; seeds are the scenario's seed + 1, 2, 3 …"""
     how, dynamics = scenario.sliding, scenario.dynamics
     options = {
         "velocity": dynamics.seed_velocity,
@@ -323,7 +323,7 @@ def run_sliding(
 
 
 def _describe_member(member) -> str:
-    """What became of a realization, in words."""
+    """Describe the outcome of a realization in a few words."""
     if member.failure:
         return member.failure
     velocity = member.result.velocity
@@ -347,16 +347,17 @@ def simulate_disk_array(
 
     Parameters
     ----------
-    folder : where loads, free runs and realizations are kept as soon as they are done; a run that was killed goes on
-        from what is kept
-    workers : processes for the realizations of sliding, or a Dask scheduler's address; the result does not depend on it
-    sensitivity : also follow the pairs on the same path with twice the load step, to see how much births depend on it
-    report : called as report(stage, share done, words with the quantities that matter)
+    folder : run folder, in which loads, free runs and realizations are saved as soon as they finish; a run that was
+        killed resumes from them
+    workers : number of processes for the realizations of sliding, or the address of a Dask scheduler; the result does
+        not depend on it
+    sensitivity : also track the pairs on the same path with twice the load step, to see how much births depend on it
+    report : called as report(stage, share done, words with the relevant quantities)
 
     Raises
     ------
     NotInEquilibriumError
-        if a load has no equilibrium that the scenario's method finds; says which load and what to try.
+        If the scenario's method finds no equilibrium at a load. The message names the load and suggests a remedy.
 
     Examples
     --------
@@ -396,7 +397,7 @@ def simulate_disk_array(
 
 
 def build_array(scenario: DiskArrayScenario) -> tuple[State, Law]:
-    """The unloaded array of a scenario, pressed but not pushed, and its law."""
+    """Build the array of a scenario before equilibration, with its normal load but no push, and its law."""
     array, load = scenario.array, scenario.load
     state = disk_array(
         array.disks, array.radius, press=load.press * load.unit, mass=array.mass, i0=array.i0, gap=array.gap
@@ -405,5 +406,5 @@ def build_array(scenario: DiskArrayScenario) -> tuple[State, Law]:
 
 
 def simulate_with_sensitivity(scenario: DiskArrayScenario, **options) -> DiskArrayResult:
-    """Run a scenario, and its path again with twice the load step, to see how much births depend on it."""
+    """Run a scenario, and its path again with twice the load step, to show how much births depend on the step."""
     return simulate_disk_array(scenario, sensitivity=True, **options)
