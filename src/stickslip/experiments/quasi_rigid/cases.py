@@ -1,4 +1,7 @@
-"""Cases for paper 002 constructed on states of real packings: critical contacts, and contacts at the cone's apex."""
+"""Test cases for paper 002, constructed from states of real packings.
+
+The cases have randomly drawn critical contacts, or contacts at the apex of the friction cone.
+"""
 
 from typing import NamedTuple
 
@@ -15,17 +18,17 @@ from .simulate import QuasiResult
 
 
 class StatusCases(NamedTuple):
-    """Cases drawn on states of real packings: which contacts are critical, to which side, and the load."""
+    """Counts of cases with randomly drawn critical contacts, slip signs and loads."""
 
     total: int
     p_matrices: int
-    agree: int  # cases in which P and a bijective status map come together
+    agree: int  # cases in which A is a P-matrix if and only if the status map is bijective
     none: int  # cases without a consistent status
-    several: int  # with two or more
+    several: int  # cases with two or more
 
 
 def status_cases(main: QuasiResult, cases: int) -> StatusCases:
-    """Random critical contacts, slip signs and loads on states of the paths: is the status unique?"""
+    """Draw critical contacts, slip signs and loads on states of the paths, and count the cases with a unique status."""
     rng, count, drawn = np.random.default_rng(main.scenario.seed), np.zeros(4, int), 0
     while drawn < cases:
         m = _random_system(main, rng, drawn)
@@ -42,26 +45,26 @@ def status_cases(main: QuasiResult, cases: int) -> StatusCases:
 
 
 def _random_system(main: QuasiResult, rng, number: int) -> LinearSystem:
-    """The matrices of a state that is drawn from one sample's path, sample after sample."""
+    """Linear system of a random state of one sample's path; successive numbers cycle through the samples."""
     one = main.tested[number % len(main.tested)]
     return linear_system(one.path.states[int(rng.integers(len(one.path.points)))], one.law)
 
 
 class ApexCases(NamedTuple):
-    """Contacts of real packings put at the apex of the cone."""
+    """Counts of cases in which contacts of real packings are placed at the apex of the cone."""
 
     total: int
-    coherent: int  # all choices of statuses have det k of one sign
+    coherent: int  # cases in which det k has the same sign for all choices of statuses
     wrong: int  # coherent cases without exactly one consistent choice
-    several: int  # other cases, with two or more
-    none: int  # other cases, without any
-    example: tuple[str, ...]  # statuses that are consistent together, without stability
+    several: int  # other cases with two or more
+    none: int  # other cases without any
+    example: tuple[str, ...]  # statuses that are consistent together in the absence of stability
 
 
 def counterexample(directions: int = 720) -> tuple[str, ...]:
-    """The most statuses that are consistent together for one contact and a surrounding that is not stable.
+    """Return the largest set of statuses that are consistent together for one contact in an unstable surrounding.
 
-    K_ext = ((1, 0.3), (0.3, 0.1)) in (n, t) beside K_n = 1, K_t = 0.5, μ = 0.9, over all directions of the load.
+    K_ext = ((1, 0.3), (0.3, 0.1)) in (n, t), with K_n = 1, K_t = 0.5 and μ = 0.9, over all directions of the load.
     """
     springs = np.diag([1.0, 0.5])
     compliance = np.linalg.inv(np.array([[1.0, 0.3], [0.3, 0.1]]) + springs)
@@ -75,7 +78,10 @@ def counterexample(directions: int = 720) -> tuple[str, ...]:
 
 
 def apex_cases(main: QuasiResult, cases: int) -> ApexCases:
-    """One or two contacts at the apex, up to two at the limit, and random loads: do the four statuses exclude?"""
+    """Draw one or two contacts at the apex, up to two at Coulomb's limit, and loads; count the consistent statuses.
+
+    The counts show whether the four statuses at the apex exclude each other.
+    """
     rng, count, drawn = np.random.default_rng(main.scenario.seed + 1), np.zeros(4, int), 0
     while drawn < cases:
         m = _random_system(main, rng, drawn)
