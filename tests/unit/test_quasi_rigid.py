@@ -134,7 +134,7 @@ def test_shear_from_the_command_line(tmp_path):
         ({"loading": {"increment": 2.0}}, "loading.increment = 2.0"),
         ({"loading": {"factor": 0.5}}, "loading.factor = 0.5"),
         ({"law": {"mu": 0.0}}, "without friction no contact slides or sticks"),
-        ({"disks": {"pressure": 0.5}}, "quasi-rigid grains overlap little"),
+        ({"disks": {"pressure": 0.5}}, "quasi-rigid grains overlap only slightly"),
         ({"disks": {"numbr": 50}}, "did you mean 'number'?"),
         ({"dynamics": {"times": (-1.0,)}}, "dynamics.times"),
     ],

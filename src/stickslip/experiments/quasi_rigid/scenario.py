@@ -15,7 +15,7 @@ class Disks(Part):
     """Disks with friction, brought to rest under a pressure."""
 
     number: Annotated[int, Field(ge=10, le=5000)] = Field(100, description="number of disks")
-    radius: Radii = Field((0.4, 0.6), description="radii, each of equal numbers of disks [length]; masses are 4 R²")
+    radius: Radii = Field((0.4, 0.6), description="radii, each of equal numbers of disks; masses are 4 R² [length]")
     pressure: Positive = Field(
         1e-4, description="pressure; divided by kn, it is the typical overlap in diameters [force/length]"
     )
