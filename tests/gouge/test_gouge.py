@@ -307,7 +307,7 @@ def test_a_finished_realization_is_not_run_again(ran, monkeypatch, tmp_path):
         simulate_gouge(small(realizations=2), folder=folder, workers=1)
     file.write_bytes(whole)
     monkeypatch.setattr("stickslip.experiments.gouge.simulate.__version__", "99.0")
-    with pytest.raises(ArchiveError, match=r"computed by stickslip .*, and this is 99.0.*: move it away"):
+    with pytest.raises(ArchiveError, match=r"computed by stickslip .*, but this is version 99.0.*: move the file away"):
         simulate_gouge(small(realizations=2), folder=folder, workers=1)
 
 

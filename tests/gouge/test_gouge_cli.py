@@ -95,7 +95,7 @@ def test_examples_are_scenarios_of_their_own_scale():
     assert whole.realizations == 8
     assert set(whole.protocol[1].before) == {2e-4, 2e-3, 2e-2, 0.1}  # Fig S1
     assert set(whole.protocol[2].after) == {0.05, 0.1, 0.3}  # Fig S2
-    assert "days" in whole.words
+    assert "days" in whole.expected_cost
     assert (whole.law.reading, whole.law.restitution) == ("eq8", 0.98)
 
 

@@ -245,7 +245,7 @@ def _apex(opened: ApexCases) -> Claim:
 
 
 def _mechanisms(main: QuasiResult) -> Claim:
-    """Claim on the null modes of a sample: with walls that translate, walls that also turn, and all contacts sliding."""
+    """Claim on the null modes of a sample: with walls that translate, walls that also turn, all contacts sliding."""
     one = main.tested[0]
     state, law, n = one.path.states[0], one.law, main.scenario.disks.number
     walls = state.control.free.copy()
