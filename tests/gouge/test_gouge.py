@@ -61,9 +61,9 @@ def ran(tmp_path_factory):
     [
         ({"protocol": [{"kind": "slide", "velocity": 1e-6, "slip": 1.0}]}, "more than most_steps = 5e\\+07"),
         ({"protocol": [{"kind": "slide", "velocity": 0.3, "time": 1e6}]}, "raise velocities, shorten holds"),
-        ({"protocol": [{"kind": "slide", "velocity": 0.3}]}, "ends by slip or by time"),
+        ({"protocol": [{"kind": "slide", "velocity": 0.3}]}, "ends after a slip or a time"),
         ({"protocol": [{"kind": "slide", "velocity": 0.0, "slip": 1.0}]}, "never reaches a slip"),
-        ({"protocol": [{"kind": "slide", "velocity": 0.1, "time": 1.0, "steady": True}]}, "needs slip"),
+        ({"protocol": [{"kind": "slide", "velocity": 0.1, "time": 1.0, "steady": True}]}, "needs a maximum slip"),
         ({"protocol": []}, "at least 1 item"),
         ({"protocol": [{"kind": "slip"}]}, "protocol \\(entry 1\\) has kind = 'slip': use 'slide', 'velocity-steps'"),
         (
@@ -72,10 +72,10 @@ def ran(tmp_path_factory):
         ),
         ({"protocol": [{**STEPS, "twinn": 1.0}]}, "has no key 'twinn': did you mean 'twin'"),
         ({"protocol": [{"kind": "slide", "velocity": 0.3, "slip": 1e-3}]}, "fewer than 8 samples of 5e-05 s"),
-        ({"protocol": [{**HOLDS, "holds": [1e-3, 1.01e-3]}]}, "must be different by a sample"),
+        ({"protocol": [{**HOLDS, "holds": [1e-3, 1.01e-3]}]}, "must differ by a sample"),
         ({"protocol": [{"kind": "slide", "velocity": 0.1, "slip": 1.0, "steady": True}]}, "two windows, 4, at least"),
         ({"protocol": SLIDE, "preparation": {"longest": 3.0}}, "give at least slip and two windows, 8"),
-        ({"protocol": SLIDE, "cell": {"length": 0.01}}, "touch their own images"),
+        ({"protocol": SLIDE, "cell": {"length": 0.01}}, "stay clear of their periodic images"),
         ({"protocol": SLIDE, "grains": {"diameter": [4e-3, 2e-3]}}, "smallest first"),
         ({"protocol": SLIDE, "load": {"definition": "newton"}}, "per_area"),
     ],
@@ -95,7 +95,7 @@ def test_the_estimate_counts_every_leg():
 
 
 def test_a_time_step_that_is_too_long_is_refused_with_the_number():
-    with pytest.raises(ss.experiments.ScenarioError, match=r"stable up to some 9.9e-07 only: give about 2e-07"):
+    with pytest.raises(ss.experiments.ScenarioError, match=r"stable only up to about 9.9e-07: use about 2e-07"):
         small(dt=3e-6)
     ran = prepare_sample(small(), 0)
     assert 0.5 < small().longest_step / ss.measure.stable_time_step(ran.state, ran.law) < 2

@@ -152,4 +152,4 @@ def test_a_long_hold_is_told_before_it_starts(capsys):
     """Its steps, and how long they take, where it is more than a tenth of a realization."""
     gouge_report.announce(paper.paper_scenario())
     words = " ".join(capsys.readouterr().out.split())
-    assert "each hold of 1 s takes 2.5e+06 steps, some 2.6 minutes on one core" in words
+    assert "Each hold of 1 s takes 2.5e+06 of these steps, about 2.6 minutes on one core" in words

@@ -36,7 +36,7 @@ def announce(*scenarios) -> None:
                 f"steps, {scenario.estimate_cost(scenario.longest_hold)}.", soft_wrap=True,
             )  # fmt: skip
     console.print(
-        "To shorten a run, use higher velocities, shorter holds and slips or softer grains (law.young) with a longer dt."
+        "To shorten runs, use higher velocities, shorter holds or slips, or softer grains (law.young) and a longer dt."
     )
 
 
