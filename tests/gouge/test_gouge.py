@@ -73,10 +73,10 @@ def ran(tmp_path_factory):
         ({"protocol": [{**STEPS, "twinn": 1.0}]}, "has no key 'twinn': did you mean 'twin'"),
         ({"protocol": [{"kind": "slide", "velocity": 0.3, "slip": 1e-3}]}, "fewer than 8 samples of 5e-05 s"),
         ({"protocol": [{**HOLDS, "holds": [1e-3, 1.01e-3]}]}, "must differ by a sample"),
-        ({"protocol": [{"kind": "slide", "velocity": 0.1, "slip": 1.0, "steady": True}]}, "two windows, 4, at least"),
-        ({"protocol": SLIDE, "preparation": {"longest": 3.0}}, "give at least slip and two windows, 8"),
+        ({"protocol": [{"kind": "slide", "velocity": 0.1, "slip": 1.0, "steady": True}]}, "requires two windows"),
+        ({"protocol": SLIDE, "preparation": {"longest": 3.0}}, "slip or two windows: use at least 8"),
         ({"protocol": SLIDE, "cell": {"length": 0.01}}, "stay clear of their periodic images"),
-        ({"protocol": SLIDE, "grains": {"diameter": [4e-3, 2e-3]}}, "smallest first"),
+        ({"protocol": SLIDE, "grains": {"diameter": [4e-3, 2e-3]}}, "put the smallest first"),
         ({"protocol": SLIDE, "load": {"definition": "newton"}}, "per_area"),
     ],
 )
