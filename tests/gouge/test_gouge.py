@@ -229,7 +229,7 @@ def test_a_killed_realization_goes_on_from_its_branches(tmp_path, monkeypatch):
     chosen = small(protocol=[hold | {"branches": 2, "spacing": 0.2}], ledger_steps=0)
     from stickslip.experiments.gouge import simulate as gouge_ensemble
 
-    whole, calls = gouge_ensemble.branch, []
+    whole, calls = gouge_ensemble.run_branch, []
 
     def once(scenario, start, *rest):
         calls.append(start.number)
@@ -237,13 +237,13 @@ def test_a_killed_realization_goes_on_from_its_branches(tmp_path, monkeypatch):
             raise KeyboardInterrupt
         return whole(scenario, start, *rest)
 
-    monkeypatch.setattr(gouge_ensemble, "branch", once)
+    monkeypatch.setattr(gouge_ensemble, "run_branch", once)
     with pytest.raises(KeyboardInterrupt):
         simulate_gouge(chosen, workers=1, folder=tmp_path / "stopped")
     monkeypatch.setattr(
-        gouge_ensemble, "branch", lambda s, start, *rest: (calls.append(start.number), whole(s, start, *rest))[1]
+        gouge_ensemble, "run_branch", lambda s, start, *rest: (calls.append(start.number), whole(s, start, *rest))[1]
     )
-    monkeypatch.setattr(gouge_ensemble, "trunk", refuse)
+    monkeypatch.setattr(gouge_ensemble, "run_trunk", refuse)
     again = simulate_gouge(chosen, workers=1, folder=tmp_path / "stopped")
     assert calls == [0, 1, 1]
     monkeypatch.undo()
@@ -256,7 +256,7 @@ def test_a_branch_that_fails_is_told_with_its_sample(monkeypatch):
     def fails(scenario, start, *_):
         raise RuntimeError("it blew up")
 
-    monkeypatch.setattr("stickslip.experiments.gouge.simulate.branch", fails)
+    monkeypatch.setattr("stickslip.experiments.gouge.simulate.run_branch", fails)
     with pytest.raises(RuntimeError, match="no realization succeeded; realization 0 failed: it blew up"):
         simulate_gouge(small(ledger_steps=0), workers=1)
 

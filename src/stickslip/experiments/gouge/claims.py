@@ -309,12 +309,12 @@ def _quasi_static(main: GougeResult) -> Claim:
     sliding = measures.sliding_energy_ratio(main, before)
     held, creep = measures.energy_ratio(main, before), measures.creep_velocity(main, before)
     last = float(held.x[-1])
-    told = ", ".join(f"{held.at(t).value:.1e} after {t:g} s" for t in (1e-3, 1e-2, 1e-1, 1.0) if t <= last * 1.01)
+    ratios = ", ".join(f"{held.at(t).value:.1e} after {t:g} s" for t in (1e-3, 1e-2, 1e-1, 1.0) if t <= last * 1.01)
     return _statement(
         "quasi-static", "Text: the supplement calls its simulations quasi-static and prints no number",
         bool(number < INERTIAL and sliding.value + sliding.half < ENERGY),
         f"at {before:g} m/s inertial number {number:.1e}, kinetic over elastic energy {sliding.value:.1e} ± "
-        f"{sliding.half:.0e}; in holds {told}; the plate creeps at {creep.at(last / 1.4).value:.1e} m/s at the end of "
+        f"{sliding.half:.0e}; in holds {ratios}; the plate creeps at {creep.at(last / 1.4).value:.1e} m/s at the end of "
         f"{last:g} s; {_scale_note(main)}",
         study=f"inertial number below {INERTIAL:g} (da Cruz et al. 2005), kinetic over elastic energy below {ENERGY:g}",
     )  # fmt: skip

@@ -185,11 +185,11 @@ def _run_lammps(*words: str, folder: Path | None = None, processes: int = 1) -> 
     It cannot run in this process. There, a second LAMMPS instance would not find the contact memory in a restart file,
     because it looks for it under the number of its pair style, which counts all pair styles created in the process.
     """
-    beside = f"{sys.prefix}/lib:{os.environ.get('LD_LIBRARY_PATH', '')}"
+    libraries = f"{sys.prefix}/lib:{os.environ.get('LD_LIBRARY_PATH', '')}"
     before = [_find_mpirun(), "-np", str(processes)] if processes > 1 else []
     return subprocess.run(
         [*before, sys.executable, "-P", "-c", CHILD, *words], cwd=folder, capture_output=True, text=True,
-        env=os.environ | {"LD_LIBRARY_PATH": beside, "OMP_NUM_THREADS": "1"},
+        env=os.environ | {"LD_LIBRARY_PATH": libraries, "OMP_NUM_THREADS": "1"},
     )  # fmt: skip
 
 
