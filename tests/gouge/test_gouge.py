@@ -288,7 +288,7 @@ def test_the_energies_of_sliding_balance(ran):
 def test_a_finished_realization_is_not_run_again(ran, monkeypatch, tmp_path):
     """Neither by the same scenario nor by one that asks for more of them; what cannot be used stops the run."""
     result, folder = ran
-    monkeypatch.setattr("stickslip.experiments.gouge.simulate.trunk", refuse)
+    monkeypatch.setattr("stickslip.experiments.gouge.simulate.run_trunk", refuse)
     again = simulate_gouge(small(realizations=2), folder=folder, workers=1)
     assert again.reused == 2
     for name, found in (("ran", result), ("read", again)):
@@ -316,7 +316,7 @@ def refuse(*_):
 
 
 def test_if_all_fail_the_first_reason_is_told(monkeypatch):
-    monkeypatch.setattr("stickslip.experiments.gouge.simulate.trunk", refuse)
+    monkeypatch.setattr("stickslip.experiments.gouge.simulate.run_trunk", refuse)
     with pytest.raises(RuntimeError, match="no realization succeeded; realization 0 failed: not again"):
         simulate_gouge(small(), workers=1)
 

@@ -314,8 +314,8 @@ def _quasi_static(main: GougeResult) -> Claim:
         "quasi-static", "Text: the supplement calls its simulations quasi-static and prints no number",
         bool(number < INERTIAL and sliding.value + sliding.half < ENERGY),
         f"at {before:g} m/s inertial number {number:.1e}, kinetic over elastic energy {sliding.value:.1e} ± "
-        f"{sliding.half:.0e}; in holds {ratios}; the plate creeps at {creep.at(last / 1.4).value:.1e} m/s at the end of "
-        f"{last:g} s; {_scale_note(main)}",
+        f"{sliding.half:.0e}; in holds {ratios}; the plate creeps at {creep.at(last / 1.4).value:.1e} m/s at the end "
+        f"of {last:g} s; {_scale_note(main)}",
         study=f"inertial number below {INERTIAL:g} (da Cruz et al. 2005), kinetic over elastic energy below {ENERGY:g}",
     )  # fmt: skip
 

@@ -201,7 +201,7 @@ def _premise(main: QuasiResult) -> Claim:
 
 
 def _unique_without_premise(one: SampleResult) -> np.ndarray:
-    """Points at which Q > 0 for all v fails, the status is unique for every load, and the path continues; shape (L,)."""
+    """Points at which Q > 0 for all v fails, the status is unique for any load, and the path continues; shape (L,)."""
     looks = one.looks
     return (looks.symmetric < 0) & (looks.unique == 1) & (looks.load < looks.load[-1])
 
