@@ -26,8 +26,8 @@ def scene(copies: int) -> tuple[Path, int]:
     """Return a file with a scenario and the state from which its legs start, and the number of grains."""
     from stickslip import scenario
     from stickslip.experiments.gouge import lammps
-    from stickslip.experiments.gouge.protocol import OURS
-    from stickslip.experiments.gouge.sample import settled
+    from stickslip.experiments.gouge.protocol import STICKSLIP
+    from stickslip.experiments.gouge.sample import prepare_sample
 
     whole = scenario(
         experiment="gouge", law={"gamma_n": 6e7}, protocol=[{"kind": "slide", "velocity": VELOCITY, "slip": 1.0}]
@@ -43,8 +43,8 @@ def scene(copies: int) -> tuple[Path, int]:
         gouge = copied(place.gouge, copies)._replace(area=whole.area)
     else:
         console.print("gouge: preparing a sample, once; takes a minute")
-        gouge = OURS.start(whole, settled(whole, whole.seed))
-        gouge, _ = OURS.leg(whole, gouge, VELOCITY, round(whole.grains.mean / VELOCITY / whole.dt))
+        gouge = STICKSLIP.start(whole, prepare_sample(whole, whole.seed))
+        gouge, _ = STICKSLIP.leg(whole, gouge, VELOCITY, round(whole.grains.mean / VELOCITY / whole.dt))
     STORE.mkdir(parents=True, exist_ok=True)
     path.write_bytes(pickle.dumps((whole.text, lammps.start(whole, gouge))))
     return path, len(gouge.state.grains.radius)

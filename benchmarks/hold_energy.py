@@ -21,8 +21,8 @@ from stickslip.core.measure import elastic_energy
 from stickslip.ensemble import run_members
 from stickslip.experiments.gouge import measures
 from stickslip.experiments.gouge.dimensionless import stiffness
-from stickslip.experiments.gouge.protocol import OURS, lead, trunk
-from stickslip.experiments.gouge.sample import gouge_law, sprung
+from stickslip.experiments.gouge.protocol import STICKSLIP, load_point_lead, run_trunk
+from stickslip.experiments.gouge.sample import attach_spring, gouge_law
 from stickslip.experiments.gouge.scenario import GougeScenario
 from stickslip.experiments.gouge.simulate import simulate_gouge
 
@@ -46,8 +46,8 @@ def run_hold(place, law_table: dict, dt: float, seconds: float, ledger: bool):
     """Change of friction in a hold, and its ledger in units of the initial elastic energy."""
     scenario = base(law=law_table)
     law = gouge_law(scenario, scenario.law.mu)
-    stored, begin, ahead = elastic_energy(place.state, place.law), place.state.time, lead(place)
-    here = sprung(place, stiffness(scenario) * scenario.area, [begin, begin + seconds], [ahead, ahead])
+    stored, begin, ahead = elastic_energy(place.state, place.law), place.state.time, load_point_lead(place)
+    here = attach_spring(place, stiffness(scenario) * scenario.area, [begin, begin + seconds], [ahead, ahead])
     steps = round(seconds / dt)
     every = max(1, round(1e-4 / dt))
     _, record, outcome = ss.run(here.state, law, steps, dt, every=every, ledger=ledger, threads=1)
@@ -65,7 +65,7 @@ def run_hold(place, law_table: dict, dt: float, seconds: float, ledger: bool):
 
 def places(scenario: GougeScenario):
     """States of the trunk from which holds start."""
-    return [one.place for one in trunk(scenario, scenario.seed, OURS, lambda *_: None).branches]
+    return [one.place for one in run_trunk(scenario, scenario.seed, STICKSLIP, lambda *_: None).branches]
 
 
 def rows(cases, *, seconds: float, ledger: bool) -> None:

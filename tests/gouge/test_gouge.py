@@ -11,14 +11,14 @@ from stickslip.experiments.gouge import measures, statistics
 from stickslip.experiments.gouge.dimensionless import (
     Range,
     inertial_numbers,
+    make_range,
     normalised_hold,
     normalised_stiffness,
-    range_of,
     stiffness,
 )
-from stickslip.experiments.gouge.protocol import Realization, Series, Test, _mean_overlap, _thinned
+from stickslip.experiments.gouge.protocol import Realization, Series, Test, _log_binned, _mean_overlap
 from stickslip.experiments.gouge.report import numbers
-from stickslip.experiments.gouge.sample import BOTTOM, TOP, _apart, settled, sprung
+from stickslip.experiments.gouge.sample import BOTTOM, TOP, _shrink_apart, attach_spring, prepare_sample
 from stickslip.experiments.gouge.scenario import GougeScenario
 from stickslip.experiments.gouge.simulate import MEMBERS, GougeResult, simulate_gouge
 
@@ -61,9 +61,9 @@ def ran(tmp_path_factory):
     [
         ({"protocol": [{"kind": "slide", "velocity": 1e-6, "slip": 1.0}]}, "more than most_steps = 5e\\+07"),
         ({"protocol": [{"kind": "slide", "velocity": 0.3, "time": 1e6}]}, "raise velocities, shorten holds"),
-        ({"protocol": [{"kind": "slide", "velocity": 0.3}]}, "ends by slip or by time"),
+        ({"protocol": [{"kind": "slide", "velocity": 0.3}]}, "ends after a slip or a time"),
         ({"protocol": [{"kind": "slide", "velocity": 0.0, "slip": 1.0}]}, "never reaches a slip"),
-        ({"protocol": [{"kind": "slide", "velocity": 0.1, "time": 1.0, "steady": True}]}, "needs slip"),
+        ({"protocol": [{"kind": "slide", "velocity": 0.1, "time": 1.0, "steady": True}]}, "needs a maximum slip"),
         ({"protocol": []}, "at least 1 item"),
         ({"protocol": [{"kind": "slip"}]}, "protocol \\(entry 1\\) has kind = 'slip': use 'slide', 'velocity-steps'"),
         (
@@ -72,11 +72,11 @@ def ran(tmp_path_factory):
         ),
         ({"protocol": [{**STEPS, "twinn": 1.0}]}, "has no key 'twinn': did you mean 'twin'"),
         ({"protocol": [{"kind": "slide", "velocity": 0.3, "slip": 1e-3}]}, "fewer than 8 samples of 5e-05 s"),
-        ({"protocol": [{**HOLDS, "holds": [1e-3, 1.01e-3]}]}, "must be different by a sample"),
-        ({"protocol": [{"kind": "slide", "velocity": 0.1, "slip": 1.0, "steady": True}]}, "two windows, 4, at least"),
-        ({"protocol": SLIDE, "preparation": {"longest": 3.0}}, "give at least slip and two windows, 8"),
-        ({"protocol": SLIDE, "cell": {"length": 0.01}}, "touch their own images"),
-        ({"protocol": SLIDE, "grains": {"diameter": [4e-3, 2e-3]}}, "smallest first"),
+        ({"protocol": [{**HOLDS, "holds": [1e-3, 1.01e-3]}]}, "must differ by a sample"),
+        ({"protocol": [{"kind": "slide", "velocity": 0.1, "slip": 1.0, "steady": True}]}, "requires two windows"),
+        ({"protocol": SLIDE, "preparation": {"longest": 3.0}}, "slip or two windows: use at least 8"),
+        ({"protocol": SLIDE, "cell": {"length": 0.01}}, "stay clear of their periodic images"),
+        ({"protocol": SLIDE, "grains": {"diameter": [4e-3, 2e-3]}}, "put the smallest first"),
         ({"protocol": SLIDE, "load": {"definition": "newton"}}, "per_area"),
     ],
 )
@@ -95,9 +95,9 @@ def test_the_estimate_counts_every_leg():
 
 
 def test_a_time_step_that_is_too_long_is_refused_with_the_number():
-    with pytest.raises(ss.experiments.ScenarioError, match=r"stable up to some 9.9e-07 only: give about 2e-07"):
+    with pytest.raises(ss.experiments.ScenarioError, match=r"stable only up to about 9.9e-07: use about 2e-07"):
         small(dt=3e-6)
-    ran = settled(small(), 0)
+    ran = prepare_sample(small(), 0)
     assert 0.5 < small().longest_step / ss.measure.stable_time_step(ran.state, ran.law) < 2
 
 
@@ -133,7 +133,7 @@ def test_every_definition_of_the_inertial_number_is_its_formula():
 
 def test_what_leaves_the_quasi_static_range_is_said():
     chosen = ss.scenario(experiment="gouge", law=LAW, protocol=SLIDE)
-    good = range_of(chosen, 0.1, 0.03, 0.004, 1e-6)
+    good = make_range(chosen, 0.1, 0.03, 0.004, 1e-6)
     assert good.warnings == []
     assert good.inertial_number == pytest.approx(0.1 / 0.03 * 3e-3 * np.sqrt(2500 / 5e6))
     assert good.stiffness == pytest.approx((50e9 / (0.91 * 5e6)) ** (2 / 3))
@@ -229,7 +229,7 @@ def test_a_killed_realization_goes_on_from_its_branches(tmp_path, monkeypatch):
     chosen = small(protocol=[hold | {"branches": 2, "spacing": 0.2}], ledger_steps=0)
     from stickslip.experiments.gouge import simulate as gouge_ensemble
 
-    whole, calls = gouge_ensemble.branch, []
+    whole, calls = gouge_ensemble.run_branch, []
 
     def once(scenario, start, *rest):
         calls.append(start.number)
@@ -237,13 +237,13 @@ def test_a_killed_realization_goes_on_from_its_branches(tmp_path, monkeypatch):
             raise KeyboardInterrupt
         return whole(scenario, start, *rest)
 
-    monkeypatch.setattr(gouge_ensemble, "branch", once)
+    monkeypatch.setattr(gouge_ensemble, "run_branch", once)
     with pytest.raises(KeyboardInterrupt):
         simulate_gouge(chosen, workers=1, folder=tmp_path / "stopped")
     monkeypatch.setattr(
-        gouge_ensemble, "branch", lambda s, start, *rest: (calls.append(start.number), whole(s, start, *rest))[1]
+        gouge_ensemble, "run_branch", lambda s, start, *rest: (calls.append(start.number), whole(s, start, *rest))[1]
     )
-    monkeypatch.setattr(gouge_ensemble, "trunk", refuse)
+    monkeypatch.setattr(gouge_ensemble, "run_trunk", refuse)
     again = simulate_gouge(chosen, workers=1, folder=tmp_path / "stopped")
     assert calls == [0, 1, 1]
     monkeypatch.undo()
@@ -256,7 +256,7 @@ def test_a_branch_that_fails_is_told_with_its_sample(monkeypatch):
     def fails(scenario, start, *_):
         raise RuntimeError("it blew up")
 
-    monkeypatch.setattr("stickslip.experiments.gouge.simulate.branch", fails)
+    monkeypatch.setattr("stickslip.experiments.gouge.simulate.run_branch", fails)
     with pytest.raises(RuntimeError, match="no realization succeeded; realization 0 failed: it blew up"):
         simulate_gouge(small(ledger_steps=0), workers=1)
 
@@ -265,7 +265,7 @@ def test_samples_of_a_hold_are_means_over_growing_intervals():
     """Each sample counts once; 20 intervals in a decade, single samples at first."""
     columns = {name: np.arange(1.0, 5001) for name in Series._fields}
     columns["fabric"] = np.arange(1.0, 5001)[:, None, None] * np.ones((1, 3, 3))
-    thin = _thinned(Series(**columns))
+    thin = _log_binned(Series(**columns))
     assert 60 < len(thin.time) < 20 * np.log10(5001) + 1
     assert thin.time[:5] == pytest.approx([1, 2, 3, 4, 5])
     assert thin.time[-1] == pytest.approx(5000 * (1 + 10**-0.05) / 2, rel=1e-3)
@@ -288,7 +288,7 @@ def test_the_energies_of_sliding_balance(ran):
 def test_a_finished_realization_is_not_run_again(ran, monkeypatch, tmp_path):
     """Neither by the same scenario nor by one that asks for more of them; what cannot be used stops the run."""
     result, folder = ran
-    monkeypatch.setattr("stickslip.experiments.gouge.simulate.trunk", refuse)
+    monkeypatch.setattr("stickslip.experiments.gouge.simulate.run_trunk", refuse)
     again = simulate_gouge(small(realizations=2), folder=folder, workers=1)
     assert again.reused == 2
     for name, found in (("ran", result), ("read", again)):
@@ -307,7 +307,7 @@ def test_a_finished_realization_is_not_run_again(ran, monkeypatch, tmp_path):
         simulate_gouge(small(realizations=2), folder=folder, workers=1)
     file.write_bytes(whole)
     monkeypatch.setattr("stickslip.experiments.gouge.simulate.__version__", "99.0")
-    with pytest.raises(ArchiveError, match=r"computed by stickslip .*, and this is 99.0.*: move it away"):
+    with pytest.raises(ArchiveError, match=r"computed by stickslip .*, but this is version 99.0.*: move the file away"):
         simulate_gouge(small(realizations=2), folder=folder, workers=1)
 
 
@@ -316,14 +316,14 @@ def refuse(*_):
 
 
 def test_if_all_fail_the_first_reason_is_told(monkeypatch):
-    monkeypatch.setattr("stickslip.experiments.gouge.simulate.trunk", refuse)
+    monkeypatch.setattr("stickslip.experiments.gouge.simulate.run_trunk", refuse)
     with pytest.raises(RuntimeError, match="no realization succeeded; realization 0 failed: not again"):
         simulate_gouge(small(), workers=1)
 
 
 def test_a_spring_pulls_the_plate_from_where_it_is():
-    gouge = settled(small(), 5)
-    pulled = sprung(gouge, 1e6, [gouge.state.time], [1e-6])
+    gouge = prepare_sample(small(), 5)
+    pulled = attach_spring(gouge, 1e6, [gouge.state.time], [1e-6])
     forces = ss.control.spring_forces(pulled.state.control, pulled.state.grains.position, pulled.state.time)
     assert forces[pulled.top, 0].sum() == pytest.approx(1.0)
 
@@ -436,7 +436,7 @@ def test_plates_and_overlaps_see_the_nearest_images():
     cell = ss.box([4.0, 4.0, 4.0], [True, False, True])
     state = updated(ss.assembly(ss.spheres(place, [0.5, 0.5, 0.4, 0.4]), cell=cell))
     distance = np.hypot(0.3, 0.4)
-    shrunk = _apart(state, np.arange(4)).radius
+    shrunk = _shrink_apart(state, np.arange(4)).radius
     np.testing.assert_allclose(shrunk, np.array([0.5, 0.5, 0.4, 0.4]) * distance / 1.0, rtol=1e-8)  # less 1e-9, told
     law = ss.laws.linear(kn=1.0, kt=0.5)
     touched = ss.accept(state, ss.forces(state, law)[1])

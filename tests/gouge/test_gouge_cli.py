@@ -95,7 +95,7 @@ def test_examples_are_scenarios_of_their_own_scale():
     assert whole.realizations == 8
     assert set(whole.protocol[1].before) == {2e-4, 2e-3, 2e-2, 0.1}  # Fig S1
     assert set(whole.protocol[2].after) == {0.05, 0.1, 0.3}  # Fig S2
-    assert "days" in whole.words
+    assert "days" in whole.expected_cost
     assert (whole.law.reading, whole.law.restitution) == ("eq8", 0.98)
 
 
@@ -107,7 +107,7 @@ PRINTED = {"peak-vs-velocity-ratio", "a", "b", "a-minus-b", "dc", "restitution-i
 def test_the_papers_claims_are_all_judged(tmp_path, ran, full):
     """On samples far too small: nothing may be told to be reproduced that two of them cannot tell."""
     holds, more = ran[0], ran[1] if full else {}
-    claims = {c.id: c for c in gouge_claims.evaluated(holds, more)}
+    claims = {c.id: c for c in gouge_claims.evaluate_claims(holds, more)}
     assert set(claims) == PRINTED | {
         "hold-relaxation-per-e-fold", "hold-relaxation-at-end", "compaction-in-holds", "healing-rate",
         "velocity-step-symmetry", "calibrated-damping", "steady-friction", "granular-temperature", "quasi-static",
@@ -152,4 +152,4 @@ def test_a_long_hold_is_told_before_it_starts(capsys):
     """Its steps, and how long they take, where it is more than a tenth of a realization."""
     gouge_report.announce(paper.paper_scenario())
     words = " ".join(capsys.readouterr().out.split())
-    assert "each hold of 1 s takes 2.5e+06 steps, some 2.6 minutes on one core" in words
+    assert "Each hold of 1 s takes 2.5e+06 of these steps, about 2.6 minutes on one core" in words

@@ -97,5 +97,5 @@ def test_predicted_slopes_are_those_of_the_slip_law():
     """A hold with a soft spring: −a per e-fold at late times where state hardly changes; with this a, b, dc −0.024."""
     result = of_tests(hold())
     times = np.geomspace(1e-3, 1.0, 200)
-    slope = gouge_curves.predicted_per_efold(result, 0.03, times, "slip")
+    slope = gouge_curves.predict_per_efold(result, 0.03, times, "slip")
     assert slope == pytest.approx(-0.024, abs=1e-3)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stickslip.experiments.gouge import measures
-from stickslip.experiments.gouge.statistics import Curve, apart, combined, read_off, similarity
+from stickslip.experiments.gouge.statistics import Curve, combine, difference, intraclass_correlation, read_off
 
 
 def level(values, seeds):
@@ -41,11 +41,11 @@ def test_similarity_of_made_up_groups():
     """Half of the variance is the groups': 1/2, to the error of 2000 groups; none: 0; equal ones: 1."""
     rng = np.random.default_rng(3)
     shared = rng.normal(size=(2000, 1))
-    assert similarity(list(shared + rng.normal(size=(2000, 3)))) == pytest.approx(0.5, abs=0.05)
-    assert similarity(list(rng.normal(size=(2000, 3)))) == pytest.approx(0.0, abs=0.05)
-    assert similarity([[1.0, 1.0], [2.0, 2.0]]) == pytest.approx(1.0)
-    assert np.isnan(similarity([[1.0, 2.0]]))
-    assert np.isnan(similarity([[1.0], [2.0]]))
+    assert intraclass_correlation(list(shared + rng.normal(size=(2000, 3)))) == pytest.approx(0.5, abs=0.05)
+    assert intraclass_correlation(list(rng.normal(size=(2000, 3)))) == pytest.approx(0.0, abs=0.05)
+    assert intraclass_correlation([[1.0, 1.0], [2.0, 2.0]]) == pytest.approx(1.0)
+    assert np.isnan(intraclass_correlation([[1.0, 2.0]]))
+    assert np.isnan(intraclass_correlation([[1.0], [2.0]]))
 
 
 @pytest.mark.parametrize(("samples", "branches"), [(8, 3), (4, 3), (1, 8)])
@@ -87,14 +87,14 @@ def test_numbers_of_one_result_are_combined_with_the_errors_that_they_share():
     """A difference of equal numbers has no error, also where branches widen it."""
     for seeds in (np.repeat(np.arange(4), 2), np.repeat([0, 1], 4)):
         found = level(np.random.default_rng(6).normal(size=8), seeds)
-        assert combined([found, found], lambda v: v[0] - v[1]).error == 0.0
-        twice = combined([found, found], np.sum)
+        assert combine([found, found], lambda v: v[0] - v[1]).error == 0.0
+        twice = combine([found, found], np.sum)
         assert (twice.value, twice.error) == (pytest.approx(2 * found.value), pytest.approx(2 * found.error))
 
 
 def test_differences_of_two_results_have_welchs_interval():
     a, b = (level(np.arange(4.0) * size, np.arange(4)) for size in (1.0, 3.0))
-    value, half = apart(a, b)
+    value, half = difference(a, b)
     assert value == pytest.approx(1.5 - 4.5)
     freedom = (a.error**2 + b.error**2) ** 2 / ((a.error**4 + b.error**4) / 3)
     from scipy.stats import t

@@ -13,9 +13,9 @@ from stickslip.core.state import empty_contacts
 from stickslip.data.schema import ScenarioError
 from stickslip.experiments.gouge import lammps
 from stickslip.experiments.gouge.dimensionless import stiffness
-from stickslip.experiments.gouge.protocol import OURS, _series, lead
-from stickslip.experiments.gouge.sample import BOTTOM, TOP, Gouge, gouge_law, settled, sprung
-from stickslip.experiments.gouge.simulate import engine_of
+from stickslip.experiments.gouge.protocol import STICKSLIP, _series, load_point_lead
+from stickslip.experiments.gouge.sample import BOTTOM, TOP, Gouge, attach_spring, gouge_law, prepare_sample
+from stickslip.experiments.gouge.simulate import find_engine
 from stickslip.extras import MissingExtraError
 from stickslip.friction.measure import steady_mean
 
@@ -50,7 +50,7 @@ def six_grains():
 def sample():
     """A hundred soft grains between plates, settled."""
     whole = scenario()
-    return whole, settled(whole, 3)
+    return whole, prepare_sample(whole, 3)
 
 
 @pytest.fixture
@@ -69,7 +69,7 @@ def test_without_lammps_one_sentence_says_how_to_get_it(monkeypatch):
     with pytest.raises(
         MissingExtraError, match=r'pip install "stickslip\[bench\]".* or use engine = "stickslip"'
     ) as found:
-        engine_of(scenario(engine="lammps"))
+        find_engine(scenario(engine="lammps"))
     assert "\n" not in str(found.value)
 
 
@@ -113,7 +113,7 @@ def test_dashpots_that_do_not_pull_are_asked_for(tmp_path):
     whole, gouge = six_grains()
     whole = scenario(law=SOFT | {"tension": False})
     place = lammps.start(whole, gouge._replace(law=gouge_law(whole, 0.5)))
-    assert re.search(r"pair_style .* 1 limit_damping\n", lammps.mechanics(whole, place, 0.1))
+    assert re.search(r"pair_style .* 1 limit_damping\n", lammps.mechanics_commands(whole, place, 0.1))
 
 
 def test_a_law_that_lammps_does_not_run_is_refused():
@@ -131,7 +131,7 @@ def rescaled(gouge):
 def test_the_rescaled_law_is_granular_with_mindlin_rescale():
     whole, gouge = six_grains()
     gouge = rescaled(gouge._replace(law=gouge.law._replace(damping=gouge.law.damping | 4)))
-    script = lammps.mechanics(whole, lammps.start(whole, gouge), 0.1)
+    script = lammps.mechanics_commands(whole, lammps.start(whole, gouge), 0.1)
     words = re.search(
         r"pair_style granular\npair_coeff \* \* hertz (\S+) (\S+) tangential mindlin_rescale (\S+) (\S+) (\S+) "
         r"damping viscoelastic limit_damping\n",
@@ -140,7 +140,7 @@ def test_the_rescaled_law_is_granular_with_mindlin_rescale():
     kn, kt, mu, damping_n, damping_t = gouge.law.table[0, 0]
     assert [float(word) for word in words.groups()] == [kn, damping_n, kt, damping_t / damping_n, mu]
     gouge.law.table[0, 0, 3] = 0.0
-    with pytest.raises(ScenarioError, match="damping_t and without damping_n"):
+    with pytest.raises(ScenarioError, match="damping_t but without damping_n"):
         lammps.start(whole, gouge)
 
 
@@ -181,7 +181,7 @@ def test_first_steps_agree_with_lammps(peer, steps, tension):
     place, theirs = peer.leg(whole, peer.start(whole, gouge), 0.3, steps)
     seconds = steps * whole.dt
     course = [gouge.state.time, gouge.state.time + seconds], [0, 0.3 * seconds]
-    here = sprung(gouge, stiffness(whole) * whole.area, *course)
+    here = attach_spring(gouge, stiffness(whole) * whole.area, *course)
     end, record, _ = ss.run(here.state, here.law, steps, whole.dt, every=steps, slip_update="rate")
     ours, start = _series(record, here, np.array([0, 0.3 * seconds]))[1:], gouge.state.grains.position
     assert record.touching[-1] > 150 and (steps < 50 or record.sliding[-1] > 5)
@@ -216,7 +216,7 @@ def test_legs_branch_from_a_place_and_keep_the_memory_of_contacts(peer):
     assert (second.friction == same.friction).all()
     assert np.concatenate([first.time, second.time]) == pytest.approx(series.time, rel=1e-12)
     assert np.concatenate([first.load_point, second.load_point]) == pytest.approx(series.load_point, rel=1e-12)
-    assert lead(two.gouge) == pytest.approx(series.load_point[-1])
+    assert load_point_lead(two.gouge) == pytest.approx(series.load_point[-1])
 
 
 @pytest.mark.slow
@@ -250,7 +250,7 @@ def test_steady_sliding_agrees_with_lammps(peer):
     whole, gouge = sample()
     steps = round(whole.grains.mean / 1.0 / whole.dt / whole.sample_every) * whole.sample_every  # 1 D at 1 m/s
     found = []
-    for engine in (OURS, peer):
+    for engine in (STICKSLIP, peer):
         place, _ = engine.leg(whole, engine.start(whole, gouge), 1.0, 4 * steps)
         place, series = engine.leg(whole, place, 1.0, 16 * steps)
         found.append(series)
@@ -271,7 +271,7 @@ def test_first_steps_of_the_rescaled_law_agree_with_lammps(peer, steps):
     whole, gouge = whole.model_copy(update={"sample_every": steps}), rescaled(gouge)
     place, theirs = peer.leg(whole, peer.start(whole, gouge), 0.3, steps)
     seconds = steps * whole.dt
-    here = sprung(
+    here = attach_spring(
         gouge, stiffness(whole) * whole.area, [gouge.state.time, gouge.state.time + seconds], [0, 0.3 * seconds]
     )
     end, record, _ = ss.run(here.state, here.law, steps, whole.dt, every=steps, slip_update="rate")

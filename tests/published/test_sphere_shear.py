@@ -38,7 +38,7 @@ def test_a_small_scenario_runs_in_both_dimensions(tmp_path, dim, fraction):
     (tmp_path / "s.toml").write_text(SMALL.format(dim=dim, fraction=fraction))
     done = stickslip("run", tmp_path / "s.toml", "--out", tmp_path / "out")
     assert done.returncode == 0, done.stderr
-    assert "Packings, sheared" in done.stdout
+    assert "Sheared packings" in done.stdout
     tree = archive.read(tmp_path / "out" / "results.h5")
     for seed in ("002", "003"):
         path = tree["paths"][seed]

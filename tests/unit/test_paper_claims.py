@@ -8,7 +8,7 @@ import pytest
 from stickslip.experiments.claims import NO_REFERENCE, NOT_REPRODUCED, REFUTED, REPRODUCED, UNDECIDED, for_quick_run
 from stickslip.experiments.disk_array import claims as disk_claims
 from stickslip.experiments.disk_array import measures as disk_measures
-from stickslip.experiments.disk_array.fronts import front
+from stickslip.experiments.disk_array.fronts import fit_front
 from stickslip.experiments.quasi_rigid import claims as quasi_claims
 from stickslip.experiments.sphere_shear import claims as shear_claims
 from stickslip.loading.protocols import Growth
@@ -43,7 +43,7 @@ def sheared(single, *, reappears=(False, False), later=(), zero=(0.0, 0.0)):
         for back, none in zip(reappears, zero, strict=True)
     ]  # fmt: skip
     scenario = Made(packing=Made(dim=3), release=Made(seed_velocity=1e-13))
-    return {c.id: c for c in shear_claims.evaluated(Made(paths=paths, single=list(single), later=list(later),
+    return {c.id: c for c in shear_claims.evaluate_claims(Made(paths=paths, single=list(single), later=list(later),
                                                          scenario=scenario))}  # fmt: skip
 
 
@@ -152,7 +152,7 @@ def test_the_premise_is_refuted_by_a_state_that_outlives_it():
     ("yes", "total", "told"), [(5, 5, True), (0, 5, False), (4, 5, None), (2, 2, None), (0, 2, None), (9, 10, True)]
 )
 def test_few_samples_do_not_tell_more_often_from_less_often(yes, total, told):
-    assert quasi_claims.mostly(yes, total) is told
+    assert quasi_claims.sign_test(yes, total) is told
 
 
 def pushed(msd):
@@ -163,9 +163,9 @@ def pushed(msd):
 def test_stable_means_that_m_does_not_rise():
     time = np.linspace(0, 1e4, 2001)
     beating = 1e-20 * (1.5 + np.cos(0.3 * time) + 0.4 * np.cos(0.0004 * time))
-    assert disk_claims._stable(pushed(beating), "").verdict == REPRODUCED
-    assert disk_claims._stable(pushed(beating * np.exp(1e-3 * time)), "").verdict == NOT_REPRODUCED
-    assert disk_claims._stable(Made(free_runs={}), "").verdict == UNDECIDED
+    assert disk_claims._stability(pushed(beating), "").verdict == REPRODUCED
+    assert disk_claims._stability(pushed(beating * np.exp(1e-3 * time)), "").verdict == NOT_REPRODUCED
+    assert disk_claims._stability(Made(free_runs={}), "").verdict == UNDECIDED
 
 
 def test_the_power_of_im_lambda_is_found_with_its_error():
@@ -188,7 +188,7 @@ def test_both_estimators_of_a_front_have_an_error_that_repeated_ensembles_show()
     for _ in range(60):
         times = 100 + 50 * (distance > 0) + distance / 0.05 + 20 * rng.normal(size=(40, 10))
         times[:, 0] = 100
-        fits.append(front(times, np.arange(10), distance))
+        fits.append(fit_front(times, np.arange(10), distance))
     for value, error in (("speed", "speed_error"), ("free_intercept", "free_error")):
         spread = np.std([getattr(f, value) for f in fits])
         assert np.median([getattr(f, error) for f in fits]) == pytest.approx(spread, rel=0.3)  # 60 fits: 9 % and more

@@ -9,7 +9,14 @@ import stickslip as ss
 from stickslip.data import archive
 from stickslip.experiments.quasi_rigid import EXPERIMENT
 from stickslip.experiments.quasi_rigid import claims as quasi_claims
-from stickslip.experiments.quasi_rigid.simulate import Curve, Slowly, collapse, difference, simulate_quasi, table_one
+from stickslip.experiments.quasi_rigid.simulate import (
+    Curve,
+    SlowDynamics,
+    collapse_load,
+    simulate_quasi,
+    strain_difference,
+    table_one,
+)
 from stickslip.experiments.writer import write_result
 from stickslip.loading.biaxial import LEFT, RIGHT, TOP
 from tests.published.test_disk_array import stickslip
@@ -53,7 +60,7 @@ def test_table_one_holds_in_the_engine(small):
 
 
 def test_claims_have_all_ids_and_say_what_was_measured(small):
-    claims = {c.id: c for c in quasi_claims.evaluated(small, cases=20)}
+    claims = {c.id: c for c in quasi_claims.evaluate_claims(small, cases=20)}
     assert list(claims) == [
         "table-I-relations", "status-map-bijective", "one-consistent-state", "non-unique-example",
         "path-vs-dynamics-error", "collapse-load-ratio", "stability-premise", "flutter-example", "apex-counterexample",
@@ -74,17 +81,20 @@ def test_difference_and_collapse_of_made_up_curves():
     load = np.linspace(0, 1, 101)
     path = Curve(load, load, load, load)
     late = Curve(load, load - 0.03, load, load)
-    assert difference(path, late) == pytest.approx(0.03)
+    assert strain_difference(path, late) == pytest.approx(0.03)
     energy = np.full(100, 1e-12)
-    slow = Slowly(1e5, path, energy / 10, 0.0)
-    assert collapse([Slowly(3e4, path, energy, 0.0), slow], path) is None
-    assert collapse([slow], path) is None
+    slow = SlowDynamics(1e5, path, energy / 10, 0.0)
+    assert collapse_load([SlowDynamics(3e4, path, energy, 0.0), slow], path) is None
+    assert collapse_load([slow], path) is None
     burst = energy.copy()
     burst[70:73] = 1e-9
     fallen = Curve(load, np.where(load > 0.7, load + 0.2, load), load, load)
     for curve, found in ((fallen, load[71]), (path, None)):  # a burst after which the run is on the path is none
-        both = [Slowly(3e4, curve, burst, 0.0), Slowly(1e5, curve, np.maximum(burst, energy) - 0.9 * energy, 0.0)]
-        assert collapse(both, path) == (None if found is None else pytest.approx(found))
+        both = [
+            SlowDynamics(3e4, curve, burst, 0.0),
+            SlowDynamics(1e5, curve, np.maximum(burst, energy) - 0.9 * energy, 0.0),
+        ]
+        assert collapse_load(both, path) == (None if found is None else pytest.approx(found))
 
 
 def test_run_leaves_curves_figures_numbers(small, tmp_path):
@@ -124,7 +134,7 @@ def test_shear_from_the_command_line(tmp_path):
         ({"loading": {"increment": 2.0}}, "loading.increment = 2.0"),
         ({"loading": {"factor": 0.5}}, "loading.factor = 0.5"),
         ({"law": {"mu": 0.0}}, "without friction no contact slides or sticks"),
-        ({"disks": {"pressure": 0.5}}, "quasi-rigid grains overlap little"),
+        ({"disks": {"pressure": 0.5}}, "quasi-rigid grains overlap only slightly"),
         ({"disks": {"numbr": 50}}, "did you mean 'number'?"),
         ({"dynamics": {"times": (-1.0,)}}, "dynamics.times"),
     ],

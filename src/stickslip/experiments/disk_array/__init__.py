@@ -11,14 +11,14 @@ _here = partial(late, __name__)
 
 
 def references(scenario: DiskArrayScenario) -> dict[str, tuple[str, ...]]:
-    """Keys of references.bib, by what they are for."""
+    """Keys of references.bib, grouped by purpose."""
     return {"the experiment (paper 000)": ("Charan2020",), "contact law": of_law(scenario.law)}
 
 
 EXPERIMENT = Experiment(
     scenario=DiskArrayScenario,
-    words="paper 000: ten disks on a substrate are pushed",
-    simulate=_here("simulate.simulate_and_check"),
+    words="paper 000: ten disks pushed along a substrate",
+    simulate=_here("simulate.simulate_with_sensitivity"),
     numbers=_here("report.numbers"),
     measures=_here("report.measures"),
     show=_here("report.show"),

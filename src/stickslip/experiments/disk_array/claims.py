@@ -1,4 +1,4 @@
-"""Claims of paper 000, judged: doi:10.48550/arXiv.1908.11724, its supplement included."""
+"""Evaluation of the claims of paper 000, doi:10.48550/arXiv.1908.11724, including its supplement."""
 
 import numpy as np
 
@@ -10,30 +10,31 @@ from .measures import (
     backward_front,
     forward_front,
     growth_error,
-    increase,
+    growth_factor,
     late_birth,
-    proportion,
     saturation_error,
+    speed_proportion,
     velocity_line,
     y_mode,
 )
-from .simulate import DiskArrayResult, at_load, protocol_of, push_disk_array
+from .simulate import DiskArrayResult, make_protocol, point_at_load, push_disk_array
 
 FRONT_LOADS = (0.083, 0.087, 0.090)
 STABLE_LOAD = 0.062
 GROWTH_LOADS = (0.030, 0.040, 0.083, 0.087, 0.090)
 V2_THRESHOLD = 0.05
-LINE_TOP = 0.090  # Eq 10 is fitted to the loads that the paper names
-MODE_LOAD = 0.083  # where the y mode is shown: the smallest push at which the paper's array slides
-COARSER = (5e-3, 2e-3, 1e-3)  # load steps beside the scenario's; the difference to the last is the error of a birth
+LINE_TOP = 0.090  # largest load in the fit of Eq 10: that of the loads named in the paper
+MODE_LOAD = 0.083  # load at which the y mode is shown: the smallest push at which the paper's array slides
+COARSER = (5e-3, 2e-3, 1e-3)  # extra load steps; the difference from the last one is the error of a birth
 BISECTED = 1e-6  # width to which births and deaths are bisected [F_x]
 IM_LAMBDA = {0.083: 2.4e-4, 0.087: 7.7e-4, 0.090: 1.0e-3}
 V1 = {0.083: 0.0014, 0.087: 0.0022, 0.090: 0.0028}
-RISE = 10.0  # of the mean M from the first to the last quarter: beats of stable modes stay far below, pairs above
+# growth of the mean M from the first to the last quarter of a run: beats of stable modes stay far below, pairs above
+RISE = 10.0
 SHOWS = {
     "Fig 2": ("complex pairs along the push", "late-pair-birth"),
     "Fig 3": ("M(t) at six pushes", "stable-msd-0.062"),
-    "Fig 4": ("trajectory of a disk: drawn, without a number", ""),
+    "Fig 4": ("trajectory of a disk: plotted, without a number", ""),
     "Fig 5": ("fronts of breaching and of sliding", "v1-over-im-lambda"),
     "Fig 6": ("transverse mode", "y-mode-frequency"),
     "Fig 7": ("sliding velocity against push", "sliding-velocity-slope"),
@@ -43,32 +44,37 @@ TOLERANCE = {
     "window": 0.02,  # 0.082 and 0.062 are printed with two digits: more than half a unit of the last, 0.8 %
     "birth": 0.01,  # 0.082 is printed with two digits: half a unit of the last is 0.6 %
     "im-lambda": 0.1,  # printed with one or two digits: half a unit of the last is 5 % of 0.001
-    "growth": 0.02,  # linear theory is exact; the fit's window ends where contacts begin to open
+    "growth": 0.02,  # linear theory is exact; the fit window ends where contacts begin to open
     "saturation": 1.0,  # the paper says "about" and prints a power of ten: a factor of two either way
-    "front": 0.25,  # nearly three times the largest error that the paper gives V_1 with its 25 realizations, 9 %
+    "front": 0.25,  # nearly three times the largest error that the paper gives for V_1 with its 25 realizations, 9 %
     "ratio": 1.5 / 4.3,  # the scatter that the paper prints: 4.3 ± 1.5
-    "exponent": 0.21,  # over Im λ from 2.4e-4 to 1.0e-3 such a change of the power is the ratio's scatter of 35 %
-    "slope": 0.1,  # printed with two digits, without an error: that of a fit to a handful of velocities
-    "intercept": 0.2,  # as the slope; an intercept is an extrapolation over nine tenths of the push
-    "share": 0.1,  # the figure shows no x and no rotation: bars of three tenths would be seen, and three tenths squared
-    "frequency": 0.05,  # "approximately"; printed with three digits, at a push that is not named
+    "exponent": 0.21,  # over Im λ from 2.4e-4 to 1.0e-3, this change of the power equals the ratio's scatter of 35 %
+    "slope": 0.1,  # printed with two digits and no error: typical of a fit to a handful of velocities
+    "intercept": 0.2,  # as for the slope, but the intercept extrapolates over nine tenths of the push
+    "share": 0.1,  # the figure shows no x and no rotation: bars of 0.3 would be visible, and their square is 0.1
+    "frequency": 0.05,  # "approximately"; printed with three digits, at a push that is not stated
     "closed form": 1e-6,  # exact; the relaxation ends at a residual of 1e-14
 }
 
 
-def evaluated(main: DiskArrayResult, quarter: DiskArrayResult, report=lambda share, words: None) -> list[Claim]:
-    """All claims, the main scenario's first; `report(share done, words)` is called along ramps of other steps."""
-    printed = _spectra(main, "", 0.05, lambda s, w: report(0.5 * s, w)) + _dynamics(main)
-    printed += _fronts(main) + _ratios(main) + _modes(main) + _sliding(main, "")
+def evaluate_claims(main: DiskArrayResult, quarter: DiskArrayResult, report=lambda share, words: None) -> list[Claim]:
+    """Evaluate all claims, those of the main scenario first.
+
+    Parameters
+    ----------
+    report : called as report(share done, words) along the ramps with other load steps
+    """
+    printed = _spectrum_claims(main, "", 0.05, lambda s, w: report(0.5 * s, w)) + _dynamics_claims(main)
+    printed += _front_claims(main) + _ratio_claims(main) + _mode_claims(main) + _sliding_claims(main, "")
     suffix = "@quarter"
     return [
-        *printed, *_spectra(quarter, suffix, 0.07, lambda s, w: report(0.5 + 0.5 * s, w)), _stable(quarter, suffix),
-        *_backward(quarter, suffix), *_sliding(quarter, suffix),
+        *printed, *_spectrum_claims(quarter, suffix, 0.07, lambda s, w: report(0.5 + 0.5 * s, w)),
+        _stability(quarter, suffix), *_backward_claims(quarter, suffix), *_sliding_claims(quarter, suffix),
     ]  # fmt: skip
 
 
-def _spectra(result: DiskArrayResult, suffix: str, near: float, report) -> list[Claim]:
-    protocol, paths = protocol_of(result.scenario, result.law), {}
+def _spectrum_claims(result: DiskArrayResult, suffix: str, near: float, report) -> list[Claim]:
+    protocol, paths = make_protocol(result.scenario, result.law), {}
     for k, step in enumerate(COARSER):
 
         def heard(_, share: float, words: str, k=k, step=step) -> None:
@@ -79,37 +85,38 @@ def _spectra(result: DiskArrayResult, suffix: str, near: float, report) -> list[
     paths[step] = result.path
     windows = {s: stable_window(path, near, protocol) for s, path in paths.items()}
     births = {s: late_birth(path, protocol) for s, path in paths.items()}
-    out = [_pairs(result, load, suffix) for load in (0.030, 0.040, STABLE_LOAD)]
+    out = [_pair_count(result, load, suffix) for load in (0.030, 0.040, STABLE_LOAD)]
     out.append(claim(
-        f"stable-window{suffix}", "Fig 2: where no pair exists; its ends are not printed", None, windows[step] or [],
-        "F_x", TOLERANCE["window"], f"by load step of the ramp {_by_step(windows)}",
-        error=_apart(windows[step], windows[COARSER[-1]]), reference=[STABLE_LOAD, 0.082],
+        f"stable-window{suffix}", "Fig 2: range without pairs; its ends are not printed", None, windows[step] or [],
+        "F_x", TOLERANCE["window"], f"for each load step of the ramp: {_format_by_step(windows)}",
+        error=_sensitivity(windows[step], windows[COARSER[-1]]), reference=[STABLE_LOAD, 0.082],
         reference_source="a push that the text calls stable, and the one above which the supplement finds instability",
     ))  # fmt: skip
     out.append(claim(
         f"late-pair-birth{suffix}",
         'Fig 2: supplement, "the system becomes unstable for all force values F_x > 0.082"', 0.082, births[step],
-        "F_x", TOLERANCE["birth"], f"bisected to 1e-6 from one state; by load step of the ramp {_by_step(births)}",
-        error=_apart(births[step], births[COARSER[-1]]),
+        "F_x", TOLERANCE["birth"],
+        f"bisected to 1e-6 from one state; for each load step of the ramp: {_format_by_step(births)}",
+        error=_sensitivity(births[step], births[COARSER[-1]]),
     ))  # fmt: skip
     out += [_im_lambda(load, result, paths[COARSER[-1]], births[step], suffix) for load in IM_LAMBDA]
     return out
 
 
-def _apart(fine, coarse) -> float | None:
-    """Largest difference of what two load steps give, or the bisection's width; None if one of them gives nothing."""
+def _sensitivity(fine, coarse) -> float | None:
+    """Largest difference between two load steps, at least the bisection width; None if either has no value."""
     return None if fine is None or coarse is None else max(BISECTED, float(np.abs(np.subtract(fine, coarse)).max()))
 
 
-def _by_step(values: dict) -> str:
+def _format_by_step(values: dict) -> str:
     def words(value):
         return "none" if value is None else "–".join(f"{v:.6f}" for v in np.ravel(value))
 
     return ", ".join(f"{step:g}: {words(value)}" for step, value in values.items())
 
 
-def _pairs(result: DiskArrayResult, load: float, suffix: str) -> Claim:
-    modes = at_load(result.path, load).spectrum
+def _pair_count(result: DiskArrayResult, load: float, suffix: str) -> Claim:
+    modes = point_at_load(result.path, load).spectrum
     said = '"for ... F_x = 0.03 and 0.04 the oscillatory instability exists", one pair in the figure'
     if load == STABLE_LOAD:
         said = '"for F_x = 0.062 all the eigenvalues of J are real"'
@@ -121,10 +128,10 @@ def _pairs(result: DiskArrayResult, load: float, suffix: str) -> Claim:
 
 
 def _im_lambda(load: float, result: DiskArrayResult, coarse, born: float | None, suffix: str) -> Claim:
-    modes, other = at_load(result.path, load).spectrum, at_load(coarse, load).spectrum
+    modes, other = point_at_load(result.path, load).spectrum, point_at_load(coarse, load).spectrum
     note = f"{len(modes.pairs)} pair(s)"
     if born:
-        note += f"; {load - born:.5f} above the birth, from where Im lambda rises as a square root"
+        note += f"; {load - born:.5f} above the birth, from which Im lambda rises as a square root"
     return claim(
         f"im-lambda-{load:.3f}{suffix}", 'Fig 2: text before Eq 10, "0.00024, 0.00077 and 0.001 respectively"',
         IM_LAMBDA[load], float(modes.im_lambda.max()), "k_n (2R)^1/2/m", TOLERANCE["im-lambda"], note,
@@ -132,9 +139,9 @@ def _im_lambda(load: float, result: DiskArrayResult, coarse, born: float | None,
     )  # fmt: skip
 
 
-def _dynamics(main: DiskArrayResult) -> list[Claim]:
-    return [*(_growth(main, load) for load in GROWTH_LOADS), _stable(main, ""),
-            *(_saturation(main, load) for load in (0.030, 0.040)), _slides(main)]  # fmt: skip
+def _dynamics_claims(main: DiskArrayResult) -> list[Claim]:
+    return [*(_growth(main, load) for load in GROWTH_LOADS), _stability(main, ""),
+            *(_saturation(main, load) for load in (0.030, 0.040)), _sliding_onset(main)]  # fmt: skip
 
 
 def _growth(main: DiskArrayResult, load: float) -> Claim:
@@ -151,16 +158,16 @@ def _growth(main: DiskArrayResult, load: float) -> Claim:
     )  # fmt: skip
 
 
-def _stable(result: DiskArrayResult, suffix: str) -> Claim:
-    """M(t) at the push where the paper's array is stable: it neither grows nor is there a pair."""
+def _stability(result: DiskArrayResult, suffix: str) -> Claim:
+    """Claim on M(t) at the push where the paper's array is stable: no growth and no pair."""
     free = result.free_runs.get(STABLE_LOAD)
     measured, note = None, "no run at this push"
     if free is not None:
-        rise = increase(free)
+        rise = growth_factor(free)
         measured = bool(rise < RISE)
         note = (
-            f"mean M of the last over the first 1/{LATE} of {free.time[-1]:.0f} time units: {rise:.2g}, "
-            f"{free.msd[-1]:.1e} at the end; fastest growth of the spectrum {free.predicted_growth:.1e}"
+            f"mean M of the last over that of the first 1/{LATE} of {free.time[-1]:.0f} time units: {rise:.2g}; "
+            f"M at the end: {free.msd[-1]:.1e}; fastest growth rate of the spectrum: {free.predicted_growth:.1e}"
         )
     return claim(
         f"stable-msd-{STABLE_LOAD:.3f}{suffix}",
@@ -175,79 +182,82 @@ def _saturation(main: DiskArrayResult, load: float) -> Claim:
     return claim(
         f"msd-saturation-{load:.3f}",
         'Fig 3: "the MSD becomes stationary at a minute fraction the disk radius (about 10^-5)"', 1e-5,
-        free.saturation, "(2R)^2", TOLERANCE["saturation"], f"{wall} Coulomb's limit; error from blocks of one run",
+        free.saturation, "(2R)^2", TOLERANCE["saturation"],
+        f"{wall} Coulomb's limit; error from block averages of one run",
         error=saturation_error(free),
     )  # fmt: skip
 
 
-def _slides(main: DiskArrayResult) -> Claim:
+def _sliding_onset(main: DiskArrayResult) -> Claim:
     free = main.free_runs[0.083]
     note = "no contact reaches Coulomb's limit"
     if np.isfinite(free.breach).any():
         _, i, j = free.first_limit
         first = np.nanargmin(free.breach) + 1
-        note = f"contact {i + 1:.0f}–{j + 1:.0f} is first at the limit, disk {first} is first among wall contacts"
+        note = (
+            f"contact {i + 1:.0f}–{j + 1:.0f} is the first at the limit; disk {first} is the first among wall contacts"
+        )
     said = 'Fig 3: at 0.083 "the Coulomb law is breached", "subsequently M(t) increases linearly in time"'
     return claim("sliding-0.083", said, True, free.slid, "", 0.0, note)
 
 
-def _about(found: Front, result: DiskArrayResult, loads) -> str:
+def _count_realizations(found: Front, result: DiskArrayResult, loads) -> str:
     failed = sum(len(result.sliding[load].failures) for load in loads)
     words = f"{found.counted} realizations, {found.complete} of them complete"
     return words + (f", {failed} failed" if failed else "")
 
 
-def _both(name: str, suffix: str, source: str, paper: float, found: Front | None, note: str) -> list[Claim]:
-    """A front speed by both estimators: through the front's start, as Eq 9 reads, and with a free intercept."""
+def _speed_claims(name: str, suffix: str, source: str, paper: float, found: Front | None, note: str) -> list[Claim]:
+    """Claims on a front speed by both estimators: through the start of the front (Eq 9), and with a free intercept."""
     unit, tolerance = "length/time", TOLERANCE["front"]
     if not found:
-        note = "no front: too few realizations in which the event happens at every disk in time"
+        note = "no front: too few realizations in which the event happens at every disk before the run ends"
         return [claim(f"{name}{end}{suffix}", source, paper, None, unit, tolerance, note) for end in ("", "-free")]
-    other = f"through its start {shown(found.speed)}, with a free intercept {shown(found.free_intercept)}"
+    other = f"through the start {shown(found.speed)}, with a free intercept {shown(found.free_intercept)}"
     return [
-        claim(f"{name}{suffix}", source, paper, found.speed, unit, tolerance, f"through the front's start, as Eq 9 "
-              f"reads; {other}; {note}", error=found.speed_error),
+        claim(f"{name}{suffix}", source, paper, found.speed, unit, tolerance,
+              f"fitted through the start of the front, as in Eq 9; {other}; {note}", error=found.speed_error),
         claim(f"{name}-free{suffix}", source, paper, found.free_intercept, unit, tolerance,
-              f"with a free intercept; {other}; the paper does not say which it fitted; {note}",
+              f"fitted with a free intercept; {other}; the paper does not say which one it used; {note}",
               error=found.free_error),
     ]  # fmt: skip
 
 
-def _fronts(main: DiskArrayResult) -> list[Claim]:
+def _front_claims(main: DiskArrayResult) -> list[Claim]:
     out = []
     for load, paper in V1.items():
         found = forward_front(main, main.sliding[load])
         said = 'Fig 5: "0.0014 ± 0.00013, 0.0022 ± 0.00015 and 0.0028 ± 8e-5"'
-        note = _about(found, main, [load]) if found else ""
-        out += _both(f"forward-front-speed-{load:.3f}", "", said, paper, found, note)
-    return [*out, *_backward(main, "")]
+        note = _count_realizations(found, main, [load]) if found else ""
+        out += _speed_claims(f"forward-front-speed-{load:.3f}", "", said, paper, found, note)
+    return [*out, *_backward_claims(main, "")]
 
 
-def _ratios(main: DiskArrayResult) -> list[Claim]:
-    """V_1/Im λ at the paper's loads, and the power of V_1 ∝ (Im λ)^p over all loads that slide, by both estimators."""
+def _ratio_claims(main: DiskArrayResult) -> list[Claim]:
+    """Claims on V_1/Im λ at the paper's loads and on p in V_1 ∝ (Im λ)^p over all sliding loads, by both estimators."""
     printed = float(np.polyfit(np.log(list(IM_LAMBDA.values())), np.log(list(V1.values())), 1)[0])
-    strongest = {load: float(at_load(main.path, load).spectrum.im_lambda.max()) for load in main.sliding}
+    strongest = {load: float(point_at_load(main.path, load).spectrum.im_lambda.max()) for load in main.sliding}
     said = '"an approximate constant value 4.3 ± 1.5" of velocities over Im λ'
     out = []
     for free, end in ((False, ""), (True, "-free")):
-        three = proportion(main, {load: strongest[load] for load in FRONT_LOADS}, free=free)
-        wide = proportion(main, strongest, free=free)
+        three = speed_proportion(main, {load: strongest[load] for load in FRONT_LOADS}, free=free)
+        wide = speed_proportion(main, strongest, free=free)
         ratio = three.mean_ratio if len(three.load) == len(FRONT_LOADS) else (None, None)
         power = wide.exponent or (None, None)
         words = ", ".join(f"{r:.2f} at {load:g}" for load, r in zip(wide.load, wide.ratio, strict=True)) or "no front"
-        how = "with a free intercept" if free else "through the front's start"
+        how = "with a free intercept" if free else "through the start of the front"
         out += [
             claim(f"v1-over-im-lambda{end}", f"Fig 5: {said}", 4.3, ratio[0], "length·time",
-                  TOLERANCE["ratio"], f"{how}, mean over the paper's three loads; {words}", error=ratio[1]),
+                  TOLERANCE["ratio"], f"fit {how}, mean over the paper's three loads; {words}", error=ratio[1]),
             claim(f"v1-power-of-im-lambda{end}", f"Fig 5: {said}: V_1 ∝ Im λ", 1.0, power[0], "1",
-                  TOLERANCE["exponent"], f"p of V_1 ∝ (Im λ)^p, {how}, over {len(wide.load)} loads from "
+                  TOLERANCE["exponent"], f"p in V_1 ∝ (Im λ)^p, fit {how}, over {len(wide.load)} loads from "
                   f"{min(strongest):g} to {max(strongest):g}", error=power[1], reference=printed,
                   reference_source="fitted to the three pairs of V_1 and Im λ that the paper prints"),
         ]  # fmt: skip
     return out
 
 
-def _backward(result: DiskArrayResult, suffix: str) -> list[Claim]:
+def _backward_claims(result: DiskArrayResult, suffix: str) -> list[Claim]:
     thresholds = result.scenario.sliding.thresholds
     found = {t: backward_front(result, t, FRONT_LOADS) for t in thresholds}
     middle, note = found[V2_THRESHOLD], ""
@@ -256,24 +266,25 @@ def _backward(result: DiskArrayResult, suffix: str) -> list[Claim]:
         times = times[np.isfinite(times).all(axis=1)]
         last = float((times.argmin(axis=1) == times.shape[1] - 1).mean()) if len(times) else 0.0
         note = (
-            f"{_about(middle, result, FRONT_LOADS)}; by threshold "
+            f"{_count_realizations(middle, result, FRONT_LOADS)}; for each threshold: "
             f"{', '.join(f'{t:g}: {f.speed:.3f}' for t, f in found.items() if f)}; the last disk slides first in "
-            f"{last:.0%}"
+            f"{last:.0%} of the complete realizations"
         )
     said = 'Fig 5: "V_2 ≈ 0.235/π ≈ 0.075 in excellent agreement with the measured value"'
-    return _both("backward-front-speed", suffix, said, 0.075, middle, note)
+    return _speed_claims("backward-front-speed", suffix, said, 0.075, middle, note)
 
 
-def _sliding(result: DiskArrayResult, suffix: str) -> list[Claim]:
+def _sliding_claims(result: DiskArrayResult, suffix: str) -> list[Claim]:
     line = velocity_line(result, LINE_TOP)
-    slope, error, note = None, None, "fewer than three loads at which realizations slide in time"
+    slope, error, note = None, None, "fewer than three loads at which realizations slide before the run ends"
     if line:
         slope, error = line.slope, line.slope_error
         wider = {top: velocity_line(result, top).slope for top in line.push if top > LINE_TOP}
         slid = [int(np.isfinite(result.sliding[load].velocity).sum()) for load in FRONT_LOADS]
         note = (
-            f"from the loads that the paper names, {'+'.join(map(str, slid))} realizations in time; V is convex, up to "
-            f"{', '.join(f'{top:g}: {value:.2e}' for top, value in wider.items())}"
+            f"fitted to the loads named in the paper, where {'+'.join(map(str, slid))} realizations slide in time; V "
+            f"is convex: slopes from fits up to larger loads are "
+            f"{', '.join(f'{value:.2e} up to {top:g}' for top, value in wider.items())}"
         )
     out = [claim(
         f"sliding-velocity-slope{suffix}", "Fig 7: Eq 10, 4.5e-4", 4.5e-4, slope, "velocity per F_x",
@@ -282,15 +293,15 @@ def _sliding(result: DiskArrayResult, suffix: str) -> list[Claim]:
     if not suffix:
         out.append(claim(
             "sliding-velocity-intercept", "Fig 7: Eq 10, -1.3e-3", -1.3e-3, line.intercept if line else None,
-            "velocity", TOLERANCE["intercept"], "as printed every velocity up to F_x = 2.9 would be negative",
+            "velocity", TOLERANCE["intercept"], "as printed, every velocity up to F_x = 2.9 would be negative",
             error=line.intercept_error if line else None, reference=-1.3e-5,
-            reference_source="Eq 10 with two decades put right: V > 0 from F_x = 0.029 on",
+            reference_source="Eq 10 with the intercept corrected by two decades: V > 0 from F_x = 0.029 on",
         ))  # fmt: skip
     return out
 
 
-def _modes(main: DiskArrayResult) -> list[Claim]:
-    modes = at_load(main.path, MODE_LOAD).spectrum
+def _mode_claims(main: DiskArrayResult) -> list[Claim]:
+    modes = point_at_load(main.path, MODE_LOAD).spectrum
     k, shares = y_mode(modes), modes.shares()
     others = f"x {shares[k, 0]:.1%}, rotation {shares[k, 5]:.1%}, at F_x = {MODE_LOAD}"
     press = main.scenario.load.press * main.scenario.load.unit
@@ -299,14 +310,14 @@ def _modes(main: DiskArrayResult) -> list[Claim]:
         claim("y-mode-share", 'Fig 6: "no projection on either longitudinal or angular degrees of freedom"', 1.0,
               float(shares[k, 1]), "fraction", TOLERANCE["share"], others, error=0.0),
         claim("y-mode-frequency", 'Fig 6: "an eigen-frequency ω ≈ 0.235"', 0.235, float(modes.frequency[k]), unit,
-              TOLERANCE["frequency"], "the mode with the largest share in y", error=0.0),
-        claim("wall-mode-frequency", "Fig 6: not printed, the same mode before any push", None,
+              TOLERANCE["frequency"], "mode with the largest share in y", error=0.0),
+        claim("wall-mode-frequency", "Fig 6: not printed; the same mode before any push", None,
               float(main.pressed_spectrum.frequency[y_mode(main.pressed_spectrum)]), unit, TOLERANCE["closed form"],
-              "fixes the units", error=0.0, reference=float(np.sqrt(1.5 * press ** (1 / 3))),
+              "checks the units", error=0.0, reference=float(np.sqrt(1.5 * press ** (1 / 3))),
               reference_source="closed form sqrt(1.5 sqrt(δ_w)), δ_w = (F_y/k_n)^(2/3)"),
     ]  # fmt: skip
 
 
 def shows() -> dict[str, tuple[str, str]]:
-    """Figures of the paper: what each shows, and the id of the claim to quote."""
+    """Figures of the paper, each with its content and the identifier of the claim to quote."""
     return SHOWS

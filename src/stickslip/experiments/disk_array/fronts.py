@@ -1,4 +1,4 @@
-"""The transition from static to dynamic friction of a row of disks: who slips when, and how fast that travels."""
+"""Transition from static to dynamic friction in a row of disks: slip times of the disks and speeds of the fronts."""
 
 import warnings
 from typing import NamedTuple
@@ -13,17 +13,18 @@ BOOTSTRAPS = 1000
 
 
 class Transition(NamedTuple):
-    """One realization. Times are NaN for what did not happen."""
+    """One realization of the transition. Times of events that did not happen are NaN."""
 
     breach: np.ndarray  # (N,) first time at Coulomb's limit of each disk's contact with the substrate [time]
-    slide: np.ndarray  # (H, N) first time that a disk has moved along the row by each threshold [time]
-    velocity: float  # of the center of mass over the last third of the run; NaN unless all slid before it [length/time]
+    slide: np.ndarray  # (H, N) first time at which a disk has moved along the row by each threshold [time]
+    # velocity of the center of mass over the last third of the run; NaN unless all disks slid before it [length/time]
+    velocity: float
     time: np.ndarray  # (S,) [time]
     center: np.ndarray  # (S, 2) center of mass [length]
 
 
 class Front(NamedTuple):
-    """A front fitted to mean times at each disk: distance = speed × time, through its start (Eq 9)."""
+    """Front fitted to the mean times at each disk: distance = speed × time, through its start (Eq 9)."""
 
     distance: np.ndarray  # (N,) from the disk where it starts [length]
     delay: np.ndarray  # (N,) mean time after its start [time]
@@ -31,15 +32,16 @@ class Front(NamedTuple):
     speed: float  # [length/time]
     speed_error: float  # bootstrap over realizations, one standard deviation [length/time]
     free_intercept: float  # speed by regression of time on distance without fixing the start [length/time]
-    free_error: float  # the same bootstrap, half of the central 68 %: 1/slope has long tails [length/time]
+    free_error: float  # same bootstrap, half of the central 68 % interval, as 1/slope has long tails [length/time]
     complete: int  # realizations in which the event happened at every disk
-    counted: int  # realizations that enter
+    counted: int  # realizations included in the fit
 
 
 def breach_times(events: np.ndarray, start: State) -> np.ndarray:
-    """(N,) first time that each grain's contact with a wall reached Coulomb's limit, after a run from `start`.
+    """Return the first time at which each grain's contact with a wall reached Coulomb's limit, shape (N,).
 
-    The time of `start` where the contact was at the limit already; NaN where it never was.
+    It is the time of `start`, the state before the run, where the contact was at the limit already, and NaN where the
+    contact never reached the limit.
     """
     n, contacts = len(start.grains.radius), start.contacts
     times = np.full(n, np.nan)
@@ -52,13 +54,13 @@ def breach_times(events: np.ndarray, start: State) -> np.ndarray:
 
 
 def crossing_times(time: np.ndarray, displacement: np.ndarray, thresholds) -> np.ndarray:
-    """(H, N) first time at which |displacement| (T, N) exceeds each threshold; NaN where it never does."""
+    """Return the first time at which |displacement| (T, N) exceeds each threshold, shape (H, N); NaN for never."""
     beyond = np.abs(displacement)[None] > np.asarray(thresholds, float)[:, None, None]
     first = np.argmax(beyond, axis=1)
     return np.where(beyond.any(axis=1), time[first], np.nan)
 
 
-def transition(
+def run_transition(
     state: State,
     law: Law,
     seed: int,
@@ -71,7 +73,7 @@ def transition(
     drag=0.0,
     spin_drag=None,
 ) -> Transition:
-    """One free run from an equilibrium, shaken by random velocities."""
+    """Run the dynamics freely from an equilibrium perturbed by random velocities."""
     start = perturbed(state, seed, velocity)
     _, record, outcome = free_run(start, law, duration=duration, dt=dt, sample=sample, drag=drag, spin_drag=spin_drag)
     if outcome.broken:
@@ -90,16 +92,16 @@ def transition(
     )
 
 
-def along_row(state: State, start: int, *, backward: bool = False):
-    """Order of disks from disk `start` on along the row (or against it), and their distances from it [length]."""
+def row_order(state: State, start: int, *, backward: bool = False):
+    """Return the order of the disks from disk `start` along the row (or against it), and their distances [length]."""
     n, x = len(state.grains.radius), state.grains.position[:, 0]
     order = (start + np.arange(n)) % n if not backward else (start - np.arange(n)) % n
     gap = (x[order] - x[start]) * (-1 if backward else 1)
     return order, np.mod(gap + 1e-9, state.cell.vectors[0, 0]) - 1e-9
 
 
-def front(times: np.ndarray, order: np.ndarray, distance: np.ndarray, seed: int = 0) -> Front | None:
-    """Front through (realizations, N) times of the same event; delays count from the disk where the front starts.
+def fit_front(times: np.ndarray, order: np.ndarray, distance: np.ndarray, seed: int = 0) -> Front | None:
+    """Fit a front to times of the same event, shape (realizations, N); delays count from the disk where it starts.
 
     Source
     ------
@@ -115,7 +117,7 @@ def front(times: np.ndarray, order: np.ndarray, distance: np.ndarray, seed: int 
     rng = np.random.default_rng(seed)
     picks = rng.integers(0, len(delay), (BOOTSTRAPS, len(delay)))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # a resample may hold no delay of some disk
+        warnings.simplefilter("ignore", RuntimeWarning)  # a resample may contain no delay for some disk
         resampled = np.nanmean(delay[picks], axis=1)
     resampled = resampled[np.isfinite(resampled).all(axis=1)]
     away = distance - distance.mean()

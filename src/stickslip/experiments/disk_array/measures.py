@@ -1,4 +1,4 @@
-"""Measures of a pushed array of disks: births of pairs, fronts, sliding velocity, the transverse mode."""
+"""Measures of a pushed array of disks: births of complex pairs, fronts, sliding velocity and the transverse mode."""
 
 from typing import NamedTuple
 
@@ -10,13 +10,13 @@ from ..claims import standard_error
 from . import fronts
 from .simulate import DiskArrayResult, Ensemble, FreeRun
 
-BLOCKS = 8  # of the late half of a run, for the error of its mean: each is long beside the beats of the modes
-LATE = 4  # share of a run, one over this, whose mean M is compared with that of its first such share
-HALVES = (1e-19, 1e-15), (1e-15, 1e-11)  # of the window of M in which growth is fitted
+BLOCKS = 8  # blocks in the late half of a run, for the error of its mean; each is long compared with the modes' beats
+LATE = 4  # a run is divided into this many parts; the mean M of the last one is compared with that of the first
+HALVES = (1e-19, 1e-15), (1e-15, 1e-11)  # halves of the window of M in which growth is fitted
 
 
 def late_birth(path: list[Equilibrium], protocol: Protocol, load: float = 0.083) -> float | None:
-    """F_x at which the pair that dominates (largest Im λ) at `load` was born, on a rising path."""
+    """Return F_x at the birth of the pair that dominates (largest Im λ) at `load`, on a rising path."""
     found = dominant_family([point for point in path if point.load <= load], protocol)
     if found is None:
         return None
@@ -24,24 +24,24 @@ def late_birth(path: list[Equilibrium], protocol: Protocol, load: float = 0.083)
 
 
 def forward_front(result: DiskArrayResult, ensemble: Ensemble) -> fronts.Front | None:
-    """Breaching of Coulomb's limit at the substrate, from the pushed disk along the row."""
-    order, distance = fronts.along_row(result.pressed, result.scenario.load.disk - 1)
-    return fronts.front(ensemble.breach, order, distance, result.scenario.seed)
+    """Fit the front of contacts with the substrate that reach Coulomb's limit, from the pushed disk along the row."""
+    order, distance = fronts.row_order(result.pressed, result.scenario.load.disk - 1)
+    return fronts.fit_front(ensemble.breach, order, distance, result.scenario.seed)
 
 
 def backward_front(result: DiskArrayResult, threshold: float, loads=None) -> fronts.Front | None:
-    """Actual sliding by more than a threshold, from the last disk against the row, over all realizations at `loads`."""
+    """Fit the front of sliding by more than a threshold, from the last disk backward, using all runs at `loads`."""
     n, how = result.scenario.array.disks, result.scenario.sliding
-    order, distance = fronts.along_row(result.pressed, (result.scenario.load.disk - 2) % n, backward=True)
+    order, distance = fronts.row_order(result.pressed, (result.scenario.load.disk - 2) % n, backward=True)
     times = [result.sliding[load].slide[:, how.thresholds.index(threshold)] for load in loads or result.sliding]
-    return fronts.front(np.concatenate(times), order, distance, result.scenario.seed)
+    return fronts.fit_front(np.concatenate(times), order, distance, result.scenario.seed)
 
 
 class Line(NamedTuple):
-    """Sliding velocity against push, with V = intercept + slope F_x fitted to some of the loads."""
+    """Sliding velocity against push, with the line V = intercept + slope F_x fitted to some of the loads."""
 
     push: np.ndarray  # (L,) all loads
-    velocity: np.ndarray  # (L,) means over realizations that slid in time
+    velocity: np.ndarray  # (L,) means over the realizations that slid before the run ended
     error: np.ndarray  # (L,) standard errors of the means
     slope: float
     intercept: float
@@ -50,7 +50,7 @@ class Line(NamedTuple):
 
 
 def velocity_line(result: DiskArrayResult, top: float = np.inf) -> Line | None:
-    """Fit of Eq 10, weighted, to mean sliding velocities at pushes up to `top`; None with fewer than three of them."""
+    """Fit Eq 10, weighted, to mean sliding velocities at pushes up to `top`; None with fewer than three pushes."""
     rows = []
     for load, ensemble in result.sliding.items():
         good = ensemble.velocity[np.isfinite(ensemble.velocity)]
@@ -71,9 +71,9 @@ def y_mode(modes: Spectrum) -> int:
 
 
 def growth_error(free: FreeRun) -> float | None:
-    """Half the difference of the growth rates of two halves of the fit's window [1/time]; None if one has no fit.
+    """Half the difference of the growth rates fitted in two halves of the window [1/time]; None if either fit fails.
 
-    M is in units of (2R)², 1 in the paper's scenarios.
+    M is in units of (2R)², which is 1 in the paper's scenarios.
     """
     if free.predicted_growth <= 0:
         return None
@@ -83,19 +83,19 @@ def growth_error(free: FreeRun) -> float | None:
 
 
 def saturation_error(free: FreeRun) -> float | None:
-    """Standard error of the mean of M over the late half of one run, from blocks of it [length²]."""
+    """Standard error of the mean of M over the late half of one run, from block averages [length²]."""
     late = free.msd[free.time >= free.time[0] + 0.5 * (free.time[-1] - free.time[0])]
     return standard_error([block.mean() for block in np.array_split(late, BLOCKS)])
 
 
-def increase(free: FreeRun) -> float:
-    """Mean of M over the last quarter of a run, over that of the first: about 1 where nothing grows."""
+def growth_factor(free: FreeRun) -> float:
+    """Ratio of the mean of M over the last quarter of a run to that over the first; about 1 where nothing grows."""
     parts = np.array_split(free.msd[1:], LATE)
     return float(parts[-1].mean() / parts[0].mean())
 
 
 class Proportion(NamedTuple):
-    """Speed of the forward front against Im λ of the strongest pair, over the loads that have both."""
+    """Speed of the forward front against Im λ of the strongest pair, at the loads that have both."""
 
     load: np.ndarray  # (L,)
     im_lambda: np.ndarray  # (L,) [1/time²]
@@ -109,13 +109,13 @@ class Proportion(NamedTuple):
 
     @property
     def mean_ratio(self) -> tuple[float, float]:
-        """Mean of the ratios and its standard error, from those of the speeds."""
+        """Mean of the ratios and its standard error, propagated from those of the speeds."""
         errors = self.speed_error / self.im_lambda
         return float(self.ratio.mean()), float(np.sqrt((errors**2).sum()) / len(errors))
 
     @property
     def exponent(self) -> tuple[float, float] | None:
-        """p of V_1 ∝ (Im λ)^p and its standard error, widened by misfit; None with fewer than three loads."""
+        """Exponent p of V_1 ∝ (Im λ)^p and its standard error, widened by misfit; None with fewer than three loads."""
         if len(self.load) < 3 or (self.speed <= 0).any() or np.ptp(self.im_lambda) == 0:
             return None
         x, y, w = np.log(self.im_lambda), np.log(self.speed), self.speed / self.speed_error
@@ -124,8 +124,8 @@ class Proportion(NamedTuple):
         return float(slope), float(np.sqrt(covariance[0, 0] * max(1.0, misfit)))
 
 
-def proportion(result: DiskArrayResult, im_lambda: dict[float, float], *, free: bool) -> Proportion:
-    """Front speeds, by the fit through the start or with a free intercept, beside Im λ {load: value}."""
+def speed_proportion(result: DiskArrayResult, im_lambda: dict[float, float], *, free: bool) -> Proportion:
+    """Pair the front speeds, fitted through the start or with a free intercept, with Im λ given as {load: value}."""
     found = {load: forward_front(result, result.sliding[load]) for load in im_lambda}
     there = [load for load, front in found.items() if front and im_lambda[load] > 0]
     speeds = [(f.free_intercept, f.free_error) if free else (f.speed, f.speed_error) for f in map(found.get, there)]

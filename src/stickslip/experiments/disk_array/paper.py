@@ -1,10 +1,11 @@
-"""Paper 000, end to end: the transition from static to dynamic friction in an array of disks.
+"""Reproduction of paper 000: the transition from static to dynamic friction in an array of disks.
 
 Charan, Chattoraj, Pica Ciamarra, Procaccia, doi:10.48550/arXiv.1908.11724. Units: 2R = m = k_n = 1, forces in the
 paper's numbers (a force of 1 is 1/2000 here, as k_n = 2000 there), time in √(m/(k_n √(2R))).
 
-Two scenarios. `main` is the printed model with I0 = 1/2, a disk's. `quarter` is a hypothesis found by search, without
-a documented reason: disk–disk normal stiffness a quarter of the printed one, I0 = 1. It is labelled so everywhere.
+There are two scenarios. `main` is the printed model with I0 = 1/2, the value for a disk. `quarter` is a hypothesis
+found by search, without a documented reason: the disk–disk normal stiffness is a quarter of the printed one, and
+I0 = 1. It is labelled as a hypothesis everywhere.
 """
 
 from typing import NamedTuple
@@ -13,13 +14,13 @@ from ...data.checkpoint import UNFINISHED
 from ...data.schema import validated
 from ...ensemble import Workers
 from ..claims import Claim, for_quick_run
-from .claims import FRONT_LOADS, STABLE_LOAD, evaluated
+from .claims import FRONT_LOADS, STABLE_LOAD, evaluate_claims
 from .scenario import DiskArrayScenario
 from .simulate import DiskArrayResult, Report, silent, simulate_disk_array
 
 
 class Reproduction(NamedTuple):
-    """Both scenarios, run, and the claims that they support."""
+    """Results of both scenarios and the evaluated claims."""
 
     main: DiskArrayResult
     quarter: DiskArrayResult
@@ -27,7 +28,7 @@ class Reproduction(NamedTuple):
 
 
 def paper_scenario(*, quick: bool = False, seed: int = 0) -> DiskArrayScenario:
-    """The printed model: N = 10, μ = 10, k_t = 2/7 k_n, smooth Coulomb, F_y = 0.1."""
+    """Return the scenario of the printed model: N = 10, μ = 10, k_t = 2/7 k_n, smooth Coulomb, F_y = 0.1."""
     return validated(
         DiskArrayScenario,
         seed=seed,
@@ -42,7 +43,7 @@ def paper_scenario(*, quick: bool = False, seed: int = 0) -> DiskArrayScenario:
 
 
 def quarter_scenario(*, quick: bool = False, seed: int = 0) -> DiskArrayScenario:
-    """The hypothesis: disk–disk normal stiffness divided by four, I0 = 1; everything else as printed."""
+    """Return the hypothetical scenario: disk–disk normal stiffness divided by four, I0 = 1, the rest as printed."""
     main = paper_scenario(quick=quick, seed=seed)
     return validated(
         DiskArrayScenario,
@@ -63,13 +64,13 @@ def quarter_scenario(*, quick: bool = False, seed: int = 0) -> DiskArrayScenario
 def reproduce(
     *, quick: bool = False, seed: int = 0, folder=None, workers: Workers = None, report: Report = silent
 ) -> Reproduction:
-    """Run both scenarios and judge every claim of the paper.
+    """Run both scenarios and evaluate every claim of the paper.
 
     Parameters
     ----------
-    quick : fewer realizations and shorter runs
-    seed : of all random velocities
-    workers : processes for the realizations, or a Dask scheduler's address
+    quick : use fewer realizations and shorter runs
+    seed : seed of all random velocities
+    workers : number of processes for the realizations, or the address of a Dask scheduler
     report : called as report(stage, share done, words)
     """
     main = simulate_disk_array(paper_scenario(quick=quick, seed=seed), folder=folder, workers=workers, report=report)
@@ -80,5 +81,5 @@ def reproduce(
         report=lambda stage, share, words: report(f"{stage} (quarter)", share, words),
     )
     report("claims", 0.0, "births by bisection, for four load steps")
-    claims = evaluated(main, quarter, lambda share, words: report("claims", share, words))
+    claims = evaluate_claims(main, quarter, lambda share, words: report("claims", share, words))
     return Reproduction(main, quarter, for_quick_run(claims) if quick else claims)

@@ -1,4 +1,4 @@
-"""What the disk array leaves in its folder and on the terminal."""
+"""Output of the disk array: files in the run folder and the summary on the terminal."""
 
 from functools import partial
 
@@ -11,7 +11,7 @@ from ..terminal import STYLE, console
 from .claims import FRONT_LOADS, IM_LAMBDA, LINE_TOP, MODE_LOAD, V2_THRESHOLD
 from .measures import backward_front, forward_front, velocity_line, y_mode
 from .paper import Reproduction
-from .simulate import DiskArrayResult, at_load
+from .simulate import DiskArrayResult, point_at_load
 
 FIGURES = (
     "fig2_complex_pairs.png",
@@ -24,46 +24,46 @@ FIGURES = (
 
 
 def figures(result: DiskArrayResult):
-    """Yield (file name, Figure) of a run."""
-    slid = _first_slides(result)
+    """Yield (file name, Figure) for each figure of a run."""
+    slid = _loads_to_show(result)
     yield FIGURES[0], figures_of.complex_pairs({"": result})
-    point = at_load(result.path, slid[0]) if slid else result.path[-1]
+    point = point_at_load(result.path, slid[0]) if slid else result.path[-1]
     loads, line = list(result.sliding)[:4], velocity_line(result)
     yield from _figures(result, point, loads, line, center_load=slid[0] if slid else None)
 
 
 def files(result: DiskArrayResult):
-    """Yield (file name, function that writes it): the animation of the transition."""
+    """Yield (file name, function that writes it) for the animation of the transition."""
     if result.trajectory:
         yield MOVIE, partial(figures_of.transition_movie, result)
 
 
 def failures(result: DiskArrayResult) -> tuple[str, ...]:
-    """One sentence for each realization that failed."""
+    """One sentence for each failed realization."""
     return tuple(words for ensemble in result.sliding.values() for words in ensemble.failures)
 
 
 def paper_figures(found: Reproduction):
-    """Yield (file name, Figure) of the paper's reproduction."""
+    """Yield (file name, Figure) for each figure of the paper's reproduction."""
     main = found.main
     both = {"printed model, $I_0$ = 1/2": main, "hypothesis: disk–disk stiffness $k_n$/4, $I_0$ = 1": found.quarter}
     yield FIGURES[0], figures_of.complex_pairs(both, IM_LAMBDA)
-    point, line = at_load(main.path, MODE_LOAD), velocity_line(main, LINE_TOP)
+    point, line = point_at_load(main.path, MODE_LOAD), velocity_line(main, LINE_TOP)
     yield from _figures(main, point, FRONT_LOADS, line, center_load=0.087, printed=(4.5e-4, -1.3e-5))
 
 
 def paper_numbers(found: Reproduction) -> dict:
-    """Contents of the archive of the paper's reproduction."""
+    """Return the contents of the archive of the paper's reproduction."""
     return {"main": _numbers(found.main), "quarter": _numbers(found.quarter)}
 
 
 def paper_failures(found: Reproduction) -> tuple[str, ...]:
-    """One sentence for each realization that failed, of both models."""
+    """One sentence for each failed realization of either model."""
     return failures(found.main) + failures(found.quarter)
 
 
-def _first_slides(result: DiskArrayResult) -> list[float]:
-    """Loads whose free runs are shown, the one with a trajectory first."""
+def _loads_to_show(result: DiskArrayResult) -> list[float]:
+    """Loads whose free runs are shown, the load with a trajectory first."""
     if result.trajectory:
         return [result.trajectory.load]
     return [load for load, free in result.free_runs.items() if free.slid] or list(result.free_runs)
@@ -86,7 +86,7 @@ def _figures(result: DiskArrayResult, point, front_loads, line, *, center_load: 
 
 
 def numbers(result: DiskArrayResult) -> dict:
-    """What the archive of a user's scenario holds."""
+    """Return the contents of the archive of a user's scenario."""
     return {"main": _numbers(result)}
 
 
@@ -97,7 +97,7 @@ def _numbers(result: DiskArrayResult) -> dict:
     for k, point in enumerate(path):
         eigenvalues[k, : len(point.spectrum.eigenvalues)] = point.spectrum.eigenvalues
     kept = sorted({0.0, *result.free_runs, *result.sliding, path[-1].load})
-    frames = {f"{load:.6f}": at_load(path, load).state for load in kept}
+    frames = {f"{load:.6f}": point_at_load(path, load).state for load in kept}
     return {
         "scenario": result.scenario.text,
         "law": result.law,
@@ -125,8 +125,8 @@ def _numbers(result: DiskArrayResult) -> dict:
 
 
 def show(result: DiskArrayResult) -> None:
-    """What a user's scenario led to, on the terminal."""
-    pairs = Table(title="Complex pairs along the path of pushes", **STYLE)
+    """Print a summary of a run on the terminal."""
+    pairs = Table(title="Complex pairs along the load path", **STYLE)
     for name in ("pair", "born at", "by load step", "dies at", "largest Im λ", "at push"):
         pairs.add_column(name, justify="right", overflow="fold")
     coarse = np.array([f.birth.load for f in result.coarse_families if f.birth])
@@ -168,7 +168,7 @@ def show(result: DiskArrayResult) -> None:
 
 
 def measures(result: DiskArrayResult) -> dict[str, tuple[float, str]]:
-    """{name: (value, unit)} of a run, for sweeps; loads are in the scenario's numbers."""
+    """Return the measures of a run for sweeps as {name: (value, unit)}; loads are in the scenario's numbers."""
     pushed, eigenvalues = "load", [f.eigenvalues.imag.max() for f in result.families]
     births = sorted(f.birth.load for f in result.families if f.birth)
     slid = [load for load, free in result.free_runs.items() if free.slid]
@@ -181,14 +181,14 @@ def measures(result: DiskArrayResult) -> dict[str, tuple[float, str]]:
     }
     if result.free_runs:
         out["first_load_that_slides"] = min(slid, default=np.nan), pushed
-        out["fitted_growth_rate"] = _last_fitted(result), "1/time"
+        out["fitted_growth_rate"] = _growth_at_largest_load(result), "1/time"
     for load, ensemble in result.sliding.items():
         good = ensemble.velocity[np.isfinite(ensemble.velocity)]
         out[f"sliding_velocity@{load:g}"] = good.mean() if len(good) else np.nan, "length/time"
     return out
 
 
-def _last_fitted(result: DiskArrayResult) -> float:
-    """Growth rate of the free run at the largest load at which one could be fitted."""
+def _growth_at_largest_load(result: DiskArrayResult) -> float:
+    """Growth rate fitted to the free run at the largest load for which a fit succeeded."""
     fitted = {load: free.growth.growth_rate for load, free in result.free_runs.items() if free.growth}
     return fitted[max(fitted)] if fitted else np.nan

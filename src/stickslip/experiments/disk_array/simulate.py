@@ -1,4 +1,4 @@
-"""A scenario, run: press, push quasi-statically with spectra, let go from chosen loads, slide many times."""
+"""Simulation of a disk array: press, push quasi-statically with spectra, run freely from chosen loads, and slide."""
 
 from collections.abc import Callable
 from functools import partial
@@ -33,8 +33,8 @@ from ...solve.spectrum import Spectrum, damped_growth, spectrum
 from . import fronts
 from .scenario import DiskArrayScenario, Dynamics
 
-BIRTHS = "births and deaths of pairs"  # a stage
-SLID = 0.1  # every disk moved by a tenth of a mean diameter: the array slides
+BIRTHS = "births and deaths of pairs"  # name of a stage
+SLIDING_THRESHOLD = 0.1  # the array slides once every disk has moved by this many mean diameters
 
 Report = Callable[[str, float, str], None]
 
@@ -48,9 +48,9 @@ class FreeRun(NamedTuple):
     center: np.ndarray  # (T, 2) [length]
     kinetic_energy: np.ndarray  # (T,)
     touching: np.ndarray  # (T,)
-    breach: np.ndarray  # (N,) first Coulomb limit of each wall contact; NaN if never [time]
+    breach: np.ndarray  # (N,) first time at Coulomb's limit of each wall contact; NaN if never [time]
     first_limit: np.ndarray  # (3,) time, i, j of the first contact anywhere to reach Coulomb's limit; NaN if none
-    predicted_growth: float  # ω_i of what grows fastest, with drag and dashpots [1/time]
+    predicted_growth: float  # ω_i of the fastest-growing mode, with drag and dashpots [1/time]
     predicted_frequency: float
     growth: Growth | None
     saturation: float  # mean of M over the last half of the run
@@ -58,7 +58,7 @@ class FreeRun(NamedTuple):
 
 
 class Trajectory(NamedTuple):
-    """All disks around the transition, finely sampled."""
+    """Finely sampled motion of all disks around the transition."""
 
     load: float
     time: np.ndarray  # (T,)
@@ -70,7 +70,7 @@ class Trajectory(NamedTuple):
 
 
 class Ensemble(NamedTuple):
-    """Many realizations of sliding at one load."""
+    """Realizations of sliding at one load."""
 
     load: float
     breach: np.ndarray  # (S, N)
@@ -83,7 +83,7 @@ class Ensemble(NamedTuple):
 
 @readable
 class DiskArrayResult(NamedTuple):
-    """Everything that a run of a scenario found."""
+    """Results of a run of a scenario."""
 
     scenario: DiskArrayScenario
     law: Law
@@ -91,7 +91,7 @@ class DiskArrayResult(NamedTuple):
     pressed_spectrum: Spectrum
     path: list[Equilibrium]  # loads in the scenario's numbers
     families: list[Family]
-    coarse_families: list[Family]  # on the same path with twice the load step, if asked for
+    coarse_families: list[Family]  # on the same path with twice the load step, if requested
     free_runs: dict[float, FreeRun]
     trajectory: Trajectory | None
     sliding: dict[float, Ensemble]
@@ -101,8 +101,8 @@ def silent(stage: str, share: float, words: str) -> None:
     """Report nothing."""
 
 
-def protocol_of(scenario: DiskArrayScenario, law: Law) -> Protocol:
-    """How a scenario applies a push (in its own numbers) and finds equilibria."""
+def make_protocol(scenario: DiskArrayScenario, law: Law) -> Protocol:
+    """Return the protocol by which a scenario applies a push (in its own numbers) and finds equilibria."""
     how = scenario.relaxation
     options = {"tolerance": how.tolerance}
     if how.method == "dynamics":
@@ -118,8 +118,8 @@ def protocol_of(scenario: DiskArrayScenario, law: Law) -> Protocol:
 
 
 def press(scenario: DiskArrayScenario) -> tuple[State, Law]:
-    """The array at rest under its normal load."""
-    state, law = array_of(scenario)
+    """Bring the array to equilibrium under its normal load."""
+    state, law = build_array(scenario)
     how = scenario.relaxation
     state, _ = equilibrium(
         state,
@@ -137,12 +137,12 @@ def press(scenario: DiskArrayScenario) -> tuple[State, Law]:
 def push_disk_array(
     scenario: DiskArrayScenario, *, step: float | None = None, kept: Kept | None = None, report: Report = silent
 ):
-    """Press the array and push it along its path: State, Law and list of Equilibrium.
+    """Press the array and push it along its path; return State, Law and a list of Equilibrium.
 
     Parameters
     ----------
-    step : float, another load step than the scenario's, to see how much the path depends on it
-    kept : where points of the path are kept
+    step : load step, if it differs from the scenario's, to see how much the path depends on it
+    kept : storage for the points of the path
     """
     state, law = press(scenario)
     through = (*scenario.dynamics.loads, *scenario.sliding.loads)
@@ -155,37 +155,37 @@ def push_disk_array(
         words = f"push {point.load:.4f}, {len(point.spectrum.pairs)} pairs, growth rate {fastest:.2e}"
         report("quasi-static ramp", len(seen) / len(loads), f"{words}, unbalanced {point.outcome.residual:.0e}")
 
-    return state, law, ramp(state, loads, protocol_of(scenario, law), tell, kept=kept)
+    return state, law, ramp(state, loads, make_protocol(scenario, law), tell, kept=kept)
 
 
-def _coarse(scenario: DiskArrayScenario, law: Law, report: Report) -> list[Family]:
-    """Pairs on the path with twice the load step."""
+def _coarse_pairs(scenario: DiskArrayScenario, law: Law, report: Report) -> list[Family]:
+    """Track the pairs on the path with twice the load step."""
 
     def heard(_, share: float, words: str) -> None:
         report(BIRTHS, 0.5 + 0.4 * share, f"twice the load step: {words}")
 
     path = push_disk_array(scenario, step=2 * scenario.load.step, report=heard)[2]
     last = lambda share, words: report(BIRTHS, 0.9 + 0.1 * share, f"twice the load step: {words}")  # noqa: E731
-    return track_pairs(path, protocol_of(scenario, law), last)
+    return track_pairs(path, make_protocol(scenario, law), last)
 
 
-def at_load(path: list[Equilibrium], load: float) -> Equilibrium:
-    """The first point of a path at a load."""
+def point_at_load(path: list[Equilibrium], load: float) -> Equilibrium:
+    """Return the first point of a path at a load."""
     return min(path, key=lambda point: abs(point.load - load))
 
 
 def diameter(state: State) -> float:
-    """Mean diameter of the grains, the unit of displacements [length]."""
+    """Mean diameter of the grains, used as the unit of displacements [length]."""
     return 2 * float(state.grains.radius.mean())
 
 
 def fastest_period(point: Equilibrium) -> float:
-    """Period of the fastest mode, the unit of sampling [time]."""
+    """Period of the fastest mode, used as the unit of sampling [time]."""
     return 2 * np.pi / float(point.spectrum.frequency.max())
 
 
 def predicted_growth(point: Equilibrium, law: Law, how: Dynamics) -> tuple[float, float]:
-    """Growth rate and frequency of what grows fastest in a free run, with its drag and the law's dashpots [1/time]."""
+    """Growth rate and frequency of the fastest-growing mode of a free run, with its drag and dashpots [1/time]."""
     if how.drag or how.spin_drag or dashpots(law):
         fastest = damped_growth(point.state, law, drag=how.drag, spin_drag=how.spin_drag)[0]
         return max(0.0, float(fastest.real)), abs(float(fastest.imag))
@@ -199,13 +199,13 @@ def check_time_step(point: Equilibrium, dt: float) -> None:
     longest = 2 / float(point.spectrum.frequency.max())
     if dt >= longest:
         raise ValueError(
-            f"dynamics.dt = {dt:g} is too long at push = {point.load:g}: velocity Verlet explodes from {longest:.3g}, "
-            f"use at most {0.2 * longest:.1g}"
+            f"dynamics.dt = {dt:g} is too long at push = {point.load:g}: velocity Verlet is unstable from "
+            f"{longest:.3g}, use at most {0.2 * longest:.1g}"
         )
 
 
-def let_go(point: Equilibrium, law: Law, scenario: DiskArrayScenario) -> FreeRun:
-    """Newtonian dynamics from one equilibrium, from a tiny random velocity."""
+def run_free(point: Equilibrium, law: Law, scenario: DiskArrayScenario) -> FreeRun:
+    """Run Newtonian dynamics from one equilibrium with a tiny random velocity."""
     how = scenario.dynamics
     check_time_step(point, how.dt)
     start = perturbed(point.state, scenario.seed, how.seed_velocity)
@@ -242,12 +242,12 @@ def let_go(point: Equilibrium, law: Law, scenario: DiskArrayScenario) -> FreeRun
         frequency,
         growth,
         float(record.msd[late].mean()),
-        bool((moved > SLID * diameter(start)).all()),
+        bool((moved > SLIDING_THRESHOLD * diameter(start)).all()),
     )
 
 
-def around_transition(point: Equilibrium, law: Law, scenario: DiskArrayScenario, known: FreeRun) -> Trajectory | None:
-    """The free run again, bit for bit, finely sampled from before the first slip to well after sliding."""
+def resample_transition(point: Equilibrium, law: Law, scenario: DiskArrayScenario, known: FreeRun) -> Trajectory | None:
+    """Repeat a free run, bit for bit, with fine sampling from before the first slip until well after sliding."""
     if not (np.isfinite(known.breach).any() and np.isfinite(known.first_limit[0])):
         return None
     how = scenario.dynamics
@@ -259,7 +259,7 @@ def around_transition(point: Equilibrium, law: Law, scenario: DiskArrayScenario,
     length = min(how.duration - begin, 600 * period)
     _, record, _ = free_run(before, law, duration=length, sample=period / 20, **options)
     along = record.position[:, :, 0] - point.state.grains.position[:, 0]
-    slide = fronts.crossing_times(record.time, along, [SLID * diameter(point.state)])[0]
+    slide = fronts.crossing_times(record.time, along, [SLIDING_THRESHOLD * diameter(point.state)])[0]
     return Trajectory(
         point.load,
         record.time,
@@ -271,7 +271,7 @@ def around_transition(point: Equilibrium, law: Law, scenario: DiskArrayScenario,
     )
 
 
-def slide_many(
+def run_sliding(
     points: list[Equilibrium],
     law: Law,
     scenario: DiskArrayScenario,
@@ -280,7 +280,7 @@ def slide_many(
     *,
     kept: Kept | None = None,
 ) -> dict[float, Ensemble]:
-    """Realizations of sliding at every load, in parallel; seeds are the scenario's seed + 1, 2, 3 …"""
+    """Run the realizations of sliding at every load in parallel; seeds are the scenario's seed + 1, 2, 3 …"""
     how, dynamics = scenario.sliding, scenario.dynamics
     options = {
         "velocity": dynamics.seed_velocity,
@@ -299,10 +299,10 @@ def slide_many(
     names = [f"{point.load!r}-{seed}" for point in points for seed in seeds]
 
     def tell(done, total, member):
-        report("realizations of sliding", done / total, f"{done} of {total}, {_went(member)}")
+        report("realizations of sliding", done / total, f"{done} of {total}, {_describe_member(member)}")
 
     live = partial(report, "realizations of sliding")
-    members = run_members(_one_transition, tasks, workers=workers, report=tell, live=live, **hooks(kept, names))
+    members = run_members(_transition_task, tasks, workers=workers, report=tell, live=live, **hooks(kept, names))
     out = {}
     for k, point in enumerate(points):
         mine = members[k * len(seeds) : (k + 1) * len(seeds)]
@@ -322,17 +322,17 @@ def slide_many(
     return out
 
 
-def _went(member) -> str:
-    """What became of a realization, in words."""
+def _describe_member(member) -> str:
+    """Describe the outcome of a realization in a few words."""
     if member.failure:
         return member.failure
     velocity = member.result.velocity
     return f"sliding velocity {velocity:.2e}" if np.isfinite(velocity) else "did not slide in time"
 
 
-def _one_transition(state, law, load, seed, options, tell):
+def _transition_task(state, law, load, seed, options, tell):
     tell(0.0, f"push {load:g}, seed {seed} started")
-    return fronts.transition(state, law, seed, **options)
+    return fronts.run_transition(state, law, seed, **options)
 
 
 def simulate_disk_array(
@@ -347,16 +347,17 @@ def simulate_disk_array(
 
     Parameters
     ----------
-    folder : where loads, free runs and realizations are kept as soon as they are done; a run that was killed goes on
-        from what is kept
-    workers : processes for the realizations of sliding, or a Dask scheduler's address; the result does not depend on it
-    sensitivity : also follow the pairs on the same path with twice the load step, to see how much births depend on it
-    report : called as report(stage, share done, words with the quantities that matter)
+    folder : run folder, in which loads, free runs and realizations are saved as soon as they finish; a run that was
+        killed resumes from them
+    workers : number of processes for the realizations of sliding, or the address of a Dask scheduler; the result does
+        not depend on it
+    sensitivity : also track the pairs on the same path with twice the load step, to see how much births depend on it
+    report : called as report(stage, share done, words with the relevant quantities)
 
     Raises
     ------
     NotInEquilibriumError
-        if a load has no equilibrium that the scenario's method finds; says which load and what to try.
+        If the scenario's method finds no equilibrium at a load. The message names the load and suggests a remedy.
 
     Examples
     --------
@@ -369,34 +370,34 @@ def simulate_disk_array(
     pressed, law, path = push_disk_array(scenario, kept=kept and kept.of("ramp"), report=report)
     report(BIRTHS, 0.0, "bisection in the push")
     heard = lambda share, words: report(BIRTHS, 0.5 * share, words)  # noqa: E731
-    born = piece(kept, "families", lambda: track_pairs(path, protocol_of(scenario, law), heard))
+    born = piece(kept, "families", lambda: track_pairs(path, make_protocol(scenario, law), heard))
     coarse = []
     if sensitivity:
-        coarse = piece(kept, "coarse-families", lambda: _coarse(scenario, law, report))
+        coarse = piece(kept, "coarse-families", lambda: _coarse_pairs(scenario, law, report))
     free_runs, trajectory = {}, None
     for k, load in enumerate(scenario.dynamics.loads):
-        point, count = at_load(path, load), len(scenario.dynamics.loads)
+        point, count = point_at_load(path, load), len(scenario.dynamics.loads)
         rate = f"push {load:g}, growth rate {point.spectrum.growth_rate.max(initial=0.0):.2e}"
         report("free runs", k / count, rate)
-        free_runs[load] = piece(kept, f"free-run-{load!r}", lambda point=point: let_go(point, law, scenario))
+        free_runs[load] = piece(kept, f"free-run-{load!r}", lambda point=point: run_free(point, law, scenario))
         report("free runs", (k + 1) / count, f"{rate}, M = {free_runs[load].msd[-1]:.1e}")
         wanted = free_runs[load].slid if scenario.dynamics.watch is None else load == scenario.dynamics.watch
         if wanted and trajectory is None:
             known = free_runs[load]
             trajectory = piece(
-                kept, "trajectory", lambda point=point, known=known: around_transition(point, law, scenario, known)
+                kept, "trajectory", lambda point=point, known=known: resample_transition(point, law, scenario, known)
             )
     sliding = {}
     if scenario.sliding.loads:
-        points = [at_load(path, load) for load in scenario.sliding.loads]
-        sliding = slide_many(points, law, scenario, workers, report, kept=kept and kept.of("sliding"))
+        points = [point_at_load(path, load) for load in scenario.sliding.loads]
+        sliding = run_sliding(points, law, scenario, workers, report, kept=kept and kept.of("sliding"))
     return DiskArrayResult(
         scenario, law, pressed, spectrum(pressed, law), path, born, coarse, free_runs, trajectory, sliding
     )
 
 
-def array_of(scenario: DiskArrayScenario) -> tuple[State, Law]:
-    """The unloaded array of a scenario, pressed but not pushed, and its law."""
+def build_array(scenario: DiskArrayScenario) -> tuple[State, Law]:
+    """Build the array of a scenario before equilibration, with its normal load but no push, and its law."""
     array, load = scenario.array, scenario.load
     state = disk_array(
         array.disks, array.radius, press=load.press * load.unit, mass=array.mass, i0=array.i0, gap=array.gap
@@ -404,6 +405,6 @@ def array_of(scenario: DiskArrayScenario) -> tuple[State, Law]:
     return state, law_of(scenario.law)
 
 
-def simulate_and_check(scenario: DiskArrayScenario, **options) -> DiskArrayResult:
-    """Run a scenario, and its path again with twice the load step, to see how much births depend on it."""
+def simulate_with_sensitivity(scenario: DiskArrayScenario, **options) -> DiskArrayResult:
+    """Run a scenario, and its path again with twice the load step, to show how much births depend on the step."""
     return simulate_disk_array(scenario, sensitivity=True, **options)

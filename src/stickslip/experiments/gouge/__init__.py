@@ -1,4 +1,4 @@
-"""Paper 003: sheared fault gouge: steady sliding, holds, slides after them, velocity steps."""
+"""Paper 003: sheared fault gouge, with steady sliding, holds, slides after holds, and velocity steps."""
 
 from functools import partial
 
@@ -11,11 +11,11 @@ _here = partial(late, __name__)
 
 
 def references(scenario: GougeScenario) -> dict[str, tuple[str, ...]]:
-    """Keys of references.bib, by what they are for."""
+    """Keys of references.bib, grouped by purpose."""
     return {
         "the experiment (paper 003 is the supplement of the first)": ("Ferdowsi2021", "Ferdowsi2020"),
         "contact law": CONTACT["hertz_mindlin_reff"],
-        "rate-and-state friction, with which it is compared": STATE["aging"],
+        "rate-and-state friction, for comparison": STATE["aging"],
     }
 
 

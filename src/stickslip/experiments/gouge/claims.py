@@ -1,7 +1,7 @@
-"""Claims of paper 003, judged: the supplement of Ferdowsi and Rubin's study of slide-hold-slide.
+"""Evaluation of the claims of paper 003, the supplement of Ferdowsi and Rubin's slide-hold-slide study.
 
-The supplement prints a, b, D_c, a slope of peaks, and that restitution does not matter. What the study itself or others
-say is a reference. Tolerances were fixed before anything was measured.
+The supplement prints a, b, D_c and a slope of peaks, and states that restitution does not matter. Statements of the
+study itself or of others are references. Tolerances were fixed before anything was measured.
 """
 
 import numpy as np
@@ -10,25 +10,25 @@ from ...friction.fitting import fit
 from ...friction.model_comparison import compare_laws
 from ..claims import Claim, claim
 from . import measures
-from .curves import after_longest, healed, predicted, predicted_per_efold
+from .curves import healing_peaks, predict_hold, predict_per_efold, reslides_after_longest
 from .dimensionless import INERTIAL, inertial_numbers, stiffness
 from .sample import damping
 from .simulate import GougeResult
-from .statistics import Number, apart, slope
+from .statistics import Number, difference, slope
 
 A, B, DC = 0.0247, 0.0178, 5.3e-3  # caption of Fig S1
-STEADY = (0.33, 0.42)  # steady friction of such gouge
+STEADY = (0.33, 0.42)  # range of the steady friction of such gouge
 PEAK_SLOPE = 0.0155
-LEDGER = 1e-2  # of what is dissipated: what the ledger may miss, so that its shares are good to a per cent
+LEDGER = 1e-2  # largest defect of the ledger over the dissipated energy, so that its shares are accurate to a per cent
 ENERGY = 1e-2  # kinetic over elastic energy below which grains count as quasi-static
-TELLING = 0.015  # half width of the interval of a difference that is narrow enough to call two holds alike
+TELLING = 0.015  # largest half width of the interval of a difference for which two holds may be called alike
 TOLERANCE = {
-    "steady": (STEADY[1] - STEADY[0]) / (STEADY[1] + STEADY[0]),  # the range that is known
-    "rate and state": 0.3,  # b is 28 % less than a: what is farther off could be the other
+    "steady": (STEADY[1] - STEADY[0]) / (STEADY[1] + STEADY[0]),  # the known range
+    "rate and state": 0.3,  # b is 28 % less than a: with a larger deviation one could be mistaken for the other
     "healing": 1 / 3,  # the range from b/2 to b
 }
-STUDY = "the study whose supplement the paper is, Ferdowsi and Rubin; its text was not at hand"
-LAW = "slip law for this hold, with the a, b and D_c that the paper prints"
+STUDY = "the main study by Ferdowsi and Rubin, of which the paper is the supplement; its text was not available"
+LAW = "slip law for this hold, with the a, b and D_c printed in the paper"
 EARLIER = "Ferdowsi and Rubin 2020, doi:10.1029/2019JB019016, abstract"
 SHOWS = {
     "Fig S1": ("friction in holds; a, b and D_c of velocity steps", "hold-relaxation-per-e-fold"),
@@ -37,19 +37,25 @@ SHOWS = {
 }
 
 
-def evaluated(holds: dict[str, GougeResult], more: dict[str, GougeResult]) -> list[Claim]:
-    """All claims: `holds` by damping, the paper's first; `more` is what a full run adds."""
+def evaluate_claims(holds: dict[str, GougeResult], more: dict[str, GougeResult]) -> list[Claim]:
+    """Evaluate all claims.
+
+    Parameters
+    ----------
+    holds : results with holds for each damping, the paper's damping first
+    more : additional results of a full run
+    """
     main = next(iter(holds.values()))
     steps = more.get("steps")
     return [
-        *_relaxation(main), _compaction(main), _healing(main), _peaks(more.get("reslides")), *_fitted(steps),
-        _symmetry(steps), _restitution(holds), _calibrated(holds), _steady(main, more), _temperature(main, steps),
-        _quasi_static(main), _energies(main),
+        *_relaxation(main), _compaction(main), _healing(main), _reslide_peaks(more.get("reslides")),
+        *_rate_state_fit(steps), _symmetry(steps), _restitution(holds), _calibrated_damping(holds),
+        _steady_friction(main, more), _temperature(main, steps), _quasi_static(main), _energies(main),
     ]  # fmt: skip
 
 
-def _scale(result: GougeResult) -> str:
-    """At which reduced scale something was measured."""
+def _scale_note(result: GougeResult) -> str:
+    """Describe the reduced scale of a result."""
     chosen, first = result.scenario, result.realizations[0]
     branches = len({(t.part, t.branch) for t in first.tests if t.kind in ("hold", "step", "reslide")})
     return (
@@ -58,55 +64,56 @@ def _scale(result: GougeResult) -> str:
     )
 
 
-def _told(number: Number) -> str:
+def _interval(number: Number) -> str:
     return f"{number.value:.4f} ± {number.half:.4f}"
 
 
-def _alike(number: Number) -> str:
+def _error_note(number: Number) -> str:
     if not np.isfinite(number.alike):
         return "95 % intervals"
-    return f"95 % intervals; two states of one sample correlate by {number.alike:.2f}"
+    return f"95 % intervals; two states of one sample have a correlation of {number.alike:.2f}"
 
 
-def _decided(number: Number) -> bool | None:
-    """Whether a number is positive; None if its 95 % interval holds zero."""
+def _is_positive(number: Number) -> bool | None:
+    """Return True if a number is positive, False if negative, and None if its 95 % interval contains zero."""
     return bool(number.value > 0) if abs(number.value) > number.half else None
 
 
 def _statement(id: str, source: str, measured: bool | None, note: str, *, study: str = "") -> Claim:
-    """Something that the paper says is so, or, with an origin, something else does."""
+    """Make a claim about a statement of the paper or, if `study` is given, of that source."""
     if study:
         return claim(id, source, None, measured, "", 0.0, note, reference=True, reference_source=study)
     return claim(id, source, True, measured, "", 0.0, note)
 
 
-def _missing(id: str, source: str, paper, unit: str, tolerance: float, note: str, **more) -> Claim:
+def _missing_claim(id: str, source: str, paper, unit: str, tolerance: float, note: str, **more) -> Claim:
+    """Make a claim without a measurement, which needs a full run."""
     return claim(id, source, paper, None, unit, tolerance, f"{note}: part of stickslip reproduce gouge --full", **more)
 
 
 def _relaxation(main: GougeResult) -> list[Claim]:
-    """Friction in the longest hold: its slope against the logarithm of time, and what is lost at its end."""
+    """Claims on friction in the longest hold: its slope against the logarithm of time, and its change at the end."""
     before = measures.holds(main)[-1]
     curve = measures.hold_curve(main, before)
     last = float(curve.x[-1])
     rate, end = measures.per_efold(curve), curve.at(last)
-    expected = predicted_per_efold(main, before, curve.x, "slip")
-    laws = {law: float(change[-1]) for law, (_, change) in predicted(main, before, curve.x).items()}
-    points = ", ".join(f"{_told(curve.at(t))} after {t:g} s" for t in (1e-2, 1e-1, 1.0) if t <= last * 1.01)
+    expected = predict_per_efold(main, before, curve.x, "slip")
+    laws = {law: float(change[-1]) for law, (_, change) in predict_hold(main, before, curve.x).items()}
+    points = ", ".join(f"{_interval(curve.at(t))} after {t:g} s" for t in (1e-2, 1e-1, 1.0) if t <= last * 1.01)
     return [
         claim(
             "hold-relaxation-per-e-fold", "Fig S1: curves; no number is printed", None, rate.value, "1",
             TOLERANCE["rate and state"],
             f"change of friction per e-fold of time held, from {min(measures.EARLIEST, last / 10):g} to {last:g} s "
-            f"after {before:g} m/s: {_told(rate)}, {_alike(rate)}; aging law "
-            f"{predicted_per_efold(main, before, curve.x, 'aging'):.4f}; {_scale(main)}",
+            f"after {before:g} m/s: {_interval(rate)}, {_error_note(rate)}; aging law "
+            f"{predict_per_efold(main, before, curve.x, 'aging'):.4f}; {_scale_note(main)}",
             error=rate.half / 2, reference=expected, reference_source=LAW,
         ),
         claim(
             "hold-relaxation-at-end", "Fig S1: curves; no number is printed", None, end.value, "1",
             TOLERANCE["rate and state"],
-            f"change of friction: {points}; laws after {last:g} s: slip {laws['slip']:.4f}, aging {laws['aging']:.4f}; "
-            f"{_scale(main)}",
+            f"change of friction: {points}; predictions after {last:g} s: slip law {laws['slip']:.4f}, aging law "
+            f"{laws['aging']:.4f}; {_scale_note(main)}",
             error=end.half / 2, reference=laws["slip"], reference_source=LAW,
         ),
     ]  # fmt: skip
@@ -118,9 +125,9 @@ def _compaction(main: GougeResult) -> Claim:
     curve = curve._replace(rows=-curve.rows / size)
     rate, end = measures.per_efold(curve), curve.at(curve.x[-1])
     return _statement(
-        "compaction-in-holds", "Text: not in the supplement", _decided(rate),
-        f"thickness lost per e-fold of time held: {_told(rate)} D, {_alike(rate)}; {_told(end)} D after "
-        f"{curve.x[-1]:g} s; {_scale(main)}", study=STUDY,
+        "compaction-in-holds", "Text: not in the supplement", _is_positive(rate),
+        f"thickness lost per e-fold of time held: {_interval(rate)} D, {_error_note(rate)}; {_interval(end)} D after "
+        f"{curve.x[-1]:g} s; {_scale_note(main)}", study=STUDY,
     )  # fmt: skip
 
 
@@ -131,38 +138,38 @@ def _healing(main: GougeResult) -> Claim:
         note = "no slides after holds were run"
         return claim("healing-rate", where, None, None, "1", TOLERANCE["healing"], note, **reference)
     before = measures.holds(main)[-1]
-    times, peaks, rate = healed(main, before)
+    times, peaks, rate = healing_peaks(main, before)
     curves = [measures.reslide_curve(main, before, t, before) for t in times]
     words = "; ".join(
-        f"{_told(p)} after {t:g} s, at a slip of {measures.peak_slip(c):.2g} D, too large "
-        f"by {measures.peak_bias(c):.4f} at most, as noise chooses the largest value"
+        f"{_interval(p)} after {t:g} s, at a slip of {measures.peak_slip(c):.2g} D, overestimated by at most "
+        f"{measures.peak_bias(c):.4f}, as noise affects the maximum"
         for t, p, c in zip(times, peaks, curves, strict=True)
     )
     return claim(
         "healing-rate", where, None, rate.value, "1", TOLERANCE["healing"],
-        f"peak after elastic reloading less steady friction, per e-fold of hold: {_told(rate)}; reference "
-        f"{B / 2:.4f} to {B}; peaks {words}; {_scale(main)}", error=rate.half / 2, **reference,
+        f"peak after elastic reloading less steady friction, per e-fold of hold: {_interval(rate)}; reference "
+        f"{B / 2:.4f} to {B}; peaks {words}; {_scale_note(main)}", error=rate.half / 2, **reference,
     )  # fmt: skip
 
 
-def _peaks(result: GougeResult | None) -> Claim:
+def _reslide_peaks(result: GougeResult | None) -> Claim:
     where = "Fig S2: inset of panel a, slope = 0.0155"
     if result is None:
-        return _missing("peak-vs-velocity-ratio", where, PEAK_SLOPE, "1", TOLERANCE["rate and state"], "not run")
+        return _missing_claim("peak-vs-velocity-ratio", where, PEAK_SLOPE, "1", TOLERANCE["rate and state"], "not run")
     before = measures.holds(result)[0]
-    _, after, peaks, hold = after_longest(result, before)
+    _, after, peaks, hold = reslides_after_longest(result, before)
     ratios = after / before
     rate = slope(np.log(ratios), peaks)
-    words = "; ".join(f"{_told(p)} at V_r/V_i = {r:.3g}" for r, p in zip(ratios, peaks, strict=True))
+    words = "; ".join(f"{_interval(p)} at V_r/V_i = {r:.3g}" for r, p in zip(ratios, peaks, strict=True))
     return claim(
         "peak-vs-velocity-ratio", where, PEAK_SLOPE, rate.value, "1", TOLERANCE["rate and state"],
-        f"peak after elastic reloading less steady friction, per e-fold of the ratio: {_told(rate)}; {words}; after "
-        f"holds of {hold:g} s at V_i = {before:g} m/s; {_scale(result)}", error=rate.half / 2,
+        f"peak after elastic reloading less steady friction, per e-fold of the ratio: {_interval(rate)}; {words}; "
+        f"after holds of {hold:g} s at V_i = {before:g} m/s; {_scale_note(result)}", error=rate.half / 2,
     )  # fmt: skip
 
 
-def _fitted(result: GougeResult | None) -> list[Claim]:
-    """A slip-law fit to velocity steps averaged over branches, with the radiation damping that they show."""
+def _rate_state_fit(result: GougeResult | None) -> list[Claim]:
+    """Claims on a, b and D_c from a slip-law fit to velocity steps averaged over branches, with radiation damping."""
     printed = {"a": A, "b": B, "a-minus-b": A - B, "dc": DC}
     units, tolerance = {"dc": "m"}, TOLERANCE["rate and state"]
 
@@ -170,7 +177,7 @@ def _fitted(result: GougeResult | None) -> list[Claim]:
         return f"Fig S1: caption, {'a − b' if name == 'a-minus-b' else name} = {printed[name]:.3g}"
 
     if result is None:
-        return [_missing(n, where(n), v, units.get(n, "1"), tolerance, "not run") for n, v in printed.items()]
+        return [_missing_claim(n, where(n), v, units.get(n, "1"), tolerance, "not run") for n, v in printed.items()]
     records = [steps.data for steps in measures.mean_records(result, samples=200)]
     seen = measures.response(result)
     eta = max(seen.impedance.value, 0.0)
@@ -180,9 +187,9 @@ def _fitted(result: GougeResult | None) -> list[Claim]:
     found = {n: (slip.values[n], slip.errors[n]) for n in ("a", "b", "dc")}
     found["a-minus-b"] = value, (high - low) / (2 * 1.96)
     note = (
-        f"slip law fitted to steps averaged over branches, k known, radiation damping η = {eta:.3f} s/m known from the "
-        f"peaks; by the peaks alone a = {_told(seen.a)}, η = {_told(seen.impedance)} s/m; "
-        f"{slip.sentence or 'all parameters are known'}; {compare_laws(slip, aging).sentence}; {_scale(result)}"
+        f"slip law fitted to steps averaged over branches, with known k and radiation damping η = {eta:.3f} s/m from "
+        f"the peaks; from the peaks alone a = {_interval(seen.a)}, η = {_interval(seen.impedance)} s/m; "
+        f"{slip.sentence or 'all parameters are known'}; {compare_laws(slip, aging).sentence}; {_scale_note(result)}"
     )
     return [
         claim(n, where(n), printed[n], found[n][0], units.get(n, "1"), tolerance, note, error=found[n][1])
@@ -204,13 +211,13 @@ def _symmetry(result: GougeResult | None) -> Claim:
     alike = bool(abs(difference) <= halves) if np.mean(sizes) > halves else None
     return _statement(
         "velocity-step-symmetry", where, alike,
-        f"peaks after {v:g} → {w:g} and {w:g} → {v:g} m/s less radiation damping: {sizes[0]:.4f} and {sizes[1]:.4f}, "
-        f"difference {difference:.4f} ± {halves:.4f}; {_scale(result)}", study=STUDY,
+        f"peaks after {v:g} → {w:g} and {w:g} → {v:g} m/s minus radiation damping: {sizes[0]:.4f} and {sizes[1]:.4f}, "
+        f"difference {difference:.4f} ± {halves:.4f}; {_scale_note(result)}", study=STUDY,
     )  # fmt: skip
 
 
-def _compared(one: GougeResult, other: GougeResult) -> dict[str, tuple[Number, Number]]:
-    """Relaxation at the end of the shorter hold and per e-fold, and steady friction, of two dampings."""
+def _compare_dampings(one: GougeResult, other: GougeResult) -> dict[str, tuple[Number, Number]]:
+    """Relaxation at the end of the shorter hold and per e-fold, and steady friction, for two dampings."""
     before = measures.holds(one)[0]
     curves = [measures.hold_curve(result, before) for result in (one, other)]
     last = min(float(curve.x[-1]) for curve in curves)
@@ -223,100 +230,102 @@ def _compared(one: GougeResult, other: GougeResult) -> dict[str, tuple[Number, N
 
 
 def _restitution(holds: dict[str, GougeResult]) -> Claim:
-    """Holds with restitution 0.98 and 0.3, both by Eq 8 as it is printed."""
+    """Claim on holds with restitution 0.98 and 0.3, both by Eq 8 as printed."""
     id, source = "restitution-insensitivity", 'Text: "restitution coefficient exerted no significant influence"'
     by_eq8 = [r for r in holds.values() if r.scenario.law.reading == "eq8"]
     if len(by_eq8) < 2:
-        return _statement(id, source, None, "one restitution was run only")
-    pairs = _compared(*by_eq8[:2])
-    differences = {name: apart(*pair) for name, pair in pairs.items()}
+        return _statement(id, source, None, "only one restitution was run")
+    pairs = _compare_dampings(*by_eq8[:2])
+    differences = {name: difference(*pair) for name, pair in pairs.items()}
     telling = all(half <= TELLING for name, (_, half) in differences.items() if name != "steady friction")
     alike = all(abs(value) <= half for value, half in differences.values())
-    words = "; ".join(f"{name} {_told(a)} and {_told(b)}" for name, (a, b) in pairs.items())
+    words = "; ".join(f"{name} {_interval(a)} and {_interval(b)}" for name, (a, b) in pairs.items())
     gammas = " and ".join(f"{damping(r.scenario):.2g}" for r in by_eq8[:2])
     return _statement(
         id, source, alike if telling or not alike else None,
-        f"ε = 0.98 and 0.3 read by Eq 8, γ_n = {gammas} 1/(m s); alike where differences lie within their 95 % "
-        f"intervals: {words}; {_scale(by_eq8[1])}",
+        f"ε = 0.98 and 0.3 by Eq 8, γ_n = {gammas} 1/(m s); alike if all differences lie within their 95 % intervals: "
+        f"{words}; {_scale_note(by_eq8[1])}",
     )  # fmt: skip
 
 
-def _calibrated(holds: dict[str, GougeResult]) -> Claim:
-    """How much of the relaxation is left where collisions really have the restitution."""
+def _calibrated_damping(holds: dict[str, GougeResult]) -> Claim:
+    """Claim on the relaxation with a damping for which collisions really have the restitution."""
     source = "Text: not in the paper, the other reading of its restitution"
     other = next((r for r in holds.values() if r.scenario.law.reading == "collision"), None)
     if other is None:
         return claim("calibrated-damping", source, None, None, "1", 0.5, "not run")
     main = next(iter(holds.values()))
-    pairs = _compared(main, other)
+    pairs = _compare_dampings(main, other)
     (plain, strong), words = (
         next(iter(pairs.values())),
-        "; ".join(f"{name} {_told(a)} and {_told(b)}" for name, (a, b) in pairs.items()),
+        "; ".join(f"{name} {_interval(a)} and {_interval(b)}" for name, (a, b) in pairs.items()),
     )
     error = np.hypot(strong.half, plain.half * strong.value / plain.value) / abs(2 * plain.value)
     return claim(
         "calibrated-damping", source, None, strong.value / plain.value, "1", 0.5,
-        f"relaxation with γ_n = {damping(other.scenario):.2g} 1/(m s), at which collisions have the restitution 0.98, "
-        f"over that with {damping(main.scenario):.2g}: {words}; {_scale(other)}", error=float(error),
+        f"relaxation with γ_n = {damping(other.scenario):.2g} 1/(m s), for which collisions have the restitution 0.98, "
+        f"over that with {damping(main.scenario):.2g}: {words}; {_scale_note(other)}", error=float(error),
     )  # fmt: skip
 
 
-def _steady(main: GougeResult, more: dict[str, GougeResult]) -> Claim:
+def _steady_friction(main: GougeResult, more: dict[str, GougeResult]) -> Claim:
     runs = [main, *(r for name, r in more.items() if name in ("velocities", "steps"))]
     found = {v: measures.mean_friction(r, v) for r in runs for v in measures.velocities(r)}
-    words = ", ".join(f"{_told(n)} at {v:g} m/s" for v, n in sorted(found.items()))
+    words = ", ".join(f"{_interval(n)} at {v:g} m/s" for v, n in sorted(found.items()))
     before = measures.holds(main)[-1]
     return claim(
         "steady-friction", "Text: no steady friction is printed", None, found[before].value, "1", TOLERANCE["steady"],
-        f"{words}; friction is correlated over {measures.correlation_slip(main, before):.2g} D of slip; {_scale(main)}",
+        f"{words}; friction is correlated over {measures.correlation_slip(main, before):.2g} D of slip; "
+        f"{_scale_note(main)}",
         error=found[before].half / 2, reference=sum(STEADY) / 2,
-        reference_source=f"middle of {STEADY[0]} to {STEADY[1]}, known of gouge of such grains",
+        reference_source=f"middle of {STEADY[0]} to {STEADY[1]}, known for gouge of such grains",
     )  # fmt: skip
 
 
 def _temperature(main: GougeResult, steps: GougeResult | None) -> Claim:
-    """Granular temperature over normal stress, and the direct effect."""
+    """Claim on the granular temperature over the normal stress, with the direct effect in the note."""
     result = steps or main
     chosen, before = result.scenario, measures.velocities(main)[0]
     found = measures.mean_of(result, before, "temperature")
     normalised = found.value * chosen.grains.density / chosen.load.normal_stress
     seen = measures.response(steps) if steps else None
-    words = f"a = {_told(seen.a)}" if seen else f"a was not measured, the paper's is {A}"
+    words = f"a = {_interval(seen.a)}" if seen else f"a was not measured, the paper's is {A}"
     ratio = measures.sliding_energy_ratio(main, before)
     return claim(
         "granular-temperature", "Text: not in the supplement", None, normalised, "1", 0.5,
-        f"ρ T/σ at {before:g} m/s, T = {found.value:.2g} ± {found.half:.1g} m²/s² the mean of v_y² and v_z²; its root "
-        f"{normalised**0.5:.1e}, kinetic over elastic energy {ratio.value:.1e} ± {ratio.half:.0e}; {words}; that a "
-        f"suitable normalisation by the confining pressure gives an estimate of a is stated in {EARLIER}, whose "
-        f"formula was not at hand; {_scale(result)}", error=found.half / 2 / found.value * normalised,
+        f"ρ T/σ at {before:g} m/s, where T = {found.value:.2g} ± {found.half:.1g} m²/s² is the mean of v_y² and v_z²; "
+        f"its square root {normalised**0.5:.1e}, kinetic over elastic energy {ratio.value:.1e} ± {ratio.half:.0e}; "
+        f"{words}; {EARLIER}, states that a suitable normalisation by the confining pressure gives an estimate of a, "
+        f"but its formula was not available; {_scale_note(result)}",
+        error=found.half / 2 / found.value * normalised,
     )  # fmt: skip
 
 
 def _quasi_static(main: GougeResult) -> Claim:
-    """Inertial number, kinetic energy and creep: whether sliding and holds are quasi-static."""
+    """Claim that sliding and holds are quasi-static, from the inertial number, the kinetic energy and creep."""
     chosen, before = main.scenario, measures.holds(main)[-1]
     thickness = main.realizations[0].range.thickness * chosen.grains.mean
     number = inertial_numbers(chosen, before, thickness)["mean_grain"]
     sliding = measures.sliding_energy_ratio(main, before)
     held, creep = measures.energy_ratio(main, before), measures.creep_velocity(main, before)
     last = float(held.x[-1])
-    told = ", ".join(f"{held.at(t).value:.1e} after {t:g} s" for t in (1e-3, 1e-2, 1e-1, 1.0) if t <= last * 1.01)
+    ratios = ", ".join(f"{held.at(t).value:.1e} after {t:g} s" for t in (1e-3, 1e-2, 1e-1, 1.0) if t <= last * 1.01)
     return _statement(
         "quasi-static", "Text: the supplement calls its simulations quasi-static and prints no number",
         bool(number < INERTIAL and sliding.value + sliding.half < ENERGY),
         f"at {before:g} m/s inertial number {number:.1e}, kinetic over elastic energy {sliding.value:.1e} ± "
-        f"{sliding.half:.0e}; in holds {told}; the plate creeps at {creep.at(last / 1.4).value:.1e} m/s at the end of "
-        f"{last:g} s; {_scale(main)}",
-        study=f"inertial number below {INERTIAL:g} (da Cruz et al. 2005), kinetic below {ENERGY:g} of elastic energy",
+        f"{sliding.half:.0e}; in holds {ratios}; the plate creeps at {creep.at(last / 1.4).value:.1e} m/s at the end "
+        f"of {last:g} s; {_scale_note(main)}",
+        study=f"inertial number below {INERTIAL:g} (da Cruz et al. 2005), kinetic over elastic energy below {ENERGY:g}",
     )  # fmt: skip
 
 
 def _energies(main: GougeResult) -> Claim:
-    """The ledger of a stretch of sliding: where the work of the spring goes."""
+    """Claim on the energy ledger of a stretch of sliding, which shows how the work of the spring is spent."""
     books = [one.ledger for one in main.realizations if one.ledger]
     source, study = "Text: not in the paper, a check of this package", "conservation of energy"
     if not books:
-        return _statement("energy-balance", source, None, "no ledger was kept", study=study)
+        return _statement("energy-balance", source, None, "no ledger was recorded", study=study)
     work, coulomb, viscous, curl = (
         np.mean([b[name][-1] - b[name][0] for b in books])
         for name in ("external", "coulomb", "viscous", "nonpotential")
@@ -324,12 +333,13 @@ def _energies(main: GougeResult) -> Claim:
     defect = max(float(np.abs(b["defect"]).max()) for b in books) / max(abs(coulomb + viscous), 1e-300)
     return _statement(
         "energy-balance", source, bool(defect < LEDGER),
-        f"the ledger closes to {defect:.0e} of what is dissipated; of this, friction takes "
-        f"{coulomb / (coulomb + viscous):.1%}; work of loads {work:.3g} J, created by tangential springs {curl:.1e} J",
+        f"the ledger closes to {defect:.0e} of the dissipated energy, of which friction accounts for "
+        f"{coulomb / (coulomb + viscous):.1%}; work of loads {work:.3g} J, energy created by tangential springs "
+        f"{curl:.1e} J",
         study=study,
     )  # fmt: skip
 
 
 def shows() -> dict[str, tuple[str, str]]:
-    """Figures of the paper: what each shows, and the id of the claim to quote."""
+    """Figures of the paper, each with its content and the identifier of the claim to quote."""
     return SHOWS

@@ -1,4 +1,4 @@
-"""Holds and slides after them, read off realizations of fault gouge: what figures draw and claims judge."""
+"""Curves of holds and of slides after holds in fault gouge, for figures and claims."""
 
 import numpy as np
 
@@ -10,8 +10,11 @@ from .simulate import GougeResult
 from .statistics import slope
 
 
-def predicted(result: GougeResult, before: float, times) -> dict:
-    """{law: (times, change of friction)} in a hold, by rate-and-state friction with the scenario's a, b and dc."""
+def predict_hold(result: GougeResult, before: float, times) -> dict:
+    """Predict the change of friction in a hold by rate-and-state friction with the scenario's a, b and dc.
+
+    Returns {law: (times, change of friction)} for the slip law and the aging law.
+    """
     scales, scenario = result.scenario.scales, result.scenario
     spring = Spring(stiffness(scenario) / scenario.load.normal_stress)
     out = {}
@@ -22,30 +25,33 @@ def predicted(result: GougeResult, before: float, times) -> dict:
     return out
 
 
-def predicted_per_efold(result: GougeResult, before: float, times, law: str) -> float:
-    """Slope of a predicted hold against the logarithm of time, over the times of `measures.per_efold`."""
-    time, change = predicted(result, before, times)[law]
+def predict_per_efold(result: GougeResult, before: float, times, law: str) -> float:
+    """Slope of a predicted hold against the logarithm of time, over the times used by `measures.per_efold`."""
+    time, change = predict_hold(result, before, times)[law]
     late = time >= min(measures.EARLIEST, time[-1] / 10)
     return float(np.polyfit(np.log(time[late]), change[late], 1)[0])
 
 
-def after_longest(result: GougeResult, before: float):
-    """Curves, velocities and peaks after the longest hold, slowest first, and that hold."""
+def reslides_after_longest(result: GougeResult, before: float):
+    """Return curves, velocities and peaks of slides after the longest hold, slowest first, and the hold itself."""
     longest = max(h for v, h, _ in measures.reslides(result) if v == before)
     after = [w for v, h, w in measures.reslides(result) if (v, h) == (before, longest)]
     curves = [measures.reslide_curve(result, before, longest, w) for w in after]
     return curves, np.array(after), [measures.peak(c) for c in curves], longest
 
 
-def same_velocity(result: GougeResult, before: float) -> tuple[list[float], float]:
-    """Hold times after which slides go on at one velocity, and that: the one before, else the slowest."""
+def holds_with_common_velocity(result: GougeResult, before: float) -> tuple[list[float], float]:
+    """Return the hold times with slides at one common velocity, and that velocity.
+
+    The velocity is the one before the hold if there are such slides, otherwise the slowest.
+    """
     found = [(h, w) for v, h, w in measures.reslides(result) if v == before]
     chosen = before if any(w == before for _, w in found) else min(w for _, w in found)
     return sorted(h for h, w in found if w == chosen), chosen
 
 
-def healed(result: GougeResult, before: float):
-    """Hold times, peaks after them at one velocity, and their slope against the logarithm of the time."""
-    times, after = same_velocity(result, before)
+def healing_peaks(result: GougeResult, before: float):
+    """Return hold times, the peaks after them at one velocity, and their slope against the logarithm of the time."""
+    times, after = holds_with_common_velocity(result, before)
     peaks = [measures.peak(measures.reslide_curve(result, before, h, after)) for h in times]
     return times, peaks, slope(np.log(times), peaks)

@@ -1,4 +1,4 @@
-"""Dimensionless numbers of a gouge experiment, each with the formula that its name stands for."""
+"""Dimensionless numbers of a gouge experiment, each with its defining formula."""
 
 from typing import NamedTuple
 
@@ -9,13 +9,14 @@ from .scenario import GougeScenario
 
 # limits of the quasi-static range of hard grains, in a layer that is not dominated by its plates
 INERTIAL, STIFFNESS, OVERLAP, LAYER = 1e-3, 100.0, 0.02, 8.0
-LONG = 0.4  # of the largest stable time step, above which the stiffest contacts are off by a per cent and more
+LONG = 0.4  # share of the largest stable time step above which the stiffest contacts are wrong by at least a per cent
 
 
 def stiffness(scenario: GougeScenario, value: float | None = None, definition: str | None = None) -> float:
-    """k [Pa/m] of a spring per area of the plate, from `value` in terms of `definition` (default: the scenario's).
+    """Stiffness k of the spring per area of the plate [Pa/m], from `value` in terms of `definition`.
 
-    per_area: k; per_stress: k/σ; grain: k D/σ; rate_state: k dc/(b σ).
+    The default is the scenario's stiffness. Definitions are per_area, k; per_stress, k/σ; grain, k D/σ; rate_state,
+    k dc/(b σ).
 
     Examples
     --------
@@ -34,7 +35,7 @@ def stiffness(scenario: GougeScenario, value: float | None = None, definition: s
 
 
 def normalised_stiffness(scenario: GougeScenario) -> dict[str, float]:
-    """The scenario's stiffness in terms of every definition; see `stiffness`."""
+    """Return the scenario's stiffness in terms of every definition; see `stiffness`."""
     return {
         name: stiffness(scenario) / _unit(scenario, name) for name in ("per_area", "per_stress", "grain", "rate_state")
     }
@@ -51,10 +52,10 @@ def _unit(scenario: GougeScenario, definition: str) -> float:
 
 
 def normalised_hold(scenario: GougeScenario, hold: float, velocity: float) -> dict[str, float]:
-    """A hold time t after sliding at V in terms of every definition; paper 003 quotes 1650 without one.
+    """Return a hold time t after sliding at V in terms of every definition; paper 003 quotes 1650 without one.
 
-    load_point: V t/dc; frozen: k V t/(a σ), by which the velocity falls in a hold with frozen state; inertial:
-    t/(D √(ρ/σ)).
+    Definitions are load_point, V t/dc; frozen, k V t/(a σ), which governs the decay of the velocity in a hold with
+    frozen state; inertial, t/(D √(ρ/σ)).
     """
     stress, scales, grains = scenario.load.normal_stress, scenario.scales, scenario.grains
     return {
@@ -65,10 +66,10 @@ def normalised_hold(scenario: GougeScenario, hold: float, velocity: float) -> di
 
 
 def inertial_numbers(scenario: GougeScenario, velocity: float, thickness: float) -> dict[str, float]:
-    """Inertial number at a velocity V of the plate and a thickness H [m] in terms of every definition.
+    """Return the inertial number at a velocity V of the plate and a thickness H [m] in terms of every definition.
 
-    mean_grain: (V/H) D √(ρ/σ) with the mean diameter, which warnings go by; largest_grain: with the largest one;
-    slip: V √(ρ/σ), for shear that is localised in one layer of grains.
+    Definitions are mean_grain, (V/H) D √(ρ/σ) with the mean diameter, on which warnings are based; largest_grain, the
+    same with the largest diameter; slip, V √(ρ/σ), for shear localised in one layer of grains.
     """
     grains, stress = scenario.grains, scenario.load.normal_stress
     sizes = {"mean_grain": grains.mean, "largest_grain": grains.diameter[1], "slip": thickness}
@@ -79,42 +80,43 @@ def inertial_numbers(scenario: GougeScenario, velocity: float, thickness: float)
 
 
 class Range(NamedTuple):
-    """How quasi-static and how hard a sample is, and how far its plates are apart."""
+    """Numbers that show how quasi-static and how hard a sample is, and how far its plates are apart."""
 
     inertial_number: float  # (V/H) D √(ρ/σ) at the largest velocity V
     stiffness: float  # (E/((1 − ν²) σ))^(2/3), about D over the overlap
     overlap: float  # mean overlap of contacts over D
     thickness: float  # H/D
-    length: float  # of the cell over D
-    time_step: float  # dt over the largest stable one
+    length: float  # length of the cell over D
+    time_step: float  # dt over the largest stable time step
 
     @property
     def warnings(self) -> list[str]:
-        """A sentence for every number that is out of the range in which results do not depend on it."""
+        """One sentence for every number outside the range in which results do not depend on it."""
         said = []
         if self.inertial_number > INERTIAL:
             said.append(
-                f"the inertial number reaches {self.inertial_number:.1e}, above {INERTIAL:g}: shear is not "
-                f"quasi-static any more, use lower velocities"
+                f"the inertial number reaches {self.inertial_number:.1e}, above {INERTIAL:g}: shear is no longer "
+                f"quasi-static, use lower velocities"
             )
         if self.stiffness < STIFFNESS or self.overlap > OVERLAP:
             said.append(
-                f"grains overlap by {self.overlap:.1%} of a diameter, (E/((1 − ν²) σ))^(2/3) = {self.stiffness:.3g}: "
-                f"below {OVERLAP:.0%} and above {STIFFNESS:g} they count as hard, use a larger young"
+                f"grains overlap by {self.overlap:.1%} of a diameter, and (E/((1 − ν²) σ))^(2/3) = "
+                f"{self.stiffness:.3g}: grains count as hard below {OVERLAP:.0%} and above {STIFFNESS:g}, use a larger "
+                f"young"
             )
         if self.time_step > LONG:
-            said.append(f"dt is {self.time_step:.2f} of the largest stable time step: give a shorter one")
+            said.append(f"dt is {self.time_step:.2f} of the largest stable time step: use a shorter one")
         for name, value in (("thickness", self.thickness), ("length", self.length)):
             if value < LAYER:
                 said.append(
-                    f"the {name} of the layer is {value:.0f} D: below {LAYER:g} D plates and images are felt, use more "
-                    f"grains or a longer cell"
+                    f"the {name} of the layer is {value:.0f} D: below {LAYER:g} D, plates and periodic images affect "
+                    f"the results, use more grains or a longer cell"
                 )
         return said
 
 
-def range_of(scenario: GougeScenario, velocity: float, thickness: float, overlap: float, stable: float) -> Range:
-    """The range of a sample: its thickness [m], mean overlap over D, and largest stable time step [s]."""
+def make_range(scenario: GougeScenario, velocity: float, thickness: float, overlap: float, stable: float) -> Range:
+    """Return the Range of a sample from its thickness [m], mean overlap over D, and largest stable time step [s]."""
     grains, law, stress = scenario.grains, scenario.law, scenario.load.normal_stress
     return Range(
         inertial_numbers(scenario, velocity, thickness)["mean_grain"],

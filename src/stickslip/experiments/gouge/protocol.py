@@ -1,7 +1,7 @@
 """One realization of a gouge experiment: a trunk that slides steadily, and tests that branch off from its states.
 
-The trunk is prepared, slid to steadiness, and taken through the slides of the protocol. Steps and holds are made from
-copies of its state, so that they can run in parallel.
+The trunk is prepared, slid until friction is steady, and taken through the slides of the protocol. Steps and holds
+start from copies of its state, so they can run in parallel.
 """
 
 from collections.abc import Callable
@@ -18,17 +18,17 @@ from ...core.measure import branch_vectors, elastic_energy, touching
 from ...core.state import State
 from ...data.checkpoint import Kept, piece
 from ...friction.measure import steady_mean
-from .dimensionless import Range, range_of, stiffness
-from .sample import BOTTOM, TOP, Gouge, gouge_law, settled, sprung
+from .dimensionless import Range, make_range, stiffness
+from .sample import BOTTOM, TOP, Gouge, attach_spring, gouge_law, prepare_sample
 from .scenario import GougeScenario, Slide, SlideHoldSlide, VelocitySteps
 
 DECADE = 20  # samples of a hold in each decade of time
-CHUNK = 100  # samples between two words of progress
+CHUNK = 100  # samples between two progress reports
 Tell = Callable[[float, str], None]
 
 
 class Series(NamedTuple):
-    """What was measured, T rows."""
+    """Time series of T rows."""
 
     time: np.ndarray  # (T,) from the start of sliding [s]
     load_point: np.ndarray  # (T,) displacement of the spring's load point [m]
@@ -40,43 +40,43 @@ class Series(NamedTuple):
     thickness: np.ndarray  # (T,) between the mean heights of the plates' grains [m]; its growth is dilation
     kinetic_energy: np.ndarray  # (T,) of the mobile grains, translations and rotations [J]
     temperature: np.ndarray  # (T,) granular: mean of v_y² and v_z² of the mobile grains, by mass [m²/s²]
-    coordination: np.ndarray  # (T,) contacts of a grain that is no rattler, plates' grains included
+    coordination: np.ndarray  # (T,) contacts of a grain that is not a rattler, including the grains of the plates
     sliding_fraction: np.ndarray  # (T,) share of contacts at Coulomb's limit
     fabric: np.ndarray  # (T, 3, 3) mean of n ⊗ n over contacts
 
     def __getitem__(self, rows):
-        """Rows of all columns."""
+        """Select rows of all columns."""
         return Series(*(column[rows] for column in self))
 
 
 class Test(NamedTuple):
-    """One leg of a protocol: from when the load point takes a velocity until it takes another.
+    """One leg of a protocol, in which the load point has one velocity.
 
     A slide leads to the state from which its branch starts. Samples of a hold are means over intervals that grow with
-    the time held.
+    the hold time.
     """
 
     kind: str  # "steady" (preparation), "slide", "step", "twin" (no step), "hold", "reslide"
-    before: float  # velocity of the load point until here [m/s]
-    velocity: float  # of the load point [m/s]
-    hold: float  # time held just before [s]
+    before: float  # velocity of the load point before this leg [m/s]
+    velocity: float  # velocity of the load point [m/s]
+    hold: float  # duration of the hold just before [s]
     series: Series
-    part: int = 0  # entry of the protocol, from 0 on
+    part: int = 0  # entry of the protocol, counted from 0
     branch: int = 0  # number of the state on the trunk
-    elastic: float = np.nan  # energy stored in the contacts at its end; not known of other engines [J]
+    elastic: float = np.nan  # energy stored in the contacts at the end; not known for other engines [J]
 
 
 class Branch(NamedTuple):
-    """A state of the trunk, and the tests that start from it."""
+    """State of the trunk from which tests start."""
 
     part: int  # entry of the protocol
-    number: int  # of the state, along the slide
+    number: int  # number of the state along the slide
     before: float  # velocity of the load point [m/s]
-    place: Any  # of the engine
+    place: Any  # state as represented by the engine
 
 
 class Trunk(NamedTuple):
-    """A realization without its branches."""
+    """Realization without its branches."""
 
     tests: tuple[Test, ...]
     branches: tuple[Branch, ...]
@@ -85,139 +85,143 @@ class Trunk(NamedTuple):
 
 
 class Realization(NamedTuple):
-    """What became of one sample."""
+    """Outcome of one sample."""
 
     seed: int
     range: Range
-    tests: tuple[Test, ...]  # of the trunk, then of the branches
+    tests: tuple[Test, ...]  # tests of the trunk, then of the branches
     states: dict[str, State]  # settled, steady, end
-    ledger: dict[str, np.ndarray]  # energies at the end of the protocol, columns of `Ledger`; empty if not asked for
+    ledger: dict[str, np.ndarray]  # energies at the end of the protocol, columns of `Ledger`; empty if not requested
 
     def of(self, *kinds: str) -> list[Test]:
-        """Tests of some kinds, in the order in which they ran."""
+        """Return the tests of given kinds, in the order in which they ran."""
         return [test for test in self.tests if test.kind in kinds]
 
     def slide_to(self, test: Test) -> Test:
-        """The slide that led to the state from which a hold, a slide after it or a first step branched off."""
+        """Return the slide to the state from which a hold, a slide after it or a first step branched off."""
         mine = (test.part, test.branch, test.before)
         return next(t for t in self.of("slide") if (t.part, t.branch, t.velocity) == mine)
 
 
 class Engine(NamedTuple):
-    """What runs legs: `start` from a settled sample, `leg` for some steps at a velocity, `state` as ours has it.
+    """Functions of an engine that runs legs.
 
-    A place that `start` or `leg` returned stays valid: legs may branch from it, in another process, too.
+    `start` begins with a settled sample, `leg` runs a number of steps at a velocity, and `state` converts a place to a
+    State. A place returned by `start` or `leg` remains valid: legs may branch from it, also in another process.
     """
 
     start: Callable[[GougeScenario, Gouge], Any]  # -> place
     leg: Callable[[GougeScenario, Any, float, int], tuple[Any, Series]]  # place, velocity, steps -> place, series
     state: Callable[[Any], Any]  # place -> State
-    elastic: Callable[[Any], float]  # place -> energy stored in the contacts [J], NaN if it is not known
-    nouns: tuple[type, ...]  # classes of NamedTuples in a place
+    elastic: Callable[[Any], float]  # place -> energy stored in the contacts [J], NaN if not known
+    nouns: tuple[type, ...]  # classes of the NamedTuples in a place
 
 
-def trunk(scenario: GougeScenario, seed: int, engine: Engine, tell: Tell, kept: Kept | None = None) -> Trunk:
+def run_trunk(scenario: GougeScenario, seed: int, engine: Engine, tell: Tell, kept: Kept | None = None) -> Trunk:
     """Prepare one sample and take it through the slides of the protocol.
 
     Parameters
     ----------
-    kept : where the sample and pieces of its legs are kept; one that was killed goes on from the last of them, to the
-        bits of one that was not
+    kept : storage for the sample and pieces of its legs; a run that was killed resumes from the last piece, with
+        bitwise the same result as an uninterrupted run
 
     Raises
     ------
     RuntimeError
-        with one sentence, if the sample does not settle, does not become steady, or blows up.
+        If the sample does not settle, does not become steady, or becomes unstable.
     """
     kept = kept and kept._replace(nouns=(Gouge, Series, *engine.nouns))
     gouge = piece(
-        kept, "settled", lambda: settled(scenario, seed, report=lambda stage, _, words: tell(0.0, f"{stage}: {words}"))
+        kept,
+        "settled",
+        lambda: prepare_sample(scenario, seed, report=lambda stage, _, words: tell(0.0, f"{stage}: {words}")),
     )
-    legs = _Legs(scenario, engine, tell, kept, scenario.trunk_duration)
+    legs = _LegRunner(scenario, engine, tell, kept, scenario.trunk_duration)
     place, tests, found = engine.start(scenario, gouge), [], []
     states, velocity = {"settled": gouge.state}, 0.0
-    place, test = _steadied(legs, place)
+    place, test = _slide_to_steadiness(legs, place)
     tests.append(test)
     states["steady"], velocity = engine.state(place), test.velocity
     for number, part in enumerate(scenario.protocol):
         for new in part.starts:
             for k, seconds in enumerate(part.trunk(new, scenario.grains.mean)):
-                place, series, elastic = _slid(legs, place, part, new, seconds)
+                place, series, elastic = _run_slide(legs, place, part, new, seconds)
                 tests.append(Test("slide", velocity, new, 0.0, series, number, k, elastic))
                 velocity = new
                 if part.branches:
                     found.append(Branch(number, k, new, place))
     states["end"] = engine.state(place)
-    counted = scenario.ledger_steps and engine is OURS  # states of other engines have no memory of contacts
-    ledger = _ledger(scenario, gouge._replace(state=states["end"])) if counted else {}
+    counted = scenario.ledger_steps and engine is STICKSLIP  # states of other engines have no contact memory
+    ledger = _run_ledger(scenario, gouge._replace(state=states["end"])) if counted else {}
     return Trunk(tuple(tests), tuple(found), states, ledger)
 
 
-def branch(
+def run_branch(
     scenario: GougeScenario, start: Branch, engine: Engine, tell: Tell, kept: Kept | None = None
 ) -> tuple[Test, ...]:
-    """Run the tests that start from one state of the trunk; arguments as in `trunk`.
+    """Run the tests that start from one state of the trunk; arguments as in `run_trunk`.
 
     Raises
     ------
     RuntimeError
-        with one sentence, if the sample blows up.
+        If the sample becomes unstable.
     """
     kept = kept and kept._replace(nouns=(Gouge, Series, *engine.nouns))
     part = scenario.protocol[start.part]
-    legs = _Legs(scenario, engine, tell, kept, sum(part.branch(start.before, scenario.grains.mean)))
-    make = _stepped if isinstance(part, VelocitySteps) else _held
+    legs = _LegRunner(scenario, engine, tell, kept, sum(part.branch(start.before, scenario.grains.mean)))
+    make = _run_steps if isinstance(part, VelocitySteps) else _run_holds
     return tuple(test._replace(part=start.part, branch=start.number) for test in make(legs, start, part))
 
 
-def realization(scenario: GougeScenario, seed: int, found: Trunk, tests) -> Realization:
-    """A trunk and the tests of its branches, branch after branch."""
+def make_realization(scenario: GougeScenario, seed: int, found: Trunk, tests) -> Realization:
+    """Make a Realization from a trunk and the tests of its branches, in the order of the branches."""
     everything = (*found.tests, *(test for one in tests for test in one))
     fastest = max(test.velocity for test in everything)
     state, thickness = found.states["steady"], float(found.tests[0].series.thickness[-1])
     overlap = _mean_overlap(state) / scenario.grains.mean
     law = gouge_law(scenario, scenario.law.mu)
-    good = range_of(scenario, fastest, thickness, overlap, stable_time_step(state, law))
+    good = make_range(scenario, fastest, thickness, overlap, stable_time_step(state, law))
     return Realization(seed, good, everything, found.states, found.ledger)
 
 
-def _steadied(legs: "_Legs", place):
-    """Slide until two windows of friction agree."""
+def _slide_to_steadiness(legs: "_LegRunner", place):
+    """Slide until friction is the same in two successive windows."""
     chosen = legs.scenario.preparation
-    found = _until_steady(legs, place, chosen.velocity, chosen.slip, chosen.longest)
+    found = _run_until_steady(legs, place, chosen.velocity, chosen.slip, chosen.longest)
     if found is None:
         raise RuntimeError(
-            f"the sample was not steady after a slip of {chosen.longest:g} D: allow more change or a longer slip"
+            f"the sample was not steady after a slip of {chosen.longest:g} D: raise preparation.change or "
+            f"preparation.longest"
         )
     place, series, elastic = found
     return place, Test("steady", 0.0, chosen.velocity, 0.0, series, elastic=elastic)
 
 
-def _until_steady(legs: "_Legs", place, velocity: float, least: float, longest: float):
-    """Place, series and elastic energy once steady, or None; slips in D."""
+def _run_until_steady(legs: "_LegRunner", place, velocity: float, least: float, longest: float):
+    """Return place, series and elastic energy once steady, or None; slips in D."""
     chosen, size = legs.scenario.preparation, legs.scenario.grains.mean
     parts, slid, wanted = [], 0.0, max(least, 2 * chosen.window)
     while slid < longest:
         place, part, elastic = legs.run(place, velocity, wanted * size / velocity, "to steady sliding")
         parts.append(part)
         slid, wanted = slid + wanted, 0.5 * chosen.window
-        series = _joined(parts)
+        series = _concatenate(parts)
         if _is_steady(series, chosen.window * size, chosen.change):
             return place, series, elastic
     return None
 
 
-def _slid(legs: "_Legs", place, part, velocity: float, seconds: float):
-    """One slide of the trunk."""
+def _run_slide(legs: "_LegRunner", place, part, velocity: float, seconds: float):
+    """Run one slide of the trunk."""
     if isinstance(part, Slide) and part.steady:
-        found = _until_steady(legs, place, velocity, 0.0, part.slip)
+        found = _run_until_steady(legs, place, velocity, 0.0, part.slip)
         if found is None:
             raise RuntimeError(f"a slide at {velocity:g} m/s was not steady after {part.slip:g} D")
         return found
     return legs.run(place, velocity, seconds, f"slide at {velocity:g} m/s")
 
 
-def _stepped(legs: "_Legs", start: Branch, part: VelocitySteps):
+def _run_steps(legs: "_LegRunner", start: Branch, part: VelocitySteps):
     """Yield the tests of one sequence of velocity steps."""
     size, place, old = legs.scenario.grains.mean, start.place, start.before
     for velocity in part.velocities[1:]:
@@ -230,8 +234,8 @@ def _stepped(legs: "_Legs", start: Branch, part: VelocitySteps):
         old = velocity
 
 
-def _held(legs: "_Legs", start: Branch, part: SlideHoldSlide):
-    """Yield the tests of one hold, and of the slides from each of its times."""
+def _run_holds(legs: "_LegRunner", start: Branch, part: SlideHoldSlide):
+    """Yield the tests of one hold and of the slides after each of its hold times."""
     size, interval, before = legs.scenario.grains.mean, legs.scenario.interval, start.before
     if part.twin:
         _, series, elastic = legs.run(start.place, before, part.twin * size / before, f"slide at {before:g} m/s, twin")
@@ -246,11 +250,11 @@ def _held(legs: "_Legs", start: Branch, part: SlideHoldSlide):
             words = f"slide at {after:g} m/s after a hold of {hold:g} s"
             _, series, stored = legs.run(place, after, part.slip * size / after, words)
             yield Test("reslide", before, after, hold, series, elastic=stored)
-    yield Test("hold", before, 0.0, 0.0, _thinned(_joined(parts)), elastic=elastic)
+    yield Test("hold", before, 0.0, 0.0, _log_binned(_concatenate(parts)), elastic=elastic)
 
 
-def _thinned(series: Series) -> Series:
-    """Means over intervals of time held that grow with it, `DECADE` of them in each decade."""
+def _log_binned(series: Series) -> Series:
+    """Average over intervals that grow with the hold time, `DECADE` of them in each decade."""
     count = len(series.time)
     edges = np.unique(np.round(np.geomspace(1, count + 1, max(2, round(DECADE * np.log10(count + 1)) + 1))).astype(int))
     starts = edges[:-1] - 1
@@ -259,15 +263,15 @@ def _thinned(series: Series) -> Series:
     return Series(*means)
 
 
-class _Legs:
-    """Runs legs of a trunk or a branch in pieces that are kept, and tells how far it is."""
+class _LegRunner:
+    """Run the legs of a trunk or a branch in pieces that are saved, and report progress."""
 
     def __init__(self, scenario: GougeScenario, engine: Engine, tell: Tell, kept: Kept | None, duration: float):
         self.scenario, self.engine, self.tell, self.kept = scenario, engine, tell, kept
         self.done, self.total, self.number = 0, duration / scenario.dt, 0
 
     def run(self, place, velocity: float, seconds: float, words: str):
-        """Place, series and elastic energy at the end of a leg; each of its pieces ends with a sample."""
+        """Run a leg, each piece of which ends with a sample; return place, series and elastic energy at its end."""
         every = self.scenario.sample_every
         samples = max(1, round(seconds / self.scenario.dt / every))
         name, self.number = f"leg-{self.number:04d}", self.number + 1
@@ -280,19 +284,19 @@ class _Legs:
                 leg = partial(self.engine.leg, self.scenario, place, velocity, steps)
                 place, part = piece(pieces, f"{first:09d}", leg)
                 parts.append(part)
-                self._went(steps, part, words)
-            return place, _joined(parts)
+                self._report_progress(steps, part, words)
+            return place, _concatenate(parts)
 
         before = self.done
         place, series = piece(self.kept, name, run_pieces)
         if pieces:
             pieces.clear()
-        if self.done == before:  # all of it was kept
-            self._went(samples * every, series, words)
+        if self.done == before:  # the whole leg was loaded
+            self._report_progress(samples * every, series, words)
         return place, series, self.engine.elastic(place)
 
-    def _went(self, steps: int, series: Series, words: str) -> None:
-        """Tell how far it is, and what the sample does."""
+    def _report_progress(self, steps: int, series: Series, words: str) -> None:
+        """Report progress and the present state of the sample."""
         self.done += steps
         self.total = max(self.total, self.done)
         self.tell(
@@ -303,15 +307,15 @@ class _Legs:
         )
 
 
-def _joined(parts: list[Series]) -> Series:
+def _concatenate(parts: list[Series]) -> Series:
     return Series(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
 def _is_steady(series: Series, window: float, change: float) -> bool:
-    """Whether friction over the last window of slip is that over the window before."""
+    """Return True if friction over the last window of slip agrees with that over the window before."""
     slip = series.load_point - series.load_point[-1]
     late, early = slip > -window, (slip > -2 * window) & (slip <= -window)
-    begin = slip[0] - (slip[1] - slip[0])  # samples begin one interval after the slide did
+    begin = slip[0] - (slip[1] - slip[0])  # the first sample is one interval after the start of the slide
     if begin > -2 * window * (1 - 1e-9):
         return False
     a, b = steady_mean(series.friction[early]), steady_mean(series.friction[late])
@@ -319,26 +323,26 @@ def _is_steady(series: Series, window: float, change: float) -> bool:
 
 
 def _start(scenario: GougeScenario, gouge: Gouge) -> Gouge:
-    """A settled sample, on its spring."""
-    return sprung(gouge, stiffness(scenario) * scenario.area, [gouge.state.time], [0.0])
+    """Attach a settled sample to its spring."""
+    return attach_spring(gouge, stiffness(scenario) * scenario.area, [gouge.state.time], [0.0])
 
 
-def _leg(scenario: GougeScenario, place: Gouge, velocity: float, steps: int) -> tuple[Gouge, Series]:
-    """Some steps of our own engine, sampled, without the sample at their start."""
-    begin, seconds, ahead = place.state.time, steps * scenario.dt, lead(place)
+def _run_leg(scenario: GougeScenario, place: Gouge, velocity: float, steps: int) -> tuple[Gouge, Series]:
+    """Run a number of steps with this package's engine; the series does not include the sample at the start."""
+    begin, seconds, ahead = place.state.time, steps * scenario.dt, load_point_lead(place)
     course = np.array([begin, begin + seconds]), np.array([ahead, ahead + velocity * seconds])
-    here = sprung(place, stiffness(scenario) * scenario.area, *course)
+    here = attach_spring(place, stiffness(scenario) * scenario.area, *course)
     end, record, outcome = run(here.state, here.law, steps, scenario.dt, every=scenario.sample_every, threads=1)
     if not outcome.ok:
-        raise RuntimeError(f"the sample ended at time {end.time:.4g}: {outcome}")
+        raise RuntimeError(f"the run stopped at time {end.time:.4g}: {outcome}")
     return here._replace(state=end), _series(record, here, np.interp(record.time, *course))[1:]
 
 
-def _ledger(scenario: GougeScenario, gouge: Gouge) -> dict[str, np.ndarray]:
-    """Energies while the spring goes on at the velocity of preparation, with our own engine."""
+def _run_ledger(scenario: GougeScenario, gouge: Gouge) -> dict[str, np.ndarray]:
+    """Record energies while the spring moves at the velocity of the preparation, with this package's engine."""
     begin, velocity = gouge.state.time, scenario.preparation.velocity
-    seconds, ahead = scenario.ledger_steps * scenario.dt, lead(gouge)
-    here = sprung(
+    seconds, ahead = scenario.ledger_steps * scenario.dt, load_point_lead(gouge)
+    here = attach_spring(
         gouge, stiffness(scenario) * scenario.area, [begin, begin + seconds], [ahead, ahead + velocity * seconds]
     )
     every = max(1, min(scenario.sample_every, scenario.ledger_steps // 10))
@@ -346,12 +350,12 @@ def _ledger(scenario: GougeScenario, gouge: Gouge) -> dict[str, np.ndarray]:
         here.state, here.law, scenario.ledger_steps, scenario.dt, every=every, ledger=True, threads=1
     )
     if not outcome.ok:
-        raise RuntimeError(f"the sample ended while its energies were counted: {outcome}")
+        raise RuntimeError(f"the run stopped while its energies were recorded: {outcome}")
     return {"time": record.time, **record.ledger._asdict(), "defect": record.ledger.defect}
 
 
-def lead(place: Gouge) -> float:
-    """How far the load point is from where the spring was attached [m]."""
+def load_point_lead(place: Gouge) -> float:
+    """Displacement of the load point from where the spring was attached [m]."""
     control = place.state.control
     return float(factors_at(control, place.state.time)[control.leads[place.top[0], 0]])
 
@@ -379,11 +383,13 @@ def _series(record: Record, gouge: Gouge, load_point: np.ndarray) -> Series:
 
 
 def _mean_overlap(state: State) -> float:
-    """Of all contacts [m]."""
+    """Mean overlap of all contacts [m]."""
     rows = touching(state)
     i, j, radius = state.contacts.i[rows], state.contacts.j[rows], state.grains.radius
     distance = np.linalg.norm(branch_vectors(state)[rows], axis=1)
     return float((radius[i] + radius[j] - distance).mean()) if len(rows) else 0.0
 
 
-OURS = Engine(_start, _leg, lambda place: place.state, lambda place: elastic_energy(place.state, place.law), (Gouge,))
+STICKSLIP = Engine(
+    _start, _run_leg, lambda place: place.state, lambda place: elastic_energy(place.state, place.law), (Gouge,)
+)

@@ -1,4 +1,4 @@
-"""What a gouge experiment leaves in its folder and on the terminal."""
+"""Output of gouge experiments: files in the run folder and the summary on the terminal."""
 
 from collections import Counter
 from functools import partial
@@ -12,7 +12,7 @@ from ...friction.laboratory import LabRecord, write_csv
 from ..run_folder import CURVES, SERIES
 from ..terminal import STYLE, console
 from . import measures as measured
-from .curves import after_longest, healed, predicted, same_velocity
+from .curves import healing_peaks, holds_with_common_velocity, predict_hold, reslides_after_longest
 from .dimensionless import inertial_numbers, normalised_hold, normalised_stiffness, stiffness
 from .sample import damping
 from .simulate import GougeResult
@@ -20,72 +20,72 @@ from .statistics import slope
 
 STEPS = "steps_{:04d}_{}.csv"  # realization, running number of its sequences of steps
 COLLAPSE = 5.0  # C of paper 003, Fig S2b
-LONG = 0.1  # share of a realization from which on one hold is told by itself
+LONG = 0.1  # share of a realization above which the cost of a single hold is announced
 
 
 def announce(*scenarios) -> None:
-    """Say how long it will take, before it starts."""
+    """Print the expected duration of runs before they start."""
     for scenario in scenarios:
         console.print(
             f"{scenario.realizations} realizations, each of about {scenario.steps:.2g} steps of {scenario.dt:g} s with "
-            f"{scenario.grains.number} grains, {scenario.words}.", soft_wrap=True,
+            f"{scenario.grains.number} grains, {scenario.expected_cost}.", soft_wrap=True,
         )  # fmt: skip
         if scenario.longest_hold > LONG * scenario.duration:
             console.print(
-                f"Of these, each hold of {scenario.longest_hold:g} s takes {scenario.longest_hold / scenario.dt:.2g} "
-                f"steps, {scenario.cost(scenario.longest_hold)}.", soft_wrap=True,
+                f"Each hold of {scenario.longest_hold:g} s takes {scenario.longest_hold / scenario.dt:.2g} of these "
+                f"steps, {scenario.estimate_cost(scenario.longest_hold)}.", soft_wrap=True,
             )  # fmt: skip
     console.print(
-        "Higher velocities, shorter holds and slips, or softer grains (law.young) with a longer dt make it shorter."
+        "To shorten runs, use higher velocities, shorter holds or slips, or softer grains (law.young) and a longer dt."
     )
 
 
 def figures(result: GougeResult):
-    """Yield (file name, Figure) of everything that the protocol has measured."""
+    """Yield (file name, Figure) for everything measured by the protocol."""
     yield "fig1_steady_sliding.png", figures_of.steady_sliding(result.realizations, result.scenario.grains.mean)
     yield from _step_figures(result)
     before = measured.holds(result)
     if before:
         curves = [measured.hold_curve(result, v) for v in before]
-        shown = [([c], predicted(result, v, c.x)) for v, c in zip(before, curves, strict=True)]
+        shown = [([c], predict_hold(result, v, c.x)) for v, c in zip(before, curves, strict=True)]
         yield "fig3_holds.png", figures_of.holds(shown)
-        yield "fig4_rest.png", _rest({f"$V_i$ = {v:g} m/s": (result, v) for v in before})
+        yield "fig4_rest.png", _rest_figure({f"$V_i$ = {v:g} m/s": (result, v) for v in before})
         yield from _reslide_figures(result, result)
     yield "fig7_sample.png", figures_of.sample(result.realizations[0], result.scenario)
 
 
 def files(result: GougeResult):
-    """Yield (file name, function that writes it): the series, and laboratory records of velocity steps."""
+    """Yield (file name, function that writes it) for the series and for laboratory records of velocity steps."""
     yield SERIES, partial(_write_series, result)
     yield from _step_files(result)
 
 
 def paper_files(found):
-    """Yield (file name, function that writes it) of the paper's experiments."""
+    """Yield (file name, function that writes it) for the paper's experiments."""
     yield SERIES, partial(_write_series, found.main)
     yield from _step_files(found.more.get("steps", found.main))
     yield CURVES, partial(_write_curves, found)
 
 
 def paper_failures(found) -> tuple[str, ...]:
-    """One sentence for each realization of any run that failed."""
+    """One sentence for each failed realization of any run."""
     return tuple(f"{name}: {words}" for name, result in found.results.items() for words in result.failures)
 
 
 def paper_figures(found):
-    """Yield (file name, Figure) of the paper's experiments: holds with every damping, and what else was run."""
+    """Yield (file name, Figure) for the paper's experiments: holds with every damping, and all other runs."""
     main, before = found.main, measured.holds(found.main)[-1]
     yield "fig1_steady_sliding.png", figures_of.steady_sliding(main.realizations, main.scenario.grains.mean)
     if "steps" in found.more:
         yield from _step_figures(found.more["steps"])
-    curves = [measured.hold_curve(r, before)._replace(label=_damped(r, name)) for name, r in found.holds.items()]
-    yield "fig3_holds.png", figures_of.holds([(curves, predicted(main, before, curves[0].x))])
-    yield "fig4_rest.png", _rest({_damped(r, name): (r, before) for name, r in found.holds.items()})
+    curves = [measured.hold_curve(r, before)._replace(label=_damping_label(r, name)) for name, r in found.holds.items()]
+    yield "fig3_holds.png", figures_of.holds([(curves, predict_hold(main, before, curves[0].x))])
+    yield "fig4_rest.png", _rest_figure({_damping_label(r, name): (r, before) for name, r in found.holds.items()})
     yield from _reslide_figures(found.more.get("reslides", main), main)
     yield "fig7_sample.png", figures_of.sample(main.realizations[0], main.scenario)
 
 
-def _damped(result: GougeResult, name: str) -> str:
+def _damping_label(result: GougeResult, name: str) -> str:
     return f"{name}: $\\gamma_n$ = {damping(result.scenario):.1e}"
 
 
@@ -98,43 +98,46 @@ def _step_figures(result: GougeResult):
         yield "fig2_velocity_steps.png", figures_of.velocity_steps(curves, twins=twins)
 
 
-def _rest(runs: dict):
+def _rest_figure(runs: dict):
     ratios = [measured.energy_ratio(*run)._replace(label=label) for label, run in runs.items()]
     creep = [measured.creep_velocity(*run) for run in runs.values()]
     return figures_of.rest(ratios, creep, measured.sliding_energy_ratio(*next(iter(runs.values()))).value)
 
 
 def _reslide_figures(result: GougeResult, healing: GougeResult):
-    """Slides at several velocities after a hold, and at one velocity after several holds."""
+    """Yield figures of slides at several velocities after one hold, and at one velocity after several holds."""
     before = {v for v, _, _ in measured.reslides(result)}
     if before:
-        yield "fig5_reslides.png", _reslides(result, max(before, key=lambda v: len(after_longest(result, v)[0])))
+        yield (
+            "fig5_reslides.png",
+            _reslide_figure(result, max(before, key=lambda v: len(reslides_after_longest(result, v)[0]))),
+        )
     before = {v for v, _, _ in measured.reslides(healing)}
-    most = max(before, key=lambda v: len(same_velocity(healing, v)[0]), default=None)
-    if most and len(same_velocity(healing, most)[0]) > 1:
-        yield "fig6_healing.png", _healing(healing, most)
+    most = max(before, key=lambda v: len(holds_with_common_velocity(healing, v)[0]), default=None)
+    if most and len(holds_with_common_velocity(healing, most)[0]) > 1:
+        yield "fig6_healing.png", _healing_figure(healing, most)
 
 
-def _reslides(result: GougeResult, before: float):
-    curves, after, peaks, _ = after_longest(result, before)
+def _reslide_figure(result: GougeResult, before: float):
+    curves, after, peaks, _ = reslides_after_longest(result, before)
     ratios = after / before
     fitted = slope(np.log(ratios), peaks) if len(ratios) > 1 else None
     return figures_of.reslides(curves, ratios, peaks, fitted, COLLAPSE)
 
 
-def _healing(result: GougeResult, before: float):
+def _healing_figure(result: GougeResult, before: float):
     curve = measured.hold_curve(result, before, "thickness")
     thinner = curve._replace(rows=curve.rows / result.scenario.grains.mean)
-    return figures_of.healing(*healed(result, before), result.scenario.scales.b, thinner)
+    return figures_of.healing(*healing_peaks(result, before), result.scenario.scales.b, thinner)
 
 
 def numbers(result: GougeResult) -> dict:
-    """What the archive holds besides scenario and version."""
+    """Return the contents of the archive other than scenario and version."""
     scenario, first = result.scenario, result.realizations[0]
     thickness = first.range.thickness * scenario.grains.mean
     return {
         "scenario": scenario.text,
-        "units": "SI; names of groups are velocities before, and hold times",
+        "units": "SI; names of groups are velocities before holds, and hold times",
         "stiffness": normalised_stiffness(scenario),
         "hold": {
             f"{hold:g} after {before:g}": normalised_hold(scenario, hold, before)
@@ -150,7 +153,7 @@ def numbers(result: GougeResult) -> dict:
 
 
 def _write_series(result: GougeResult, path: Path) -> None:
-    """One row a sample: realization, test, its kind and velocities, and the columns of `Series` without the fabric."""
+    """Write one row per sample: realization, test, its kind and velocities, and all columns of `Series` but fabric."""
     names = [name for name in result.realizations[0].tests[0].series._fields if name != "fabric"]
     units = {
         "time": "s", "load_point": "m", "slip": "m", "velocity": "m/s", "thickness": "m", "kinetic_energy": "J",
@@ -170,37 +173,37 @@ def _write_series(result: GougeResult, path: Path) -> None:
 
 
 def _write_curves(found, path: Path) -> None:
-    """Mean curves of a reproduction, one row a point, with standard error and standard deviation over branches."""
+    """Write mean curves of a reproduction, one row per point, with standard error and deviation over branches."""
     lines = ["run,kind,before [m/s],hold [s],after [m/s],x,unit of x,mean,error,deviation"]
     for run, result in found.results.items():
-        for kind, where, unit, curve in _curves(result):
+        for kind, where, unit, curve in _mean_curves(result):
             head = f"{run.replace(',', ';')},{kind}," + ",".join("" if w is None else f"{w:g}" for w in where)
             rows = zip(curve.x, curve.mean, curve.error, curve.band / 2, strict=True)
             lines += [f"{head},{x:.5g},{unit},{mean:.5g},{error:.3g},{band:.3g}" for x, mean, error, band in rows]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def _curves(result: GougeResult):
-    """Yield (kind, (before, hold, after), unit of x, curve) of everything that a result has means of."""
+def _mean_curves(result: GougeResult):
+    """Yield (kind, (before, hold, after), unit of x, curve) for every mean curve of a result."""
     for v in measured.holds(result):
         for column in ("friction", "thickness"):
             yield f"{column} in a hold", (v, None, None), "s", measured.hold_curve(result, v, column)
         yield "kinetic over elastic energy in a hold", (v, None, None), "s", measured.energy_ratio(result, v)
         yield "velocity of the plate in a hold", (v, None, None), "s", measured.creep_velocity(result, v)
     for v, hold, w in measured.reslides(result):
-        yield "friction after a hold", (v, hold, w), "D", _few(measured.reslide_curve(result, v, hold, w))
+        yield "friction after a hold", (v, hold, w), "D", _thin_out(measured.reslide_curve(result, v, hold, w))
     for v, w in measured.steps(result):
-        yield "friction after a step", (v, None, w), "D", _few(measured.step_curve(result, v, w, twin=False))
+        yield "friction after a step", (v, None, w), "D", _thin_out(measured.step_curve(result, v, w, twin=False))
 
 
-def _few(curve: measured.Curve) -> measured.Curve:
-    """About two hundred points of a smoothed curve."""
+def _thin_out(curve: measured.Curve) -> measured.Curve:
+    """Smooth a curve and keep about two hundred points."""
     soft, every = measured.smoothed(curve), max(1, len(curve.x) // measured.POINTS)
     return soft._replace(x=soft.x[::every], rows=soft.rows[:, ::every])
 
 
 def _step_files(result: GougeResult):
-    """Yield the velocity steps of every realization as a laboratory's record, which `stickslip fit` reads."""
+    """Yield the velocity steps of every realization as laboratory records, which `stickslip fit` reads."""
     k = stiffness(result.scenario) / result.scenario.load.normal_stress
     count = Counter()
     for seed, _, _, data in measured.step_records(result):
@@ -217,9 +220,9 @@ def _step_files(result: GougeResult):
 
 
 def show(result: GougeResult) -> None:
-    """Steady friction, holds and warnings on the terminal."""
+    """Print steady friction, holds and warnings on the terminal."""
     scenario, first = result.scenario, result.realizations[0]
-    console.print(f"{len(result.realizations)} realizations; ± is half a 95 % interval.")
+    console.print(f"{len(result.realizations)} realizations; ± is the half width of a 95 % interval.")
     table = Table(**STYLE)
     for name in ("velocity [m/s]", "steady friction", "±"):
         table.add_column(name, justify="right", no_wrap=True)
@@ -234,7 +237,7 @@ def show(result: GougeResult) -> None:
         f"Stiffness: k = {k['per_area']:.3g} Pa/m, k/σ = {k['per_stress']:.4g} 1/m, k D/σ = {k['grain']:.3g}, "
         f"k dc/(b σ) = {k['rate_state']:.4g}. Inertial number at the largest velocity: "
         f"{first.range.inertial_number:.1e}. Layer: {first.range.thickness:.1f} D. dt: {first.range.time_step:.2f} of "
-        f"the largest stable one."
+        f"the largest stable time step."
     )
     for words in dict.fromkeys(words for one in result.realizations for words in one.range.warnings):
         console.print(f"warning: {words}", style="yellow")
@@ -259,7 +262,7 @@ def _show_holds(result: GougeResult) -> None:
 
 
 def measures(result: GougeResult) -> dict[str, tuple[float, str]]:
-    """{name: (value, unit)} of a run, for sweeps; velocities [m/s] and holds [s] are in the names."""
+    """Return the measures of a run for sweeps as {name: (value, unit)}; names contain velocities [m/s], holds [s]."""
     k = normalised_stiffness(result.scenario)
     out = {
         "thickness": (result.realizations[0].range.thickness * result.scenario.grains.mean, "m"),

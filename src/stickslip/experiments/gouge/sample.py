@@ -1,8 +1,8 @@
-"""A gouge sample from nothing: poured, pressed between flat walls, glued into rough plates, pressed with friction.
+"""Preparation of a gouge sample: pour, press between flat walls, glue grains into rough plates, press with friction.
 
-x is the direction of shear, y that of the normal stress, z across. The lowest and the highest grains of the pressed
-sample are the plates: rigid bodies that do not rotate. The lower one is frozen; the upper one is pressed along y, held
-along z, and held, driven or pulled by a spring along x.
+x is the direction of shear, y that of the normal stress, z the transverse one. The lowest and the highest grains of the
+pressed sample form the plates, which are rigid bodies that do not rotate. The lower plate is fixed. The upper plate is
+pressed along y, fixed along z, and fixed, driven or pulled by a spring along x.
 """
 
 from collections.abc import Callable
@@ -23,34 +23,34 @@ from ...data.schema import ScenarioError
 from ...solve.collision import eq8_damping, with_restitution
 from .scenario import GougeScenario
 
-ROOM = 1.05  # of the lattice on which grains are poured, in largest diameters
-CHUNK = 500  # steps between looks at a sample that settles
-SWING = 1e-3  # largest kinetic over elastic energy at rest
+SPACING = 1.05  # spacing of the lattice on which grains are placed, in largest diameters
+CHUNK = 500  # steps between checks of a settling sample
+MAX_KINETIC_RATIO = 1e-3  # largest ratio of kinetic to elastic energy at rest
 BOTTOM, TOP = 0, 1  # numbers of the rigid groups
 
 
 class Gouge(NamedTuple):
-    """A gouge sample."""
+    """Gouge sample."""
 
     state: State  # rigid groups BOTTOM and TOP, the latter pressed along y
     law: Law
-    area: float  # of a plate [m²]
+    area: float  # area of a plate [m²]
     normal_stress: float  # [Pa]
-    diameter: float  # mean of the distribution, D [m]
+    diameter: float  # mean of the diameter distribution, D [m]
 
     @property
     def top(self) -> np.ndarray:
-        """Numbers of the grains of the upper plate."""
+        """Indices of the grains of the upper plate."""
         return np.flatnonzero(self.state.control.group == TOP)
 
     @property
     def loose(self) -> np.ndarray:
-        """Numbers of the mobile grains."""
+        """Indices of the mobile grains."""
         return np.flatnonzero(self.state.control.group[: len(self.state.grains.radius)] < 0)
 
     @property
     def thickness(self) -> float:
-        """Height between the mean heights of the plates' grains [m]."""
+        """Distance between the mean heights of the two plates' grains [m]."""
         y, group = self.state.grains.position[:, 1], self.state.control.group
         return float(y[group == TOP].mean() - y[group == BOTTOM].mean())
 
@@ -59,7 +59,7 @@ Report = Callable[[str, float, str], None]
 
 
 def gouge_law(scenario: GougeScenario, mu: float) -> Law:
-    """The contact law of a scenario with friction `mu`."""
+    """Return the contact law of a scenario with friction `mu`."""
     chosen = scenario.law
     kn, kt = elastic_constants(chosen.young, chosen.poisson)
     gamma = damping(scenario)
@@ -70,7 +70,7 @@ def gouge_law(scenario: GougeScenario, mu: float) -> Law:
 
 
 def damping(scenario: GougeScenario) -> float:
-    """γ_n of a scenario, given or by its restitution [1/(m s)]."""
+    """γ_n of a scenario, as given or from its restitution [1/(m s)]."""
     chosen = scenario.law
     if chosen.gamma_n is not None:
         return chosen.gamma_n
@@ -85,35 +85,36 @@ def damping(scenario: GougeScenario) -> float:
     )  # fmt: skip
 
 
-def settled(scenario: GougeScenario, seed: int, *, report: Report = lambda stage, share, words: None) -> Gouge:
-    """A sample at rest under its normal stress, with friction and not sheared yet.
+def prepare_sample(scenario: GougeScenario, seed: int, *, report: Report = lambda stage, share, words: None) -> Gouge:
+    """Prepare a sample with friction, at rest under its normal stress and not yet sheared.
 
     Raises
     ------
     ScenarioError
-        with one sentence, if dt is too long for the contacts under this stress.
+        If dt is too long for the contacts under this stress.
     RuntimeError
-        with one sentence, if the sample does not come to rest in the longest time that the scenario allows.
+        If the sample does not come to rest within the time that the scenario allows.
     """
     rng = np.random.default_rng(seed)
     smooth = gouge_law(scenario, 0.0)
-    state = _poured(scenario, rng)
-    state = _approached(scenario, state, smooth, report)
-    state = _at_rest(scenario, state, smooth, "pressed", report)
-    state = _glued(scenario, state)
+    state = _pour(scenario, rng)
+    state = _approach(scenario, state, smooth, report)
+    state = _settle(scenario, state, smooth, "pressed", report)
+    state = _glue_plates(scenario, state)
     law = gouge_law(scenario, scenario.law.mu)
-    state = _at_rest(scenario, state, law, "glued", report)
+    state = _settle(scenario, state, law, "glued", report)
     grains = state.grains._replace(velocity=0 * state.grains.velocity, spin=0 * state.grains.spin)
     return Gouge(state._replace(grains=grains), law, scenario.area, scenario.load.normal_stress, scenario.grains.mean)
 
 
-def sprung(gouge: Gouge, stiffness: float, times, displacement) -> Gouge:
-    """The sample with its upper plate on a spring along x whose load point follows a course from where it is.
+def attach_spring(gouge: Gouge, stiffness: float, times, displacement) -> Gouge:
+    """Attach a spring along x to the upper plate, or change the motion of the load point of the attached spring.
 
     Parameters
     ----------
     stiffness : k A [N/m]
-    times, displacement : (K,) of the load point from where the spring was attached; see `spring_loaded` [s], [m]
+    times, displacement : (K,) motion of the load point relative to where the spring was attached; see `spring_loaded`
+        [s], [m]
     """
     state, top = gouge.state, gouge.top
     attached = state.control.spring[top, 0].any()
@@ -122,12 +123,12 @@ def sprung(gouge: Gouge, stiffness: float, times, displacement) -> Gouge:
     return gouge._replace(state=state._replace(control=control))
 
 
-def _poured(scenario: GougeScenario, rng) -> State:
-    """Grains of all sizes on a loose lattice above a flat wall, below another that comes down."""
+def _pour(scenario: GougeScenario, rng) -> State:
+    """Place grains of all sizes on a loose lattice between a flat wall and another one that moves down."""
     cell, chosen = scenario.cell, scenario.grains
     number = chosen.number + 2 * scenario.plate_grains
     radius = rng.uniform(*chosen.diameter, number) / 2
-    wide = ROOM * chosen.diameter[1]
+    wide = SPACING * chosen.diameter[1]
     across = [max(1, int(length / wide)) for length in (cell.length, cell.width)]
     steps = cell.length / across[0], cell.width / across[1]
     site = np.arange(number)
@@ -145,61 +146,61 @@ def _poured(scenario: GougeScenario, rng) -> State:
 
 
 def _drag(scenario: GougeScenario) -> float:
-    """Of translations and rotations while settling [1/s]."""
+    """Drag on translations and rotations while settling [1/s]."""
     d = scenario.grains.mean
     mass = scenario.grains.density * np.pi / 6 * d**3
     return scenario.preparation.drag * float(np.sqrt(scenario.load.normal_stress * d / mass))
 
 
-def _approached(scenario: GougeScenario, state: State, law: Law, report: Report) -> State:
-    """The upper wall comes down until it bears the normal stress; it is then pressed by that stress."""
+def _approach(scenario: GougeScenario, state: State, law: Law, report: Report) -> State:
+    """Move the upper wall down until it bears the normal stress, then apply that stress to it."""
     n, wanted = len(state.grains.radius), scenario.load.normal_stress
     start, least = float(state.walls.point[1, 1]), np.pi / 6 * (state.grains.radius**3 * 8).sum() / scenario.area
     while True:
-        state = _advanced(scenario, state, law, _drag(scenario))
+        state = _advance(scenario, state, law, _drag(scenario))
         found, _ = forces(state, law, memory=FROZEN)
         height, stress = float(state.walls.point[1, 1]), float(found.force[n + 1, 1]) / scenario.area
         report("pour and press", min(1.0, (start - height) / (start - 1.5 * least)), f"stress {stress:.2e} Pa")
         if stress >= wanted:
             break
         if height < least:
-            raise RuntimeError("the wall came down through the grains: use a shorter dt or a lower approach")
+            raise RuntimeError("the wall moved through the grains: use a shorter dt or a lower preparation.approach")
     control = force_controlled(state.control, [n + 1], [0, -wanted * scenario.area])
     return state._replace(control=control)
 
 
-def _advanced(scenario: GougeScenario, state: State, law: Law, drag: float, steps: int = CHUNK) -> State:
-    state = state._replace(instant=None)  # so that a seed's sample stays the one whose numbers are known
+def _advance(scenario: GougeScenario, state: State, law: Law, drag: float, steps: int = CHUNK) -> State:
+    state = state._replace(instant=None)  # keeps the sample of each seed the same as in earlier results
     try:
         state, _, outcome = run(state, law, steps, scenario.dt, drag=drag, threads=1)
     except ValueError as problem:
         longest = stable_time_step(state, law)
         raise ScenarioError(
-            f"dt = {scenario.dt:g} was given, but contacts under this stress are stable up to {longest:.3g} only: "
-            f"give a dt of about {0.1 * longest:.1g}"
+            f"dt = {scenario.dt:g} was given, but contacts under this stress are stable only up to {longest:.3g}: "
+            f"use a dt of about {0.1 * longest:.1g}"
         ) from problem
     if not outcome.ok:
-        raise RuntimeError(f"the sample ended at time {state.time:.4g}: {outcome}")
+        raise RuntimeError(f"the run stopped at time {state.time:.4g}: {outcome}")
     return state
 
 
-def _at_rest(scenario: GougeScenario, state: State, law: Law, stage: str, report: Report) -> State:
-    """The state once its mean unbalanced force and its kinetic energy are small."""
+def _settle(scenario: GougeScenario, state: State, law: Law, stage: str, report: Report) -> State:
+    """Run until the mean unbalanced force and the kinetic energy are small."""
     chosen = scenario.preparation
     for k in range(max(1, round(chosen.most / CHUNK))):
-        state = _advanced(scenario, state, law, _drag(scenario))
-        unrest, swing = _unrest(state, law)
+        state = _advance(scenario, state, law, _drag(scenario))
+        unrest, swing = _unbalance(state, law)
         report(stage, min(1.0, (k + 1) * CHUNK / chosen.most), f"unbalanced {unrest:.1e}, kinetic/elastic {swing:.1e}")
-        if unrest < chosen.unbalanced and swing < SWING:
+        if unrest < chosen.unbalanced and swing < MAX_KINETIC_RATIO:
             return state
     raise RuntimeError(
         f"the sample did not settle in {chosen.most:g} steps (unbalanced force {unrest:.1e} of the contact force, "
-        f"{chosen.unbalanced:g} wanted): raise preparation.most or preparation.drag"
+        f"target {chosen.unbalanced:g}): raise preparation.most or preparation.drag"
     )
 
 
-def _unrest(state: State, law: Law) -> tuple[float, float]:
-    """Mean unbalanced force of free bodies over mean contact force, and kinetic over elastic energy."""
+def _unbalance(state: State, law: Law) -> tuple[float, float]:
+    """Return the mean unbalanced force of free bodies over the mean contact force, and kinetic over elastic energy."""
     found, _ = forces(state, law, memory=FROZEN)
     free = state.control.group[: len(state.grains.radius)] < 0
     pull = np.linalg.norm(unbalanced_forces(state, found)[: len(free)][free, :3], axis=1).mean()
@@ -212,15 +213,15 @@ def _unrest(state: State, law: Law) -> tuple[float, float]:
     return float(pull / held), float(energy / elastic_energy(state, law))
 
 
-def _glued(scenario: GougeScenario, state: State) -> State:
-    """Plates of the lowest and highest grains in place of the walls, and no memory: nothing has slipped yet.
+def _glue_plates(scenario: GougeScenario, state: State) -> State:
+    """Replace the walls by plates of the lowest and highest grains; contacts have no memory, as nothing has slipped.
 
-    Glued grains lose what they overlap, so that they do not touch each other.
+    Glued grains shrink until they no longer overlap, so that they do not touch each other.
     """
     number, n = scenario.plate_grains, len(state.grains.radius)
     order = np.argsort(state.grains.position[:, 1], kind="stable")
     plates = order[:number], order[-number:]
-    grains = _apart(state, np.concatenate(plates))
+    grains = _shrink_apart(state, np.concatenate(plates))
     for members in plates:
         share = scenario.cell.plate_mass * grains.mass[members].sum() / number
         grains.mass[members] = share
@@ -236,8 +237,8 @@ def _glued(scenario: GougeScenario, state: State) -> State:
     return assembly(grains, cell=cell, control=control)._replace(time=bare.time)
 
 
-def _apart(state: State, members: np.ndarray) -> Grains:
-    """Grains of which the members have shrunk until none of them touches another."""
+def _shrink_apart(state: State, members: np.ndarray) -> Grains:
+    """Shrink the members among the grains until none of them touches another."""
     grains, size = state.grains, np.diag(state.cell.vectors)
     x, radius = grains.position[members], grains.radius.copy()
     r = x[:, None] - x[None]

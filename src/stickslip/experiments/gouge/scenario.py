@@ -1,7 +1,7 @@
-"""A scenario of fault gouge: polydisperse spheres between two rough plates, sheared through a spring. SI units.
+"""Scenario of fault gouge: polydisperse spheres between two rough plates, sheared through a spring, in SI units.
 
-x is the direction of shear, y that of the normal stress, z across; the cell is periodic along x and z. What paper 003
-states is marked so; the rest was chosen, and each choice is an entry of its own.
+x is the direction of shear, y that of the normal stress, z the transverse one; the cell is periodic along x and z.
+Values stated in paper 003 are marked as such. All others are choices, each with a key of its own.
 """
 
 from itertools import pairwise
@@ -15,24 +15,27 @@ from ...data.schema import Listed, NotNegative, Part, Positive, Seed, Sized, Who
 Share = Annotated[float, Field(gt=0, lt=1)]
 Number = Annotated[int, Field(ge=1)]
 Many = Annotated[tuple[Positive, ...], Listed, Field(min_length=1)]
-MOST = 200_000  # grains between plates, and in one of them
-LEAST = 8  # samples of a leg, from which a mean with an error can be taken
-FASTEST = 1e7  # grain-steps a second and process, for the estimate before the start
+MOST = 200_000  # maximum number of grains between plates, and in one of them
+LEAST = 8  # minimum number of samples of a leg, from which a mean with an error can be computed
+FASTEST = 1e7  # grain-steps per second and process, for the estimate before the start
 
 
 class GougeGrains(Part):
-    """Spheres, with diameters that are uniformly distributed between two sizes."""
+    """Spheres with diameters distributed uniformly between two sizes."""
 
-    number: Annotated[int, Field(ge=20, le=MOST)] = Field(500, description="of mobile grains, about")
-    diameter: Annotated[tuple[Positive, Positive], Listed] = Field((2e-3, 4e-3), description="smallest, largest [m]")
-    density: Positive = Field(2500.0, description="paper 003, Table S1 [kg/m³]")
+    number: Annotated[int, Field(ge=20, le=MOST)] = Field(500, description="approximate number of mobile grains")
+    diameter: Annotated[tuple[Positive, Positive], Listed] = Field(
+        (2e-3, 4e-3), description="smallest and largest diameter [m]"
+    )
+    density: Positive = Field(2500.0, description="density of the grains; paper 003, Table S1 [kg/m³]")
 
     @model_validator(mode="after")
-    def _in_order(self):
+    def _check_diameter(self):
         low, high = self.diameter
         if not low <= high <= 5 * low:
             raise ValueError(
-                f"grains.diameter = [{low:g}, {high:g}] was given: smallest first, largest at most five times it"
+                f"grains.diameter = [{low:g}, {high:g}] was given: put the smallest first and make the largest at most "
+                f"five times as large"
             )
         return self
 
@@ -45,36 +48,41 @@ class GougeGrains(Part):
 class GougeLaw(Part):
     """Hertz–Mindlin with √(δ R_eff) and sharp Coulomb friction, Eqs 1–2 of paper 003's supplement.
 
-    The normal dashpot is given either as `gamma_n`, or by a `restitution` together with the `reading` that turns it
-    into γ_n and the `size` and `speed` of the collision. The two readings differ by a factor of thousands.
+    The normal dashpot is given either by `gamma_n`, or by a `restitution` together with the `reading` that converts it
+    to γ_n and the `size` and `speed` of the collision. The two readings differ by a factor of thousands.
     """
 
-    young: Positive = Field(50e9, description="paper 003 [Pa]")
-    poisson: Annotated[float, Field(gt=-1, le=0.5)] = Field(0.3, description="paper 003")
-    mu: NotNegative = Field(0.5, description="friction between grains, paper 003")
+    young: Positive = Field(50e9, description="Young's modulus; paper 003 [Pa]")
+    poisson: Annotated[float, Field(gt=-1, le=0.5)] = Field(0.3, description="Poisson's ratio; paper 003")
+    mu: NotNegative = Field(0.5, description="friction coefficient between grains; paper 003")
     gamma_n: NotNegative | None = Field(
-        None, description="γ_n of the normal dashpot √(δ R_eff) m_eff γ_n v_n, in place of a restitution [1/(m s)]"
+        None, description="γ_n of the normal dashpot √(δ R_eff) m_eff γ_n v_n, instead of a restitution [1/(m s)]"
     )
     restitution: Annotated[float, Field(gt=0, le=1)] | None = Field(
-        None, description="of two equal grains of diameter `size` that meet at `speed`, in place of `gamma_n`"
+        None,
+        description=(
+            "coefficient of restitution of two equal grains of diameter `size` that meet at `speed`, instead of "
+            "`gamma_n`"
+        ),
     )
     reading: Literal["eq8", "collision"] | None = Field(
         None,
         description=(
-            "how γ_n follows from the restitution: eq8, by Eq 8 of paper 003's supplement as it is printed; collision, "
-            "so that a collision under this law has it"
+            "conversion of the restitution to γ_n: eq8, by Eq 8 of paper 003's supplement as printed; collision, such "
+            "that a collision under this law has the given restitution"
         ),
     )
     size: Positive | None = Field(None, description="diameter of the two grains [m]")
-    speed: Positive | None = Field(None, description="of the collision [m/s]")
-    damping_ratio: NotNegative = Field(0.5, description="γ_t/γ_n, paper 003")
-    tension: bool = Field(True, description="whether a dashpot may make a contact pull, as in Eq 1 of paper 003")
+    speed: Positive | None = Field(None, description="speed of the collision [m/s]")
+    damping_ratio: NotNegative = Field(0.5, description="γ_t/γ_n; paper 003")
+    tension: bool = Field(True, description="whether dashpots may make a contact attractive, as in Eq 1 of paper 003")
     rescaled: bool = Field(
-        False, description="whether the slip shrinks with the contact radius on unloading, as LAMMPS `mindlin_rescale`"
+        False,
+        description="whether the slip shrinks with the contact radius on unloading, as in LAMMPS `mindlin_rescale`",
     )
 
     @model_validator(mode="after")
-    def _damped_one_way(self):
+    def _check_damping(self):
         of_collision = {"reading": self.reading, "size": self.size, "speed": self.speed}
         given = [name for name, value in of_collision.items() if value is not None]
         if self.gamma_n is not None and self.restitution is not None:
@@ -90,12 +98,12 @@ class GougeLaw(Part):
             lacking = next(name for name, value in of_collision.items() if value is None)
             raise ValueError(
                 f"law.restitution was given without law.{lacking}: give reading ('eq8' or 'collision'), size and "
-                f"speed of the collision, or gamma_n in its place"
+                f"speed of the collision, or gamma_n instead"
             )
         return self
 
     @model_validator(mode="after")
-    def _solvable(self):
+    def _check_eq8(self):
         if self.reading != "eq8" or self.restitution == 1:
             return self
         if abs(3 * self.damping_ratio - 1) < 1e-9:
@@ -112,34 +120,34 @@ class GougeLaw(Part):
 
 
 class GougeCell(Part):
-    """Periodic along x and z; as high as the grains need."""
+    """Cell that is periodic along x and z, and as high as the grains require."""
 
-    length: Positive = Field(0.03, description="along x [m]; paper 003: 20 D, reduced scale: 10 D")
-    width: Positive = Field(0.018, description="along z [m]")
+    length: Positive = Field(0.03, description="length along x; paper 003: 20 D, reduced scale: 10 D [m]")
+    width: Positive = Field(0.018, description="width along z [m]")
     coverage: Share = Field(
-        0.8, description="area of glued grains over that of the plate; 0.8 is about the layer next to a flat wall"
+        0.8, description="area of the glued grains over that of the plate; about 0.8 in the layer next to a flat wall"
     )
     plate_mass: Annotated[float, Field(ge=1, le=1e4)] = Field(
-        1.0, description="of the upper plate over that of its grains; not given by paper 003"
+        1.0, description="mass of the upper plate over that of its grains; not stated in paper 003"
     )
 
 
 class GougeLoad(Part):
     """Normal stress on the upper plate, and the spring that pulls it along x."""
 
-    normal_stress: Positive = Field(5e6, description="σ, paper 003 [Pa]")
-    stiffness: Positive = Field(4.3, description="of the spring, in terms of `definition`")
+    normal_stress: Positive = Field(5e6, description="normal stress σ; paper 003 [Pa]")
+    stiffness: Positive = Field(4.3, description="stiffness of the spring, in terms of `definition`")
     definition: Literal["per_area", "per_stress", "grain", "rate_state"] = Field(
         "grain",
         description=(
-            "what `stiffness` is: per_area, k [Pa/m]; per_stress, k/σ [1/m]; grain, k D/σ; rate_state, k dc/(b σ). "
-            "Paper 003 quotes 425 without a definition: read as rate_state with its b and dc it is 4.3 in grain"
+            "meaning of `stiffness`: per_area, k [Pa/m]; per_stress, k/σ [1/m]; grain, k D/σ; rate_state, k dc/(b σ). "
+            "Paper 003 quotes 425 without a definition; if that is rate_state with its b and dc, grain is 4.3"
         ),
     )
 
 
 class RateState(Part):
-    """Rate-and-state numbers by which stiffness and hold times are normalised; those of paper 003."""
+    """Rate-and-state parameters for normalising stiffness and hold times; defaults are those of paper 003."""
 
     a: Positive = Field(0.0247, description="direct effect")
     b: Positive = Field(0.0178, description="evolution effect")
@@ -147,31 +155,40 @@ class RateState(Part):
 
 
 class Preparation(Part):
-    """From nothing to a sample that slides steadily; every stage ends when its criterion holds, or fails at `most`."""
+    """Preparation of a steadily sliding sample; each stage ends when its criterion is met, or fails after `most`."""
 
     approach: Positive = Field(5.0, description="velocity of the upper wall until it bears the normal stress [m/s]")
     drag: NotNegative = Field(
-        1.0, description="while settling, of grains and plate, in units of 1/√(m/(P D)) of a mean grain; then none"
+        1.0, description="drag on grains and plate while settling, in units of 1/√(m/(P D)) of a mean grain; none later"
     )
-    unbalanced: Positive = Field(1e-2, description="settled: mean unbalanced force over mean contact force")
-    most: Positive = Field(1e5, description="longest time to settle, in steps")
-    velocity: Positive = Field(0.3, description="of the load point while the sample is brought to steady sliding [m/s]")
-    slip: Positive = Field(8.0, description="least slip before steadiness is looked for [D]; shorter is on the peak")
+    unbalanced: Positive = Field(
+        1e-2, description="mean unbalanced force over mean contact force below which the sample is settled"
+    )
+    most: Positive = Field(1e5, description="maximum number of steps for settling")
+    velocity: Positive = Field(0.3, description="velocity of the load point until sliding is steady [m/s]")
+    slip: Positive = Field(
+        8.0, description="minimum slip before steadiness is checked; after less slip, friction is at its peak [D]"
+    )
     window: Positive = Field(2.0, description="slip over which friction is averaged [D]")
     change: Positive = Field(
-        0.02, description="steady: two windows in a row differ by at most this in friction, or by their standard error"
+        0.02,
+        description=(
+            "sliding is steady if friction in two successive windows differs by at most this, or by the standard error"
+        ),
     )
-    longest: Positive = Field(40.0, description="slip after which the sample is given up as unsteady [D]")
+    longest: Positive = Field(40.0, description="slip after which the preparation fails if sliding is not steady [D]")
 
 
 class Slide(Part):
-    """The load point moves at a velocity, 0 for a hold, until a slip, a time, or steadiness."""
+    """Slide of the load point at one velocity, 0 for a hold, until a slip or a time is reached or sliding is steady."""
 
     kind: Literal["slide"] = "slide"
-    velocity: NotNegative = Field(description="of the load point; 0 is a hold [m/s]")
-    slip: Positive | None = Field(None, description="of the load point [D]")
-    time: Positive | None = Field(None, description="in place of slip [s]")
-    steady: bool = Field(False, description="until steady as in the preparation; `slip` is then the longest")
+    velocity: NotNegative = Field(description="velocity of the load point; 0 is a hold [m/s]")
+    slip: Positive | None = Field(None, description="slip of the load point [D]")
+    time: Positive | None = Field(None, description="duration, instead of a slip [s]")
+    steady: bool = Field(
+        False, description="whether to slide until steady as in the preparation; `slip` is then the maximum"
+    )
 
     branches: ClassVar[int] = 0
 
@@ -181,51 +198,51 @@ class Slide(Part):
         return (self.velocity,)
 
     def trunk(self, velocity: float, size: float) -> list[float]:
-        """Seconds of each leg of the trunk; `size` is D [m]."""
+        """Duration of each leg of the trunk [s]; `size` is D [m]."""
         return [self.time if self.time is not None else self.slip * size / velocity]
 
     def branch(self, velocity: float, size: float) -> list[float]:
-        """No tests branch off."""
+        """Return an empty list, as no tests branch off."""
         return []
 
     @model_validator(mode="after")
-    def _ends(self):
+    def _check_end(self):
         ends = (self.slip is not None) + (self.time is not None)
         if ends != 1:
-            raise ValueError("a slide ends by slip or by time: give one of them, and with steady = true give slip")
+            raise ValueError("a slide ends after a slip or a time: give one of them, and slip if steady = true")
         if self.velocity == 0 and self.time is None:
             raise ValueError("a slide at velocity = 0 never reaches a slip: give its time")
         if self.steady and self.slip is None:
-            raise ValueError("a slide with steady = true needs slip, the longest that it may take")
+            raise ValueError("a slide with steady = true needs a maximum slip: give slip")
         return self
 
 
 class Branching(Part):
-    """Tests that start from states along one steady slide, each from a copy of its state."""
+    """Tests that start from copies of the states along one steady slide."""
 
-    branches: Number = Field(1, description="states from which the test is made, each in a process of its own")
+    branches: Number = Field(1, description="number of states from which the test starts, each in its own process")
     spacing: Annotated[float, Field(ge=0.1), Sized] = Field(
-        0.7, description="slip between these states [D]; friction is correlated over 0.1 to 0.35 D"
+        0.7, description="slip between these states; friction is correlated over 0.1 to 0.35 D [D]"
     )
     twin: NotNegative = Field(
         0.0,
         description=(
-            "slip for which a copy goes on as before: what a test and its copy differ by is free of the fluctuations "
-            "that they share [D]"
+            "slip for which a copy continues as before; the difference between a test and its copy is free of the "
+            "fluctuations that they share [D]"
         ),
     )
 
     def trunk(self, velocity: float, size: float) -> list[float]:
-        """Seconds of the slides of the trunk to each of the states; `size` is D [m]."""
+        """Duration of each slide of the trunk that leads to one of the states [s]; `size` is D [m]."""
         return [slip * size / velocity for slip in (self.first, *[self.spacing] * (self.branches - 1))]
 
 
 class VelocitySteps(Branching):
-    """One velocity after the other, each for the same slip; the slide at the first one has the states."""
+    """Sequence of velocities, each for the same slip; tests branch off from the slide at the first one."""
 
     kind: Literal["velocity-steps"] = "velocity-steps"
-    velocities: Many = Field(description="of the load point, one after the other [m/s]")
-    slip: Positive = Field(description="of the load point at each velocity [D]")
+    velocities: Many = Field(description="velocities of the load point, one after the other [m/s]")
+    slip: Positive = Field(description="slip of the load point at each velocity [D]")
 
     @property
     def starts(self) -> tuple[float, ...]:
@@ -244,16 +261,16 @@ class VelocitySteps(Branching):
 
 
 class SlideHoldSlide(Branching):
-    """Slide at each velocity before; hold; slide again at each velocity after, from each of the hold times.
+    """Slide at each velocity `before`, hold, and slide again at each velocity `after` from each of the hold times.
 
-    One hold, as long as the longest time, serves all times: slides start from copies of the state at each of them.
+    A single hold, as long as the longest time, is used for all times. Slides start from copies of its states.
     """
 
     kind: Literal["slide-hold-slide"] = "slide-hold-slide"
     before: Many = Field(description="velocities before the hold [m/s]")
-    holds: Many = Field(description="their durations [s]")
+    holds: Many = Field(description="hold times [s]")
     after: Annotated[tuple[Positive, ...], Listed] | None = Field(
-        None, description="velocities after it; the one before unless given, none with an empty list [m/s]"
+        None, description="velocities after the hold; default: the one before; an empty list: no slides [m/s]"
     )
     approach: Positive = Field(2.0, description="slip at each velocity before the first hold [D]")
     slip: Positive = Field(2.0, description="slip of the load point after each hold [D]")
@@ -287,8 +304,12 @@ class GougeScenario(Whole):
     si: ClassVar[bool] = True
     experiment: Literal["gouge"] = "gouge"
     seed: Seed = 0
-    realizations: Annotated[int, Field(ge=1, le=1000)] = Field(1, description="samples, from seed, seed + 1, …")
-    engine: Literal["stickslip", "lammps"] = Field("stickslip", description="that runs the protocol after preparation")
+    realizations: Annotated[int, Field(ge=1, le=1000)] = Field(
+        1, description="number of samples, with seeds seed, seed + 1, …"
+    )
+    engine: Literal["stickslip", "lammps"] = Field(
+        "stickslip", description="engine that runs the protocol after the preparation"
+    )
     grains: GougeGrains = GougeGrains()
     law: GougeLaw
     cell: GougeCell = GougeCell()
@@ -299,20 +320,20 @@ class GougeScenario(Whole):
     dt: Positive = Field(
         1e-7, description="time step; paper 003: 2e-8, 1/100 of a collision of its smallest grains [s]"
     )
-    sample_every: Number = Field(500, description="steps between samples")
+    sample_every: Number = Field(500, description="number of steps between samples")
     ledger_steps: Annotated[int, Field(ge=0, le=10_000_000)] = Field(
-        0, description="steps after the protocol in which an energy ledger is kept; each takes as long as ten others"
+        0, description="steps after the protocol that record an energy ledger; each takes as long as ten other steps"
     )
-    most_steps: Positive = Field(5e7, description="of one realization; more are refused")
+    most_steps: Positive = Field(5e7, description="maximum number of steps of one realization")
 
     @model_validator(mode="after")
-    def _fits(self):
+    def _check_cell(self):
         largest = self.grains.diameter[1]
         for name in ("length", "width"):
             if getattr(self.cell, name) < 4 * largest:
                 raise ValueError(
-                    f"cell.{name} = {getattr(self.cell, name):g} was given: grains of diameter {largest:g} need at "
-                    f"least {4 * largest:g}, or they touch their own images"
+                    f"cell.{name} = {getattr(self.cell, name):g} was given, but grains of diameter {largest:g} need at "
+                    f"least {4 * largest:g} to stay clear of their periodic images: use a larger cell"
                 )
         if self.plate_grains > MOST:
             raise ValueError(
@@ -322,32 +343,33 @@ class GougeScenario(Whole):
         return self
 
     @model_validator(mode="after")
-    def _affordable(self):
+    def _check_cost(self):
         if self.steps > self.most_steps:
             raise ValueError(
                 f"a realization takes about {self.steps:.2g} steps of dt = {self.dt:g}, more than most_steps = "
-                f"{self.most_steps:.2g} ({self.words}): raise velocities, shorten holds and slips, use softer grains "
-                f"(law.young) with a longer dt, or raise most_steps"
+                f"{self.most_steps:.2g} ({self.expected_cost}): raise velocities, shorten holds and slips, use softer "
+                f"grains (law.young) with a longer dt, or raise most_steps"
             )
         return self
 
     @model_validator(mode="after")
-    def _resolved(self):
+    def _check_time_step(self):
         if self.dt > self.longest_step:
             raise ValueError(
-                f"dt = {self.dt:g} was given, but contacts of the smallest grains under this stress are stable up to "
-                f"some {self.longest_step:.2g} only: give about {0.2 * self.longest_step:.1g}, or use softer grains "
+                f"dt = {self.dt:g} was given, but contacts of the smallest grains under this stress are stable only up "
+                f"to about {self.longest_step:.2g}: use about {0.2 * self.longest_step:.1g}, or softer grains "
                 f"(law.young)"
             )
         return self
 
     @model_validator(mode="after")
-    def _sampled(self):
+    def _check_sampling(self):
         size, chosen = self.grains.mean, self.preparation
         least = max(chosen.slip, 2 * chosen.window)
         if chosen.longest < least:
             raise ValueError(
-                f"preparation.longest = {chosen.longest:g} was given: give at least slip and two windows, {least:g}"
+                f"preparation.longest = {chosen.longest:g} was given, but it must not be less than slip or two "
+                f"windows: use at least {least:g}"
             )
         legs = {"preparation.window": chosen.window * size / chosen.velocity}
         for number, part in enumerate(self.protocol, start=1):
@@ -359,14 +381,14 @@ class GougeScenario(Whole):
                 legs[f"{name}, its window"] = chosen.window * size / part.velocity
                 if part.slip < 2 * chosen.window:
                     raise ValueError(
-                        f"slip = {part.slip:g} was given in {name}: steadiness takes two windows, "
-                        f"{2 * chosen.window:g}, at least"
+                        f"slip = {part.slip:g} was given in {name}, but steadiness requires two windows: use at least "
+                        f"{2 * chosen.window:g}"
                     )
         for name, seconds in legs.items():
             if seconds < LEAST * self.interval * (1 - 1e-9):
                 raise ValueError(
                     f"the shortest leg of {name} takes {seconds:.2g} s, fewer than {LEAST} samples of "
-                    f"{self.interval:.2g} s: lower sample_every, or slide further"
+                    f"{self.interval:.2g} s: lower sample_every or use a longer slip"
                 )
         return self
 
@@ -374,8 +396,8 @@ class GougeScenario(Whole):
         marks = [round(hold / self.interval) for hold in sorted(holds)]
         if marks[0] < 2 or marks[-1] < LEAST or any(b <= a for a, b in pairwise(marks)):
             raise ValueError(
-                f"holds = {list(holds)} were given in {name}: they must be different by a sample of "
-                f"{self.interval:.2g} s, the shortest two samples and the longest {LEAST}: lower sample_every"
+                f"holds = {list(holds)} was given in {name}, but holds must differ by a sample of {self.interval:.2g} "
+                f"s, and last at least two samples, the longest at least {LEAST}: lower sample_every"
             )
 
     @property
@@ -385,7 +407,10 @@ class GougeScenario(Whole):
 
     @property
     def longest_step(self) -> float:
-        """2/√12 of √(m/k) of a smallest grain that six like it press with σ d² each: about what is stable [s]."""
+        """Approximate largest stable time step [s].
+
+        It is 2/√12 times √(m/k) for a smallest grain that is pressed by six equal ones with σ d² each.
+        """
         d, kn = self.grains.diameter[0], 2 / 3 * self.law.young / (1 - self.law.poisson**2)
         root, force = (d / 4) ** 0.5, self.load.normal_stress * d * d
         stiffness = 1.5 * kn * root * (force / (kn * root)) ** (1 / 3)
@@ -393,25 +418,25 @@ class GougeScenario(Whole):
 
     @property
     def area(self) -> float:
-        """Of a plate [m²]."""
+        """Area of a plate [m²]."""
         return self.cell.length * self.cell.width
 
     @property
     def plate_grains(self) -> int:
-        """Grains of one plate: those whose area covers the asked share of it."""
+        """Number of grains of one plate, whose area covers the requested share of it."""
         low, high = (d / 2 for d in self.grains.diameter)
         return max(4, round(self.cell.coverage * self.area / (pi * (low * low + low * high + high * high) / 3)))
 
     @property
     def trunk_duration(self) -> float:
-        """Time that the slides take from which tests branch off, of preparation its least part [s]."""
+        """Duration of the trunk: the slides from which tests branch off, and the minimum of the preparation [s]."""
         size = self.grains.mean
         preparation = self.preparation.slip * size / self.preparation.velocity
         return preparation + sum(sum(part.trunk(v, size)) for part in self.protocol for v in part.starts)
 
     @property
     def duration(self) -> float:
-        """Time that one realization takes with all its branches [s]."""
+        """Simulated time of one realization with all its branches [s]."""
         size = self.grains.mean
         return self.trunk_duration + sum(
             part.branches * sum(part.branch(v, size)) for part in self.protocol for v in part.starts
@@ -419,24 +444,24 @@ class GougeScenario(Whole):
 
     @property
     def steps(self) -> float:
-        """Time steps of one realization, about."""
+        """Approximate number of time steps of one realization."""
         return self.duration / self.dt
 
     @property
-    def words(self) -> str:
-        """How long a realization takes, about."""
-        return self.cost(self.duration)
+    def expected_cost(self) -> str:
+        """Approximate computing time of a realization, in words."""
+        return self.estimate_cost(self.duration)
 
     @property
     def longest_hold(self) -> float:
-        """Longest time for which the load point stands still in one leg, 0 without a hold [s]."""
+        """Longest hold of the load point in one leg, 0 without a hold [s]."""
         holds = [max(part.holds) for part in self.protocol if part.kind == "slide-hold-slide"]
         return max([*holds, *(p.time for p in self.protocol if p.kind == "slide" and p.velocity == 0)], default=0.0)
 
-    def cost(self, duration: float) -> str:
-        """How long it takes one core to follow the sample for some time [s], about."""
+    def estimate_cost(self, duration: float) -> str:
+        """Approximate time that one core needs to simulate a given duration [s], in words."""
         seconds = duration / self.dt * (self.grains.number + 2 * self.plate_grains) / FASTEST
         for size, unit in ((86400, "days"), (3600, "hours"), (60, "minutes")):
             if seconds >= 2 * size:
-                return f"some {seconds / size:.2g} {unit} on one core"
-        return f"some {seconds:.2g} seconds on one core"
+                return f"about {seconds / size:.2g} {unit} on one core"
+        return f"about {seconds:.2g} seconds on one core"

@@ -1,4 +1,4 @@
-"""Realizations of a gouge experiment in parallel processes; a finished one is kept in a file and not run again."""
+"""Simulation of gouge experiments in parallel processes; finished realizations are saved and not run again."""
 
 import re
 from collections.abc import Callable
@@ -11,22 +11,34 @@ from ...data import archive
 from ...data.checkpoint import Kept, kept_in
 from ...ensemble import Workers, run_members
 from .dimensionless import Range
-from .protocol import OURS, Branch, Engine, Realization, Series, Tell, Test, Trunk, branch, realization, trunk
+from .protocol import (
+    STICKSLIP,
+    Branch,
+    Engine,
+    Realization,
+    Series,
+    Tell,
+    Test,
+    Trunk,
+    make_realization,
+    run_branch,
+    run_trunk,
+)
 from .scenario import GougeScenario
 
-MEMBERS = "realizations"  # folder beside the results
-TRUNK, LEGS = "trunk", "legs"  # pieces of an unfinished realization
+MEMBERS = "realizations"  # folder next to the results
+TRUNK, LEGS = "trunk", "legs"  # names of pieces of an unfinished realization
 Report = Callable[[str, float, str], None]
 
 
 @readable
 class GougeResult(NamedTuple):
-    """All realizations that a scenario asked for."""
+    """All realizations of a scenario."""
 
     scenario: GougeScenario
     realizations: tuple[Realization, ...]
-    failures: tuple[str, ...]  # a sentence for each realization that failed
-    reused: int  # realizations that were finished before
+    failures: tuple[str, ...]  # one sentence for each failed realization
+    reused: int  # number of realizations that had been finished before
 
 
 def simulate_gouge(
@@ -40,56 +52,56 @@ def simulate_gouge(
 
     Parameters
     ----------
-    folder : where finished realizations are kept, each as soon as it is, and pieces of unfinished ones; what is there
-        is not run again
-    workers : number of processes, or a Dask scheduler's address
+    folder : run folder, in which realizations are saved as soon as they finish, together with pieces of unfinished
+        ones; saved parts are not run again
+    workers : number of processes, or the address of a Dask scheduler
     report : called as report(stage, share done, words)
 
     Raises
     ------
     RuntimeError
-        with one sentence, if the engine is not installed, or every realization failed.
+        If the engine is not installed, or if every realization failed.
     ArchiveError
-        if a file of what was finished before is damaged, or of another version.
+        If a file of a finished realization is damaged, or was written by another version.
     """
-    engine_of(scenario)
+    find_engine(scenario)
     seeds = range(scenario.seed, scenario.seed + scenario.realizations)
     alone = [scenario.model_copy(update={"realizations": 1, "seed": seed}) for seed in seeds]
-    found = [_read(_path(one, folder)) for one in alone]
+    found = [_read_realization(_realization_path(one, folder)) for one in alone]
     missing = [k for k, one in enumerate(found) if one is None]
     failures = {}
     if missing:
-        run = _Ensemble(scenario, [alone[k] for k in missing], folder, workers, report)
-        for k, one in zip(missing, run.realizations(), strict=True):
+        ensemble = _Ensemble(scenario, [alone[k] for k in missing], folder, workers, report)
+        for k, one in zip(missing, ensemble.run(), strict=True):
             found[k], failures[seeds[k]] = (None, one) if isinstance(one, str) else (one, "")
-    told = tuple(f"realization {seed} failed: {words}" for seed, words in failures.items() if words)
+    sentences = tuple(f"realization {seed} failed: {words}" for seed, words in failures.items() if words)
     done = tuple(one for one in found if one is not None)
     if not done:
-        raise RuntimeError(f"no realization succeeded; {told[0]}")
-    return GougeResult(scenario, done, told, len(alone) - len(missing))
+        raise RuntimeError(f"no realization succeeded; {sentences[0]}")
+    return GougeResult(scenario, done, sentences, len(alone) - len(missing))
 
 
 class _Ensemble:
-    """Realizations that are not finished: all their trunks in parallel, then all branches of these."""
+    """Run unfinished realizations: all their trunks in parallel, then all branches of these."""
 
     def __init__(self, scenario: GougeScenario, alone: list, folder: Path | None, workers: Workers, report: Report):
         self.scenario, self.alone, self.folder, self.workers, self.report = scenario, alone, folder, workers, report
         self.kept = kept_in(folder, scenario)
-        self.first = scenario.trunk_duration / scenario.duration  # share of the work that the trunks are
+        self.first = scenario.trunk_duration / scenario.duration  # share of the work done by the trunks
         if self.kept:
             for one in alone:
                 self.kept.of(one.digest).check()
             self.kept.announce()
 
-    def realizations(self) -> list[Realization | str]:
-        """Each realization, or a sentence on why it failed."""
+    def run(self) -> list[Realization | str]:
+        """Return each realization, or one sentence with the reason why it failed."""
         before = self.scenario.realizations - len(self.alone)
         more = f"; {before} were finished before" if before else ""
-        self._tell(0.0, f"each takes {self.scenario.words}{more}")
-        trunks = self._trunks()
+        self._report_progress(0.0, f"each takes {self.scenario.expected_cost}{more}")
+        trunks = self._run_trunks()
         owners = [k for k, stem in enumerate(trunks) if stem.failure is None for _ in stem.result.branches]
         starts = [start for stem in trunks if stem.failure is None for start in stem.result.branches]
-        members = self._branches(owners, starts)
+        members = self._run_branches(owners, starts)
         out = []
         for k, (one, stem) in enumerate(zip(self.alone, trunks, strict=True)):
             mine = [member for owner, member in zip(owners, members, strict=True) if owner == k]
@@ -97,13 +109,13 @@ class _Ensemble:
             if wrong:
                 out.append(re.sub(r"^[A-Z][A-Za-z]+: ", "", wrong))
                 continue
-            out.append(realization(one, one.seed, stem.result, [member.result for member in mine]))
+            out.append(make_realization(one, one.seed, stem.result, [member.result for member in mine]))
             self._save(one, out[-1])
         return out
 
-    def _trunks(self):
-        """The trunk of every realization."""
-        nouns = (Trunk, Branch, Test, Series, *engine_of(self.scenario).nouns, *OURS.nouns)
+    def _run_trunks(self):
+        """Run the trunk of every realization."""
+        nouns = (Trunk, Branch, Test, Series, *find_engine(self.scenario).nouns, *STICKSLIP.nouns)
         places = [self.kept and self.kept.of(one.digest, *nouns) for one in self.alone]
 
         def save(k, result):
@@ -112,16 +124,16 @@ class _Ensemble:
                 places[k].of(LEGS).clear()
 
         return run_members(
-            _trunk,
+            _trunk_task,
             [(one.text, place and place.of(LEGS)) for one, place in zip(self.alone, places, strict=True)],
             workers=self.workers,
-            live=lambda share, words: self._tell(self.first * share, words),
+            live=lambda share, words: self._report_progress(self.first * share, words),
             load=lambda k: places[k].load(TRUNK) if places[k] and places[k].has(TRUNK) else None,
             save=save,
         )
 
-    def _branches(self, owners: list[int], starts: list[Branch]):
-        """The tests of every branch of every trunk."""
+    def _run_branches(self, owners: list[int], starts: list[Branch]):
+        """Run the tests of every branch of every trunk."""
         names = [f"branch-{start.part:02d}-{start.before:.6g}-{start.number:03d}" for start in starts]
         places = [self.kept and self.kept.of(self.alone[k].digest, Test, Series) for k in owners]
 
@@ -131,67 +143,67 @@ class _Ensemble:
                 places[k].of(names[k]).clear()
 
         return run_members(
-            _branch,
+            _branch_task,
             [
                 (self.alone[k].text, start, place and place.of(name))
                 for k, start, place, name in zip(owners, starts, places, names, strict=True)
             ],
             workers=self.workers,
-            live=lambda share, words: self._tell(self.first + (1 - self.first) * share, words),
+            live=lambda share, words: self._report_progress(self.first + (1 - self.first) * share, words),
             load=lambda k: places[k].load(names[k]) if places[k] and places[k].has(names[k]) else None,
             save=save,
         )
 
     def _save(self, one: GougeScenario, result: Realization) -> None:
         if self.folder:
-            path = _path(one, self.folder)
+            path = _realization_path(one, self.folder)
             path.parent.mkdir(parents=True, exist_ok=True)
             archive.write(path, {"realization": result}, scenario=one.text, version=__version__)
             self.kept.of(one.digest).clear()
 
-    def _tell(self, share: float, words: str) -> None:
+    def _report_progress(self, share: float, words: str) -> None:
         self.report(f"realizations ({len(self.alone)} to run)", share, words)
 
 
-def engine_of(scenario: GougeScenario) -> Engine:
-    """The engine that a scenario names.
+def find_engine(scenario: GougeScenario) -> Engine:
+    """Return the engine that a scenario names.
 
     Raises
     ------
     RuntimeError
-        with a sentence that says how to get it, if it is not installed.
+        If it is not installed. The message says how to install it.
     """
     if scenario.engine == "stickslip":
-        return OURS
+        return STICKSLIP
     from .lammps import engine
 
     return engine()
 
 
-def _trunk(text: str, kept: Kept | None, tell: Tell) -> Trunk:
-    """One trunk, in whichever process."""
+def _trunk_task(text: str, kept: Kept | None, tell: Tell) -> Trunk:
+    """Run one trunk, possibly in a worker process."""
     one = GougeScenario.model_validate_json(text)
-    return trunk(one, one.seed, engine_of(one), tell, kept and kept.seen())
+    return run_trunk(one, one.seed, find_engine(one), tell, kept and kept.seen())
 
 
-def _branch(text: str, start: Branch, kept: Kept | None, tell: Tell) -> tuple[Test, ...]:
-    """One branch, in whichever process."""
+def _branch_task(text: str, start: Branch, kept: Kept | None, tell: Tell) -> tuple[Test, ...]:
+    """Run one branch, possibly in a worker process."""
     one = GougeScenario.model_validate_json(text)
-    return branch(one, start, engine_of(one), tell, kept and kept.seen())
+    return run_branch(one, start, find_engine(one), tell, kept and kept.seen())
 
 
-def _path(one: GougeScenario, folder: Path | None) -> Path | None:
-    """Where a realization is kept: by the digest of what defines it, so that no other scenario takes it for its own."""
+def _realization_path(one: GougeScenario, folder: Path | None) -> Path | None:
+    """Path of a saved realization, named by the digest of its scenario so that no other scenario uses it."""
     return folder / MEMBERS / f"{one.digest}.h5" if folder else None
 
 
-def _read(path: Path | None) -> Realization | None:
-    """A realization that was finished before; None if there is none."""
+def _read_realization(path: Path | None) -> Realization | None:
+    """Read a realization that was finished before; None if there is none."""
     if path is None or not path.exists():
         return None
     if (version := archive.attributes(path)["stickslip"]) != __version__:
         raise archive.ArchiveError(
-            f"{path} was computed by stickslip {version}, and this is {__version__}, whose numbers may differ: move it "
-            f"away to have it computed again"
+            f"{path} was computed by stickslip {version}, but this is version {__version__}, whose numbers may differ: "
+            f"move the file away to compute it again"
         )
     return archive.read(path, nouns=(Realization, Range, Test, Series))["realization"]

@@ -1,8 +1,8 @@
-"""Means over samples and branches of a gouge experiment, and the errors of what is read off them.
+"""Means over samples and branches of a gouge experiment, and errors of numbers read off them.
 
-Samples (seeds) are independent; branches of one sample start from states along one slide and may be alike. From three
-samples on, errors therefore rest on the scatter of samples, each the mean of its branches. With fewer, they rest on all
-branches, and are widened by how alike these are.
+Samples (seeds) are independent, but branches of one sample start from states along one slide and may be correlated.
+With three or more samples, errors are therefore based on the scatter of samples, each the mean of its branches. With
+fewer, they are based on all branches and widened according to their correlation.
 """
 
 from collections.abc import Callable
@@ -11,21 +11,21 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import t as student
 
-LEAST = 3  # samples from which on their scatter is the error
-DRAWS = 400  # of samples, with replacement, for the error of what is read off a mean curve
+LEAST = 3  # minimum number of samples for errors based on their scatter
+DRAWS = 400  # bootstrap draws for the error of a number read off a mean curve
 
 
 class Number(NamedTuple):
-    """A number read off the mean over samples and branches; its standard error is NaN if there is one branch only.
+    """Number read off the mean over samples and branches; its standard error is NaN if there is only one branch.
 
-    `draws` are its values for samples (with fewer than three of them, branches) drawn again with replacement, the same
-    ones for all numbers of a result.
+    `draws` are its values for samples (with fewer than three of them, branches) drawn with replacement. The draws are
+    the same for all numbers of a result.
     """
 
     value: float
     error: float
     samples: int
-    branches: int  # of all samples together
+    branches: int  # number of branches of all samples together
     draws: np.ndarray  # (DRAWS,), or (0,) with one branch
     alike: float = np.nan  # correlation of two branches of one sample; NaN if no sample has two
 
@@ -34,13 +34,13 @@ class Number(NamedTuple):
 
     @property
     def half(self) -> float:
-        """Half width of its 95 % interval by Student's t."""
+        """Half width of the 95 % interval by Student's t."""
         units = self.samples if self.samples >= LEAST else self.branches
         return self.error * float(student.ppf(0.975, units - 1)) if units > 1 else np.nan
 
 
 class Curve(NamedTuple):
-    """Branches of one kind on one grid, and their mean."""
+    """Branches of one kind on a common grid."""
 
     x: np.ndarray  # (G,)
     rows: np.ndarray  # (R, G), one for each branch
@@ -49,48 +49,48 @@ class Curve(NamedTuple):
 
     @property
     def means(self) -> np.ndarray:
-        """(S, G) of each sample over its branches."""
+        """Mean over the branches of each sample, shape (S, G)."""
         return np.array([self.rows[self.seeds == seed].mean(axis=0) for seed in np.unique(self.seeds)])
 
     @property
     def mean(self) -> np.ndarray:
-        """(G,) over samples."""
+        """Mean over samples, shape (G,)."""
         return self.means.mean(axis=0)
 
     @property
     def band(self) -> np.ndarray:
-        """(G,) two standard deviations over branches; zero with one of them."""
+        """Two standard deviations over branches, shape (G,); zero with one branch."""
         return 2 * self.rows.std(axis=0, ddof=1) if len(self.rows) > 1 else np.zeros(len(self.x))
 
     @property
     def error(self) -> np.ndarray:
-        """(G,) standard error of the mean; NaN with one branch."""
+        """Standard error of the mean, shape (G,); NaN with one branch."""
         units = self.units
         return units.std(axis=0, ddof=1) / np.sqrt(len(units)) if len(units) > 1 else np.full(len(self.x), np.nan)
 
     @property
     def units(self) -> np.ndarray:
-        """(U, G) what counts as independent: samples, or branches of fewer than three samples."""
+        """Independent curves, shape (U, G): those of samples, or of branches if there are fewer than three samples."""
         means = self.means
         return means if len(means) >= LEAST else self.rows
 
     def at(self, x: float) -> Number:
-        """The mean at the grid's point that is nearest to x."""
+        """Return the mean at the grid point nearest to x."""
         k = int(np.abs(self.x - x).argmin())
         return self.read(lambda mean: mean[k])
 
     def read(self, function: Callable) -> Number:
-        """A number read off the mean curve, as function((G,)), with its error."""
+        """Return function(mean), where the mean curve has shape (G,), with its error."""
         return read_off(self.rows, self.seeds, function)
 
 
 def read_off(rows: np.ndarray, seeds: np.ndarray, function: Callable) -> Number:
-    """A number read off the mean of (R, G) rows of branches, with its error by drawing again (bootstrap)."""
+    """Return function(mean) of branches, given as rows (R, G), with its error by bootstrap."""
     groups = [rows[seeds == seed] for seed in np.unique(seeds)]
     means = np.array([group.mean(axis=0) for group in groups])
     value, alike = (
         float(function(means.mean(axis=0))),
-        similarity([[float(function(row)) for row in g] for g in groups]),
+        intraclass_correlation([[float(function(row)) for row in g] for g in groups]),
     )
     units = means if len(means) >= LEAST else rows
     count, wider = len(units), 1.0
@@ -100,18 +100,18 @@ def read_off(rows: np.ndarray, seeds: np.ndarray, function: Callable) -> Number:
         wider = np.sqrt(1 + (len(rows) / len(means) - 1) * max(alike, 0.0))
     rng = np.random.default_rng(0)
     draws = np.array([function(units[rng.integers(count, size=count)].mean(axis=0)) for _ in range(DRAWS)])
-    return _drawn(Number(value, np.nan, len(means), len(rows), draws, alike), wider)
+    return _with_bootstrap_error(Number(value, np.nan, len(means), len(rows), draws, alike), wider)
 
 
-def _drawn(number: Number, wider: float = 1.0) -> Number:
-    """The number with the error that its draws give."""
+def _with_bootstrap_error(number: Number, wider: float = 1.0) -> Number:
+    """Return the number with the error estimated from its draws."""
     count = number.samples if number.samples >= LEAST else number.branches
-    # what is drawn from a few values scatters less than what these were drawn from
+    # draws from a few values scatter less than the distribution of these values
     return number._replace(error=float(wider * np.sqrt(count / (count - 1)) * number.draws.std(ddof=1)))
 
 
-def similarity(groups: list[list[float]]) -> float:
-    """Correlation of two values of one group (intraclass, by analysis of variance); NaN without groups of two.
+def intraclass_correlation(groups: list[list[float]]) -> float:
+    """Intraclass correlation of two values of one group, by analysis of variance; NaN without groups of two.
 
     Source: R. A. Fisher, Statistical Methods for Research Workers (1925), §40.
     """
@@ -127,39 +127,39 @@ def similarity(groups: list[list[float]]) -> float:
     return float((between - within) / below) if below > 0 else np.nan
 
 
-def combined(numbers: list[Number], function: Callable) -> Number:
-    """function(values) of numbers of one result, with the error that samples drawn again for all at once give."""
+def combine(numbers: list[Number], function: Callable) -> Number:
+    """Return function(values) of numbers of one result, with its error from their common bootstrap draws."""
     first = numbers[0]
     value = float(function(np.array([n.value for n in numbers])))
     if min(len(n.draws) for n in numbers) == 0:
         return Number(value, np.nan, first.samples, first.branches, np.zeros(0))
     draws = np.array([function(one) for one in np.array([n.draws for n in numbers]).T])
-    wider = max(_widened(n) for n in numbers)
-    return _drawn(Number(value, np.nan, first.samples, first.branches, draws, first.alike), wider)
+    wider = max(_widening(n) for n in numbers)
+    return _with_bootstrap_error(Number(value, np.nan, first.samples, first.branches, draws, first.alike), wider)
 
 
-def _widened(number: Number) -> float:
-    """By how much the error of a number exceeds the scatter of its draws."""
-    plain = _drawn(number).error
+def _widening(number: Number) -> float:
+    """Factor by which the error of a number exceeds the scatter of its draws."""
+    plain = _with_bootstrap_error(number).error
     return number.error / plain if plain > 0 else 1.0
 
 
 def average(numbers: list[Number]) -> Number:
-    """Mean of numbers of one result."""
-    return combined(numbers, np.mean)
+    """Return the mean of numbers of one result."""
+    return combine(numbers, np.mean)
 
 
 def slope(x, numbers: list[Number]) -> Number:
-    """Slope of a straight line through numbers of one result, least squares; at least two different x."""
+    """Fit the slope of a straight line to numbers of one result by least squares; needs two different x or more."""
     x = np.asarray(x, float)
     if len(set(x.tolist())) < 2:
-        raise ValueError(f"a slope through {len(x)} points was asked for: give at least two different x")
+        raise ValueError(f"a slope through {len(x)} points was requested: give at least two different x")
     centred = x - x.mean()
-    return combined(numbers, lambda y: centred @ y / (centred @ centred))
+    return combine(numbers, lambda y: centred @ y / (centred @ centred))
 
 
-def apart(a: Number, b: Number) -> tuple[float, float]:
-    """Difference a − b of numbers of two results, and half its 95 % interval (Welch)."""
+def difference(a: Number, b: Number) -> tuple[float, float]:
+    """Return the difference a − b of numbers of two results, and half the width of its 95 % interval (Welch)."""
     variances = np.array([a.error**2, b.error**2])
     units = np.array([n.samples if n.samples >= LEAST else n.branches for n in (a, b)])
     if not variances.sum() > 0:

@@ -11,7 +11,7 @@ _here = partial(late, __name__)
 
 
 def references(scenario: QuasiScenario) -> dict[str, tuple[str, ...]]:
-    """Keys of references.bib, by what they are for."""
+    """Keys of references.bib, grouped by purpose."""
     return {"the experiment and its method (paper 002)": ("McNamara2006",), "contact law": CONTACT["linear"]}
 
 

@@ -1,4 +1,7 @@
-"""Cases for paper 002 constructed on states of real packings: critical contacts, and contacts at the cone's apex."""
+"""Test cases for paper 002, constructed from states of real packings.
+
+The cases have randomly drawn critical contacts, or contacts at the apex of the friction cone.
+"""
 
 from typing import NamedTuple
 
@@ -14,21 +17,21 @@ from ...quasirigid.uniqueness import certificate
 from .simulate import QuasiResult
 
 
-class Constructed(NamedTuple):
-    """Cases drawn on states of real packings: which contacts are critical, to which side, and the load."""
+class StatusCases(NamedTuple):
+    """Counts of cases with randomly drawn critical contacts, slip signs and loads."""
 
     total: int
     p_matrices: int
-    agree: int  # cases in which P and a bijective status map come together
+    agree: int  # cases in which A is a P-matrix if and only if the status map is bijective
     none: int  # cases without a consistent status
-    several: int  # with two or more
+    several: int  # cases with two or more
 
 
-def constructed(main: QuasiResult, cases: int) -> Constructed:
-    """Random critical contacts, slip signs and loads on states of the paths: is the status unique?"""
+def status_cases(main: QuasiResult, cases: int) -> StatusCases:
+    """Draw critical contacts, slip signs and loads on states of the paths, and count the cases with a unique status."""
     rng, count, drawn = np.random.default_rng(main.scenario.seed), np.zeros(4, int), 0
     while drawn < cases:
-        m = _some_matrices(main, rng, drawn)
+        m = _random_system(main, rng, drawn)
         critical = rng.choice(m.count, int(rng.integers(2, 9)), replace=False)
         m = m._replace(sign=rng.choice([-1.0, 1.0], m.count))
         try:
@@ -38,30 +41,30 @@ def constructed(main: QuasiResult, cases: int) -> Constructed:
         whole, mapped = bool(certificate(problem).unique), status_map(problem)
         count += [whole, whole == mapped.bijective, len(mapped.consistent) == 0, len(mapped.consistent) > 1]
         drawn += 1
-    return Constructed(cases, *(int(c) for c in count))
+    return StatusCases(cases, *(int(c) for c in count))
 
 
-def _some_matrices(main: QuasiResult, rng, number: int) -> LinearSystem:
-    """The matrices of a state that is drawn from one sample's path, sample after sample."""
+def _random_system(main: QuasiResult, rng, number: int) -> LinearSystem:
+    """Linear system of a random state of one sample's path; successive numbers cycle through the samples."""
     one = main.tested[number % len(main.tested)]
     return linear_system(one.path.states[int(rng.integers(len(one.path.points)))], one.law)
 
 
-class Opened(NamedTuple):
-    """Contacts of real packings put at the apex of the cone."""
+class ApexCases(NamedTuple):
+    """Counts of cases in which contacts of real packings are placed at the apex of the cone."""
 
     total: int
-    coherent: int  # all choices of statuses have det k of one sign
+    coherent: int  # cases in which det k has the same sign for all choices of statuses
     wrong: int  # coherent cases without exactly one consistent choice
-    several: int  # other cases, with two or more
-    none: int  # other cases, without any
-    example: tuple[str, ...]  # statuses that are consistent together, without stability
+    several: int  # other cases with two or more
+    none: int  # other cases without any
+    example: tuple[str, ...]  # statuses that are consistent together in the absence of stability
 
 
 def counterexample(directions: int = 720) -> tuple[str, ...]:
-    """The most statuses that are consistent together for one contact and a surrounding that is not stable.
+    """Return the largest set of statuses that are consistent together for one contact in an unstable surrounding.
 
-    K_ext = ((1, 0.3), (0.3, 0.1)) in (n, t) beside K_n = 1, K_t = 0.5, μ = 0.9, over all directions of the load.
+    K_ext = ((1, 0.3), (0.3, 0.1)) in (n, t), with K_n = 1, K_t = 0.5 and μ = 0.9, over all directions of the load.
     """
     springs = np.diag([1.0, 0.5])
     compliance = np.linalg.inv(np.array([[1.0, 0.3], [0.3, 0.1]]) + springs)
@@ -74,11 +77,14 @@ def counterexample(directions: int = 720) -> tuple[str, ...]:
     return tuple(WORDS[status] for status in most[:, 0])
 
 
-def apexes(main: QuasiResult, cases: int) -> Opened:
-    """One or two contacts at the apex, up to two at the limit, and random loads: do the four statuses exclude?"""
+def apex_cases(main: QuasiResult, cases: int) -> ApexCases:
+    """Draw one or two contacts at the apex, up to two at Coulomb's limit, and loads; count the consistent statuses.
+
+    The counts show whether the four statuses at the apex exclude each other.
+    """
     rng, count, drawn = np.random.default_rng(main.scenario.seed + 1), np.zeros(4, int), 0
     while drawn < cases:
-        m = _some_matrices(main, rng, drawn)
+        m = _random_system(main, rng, drawn)
         open_ones, critical = int(rng.integers(1, 3)), int(rng.integers(0, 3))
         contacts = rng.choice(m.count, open_ones + critical, replace=False)
         sign = np.append(np.zeros(open_ones), rng.choice([-1.0, 1.0], critical))
@@ -89,4 +95,4 @@ def apexes(main: QuasiResult, cases: int) -> Opened:
         found, coherent = consistent_statuses(apex)
         count += [coherent, coherent and len(found) != 1, not coherent and len(found) > 1, not (coherent or len(found))]
         drawn += 1
-    return Opened(cases, *(int(c) for c in count), counterexample())
+    return ApexCases(cases, *(int(c) for c in count), counterexample())

@@ -1,4 +1,7 @@
-"""Claims of paper 002, judged. It proves and prints no numbers: its statements stand beside what was found."""
+"""Evaluation of the claims of paper 002.
+
+The paper contains proofs and prints no numbers, so its statements are compared with the results.
+"""
 
 import numpy as np
 from scipy.stats import binomtest
@@ -9,12 +12,12 @@ from ...quasirigid.matrices import linear_system
 from ...quasirigid.null_modes import DRIVEN, IDLE, RATTLER, RIGID, mechanisms
 from ...solve.spectrum import damped_growth, spectrum
 from ..claims import ALWAYS, Claim, claim, median_error
-from .cases import Constructed, Opened, apexes, constructed
-from .simulate import QuasiResult, Tested, table_one
+from .cases import ApexCases, StatusCases, apex_cases, status_cases
+from .simulate import QuasiResult, SampleResult, table_one
 
 CASES = 500
-RELATIONS = 1e-5  # relative error of Table I: a hundred times the step of 1e-7, which is the size of what is neglected
-COLLAPSE = 0.02  # tolerance: two increments of the slow load, in whose steps a collapse is told
+RELATIONS = 1e-5  # relative error of Table I: a hundred times the step of 1e-7, which is the size of neglected terms
+COLLAPSE = 0.02  # tolerance: two increments of the slow load, which resolve the collapse load
 YIELD = '"when the assumption of stability for all possible states is violated, we expect the packing to yield"'
 SHOWS = {
     "Table I": ("chain of linear relations", "table-I-relations"),
@@ -27,32 +30,34 @@ SHOWS = {
 }
 
 
-def evaluated(main: QuasiResult, *, cases: int = CASES) -> list[Claim]:
-    """All claims; medians over samples, ranges in the notes."""
-    drawn, opened = constructed(main, cases), apexes(main, cases)
+def evaluate_claims(main: QuasiResult, *, cases: int = CASES) -> list[Claim]:
+    """Evaluate all claims; values are medians over samples, and the notes give ranges."""
+    drawn, opened = status_cases(main, cases), apex_cases(main, cases)
     return [
-        _table_one(main), *_statuses(main, drawn), _slow(main), _collapse(main), _premise(main), _flutter(main),
-        _apex(opened), _mechanisms(main),
+        _table_one(main), *_status_claims(main, drawn), _slow_error(main), _collapse(main), _premise(main),
+        _flutter(main), _apex(opened), _mechanisms(main),
     ]  # fmt: skip
 
 
-def _middle(one: Tested) -> State:
-    """The point of a path with most sliding contacts before its last tenth."""
+def _most_sliding_state(one: SampleResult) -> State:
+    """State of the path with the most sliding contacts before its last tenth."""
     early = [p for p in one.path.points if p.load <= 0.9 * one.path.points[-1].load]
     return max(early, key=lambda p: p.sliding).state
 
 
 def _table_one(main: QuasiResult) -> Claim:
-    errors = [table_one(_middle(one), one.law) for one in main.tested]
+    errors = [table_one(_most_sliding_state(one), one.law) for one in main.tested]
     worst = {name: max(e[name] for e in errors) for name in errors[0]}
     words = ", ".join(f"{name} to {value:.0e}" for name, value in worst.items())
     return claim(
         "table-I-relations", "Table I: f = cF, F = −KD, dD/dt = SV, V = cᵀv", True, max(worst.values()) < RELATIONS, "",
-        0.0, f"against the engine's forces, in states with sliding contacts, relative: {words} (steps of 1e-7 radii)",
+        0.0,
+        f"compared with the engine's forces in states with sliding contacts; relative errors: {words} (steps of 1e-7 "
+        f"radii)",
     )  # fmt: skip
 
 
-def _statuses(main: QuasiResult, drawn: Constructed) -> list[Claim]:
+def _status_claims(main: QuasiResult, drawn: StatusCases) -> list[Claim]:
     before = [one.looks.load < one.looks.load[-1] for one in main.tested]
     known = [(one.looks.bijective >= 0) & b for one, b in zip(main.tested, before, strict=True)]
     sliding = [k & (one.looks.critical > 0) for one, k in zip(main.tested, known, strict=True)]
@@ -70,32 +75,33 @@ def _statuses(main: QuasiResult, drawn: Constructed) -> list[Claim]:
             "status-map-bijective",
             'Eq 5: "the mapping C is bijective", if "all possible states lead to a stable packing"', True,
             bool(bijective and drawn.agree == drawn.total), "", 0.0,
-            f"where A is a P-matrix, which follows from that premise: in all such states on the paths, and in "
-            f"{drawn.agree} of {drawn.total} constructed cases the map is bijective if and only if A is one; premise "
-            f"or not, it is in {whole} of {number} states with 1 to 10 critical contacts, all statuses gone through",
+            f"tested where A is a P-matrix, which follows from that premise: in all such states on the paths; in "
+            f"{drawn.agree} of {drawn.total} constructed cases the map is bijective if and only if A is a P-matrix; "
+            f"regardless of the premise, the map is bijective in {whole} of {number} states with 1 to 10 critical "
+            f"contacts, by enumeration of all statuses",
             quantifier=ALWAYS,
         ),
         claim(
             "one-consistent-state", 'Sec. II D: "always one, and only one choice of contact status"', True,
             single if checked else None, "", 0.0,
-            f"{'exactly' if single else 'not'} one under the load of the test in each of {checked} states with 1 to 10 "
-            f"critical contacts that are stable, which is the premise; {number - checked} more have an eigenvalue of k "
-            f"that is not positive, as where rattlers have just been wedged; none at the end of {ends} of "
-            f"{len(main.tested)} paths",
+            f"{'exactly' if single else 'not exactly'} one under the load of the test in each of {checked} states with "
+            f"1 to 10 critical contacts that are stable, which is the premise; {number - checked} more have an "
+            f"eigenvalue of k that is not positive, for example where rattlers have just been wedged; no consistent "
+            f"status at the end of {ends} of {len(main.tested)} paths",
         ),
         claim(
-            "non-unique-example", "Sec. V A: not treated, states that are not stable", None, bool(example), "", 0.0,
-            f"where stability is not given, uniqueness is not either: of {drawn.total} constructed cases "
-            f"{drawn.total - drawn.p_matrices} have no P-matrix, {drawn.none} no consistent status under the load that "
-            f"was drawn, {drawn.several} two or more",
+            "non-unique-example", "Sec. V A: unstable states, not treated", None, bool(example), "", 0.0,
+            f"without stability, uniqueness is not guaranteed either: of {drawn.total} constructed cases, "
+            f"{drawn.total - drawn.p_matrices} have no P-matrix, {drawn.none} have no consistent status under the load "
+            f"that was drawn, and {drawn.several} have two or more",
             reference=True,
             reference_source="linear complementarity problems are uniquely solvable for every load for P-matrices only",
         ),
     ]  # fmt: skip
 
 
-def _slow(main: QuasiResult) -> Claim:
-    """Difference of path and dynamics at the slowest and at the fastest load: is it smaller at the slowest?"""
+def _slow_error(main: QuasiResult) -> Claim:
+    """Claim that path and dynamics differ less at the slowest load than at the fastest."""
     errors = np.array([[run.error for run in sorted(one.slow, key=lambda r: r.time)] for one in main.tested])
     times = sorted(main.scenario.dynamics.times)
     middle = np.median(errors, axis=0)
@@ -106,24 +112,26 @@ def _slow(main: QuasiResult) -> Claim:
     falls = int((errors[:, -1] < errors[:, 0]).sum())
     return claim(
         "path-vs-dynamics-error", "Sec. III D: quasi-static balance as the limit of Newton's second law", True,
-        mostly(falls, len(errors)), "", 0.0,
-        f"largest difference of strain up to 95 % of the load, over the last strain, median and range, by the time of "
-        f"the whole load: {words}; smaller at the slowest than at the fastest in {falls} of {len(errors)} samples",
+        sign_test(falls, len(errors)), "", 0.0,
+        f"largest difference of strain up to 95 % of the load, over the last strain, median and range for each "
+        f"duration of the whole load: {words}; smaller at the slowest load than at the fastest in {falls} of "
+        f"{len(errors)} samples",
     )  # fmt: skip
 
 
-def mostly(yes: int, total: int) -> bool | None:
-    """Is something so more often than not, by a sign test at 5 %? None if too few cases tell, such as four."""
+def sign_test(yes: int, total: int) -> bool | None:
+    """Decide by a sign test at 5 % whether `yes` outcomes prevail; None if there are too few cases, such as four."""
     if binomtest(yes, total, alternative="greater").pvalue <= 0.05:
         return True
     return False if binomtest(yes, total, alternative="less").pvalue <= 0.05 else None
 
 
-def collapse_ratio(one: Tested, beyond: float) -> tuple[float, float]:
-    """Bounds of the load at which slow dynamics moves by itself over that at which the path loses its stability.
+def collapse_ratio(one: SampleResult, beyond: float) -> tuple[float, float]:
+    """Bounds of the ratio of the collapse load of slow dynamics to the load at which the path loses stability.
 
-    Equal where both end. Dynamics that passed the path's end by the share `beyond`, or came to the whole load, gives a
-    lower bound; a path that did not end by a loss of stability an upper one.
+    The bounds are equal if both loads are known. Dynamics that continued beyond the end of the path by the share
+    `beyond`, or reached the whole load, gives a lower bound only. A path that did not end by a loss of stability gives
+    an upper bound only.
     """
     end = one.path.points[-1].load
     followed = min(1.0, (1 + beyond) * end)
@@ -135,70 +143,71 @@ def collapse_ratio(one: Tested, beyond: float) -> tuple[float, float]:
 
 
 def censored_median(bounds: list[tuple[float, float]]) -> float | None:
-    """Median of values of which some are only known to lie between bounds; None if they leave it open."""
+    """Median of values, some of which are known only within bounds; None if the bounds do not determine it."""
     low, high = np.median(np.array(bounds), axis=0) if bounds else (0.0, np.inf)
     return float(low) if low == high else None
 
 
 def _collapse(main: QuasiResult) -> Claim:
-    """Over all samples; those in which path or dynamics does not end are counted, not left out."""
+    """Claim on the collapse load over all samples, including those in which the path or the dynamics does not end."""
     beyond = main.scenario.dynamics.beyond
     bounds = [collapse_ratio(one, beyond) for one in main.tested]
     exact = [low for low, high in bounds if low == high]
     passed = [low for low, high in bounds if 0 < low < high]
     parts = [f"{min(exact):.4f} to {max(exact):.4f} in {len(exact)}" if exact else "in none"]
-    parts += [f"above {min(passed):.4f} in {len(passed)}, which dynamics passed without a burst"] if passed else []
+    parts += [f"above {min(passed):.4f} in {len(passed)}, where dynamics saw no burst"] if passed else []
     unlost = sum(low == 0 for low, _ in bounds)
     parts += [f"{unlost} whose path did not end by a loss of stability"] if unlost else []
     return claim(
         "collapse-load-ratio", f"Sec. V A: {YIELD}; no load is printed", None, censored_median(bounds), "1", COLLAPSE,
-        f"load at which slow dynamics starts to move by itself over the load at which the path ends, median over all "
-        f"{len(bounds)} samples: {'; '.join(parts)}",
+        f"load at which slow dynamics collapses over the load at which the path ends, median over all {len(bounds)} "
+        f"samples: {'; '.join(parts)}",
         error=median_error(exact) if len(exact) == len(bounds) else None, reference=1.0,
         reference_source="the load at which the path of this package loses its stability",
     )  # fmt: skip
 
 
-def _first(load: np.ndarray, fails: np.ndarray) -> float:
-    """Share of the path's load at which something first fails; 1 if it never does."""
+def _first_failure(load: np.ndarray, fails: np.ndarray) -> float:
+    """Share of the path's load at which a condition first fails; 1 if it never does."""
     return float(load[np.argmax(fails)] / load[-1]) if fails.any() and load[-1] > 0 else 1.0
 
 
 def _premise(main: QuasiResult) -> Claim:
-    """A state that has lost Q > 0, and whose packing goes on being loaded with a unique status, refutes."""
-    premise = [_first(one.looks.load, one.looks.symmetric < 0) for one in main.tested]
-    unique = [_first(one.looks.load, one.looks.unique == 0) for one in main.tested]
+    """Claim on the premise Q > 0; a state without it is a counterexample if loading continues with a unique status."""
+    premise = [_first_failure(one.looks.load, one.looks.symmetric < 0) for one in main.tested]
+    unique = [_first_failure(one.looks.load, one.looks.unique == 0) for one in main.tested]
     unknown = sum(int((one.looks.unique < 0).sum()) for one in main.tested)
     points = sum(len(one.looks.load) for one in main.tested)
     shown = min(
-        (one for one in main.tested if _outlives(one).any()), key=lambda o: o.looks.load[np.argmax(_outlives(o))] /
-        o.looks.load[-1], default=None,
-    )  # fmt: skip
+        (one for one in main.tested if _unique_without_premise(one).any()),
+        key=lambda one: one.looks.load[np.argmax(_unique_without_premise(one))] / one.looks.load[-1],
+        default=None,
+    )
     note = "no state with Q ≤ 0 for some v has a unique status"
     if shown is not None:
-        k = int(np.argmax(_outlives(shown)))
+        k = int(np.argmax(_unique_without_premise(shown)))
         note = (
-            f"counterexample: sample {shown.seed} at load {shown.looks.load[k]:.4g} has Q < 0 for some v (smallest "
-            f"eigenvalue of the symmetric part of k {shown.looks.symmetric[k]:.1e} of K_n) and a unique status for "
-            f"every load, and is loaded on to {shown.looks.load[-1]:.4g}"
+            f"counterexample: sample {shown.seed} at load {shown.looks.load[k]:.4g} has Q < 0 for some v (the smallest "
+            f"eigenvalue of the symmetric part of k is {shown.looks.symmetric[k]:.1e} K_n) and a unique status for "
+            f"every load, and the path continues to {shown.looks.load[-1]:.4g}"
         )
     return claim(
         "stability-premise", f"Sec. V A: {YIELD}", True, shown is None, "", 0.0,
         f"{note}; Q > 0 for all v first fails at {min(premise):.3g} to {max(premise):.3g} of the load at which the "
         f"path ends, median {np.median(premise):.3g}; the status stays unique up to {min(unique):.3g} to "
-        f"{max(unique):.3g} (not known at {unknown} of {points} points): the premise is sufficient and much too "
-        f"strong, what counts is that A is a P-matrix", quantifier=ALWAYS,
+        f"{max(unique):.3g} (not known at {unknown} of {points} points): the premise is sufficient but much too "
+        f"strong; the condition that matters is that A is a P-matrix", quantifier=ALWAYS,
     )  # fmt: skip
 
 
-def _outlives(one: Tested) -> np.ndarray:
-    """(L,) where Q > 0 for all v has failed, the status is unique for every load, and the path goes on."""
+def _unique_without_premise(one: SampleResult) -> np.ndarray:
+    """Points at which Q > 0 for all v fails, the status is unique for any load, and the path continues; shape (L,)."""
     looks = one.looks
     return (looks.symmetric < 0) & (looks.unique == 1) & (looks.load < looks.load[-1])
 
 
 def _flutter(main: QuasiResult) -> Claim:
-    """A state with Q > 0 for all v whose motion grows without dashpots refutes that it is damped out."""
+    """Claim that motion is damped if Q > 0; a state with Q > 0 for all v and a growing motion is a counterexample."""
     best, seen = None, 0
     for one in main.tested:
         positive = one.looks.symmetric > 0
@@ -216,27 +225,27 @@ def _flutter(main: QuasiResult) -> Claim:
     growth = float(found.growth_rate[found.pairs].max(initial=0.0))
     return claim(
         "flutter-example", source, True, not growth > 0, "", 0.0,
-        f"it does not hold for a k that is not symmetric: counterexample, of {seen} states with Q > 0: sample "
-        f"{one.seed} at load {one.looks.load[k]:.4g} has Q > 0 for all v and a complex pair of m⁻¹k, which grows at "
-        f"{growth:.2e} without dashpots and so with weak ones; with those of the samples the fastest growth is "
-        f"{damped_growth(state, one.law)[0].real.max():.2e}",
+        f"does not hold if k is not symmetric; counterexample among {seen} states with Q > 0: sample {one.seed} at "
+        f"load {one.looks.load[k]:.4g} has Q > 0 for all v and a complex pair of m⁻¹k, which grows at a rate of "
+        f"{growth:.2e} without dashpots, and therefore also with weak ones; with the dashpots of the samples the "
+        f"largest growth rate is {damped_growth(state, one.law)[0].real.max():.2e}",
         quantifier=ALWAYS,
     )  # fmt: skip
 
 
-def _apex(opened: Opened) -> Claim:
+def _apex(opened: ApexCases) -> Claim:
     return claim(
         "apex-counterexample", 'Sec. V B: "are these four states mutually exclusive?" is left open', None,
         bool(len(opened.example) > 1), "", 0.0,
         f"the four statuses at the apex exclude each other where no choice has lost its stability (det k of one sign): "
-        f"{opened.wrong} of {opened.coherent} such cases on real packings have not exactly one; without, "
-        f"{opened.several} of {opened.total - opened.coherent} have two or more and {opened.none} none; one contact in "
-        f"an unstable surrounding: {', '.join(opened.example)} together",
+        f"{opened.wrong} of {opened.coherent} such cases on real packings do not have exactly one consistent choice; "
+        f"otherwise, {opened.several} of {opened.total - opened.coherent} have two or more and {opened.none} have "
+        f"none; one contact in an unstable surrounding has several together: {', '.join(opened.example)}",
     )  # fmt: skip
 
 
 def _mechanisms(main: QuasiResult) -> Claim:
-    """Null modes of a sample whose walls are all free to translate, then to turn; and if every contact slides."""
+    """Claim on the null modes of a sample: with walls that translate, walls that also turn, all contacts sliding."""
     one = main.tested[0]
     state, law, n = one.path.states[0], one.law, main.scenario.disks.number
     walls = state.control.free.copy()
@@ -254,13 +263,13 @@ def _mechanisms(main: QuasiResult) -> Claim:
     return claim(
         "mechanism-classes", 'Sec. III E: "the stiffness matrix automatically has three null eigenvalues"', 3, rigid,
         "rigid motions", 0.0,
-        f"sample {one.seed}: {few} if its four walls translate; if they turn, too, a third one, which is none exactly: "
-        f"its vᵀkv/vᵀv is {max(turn, default=0):.1e} of K_n, of the order of (D/R)². {count[RATTLER]} motions of "
-        f"rattlers; if every contact slides, {count[IDLE]} mechanisms that a load on the lid does not excite and "
-        f"{count[DRIVEN]} that it drives", error=0.0,
+        f"sample {one.seed}: {few} if its four walls translate; if they also turn, there is a third one, which is not "
+        f"an exact null mode: its vᵀkv/vᵀv is {max(turn, default=0):.1e} K_n, of the order of (D/R)². There are "
+        f"{count[RATTLER]} motions of rattlers; if every contact slides, there are {count[IDLE]} mechanisms that a "
+        f"load on the lid does not excite and {count[DRIVEN]} that it drives", error=0.0,
     )  # fmt: skip
 
 
 def shows() -> dict[str, tuple[str, str]]:
-    """Figures of the paper: what each shows, and the id of the claim to quote."""
+    """Figures of the paper, each with its content and the identifier of the claim to quote."""
     return SHOWS

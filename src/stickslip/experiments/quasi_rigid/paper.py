@@ -1,7 +1,7 @@
-"""Paper 002, end to end: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues.
+"""Reproduction of paper 002: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues.
 
-The paper proves, and prints no numbers. Its biaxial test is run here with the linear law, K_t = K_n/2 and μ = 1/2 at
-P/K_n = 1e-4. Units: K_n = 1, mean diameter 1, masses of disks of density 4/π.
+The paper contains proofs and prints no numbers. Its biaxial test is run here with the linear law, K_t = K_n/2 and
+μ = 1/2 at P/K_n = 1e-4. Units: K_n = 1, mean diameter 1, masses of disks of density 4/π.
 """
 
 from typing import NamedTuple
@@ -9,7 +9,7 @@ from typing import NamedTuple
 from ...data.schema import validated
 from ...ensemble import Workers
 from ..claims import Claim, for_quick_run
-from .claims import CASES, evaluated
+from .claims import CASES, evaluate_claims
 from .scenario import QuasiScenario
 from .simulate import QuasiResult, Report, silent, simulate_quasi
 
@@ -17,14 +17,14 @@ QUICK_CASES = 100
 
 
 class Reproduction(NamedTuple):
-    """The scenario, run, and the claims that it supports."""
+    """Result of the scenario and the evaluated claims."""
 
     main: QuasiResult
     claims: list[Claim]
 
 
 def paper_scenario(*, quick: bool = False, seed: int = 0) -> QuasiScenario:
-    """The biaxial test: the force on the lid grows, up to four times what it was, until stability is lost."""
+    """Return the biaxial test: the force on the lid grows to up to four times its value, until stability is lost."""
     loading = {"test": "biaxial", "factor": 4.0, "increment": 2e-3 if quick else 1e-3, "unload": True}
     if quick:
         return validated(
@@ -38,8 +38,8 @@ def paper_scenario(*, quick: bool = False, seed: int = 0) -> QuasiScenario:
 
 
 def reproduce(*, quick: bool = False, seed: int = 0, folder=None, workers: Workers = None, report: Report = silent):
-    """Run the paper's scenario and judge its claims; arguments as in `simulate_quasi`. Returns a Reproduction."""
+    """Run the paper's scenario and evaluate its claims; arguments as in `simulate_quasi`. Returns a Reproduction."""
     main = simulate_quasi(paper_scenario(quick=quick, seed=seed), folder=folder, workers=workers, report=report)
     report("constructed cases", 0.0, "statuses and the apex")
-    claims = evaluated(main, cases=QUICK_CASES if quick else CASES)
+    claims = evaluate_claims(main, cases=QUICK_CASES if quick else CASES)
     return Reproduction(main, for_quick_run(claims) if quick else claims)

@@ -1,4 +1,4 @@
-"""What quasi-rigid loading leaves in its folder and on the terminal."""
+"""Output of quasi-rigid loading: files in the run folder and the summary on the terminal."""
 
 from functools import partial
 from pathlib import Path
@@ -10,11 +10,11 @@ from ...figures import quasi_rigid as figures_of
 from ...figures.grains import packing
 from ..run_folder import SERIES, plain
 from ..terminal import STYLE, console
-from .simulate import Curve, QuasiResult, Tested
+from .simulate import Curve, QuasiResult, SampleResult
 
 
 def figures(result: QuasiResult):
-    """Yield (file name, Figure) of a run."""
+    """Yield (file name, Figure) for each figure of a run."""
     longest = max(result.tested, key=lambda one: len(one.path.events))
     yield "fig1_curves.png", figures_of.curves(result.tested, result.scenario.loading.test)
     end = longest.path.points[-1]
@@ -28,20 +28,20 @@ def figures(result: QuasiResult):
 
 
 def files(result: QuasiResult):
-    """Yield (file name, function that writes it): the curves as CSV."""
+    """Yield (file name, function that writes it) for the curves as CSV."""
     yield SERIES, partial(_write_curves, result)
 
 
 def numbers(result: QuasiResult) -> dict:
-    """What the archive holds besides scenario and version."""
+    """Return the contents of the archive other than scenario and version."""
     return {
         "scenario": result.scenario.text,
-        "units": "those of the scenario; loads are shares of the way from the first to the last load",
+        "units": "those of the scenario; loads are shares of the change from the first to the last load",
         "samples": {f"{one.seed:03d}": _sample(one) for one in result.tested},
     }
 
 
-def _sample(one: Tested) -> dict:
+def _sample(one: SampleResult) -> dict:
     path, events = one.path, one.path.events
     out = {
         "law": one.law,
@@ -74,7 +74,7 @@ def _sample(one: Tested) -> dict:
 
 
 def _write_curves(result: QuasiResult, path: Path) -> None:
-    """One row a point: sample, what it belongs to, load, strain, volumetric strain, stress ratio."""
+    """Write one row per point: sample, curve, load, strain, volumetric strain, stress ratio."""
     lines = ["sample,curve,load,strain,volumetric_strain,stress_ratio"]
 
     def add(seed: int, name: str, curve: Curve) -> None:
@@ -91,10 +91,10 @@ def _write_curves(result: QuasiResult, path: Path) -> None:
 
 
 def show(result: QuasiResult) -> None:
-    """Where every path ended, on the terminal."""
-    title = "Paths, how far the slowest dynamics is off in strain, and where it falls"
+    """Print the end of every path on the terminal."""
+    title = "Paths, strain error of the slowest dynamics, and its collapse load"
     table = Table(title=title, **STYLE)
-    names = ("sample", "ends at", "ratio", "strain", "slide", "events", "off by", "falls at")
+    names = ("sample", "ends at", "ratio", "strain", "sliding", "events", "error", "collapse")
     for name in names:
         table.add_column(name, justify="right", no_wrap=True)
     for one in result.tested:
@@ -114,7 +114,7 @@ def show(result: QuasiResult) -> None:
 
 
 def measures(result: QuasiResult) -> dict[str, tuple[float, str]]:
-    """{name: (value, unit)} of a run, for sweeps: medians over its samples; loads are shares of the whole load."""
+    """Return the measures of a run for sweeps as {name: (value, unit)}: medians over samples, loads as shares."""
     slowest = [min(one.slow, key=lambda run: -run.time) for one in result.tested if one.slow]
     columns = {
         "last_load": [one.path.load[-1] for one in result.tested],

@@ -1,4 +1,4 @@
-"""A scenario of quasi-rigid loading: disks between walls or in a periodic cell, by path and by slow dynamics."""
+"""Scenario of quasi-rigid loading: disks between walls or in a periodic cell, by load path and by slow dynamics."""
 
 from typing import Annotated, Literal
 
@@ -12,50 +12,64 @@ Radii = Annotated[tuple[Positive, ...], Listed, Field(min_length=1)]
 
 
 class Disks(Part):
-    """Disks that are brought to rest under a pressure, with friction."""
+    """Disks with friction, brought to rest under a pressure."""
 
-    number: Annotated[int, Field(ge=10, le=5000)] = Field(100, description="of disks")
-    radius: Radii = Field((0.4, 0.6), description="sizes of equally many disks each [length]; masses are 4 R²")
-    pressure: Positive = Field(1e-4, description="over kn the typical overlap in diameters [force/length]")
+    number: Annotated[int, Field(ge=10, le=5000)] = Field(100, description="number of disks")
+    radius: Radii = Field((0.4, 0.6), description="radii, each of equal numbers of disks; masses are 4 R² [length]")
+    pressure: Positive = Field(
+        1e-4, description="pressure; divided by kn, it is the typical overlap in diameters [force/length]"
+    )
 
 
 class Springs(Part):
-    """The law `linear` with sharp friction."""
+    """Contact law `linear` with sharp friction."""
 
     kn: Positive = Field(1.0, description="K_n [force/length]")
     kt: Positive = Field(0.5, description="K_t [force/length]")
-    mu: NotNegative = Field(0.5, description="friction between disks, and with walls")
+    mu: NotNegative = Field(0.5, description="friction coefficient between disks and with walls")
 
 
 class Loading(Part):
-    """What grows, linearly: the force on one wall, or the shear stress of a periodic cell."""
+    """Load that grows linearly: the force on one wall, or the shear stress of a periodic cell."""
 
-    test: Literal["biaxial", "shear"] = Field("biaxial", description="between walls, or in a periodic cell")
-    wall: Literal["top", "right"] = Field("top", description="whose force grows (biaxial)")
-    factor: Annotated[float, Field(gt=1, le=100)] = Field(4.0, description="to which the wall's force grows (biaxial)")
+    test: Literal["biaxial", "shear"] = Field(
+        "biaxial", description="biaxial: between walls; shear: in a periodic cell"
+    )
+    wall: Literal["top", "right"] = Field("top", description="wall whose force grows (biaxial)")
+    factor: Annotated[float, Field(gt=1, le=100)] = Field(
+        4.0, description="final force on the wall over its initial force (biaxial)"
+    )
     ratio: Annotated[float, Field(gt=0, le=10)] = Field(
-        1.0, description="of shear stress to pressure at the end (shear)"
+        1.0, description="final ratio of shear stress to pressure (shear)"
     )
     unload: bool = Field(
-        False, description="whether the load goes back, from `turn` of the load at which the path ends"
+        False, description="whether to unload, starting from the share `turn` of the load at which the path ends"
     )
-    turn: Annotated[float, Field(gt=0, lt=1)] = Field(0.5, description="where unloading begins, see `unload`")
-    increment: Size = Field(0.005, description="of the load, as a share; the geometry is updated after each")
-    geometric: bool = Field(True, description="whether the geometric stiffness enters")
+    turn: Annotated[float, Field(gt=0, lt=1)] = Field(
+        0.5, description="share of the last load of the path at which unloading begins, see `unload`"
+    )
+    increment: Size = Field(
+        0.005, description="load increment as a share of the whole load; the geometry is updated after each"
+    )
+    geometric: bool = Field(True, description="whether to include the geometric stiffness")
 
 
 class Slow(Part):
     """Dynamics of the same sample under the same load."""
 
-    times: Times = Field((3e4, 1e5, 3e5), description="that the whole load takes, one run each; [] for none [time]")
-    drag: NotNegative = Field(0.02, description="of translations and rotations, beside the law's dashpots [1/time]")
+    times: Times = Field(
+        (3e4, 1e5, 3e5), description="durations of the whole load, with one run for each; [] for no runs [time]"
+    )
+    drag: NotNegative = Field(
+        0.02, description="drag on translations and rotations, in addition to the law's dashpots [1/time]"
+    )
     beyond: Annotated[float, Field(ge=0, le=1)] = Field(
-        0.1, description="how far past the path's end, as a share of it"
+        0.1, description="how far runs continue beyond the last load of the path, as a share of that load"
     )
 
 
 class QuasiScenario(Whole):
-    """Everything that defines a quasi-rigid loading and the dynamics beside it."""
+    """Everything that defines a quasi-rigid loading and the slow dynamics compared with it."""
 
     experiment: Literal["quasi-rigid"] = "quasi-rigid"
     seed: Seed = 0
@@ -66,12 +80,15 @@ class QuasiScenario(Whole):
     dynamics: Slow = Slow()
 
     @model_validator(mode="after")
-    def _soft_enough(self):
+    def _check_law(self):
         overlap = self.disks.pressure / self.law.kn
         if not overlap <= 0.01:
             raise ValueError(
-                f"disks.pressure / law.kn = {overlap:g} was given: quasi-rigid grains overlap little, use at most 0.01"
+                f"disks.pressure / law.kn = {overlap:g} was given, but quasi-rigid grains overlap only slightly: use "
+                f"at most 0.01"
             )
         if self.law.mu == 0:
-            raise ValueError("law.mu = 0 was given: without friction no contact slides or sticks; use a positive mu")
+            raise ValueError(
+                "law.mu = 0 was given, but without friction no contact slides or sticks: use a positive mu"
+            )
         return self

@@ -1,4 +1,4 @@
-"""Quasi-rigid loading of samples: path, slow dynamics of the same sample, and the stiffness on the way."""
+"""Simulation of quasi-rigid loading: load paths, slow dynamics of the same samples, and the stiffness along paths."""
 
 from collections.abc import Callable
 from functools import partial
@@ -32,101 +32,116 @@ from ...solve.freedom import Freedom, displaced, residual_vector
 from .scenario import QuasiScenario
 
 Report = Callable[[str, float, str], None]
-LOOKED_AT = 60  # points of a path at most whose eigenvalues are computed
-ENUMERATED = 10  # critical contacts up to which all statuses are gone through
-PAIR = 1e-9  # imaginary part, in the largest eigenvalue, above which there is a complex pair
-CLOSED, LEAST = 0.1, 1e-10  # random motion of `table_one`, in the least overlap, and at least: 1e-6 of it is round-off
-COMPARED = 0.95  # of the path's load up to which path and dynamics are compared
-BURST, ALIKE, BEFORE, ASTRAY = 30.0, 0.5, 20, 0.05  # see `collapse`
+MAX_POINTS = 60  # maximum number of points of a path whose eigenvalues are computed
+MAX_ENUMERATED = 10  # critical contacts up to which all statuses are enumerated
+PAIR = 1e-9  # imaginary part, relative to the largest eigenvalue, above which eigenvalues count as a complex pair
+# size of the random motion of `table_one`: at most CLOSED smallest overlaps, but at least LEAST, 1e-6 of which is
+# round-off
+CLOSED, LEAST = 0.1, 1e-10
+COMPARED = 0.95  # share of the path's load up to which path and dynamics are compared
+BURST, ALIKE, BEFORE, ASTRAY = 30.0, 0.5, 20, 0.05  # see `collapse_load`
 
 
 class Curve(NamedTuple):
-    """What an engineer plots, T points."""
+    """Stress-strain curve of T points, as plotted in engineering."""
 
     load: np.ndarray  # (T,) share of the load
-    strain: np.ndarray  # (T,) of the loaded direction, compression positive; or shear strain
-    volumetric: np.ndarray  # (T,) compression positive
-    ratio: np.ndarray  # (T,) stress of the loaded direction over that of the other; or shear stress over pressure
+    strain: np.ndarray  # (T,) strain in the loaded direction, compression positive; or shear strain
+    volumetric: np.ndarray  # (T,) volumetric strain, compression positive
+    ratio: np.ndarray  # (T,) stress in the loaded direction over that in the other; or shear stress over pressure
 
 
-class Looks(NamedTuple):
-    """The stiffness along a path, L points; eigenvalues over kn."""
+class PathStiffness(NamedTuple):
+    """Properties of the stiffness at L points of a path; eigenvalues are divided by kn."""
 
     load: np.ndarray  # (L,)
-    critical: np.ndarray  # (L,) contacts at Coulomb's limit
+    critical: np.ndarray  # (L,) number of contacts at Coulomb's limit
     lowest: np.ndarray  # (L,) smallest real part of the eigenvalues of k
     symmetric: np.ndarray  # (L,) smallest eigenvalue of the symmetric part of k: Q > 0 for all v fails below zero
-    pairs: np.ndarray  # (L,) complex pairs of m⁻¹k
-    growth_rate: np.ndarray  # (L,) of the fastest pair, 0 without any [1/time]
-    unique: np.ndarray  # (L,) 1: the status is unique for every load, 0: it is not, −1: not known
-    consistent: np.ndarray  # (L,) consistent statuses under the path's load, −1 where too many are critical
-    bijective: np.ndarray  # (L,) 1 if the status map is bijective, 0 if not, −1 where too many are critical
+    pairs: np.ndarray  # (L,) number of complex pairs of m⁻¹k
+    growth_rate: np.ndarray  # (L,) growth rate of the fastest pair, 0 without pairs [1/time]
+    unique: np.ndarray  # (L,) 1 if the status is unique for every load, 0 if not, −1 if not known
+    consistent: np.ndarray  # (L,) consistent statuses under the path's load, −1 with too many critical contacts
+    bijective: np.ndarray  # (L,) 1 if the status map is bijective, 0 if not, −1 with too many critical contacts
 
 
-class Slowly(NamedTuple):
-    """A run of slow dynamics beside the path."""
+class SlowDynamics(NamedTuple):
+    """Run of slow dynamics, compared with the path."""
 
-    time: float  # that the whole load takes [time]
+    time: float  # duration of the whole load [time]
     curve: Curve
-    kinetic_energy: np.ndarray  # (T,) largest in each step of the load [energy]
-    error: float  # largest difference of strain from the path's, over the path's last strain
+    kinetic_energy: np.ndarray  # (T,) largest value in each step of the load [energy]
+    error: float  # largest difference between its strain and the path's, over the path's last strain
 
 
-class Tested(NamedTuple):
-    """One sample."""
+class SampleResult(NamedTuple):
+    """Results of one sample."""
 
     seed: int
     law: Law
     path: LoadPath
     curve: Curve
-    back: Curve | None  # unloading, if asked for
-    looks: Looks
-    slow: tuple[Slowly, ...]
-    collapse: float | None  # load at which dynamics lost stability, None if it did not, or was not asked
-    forces: np.ndarray  # (T, C, 2) F_n, F_t of those contacts of the start that last [force]
-    pairs: np.ndarray  # (C, 2) their bodies
+    back: Curve | None  # unloading, if requested
+    looks: PathStiffness
+    slow: tuple[SlowDynamics, ...]
+    collapse: float | None  # load at which dynamics lost stability; None if it did not, or if there are too few runs
+    forces: np.ndarray  # (T, C, 2) F_n, F_t of the contacts that last throughout the path [force]
+    pairs: np.ndarray  # (C, 2) bodies of these contacts
 
 
 @readable
 class QuasiResult(NamedTuple):
-    """All samples of a scenario, and why some are missing."""
+    """Results of all samples of a scenario, and the reasons why some are missing."""
 
     scenario: QuasiScenario
-    tested: tuple[Tested, ...]
+    tested: tuple[SampleResult, ...]
     failures: tuple[str, ...]
 
 
 def silent(stage: str, share: float, words: str) -> None:
-    """Say nothing."""
+    """Report nothing."""
 
 
 def simulate_quasi(
     scenario: QuasiScenario, *, folder: Folder | None = None, workers: Workers = None, report: Report = silent
 ) -> QuasiResult:
-    """Prepare the samples of a scenario, follow them by path and by slow dynamics, and look at their stiffness.
+    """Prepare the samples of a scenario, load them by path and by slow dynamics, and analyse their stiffness.
 
     Parameters
     ----------
-    folder : where samples, and the path and runs of each, are kept as soon as they are done; a call that was killed
-        goes on from what is kept
-    workers : processes, one sample each, or a Dask scheduler's address; it does not change the results
+    folder : run folder, in which samples, and the path and runs of each, are saved as soon as they finish; a run that
+        was killed resumes from them
+    workers : number of processes, one sample each, or the address of a Dask scheduler; the results do not depend on it
     report : called as report(stage, share done, words)
     """
-    kept = kept_in(folder, scenario, Tested, LoadPath, Point, Event, Fork, Verdict, Curve, Looks, Slowly, SlowRun)
+    kept = kept_in(
+        folder,
+        scenario,
+        SampleResult,
+        LoadPath,
+        Point,
+        Event,
+        Fork,
+        Verdict,
+        Curve,
+        PathStiffness,
+        SlowDynamics,
+        SlowRun,
+    )
     seeds = [scenario.seed + k for k in range(scenario.samples)]
     names = [f"sample-{seed}" for seed in seeds]
     tasks = [(scenario, seed, kept and kept.of(name)) for seed, name in zip(seeds, names, strict=True)]
     live = partial(report, "path and slow dynamics")
-    members = run_members(tested, tasks, workers=workers, live=live, **hooks(kept, names))
+    members = run_members(simulate_sample, tasks, workers=workers, live=live, **hooks(kept, names))
     failures = tuple(f"sample {seed}: {m.failure}" for (_, seed, _), m in zip(tasks, members, strict=True) if m.failure)
     found = tuple(m.result for m in members if m.result is not None)
     if not found:
-        raise RuntimeError(f"no sample could be tested: {failures[0]}")
+        raise RuntimeError(f"every sample failed, the first with {failures[0]}")
     return QuasiResult(scenario, found, failures)
 
 
-def prepared(scenario: QuasiScenario, seed: int) -> tuple[State, Law, Control]:
-    """A sample at rest, its law, and the control at the end of the load."""
+def prepare(scenario: QuasiScenario, seed: int) -> tuple[State, Law, Control]:
+    """Return a sample in equilibrium, its law, and the control at the end of the load."""
     disks, load = scenario.disks, scenario.loading
     make = biaxial_box if load.test == "biaxial" else sheared_box
     state, law = make(
@@ -139,37 +154,41 @@ def prepared(scenario: QuasiScenario, seed: int) -> tuple[State, Law, Control]:
     return state, law, stress_controlled(state.control, {"xy": shear})
 
 
-def tested(scenario: QuasiScenario, seed: int, kept: Kept | None = None, tell=lambda share, words: None) -> Tested:
-    """One sample, followed by path and by slow dynamics; these are kept, each as soon as it is done."""
+def simulate_sample(
+    scenario: QuasiScenario, seed: int, kept: Kept | None = None, tell=lambda share, words: None
+) -> SampleResult:
+    """Load one sample by path and by slow dynamics; each of these is saved as soon as it finishes."""
     load, slow = scenario.loading, scenario.dynamics
     kept = kept and kept.seen()
-    tell(0.0, f"sample {seed}: coming to rest")
-    state, law, end = piece(kept, "prepared", lambda: prepared(scenario, seed))
+    tell(0.0, f"sample {seed}: equilibrating")
+    state, law, end = piece(kept, "prepared", lambda: prepare(scenario, seed))
     options = {"increment": load.increment, "geometric": load.geometric}
     heard = lambda s, w: tell(0.3 * s, f"sample {seed}: {w}")  # noqa: E731
     path = piece(kept, "path", lambda: load_path(state, law, end, report=heard, **options))
-    curve, back = curve_of(path.states, path.load, scenario), None
+    curve, back = stress_strain_curve(path.states, path.load, scenario), None
     if load.unload:
         turn = load.turn * path.load[-1]
         there = between(state.control, end, turn)
         way = load_path(state, law, there, state.control, **options)
         down = [p for p in way.points if p.load >= 1]
-        back = curve_of([state, *(p.state for p in down)], [0, *(turn * (2 - p.load) for p in down)], scenario)
+        back = stress_strain_curve(
+            [state, *(p.state for p in down)], [0, *(turn * (2 - p.load) for p in down)], scenario
+        )
         back = Curve(*(values[1:] for values in back))
     until, runs = min(1.0, (1 + slow.beyond) * path.load[-1]), []
     for k, time in enumerate(slow.times if until > 0 else ()):
         heard = lambda s, w, k=k: tell(0.3 + 0.6 * (k + s) / len(slow.times), f"sample {seed}: {w}")  # noqa: E731
         follow = partial(slow_dynamics, state, law, end, time=time, until=until, drag=slow.drag, report=heard)
         run = piece(kept, f"slow-{k}", follow)
-        followed = curve_of([state, *run.states], np.append(0.0, run.load), scenario)
-        runs.append(Slowly(time, followed, run.kinetic_energy, difference(curve, followed)))
-    looks = looks_along(path, law, state, end)
-    lasting, track = cone_tracks(path)
-    return Tested(seed, law, path, curve, back, looks, tuple(runs), collapse(runs, curve), track, lasting)
+        followed = stress_strain_curve([state, *run.states], np.append(0.0, run.load), scenario)
+        runs.append(SlowDynamics(time, followed, run.kinetic_energy, strain_difference(curve, followed)))
+    looks = path_stiffness(path, law, state, end)
+    lasting, track = force_tracks(path)
+    return SampleResult(seed, law, path, curve, back, looks, tuple(runs), collapse_load(runs, curve), track, lasting)
 
 
-def curve_of(states: list[State], load, scenario: QuasiScenario) -> Curve:
-    """The classical curve of states under shares of the load; the first state is the reference of strains."""
+def stress_strain_curve(states: list[State], load, scenario: QuasiScenario) -> Curve:
+    """Stress-strain curve of states at given shares of the load; strains refer to the first state."""
     if scenario.loading.test == "shear":
         cells, pressure = np.array([s.cell.vectors for s in states]), scenario.disks.pressure
         shear, area = cells[:, 1, 0] / cells[:, 1, 1], cells[:, 0, 0] * cells[:, 1, 1]
@@ -185,20 +204,20 @@ def curve_of(states: list[State], load, scenario: QuasiScenario) -> Curve:
     return Curve(np.array(load), strain, 1 - area / area[0], stress[:, axis] / stress[:, 1 - axis])
 
 
-def difference(path: Curve, dynamics: Curve) -> float:
-    """Largest difference of strain up to 95 % of the path's load, over the path's last strain."""
+def strain_difference(path: Curve, dynamics: Curve) -> float:
+    """Largest difference of strain up to 95 % of the path's load, relative to the path's last strain."""
     near = dynamics.load <= COMPARED * path.load[-1]
     apart = dynamics.strain[near] - np.interp(dynamics.load[near], path.load, path.strain)
     return float(np.abs(apart).max(initial=0.0) / max(abs(path.strain[-1]), 1e-300))
 
 
-def collapse(runs: list[Slowly], path: Curve) -> float | None:
-    """Load at which the slowest run leaves the path and moves fast by itself.
+def collapse_load(runs: list[SlowDynamics], path: Curve) -> float | None:
+    """Load at which the slowest run leaves the path and moves fast on its own; None if it does not.
 
-    In slow motion the kinetic energy falls as the square of the rate. A step of the load at which the slowest run has
-    more than half the energy of the next faster one near that load, and more than thirty times its own median so far,
-    may be the first of a collapse; it is, if from there on the strain is not that of the path any more, or if the path
-    has ended. Soft stretches, which dynamics goes through late, end on the path again.
+    In slow motion the kinetic energy falls as the square of the loading rate. A step of the load may begin a collapse
+    if the slowest run has more than half the energy of the next faster run near that load, and more than thirty times
+    its own median so far. It does begin one if from there on the strain departs from that of the path, or if the path
+    has ended. After soft stretches, where dynamics lags behind, the strain returns to the path.
     """
     if len(runs) < 2:
         return None
@@ -213,15 +232,15 @@ def collapse(runs: list[Slowly], path: Curve) -> float | None:
     return None
 
 
-def looks_along(path: LoadPath, law: Law, start: State, end: Control) -> Looks:
-    """Eigenvalues, uniqueness and status maps at some points of a path."""
-    chosen = np.unique(np.linspace(0, len(path.points) - 1, LOOKED_AT).round().astype(int))
-    rows = [look(path.points[k].state, law, start.control, end) for k in chosen]
-    return Looks(path.load[chosen], *(np.array(column) for column in zip(*rows, strict=True)))
+def path_stiffness(path: LoadPath, law: Law, start: State, end: Control) -> PathStiffness:
+    """Compute eigenvalues, uniqueness and status maps at some points of a path."""
+    chosen = np.unique(np.linspace(0, len(path.points) - 1, MAX_POINTS).round().astype(int))
+    rows = [stiffness_at(path.points[k].state, law, start.control, end) for k in chosen]
+    return PathStiffness(path.load[chosen], *(np.array(column) for column in zip(*rows, strict=True)))
 
 
-def look(state: State, law: Law, begin: Control, end: Control) -> tuple:
-    """One point: the fields of Looks after the load."""
+def stiffness_at(state: State, law: Law, begin: Control, end: Control) -> tuple:
+    """Return the fields of PathStiffness after `load` for one state."""
     m = linear_system(state, law)
     kept = np.setdiff1d(np.arange(len(m.free)), pins(m))
     k, scale = stiffness_matrix(m)[kept][:, kept].toarray(), float(law.table[0, 0, KN])
@@ -235,7 +254,7 @@ def look(state: State, law: Law, begin: Control, end: Control) -> tuple:
 
 
 def _uniqueness(m: LinearSystem, load: np.ndarray) -> tuple[int, int, int]:
-    """Whether the status is unique for every load, how many are consistent, if the map is bijective; −1: unknown."""
+    """Return the fields `unique`, `consistent` and `bijective` of PathStiffness; −1 means not known."""
     if not m.limit.any():
         return 1, 1, 1
     try:
@@ -244,19 +263,19 @@ def _uniqueness(m: LinearSystem, load: np.ndarray) -> tuple[int, int, int]:
         return -1, -1, -1
     known = certificate(problem).unique
     unique = -1 if known is None else int(known)
-    if len(problem.vector) > ENUMERATED:
+    if len(problem.vector) > MAX_ENUMERATED:
         return unique, -1, -1
     mapped = status_map(problem)
     return unique, len(mapped.consistent), int(mapped.bijective)
 
 
 def load_rate(state: State, begin: Control, end: Control, free: Freedom) -> np.ndarray:
-    """(n,) change of the external load on the free coordinates from one control to the other [force]."""
+    """Change of the external load on the free coordinates from one control to the other, shape (n,) [force]."""
     return external(state._replace(control=end), free) - external(state._replace(control=begin), free)
 
 
-def cone_tracks(path: LoadPath) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs (C, 2) and trajectories (T, C, 2) of the forces of contacts that last as long as the path."""
+def force_tracks(path: LoadPath) -> tuple[np.ndarray, np.ndarray]:
+    """Bodies (C, 2) and force trajectories (T, C, 2) of the contacts that last throughout the path."""
     lasting = None
     for state in path.states:
         keys = set(state.contacts.key[touching(state)].tolist())
@@ -264,14 +283,14 @@ def cone_tracks(path: LoadPath) -> tuple[np.ndarray, np.ndarray]:
     keys, track = np.array(sorted(lasting)), []
     for state in path.states:
         rows = np.searchsorted(state.contacts.key[: int(state.contacts.count[0])], keys)
-        track.append(components(state, path.law, rows))
+        track.append(force_components(state, path.law, rows))
     contacts = path.states[0].contacts
     rows = np.searchsorted(contacts.key[: int(contacts.count[0])], keys)
     return np.stack([contacts.i[rows], contacts.j[rows]], axis=1), np.array(track)
 
 
-def components(state: State, law: Law, rows: np.ndarray) -> np.ndarray:
-    """(C, 2) F_n along the branch and F_t clockwise of it, of contacts of the list [force]."""
+def force_components(state: State, law: Law, rows: np.ndarray) -> np.ndarray:
+    """F_n along the branch vector and F_t clockwise of it, for given rows of the contact list, shape (C, 2) [force]."""
     normal = branch_vectors(state)[rows]
     normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
     along = np.stack([normal[:, 1], -normal[:, 0], np.zeros(len(rows))], axis=1)
@@ -280,10 +299,10 @@ def components(state: State, law: Law, rows: np.ndarray) -> np.ndarray:
 
 
 def table_one(state: State, law: Law, seed: int = 0, size: float = 1e-7) -> dict[str, float]:
-    """How well the chain of linear relations of Table I holds in the engine: relative errors of its four lines.
+    """Relative errors of the four linear relations of Table I in the engine.
 
     The engine's contact forces, resultants and velocities before and after a small random motion of all bodies, which
-    opens no contact, stand beside c, K, S and cᵀ.
+    opens no contact, are compared with the predictions by c, K, S and cᵀ.
     """
     m = linear_system(state, law)
     size = min(size, max(CLOSED * float((m.force[:, 0] / m.springs[:, 0, 0]).min()), LEAST))
@@ -293,7 +312,7 @@ def table_one(state: State, law: Law, seed: int = 0, size: float = 1e-7) -> dict
     moved = displaced(state, m.free, v)
     inner = residual_vector(state._replace(control=_unloaded(state.control)), loads, m.free)
     trial = forces(moved, law, memory=HELD)[1]
-    before, after = components(state, law, m.rows), components(moved._replace(contacts=trial), law, m.rows)
+    before, after = force_components(state, law, m.rows), force_components(moved._replace(contacts=trial), law, m.rows)
     relative = (m.c.T @ v).reshape(-1, 2)
     stretched = np.einsum("mab,mb->ma", statuses(m, m.limit), relative)
     predicted = -np.einsum("mab,mb->ma", m.springs, stretched)

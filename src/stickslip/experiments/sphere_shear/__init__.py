@@ -1,4 +1,4 @@
-"""Paper 001: quasi-static shear of packings, growth of the oscillatory instability, failure."""
+"""Paper 001: quasi-static shear of packings, growth of the oscillatory instability, and failure."""
 
 from functools import partial
 
@@ -11,13 +11,13 @@ _here = partial(late, __name__)
 
 
 def references(scenario: ShearScenario) -> dict[str, tuple[str, ...]]:
-    """Keys of references.bib, by what they are for."""
+    """Keys of references.bib, grouped by purpose."""
     return {"the experiment (paper 001)": ("Bonfanti2020",), "contact law": of_law(scenario.law)}
 
 
 EXPERIMENT = Experiment(
     scenario=ShearScenario,
-    words="paper 001: packings are sheared",
+    words="paper 001: sheared packings of spheres",
     simulate=_here("simulate.simulate_shear"),
     numbers=_here("report.numbers"),
     measures=_here("report.measures"),

@@ -1,4 +1,7 @@
-"""Claims of paper 001, judged: doi:10.1103/PhysRevE.101.052902. Medians over packings, ranges in the notes."""
+"""Evaluation of the claims of paper 001, doi:10.1103/PhysRevE.101.052902.
+
+Values are medians over packings; the notes give ranges.
+"""
 
 from typing import NamedTuple
 
@@ -8,34 +11,34 @@ from ...loading.release import Released
 from ..claims import CAN, Claim, claim, median_error
 from .simulate import ShearResult
 
-DECADES = 10.0  # of M, over which the paper sees exponential growth
-APART = np.log10(2.0)  # decades by which M may leave the predicted line: the oscillation itself moves it by that
+DECADES = 10.0  # decades of M over which the paper sees exponential growth
+MISFIT = np.log10(2.0)  # decades by which M may deviate from the predicted line: the oscillation alone causes as much
 LEAST_DURATION = (
-    "read with care: the least duration of a run was set after runs of 45 growth times alone had ended at a median of "
-    "0.13 while the stress was still falling"
+    "to be read with care, as the minimum duration of a run was set after runs of only 45 growth times had ended at a "
+    "median of 0.13 while the stress was still falling"
 )
 SHOWS = {
     "Fig 1": ("complex pairs along the strain", "pairs-reappear"),
     "Fig 2": ("eigenvalues during a run", "spectrum-constant-until"),
     "Fig 3": ("growth of M", "growth-rate-ratio"),
-    "Fig 4": ("trajectories: drawn, without a number", ""),
+    "Fig 4": ("trajectories: plotted, without a number", ""),
     "Fig 5": ("stress through failure", "stress-drop-one-pair"),
 }
 TOLERANCE = {
-    "onset": 1.0,  # nothing is printed, and the packing fraction is open: a factor of two
-    "exponent": 0.05,  # the next term of the square root is of the order of the distance to the birth, some per cent
+    "onset": 1.0,  # nothing is printed, and the packing fraction is not given: a factor of two
+    "exponent": 0.05,  # the next term of the expansion is of the order of the distance to the birth, some per cent
     "pairs": 0.0,  # counts
-    "rate": 1e-3,  # linear theory with Verlet's correction is exact; the ends of the fit's window are not
-    "frequency": 1e-4,  # its phase is known to a fraction of a turn over some thousand turns
+    "rate": 1e-3,  # linear theory with Verlet's correction is exact; the ends of the fit window are not
+    "frequency": 1e-4,  # the phase is known to a fraction of a turn over some thousand turns
     "decades": 0.2,  # the paper says "about 10": two more or less
-    "constant": 1.0,  # nothing is printed; M grows by a factor of two between two looks at the spectrum
+    "constant": 1.0,  # nothing is printed; M grows by a factor of two between two evaluations of the spectrum
     "drop": 1.0,  # one run of one packing: a factor of two either way
     "contacts": 1.0,  # nothing is printed
 }
 
 
-def evaluated(main: ShearResult) -> list[Claim]:
-    """All claims."""
+def evaluate_claims(main: ShearResult) -> list[Claim]:
+    """Evaluate all claims."""
     return _path_claims(main) + _growth_claims(main) + _failure_claims(main)
 
 
@@ -57,8 +60,8 @@ def _range(values, form: str = "{:.3g}") -> str:
     return f"{form.format(min(known))} to {form.format(max(known))} over {len(known)} of {len(values)} packings"
 
 
-def _middle(id: str, source: str, paper, values, unit: str, tolerance: str, note: str, **more) -> Claim:
-    """A row for the median of what packings have, with its error."""
+def _median_claim(id: str, source: str, paper, values, unit: str, tolerance: str, note: str, **more) -> Claim:
+    """Make a claim about the median over packings, with its error."""
     error = median_error(_finite(values))
     return claim(id, source, paper, _median(values), unit, TOLERANCE[tolerance], note, error=error, **more)
 
@@ -72,50 +75,51 @@ def _path_claims(main: ShearResult) -> list[Claim]:
     drift = [abs(p.zero_modes - _zero_modes(p.packed.rattlers, main.scenario.packing.dim)) for p in paths]
     back = sum(p.reappears for p in paths)
     return [
-        _middle(
+        _median_claim(
             "onset-strain", "Fig 1: first pair; no strain is printed", None, births, "strain", "onset",
-            f"nor is the packing fraction, {np.median(fraction):.3g} here, pressure {_range(pressures)}; "
-            f"{_range(births)}; bisected to 1e-6 from the last saved state without a pair",
+            f"the packing fraction is not printed either, it is {np.median(fraction):.3g} here, with pressure "
+            f"{_range(pressures)}; onset {_range(births)}; bisected to 1e-6 from the last saved state without a pair",
         ),
-        _middle(
+        _median_claim(
             "im-lambda-at-birth-exponent", "Fig 1: birth of a pair; no exponent is printed", None, exponents, "1",
             "exponent", _range(exponents, "{:.4f}"), reference=0.5,
-            reference_source="two real eigenvalues that meet leave the axis as a square root",
+            reference_source="two real eigenvalues that meet leave the real axis as a square root",
         ),
         claim(
             "pairs-at-zero-slip", 'Fig 1: Sec. III, the frictionless start "has no complex eigenvalues"', 0,
             max(float(p.pairs[0]) for p in paths), "pairs", TOLERANCE["pairs"],
-            f"the most of {len(paths)} packings; zero modes beside translations and rattlers: {max(drift)}", error=0.0,
+            f"maximum over {len(paths)} packings; zero modes other than translations and rattlers: {max(drift)}",
+            error=0.0,
         ),
         claim(
             "pairs-reappear",
             'Fig 1: "with increasing strain the imaginary component can reduce and disappear, then reappear"', True,
             bool(back), "", 0.0,
-            f"all pairs vanish and some come back in {back} of {len(paths)} packings; pairs at the last strain "
+            f"all pairs vanish and some reappear in {back} of {len(paths)} packings; pairs at the last strain "
             f"{paths[0].strain[-1]:g}: {', '.join(f'{p.pairs[-1]:.0f}' for p in paths)}", quantifier=CAN,
         ),
     ]  # fmt: skip
 
 
 def _zero_modes(rattlers: int, dim: int) -> int:
-    """Zero modes at zero slip: translations, and all coordinates of every rattler."""
+    """Number of zero modes at zero slip: translations, and all coordinates of every rattler."""
     return dim + (6 if dim == 3 else 3) * rattlers
 
 
 class Stretch(NamedTuple):
-    """The part of a run in which M follows the predicted exponential."""
+    """Part of a run in which M follows the predicted exponential."""
 
-    decades: float  # of M, from where it leaves the level of the start to where it leaves the exponential
-    first: float  # M there [length²]
-    last: float  # [length²]
-    ended: bool  # whether the run went on beyond it: False if M still grew when the run ended
+    decades: float  # decades of M between its ends
+    first: float  # M where it leaves its initial level [length²]
+    last: float  # M where it leaves the exponential [length²]
+    ended: bool  # False if M was still following the exponential when the run ended
 
 
 def exponential_stretch(run: Released) -> Stretch | None:
-    """How long M follows exp(2 ω_i t), with the predicted ω_i; None if it did not cross the window of the fit.
+    """Find the part of a run in which M follows exp(2 ω_i t) with the predicted ω_i.
 
-    The largest M so far lies within a factor of two of the line that meets it in the window. Before, it is the level
-    of the start; afterwards the spectrum changes.
+    There the running maximum of M lies within a factor of two of the line that meets it in the fit window. Before, M
+    is at its initial level; afterwards the spectrum changes. Returns None if M did not cross the fit window.
     """
     if run.growth is None:
         return None
@@ -124,7 +128,7 @@ def exponential_stretch(run: Released) -> Stretch | None:
     time, decade = run.time[there], np.log10(envelope[there])
     line = decade - 2 * run.growth_rate / np.log(10) * time
     inside = np.flatnonzero((time >= run.growth.start) & (time <= run.growth.stop))
-    near = np.abs(line - np.median(line[inside])) < APART
+    near = np.abs(line - np.median(line[inside])) < MISFIT
     middle = int(inside[len(inside) // 2])
     before, after = np.flatnonzero(~near[:middle]), np.flatnonzero(~near[middle:])
     first = int(before[-1]) + 1 if len(before) else 0
@@ -142,27 +146,27 @@ def _growth_claims(main: ShearResult) -> list[Claim]:
     rate = _range([r.growth_rate if r else None for r in runs], "{:.2e}")
     said = 'Fig 3: "fitted ω_r and ω_i correspond perfectly to those expected"'
     return [
-        _middle(
+        _median_claim(
             "growth-rate-ratio", said, 1.0, rates, "1", "rate",
-            f"from states with one pair, predicted rates {rate}; after Verlet's correction 1 + (omega_r dt)^2/8: "
-            f"{_range(rates, '{:.6f}')}",
+            f"from states with one pair, predicted rates {rate}; ratio after Verlet's correction "
+            f"1 + (omega_r dt)^2/8: {_range(rates, '{:.6f}')}",
         ),
-        _middle(
+        _median_claim(
             "frequency-ratio", said, 1.0, frequencies, "1", "frequency",
-            f"after Verlet's correction 1 + (omega_r dt)^2/24: {_range(frequencies, '{:.8f}')}",
+            f"ratio after Verlet's correction 1 + (omega_r dt)^2/24: {_range(frequencies, '{:.8f}')}",
         ),
-        *_decades(main),
-        _middle(
+        *_decade_claims(main),
+        _median_claim(
             "spectrum-constant-until", 'Fig 2: "eigenvalues remain constant for a period of time"; no M is printed',
             None, constant, "(2 sigma_1)^2", "constant",
-            f"M at the last spectrum before the fastest Im lambda had changed by 1 %: {_range(constant)}; at the first "
-            f"one after: {_range(changed)}",
+            f"M at the last spectrum before the fastest Im lambda had changed by 1 %: {_range(constant)}; at the next "
+            f"one: {_range(changed)}",
         ),
     ]  # fmt: skip
 
 
-def _decades(main: ShearResult) -> list[Claim]:
-    """Over how many decades M follows the prediction, and if these are as many as the paper's."""
+def _decade_claims(main: ShearResult) -> list[Claim]:
+    """Claims on the number of decades over which M follows the prediction."""
     stretches = [exponential_stretch(r) if r else None for r in main.single]
     known = [s for s in stretches if s]
     decades, growing = [s and s.decades for s in stretches], sum(not s.ended for s in known)
@@ -173,41 +177,45 @@ def _decades(main: ShearResult) -> list[Claim]:
     return [
         claim(
             "growth-follows-prediction", said, True, all(s.decades >= DECADES for s in known) if known else None, "",
-            0.0, f"over ten decades at least; {words}",
+            0.0, f"over at least ten decades; {words}",
         ),
         claim(
             "decades-of-growth", said, DECADES, _median(decades), "decades of M", TOLERANCE["decades"],
-            f"{words}; the number counts from the perturbation of the start, velocities of "
-            f"{main.scenario.release.seed_velocity:g} here, and the paper does not print the size of its own",
+            f"{words}; the number depends on the initial perturbation, velocities of "
+            f"{main.scenario.release.seed_velocity:g} here; the paper does not print the size of its own",
         ),
     ]  # fmt: skip
 
 
-def _ended(runs: list[Released | None]) -> list[Released]:
-    """Runs that left their exponential growth in time: only these can have failed."""
+def _ended_runs(runs: list[Released | None]) -> list[Released]:
+    """Select the runs whose exponential growth ended before the run did; only these can have failed."""
     found = [(r, exponential_stretch(r)) for r in runs if r]
     return [r for r, stretch in found if stretch and stretch.ended]
 
 
 def _failure_claims(main: ShearResult) -> list[Claim]:
-    lost = [r.contacts_lost for r in _ended(main.later)]
-    first = [r.contacts_lost for r in _ended(main.single)]
+    lost = [r.contacts_lost for r in _ended_runs(main.later)]
+    first = [r.contacts_lost for r in _ended_runs(main.single)]
     return [
-        _drop("stress-drop-one-pair", main.single, 'Fig 5: "a macroscopic drop, in the present case of 22%"', 0.22, {}),
-        _drop(
-            "stress-drop-later", main.later, "Fig 5: the paper prints none from states with many pairs", None,
-            {"reference": 0.22, "reference_source": "the paper's one run, from a state with one pair"},
+        _stress_drop(
+            "stress-drop-one-pair", main.single, 'Fig 5: "a macroscopic drop, in the present case of 22%"', 0.22, {}
         ),
-        _middle(
+        _stress_drop(
+            "stress-drop-later", main.later, "Fig 5: none is printed for states with many pairs", None,
+            {"reference": 0.22, "reference_source": "the paper's single run, from a state with one pair"},
+        ),
+        _median_claim(
             "contacts-lost", 'Fig 5: "induced by granules losing contacts"; no number is printed', None, lost,
             "contacts", "contacts", f"from later states {_range(lost)}; from one-pair states {_range(first)}",
         ),
     ]  # fmt: skip
 
 
-def _drop(id: str, source_runs: list[Released | None], source: str, paper: float | None, reference: dict) -> Claim:
-    """Loss of shear stress over its initial value; over the initial pressure in the note."""
-    there = _ended(source_runs)
+def _stress_drop(
+    id: str, source_runs: list[Released | None], source: str, paper: float | None, reference: dict
+) -> Claim:
+    """Claim on the loss of shear stress relative to its initial value; the note gives it relative to the pressure."""
+    there = _ended_runs(source_runs)
     relative = [r.drop / abs(r.shear_stress[0]) for r in there]
     to_pressure = [r.drop / r.pressure[0] for r in there]
     words = ", ".join(
@@ -215,14 +223,14 @@ def _drop(id: str, source_runs: list[Released | None], source: str, paper: float
         for r, a, b in zip(there, relative, to_pressure, strict=True)
     )
     note = (
-        f"the paper's 22 % is one run; fraction of the initial shear stress, which may be near zero; relative to "
-        f"pressure {_range(to_pressure)}; {words or 'no run left its exponential growth in time'}"
+        f"the paper's 22 % is from one run; fraction of the initial shear stress, which may be near zero; relative to "
+        f"pressure {_range(to_pressure)}; {words or 'in no run did the exponential growth end'}"
     )
     if paper is None:
         note += f"; {LEAST_DURATION}"
-    return _middle(id, source, paper, relative, "1", "drop", note, **reference)
+    return _median_claim(id, source, paper, relative, "1", "drop", note, **reference)
 
 
 def shows() -> dict[str, tuple[str, str]]:
-    """Figures of the paper: what each shows, and the id of the claim to quote."""
+    """Figures of the paper, each with its content and the identifier of the claim to quote."""
     return SHOWS

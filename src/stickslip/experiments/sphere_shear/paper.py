@@ -1,7 +1,7 @@
-"""Paper 001, end to end: oscillatory instabilities of sheared packings of spheres.
+"""Reproduction of paper 001: oscillatory instabilities of sheared packings of spheres.
 
 Bonfanti, Chattoraj, Guerra, Procaccia, Zapperi, doi:10.1103/PhysRevE.101.052902. Units: 2σ_1 = m = k_n = 1; I0 = 0.4,
-k_t = 2/7, μ = 10, smooth Coulomb. The paper leaves the packing fraction open: 0.68 here, for every packing.
+k_t = 2/7, μ = 10, smooth Coulomb. The paper does not state the packing fraction; here it is 0.68 for every packing.
 """
 
 from typing import NamedTuple
@@ -9,20 +9,20 @@ from typing import NamedTuple
 from ...data.schema import validated
 from ...ensemble import Workers
 from ..claims import Claim, for_quick_run
-from .claims import evaluated
+from .claims import evaluate_claims
 from .scenario import ShearScenario
 from .simulate import Report, ShearResult, silent, simulate_shear
 
 
 class Reproduction(NamedTuple):
-    """The scenario, run, and the claims that it supports."""
+    """Result of the scenario and the evaluated claims."""
 
     main: ShearResult
     claims: list[Claim]
 
 
 def paper_scenario(*, quick: bool = False, seed: int = 0) -> ShearScenario:
-    """N = 100 spheres, radii 0.5 and 0.7, sheared in steps of 2e-5, then of 1e-4 to a strain of 0.02."""
+    """Return the scenario: N = 100 spheres, radii 0.5 and 0.7, strain steps of 2e-5, then of 1e-4 up to 0.02."""
     if quick:
         return validated(
             ShearScenario,
@@ -35,7 +35,7 @@ def paper_scenario(*, quick: bool = False, seed: int = 0) -> ShearScenario:
 
 
 def reproduce(*, quick: bool = False, seed: int = 0, folder=None, workers: Workers = None, report: Report = silent):
-    """Run the paper's scenario and judge its claims; arguments as in `simulate_shear`. Returns a Reproduction."""
+    """Run the paper's scenario and evaluate its claims; arguments as in `simulate_shear`. Returns a Reproduction."""
     main = simulate_shear(paper_scenario(quick=quick, seed=seed), folder=folder, workers=workers, report=report)
-    claims = evaluated(main)
+    claims = evaluate_claims(main)
     return Reproduction(main, for_quick_run(claims) if quick else claims)

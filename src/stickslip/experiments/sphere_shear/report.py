@@ -1,4 +1,4 @@
-"""What a sheared packing leaves in its folder and on the terminal."""
+"""Output of sheared packings: files in the run folder and the summary on the terminal."""
 
 import numpy as np
 from rich.table import Table
@@ -10,7 +10,7 @@ from .simulate import ShearResult
 
 
 def figures(result: ShearResult):
-    """Yield (file name, Figure) of a run."""
+    """Yield (file name, Figure) for each figure of a run."""
     yield "fig1_complex_pairs.png", figures_of.pairs_along_strain(result.paths, result.scenario.shear.strain[1])
     runs = [r for r in (*result.single, *result.later) if r]
     if not runs:
@@ -26,7 +26,7 @@ def figures(result: ShearResult):
 
 
 def numbers(result: ShearResult) -> dict:
-    """What the archive holds besides scenario and version."""
+    """Return the contents of the archive other than scenario and version."""
     out = {"scenario": result.scenario.text, "law": result.law, "units": "2 sigma_1 = m = k_n = 1"}
     for name, items in (("paths", result.paths), ("single", result.single), ("later", result.later)):
         out[name] = {
@@ -36,8 +36,8 @@ def numbers(result: ShearResult) -> dict:
 
 
 def show(result: ShearResult) -> None:
-    """What a user's scenario led to, on the terminal."""
-    table = Table(title="Packings, sheared", **STYLE)
+    """Print a summary of a run on the terminal."""
+    table = Table(title="Sheared packings", **STYLE)
     for name in ("packing", "φ", "pressure", "z", "rattlers", "first pair", "pairs at the end"):
         table.add_column(name, justify="right", no_wrap=True)
     for p in result.paths:
@@ -67,7 +67,7 @@ def show(result: ShearResult) -> None:
 
 
 def measures(result: ShearResult) -> dict[str, tuple[float, str]]:
-    """{name: (value, unit)} of a run, for sweeps: medians over its packings, NaN where none has it."""
+    """Return the measures of a run for sweeps as {name: (value, unit)}: medians over packings, NaN if none has one."""
     paths, runs = result.paths, [r for r in result.single if r]
     fitted = [r.growth.growth_rate / r.corrected_rate for r in runs if r.growth]
     columns = {

@@ -1,4 +1,4 @@
-"""Scenario of a packing that is sheared quasi-statically."""
+"""Scenario of the quasi-static shear of a packing."""
 
 from itertools import pairwise
 from typing import Annotated, Literal
@@ -12,35 +12,43 @@ from ...data.schema import Duration, Loads, Part, Positive, Seed, Several, Whole
 class Packing(Part):
     """Frictionless jammed packing of disks (dim = 2) or spheres (dim = 3) in a periodic box."""
 
-    grains: Annotated[int, Field(ge=10, le=1600)] = Field(100, description="how many")
+    grains: Annotated[int, Field(ge=10, le=1600)] = Field(100, description="number of grains")
     dim: Literal[2, 3] = Field(3, description="2: disks in the plane, 3: spheres")
-    radius: Several = Field((0.5, 0.7), description="one, sizes of equally many grains each, or one for each [length]")
-    mass: Positive = Field(1.0, description="of every grain [mass]")
-    i0: Positive | None = Field(None, description="moment of inertia I0 m R²; 2/5 for spheres, 1/2 for disks")
-    packing_fraction: Annotated[float, Field(gt=0, le=1.2, allow_inf_nan=False)] | None = Field(
-        None, description="without it and without pressure: 0.68 for spheres, 0.86 for disks"
+    radius: Several = Field(
+        (0.5, 0.7), description="one radius, several for equal numbers of grains, or one for each grain [length]"
     )
-    pressure: Positive | None = Field(None, description="in place of a packing fraction [force/length^(dim−1)]")
+    mass: Positive = Field(1.0, description="mass of every grain [mass]")
+    i0: Positive | None = Field(
+        None, description="I0 in the moment of inertia I0 m R²; default: 2/5 for spheres, 1/2 for disks"
+    )
+    packing_fraction: Annotated[float, Field(gt=0, le=1.2, allow_inf_nan=False)] | None = Field(
+        None, description="packing fraction; default without a pressure: 0.68 for spheres, 0.86 for disks"
+    )
+    pressure: Positive | None = Field(
+        None, description="pressure, instead of a packing fraction [force/length^(dim−1)]"
+    )
 
     @model_validator(mode="after")
-    def _one_measure(self):
+    def _check_packing(self):
         if self.packing_fraction is not None and self.pressure is not None:
             raise ValueError("packing.packing_fraction and packing.pressure were both given: give one of them")
         if isinstance(self.radius, tuple) and len(self.radius) > self.grains:
-            raise ValueError(f"packing.radius has {len(self.radius)} sizes for {self.grains} grains: give fewer")
+            raise ValueError(
+                f"packing.radius has {len(self.radius)} entries for {self.grains} grains: give at most {self.grains}"
+            )
         return self
 
 
 class Shear(Part):
     """Quasi-static simple shear along x with gradient y."""
 
-    strain: Loads = Field((0.0, 2e-3, 0.02), description="turning points of the path")
-    step: Several = Field((2e-5, 1e-4), description="largest strain step, one or one for each leg of the path")
-    slip: bool = Field(True, description="whether the affine displacement enters the slip of the contacts")
+    strain: Loads = Field((0.0, 2e-3, 0.02), description="turning points of the strain path")
+    step: Several = Field((2e-5, 1e-4), description="largest strain step, one value or one for each leg of the path")
+    slip: bool = Field(True, description="whether the affine displacement contributes to the slip of the contacts")
     tolerance: Positive = Field(5e-14, description="largest unbalanced force, or torque over R [force]")
 
     @model_validator(mode="after")
-    def _path(self):
+    def _check_path(self):
         if len(self.strain) < 2 or self.strain[0] != 0.0:
             raise ValueError("shear.strain needs at least two turning points, the first of them 0.0, as in [0.0, 0.02]")
         legs = len(self.strain) - 1
@@ -53,19 +61,21 @@ class Shear(Part):
 
     @property
     def steps(self) -> tuple[float, ...]:
-        """One step for each leg."""
+        """Strain step of each leg."""
         return self.step if isinstance(self.step, tuple) else (self.step,) * (len(self.strain) - 1)
 
 
 class Release(Part):
-    """Newtonian runs from unstable states: one with a single complex pair, and the last one of the path."""
+    """Newtonian runs from unstable states: a state with a single complex pair, and the last state of the path."""
 
-    e_folds: Positive = Field(45.0, description="length of a run in units of 1/(growth rate)")
-    least: Duration = Field(5e4, description="shortest run, for what follows a fast growth [time]")
-    duration: Duration = Field(6e5, description="longest run [time]")
+    e_folds: Positive = Field(45.0, description="duration of a run in units of 1/(growth rate)")
+    least: Duration = Field(5e4, description="minimum duration, to include what follows a fast growth [time]")
+    duration: Duration = Field(6e5, description="maximum duration [time]")
     dt: Positive = Field(0.1, description="time step [time]")
-    seed_velocity: Positive = Field(1e-13, description="root mean square of the random start [length/time]")
-    snapshots: Annotated[int, Field(ge=0, le=1000)] = Field(40, description="spectra during the run")
+    seed_velocity: Positive = Field(
+        1e-13, description="root mean square of the random initial velocities [length/time]"
+    )
+    snapshots: Annotated[int, Field(ge=0, le=1000)] = Field(40, description="number of spectra computed during a run")
 
 
 class ShearScenario(Whole):

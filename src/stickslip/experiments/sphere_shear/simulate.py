@@ -1,4 +1,4 @@
-"""A shear scenario, run: pack, shear quasi-statically with spectra, locate the onset, release, over several seeds."""
+"""Simulation of sheared packings: pack, shear quasi-statically with spectra, locate the onset, and release."""
 
 from collections.abc import Callable
 from functools import partial
@@ -24,64 +24,65 @@ from .scenario import ShearScenario
 
 Report = Callable[[str, float, str], None]
 DEFAULT_FRACTION = {2: 0.86, 3: 0.68}
-HALVINGS = 7  # of the strain step, at which Im λ is measured above the birth of the first pair
+HALVINGS = 7  # number of halved distances above the birth of the first pair at which Im λ is measured
 
 
 class Onset(NamedTuple):
-    """Birth of the first complex pair, by bisection from the last saved state without one."""
+    """Birth of the first complex pair, found by bisection from the last saved state without one."""
 
     below: float
     above: float
     offset: np.ndarray  # (K,) γ − γ_c
-    im_lambda: np.ndarray  # (K,) of the pair [1/time²]
-    exponent: float  # of Im λ against γ − γ_c; NaN if the pair was not alone
+    im_lambda: np.ndarray  # (K,) Im λ of the pair [1/time²]
+    exponent: float  # exponent of Im λ against γ − γ_c; NaN if there were other pairs
 
     @property
     def strain(self) -> float:
-        """γ_c, the middle of the bracket."""
+        """Onset strain γ_c, the middle of the bracket."""
         return 0.5 * (self.below + self.above)
 
 
 @readable
 class ShearPath(NamedTuple):
-    """One packing, sheared quasi-statically."""
+    """Quasi-static shear of one packing."""
 
     seed: int
     packed: Packed
-    zero_modes: int  # at zero slip, of the largest |λ| below 1e-9; 3 translations (2 in the plane) and 6 (3) a rattler
+    # modes with |λ| below 1e-9 of the largest, at zero slip: 3 translations (2 in the plane) and 6 (3) per rattler
+    zero_modes: int
     strain: np.ndarray  # (P,)
-    pairs: np.ndarray  # (P,) complex pairs
+    pairs: np.ndarray  # (P,) number of complex pairs
     largest: np.ndarray  # (P,) largest Im λ, 0 without pairs [1/time²]
     smallest: np.ndarray  # (P,) smallest Im λ among the pairs
-    growth_rate: np.ndarray  # (P,) of the fastest complex pair [1/time]
-    negative: np.ndarray  # (P,) negative real eigenvalues
+    growth_rate: np.ndarray  # (P,) growth rate of the fastest complex pair [1/time]
+    negative: np.ndarray  # (P,) number of negative real eigenvalues
     shear_stress: np.ndarray  # (P,) −σ_xy
     pressure: np.ndarray  # (P,)
-    touching: np.ndarray  # (P,) contacts
+    touching: np.ndarray  # (P,) number of contacts
     residual: np.ndarray  # (P,) largest unbalanced force or torque/R
-    fallbacks: int  # steps in which Newton's method needed help
+    fallbacks: int  # steps in which Newton's method needed a fallback
     onset: Onset | None
-    single: State | None  # the state with one pair whose growth is fastest, before there were two
+    single: State | None  # the fastest-growing state with one pair, before there were two
     single_strain: float
     last: State
-    stopped: str  # why the path ended early, or nothing
+    stopped: str  # reason why the path ended early, or an empty string
 
     @property
     def reappears(self) -> bool:
-        """Whether all pairs vanished after the onset and some came back."""
+        """Return True if all pairs vanished after the onset and some came back."""
         there = self.pairs > 0
         return bool((np.diff(there.astype(int)) == 1).sum() > 1)
 
 
 @readable
 class ShearResult(NamedTuple):
-    """Everything that a shear scenario found; lists by seed, None where a member failed or had nothing to release."""
+    """Results of a shear scenario; lists are by seed, with None where a run failed or there was nothing to release."""
 
     scenario: ShearScenario
     law: Law
     paths: list[ShearPath]
-    single: list[Released | None]  # from one-pair states
-    later: list[Released | None]  # from the last state of each path
+    single: list[Released | None]  # runs from one-pair states
+    later: list[Released | None]  # runs from the last state of each path
     failures: tuple[str, ...]
 
 
@@ -89,16 +90,16 @@ def silent(stage: str, share: float, words: str) -> None:
     """Report nothing."""
 
 
-def strains(scenario: ShearScenario) -> np.ndarray:
-    """All strains of a path, each leg with its own step."""
+def strain_path(scenario: ShearScenario) -> np.ndarray:
+    """Return all strains of a path, each leg with its own step."""
     turns, out = scenario.shear.strain, [np.zeros(1)]
     for a, b, step in zip(turns[:-1], turns[1:], scenario.shear.steps, strict=True):
         out.append(load_path([a, b], step)[1:])
     return np.concatenate(out)
 
 
-def packing_of(scenario: ShearScenario, seed: int):
-    """The frictionless packing of a scenario: State and Packed."""
+def make_packing(scenario: ShearScenario, seed: int):
+    """Make the frictionless packing of a scenario; return State and Packed."""
     chosen = scenario.packing
     fraction = chosen.packing_fraction
     if fraction is None and chosen.pressure is None:
@@ -127,27 +128,29 @@ class Step(NamedTuple):
     fallback: bool
 
 
-def shear(
+def shear_packing(
     scenario: ShearScenario,
     seed: int,
     kept: Kept | None = None,
     report: Callable[[float, str], None] = lambda share, words: None,
 ) -> ShearPath:
-    """Pack one sample and shear it; the path ends early, with a word, where no equilibrium is found.
+    """Pack one sample and shear it; the path ends early, with the reason, where no equilibrium is found.
 
     Parameters
     ----------
-    kept : where the packing and points of the path are kept
+    kept : storage for the packing and the points of the path
     report : called as report(share done, words)
     """
     law, kept = law_of(scenario.law), kept and kept.seen()
-    report(0.0, f"packing {seed}: {scenario.packing.grains} grains are packed")
-    state, packed = piece(kept, "packing", lambda: packing_of(scenario, seed))
+    report(0.0, f"packing {seed}: packing {scenario.packing.grains} grains")
+    state, packed = piece(kept, "packing", lambda: make_packing(scenario, seed))
     protocol = aqs(law, slip=scenario.shear.slip, tolerance=scenario.shear.tolerance)
-    path, loads, stopped = [], strains(scenario), ""
+    path, loads, stopped = [], strain_path(scenario), ""
     for k, strain in enumerate(loads):
         try:
-            step = piece(kept, f"strain-{k:06d}", lambda state=state, strain=strain: _step(protocol, state, strain))
+            step = piece(
+                kept, f"strain-{k:06d}", lambda state=state, strain=strain: _equilibrate(protocol, state, strain)
+            )
         except NotInEquilibriumError as problem:
             stopped = str(problem)
             break
@@ -169,21 +172,21 @@ def shear(
     )  # fmt: skip
 
 
-def _step(protocol: Protocol, state: State, strain: float) -> Step:
+def _equilibrate(protocol: Protocol, state: State, strain: float) -> Step:
     point = protocol.step(state, strain)
     size = np.abs(point.spectrum.eigenvalues)
     zeros = int((size < 1e-9 * size.max()).sum())
-    return Step(float(strain), point.state, _row(point, protocol.law), zeros, point.outcome.fallback)
+    return Step(float(strain), point.state, _path_columns(point, protocol.law), zeros, point.outcome.fallback)
 
 
 def _equilibrium(step: Step, protocol: Protocol) -> Equilibrium:
-    """A point of a path with its spectrum."""
+    """Convert a point of a path to an Equilibrium, which includes its spectrum."""
     modes = spectrum(step.state, protocol.law, modes=protocol.modes)
     return Equilibrium(step.strain, step.state, modes, Outcome(Status.CONVERGED, step.row[-1], 0))
 
 
-def _row(point: Equilibrium, law: Law) -> tuple:
-    """Columns of ShearPath at one point: pairs, largest, smallest, growth, negative, stress, pressure, contacts, …"""
+def _path_columns(point: Equilibrium, law: Law) -> tuple:
+    """Return the columns of ShearPath at one point, from `pairs` to `residual`."""
     modes, pairs, state = point.spectrum, point.spectrum.pairs, point.state
     im = modes.im_lambda[pairs]
     real = modes.eigenvalues[modes.eigenvalues.imag == 0].real
@@ -201,17 +204,17 @@ def _row(point: Equilibrium, law: Law) -> tuple:
 
 
 def find_onset(clean: Equilibrium, above: float, protocol: Protocol) -> Onset:
-    """Bisect the birth of the first pair between a state without pairs and a strain with some.
+    """Locate the birth of the first pair by bisection between a state without pairs and a strain with some.
 
-    Every trial is one strain step from the saved state, so that the path does not depend on the search.
+    Every trial is one strain step from the saved state, so the path does not depend on the search.
     """
-    # γ_c is needed much better than the smallest distance from it at which Im λ is measured
+    # γ_c must be known much more accurately than the smallest distance from it at which Im λ is measured
     fine = 0.01 * 0.5**HALVINGS * (above - clean.load) / above
     change = bisect_change(clean, above, protocol, lambda s: bool(len(s.pairs)), relative=min(1e-6, fine))
     offset = (above - change.load) * 0.5 ** np.arange(HALVINGS)
     found = [protocol.step(clean.state, change.load + d).spectrum for d in offset]
     im = np.array([s.im_lambda.max() for s in found])
-    alone = [k for k, s in enumerate(found) if len(s.pairs) == 1][-5:]  # those nearest to the birth
+    alone = [k for k, s in enumerate(found) if len(s.pairs) == 1][-5:]  # nearest to the birth
     exponent = float(np.polyfit(np.log(offset[alone]), np.log(im[alone]), 1)[0]) if len(alone) >= 3 else np.nan
     return Onset(change.below, change.above, offset, im, exponent)
 
@@ -223,10 +226,10 @@ def simulate_shear(
 
     Parameters
     ----------
-    folder : where points of the paths and runs are kept as soon as they are done; a run that was killed goes on from
-        what is kept, and agrees with one that was not to the tolerance of the solver
-    workers : processes, or a Dask scheduler's address; the result does not depend on it
-    report : called as report(stage, share done, words with the quantities that matter)
+    folder : run folder, in which points of the paths and runs are saved as soon as they finish; a run that was killed
+        resumes from them and agrees with an uninterrupted run to the tolerance of the solver
+    workers : number of processes, or the address of a Dask scheduler; the result does not depend on it
+    report : called as report(stage, share done, words with the relevant quantities)
 
     Examples
     --------
@@ -244,14 +247,14 @@ def simulate_shear(
             function,
             tasks,
             workers=workers,
-            report=lambda done, total, member: report(stage, done / total, _words(member)),
+            report=lambda done, total, member: report(stage, done / total, _describe_member(member)),
             live=partial(report, stage),
             **hooks(kept, names),
         )
 
     names = [f"packing-{seed}" for seed in seeds]
     tasks = [(scenario, seed, kept and kept.of(name)) for seed, name in zip(seeds, names, strict=True)]
-    found = run("quasi-static shear", shear, tasks, names)
+    found = run("quasi-static shear", shear_packing, tasks, names)
     paths = [m.result for m in found if m.failure is None]
     if not paths:
         raise RuntimeError(f"every packing failed, the first with {found[0].failure}")
@@ -272,8 +275,8 @@ def simulate_shear(
     )
 
 
-def _words(member: Member) -> str:
-    """What a finished member found."""
+def _describe_member(member: Member) -> str:
+    """Describe the outcome of a finished member in a few words."""
     found = member.result
     if member.failure:
         return member.failure
