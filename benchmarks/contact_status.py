@@ -15,7 +15,7 @@ import stickslip as ss
 from stickslip.quasirigid.lcp import complementarity, lemke, principal_pivoting
 from stickslip.quasirigid.matrices import LinearSystem, linear_system, stiffness_matrix
 from stickslip.quasirigid.status import contact_status
-from stickslip.quasirigid.system import pins
+from stickslip.quasirigid.system import pinned_coordinates
 from stickslip.quasirigid.uniqueness import certificate
 from stickslip.solve.linear import one_thread
 from stickslip.solve.relax import relax
@@ -62,7 +62,7 @@ def shear_load(state, matrix: LinearSystem) -> np.ndarray:
 
 def flip_and_solve(matrix: LinearSystem, load, critical, sliding) -> tuple[np.ndarray, int]:
     """Find the sliding contacts with SciPy's `spsolve`, flipping all inconsistent contacts; also return the rounds."""
-    kept = np.setdiff1d(np.arange(len(matrix.free)), pins(matrix))
+    kept = np.setdiff1d(np.arange(len(matrix.free)), pinned_coordinates(matrix))
     sliding, v = sliding.copy(), np.zeros(len(load))
     for turn in range(1, 60):
         v[kept] = spsolve(sparse.csc_array(stiffness_matrix(matrix, sliding)[kept][:, kept]), load[kept])

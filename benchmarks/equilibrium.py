@@ -15,7 +15,7 @@ import warnings
 import numpy as np
 
 import stickslip as ss
-from stickslip.core.contacts.neighbors import updated
+from stickslip.core.contacts.neighbors import with_neighbor_list
 
 LEVELS = 10.0 ** np.arange(-8, 1)
 STEPS = (1e-6, 1e-4, 1e-3, 2e-3, 5e-3, 1e-2, 1e-1, 1e1)
@@ -45,7 +45,7 @@ def stirred(state, law, level: float, rng):
     move[:, state.cell.dim :] = 0
 
     def at(size):
-        moved = updated(state._replace(grains=grains._replace(position=grains.position + size * move)), law)
+        moved = with_neighbor_list(state._replace(grains=grains._replace(position=grains.position + size * move)), law)
         return ss.accept(moved, ss.forces(moved, law)[1])
 
     return at(tiny * level / max(ss.measure.imbalance(at(tiny), law) - ss.measure.imbalance(state, law), 1e-15))

@@ -15,8 +15,8 @@ from pathlib import Path
 from PIL import Image
 
 import stickslip as ss
-from stickslip.experiments.packing.page import packing_seen
-from stickslip.experiments.rate_state.fit_report import fitted, write
+from stickslip.experiments.packing.page import packing_content
+from stickslip.experiments.rate_state.fit_report import fit_record, write
 from stickslip.experiments.registry import experiment_of, read_scenario
 from stickslip.experiments.writer import write_result
 from stickslip.figures import grains, style
@@ -98,7 +98,7 @@ def draw_packings() -> list[tuple[str, str]]:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "packing.h5"
         ss.io.write_packing(file, state, law)
-        seen = packing_seen(file, options={})
+        seen = packing_content(file, options={})
     last = flow.frames[-1]
     figures = {
         "packing_mode": lambda: grains.packing(state, law, mode=seen.modes[0] if seen.modes else None),
@@ -118,7 +118,7 @@ def draw_fit() -> list[tuple[str, str]]:
     with tempfile.TemporaryDirectory() as folder:
         records = [path for path in write_result(Path(folder), experiment, slid) if path.suffix == ".csv"]
         fit = Path(folder) / "fit"
-        found = fitted(
+        found = fit_record(
             records[0], laws=("aging", "slip"), stiffness=slid.scenario.spring.stiffness, free_stiffness=False,
             v0=None, before=None, detrend=False, normal=False, out=fit, overwrite=False,
         )  # fmt: skip

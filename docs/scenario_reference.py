@@ -7,7 +7,7 @@ import json
 import re
 from pathlib import Path
 
-from stickslip.data.schema import Whole
+from stickslip.data.schema import ScenarioBase
 from stickslip.experiments.registry import EXPERIMENTS
 from stickslip.experiments.sweep.definition import DRAWN, KINDS, MODES, MOST, OPTIONS, SPACED
 
@@ -68,7 +68,7 @@ in the unit column means a dimensionless number or a string.
 """
 
 
-def page(name: str, kind: type[Whole]) -> str:
+def page(name: str, kind: type[ScenarioBase]) -> str:
     """Page with all tables of one kind of scenario, and its examples."""
     schema = kind.model_json_schema()
     parts = [f"# {TITLES[name]}", f'`experiment = "{name}"`. {schema["description"]}', _tables(schema, schema, "", {})]

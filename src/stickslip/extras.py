@@ -43,7 +43,7 @@ class MissingExtraError(ImportError, ValueError):
     """Raised if an optional dependency is missing or broken; the message is one sentence (exit code 2)."""
 
 
-def needed(module: str, extra: str) -> ModuleType:
+def require(module: str, extra: str) -> ModuleType:
     """Import an optional module.
 
     Parameters
@@ -66,15 +66,17 @@ def needed(module: str, extra: str) -> ModuleType:
     try:
         return import_module(module)
     except ModuleNotFoundError as problem:
-        if (problem.name or "").partition(".")[0] == library and not present(library):
+        if (problem.name or "").partition(".")[0] == library and not is_installed(library):
             licence = f" ({LICENCES[extra]})" if extra in LICENCES else ""
-            raise MissingExtraError(f"{library} is not installed: {command(extra)} installs it{licence}") from None
-        raise broken(library, extra, problem) from problem
+            raise MissingExtraError(
+                f"{library} is not installed: {install_command(extra)} installs it{licence}"
+            ) from None
+        raise broken_extra(library, extra, problem) from problem
     except (ImportError, OSError) as problem:
-        raise broken(library, extra, problem) from problem
+        raise broken_extra(library, extra, problem) from problem
 
 
-def present(module: str) -> bool:
+def is_installed(module: str) -> bool:
     """Return True if a library is installed, without importing it."""
     try:
         return find_spec(module.partition(".")[0]) is not None
@@ -82,15 +84,15 @@ def present(module: str) -> bool:
         return False
 
 
-def command(extra: str, *, again: bool = False) -> str:
+def install_command(extra: str, *, again: bool = False) -> str:
     """Shell command that installs an extra, in quotes that every shell understands."""
     if extra not in EXTRAS:
         raise KeyError(f"no extra {extra!r}: use {', '.join(EXTRAS)}")
     return f'`pip install {"--force-reinstall " * again}"stickslip[{extra}]"`'
 
 
-def broken(library: str, extra: str, problem: Exception) -> MissingExtraError:
+def broken_extra(library: str, extra: str, problem: Exception) -> MissingExtraError:
     """Build the error for a library that is installed but cannot be loaded."""
     said = " ".join(str(problem).split())
-    again = command(extra, again=True)
+    again = install_command(extra, again=True)
     return MissingExtraError(f"{library} is installed but cannot be loaded ({said}): {again} may repair it")

@@ -25,7 +25,7 @@ from .experiments.sweep.definition import Sweep
 from .friction.fitting import Fit
 from .friction.model_comparison import LawComparison
 from .friction.ratestate import SlipHistory
-from .loading.packing import Packed as PackingInfo
+from .loading.packing import PackingInfo as PackingInfo
 from .loading.protocols import Equilibrium
 from .loading.release import Released
 from .loading.slow import SlowRun

@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import expm
 
 import stickslip as ss
-from stickslip.core.contacts.neighbors import updated
+from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.solve.freedom import jacobian
 from tests.conftest import make_law, stirred
 from tests.derivatives.test_jacobian import differences, overlaps
@@ -33,7 +33,7 @@ def test_jacobian_with_a_free_cell_against_differences(dim, coulomb, memory):
             break  # law) has no slip, has no second derivative
     free = ss.freedom(state)
     if memory == ss.FREE:  # at rest a sliding contact is on the edge between stick and slide
-        state = updated(ss.modes.displaced(state, free, np.random.default_rng(0).normal(0, 3e-4, len(free))))
+        state = with_neighbor_list(ss.modes.displaced(state, free, np.random.default_rng(0).normal(0, 3e-4, len(free))))
     assert (free.axis == 6).sum() == dim**2
     free = ss.freedom(state)
     assert free.length == pytest.approx(np.linalg.det(state.cell.vectors[:dim, :dim]) ** (1 / dim))

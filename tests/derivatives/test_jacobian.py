@@ -7,7 +7,7 @@ from stickslip.core.contacts.forces import bodies, forces
 from stickslip.core.contacts.geometry import normal_and_overlap, pair_vector, shifts
 from stickslip.core.contacts.jacobian import contact_blocks
 from stickslip.core.contacts.mechanics import FREE, HELD
-from stickslip.core.contacts.neighbors import updated
+from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.state import SLIDE, STICK
 from stickslip.solve.freedom import assembled, displaced, freedom, residual_vector
 from tests.conftest import make_law, make_packing, stirred
@@ -91,7 +91,7 @@ def test_jacobian_of_a_trial_state_with_pending_increments(law_name, coulomb, di
     state, law = sample(law_name, coulomb, dim, seed=5)
     free = freedom(state)
     rng = np.random.default_rng(0)
-    pending = updated(displaced(state, free, rng.normal(0, size, len(free))))
+    pending = with_neighbor_list(displaced(state, free, rng.normal(0, size, len(free))))
     exact = assembled(pending, contact_blocks(pending, law, memory=FREE)[0], free).toarray()
     numeric = differences(pending, law, free, FREE, h=1e-6)
     # a contact on the edge between stick and slide would be off by its whole stiffness, not by round-off

@@ -11,7 +11,7 @@ import xarray as xr
 from stickslip.data import archive
 from stickslip.data.checkpoint import SWEEP
 from stickslip.experiments.registry import EXPERIMENTS, ScenarioError, read_scenario, scenario
-from stickslip.experiments.resume import begun
+from stickslip.experiments.resume import find_unfinished
 from stickslip.experiments.run_folder import OPTIONS as REMEMBERED
 from stickslip.experiments.sweep.dataset import DATASET, is_sweep, open_sweep
 from stickslip.experiments.sweep.definition import OPTIONS, members, read_sweep, sweep
@@ -200,16 +200,16 @@ def test_a_second_call_runs_what_is_missing_only(tmp_path):
 def test_resume_draws_figures_if_the_first_call_did(figures, tmp_path):
     chosen = small(**{"surface.mu0": [0.3, 0.5]})
     swept = run_sweep(chosen, tmp_path, workers=1, figures=figures)
-    assert begun(tmp_path).figures is figures
-    assert begun(tmp_path).sweep == json.loads(chosen.text)
+    assert find_unfinished(tmp_path).figures is figures
+    assert find_unfinished(tmp_path).sweep == json.loads(chosen.text)
     shutil.rmtree(tmp_path / MEMBERS / swept.names[1])
     run = stickslip_here("resume", tmp_path, "--workers", "1")
     assert run.returncode == 0, run.stderr
     for name in swept.names:
         assert any((tmp_path / MEMBERS / name).glob("*.png")) == figures
-    assert begun(tmp_path).figures is figures
+    assert find_unfinished(tmp_path).figures is figures
     (tmp_path / REMEMBERED).unlink()
-    assert begun(tmp_path).figures is False
+    assert find_unfinished(tmp_path).figures is False
 
 
 def test_members_of_another_version_are_run_again(tmp_path):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.contacts.neighbors import updated
+from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.data import archive
 from stickslip.data.archive import ArchiveError
 from stickslip.experiments.gouge import measures, statistics
@@ -434,7 +434,7 @@ def test_plates_and_overlaps_see_the_nearest_images():
     """Grains at either end of a cell that is periodic along x and z are neighbours there, and not along y."""
     place = np.array([[0.1, 0.05, 0.2], [3.8, 0.05, 3.8], [2.0, 0.1, 2.0], [2.0, 3.9, 2.0]])
     cell = ss.box([4.0, 4.0, 4.0], [True, False, True])
-    state = updated(ss.assembly(ss.spheres(place, [0.5, 0.5, 0.4, 0.4]), cell=cell))
+    state = with_neighbor_list(ss.assembly(ss.spheres(place, [0.5, 0.5, 0.4, 0.4]), cell=cell))
     distance = np.hypot(0.3, 0.4)
     shrunk = _shrink_apart(state, np.arange(4)).radius
     np.testing.assert_allclose(shrunk, np.array([0.5, 0.5, 0.4, 0.4]) * distance / 1.0, rtol=1e-8)  # less 1e-9, told

@@ -120,7 +120,7 @@ def test_the_papers_claims_are_all_judged(tmp_path, ran, full):
     assert missing == (set() if full else PRINTED - {"restitution-insensitivity"} | {"velocity-step-symmetry"})
     assert all(claims[name].verdict == "undecided" for name in missing & PRINTED)
     folder, main = tmp_path / "out", holds[paper.MAIN]
-    report.claim_folder(folder, main.scenario)
+    report.prepare_folder(folder, main.scenario)
     write_reproduction(folder, EXPERIMENT, paper.Reproduction(holds, more, list(claims.values())))
     told = json.loads((folder / "claims.json").read_text())
     assert [c["id"] for c in told] == list(claims)

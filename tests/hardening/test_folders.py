@@ -10,11 +10,11 @@ import pytest
 import stickslip as ss
 from stickslip.cli import main
 from stickslip.data import manifest
-from stickslip.data.checkpoint import kept_in, under_way
+from stickslip.data.checkpoint import checkpoint_in, unfinished_scenario
 from stickslip.experiments import run_folder as report
 from stickslip.experiments import writer
 from stickslip.experiments.rate_state import simulate as slider
-from stickslip.experiments.resume import begun
+from stickslip.experiments.resume import find_unfinished
 from stickslip.experiments.sweep import report as sweep_report
 from stickslip.experiments.sweep.run import SweepResult
 
@@ -155,8 +155,10 @@ def test_who_is_killed_while_results_are_moved_in_is_followed_by_the_next_call(c
     def killed(folder):
         """Some files are in their places, others are not."""
         room = folder / report.WRITING
-        if manifest.proven(room):
-            manifest.note(folder, {n: d + manifest.proven(room)[n] for n, d in manifest.proven(folder).items()})
+        if manifest.read_manifest(room):
+            manifest.write_manifest(
+                folder, {n: d + manifest.read_manifest(room)[n] for n, d in manifest.read_manifest(folder).items()}
+            )
             (room / "series.csv").replace(folder / "series.csv")
             raise KeyboardInterrupt
 
@@ -165,7 +167,7 @@ def test_who_is_killed_while_results_are_moved_in_is_followed_by_the_next_call(c
         assert call("run", "1.toml", "--out", "out", "--overwrite").code == 130
     assert report.install_results is settle
     assert call("resume", "out").code == 0
-    now, told = contents(tmp_path / "out"), manifest.proven(tmp_path / "out")
+    now, told = contents(tmp_path / "out"), manifest.read_manifest(tmp_path / "out")
     assert set(now) == {*told, "manifest.json"}
     assert all(told[name] == [manifest.digest(tmp_path / "out" / name)] for name in told)
     assert json.loads(now["scenario.json"])["seed"] == 1
@@ -177,18 +179,18 @@ def test_the_scenario_of_a_run_of_several_is_its_first(tmp_path, seeds, older):
     """Papers run several scenarios in one folder, whose digests are in any order; `resume` goes on with the first."""
     ones = [ss.scenario(experiment="rate-state", seed=seed) for seed in seeds]
     for one in ones:
-        kept = kept_in(tmp_path, one)
+        kept = checkpoint_in(tmp_path, one)
         kept.of("some").save("piece", 1.0)
         assert kept.seen() is not None
     if older:  # version 0.1
         for path in (tmp_path / "unfinished").glob("part-*.json"):
             path.rename(path.with_name(path.name.replace("part-", "scenario-")))
-    assert under_way(tmp_path).read_text() == ones[0].text
-    assert manifest.strange(tmp_path, report.is_run_file) == []
-    report.claim_folder(tmp_path, ones[0])
+    assert unfinished_scenario(tmp_path).read_text() == ones[0].text
+    assert manifest.find_foreign(tmp_path, report.is_run_file) == []
+    report.prepare_folder(tmp_path, ones[0])
     with report.staged_results(tmp_path) as room:
         report.save(room, ones[0], {})
-    assert begun(tmp_path) is None
+    assert find_unfinished(tmp_path) is None
 
 
 def test_sweeps_prove_their_files_too(call, tmp_path):

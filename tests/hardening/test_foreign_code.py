@@ -7,8 +7,8 @@ import sys
 import pytest
 
 from stickslip.ensemble.worker import WorkerProcess
-from stickslip.experiments.registry import ScenarioError, tables_of
-from stickslip.experiments.resume import begun
+from stickslip.experiments.registry import ScenarioError, read_tables
+from stickslip.experiments.resume import find_unfinished
 
 LAW = "open('was-run', 'w').close()\n"
 
@@ -53,9 +53,9 @@ def test_a_law_file_without_checksum_in_somebodys_folder_is_not_run(tmp_path, mo
         tables["sweep"] = {"gravity": [[0, -1], [0, -2]]}
     (tmp_path / name).write_text(json.dumps(tables))
     with pytest.raises(ScenarioError, match="without the checksum"):
-        tables_of(tmp_path / name)
+        read_tables(tmp_path / name)
     with pytest.raises(ScenarioError, match="without the checksum"):
-        begun(tmp_path)
+        find_unfinished(tmp_path)
     for words in (["cite", "."], ["resume", "."]):
         done = subprocess.run([sys.executable, "-m", "stickslip", *words], capture_output=True, text=True)
         assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr

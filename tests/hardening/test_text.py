@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.laws.builtin import alike
+from stickslip.core.laws.builtin import laws_equal
 from stickslip.data.exchange.files import read_packing, write_packing
 from stickslip.ensemble import cluster
-from stickslip.experiments.registry import read_scenario, tables_of
+from stickslip.experiments.registry import read_scenario, read_tables
 from tests.conftest import stickslip_here
 
 DIGITS = "7" * 5000
@@ -51,13 +51,13 @@ def refused(words, *more, cwd=None):
 
 
 def test_a_byte_order_mark_is_no_part_of_a_text(tmp_path):
-    assert tables_of(saved(tmp_path / "a.toml", SLIDER)) == {"experiment": "rate-state"}
+    assert read_tables(saved(tmp_path / "a.toml", SLIDER)) == {"experiment": "rate-state"}
     assert read_scenario(saved(tmp_path / "a.json", json.dumps({"experiment": "rate-state"}))) == read_scenario(
         tmp_path / "a.toml"
     )
     assert ss.friction.read_csv(saved(tmp_path / "a.csv", SERIES)).time[-1] == 19
     marked = ss.laws.from_file(saved(tmp_path / "a.py", LAW))
-    assert alike(marked, ss.laws.from_file(saved(tmp_path / "b.py", LAW, "utf-8")))
+    assert laws_equal(marked, ss.laws.from_file(saved(tmp_path / "b.py", LAW, "utf-8")))
     for name, text in (("a.dump", DUMP), ("a.data", data_file(tmp_path))):
         assert len(read_packing(saved(tmp_path / name, text), law="linear")[0].grains.radius) == 2
     assert cluster._read_json(saved(tmp_path / "s.json", '{"address": "tcp://a:1"}')) == {"address": "tcp://a:1"}

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.laws.builtin import alike
+from stickslip.core.laws.builtin import laws_equal
 from stickslip.data import archive
-from stickslip.data.checkpoint import Kept
+from stickslip.data.checkpoint import Checkpoint
 
 DATES = np.array(["2020-01-01", "2020-01-02"], "datetime64[D]")
 PAIR = [[0.0, 0.0], [0.99, 0.0]]
@@ -60,7 +60,7 @@ def test_parameters_of_laws(make, more, words):
 
 
 def test_scalars_of_numpy_are_parameters():
-    assert alike(ss.laws.linear(np.float32(2), np.int64(1), np.array(0.5)), ss.laws.linear(2.0, 1.0, 0.5))
+    assert laws_equal(ss.laws.linear(np.float32(2), np.int64(1), np.array(0.5)), ss.laws.linear(2.0, 1.0, 0.5))
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -110,7 +110,7 @@ def test_an_archive_that_claims_far_more_than_it_holds_is_not_read(tmp_path):
 
 
 def test_pieces_that_changed_names_are_refused(tmp_path):
-    kept = Kept(tmp_path, "scenario")
+    kept = Checkpoint(tmp_path, "scenario")
     for name in ("a", "b"):
         kept.save(name, {"x": name})
     assert kept.load("a") == {"x": "a"}

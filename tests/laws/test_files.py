@@ -12,10 +12,10 @@ import pytest
 
 import stickslip as ss
 from stickslip.core.laws import dispatch as kinds
-from stickslip.core.laws.builtin import names_of
+from stickslip.core.laws.builtin import parameter_names
 from stickslip.data import archive
 from stickslip.data.sample import PackingError
-from stickslip.experiments.registry import scenario, tables_of
+from stickslip.experiments.registry import read_tables, scenario
 from tests.conftest import make_packing, stickslip_here, stirred
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -65,7 +65,7 @@ def forget(law, monkeypatch):
 
 
 def test_a_scenario_names_a_file_beside_it_and_knows_its_text(folder):
-    chosen = scenario(**tables_of(folder / "flow.toml"))
+    chosen = scenario(**read_tables(folder / "flow.toml"))
     assert Path(chosen.law.file) == folder / "mine.py" and len(chosen.law.checksum) == 16
     again = scenario(**json.loads(chosen.text))
     assert again == chosen and again.digest == chosen.digest
@@ -185,10 +185,10 @@ def test_the_command_line_lets_a_packing_settle_under_another_law():
 def test_a_law_from_a_file_travels_to_other_processes(tmp_path):
     law = ss.laws.from_file(EXAMPLES / "cohesive_law.py", tension=2e-4)
     (tmp_path / "law").write_bytes(pickle.dumps(law))
-    asked = "law = pickle.load(open('law', 'rb')); print(law.kind, names_of(law), law.table[0, 0, -3])"
-    words = f"import pickle; from stickslip.core.laws.builtin import names_of; {asked}"
+    asked = "law = pickle.load(open('law', 'rb')); print(law.kind, parameter_names(law), law.table[0, 0, -3])"
+    words = f"import pickle; from stickslip.core.laws.builtin import parameter_names; {asked}"
     said = subprocess.run([sys.executable, "-c", words], cwd=tmp_path, capture_output=True, text=True)
-    assert said.stdout.strip() == f"{law.kind} {names_of(law)} 0.0002", said.stderr
+    assert said.stdout.strip() == f"{law.kind} {parameter_names(law)} 0.0002", said.stderr
 
 
 @pytest.mark.slow

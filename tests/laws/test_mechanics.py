@@ -9,7 +9,7 @@ import pytest
 
 import stickslip as ss
 from stickslip.core.contacts.mechanics import FREE, HELD
-from stickslip.core.contacts.neighbors import updated
+from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.dynamics import run as integrate
 from tests.conftest import make_packing, stirred
 
@@ -95,7 +95,9 @@ def test_jacobian_and_damping_matrix_are_exact(name, dim):
     free = ss.freedom(state)
     for memory, step in ((HELD, 1e-6), (FREE, 1e-7)):
         if memory == FREE:  # as in a solver: what is not committed moves on
-            state = updated(ss.modes.displaced(state, free, np.random.default_rng(3).normal(0, 3e-4, len(free))))
+            state = with_neighbor_list(
+                ss.modes.displaced(state, free, np.random.default_rng(3).normal(0, 3e-4, len(free)))
+            )
         exact = ss.modes.assembled(state, ss.modes.contact_blocks(state, law, memory=memory)[0], free).toarray()
         found = differences(state, law, free, memory, step)
         # h² f''' with lengths of 0.02 and round-off over h are both of order 1e-9
@@ -121,7 +123,7 @@ def test_rolling_is_resisted_up_to_the_cap_and_common_rotation_is_free():
     law = example("rolling", mu_r=0.2, damping_n=0.0)
     kn, mu_r, overlap, r = 1.0, 0.2, 0.02, 0.25
     pair = ss.assembly(ss.spheres([[0, 0, 0], [1.0 - overlap, 0, 0]], 0.5))
-    pair = ss.accept(updated(pair, law), ss.forces(pair, law)[1])
+    pair = ss.accept(with_neighbor_list(pair, law), ss.forces(pair, law)[1])
     stiffness, most = 2.25 * kn * (mu_r * r) ** 2, mu_r * r * kn * overlap
 
     def torques(first, second):
@@ -139,10 +141,10 @@ def test_rolling_is_resisted_up_to_the_cap_and_common_rotation_is_free():
 
 def test_lists_know_pairs_across_gaps_and_say_when_they_do_not():
     law = example("cohesive")
-    narrow = updated(make_packing(2))
+    narrow = with_neighbor_list(make_packing(2))
     with pytest.raises(ValueError, match="the list of contacts does not belong to these positions"):
         ss.modes.contact_blocks(narrow, law, memory=FREE)
-    wide = updated(narrow, law)
+    wide = with_neighbor_list(narrow, law)
     assert wide.contacts.skin.tolist() == [narrow.contacts.skin[0], 0.05]
     slack = wide.contacts.skin.sum()
     n, count, radius = len(wide.grains.radius), int(wide.contacts.count[0]), wide.grains.radius
@@ -164,7 +166,9 @@ def test_rolling_memory_is_trial_until_accepted_and_kept_by_new_lists():
     turned = state._replace(grains=grains._replace(angle=grains.angle + 0.05))
     ss.forces(turned, law)
     np.testing.assert_array_equal(state.contacts.rolling, before)
-    renewed = updated(state._replace(contacts=state.contacts._replace(origin=state.contacts.origin + np.inf)))
+    renewed = with_neighbor_list(
+        state._replace(contacts=state.contacts._replace(origin=state.contacts.origin + np.inf))
+    )
     assert renewed.contacts is not state.contacts
     count = int(state.contacts.count[0])
     np.testing.assert_array_equal(renewed.contacts.rolling[:count], state.contacts.rolling[:count])

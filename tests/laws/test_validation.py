@@ -106,7 +106,7 @@ def test_the_kind_is_a_digest_of_what_decides_the_machine_code():
 def test_parameters_by_pair_of_materials():
     law = ss.laws.custom(normal_force=lambda overlap, kn, well: kn * overlap * (1 - well), parameters={"well": 0.1})
     law = ss.laws.for_pair(law, 0, 1, well=-0.2, mu=0.3)
-    names = kinds.known(law.kind).names
+    names = kinds.find_user_law(law.kind).names
     assert names == ("kn", "kt", "mu", "damping_n", "damping_t", "well")
     assert law.table[0, 1, 5] == law.table[1, 0, 5] == -0.2 and law.table[0, 0, 5] == law.table[1, 1, 5] == 0.1
     with pytest.raises(ValueError, match=r"no parameter 'wall': it has .*well"):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.contacts.neighbors import updated
+from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.solve.moduli import isotropic, isotropic_tensor, symmetrised, voigt
 from tests.modes.conftest import LAW, OVERLAP, sheared, triangular
 
@@ -52,7 +52,7 @@ def test_differences_of_equilibria(dim, n, fraction):
         gradient, stresses, carried = np.zeros((dim, dim)), [], []
         gradient[c, d] = h
         for sign in (1, -1):
-            moved = updated(ss.packings.strained(state, sign * gradient))
+            moved = with_neighbor_list(ss.packings.strained(state, sign * gradient))
             carried.append(ss.measure.stress(moved, LAW)[part, part])
             end, outcome = ss.newton(moved, LAW, tolerance=1e-15)
             assert outcome.ok

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.contacts.neighbors import updated
+from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.loading.protocols import fit_growth, free_run
 
 
@@ -163,7 +163,7 @@ def test_growth_with_dashpots_and_drag_is_what_the_damped_spectrum_predicts():
 def test_wall_mode_of_a_lone_disk():
     law = ss.laws.for_pair(ss.laws.hertz_mindlin(mu=10), 0, 1)
     state, _ = ss.relax(ss.packings.disk_array(1, press=5e-5, gap=0.5), law)
-    modes = ss.spectrum(updated(state), law)
+    modes = ss.spectrum(with_neighbor_list(state), law)
     share = modes.shares()
     k = int(np.argmax(share[:, 1]))
     assert share[k, 1] == pytest.approx(1.0, abs=1e-12)

@@ -6,7 +6,7 @@ import pytest
 import stickslip as ss
 from stickslip.core.contacts.jacobian import contact_blocks
 from stickslip.core.contacts.mechanics import HELD
-from stickslip.core.contacts.neighbors import updated
+from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.measure import branch_vectors, touching
 from stickslip.experiments.sphere_shear.simulate import find_onset
 from stickslip.loading.packing import frictionless, jammed
@@ -21,7 +21,7 @@ LAW = ss.laws.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth")
 
 
 def committed(state, law=LAW):
-    state = updated(state)
+    state = with_neighbor_list(state)
     _, trial = ss.forces(state, law)
     return ss.accept(state, trial)
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from stickslip.core.contacts.forces import accept, forces
-from stickslip.core.laws.builtin import dashpots
+from stickslip.core.laws.builtin import damping_model
 from stickslip.core.state import OPEN, SLIDE
 from stickslip.solve.freedom import displaced, freedom
 from tests.conftest import make_law, make_packing, stirred
@@ -123,7 +123,7 @@ def test_without_friction_there_is_no_tangential_force(law_name, dim, seed):
     loads, trial = forces(state, law)
     assert not loads.torque.any()
     assert not trial.slip.any()
-    assert not dashpots(law)
+    assert not damping_model(law)
 
 
 @given(coulombs, dims, seeds)

@@ -23,7 +23,7 @@ from stickslip.quasirigid.cone_apex import (
     statuses_at_apex,
 )
 from stickslip.quasirigid.matrices import linear_system, statuses, stiffness_matrix
-from stickslip.quasirigid.opening import decide_statuses, reduced
+from stickslip.quasirigid.opening import decide_statuses, reduce_to_contacts
 from tests.quasirigid.test_status import jammed_disks
 
 SPRINGS = np.diag([1.0, 0.5])
@@ -126,7 +126,7 @@ def test_reduced_map_of_a_packing_against_the_whole_stiffness(seed):
     contacts = rng.choice(m.count, 3, replace=False)
     sign = np.array([0.0, 0.0, m.sign[contacts[2]]])
     load = rng.normal(size=len(m.free))
-    small = reduced(m, load, contacts, sign, geometric=False)
+    small = reduce_to_contacts(m, load, contacts, sign, geometric=False)
     for status in ([OPENS, SLIDES, STICKS], [SLIDES_BACK, STICKS, STICKS], [STICKS, OPENS, STICKS]):
         status = np.array(status)
         velocity = room._velocity(small.apex, status)

@@ -16,7 +16,7 @@ from stickslip.quasirigid.enumeration import AllSolutions, Solution, enumerate_s
 from stickslip.quasirigid.lcp import Complementarity, complementarity, lemke
 from stickslip.quasirigid.matrices import force_rates, linear_system, stiffness_matrix
 from stickslip.quasirigid.status import Verdict, contact_status
-from stickslip.quasirigid.system import StatusSolver, pins
+from stickslip.quasirigid.system import StatusSolver, pinned_coordinates
 from stickslip.quasirigid.uniqueness import UniquenessVerdict, certificate
 from tests.conftest import make_law, stirred
 from tests.derivatives.test_free_cell import packed
@@ -119,7 +119,7 @@ def test_minors_are_ratios_of_determinants_of_the_stiffness(seed):
     m, rng = jammed_disks(seed)
     critical = np.sort(rng.choice(m.count, 5, replace=False))
     a = complementarity(m, np.zeros(len(m.free)), critical=critical).matrix
-    kept = np.setdiff1d(np.arange(len(m.free)), pins(m))
+    kept = np.setdiff1d(np.arange(len(m.free)), pinned_coordinates(m))
     assert len(kept) == len(m.free) - 2
     base = np.linalg.slogdet(stiffness_matrix(m, np.zeros(m.count, bool)).toarray()[np.ix_(kept, kept)])
     for number in range(32):

@@ -11,7 +11,7 @@ from stickslip.quasirigid.enumeration import status_map
 from stickslip.quasirigid.lcp import Complementarity, complementarity, principal_pivoting
 from stickslip.quasirigid.matrices import linear_system, stiffness_matrix
 from stickslip.quasirigid.status import Verdict, contact_status
-from stickslip.quasirigid.system import StatusSolver, elimination_order, pins
+from stickslip.quasirigid.system import StatusSolver, elimination_order, pinned_coordinates
 from tests.conftest import make_law, stirred
 from tests.derivatives.test_free_cell import packed
 
@@ -31,7 +31,7 @@ def sample(seed, cell_free=False, n=40):
 
 def densely(m, load, sliding, geometric=True):
     """Velocities of a status by LAPACK, and Ṽ of all contacts from the relative velocities."""
-    kept = np.setdiff1d(np.arange(len(m.free)), pins(m))
+    kept = np.setdiff1d(np.arange(len(m.free)), pinned_coordinates(m))
     k = stiffness_matrix(m, sliding, geometric=geometric).toarray()[np.ix_(kept, kept)]
     v = np.zeros(len(m.free))
     v[kept] = np.linalg.solve(k, load[kept])

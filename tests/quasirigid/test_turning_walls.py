@@ -9,7 +9,7 @@ import stickslip as ss
 from stickslip.quasirigid.matrices import linear_system, stiffness_matrix
 from stickslip.quasirigid.null_modes import IDLE, RATTLER, RIGID, mechanisms
 from stickslip.quasirigid.status import contact_status
-from stickslip.quasirigid.system import pins
+from stickslip.quasirigid.system import pinned_coordinates
 from stickslip.quasirigid.walls import rigid_rotation
 
 N, ARM = 60, 3.0  # with 30 disks, walls of which few disks hold turn by mechanisms of their own
@@ -78,7 +78,7 @@ def test_without_turning_nothing_changes():
     assert (more.free.axis[size:] == 5).all()
     change = (more.geometric[:size][:, :size] - plain.geometric).toarray()
     assert not change.any()
-    assert np.array_equal(pins(more), pins(plain))
+    assert np.array_equal(pinned_coordinates(more), pinned_coordinates(plain))
 
 
 def test_the_rigid_rotation_costs_the_square_of_the_overlap():

@@ -57,7 +57,7 @@ def opened(browser, path, number: int):
     """Open a page with a view of so many grains, and go into the view."""
     state, mode = packing(number)
     inside = page_view([ss.io.frame_of(state, SHARP)], [mode], labels=["one"])
-    path.write_text(page.page("a packing", "", [("View", page.inner(inside, "view"))]), encoding="utf-8")
+    path.write_text(page.page("a packing", "", [("View", page.embedded_document(inside, "view"))]), encoding="utf-8")
     browser.get(path.as_uri())
     browser.switch_to.frame(browser.find_element("tag name", "iframe"))
     end = time.monotonic() + PATIENCE

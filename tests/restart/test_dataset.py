@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.contacts.neighbors import updated
+from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.data import archive, units
-from stickslip.data.checkpoint import Kept
+from stickslip.data.checkpoint import Checkpoint
 from tests.conftest import make_law, make_packing, stirred
 
 LAW = make_law("hertz_mindlin", "sharp")
@@ -69,7 +69,7 @@ def test_walls_that_are_left_keep_their_number_in_the_whole_run(tmp_path):
     frames = {}
     for name, kept in (("all", [0, 1, 2]), ("left", [0, 2]), ("floor", [2])):
         walls = ss.flat_walls(points[kept], np.array(normals, float)[kept])
-        state = updated(ss.assembly(ss.disks(corner, radius), walls, ss.box(dim=2)), law)
+        state = with_neighbor_list(ss.assembly(ss.disks(corner, radius), walls, ss.box(dim=2)), law)
         frames[name] = ss.accept(state, ss.forces(state, law)[1])
     words = {"walls": "west\neast\nfloor", "frame_walls": {"left": "west\nfloor", "floor": "floor"}}
     archive.write(tmp_path / "results.h5", {"law": law, "frames": frames} | words, scenario="", version="0")
@@ -96,7 +96,7 @@ def test_units_are_si_where_the_scenario_is(tmp_path):
 
 
 def test_what_an_unfinished_run_has_kept_can_be_looked_at(tmp_path):
-    kept = Kept(tmp_path, "text")
+    kept = Checkpoint(tmp_path, "text")
     state = stirred(make_packing(2), LAW, np.random.default_rng(0))
     kept.save("000000", {"state": state, "rows": {"time": np.arange(3.0)}})
     kept.save("000001", {"state": state._replace(time=2.0), "rows": {"time": np.arange(2.0)}})

@@ -196,7 +196,7 @@ def test_what_cannot_be_resumed_is_told_in_a_sentence(tmp_path, monkeypatch, cap
 def test_pieces_of_another_version_are_refused(tmp_path, monkeypatch):
     from stickslip.data import checkpoint as room
 
-    one = room.Kept(tmp_path, "scenario")
+    one = room.Checkpoint(tmp_path, "scenario")
     one.save("piece", {"x": 1.0})
     assert one.load("piece") == {"x": 1.0}
     monkeypatch.setattr(room, "__version__", "99.0")

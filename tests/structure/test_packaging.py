@@ -113,7 +113,7 @@ def test_the_wheel_runs_with_core_dependencies_alone(installed, tmp_path):
     assert run.returncode == 0, run.stdout + run.stderr
     assert "all is well" in run.stdout
     for extra in ("fast", "cluster", "exchange", "docs", "dev", "bench"):
-        assert extras.command(extra) in " ".join(run.stdout.split()), extra
+        assert extras.install_command(extra) in " ".join(run.stdout.split()), extra
     run = stickslip("cite", ROOT / "examples/gouge.toml")
     assert "@misc{stickslip," in run.stdout, run.stderr
     run = stickslip("run", ROOT / "examples/rate_state.toml", "--out", tmp_path / "out")
@@ -133,19 +133,19 @@ LICENCES = {  # other than BSD and MIT
 def test_every_missing_extra_is_one_sentence_with_its_command(installed, tmp_path):
     code = "\n".join([
         "import sys", "from stickslip import cli, extras",
-        "def ask(library: str, extra: str):", "    extras.needed(library, extra)",
+        "def ask(library: str, extra: str):", "    extras.require(library, extra)",
         "cli.app.command('ask')(ask)", "cli.main()",
     ])  # fmt: skip
     for extra, libraries in extras.EXTRAS.items():
         run = called(installed / "python", "-c", code, "ask", libraries[0], extra, cwd=tmp_path)
         assert run.returncode == 2
-        sentence = f"stickslip: {libraries[0]} is not installed: {extras.command(extra)} installs it"
+        sentence = f"stickslip: {libraries[0]} is not installed: {extras.install_command(extra)} installs it"
         licence = f" ({LICENCES[extra]})" if extra in LICENCES else ""
         assert run.stderr == f"{sentence}{licence}\n"
     words = ("run", ROOT / "examples/gouge.toml", "--engine", "lammps", "--out", tmp_path / "out")
     run = called(installed / "stickslip", *words, cwd=tmp_path)
     assert run.returncode == 2, run.stderr
-    assert extras.command("bench") in run.stderr
+    assert extras.install_command("bench") in run.stderr
     assert run.stderr.count("\n") == 1
 
 

@@ -10,12 +10,12 @@ import pytest
 
 import stickslip as ss
 from stickslip.cli import main
-from stickslip.data.checkpoint import kept_in, piece
-from stickslip.data.schema import NotNegative, Seed, Whole
+from stickslip.data.checkpoint import checkpoint_in, load_or_compute
+from stickslip.data.schema import NotNegative, ScenarioBase, Seed
 from stickslip.experiments import EXPERIMENTS, Experiment
 
 
-class Coins(Whole):
+class Coins(ScenarioBase):
     """So many tosses of a coin."""
 
     experiment: Literal["coins"] = "coins"
@@ -32,8 +32,8 @@ CALLS = []
 
 
 def simulate(scenario, *, folder=None, workers=None, report=lambda *words: None):
-    kept = kept_in(folder, scenario)
-    heads = piece(kept, "tosses", lambda: np.random.default_rng(scenario.seed).random(100) < scenario.bias)
+    kept = checkpoint_in(folder, scenario)
+    heads = load_or_compute(kept, "tosses", lambda: np.random.default_rng(scenario.seed).random(100) < scenario.bias)
     CALLS.append(scenario.seed)
     if len(CALLS) == 1 and folder:
         raise KeyboardInterrupt

@@ -5,8 +5,8 @@ import pytest
 
 import stickslip as ss
 from stickslip.core.contacts.jacobian import linearise
-from stickslip.core.contacts.neighbors import updated
-from stickslip.data.exchange.files import listened
+from stickslip.core.contacts.neighbors import with_neighbor_list
+from stickslip.data.exchange.files import capture_warnings
 from stickslip.loading.protocols import ramp
 from stickslip.loading.shear import aqs
 from stickslip.solve.balance import with_modes_under
@@ -86,7 +86,7 @@ def test_causes_are_those_that_the_state_shows(sheared):
     few = sheared._replace(contacts=sheared.contacts._replace(slip=some))
     assert ss.measure.likely_causes(few, SHARP)[0].startswith(f"no slips: 5 of {len(rows)} contacts")
     single = (1000 + sheared.grains.position).astype(np.float32).astype(float)
-    coarse = updated(sheared._replace(grains=sheared.grains._replace(position=single)))
+    coarse = with_neighbor_list(sheared._replace(grains=sheared.grains._replace(position=single)))
     assert "in single precision" in ss.measure.likely_causes(coarse, SHARP)[0]
     bare = ss.laws.hertz_mindlin(mu=0.0)
     assert not any(c.startswith("no slips") for c in ss.measure.likely_causes(with_slip(sheared, 0.0), bare))
@@ -219,7 +219,7 @@ def test_round_off_of_text_is_no_reason_to_refuse(sheared, digits):
         return np.reshape([float(f"{v:.{digits}g}") for v in values.ravel()], values.shape)
 
     rows, c = ss.measure.touching(sheared), sheared.contacts
-    read, _ = listened(
+    read, _ = capture_warnings(
         ss.packings.from_arrays,
         text(sheared.grains.position), sheared.grains.radius, SHARP, mass=sheared.grains.mass,
         cell=sheared.cell.vectors, pair_i=c.i[rows], pair_j=c.j[rows], image=c.image[rows], slip=text(c.slip[rows]),

@@ -65,7 +65,7 @@ def test_all_references_have_what_bibtex_needs():
 
 @pytest.mark.parametrize("path", sorted((ROOT / "examples").glob("*.toml")), ids=lambda path: path.stem)
 def test_every_example_can_be_cited(path):
-    scenarios = sources.scenarios_of(path)
+    scenarios = sources.read_scenarios(path)
     text = sources.bibtex(*scenarios)
     entries = parsed(text)
     wanted = [key for keys in sources.reference_keys(scenarios[0]).values() for key in keys]
@@ -106,7 +106,7 @@ def test_what_is_cited_follows_the_scenario(tables, in_it, not_in_it):
 
 def test_a_sweep_rests_on_what_any_of_its_members_does(tmp_path):
     (tmp_path / "sweep.json").write_text('{"sweep": {"law.kind": ["linear", "hertz_mindlin"]}}')
-    keys = list(parsed(sources.bibtex(*sources.scenarios_of(tmp_path))))
+    keys = list(parsed(sources.bibtex(*sources.read_scenarios(tmp_path))))
     assert {"Charan2020", "Cundall1979", "Mindlin1949"} <= set(keys)
     assert keys[-len(sources.LIBRARIES) :] == list(sources.LIBRARIES)
 

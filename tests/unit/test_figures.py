@@ -161,7 +161,7 @@ def test_grains_in_a_hold_are_drawn_with_their_energy_and_the_plates_creep():
         for _ in range(2)
     )
     creep[1] = creep[1]._replace(rows=creep[1].rows * np.array([1, -1, 1, 1, 1]))
-    above, below = gouge.rest(ratios, creep, 0.3).axes
+    above, below = gouge.energies_in_holds(ratios, creep, 0.3).axes
     for curve in ratios:
         assert holds(above, curve.x, curve.rows.mean(axis=0))
     assert holds(above, [0, 1], [0.3, 0.3])

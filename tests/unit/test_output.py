@@ -60,7 +60,7 @@ def test_a_run_some_of_whose_realizations_failed_is_incomplete(tmp_path):
     made = claim("a", "Fig 1: text", 1.0, float("nan"), "1", 0.1)
 
     def told(result, claims=None):
-        return json.loads(answers.text(answers.of_run("run", tmp_path, result, [], claims)))
+        return json.loads(answers.to_json(answers.describe_run("run", tmp_path, result, [], claims)))
 
     (tmp_path / UNFINISHED).mkdir()
     assert told(several)["status"] == "incomplete"
@@ -72,7 +72,7 @@ def test_a_run_some_of_whose_realizations_failed_is_incomplete(tmp_path):
     assert (whole["claims"][0]["verdict"], whole["claims"][0]["measured"]) == ("undecided", None)
     swept = {"names": ["a", "b"], "failures": ["", "no equilibrium"], "reused": 1}
     swept["sweep"] = SimpleNamespace(base={}, digest="0")
-    one = answers.of_sweep("run", tmp_path, SimpleNamespace(**swept), {})
+    one = answers.describe_sweep("run", tmp_path, SimpleNamespace(**swept), {})
     assert one["status"] == "failed"
     assert one["members"] == {"total": 2, "finished": 1, "reused": 1, "failed": 1}
     assert one["failures"] == {"b": "no equilibrium"}
@@ -107,8 +107,8 @@ def test_numbers_that_are_none_are_null():
         "d": np.bool_(True),
         "e": "φ",
     }
-    assert answers.text(told).isascii()
-    assert json.loads(answers.text(told)) == {"a": None, "b": [1.0, None], "c": [2.0, [None]], "d": True, "e": "φ"}
+    assert answers.to_json(told).isascii()
+    assert json.loads(answers.to_json(told)) == {"a": None, "b": [1.0, None], "c": [2.0, [None]], "d": True, "e": "φ"}
 
 
 @pytest.mark.slow

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.contacts.neighbors import updated
+from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.measure import branch_vectors, coordination, packing_fraction, pressure, rattlers, stress, touching
 from stickslip.loading.packing import frictionless, jammed
 from stickslip.loading.shear import reduced_cell, shear_strain, sheared, strained
@@ -62,7 +62,7 @@ def test_stress_of_one_contact_is_force_times_branch_over_volume():
     state = ss.assembly(grains, cell=ss.box([5.0, 4.0, 3.0], [True] * 3))
     law = ss.laws.linear(kn=2.0)
     _, trial = ss.forces(state, law)
-    found = stress(ss.accept(updated(state), trial), law)
+    found = stress(ss.accept(with_neighbor_list(state), trial), law)
     assert found[0, 0] == pytest.approx(2.0 * 0.1 * 0.9 / 60)  # compression is positive
     assert np.abs(found).sum() == pytest.approx(found[0, 0])
     assert packing_fraction(state) == pytest.approx(2 * 4 / 3 * np.pi * 0.125 / 60)
@@ -73,7 +73,7 @@ def test_rattlers_are_found_through_each_other():
     position = [[0, 0], [0.99, 0], [0.495, 0.85], [-0.9, -0.3], [-1.8, -0.6]]
     state = ss.assembly(ss.disks(position, 0.5), cell=ss.box(dim=2))
     _, trial = ss.forces(state, ss.laws.linear())
-    state = ss.accept(updated(state), trial)
+    state = ss.accept(with_neighbor_list(state), trial)
     assert len(touching(state)) == 5
     assert rattlers(state).tolist() == [False] * 3 + [True] * 2
     assert coordination(state) == 2.0
@@ -96,7 +96,7 @@ def test_the_affine_displacement_enters_the_slip_if_wanted(slip):
     moved = sheared(state, 1e-4, slip=slip)
     loads, trial = ss.forces(moved, law)
     rows = np.flatnonzero(trial.mode[: trial.count[0]] == ss.STICK)
-    after = branch_vectors(ss.accept(updated(moved), trial))[rows]
+    after = branch_vectors(ss.accept(with_neighbor_list(moved), trial))[rows]
     normal = after / np.linalg.norm(after, axis=1)[:, None]
     affine = np.zeros_like(after)
     affine[:, 0] = 1e-4 * after[:, 1]  # displacement of i relative to j: simple shear leaves y as it is
@@ -115,13 +115,15 @@ def test_a_cell_described_by_shorter_vectors_is_the_same_packing(dim, seed):
     skew[0, 0 if dim == 2 else 1] += 0 if dim == 2 else 2.3
     state = strained(state, skew - np.eye(3), slip=False)
     loads, trial = ss.forces(state, law)
-    state = ss.accept(updated(state), trial)
+    state = ss.accept(with_neighbor_list(state), trial)
     shorter = reduced_cell(state)
     again, new = ss.forces(shorter, law)
     assert np.linalg.norm(shorter.cell.vectors) <= np.linalg.norm(state.cell.vectors)
     np.testing.assert_allclose(again.force, loads.force, atol=1e-13)
     np.testing.assert_allclose(again.torque, loads.torque, atol=1e-13)
-    fresh = updated(shorter._replace(contacts=shorter.contacts._replace(origin=shorter.contacts.origin + np.inf)))
+    fresh = with_neighbor_list(
+        shorter._replace(contacts=shorter.contacts._replace(origin=shorter.contacts.origin + np.inf))
+    )
     assert np.array_equal(fresh.contacts.key[: fresh.contacts.count[0]], new.key[: new.count[0]])
 
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace as Made
 import numpy as np
 import pytest
 
-from stickslip.experiments.claims import NO_REFERENCE, NOT_REPRODUCED, REFUTED, REPRODUCED, UNDECIDED, for_quick_run
+from stickslip.experiments.claims import NO_REFERENCE, NOT_REPRODUCED, REFUTED, REPRODUCED, UNDECIDED, note_quick_run
 from stickslip.experiments.disk_array import claims as disk_claims
 from stickslip.experiments.disk_array import measures as disk_measures
 from stickslip.experiments.disk_array.fronts import fit_front
@@ -86,7 +86,7 @@ def test_a_run_that_still_grows_has_lost_nothing_yet():
     rows = sheared([growing, growing])
     assert rows["stress-drop-one-pair"].measured is None
     assert rows["stress-drop-one-pair"].verdict == UNDECIDED
-    told = {c.id: c for c in for_quick_run(list(rows.values()))}
+    told = {c.id: c for c in note_quick_run(list(rows.values()))}
     assert told["stress-drop-one-pair"].note.startswith("not measured by a quick run")
     failed = [released(1e-25, 1e-6, drop=d) for d in (0.2, 0.21)]
     assert sheared(failed)["stress-drop-one-pair"].verdict == REPRODUCED

@@ -149,7 +149,7 @@ def test_other_scalars_are_those_of_the_plain_law(name, plain):
         assert function(one.kind, q, 0.3, 0.01) == function(other.kind, q, 0.3, 0.01)
     assert laws.uses_radius(one.kind) == laws.uses_radius(other.kind)
     assert laws.rescales(one.kind) and not laws.rescales(other.kind)
-    assert not laws.alike(one, other)
+    assert not laws.laws_equal(one, other)
     at = {"radius": 0.5, "mass": 1.0, "speed": 0.1}
     assert ss.laws.collision(one, **at) == ss.laws.collision(other, **at)
 
@@ -158,7 +158,7 @@ def test_other_scalars_are_those_of_the_plain_law(name, plain):
 def test_every_kind_is_named_written_and_read(name):
     law = LAWS[name](2.0, 0.7, 0.3)
     assert laws.KINDS[law.kind] == name
-    assert laws.alike(law_from_dict(law_to_dict(law)), law)
+    assert laws.laws_equal(law_from_dict(law_to_dict(law)), law)
     assert validate_law(law) is law
 
 

@@ -25,13 +25,13 @@ def cite(
     as_json: AsJson = False,
 ) -> None:
     """Print BibTeX entries to cite for a run: this package, papers, contact laws, libraries."""
-    from ..experiments.bibliography import bibtex, scenarios_of
+    from ..experiments.bibliography import bibtex, read_scenarios
 
-    text = bibtex(*scenarios_of(scenario))
+    text = bibtex(*read_scenarios(scenario))
     if as_json:
         from ..experiments import json_output
 
-        print(json_output.text(json_output.common("cite") | {"bibtex": text}))
+        print(json_output.to_json(json_output.common_fields("cite") | {"bibtex": text}))
     else:
         print(text, end="")
 
@@ -45,11 +45,11 @@ def doctor(
     from ..doctor import report as doctor_report
     from ..experiments import json_output, terminal
 
-    with terminal.speaking(quiet=quiet, as_json=as_json):
+    with terminal.console_output(quiet=quiet, as_json=as_json):
         ok, text = doctor_report.examine(as_json=as_json)
     if as_json:
-        about = json_output.common("doctor", status="finished" if ok else "failed")
-        print(json_output.text(about | json.loads(text)))
+        about = json_output.common_fields("doctor", status="finished" if ok else "failed")
+        print(json_output.to_json(about | json.loads(text)))
     elif quiet:
         print(text)
     raise typer.Exit(0 if ok else 1)

@@ -76,7 +76,7 @@ def finish(
     from ..experiments import json_output, terminal
 
     if as_json:
-        print(json_output.text(answer()))
+        print(json_output.to_json(answer()))
     elif quiet:
         print("\n".join(map(str, paths)))
     else:

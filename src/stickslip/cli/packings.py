@@ -113,33 +113,33 @@ def stability(
     Only an equilibrium is analysed: forces must balance to 0.002 of the mean contact force. Exit codes: 0 stable or
     unstable, 1 it could not be computed or settled, 2 wrong input, 3 no verdict: not in equilibrium, or undecided.
     """
-    from ..data.exchange.files import listened, read_packing
+    from ..data.exchange.files import capture_warnings, read_packing
     from ..experiments import json_output, terminal
     from ..experiments.packing import report as stability_report
-    from ..experiments.packing.details import more_of
+    from ..experiments.packing.details import compute_details
 
     shapes = modes or Path(f"{file.stem}-modes.npz")
     if modes or not as_json:
         stability_report.check_modes(shapes, file, asked=modes is not None)
-    with terminal.speaking(quiet=quiet, as_json=as_json):
-        (state, its_law, words), said = listened(read_packing, file, **options)
+    with terminal.console_output(quiet=quiet, as_json=as_json):
+        (state, its_law, words), said = capture_warnings(read_packing, file, **options)
         words = [*words, *said]
         with terminal.progress(transient=True) as tell:
             calm = None
             if settle:
                 state, calm = stability_report.settled(state, its_law)
                 words.append(f"settled: {calm.how}")
-            found = stability_report.judged(state, its_law, method=method, report=tell)
-            more = more_of(state, its_law, found, report=tell) if beyond else None
-        why, paths = [] if found.balanced else stability_report.causes(found, options, words), []
+            found = stability_report.analyse_stability(state, its_law, method=method, report=tell)
+            more = compute_details(state, its_law, found, report=tell) if beyond else None
+        why, paths = [] if found.balanced else stability_report.likely_causes(found, options, words), []
         if modes or (not as_json and found.balanced and found.modes.shape[1]):
             paths = [stability_report.write_modes(shapes, found)]
     if as_json:
         for line in words:
             print(f"stickslip: {line}", file=sys.stderr)
         verdict = stability_report.verdict(found, calm)
-        about = json_output.common("stability", files=paths) | {"notes": words, "verdict": verdict}
-        print(json_output.text(about | stability_report.as_object(found, more, calm=calm, why=why)))
+        about = json_output.common_fields("stability", files=paths) | {"notes": words, "verdict": verdict}
+        print(json_output.to_json(about | stability_report.to_dict(found, more, calm=calm, why=why)))
     elif quiet:
         print(stability_report.verdict(found, calm))
     else:
@@ -166,10 +166,10 @@ def convert(
     as_json: AsJson = False,
 ) -> None:
     """Write a packing for OVITO, ParaView, ASE or LAMMPS; with --modes, the animation of a mode."""
-    from ..data.exchange.files import convert, listened
+    from ..data.exchange.files import capture_warnings, convert
     from ..experiments import json_output, terminal
 
-    (paths, words), said = listened(
+    (paths, words), said = capture_warnings(
         convert, file, to, modes=modes, mode=mode, count=frames, amplitude=amplitude, grow=grow, overwrite=overwrite,
         **options,
     )  # fmt: skip
@@ -179,5 +179,5 @@ def convert(
         for line in words:
             terminal.console.print(line, style="yellow")
 
-    answer = lambda: json_output.common("convert", files=paths) | {"notes": words}  # noqa: E731
+    answer = lambda: json_output.common_fields("convert", files=paths) | {"notes": words}  # noqa: E731
     finish(answer, paths, show, quiet=quiet, as_json=as_json)

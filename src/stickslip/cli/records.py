@@ -47,17 +47,19 @@ def fit(
     from ..experiments import json_output, terminal
     from ..experiments.rate_state import fit_report
 
-    found = fit_report.fitted(
+    found = fit_report.fit_record(
         file, laws=("aging", "slip") if law == "both" else (law,), stiffness=stiffness, free_stiffness=free_stiffness,
         v0=v0, before=before, detrend=detrend, normal=normal, out=out, overwrite=overwrite,
     )  # fmt: skip
     paths = fit_report.write(out, found) if out else []
     if as_json:
         print(
-            json_output.text(json_output.common("fit", files=paths, folder=out) | json.loads(fit_report.as_json(found)))
+            json_output.to_json(
+                json_output.common_fields("fit", files=paths, folder=out) | json.loads(fit_report.as_json(found))
+            )
         )
     elif quiet:
-        print("\n".join(fit_report.sentences(found)))
+        print("\n".join(fit_report.conclusions(found)))
     else:
         fit_report.show(found)
         if paths:

@@ -72,15 +72,15 @@ def reproduce(
     spread = _choose_workers(workers, scheduler)
     from ..data.lock import lock_folder
     from ..experiments import run_folder, terminal
-    from ..experiments.resume import begin_reproduction
+    from ..experiments.resume import mark_reproduction
 
     chosen = EXPERIMENTS[experiment].paper.scenario(quick=quick, seed=seed)
     folder = out or Path("results") / (experiment + ("-quick" if quick else ""))
     how = {"quiet": quiet, "as_json": as_json}
-    with terminal.speaking(**how), lock_folder(folder):
-        run_folder.claim_folder(folder, chosen, overwrite=overwrite)
+    with terminal.console_output(**how), lock_folder(folder):
+        run_folder.prepare_folder(folder, chosen, overwrite=overwrite)
         asked = {"experiment": experiment, "quick": quick, "seed": seed} | ({"full": True} if full else {})
-        begin_reproduction(folder, chosen, **asked)
+        mark_reproduction(folder, chosen, **asked)
         _reproduce_in("reproduce", folder, spread, how, **asked)
 
 
@@ -98,7 +98,7 @@ def _reproduce_in(command: str, folder: Path, spread, how: dict, *, experiment: 
         tell("figures", 0.0, str(folder))
         paths = write_reproduction(folder, chosen, found)
     finish(
-        lambda: json_output.of_run(command, folder, found.main, paths, found.claims), paths,
+        lambda: json_output.describe_run(command, folder, found.main, paths, found.claims), paths,
         lambda: show_claims(found.claims, chosen.paper.shows()), **how,
     )  # fmt: skip
 
@@ -122,20 +122,20 @@ def run(
     """Run a scenario, or many with a table [sweep]: arrays, packings, tests, flows, gouge, sliders."""
     from ..data.lock import lock_folder
     from ..experiments import run_folder, terminal
+    from ..experiments.registry import read_tables
     from ..experiments.registry import scenario as make_scenario
-    from ..experiments.registry import tables_of
 
-    tables, how = tables_of(scenario), {"quiet": quiet, "as_json": as_json}
+    tables, how = read_tables(scenario), {"quiet": quiet, "as_json": as_json}
     if "sweep" in tables:
         tables, spread = _sweep_tables(tables, engine), _choose_workers(workers, scheduler)
-        with terminal.speaking(**how), lock_folder(out):
+        with terminal.console_output(**how), lock_folder(out):
             return _run_sweep_in("run", tables, out, spread, how, overwrite=overwrite, yes=yes, figures=figures)
     chosen = make_scenario(**tables)
     if engine is not None:
         chosen = _with_engine(chosen, engine)
     spread = _choose_workers(workers, scheduler, chosen)
-    with terminal.speaking(**how), lock_folder(out):
-        run_folder.claim_folder(out, chosen, overwrite=overwrite)
+    with terminal.console_output(**how), lock_folder(out):
+        run_folder.prepare_folder(out, chosen, overwrite=overwrite)
         return _run_in("run", chosen, out, spread, how)
 
 
@@ -151,7 +151,7 @@ def _run_in(command: str, chosen, folder: Path, spread, how: dict) -> None:
         tell("figures", 0.0, str(folder))
         paths = write_result(folder, experiment, found)
     finish(
-        lambda: json_output.of_run(command, folder, found, paths), paths, lambda: experiment.show(found), **how
+        lambda: json_output.describe_run(command, folder, found, paths), paths, lambda: experiment.show(found), **how
     )  # fmt: skip
 
 
@@ -166,14 +166,14 @@ def resume(
     """Continue a run that was killed: dynamics bit for bit, quasi-static steps to their solver's tolerance."""
     from ..data.lock import lock_folder
     from ..experiments import terminal
-    from ..experiments.resume import begun
+    from ..experiments.resume import find_unfinished
 
     how = {"quiet": quiet, "as_json": as_json}
-    with terminal.speaking(**how):
-        if begun(folder) is None:
+    with terminal.console_output(**how):
+        if find_unfinished(folder) is None:
             return _report_finished(folder, how)
         with lock_folder(folder):
-            found = begun(folder)  # again, because another process may have finished in between
+            found = find_unfinished(folder)  # again, because another process may have finished in between
             if found is None:
                 return _report_finished(folder, how)
             spread = _choose_workers(workers, scheduler, found.scenario)
@@ -190,9 +190,9 @@ def _report_finished(folder: Path, how: dict) -> None:
     from ..experiments import json_output, run_folder, terminal
     from ..experiments.registry import read_scenario
 
-    words, paths = f"{folder} is finished: there is nothing to resume.", run_folder.files_of(folder)
+    words, paths = f"{folder} is finished: there is nothing to resume.", run_folder.list_files(folder)
     finish(
-        lambda: json_output.of_finished("resume", folder, read_scenario(folder / SCENARIO)), paths,
+        lambda: json_output.describe_finished_run("resume", folder, read_scenario(folder / SCENARIO)), paths,
         lambda: terminal.console.print(words), **how,
     )  # fmt: skip
 
@@ -214,17 +214,17 @@ def _run_sweep_in(
             return True
         return typer.confirm(f"Run {chosen.count} members?")
 
-    found = sweep_report.simulate(
+    found = sweep_report.run_with_progress(
         chosen, out, workers=spread, overwrite=overwrite, figures=figures, confirm=confirm
     )  # fmt: skip
     if found is None:
         return print("nothing was run")
     answer, sentence = (
-        json_output.of_sweep(command, out, found, sweep_report.ranges(found)),
-        sweep_report.verdict(found),
+        json_output.describe_sweep(command, out, found, sweep_report.ranges(found)),
+        sweep_report.failure_summary(found),
     )
     if sentence and how["as_json"]:
-        raise FailedError(sentence, json_output.finite(answer))
+        raise FailedError(sentence, json_output.to_jsonable(answer))
     finish(lambda: answer, answer["files"], lambda: sweep_report.show(found), **how)
     if sentence:
         raise RuntimeError(sentence)

@@ -44,9 +44,9 @@ def report(
     from ..experiments.packing import page_output as look_out
 
     path = out or look_out.default_path(place, run_folder.PAGE)
-    look_out.ready(path, (".html", ".htm"), overwrite=overwrite, made_from=_input_files(place, modes, options))
-    with terminal.speaking(quiet=quiet, as_json=as_json), terminal.progress(transient=True) as tell:
-        found = look.seen(place, modes=modes, options=options, settle=settle, report=tell)
+    look_out.check_output(path, (".html", ".htm"), overwrite=overwrite, made_from=_input_files(place, modes, options))
+    with terminal.console_output(quiet=quiet, as_json=as_json), terminal.progress(transient=True) as tell:
+        found = look.load_content(place, modes=modes, options=options, settle=settle, report=tell)
         path, words = look.write_page(found, path, colour=colour)
 
     words += [found.warning] if found.warning else []
@@ -56,7 +56,7 @@ def report(
             terminal.console.print(line, style="yellow")
 
     finish(
-        lambda: json_output.common("report", files=[path]) | {"notes": words}, [path], show, quiet=quiet,
+        lambda: json_output.common_fields("report", files=[path]) | {"notes": words}, [path], show, quiet=quiet,
         as_json=as_json,
     )  # fmt: skip
 
@@ -97,10 +97,10 @@ def movie(
     from ..experiments.packing import page_output as look_out
 
     path = out or look_out.default_path(place, run_folder.FILM)
-    look_out.ready(path, look.film.ENDINGS, overwrite=overwrite, made_from=_input_files(place, modes, options))
+    look_out.check_output(path, look.film.ENDINGS, overwrite=overwrite, made_from=_input_files(place, modes, options))
     look.film.check_movie(path, fps)
-    with terminal.speaking(quiet=quiet, as_json=as_json), terminal.progress(transient=True) as tell:
-        found = look.seen(
+    with terminal.console_output(quiet=quiet, as_json=as_json), terminal.progress(transient=True) as tell:
+        found = look.load_content(
             place, modes=modes, options=options, settle=settle, report=tell, search=mode is not None
         )  # fmt: skip
         look.write_movie(
@@ -112,9 +112,10 @@ def movie(
         for line in words:
             terminal.console.print(line, style="yellow")
 
-    finish(
-        lambda: json_output.common("movie", files=[path]) | {"notes": words}, [path], show, quiet=quiet, as_json=as_json
-    )  # fmt: skip
+    def fields() -> dict:
+        return json_output.common_fields("movie", files=[path]) | {"notes": words}
+
+    finish(fields, [path], show, quiet=quiet, as_json=as_json)
 
 
 def _input_files(place: Path, modes: Path | None, options: dict) -> tuple:

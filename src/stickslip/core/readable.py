@@ -78,7 +78,7 @@ def format_value(value) -> str:
     return truncate(str(value).split("\n")[0]) if isinstance(value, int) else type(value).__name__
 
 
-def counted(number: int, word: str) -> str:
+def pluralize(number: int, word: str) -> str:
     """Format a number with its noun, as in "2 grains"."""
     return f"{number} {word}{'' if number == 1 else 's'}"
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .readable import counted, readable
+from .readable import pluralize, readable
 
 OPEN, STICK, SLIDE = 0, 1, 2
 MAX_IN_CUBE = 100  # centres in a cube with edges of the smallest radius; it holds one if grains do not overlap
@@ -244,7 +244,7 @@ def empty_contacts(n_bodies, capacity, skin, bare=False, keyed=True):
     )
 
 
-def at_rest(contacts: Contacts) -> Contacts:
+def reset_reached(contacts: Contacts) -> Contacts:
     """Contacts of an equilibrium: only those that slide now count as having reached Coulomb's limit.
 
     Contacts that slide without slip slide because there is no friction, and have not reached a limit.
@@ -444,11 +444,11 @@ def _check_springs(control: Control) -> None:
 def _describe_grains(grains: Grains) -> str:
     radius = grains.radius
     sizes = f", radii {radius.min():.4g} to {radius.max():.4g}, mass {grains.mass.sum():.4g}" if len(radius) else ""
-    return counted(len(radius), "grain") + sizes
+    return pluralize(len(radius), "grain") + sizes
 
 
 def _describe_walls(walls: Walls) -> str:
-    return counted(len(walls.mass), "flat wall")
+    return pluralize(len(walls.mass), "flat wall")
 
 
 def _describe_cell(cell: Cell) -> str:
@@ -464,14 +464,14 @@ def _describe_contacts(contacts: Contacts) -> str:
 
 
 def _describe_modes(mode: np.ndarray) -> str:
-    return f"{counted(int((mode != OPEN).sum()), 'contact')} ({(mode == SLIDE).sum()} sliding)"
+    return f"{pluralize(int((mode != OPEN).sum()), 'contact')} ({(mode == SLIDE).sum()} sliding)"
 
 
 def _describe_control(control: Control) -> str:
     held = int((~control.free[:, :3].any(axis=1)).sum())
-    parts = [counted(len(control.force), "body").replace("bodys", "bodies"), f"{held} of them fixed or driven"]
+    parts = [pluralize(len(control.force), "body").replace("bodys", "bodies"), f"{held} of them fixed or driven"]
     if groups := len(np.unique(control.group[control.group >= 0])):
-        parts.append(counted(groups, "rigid group"))
+        parts.append(pluralize(groups, "rigid group"))
     if springs := int(control.spring.any(axis=1).sum()):
         parts.append(f"{springs} pulled by springs")
     if control.gravity.any():
@@ -485,9 +485,11 @@ def _describe_state(state: State) -> str:
     kind = "disk" if state.cell.dim == 2 else "sphere"
     around = state.cell.periodic[: state.cell.dim]
     cell = "a periodic cell" if around.all() else "a partly periodic cell" if around.any() else "open space"
-    walls = f", {counted(len(state.walls.mass), 'wall')}" if len(state.walls.mass) else ""
+    walls = f", {pluralize(len(state.walls.mass), 'wall')}" if len(state.walls.mass) else ""
     mode = state.contacts.mode[: state.contacts.count[0]]
-    return f"{counted(len(state.grains.radius), kind)} in {cell}{walls}, {_describe_modes(mode)}, t = {state.time:.6g}"
+    return (
+        f"{pluralize(len(state.grains.radius), kind)} in {cell}{walls}, {_describe_modes(mode)}, t = {state.time:.6g}"
+    )
 
 
 def _draw_svg(state: State) -> str:

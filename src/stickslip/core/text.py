@@ -8,7 +8,7 @@ _SAMPLE_BYTES = 64  # bytes examined to detect text with two bytes per letter
 _MAX_DIGITS = 40  # of a whole number in a file; valid ones have at most twenty
 
 
-def text_of(path: str | Path, *, remedy: str) -> str:
+def read_text(path: str | Path, *, remedy: str) -> str:
     r"""Read a text file, with line endings converted to \n.
 
     Parameters
@@ -40,7 +40,7 @@ def _has_wide_letters(content: bytes) -> bool:
     return content.startswith(_MARKS) or halves[0] != halves[1]
 
 
-def whole_number(word: str) -> int:
+def parse_integer(word: str) -> int:
     """Convert a word in a file to an integer. The ValueError on failure can be part of a sentence."""
     if len(word.strip()) > _MAX_DIGITS:
         raise ValueError(f"{word.strip()[:20]!r} … has {len(word.strip())} digits, at most {_MAX_DIGITS} are allowed")

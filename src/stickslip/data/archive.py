@@ -24,9 +24,9 @@ import h5py
 import numpy as np
 
 from ..core.laws.builtin import Law
-from ..core.laws.dispatch import Kind, described, recalled
+from ..core.laws.dispatch import Kind, describe_law, restore_kind
 from ..core.state import Cell, Contacts, Control, Grains, Instant, State, Walls
-from .atomic import replace
+from .atomic import write_atomically
 from .sound import validate_law, validate_state
 from .units import unit_of
 
@@ -68,7 +68,7 @@ def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = ""
             _store(file, name, value, si)
         file.flush()
         image = file.id.get_file_image()
-    replace(path, _with_checksum(image))
+    write_atomically(path, _with_checksum(image))
 
 
 def _with_checksum(image: bytes) -> bytes:
@@ -160,7 +160,7 @@ def _store(group, name: str, value, si: bool, noun: str | None = None) -> None:
         for key, item in sorted(value._asdict().items()):
             _store(child, key, item, si, noun)
         if isinstance(value, Law) and isinstance(value.kind, Kind):
-            _store(child, "own", described(value), si)
+            _store(child, "own", describe_law(value), si)
     elif isinstance(value, dict):
         child = group.create_group(name)
         numbers = [key for key in value if not isinstance(key, str)]
@@ -227,7 +227,7 @@ def _load(item, known: dict):
 
 def _load_kind(kind: int, about: dict) -> Kind:
     try:
-        return recalled(kind, about)
+        return restore_kind(kind, about)
     except ValueError as problem:
         raise ArchiveError(f"this archive cannot be read: {problem}") from None
 

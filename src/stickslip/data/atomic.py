@@ -8,7 +8,7 @@ from pathlib import Path
 
 
 @contextmanager
-def named(path: str | Path):
+def name_file_in_errors(path: str | Path):
     """Add a path to errors of the operating system, such as a full disk, from libraries that do not name the file."""
     try:
         yield
@@ -19,7 +19,7 @@ def named(path: str | Path):
 
 
 @contextmanager
-def beside(path: str | Path):
+def replace_atomically(path: str | Path):
     """Yield a temporary path in the same folder, with the same extension, that replaces `path` on success.
 
     Raises
@@ -67,7 +67,7 @@ def check_free(paths: Iterable[Path], *, overwrite: bool = False, made_from: Ite
             raise ValueError(f"{path} exists: give another name, or add --overwrite")
 
 
-def replace(path: str | Path, content: bytes) -> None:
-    """Write or replace a file, all or nothing; errors as in `beside`."""
-    with beside(path) as part:
+def write_atomically(path: str | Path, content: bytes) -> None:
+    """Write or replace a file, all or nothing; errors as in `replace_atomically`."""
+    with replace_atomically(path) as part:
         part.write_bytes(content)

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from .. import __version__
 from . import archive
-from .atomic import replace
+from .atomic import write_atomically
 
 # a folder and two files in the folder of the results, and the folder of a sweep's members
 UNFINISHED, SCENARIO, SWEEP, MEMBERS = "unfinished", "scenario.json", "sweep.json", "members"
@@ -21,7 +21,7 @@ WRITING, ANEW, GONE = ".writing", ".anew", f".{UNFINISHED}"
 _NOTE, _PART = "scenario-", "part-"  # followed by a digest: scenario of the run, and of its parts
 
 
-class Kept(NamedTuple):
+class Checkpoint(NamedTuple):
     """Location of the pieces of a run, or of one of its parts."""
 
     run: Path  # folder of the run
@@ -30,7 +30,7 @@ class Kept(NamedTuple):
     part: str = "."
     si: bool = False  # True if units are SI
 
-    def of(self, part: str, *nouns: type) -> "Kept":
+    def of(self, part: str, *nouns: type) -> "Checkpoint":
         """Location of the pieces of one of several parts."""
         return self._replace(part=f"{self.part}/{part}", nouns=nouns or self.nouns)
 
@@ -56,11 +56,11 @@ class Kept(NamedTuple):
         self.folder.mkdir(parents=True, exist_ok=True)
         # a reproduction runs several scenarios: the first is that of the run, the others are those of its parts
         if not self._noted:
-            replace(self._part_note if under_way(self.run) else self._note, self.scenario.encode())
+            write_atomically(self._part_note if unfinished_scenario(self.run) else self._note, self.scenario.encode())
         if not (self.run / SCENARIO).exists():
-            replace(self.run / SCENARIO, self.scenario.encode())
+            write_atomically(self.run / SCENARIO, self.scenario.encode())
 
-    def seen(self) -> "Kept | None":
+    def seen(self) -> "Checkpoint | None":
         """Return self if this process can see the run's folder, else None (as for a worker on another machine)."""
         return self if self._noted else None
 
@@ -129,7 +129,7 @@ class Kept(NamedTuple):
         return self.folder / f"{name}.h5"
 
 
-def under_way(folder: Path) -> Path | None:
+def unfinished_scenario(folder: Path) -> Path | None:
     """Path of the scenario of the unfinished run in a folder, or None."""
     notes = sorted((folder / UNFINISHED).glob(f"{_NOTE}*.json"))
     if len(notes) > 1 and (folder / SCENARIO).is_file():  # versions before 0.2 named the notes of parts in this way
@@ -138,12 +138,12 @@ def under_way(folder: Path) -> Path | None:
     return notes[0] if notes else None
 
 
-def kept_in(folder: Path | None, scenario, *nouns: type) -> Kept | None:
+def checkpoint_in(folder: Path | None, scenario, *nouns: type) -> Checkpoint | None:
     """Location of the pieces of a scenario that runs in a folder; None without a folder."""
-    return Kept(folder, scenario.text, nouns, si=scenario.si) if folder else None
+    return Checkpoint(folder, scenario.text, nouns, si=scenario.si) if folder else None
 
 
-def piece(kept: Kept | None, name: str, make: Callable[[], Any]) -> Any:
+def load_or_compute(kept: Checkpoint | None, name: str, make: Callable[[], Any]) -> Any:
     """Load a piece if it exists, otherwise compute and save it."""
     if kept is None:
         return make()
@@ -152,7 +152,7 @@ def piece(kept: Kept | None, name: str, make: Callable[[], Any]) -> Any:
     return kept.load(name)
 
 
-def hooks(kept: Kept | None, names: list[str]) -> dict[str, Callable]:
+def member_hooks(kept: Checkpoint | None, names: list[str]) -> dict[str, Callable]:
     """Arguments `load` and `save` of `run_members`, for members with these names."""
     if kept is None:
         return {}
@@ -164,7 +164,7 @@ def hooks(kept: Kept | None, names: list[str]) -> dict[str, Callable]:
     }
 
 
-def finished(folder: Path) -> None:
+def remove_checkpoint(folder: Path) -> None:
     """Remove the pieces of a run that has written its results."""
     gone = folder / GONE  # renamed first, so that a kill cannot leave only some of them
     shutil.rmtree(gone, ignore_errors=True)

@@ -37,7 +37,7 @@ def field_at(kind: type[BaseModel], key: str) -> Entry:
     return Entry(found.description, found.default)
 
 
-def put(tables: dict, key: str, value) -> dict:
+def with_value(tables: dict, key: str, value) -> dict:
     """Return a copy of nested tables with another value at a dotted key.
 
     Examples

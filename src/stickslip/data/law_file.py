@@ -12,10 +12,10 @@ from pydantic import Field, model_serializer, model_validator
 
 from ..core.laws.builtin import Law, with_values
 from ..core.laws.user import from_file
-from .schema import Finite, Part, ScenarioError
+from .schema import Finite, ScenarioError, ScenarioTable
 
 
-class LawFile(Part):
+class LawFile(ScenarioTable):
     """A law in a user's Python file, instead of a kind and its parameters."""
 
     file: str | None = Field(None, description="Python file with a contact law, relative to the scenario; it is run")
@@ -55,7 +55,7 @@ def _checksum(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
 
 
-def sealed(tables: dict) -> dict:
+def with_checksum(tables: dict) -> dict:
     """Add the checksum of a law's file to tables written by hand; the law is built and validated immediately."""
     law = tables.get("law")
     if not isinstance(law, dict) or not isinstance(law.get("file"), str) or "checksum" in law:
@@ -65,7 +65,7 @@ def sealed(tables: dict) -> dict:
     return tables | {"law": law | {"file": str(path), "checksum": _checksum(path)}}
 
 
-def check_sealed(tables: dict, path: Path) -> None:
+def require_checksum(tables: dict, path: Path) -> None:
     """Raise ScenarioError if the scenario of an earlier run names a law's file without its checksum."""
     law = tables.get("law")
     if isinstance(law, dict) and law.get("file") is not None and "checksum" not in law:
@@ -75,7 +75,7 @@ def check_sealed(tables: dict, path: Path) -> None:
         )
 
 
-def law_in(choice: LawFile) -> Law:
+def load_law(choice: LawFile) -> Law:
     """Load the law from the file that a scenario names; ScenarioError if the file is missing or has changed."""
     path = Path(choice.file)
     if not path.is_file():

@@ -5,11 +5,11 @@ from typing import Literal
 from pydantic import Field
 
 from ..core.laws.builtin import Law, for_pair, hertz_mindlin, linear
-from .law_file import LawFile, law_in
-from .schema import NotNegative, Part, Positive
+from .law_file import LawFile, load_law
+from .schema import NotNegative, Positive, ScenarioTable
 
 
-class Parameters(Part):
+class Parameters(ScenarioTable):
     """Parameters of disk–wall contacts, if different from those between disks."""
 
     kn: Positive | None = Field(None, description="as `law.kn`")
@@ -32,10 +32,10 @@ class LawChoice(LawFile):
     wall: Parameters = Parameters()
 
 
-def law_of(choice: LawChoice) -> Law:
+def make_law(choice: LawChoice) -> Law:
     """Contact law selected by a scenario, with disk–wall parameters if they differ."""
     if choice.file is not None:
-        law = law_in(choice)
+        law = load_law(choice)
     else:
         law = {"hertz_mindlin": hertz_mindlin, "linear": linear}[choice.kind](
             choice.kn, choice.kt, choice.mu, coulomb=choice.coulomb, damping_n=choice.damping_n,

@@ -81,7 +81,7 @@ def _write_holder(place: Path) -> None:
     words = " ".join(["stickslip", *sys.argv[1:2]])
     note = {"pid": os.getpid(), "host": socket.gethostname(), "since": time.strftime("%Y-%m-%d %H:%M:%S"), "by": words}
     with suppress(OSError):  # a full disk is reported when results are written
-        atomic.replace(place / HOLDER, json.dumps(note).encode())
+        atomic.write_atomically(place / HOLDER, json.dumps(note).encode())
 
 
 def _describe_holder(place: Path) -> str:

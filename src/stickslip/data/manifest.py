@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from . import atomic
-from .checkpoint import ANEW, GONE, MEMBERS, SCENARIO, SWEEP, UNFINISHED, WRITING, under_way
+from .checkpoint import ANEW, GONE, MEMBERS, SCENARIO, SWEEP, UNFINISHED, WRITING, unfinished_scenario
 
 MANIFEST = "manifest.json"
 _ABOUT = "SHA-256 of the files that stickslip wrote here: it replaces no others"
@@ -27,28 +27,28 @@ _SWEEP_FILES = (MANIFEST, SWEEP, "sweep-options.json", "sweep.nc", MEMBERS, "rea
 Files = dict[str, list[str]]  # digests by name: one, or two where a file is about to be replaced
 
 
-def proven(folder: Path) -> Files:
+def read_manifest(folder: Path) -> Files:
     """Digests of the files that runs have written; empty if there is no readable manifest."""
     return _read(folder / MANIFEST)
 
 
-def note(folder: Path, files: Files) -> None:
+def write_manifest(folder: Path, files: Files) -> None:
     """Write the manifest."""
     content = {"about": _ABOUT, "files": dict(sorted(files.items()))}
-    atomic.replace(folder / MANIFEST, json.dumps(content, indent=1).encode())
+    atomic.write_atomically(folder / MANIFEST, json.dumps(content, indent=1).encode())
 
 
-def note_too(folder: Path, *names: str) -> None:
+def add_to_manifest(folder: Path, *names: str) -> None:
     """Add the current files and folders of these names to the manifest."""
-    note(folder, proven(folder) | {name: [digest(folder / name)] for name in names})
+    write_manifest(folder, read_manifest(folder) | {name: [digest(folder / name)] for name in names})
 
 
-def put(folder: Path, name: str, content: bytes) -> None:
+def write_file(folder: Path, name: str, content: bytes) -> None:
     """Write or replace a file of a run, all or nothing."""
-    known, new = proven(folder), hashlib.sha256(content).hexdigest()
-    note(folder, known | {name: [*known.get(name, []), new]})
-    atomic.replace(folder / name, content)
-    note(folder, known | {name: [new]})
+    known, new = read_manifest(folder), hashlib.sha256(content).hexdigest()
+    write_manifest(folder, known | {name: [*known.get(name, []), new]})
+    atomic.write_atomically(folder / name, content)
+    write_manifest(folder, known | {name: [new]})
 
 
 def digest(path: Path) -> str:
@@ -61,7 +61,7 @@ def digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def strange(folder: Path, ours: Callable[[str], bool]) -> list[str]:
+def find_foreign(folder: Path, ours: Callable[[str], bool]) -> list[str]:
     """Names of files that no run has written, or that were changed since; without a trace of a run, of all files.
 
     Parameters
@@ -71,7 +71,7 @@ def strange(folder: Path, ours: Callable[[str], bool]) -> list[str]:
     """
     if not folder.is_dir():
         return []
-    own, adopted, begun = proven(folder), _read(folder / UNFINISHED / _OVERWRITABLE), under_way(folder)
+    own, adopted, begun = read_manifest(folder), _read(folder / UNFINISHED / _OVERWRITABLE), unfinished_scenario(folder)
     known = {name: own.get(name, []) + adopted.get(name, []) for name in own | adopted}
     if begun is not None:  # it wrote its scenario before the manifest
         known[SCENARIO] = [*known.get(SCENARIO, []), digest(begun)]
@@ -127,11 +127,11 @@ def _is_own_hidden(path: Path, piece: bool, ours: Callable[[str], bool]) -> bool
     return ours(path.name) or path.name in _SWEEP_FILES
 
 
-def adopt(folder: Path, names: Iterable[str]) -> None:
+def allow_overwriting(folder: Path, names: Iterable[str]) -> None:
     """Allow the run that starts in this folder to replace these files when it finishes."""
     (folder / UNFINISHED).mkdir(exist_ok=True)
     content = {"files": {name: [digest(folder / name)] for name in names}}
-    atomic.replace(folder / UNFINISHED / _OVERWRITABLE, json.dumps(content).encode())
+    atomic.write_atomically(folder / UNFINISHED / _OVERWRITABLE, json.dumps(content).encode())
 
 
 def _read(path: Path) -> Files:

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..core.contacts.forces import accept, forces
 from ..core.contacts.mechanics import FREE, HELD
-from ..core.contacts.neighbors import grid_of, pack_key, updated
+from ..core.contacts.neighbors import grid_of, pack_key, with_neighbor_list
 from ..core.laws.builtin import COULOMB, DAMPING, Law, elastic_constants, hertz_mindlin, hertz_mindlin_reff, linear
 from ..core.laws.dispatch import Kind
 from ..core.measure import branch_vectors
@@ -81,7 +81,7 @@ def from_arrays(
     if dim == 2 and slip is not None and np.any(np.asarray(slip)[..., 2:]):
         raise PackingError("position or slip leaves the plane although dim is 2: z must be zero")
     if pair_i is not None or pair_j is not None:
-        state = _with_contacts(updated(state, law), law, pair_i, pair_j, image, slip, mode)
+        state = _with_contacts(with_neighbor_list(state, law), law, pair_i, pair_j, image, slip, mode)
     elif image is not None or slip is not None or mode is not None:
         raise PackingError("image, slip or mode was given without pair_i and pair_j: give these as well")
     return accepted(state, law, modes=mode is not None)
@@ -106,7 +106,7 @@ def _build_state(position, radius, mass, motion: dict, cell, force, i0) -> State
     except ValueError as problem:
         raise PackingError(str(problem)) from None
     _check_box(state)
-    state = updated(state)
+    state = with_neighbor_list(state)
     _check_overlap(state)
     return state
 
@@ -287,7 +287,7 @@ def accepted(state: State, law: Law, *, memory: int = FREE, modes: bool = False,
     PackingError
         if a slip is unreasonably long.
     """
-    state = updated(state, law)
+    state = with_neighbor_list(state, law)
     count = int(state.contacts.count[0])
     longest = np.abs(state.contacts.slip[:count]).max(initial=0.0)
     if longest > HUGE:

@@ -34,13 +34,13 @@ class ScenarioError(ValueError):
     """Raised for a scenario that cannot be run; the message is one sentence for the user."""
 
 
-class Part(BaseModel):
+class ScenarioTable(BaseModel):
     """A table of a scenario."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
-class Whole(Part):
+class ScenarioBase(ScenarioTable):
     """Base class of scenarios."""
 
     si: ClassVar[bool] = False  # True if its units are SI
@@ -121,7 +121,7 @@ def unknown_key(where, kind: type[BaseModel]) -> str:
     return f"{place} has no key {key!r}: {hint}"
 
 
-def validated(kind: type[Whole], /, **tables):
+def validate_scenario(kind: type[ScenarioBase], /, **tables):
     """Create a scenario of a class from nested dictionaries, as in its TOML file.
 
     Raises

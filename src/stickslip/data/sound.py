@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ..core.contacts.neighbors import keys_of
-from ..core.laws.builtin import COULOMB, DAMPING, KINDS, NO_TENSION, Law, names_of
+from ..core.contacts.neighbors import pack_keys
+from ..core.laws.builtin import COULOMB, DAMPING, KINDS, NO_TENSION, Law, parameter_names
 from ..core.laws.dispatch import Kind
 from ..core.state import OPEN, SLIDE, STICK, Cell, Contacts, Control, Grains, Instant, State, Walls
 
@@ -92,7 +92,7 @@ def validate_law(law: Law) -> Law:
         if not (isinstance(value, int | np.integer) and value in known) and not isinstance(value, Kind):
             raise ValueError(f"law.{name} is {value!r}")
     materials = len(np.atleast_1d(law.table))
-    _check_array("law.table", law.table, _FLOAT, [materials, materials, len(names_of(law))])
+    _check_array("law.table", law.table, _FLOAT, [materials, materials, len(parameter_names(law))])
     if not np.isfinite(law.table).all():
         raise ValueError("law.table contains entries that are not finite")
     return law
@@ -129,5 +129,5 @@ def _check_indices(state: State) -> None:
         raise ValueError(f"contacts.rolling has {len(contacts.rolling)} rows for {len(contacts.i)} contacts")
     if len(contacts.skin) not in (1, 2):
         raise ValueError(f"contacts.skin has {len(contacts.skin)} entries")
-    if not np.array_equal(keys_of(contacts), contacts.key) or (np.diff(contacts.key) <= 0).any():
+    if not np.array_equal(pack_keys(contacts), contacts.key) or (np.diff(contacts.key) <= 0).any():
         raise ValueError("contacts are not sorted, or their keys do not belong to them")

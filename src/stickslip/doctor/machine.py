@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_info
 
 from .. import __version__, extras, kernel_cache
 from ..ensemble import default_workers
-from ..experiments.gouge.lammps import cannot_load
+from ..experiments.gouge.lammps import load_error
 from ..solve.linear import factorised
 
 CORE = ("numpy", "scipy", "numba", "llvmlite", "h5py", "matplotlib", "xarray", "pydantic", "typer", "rich")
@@ -98,15 +98,15 @@ def parts() -> list[OptionalPart]:
 
 def _check_extra(name: str, purpose: str, works=None) -> OptionalPart:
     libraries = extras.EXTRAS[name]
-    here = [f"{library} {_version(library) or ''}".strip() for library in libraries if extras.present(library)]
-    gone = [library for library in libraries if not extras.present(library)]
+    here = [f"{library} {_version(library) or ''}".strip() for library in libraries if extras.is_installed(library)]
+    gone = [library for library in libraries if not extras.is_installed(library)]
     if gone:
         return OptionalPart(
-            name, purpose, ", ".join([*here, f"{', '.join(gone)} missing"]), False, extras.command(name)
+            name, purpose, ", ".join([*here, f"{', '.join(gone)} missing"]), False, extras.install_command(name)
         )
     wrong = works() if works else None
     if wrong:
-        remedy = wrong.remedy or extras.command(name, again=True)
+        remedy = wrong.remedy or extras.install_command(name, again=True)
         return OptionalPart(name, purpose, f"{', '.join(here)} installed, but {wrong.words}", False, remedy)
     return OptionalPart(name, purpose, ", ".join(here), True, "")
 
@@ -121,7 +121,7 @@ def _check_pardiso() -> Fault | None:
 
 
 def _check_lammps() -> Fault | None:
-    said = cannot_load()
+    said = load_error()
     return Fault(f"its library cannot be loaded ({said})", MPI if "mpi" in said.lower() else "") if said else None
 
 

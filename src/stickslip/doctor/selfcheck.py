@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.contacts.forces import accept, forces
-from ..core.contacts.neighbors import updated
+from ..core.contacts.neighbors import with_neighbor_list
 from ..core.dynamics.run import run
 from ..core.laws.builtin import Law, for_pair, hertz_mindlin, linear
 from ..core.outcome import Outcome
@@ -112,7 +112,7 @@ def measure_contact_status() -> dict[str, float]:
     law = for_pair(linear(kn=1.0, kt=0.5, mu=0.5), 0, 1)
     state = disk_array(5, press=1e-3, gap=-1e-3)
     lifted = state.grains.position - [0, 1e-3, 0]
-    state = updated(state._replace(grains=state.grains._replace(position=lifted)))
+    state = with_neighbor_list(state._replace(grains=state.grains._replace(position=lifted)))
     contacts, near = state.contacts, state.contacts.count[0]
     mode, slip = np.zeros_like(contacts.mode), np.zeros_like(contacts.slip)
     mode[:near] = STICK

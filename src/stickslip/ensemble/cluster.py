@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from itertools import islice
 from uuid import uuid4
 
-from ..extras import needed
+from ..extras import require
 from .local import TRIES
 from .worker import SchedulerGoneError, WorkerDiedError, WorkerProcess, describe_error, ensure_running
 
@@ -39,7 +39,7 @@ def connect(address):
     ValueError
         with one sentence, if Dask is not installed or no scheduler answers.
     """
-    distributed = needed("distributed", "cluster")
+    distributed = require("distributed", "cluster")
     if isinstance(address, distributed.Client):
         yield address
         return
@@ -100,7 +100,7 @@ def _resolve_address(address: str) -> str:
 
 async def _request_identity(address: str) -> dict:
     """Request the identity of the program that listens at an address."""
-    core, security = needed("distributed.core", "cluster"), needed("distributed.security", "cluster")
+    core, security = require("distributed.core", "cluster"), require("distributed.security", "cluster")
     comm = await core.connect(address, timeout=PATIENCE, **security.Security().get_connection_args("client"))
     try:
         await comm.write({"op": "identity", "reply": True})
@@ -162,7 +162,7 @@ def _events(client, events, futures: dict, ask):
 
 def _result_of(future) -> tuple[bytes | None, str | None]:
     """Result of a task, or the reason why it failed."""
-    killed = needed("distributed.scheduler", "cluster").KilledWorker
+    killed = require("distributed.scheduler", "cluster").KilledWorker
     if future.cancelled():
         raise SchedulerGoneError("the Dask scheduler is gone, or has lost the tasks")
     try:

@@ -7,8 +7,8 @@ The package's own entry is built from CITATION.cff, which a wheel contains next 
 import re
 from pathlib import Path
 
-from ..data.schema import Whole
-from .registry import experiment_of, tables_of
+from ..data.schema import ScenarioBase
+from .registry import experiment_of, read_tables
 from .registry import scenario as make_scenario
 from .sweep.definition import members, sweep
 
@@ -16,7 +16,7 @@ LIBRARIES = ("NumPy", "SciPy", "Numba", "h5py", "Matplotlib")
 HERE, CFF = Path(__file__).parent, "CITATION.cff"
 
 
-def bibtex(*scenarios: Whole) -> str:
+def bibtex(*scenarios: ScenarioBase) -> str:
     """Return the BibTeX entries to cite for runs of scenarios, in groups that each start with a comment line.
 
     Examples
@@ -37,7 +37,7 @@ def bibtex(*scenarios: Whole) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def scenarios_of(path: Path) -> list[Whole]:
+def read_scenarios(path: Path) -> list[ScenarioBase]:
     """Return the scenario of a TOML file or results folder, or the scenarios of all members of a sweep.
 
     Raises
@@ -47,11 +47,11 @@ def scenarios_of(path: Path) -> list[Whole]:
     """
     if path.is_dir():
         path = path / ("sweep.json" if (path / "sweep.json").exists() else "scenario.json")
-    tables = tables_of(path)
+    tables = read_tables(path)
     return [one.scenario for one in members(sweep(**tables))] if "sweep" in tables else [make_scenario(**tables)]
 
 
-def reference_keys(scenario: Whole) -> dict[str, tuple[str, ...]]:
+def reference_keys(scenario: ScenarioBase) -> dict[str, tuple[str, ...]]:
     """Return reference keys grouped by purpose, without empty groups."""
     groups = experiment_of(scenario).references(scenario)
     groups["libraries"] = LIBRARIES + (("LAMMPS",) if getattr(scenario, "engine", "") == "lammps" else ())

@@ -175,7 +175,7 @@ def _describe_reference(made: Claim) -> str:
     word = _compare(made.reference, made.measured, made.tolerance, made.error, made.quantifier)
     relation = {REPRODUCED: "agrees with", PARTLY: "is within twice the tolerance of"}.get(word, "differs from")
     relation = "cannot be compared with" if word == UNDECIDED else relation
-    value = "" if _is_statement(made) else f" {shown(made.reference)}"
+    value = "" if _is_statement(made) else f" {format_value(made.reference)}"
     return f"it {relation} the reference{value} ({made.reference_source})"
 
 
@@ -183,7 +183,7 @@ def _is_statement(made: Claim) -> bool:
     return isinstance(made.paper, bool) or isinstance(made.reference, bool)
 
 
-def for_quick_run(claims: list[Claim]) -> list[Claim]:
+def note_quick_run(claims: list[Claim]) -> list[Claim]:
     """Return the claims, with a note on those that a quick run did not measure."""
     out = []
     for c in claims:
@@ -225,20 +225,20 @@ def write_json(path: str | Path, claims: list[Claim]) -> None:
     Path(path).write_text(json.dumps([c._asdict() for c in claims], indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def shown(value: Value) -> str:
+def format_value(value: Value) -> str:
     """Format a value for tables."""
     if value is None:
         return "–"
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, list):
-        return "–".join(map(shown, value)) or "none"
+        return "–".join(map(format_value, value)) or "none"
     return f"{value:.3g}"
 
 
 def format_measured(made: Claim) -> str:
     """Format the measured value and its error for tables."""
-    words, value = shown(made.measured), made.measured
+    words, value = format_value(made.measured), made.measured
     if isinstance(value, bool | list) or value is None or not made.error or made.error < NEGLIGIBLE * abs(value):
         return words
     return f"{words} ± {made.error:.2g}"

@@ -20,7 +20,7 @@ from .claims import (
     VERDICTS,
     Claim,
     format_measured,
-    shown,
+    format_value,
     write_json,
 )
 from .run_folder import CHART, CLAIMS, NOTES
@@ -69,7 +69,7 @@ def chart_rows(claims: list[Claim], shows: Shows) -> list[Row]:
         ends, error = deviation(target, c.measured, c.tolerance, c.error)
         group = place(c) + (f" @{variant(c)}" if variant(c) else "")
         label = c.id.partition("@")[0].replace("-", " ")
-        out.append(Row(label, group, c.verdict, ends, error, format_measured(c), shown(target), uses_reference))
+        out.append(Row(label, group, c.verdict, ends, error, format_measured(c), format_value(target), uses_reference))
     return out
 
 
@@ -147,10 +147,10 @@ def _undecided_cause(made: Claim) -> str:
 def _quote(made: Claim) -> str:
     """Format a claim with its two numbers."""
     if isinstance(made.measured, bool):
-        return f"{made.id} {shown(made.measured) if made.paper is None else made.verdict}"
+        return f"{made.id} {format_value(made.measured) if made.paper is None else made.verdict}"
     name, value = ("reference", made.reference) if made.paper is None else ("paper", made.paper)
     measured = "not measured" if made.measured is None else format_measured(made)
-    return f"{made.id} {measured}" + (f", {name} {shown(value)}" if value is not None else "")
+    return f"{made.id} {measured}" + (f", {name} {format_value(value)}" if value is not None else "")
 
 
 def figure_lines(claims: list[Claim], shows: Shows) -> list[tuple[str, str, str, str]]:
@@ -217,7 +217,7 @@ def _markdown_row(c: Claim) -> str:
     source = c.source.partition(":")[2].strip() or c.source
     tolerance = "–" if isinstance(c.measured, bool) or not c.tolerance else _format_tolerance(c)
     cells = (
-        c.id, source, shown(c.paper), shown(c.reference), format_measured(c), c.unit or "–", tolerance,
+        c.id, source, format_value(c.paper), format_value(c.reference), format_measured(c), c.unit or "–", tolerance,
         f"**{c.verdict}**",
     )  # fmt: skip
     return "| " + " | ".join(_escape(cell) for cell in cells) + " |"

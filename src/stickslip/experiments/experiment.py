@@ -5,7 +5,7 @@ from importlib import import_module
 from typing import NamedTuple
 
 from ..core.readable import readable
-from ..data.schema import Whole
+from ..data.schema import ScenarioBase
 
 
 def _empty(result) -> tuple:
@@ -36,9 +36,9 @@ class Paper(NamedTuple):
 
 @readable
 class Experiment(NamedTuple):
-    """One experiment; `late` defers the import of its modules until they are needed."""
+    """One experiment; `lazy_function` defers the import of its modules until they are needed."""
 
-    scenario: type[Whole]
+    scenario: type[ScenarioBase]
     words: str  # one line for help and completion
     simulate: Callable  # (scenario, *, folder, workers, report) -> result, with the scenario in `result.scenario`
     numbers: Callable  # result -> contents of the archive
@@ -58,7 +58,7 @@ class Experiment(NamedTuple):
         return self.scenario.model_fields["experiment"].default
 
 
-def late(package: str, path: str) -> Callable:
+def lazy_function(package: str, path: str) -> Callable:
     """Return a function that imports `path` ("module.function") of a package on its first call."""
     module, _, name = path.partition(".")
 

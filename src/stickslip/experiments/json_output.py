@@ -10,45 +10,47 @@ import numpy as np
 from .. import __version__
 from ..data.checkpoint import MEMBERS, UNFINISHED
 from .registry import experiment_of
-from .run_folder import files_of
+from .run_folder import list_files
 from .sweep.dataset import DATASET
 from .sweep.run import SweepResult
 
 LIBRARIES = ("numpy", "scipy", "numba", "h5py")
 
 
-def text(answer: dict) -> str:
+def to_json(answer: dict) -> str:
     """Return an object as ASCII JSON; numbers that are not finite are null."""
-    return json.dumps(finite(answer), allow_nan=False)
+    return json.dumps(to_jsonable(answer), allow_nan=False)
 
 
-def finite(thing):
+def to_jsonable(thing):
     """Replace numbers that are not finite with None, and NumPy types with built-in types."""
     if isinstance(thing, dict):
-        return {str(k): finite(v) for k, v in thing.items()}
+        return {str(k): to_jsonable(v) for k, v in thing.items()}
     if isinstance(thing, list | tuple):
-        return [finite(v) for v in thing]
+        return [to_jsonable(v) for v in thing]
     if isinstance(thing, np.ndarray | np.generic):
-        return finite(thing.tolist())
+        return to_jsonable(thing.tolist())
     if isinstance(thing, float):
         return thing if np.isfinite(thing) else None
     return str(thing) if isinstance(thing, Path) else thing
 
 
-def common(command: str, *, files: Sequence[Path] = (), folder: Path | None = None, status: str = "finished") -> dict:
+def common_fields(
+    command: str, *, files: Sequence[Path] = (), folder: Path | None = None, status: str = "finished"
+) -> dict:
     """Return the fields common to all commands."""
     versions = {"stickslip": __version__} | {name: version(name) for name in LIBRARIES}
     return {"command": command, "status": status, "folder": folder, "files": list(files), "versions": versions}
 
 
-def of_run(command: str, folder: Path, result, paths: list[Path], claims=None) -> dict:
+def describe_run(command: str, folder: Path, result, paths: list[Path], claims=None) -> dict:
     """Describe a run with its measures, and the claims of a paper's run."""
     scenario = result.scenario
     found = experiment_of(scenario).measures(result)
     measures = {name: {"value": float(value), "unit": unit} for name, (value, unit) in found.items()}
     # the checkpoint remains if results were written although some realizations failed
     status = "incomplete" if (folder / UNFINISHED).is_dir() else "finished"
-    out = common(command, files=paths, folder=folder, status=status)
+    out = common_fields(command, files=paths, folder=folder, status=status)
     out |= {"scenario": _scenario_entry(scenario), "measures": measures}
     if failures := getattr(result, "failures", ()):
         out["failures"] = list(failures)
@@ -57,18 +59,18 @@ def of_run(command: str, folder: Path, result, paths: list[Path], claims=None) -
     return out
 
 
-def of_finished(command: str, folder: Path, scenario) -> dict:
+def describe_finished_run(command: str, folder: Path, scenario) -> dict:
     """Describe a run that was already finished, so that nothing was done."""
-    return common(command, files=files_of(folder), folder=folder) | {"scenario": _scenario_entry(scenario)}
+    return common_fields(command, files=list_files(folder), folder=folder) | {"scenario": _scenario_entry(scenario)}
 
 
-def of_sweep(command: str, folder: Path, swept: SweepResult, ranges: dict) -> dict:
+def describe_sweep(command: str, folder: Path, swept: SweepResult, ranges: dict) -> dict:
     """Describe a sweep: numbers of members, ranges of their measures, and failures with their messages."""
     failures = {name: words for name, words in zip(swept.names, swept.failures, strict=True) if words}
     total = len(swept.names)
     members = {"total": total, "finished": total - sum(map(bool, swept.failures)), "reused": swept.reused}
     status = "failed" if failures else "finished"
-    out = common(command, files=[folder / DATASET, folder / MEMBERS], folder=folder, status=status)
+    out = common_fields(command, files=[folder / DATASET, folder / MEMBERS], folder=folder, status=status)
     experiment = swept.sweep.base.get("experiment", "disk-array")
     about = {"experiment": experiment, "digest": swept.sweep.digest}
     more = {"members": members | {"failed": len(failures)}, "ranges": ranges}

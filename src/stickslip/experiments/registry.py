@@ -5,9 +5,9 @@ import re
 import tomllib
 from pathlib import Path
 
-from ..core.text import shortened, text_of
-from ..data.law_file import check_sealed
-from ..data.schema import ScenarioError, Whole, validated
+from ..core.text import read_text, shortened
+from ..data.law_file import require_checksum
+from ..data.schema import ScenarioBase, ScenarioError, validate_scenario
 from . import disk_array, flow, gouge, quasi_rigid, rate_state, sphere_shear
 from .experiment import Experiment
 
@@ -23,13 +23,18 @@ def papers() -> dict[str, Experiment]:
     return {name: one for name, one in EXPERIMENTS.items() if one.paper}
 
 
-def experiment_of(scenario: Whole) -> Experiment:
+def experiment_of(scenario: ScenarioBase) -> Experiment:
     """Return the experiment of a scenario."""
     return EXPERIMENTS[scenario.experiment]
 
 
 def simulate(
-    scenario: Whole, *, folder: str | Path | None = None, workers=None, report=lambda stage, share, words: None, **more
+    scenario: ScenarioBase,
+    *,
+    folder: str | Path | None = None,
+    workers=None,
+    report=lambda stage, share, words: None,
+    **more,
 ):
     """Run a scenario of any kind and return the result of its experiment.
 
@@ -56,7 +61,7 @@ def simulate(
     return run(scenario, folder=None if folder is None else Path(folder), workers=workers, report=report, **more)
 
 
-def scenario_class(tables: dict) -> type[Whole]:
+def scenario_class(tables: dict) -> type[ScenarioBase]:
     """Return the scenario class named by `experiment`, by default that of the disk array."""
     name = tables.get("experiment", "disk-array")
     if not isinstance(name, str) or name not in EXPERIMENTS:
@@ -64,7 +69,7 @@ def scenario_class(tables: dict) -> type[Whole]:
     return EXPERIMENTS[name].scenario
 
 
-def scenario(**tables) -> Whole:
+def scenario(**tables) -> ScenarioBase:
     """Create a scenario from nested dictionaries, as in the TOML file; `experiment` names the experiment.
 
     Raises
@@ -77,18 +82,18 @@ def scenario(**tables) -> Whole:
     >>> scenario(array={"disks": 5}, load={"push": (0.0, 0.05)}, dynamics={"loads": (0.03,)}).array.disks
     5
     """
-    return validated(scenario_class(tables), **tables)
+    return validate_scenario(scenario_class(tables), **tables)
 
 
-def read_scenario(path: str | Path) -> Whole:
+def read_scenario(path: str | Path) -> ScenarioBase:
     """Read a scenario from a TOML file, or from the canonical text in the folder of a run."""
-    tables = tables_of(path)
+    tables = read_tables(path)
     if "sweep" in tables:
         raise ScenarioError(f"{path} has a table [sweep] for many scenarios: use read_sweep, or remove the table")
     return scenario(**tables)
 
 
-def tables_of(path: str | Path) -> dict:
+def read_tables(path: str | Path) -> dict:
     """Read the tables of a TOML or JSON file.
 
     Raises
@@ -98,7 +103,7 @@ def tables_of(path: str | Path) -> dict:
     """
     path = Path(path)
     try:
-        text = text_of(path, remedy="give the path of a TOML file")
+        text = read_text(path, remedy="give the path of a TOML file")
     except OSError as problem:
         raise ScenarioError(
             f"the scenario {path} cannot be read ({problem.strerror}): give the path of a TOML file"
@@ -112,7 +117,7 @@ def tables_of(path: str | Path) -> dict:
         )
     _check_whole_numbers(tables, path)
     if path.suffix == ".json":
-        check_sealed(tables, path)
+        require_checksum(tables, path)
         return tables
     return _resolve_law_file(tables, path.parent)
 

@@ -4,11 +4,11 @@ import json
 from pathlib import Path
 from typing import NamedTuple
 
-from ..data.atomic import replace
-from ..data.checkpoint import SCENARIO, SWEEP, UNFINISHED, kept_in, under_way
-from ..data.law_file import check_sealed
-from ..data.manifest import check_hidden, strange
-from ..data.schema import Whole
+from ..data.atomic import write_atomically
+from ..data.checkpoint import SCENARIO, SWEEP, UNFINISHED, checkpoint_in, unfinished_scenario
+from ..data.law_file import require_checksum
+from ..data.manifest import check_hidden, find_foreign
+from ..data.schema import ScenarioBase
 from .registry import read_scenario as read_scenario
 from .run_folder import NUMBERS, OPTIONS, REPRODUCTION, install_results, is_run_file, join_names
 
@@ -16,19 +16,19 @@ from .run_folder import NUMBERS, OPTIONS, REPRODUCTION, install_results, is_run_
 class UnfinishedRun(NamedTuple):
     """A run that was started in a folder and is not finished."""
 
-    scenario: Whole | None
+    scenario: ScenarioBase | None
     reproduction: dict | None = None  # arguments of `reproduce`, if the run reproduces a paper
     sweep: dict | None = None  # tables, if it is a sweep
     figures: bool = False  # whether the members of the sweep draw figures
 
 
-def begin_reproduction(folder: Path, scenario, **arguments) -> None:
-    """Record the arguments of a paper's run that starts in a folder, for `begun`."""
-    kept_in(folder, scenario).announce()
-    replace(folder / UNFINISHED / REPRODUCTION, json.dumps(arguments).encode())
+def mark_reproduction(folder: Path, scenario, **arguments) -> None:
+    """Record the arguments of a paper's run that starts in a folder, for `find_unfinished`."""
+    checkpoint_in(folder, scenario).announce()
+    write_atomically(folder / UNFINISHED / REPRODUCTION, json.dumps(arguments).encode())
 
 
-def begun(folder: Path) -> UnfinishedRun | None:
+def find_unfinished(folder: Path) -> UnfinishedRun | None:
     """Return the unfinished run in a folder, or None if the run is finished.
 
     Raises
@@ -43,15 +43,15 @@ def begun(folder: Path) -> UnfinishedRun | None:
         options = folder / OPTIONS
         figures = read_json(options).get("figures", False) if options.is_file() else False
         tables = read_json(folder / SWEEP)
-        check_sealed(tables, folder / SWEEP)
+        require_checksum(tables, folder / SWEEP)
         return UnfinishedRun(None, sweep=tables, figures=figures)
     install_results(folder)
-    known, arguments = under_way(folder), folder / UNFINISHED / REPRODUCTION
+    known, arguments = unfinished_scenario(folder), folder / UNFINISHED / REPRODUCTION
     if known is None and not (folder / SCENARIO).is_file():
         raise ValueError(f"{folder} contains nothing to resume: start with stickslip run SCENARIO --out {folder}")
     if known is None and (folder / NUMBERS).is_file():
         return None
-    if known and (others := strange(folder, is_run_file)):
+    if known and (others := find_foreign(folder, is_run_file)):
         raise ValueError(
             f"{folder} contains files that stickslip did not write or that have changed since ({join_names(others)}): "
             f"move them away, then resume again"

@@ -9,9 +9,9 @@ from pathlib import Path
 from .. import __version__
 from ..core.state import State
 from ..data import archive
-from ..data.atomic import named
-from ..data.checkpoint import SCENARIO, SWEEP, WRITING, finished, kept_in, under_way
-from ..data.manifest import adopt, check_hidden, digest, note, proven, strange
+from ..data.atomic import name_file_in_errors
+from ..data.checkpoint import SCENARIO, SWEEP, WRITING, checkpoint_in, remove_checkpoint, unfinished_scenario
+from ..data.manifest import allow_overwriting, check_hidden, digest, find_foreign, read_manifest, write_manifest
 from .terminal import console
 
 NUMBERS, MOVIE = "results.h5", "transition.gif"
@@ -24,7 +24,7 @@ _RUN_FILE = re.compile(r"fig\d_\w+\.png|steps_\d+_\d+\.csv|" + "|".join(map(re.e
 SHOWN = 8  # file names listed in a message
 
 
-def claim_folder(folder: Path, scenario, *, overwrite: bool = False) -> None:
+def prepare_folder(folder: Path, scenario, *, overwrite: bool = False) -> None:
     """Check before any computation that results can be written to a folder.
 
     With `overwrite`, the checkpoint of an unfinished run is removed now, and existing results when those of the new run
@@ -41,13 +41,13 @@ def claim_folder(folder: Path, scenario, *, overwrite: bool = False) -> None:
     if (folder / SWEEP).exists():
         raise ValueError(f"{folder} contains the results of a sweep: choose another --out")
     install_results(folder)
-    others, known = strange(folder, is_run_file), under_way(folder) or folder / SCENARIO
+    others, known = find_foreign(folder, is_run_file), unfinished_scenario(folder) or folder / SCENARIO
     if overwrite:
         _discard_previous(folder, scenario, others)
     elif others:
         raise ValueError(foreign_files_message(folder, others))
     elif known.exists() and known.read_bytes() != scenario.text.encode():
-        what = "an unfinished run" if under_way(folder) else "the results"
+        what = "an unfinished run" if unfinished_scenario(folder) else "the results"
         raise ValueError(f"{folder} contains {what} of another scenario: choose another --out, or add --overwrite")
 
 
@@ -73,7 +73,7 @@ def foreign_files_message(folder: Path, names: list[str]) -> str:
 
 def _discard_previous(folder: Path, scenario, others: list[str]) -> None:
     """Print what will be replaced, remove the checkpoint of another run, and record which files may be replaced."""
-    going = sorted({path.name for path in files_of(folder)} | {name for name in others if is_run_file(name)})
+    going = sorted({path.name for path in list_files(folder)} | {name for name in others if is_run_file(name)})
     if name := next((name for name in going if (folder / name).is_dir()), None):
         raise ValueError(
             f"{folder / name} is a folder, but runs write a file of this name: move it away, or choose another --out"
@@ -84,10 +84,10 @@ def _discard_previous(folder: Path, scenario, others: list[str]) -> None:
             f"complete.",
             soft_wrap=True,
         )  # fmt: skip
-    if others or going or under_way(folder):
-        finished(folder)
-        adopt(folder, [name for name in others if is_run_file(name)])
-        kept_in(folder, scenario).announce()
+    if others or going or unfinished_scenario(folder):
+        remove_checkpoint(folder)
+        allow_overwriting(folder, [name for name in others if is_run_file(name)])
+        checkpoint_in(folder, scenario).announce()
 
 
 def join_names(names: list[str]) -> str:
@@ -129,42 +129,42 @@ def staged_results(folder: Path, *, failures=()):
     shutil.rmtree(staging, ignore_errors=True)
     staging.mkdir()
     try:
-        with named(folder):
+        with name_file_in_errors(folder):
             yield staging
         files = {path.name: [digest(path)] for path in staging.iterdir()}
-        if others := strange(folder, lambda name: is_run_file(name) or name in files):
+        if others := find_foreign(folder, lambda name: is_run_file(name) or name in files):
             raise RuntimeError(
                 f"{folder} contains files that another program wrote during the run ({join_names(others)}): move them "
                 f"away, then continue from the saved results with stickslip resume {folder}"
             )
-        note(staging, files)
+        write_manifest(staging, files)
     except BaseException:
         shutil.rmtree(staging, ignore_errors=True)
         raise
     install_results(folder)
     if not failures:
-        finished(folder)
+        remove_checkpoint(folder)
 
 
 def install_results(folder: Path) -> None:
     """Move complete results into their folder; if the process is killed meanwhile, the next call finishes the move."""
     staging = folder / WRITING
-    new = proven(staging)
+    new = read_manifest(staging)
     if not new:
         return
-    old = proven(folder)
-    note(folder, {name: old.get(name, []) + new.get(name, []) for name in old | new})
-    for path in files_of(folder):
+    old = read_manifest(folder)
+    write_manifest(folder, {name: old.get(name, []) + new.get(name, []) for name in old | new})
+    for path in list_files(folder):
         if path.name not in new:
             path.unlink()
     for name in new:
         if (staging / name).exists():
             (staging / name).replace(folder / name)
-    note(folder, new)
+    write_manifest(folder, new)
     shutil.rmtree(staging, ignore_errors=True)
 
 
-def files_of(folder: Path) -> list[Path]:
+def list_files(folder: Path) -> list[Path]:
     """Return the sorted paths of the run files in a folder."""
     return sorted(path for path in folder.iterdir() if is_run_file(path.name))
 
@@ -175,7 +175,7 @@ def save(staging: Path, scenario, numbers: dict) -> None:
     (staging / SCENARIO).write_text(scenario.text, encoding="utf-8")
 
 
-def plain(record) -> dict:
+def archive_fields(record) -> dict:
     """Return the fields of a NamedTuple for an archive: None is omitted, tuples of strings become lines."""
     out = {}
     for name, value in record._asdict().items():

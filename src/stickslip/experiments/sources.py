@@ -9,6 +9,6 @@ CONTACT |= {f"{name}_rescaled": (*CONTACT[name], "LAMMPS") for name in ("hertz_m
 STATE = {"aging": ("Dieterich1979", "Ruina1983"), "slip": ("Ruina1983",)}
 
 
-def of_law(law) -> tuple[str, ...]:
+def law_references(law) -> tuple[str, ...]:
     """Return the references of a built-in law; a law from a file has none, since only its author knows them."""
     return CONTACT[law.kind] if law.file is None else ()

@@ -5,7 +5,7 @@ from pathlib import Path
 from ..figures.style import save as save_figure
 from .claims_report import write_claims
 from .experiment import Experiment
-from .run_folder import files_of, save, staged_results
+from .run_folder import list_files, save, staged_results
 
 
 def write_result(folder: Path, experiment: Experiment, result) -> list[Path]:
@@ -13,7 +13,7 @@ def write_result(folder: Path, experiment: Experiment, result) -> list[Path]:
     with staged_results(folder, failures=experiment.failures(result)) as staging:
         save(staging, result.scenario, experiment.numbers(result))
         _write_files(staging, experiment.files(result), experiment.figures(result))
-    return files_of(folder)
+    return list_files(folder)
 
 
 def write_numbers(folder: Path, experiment: Experiment, result) -> None:
@@ -37,7 +37,7 @@ def write_reproduction(folder: Path, experiment: Experiment, found) -> list[Path
         save(staging, found.main.scenario, of("numbers"))
         _write_files(staging, of("files"), of("figures"))
         write_claims(staging, found.claims, paper.shows(), paper.title, failures)
-    return files_of(folder)
+    return list_files(folder)
 
 
 def _write_files(staging: Path, files, figures) -> None:

@@ -10,7 +10,7 @@ from matplotlib.animation import FFMpegWriter, PillowWriter
 from PIL import Image
 
 from ..data.exchange.frame import Frame
-from ..extras import needed
+from ..extras import require
 from .grains import draw, draw_legend, layout_of
 from .page import MARK
 from .quantities import Mode
@@ -122,4 +122,4 @@ class _GifWriter(PillowWriter):
 
 def _find_ffmpeg() -> str:
     """Path of ffmpeg: that of the system, or the one installed by a wheel."""
-    return which("ffmpeg") or needed("imageio_ffmpeg", "report").get_ffmpeg_exe()
+    return which("ffmpeg") or require("imageio_ffmpeg", "report").get_ffmpeg_exe()

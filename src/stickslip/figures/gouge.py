@@ -66,7 +66,7 @@ def holds(panels):
 
 
 @styled
-def rest(ratios, creep, sliding: float):
+def energies_in_holds(ratios, creep, sliding: float):
     """Kinetic over elastic energy, and velocity of the plate, against the hold time.
 
     Parameters

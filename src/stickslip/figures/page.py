@@ -54,6 +54,6 @@ def paragraph(text: str, *, kind: str = "") -> str:
     return f'<p class="{escape(kind)}">{escape(text)}</p>'
 
 
-def inner(document: str, title: str) -> str:
+def embedded_document(document: str, title: str) -> str:
     """Embed a separate document, whose scripts run but cannot load other files."""
     return f'<iframe title="{escape(title)}" allow="fullscreen" srcdoc="{escape(document)}"></iframe>'

@@ -16,7 +16,7 @@ from matplotlib import colormaps
 from ..core.measure import wrapped
 from ..core.state import SLIDE
 from ..data.exchange.frame import Frame
-from ..extras import needed
+from ..extras import require
 from .outlines import cell_edges, unit_mode, view_basis, wall_edges
 from .quantities import DISPLACEMENT, Mode, quantities
 from .style import BLUE, COLORS, RED
@@ -166,7 +166,7 @@ def _choose_quantity(data: dict, colour: str | None) -> int:
 
 def _plot(data: dict, shown: int, height: int):
     """K3D plot of the first frame."""
-    k3d, frame = needed("k3d", "report"), data["frames"][0]
+    k3d, frame = require("k3d", "report"), data["frames"][0]
     position = _decode(frame["position"]).reshape(-1, 3)
     values, about = _decode(frame["values"][data["quantities"][shown]["name"]]), data["quantities"][shown]
     span = (about["high"] - about["low"]) or 1.0

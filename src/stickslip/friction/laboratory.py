@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.readable import readable
-from ..core.text import shortened, text_of
+from ..core.text import read_text, shortened
 from .fitting import Data
 from .loads import check_times, load_steps
 
@@ -120,7 +120,7 @@ def record_data(record: LabRecord, *, before: float | None = None, normal: bool 
 
 def _read_table(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """Read the fields of the header, and the line number and fields of each row."""
-    text = text_of(path, remedy="give a CSV file")
+    text = read_text(path, remedy="give a CSV file")
     lines = [(k, line) for k, line in enumerate(text.splitlines(), start=1) if line.strip() and line.lstrip()[0] != "#"]
     if not lines:
         raise ValueError(

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from ..core.contacts.forces import accept, forces
-from ..core.contacts.neighbors import updated
+from ..core.contacts.neighbors import with_neighbor_list
 from ..core.dynamics.cell_motion import strained
 from ..core.laws.builtin import DAMPING_N, DAMPING_T, MU, Law, hertz_mindlin
 from ..core.measure import coordination, elastic_energy, packing_fraction, pressure, rattlers, touching
@@ -73,7 +73,7 @@ JAMMED = {2: 0.84, 3: 0.64}  # packing fractions around which frictionless grain
 
 
 @readable
-class Packed(NamedTuple):
+class PackingInfo(NamedTuple):
     """Properties of a frictionless packing."""
 
     packing_fraction: float
@@ -171,14 +171,14 @@ def frictionless(law: Law) -> Law:
     return law._replace(table=table)
 
 
-def packing_info(state: State, law: Law) -> Packed:
+def packing_info(state: State, law: Law) -> PackingInfo:
     """Properties of an accepted frictionless packing."""
     contacts, rows = state.contacts, touching(state)
     radius = state.grains.radius
     overlap = radius[contacts.i[rows]] + radius[contacts.j[rows]] - np.linalg.norm(contacts.pair[rows], axis=1)
     least = state.cell.dim + 1
     residual = float(np.abs(forces(state, law)[0].force).max())
-    return Packed(
+    return PackingInfo(
         packing_fraction(state),
         pressure(state, law),
         len(rows),
@@ -205,7 +205,7 @@ def _quench(state: State, law: Law, tolerance: float) -> State:
     def placed(q):
         position = np.zeros((n, 3))
         position[:, :dim] = q.reshape(n, dim)
-        latest[0] = updated(latest[0]._replace(grains=state.grains._replace(position=position)))
+        latest[0] = with_neighbor_list(latest[0]._replace(grains=state.grains._replace(position=position)))
         return latest[0]
 
     def energy(q):

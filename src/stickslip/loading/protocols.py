@@ -12,7 +12,7 @@ from ..core.laws.builtin import Law
 from ..core.outcome import NotInEquilibriumError, Outcome
 from ..core.readable import readable
 from ..core.state import State
-from ..data.checkpoint import Kept
+from ..data.checkpoint import Checkpoint
 from ..solve.newton import newton
 from ..solve.relax import relax
 from ..solve.spectrum import Spectrum, match_pairs, mode_overlap, spectrum
@@ -98,7 +98,7 @@ class Protocol(NamedTuple):
         return Equilibrium(float(load), state, spectrum(state, self.law, modes=self.modes), outcome)
 
 
-def ramp(state: State, loads, protocol: Protocol, report=None, *, kept: Kept | None = None) -> list[Equilibrium]:
+def ramp(state: State, loads, protocol: Protocol, report=None, *, kept: Checkpoint | None = None) -> list[Equilibrium]:
     """Equilibria along a path of loads, each from the one before it; `report(equilibrium)` is called after each.
 
     Equilibria saved in `kept` are loaded, not solved for again. The continued path then agrees with an uninterrupted
@@ -113,7 +113,7 @@ def ramp(state: State, loads, protocol: Protocol, report=None, *, kept: Kept | N
     return path
 
 
-def _solve_point(state: State, load: float, protocol: Protocol, kept: Kept | None, name: str) -> Equilibrium:
+def _solve_point(state: State, load: float, protocol: Protocol, kept: Checkpoint | None, name: str) -> Equilibrium:
     if kept and kept.has(name):
         state, outcome = kept.load(name)
         return Equilibrium(float(load), state, spectrum(state, protocol.law, modes=protocol.modes), outcome)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.contacts.neighbors import updated
+from ..core.contacts.neighbors import with_neighbor_list
 from ..core.dynamics.run import run
 from ..core.laws.builtin import Law
 from ..core.measure import rattlers, volume
@@ -165,7 +165,7 @@ def release(
             turns += [(record.time[s], record.position[s : s + TURN] - state.grains.position[held]) for s in starts]
             close = (record.time[-6 * TURN :], msd[-6 * TURN :])
         if snapshots:
-            now = spectrum(updated(here), law, modes=False)
+            now = spectrum(with_neighbor_list(here), law, modes=False)
             taken.append((record.time[-1], msd[-1], now.eigenvalues, now.im_lambda.max()))
         if report:
             report(sum(chunks[: k + 1]) / sum(chunks), f"strain {strain:g}, growth rate {rate:.1e}, M = {msd[-1]:.0e}")

@@ -29,7 +29,7 @@ import numpy as np
 from ..core.readable import readable
 
 STICKS, SLIDES, SLIDES_BACK, OPENS = range(4)  # SLIDES has s = +1, SLIDES_BACK has s = −1
-WORDS = ("sticks", "slides", "slides back", "opens")
+STATUS_NAMES = ("sticks", "slides", "slides back", "opens")
 SIDE = np.array([0.0, 1.0, -1.0, 0.0])  # s of each status
 ROUNDS = 60  # largest number of iterations before the pieces are followed one by one
 PIECES = 4000  # largest number of pieces followed

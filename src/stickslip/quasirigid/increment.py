@@ -15,21 +15,21 @@ from scipy.linalg import LinAlgError
 
 from ..core.contacts.forces import ContactLoads, accept, forces
 from ..core.contacts.jacobian import linearise
-from ..core.contacts.neighbors import updated
+from ..core.contacts.neighbors import with_neighbor_list
 from ..core.control import between
 from ..core.laws.builtin import KN, KT, MU, Law
 from ..core.measure import contact_forces, rattlers
 from ..core.state import OPEN, SLIDE, STICK, Control, State
 from ..solve.freedom import Freedom, displaced, incidence, residual_vector
 from ..solve.linear import factorised
-from .cone_apex import OPENS, SLIDES, SLIDES_BACK, STICKS, WORDS
+from .cone_apex import OPENS, SLIDES, SLIDES_BACK, STATUS_NAMES, STICKS
 from .events import APEX, CLOSES, INCREMENT, REACHES, Event, Fork, next_event, open_pairs
 from .lcp import complementarity, inconsistent
 from .matrices import LinearSystem, linear_system, statuses, stiffness_matrix
 from .opening import ApexStatuses, decide_statuses
 from .rattling import gaps, with_modes
 from .status import ContactStatus, Verdict, contact_status
-from .system import RESIDUAL, pins
+from .system import RESIDUAL, pinned_coordinates
 from .uniqueness import certificate
 
 AT_CONE = 1e-10  # round-off of the distance from the cone, in mean normal forces: 1e-16 times conditions of k of 1e5
@@ -56,7 +56,7 @@ class PathState(NamedTuple):
     wedged: bool = False  # whether a rattler has just been wedged here
 
 
-def external(state: State, free: Freedom) -> np.ndarray:
+def external_force(state: State, free: Freedom) -> np.ndarray:
     """(n,) generalised external force on the free coordinates [force]."""
     nothing = np.zeros((state.n_bodies, 3))
     return residual_vector(state, ContactLoads(nothing, nothing, np.zeros((3, 3))), free)
@@ -87,7 +87,7 @@ class Increment:
         at = self.state._replace(control=between(self.begin, self.end, self.share))
         to = self.state._replace(control=between(self.begin, self.end, self.share + self.increment))
         missing = self._unbalanced_force(place._replace(state=at))
-        self.load = external(to, self.matrix.free) - external(at, self.matrix.free) + self.mends * missing
+        self.load = external_force(to, self.matrix.free) - external_force(at, self.matrix.free) + self.mends * missing
         self.stiffest = float(self.matrix.springs[:, 0, 0].max(initial=0.0))
         self.gap_rows = open_pairs(self.state, self.loose, rows)
         self.faint = max(APEX * self.mean, BLURRED * np.abs(missing).max())
@@ -111,7 +111,9 @@ class Increment:
             self._record_fork(found.status, found.others)
         was = np.where(before.parted[m.rows], OPENS, _statuses_from_side(np.where(m.limit, m.sign, 0.0)))
         told = np.isin(m.rows, np.flatnonzero(before.fresh)) | (was != found.status)
-        self.events += [Event(0.0, WORDS[found.status[k]], *self._bodies_of(k)) for k in np.flatnonzero(apex & told)]
+        self.events += [
+            Event(0.0, STATUS_NAMES[found.status[k]], *self._bodies_of(k)) for k in np.flatnonzero(apex & told)
+        ]
         parted = place.parted.copy()
         parted[m.rows[found.opens]] = True
         loose = rattlers(with_modes(place.state, np.flatnonzero(parted), OPEN), 2, place.loose)
@@ -136,8 +138,8 @@ class Increment:
         others = np.array(others)
         differ = np.flatnonzero((others != taken).any(axis=0))
         fork = Fork(
-            0.0, tuple(self._bodies_of(k) for k in differ), tuple(WORDS[k] for k in taken[differ]),
-            tuple(tuple(WORDS[k] for k in other[differ]) for other in others), forces,
+            0.0, tuple(self._bodies_of(k) for k in differ), tuple(STATUS_NAMES[k] for k in taken[differ]),
+            tuple(tuple(STATUS_NAMES[k] for k in other[differ]) for other in others), forces,
         )  # fmt: skip
         self.forks.append(fork)
         self.events.append(Event(0.0, f"{1 + len(others)} {NOT_UNIQUE}", *self._bodies_of(differ[0])))
@@ -300,7 +302,7 @@ class Increment:
     def _advance(self, force, moved, slides, sign, contacts, done: float) -> PathState:
         """State after the increment: bodies moved, contact memory set from the path, contacts at the apex marked."""
         m, before = self.matrix, self.state
-        state = updated(displaced(before, m.free, moved))
+        state = with_neighbor_list(displaced(before, m.free, moved))
         _, trial = forces(state, self.law)
         count = int(trial.count[0])
         where = np.searchsorted(trial.key[:count], before.contacts.key[m.rows])
@@ -345,7 +347,7 @@ def _verdict_of_loss(found: ApexStatuses) -> Verdict:
 def _make_solver(matrix: LinearSystem, slides, geometric: bool):
     """Return a function that solves k(S) v = f; it raises LinAlgError if k(S) is singular to round-off."""
     size = len(matrix.free)
-    kept = np.setdiff1d(np.arange(size), pins(matrix))
+    kept = np.setdiff1d(np.arange(size), pinned_coordinates(matrix))
     k = stiffness_matrix(matrix, slides, geometric=geometric)[kept][:, kept]
     solve = factorised(k)
 

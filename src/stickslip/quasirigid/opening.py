@@ -31,7 +31,7 @@ from .cone_apex import (
     stiffness_change,
 )
 from .matrices import LinearSystem, stiffness_matrix
-from .system import pins
+from .system import pinned_coordinates
 
 COMBINED = 3  # bodies up to which all combinations of released ones are tried; each needs a factorisation of k
 
@@ -49,7 +49,7 @@ class ReducedMap(NamedTuple):
         return self.free - self.reach @ lost.ravel()
 
 
-def reduced(
+def reduce_to_contacts(
     matrix: LinearSystem, load: np.ndarray, contacts: np.ndarray, sign: np.ndarray, *, geometric: bool = True,
     without: np.ndarray | None = None, alone: np.ndarray | None = None,
 ) -> ReducedMap:  # fmt: skip
@@ -68,7 +68,7 @@ def reduced(
     LinAlgError
         if k is singular while all contacts stick.
     """
-    size, held = len(matrix.free), pins(matrix)
+    size, held = len(matrix.free), pinned_coordinates(matrix)
     kept = np.setdiff1d(np.arange(size), held if without is None else np.union1d(held, without))
     stuck = stiffness_matrix(matrix, np.zeros(matrix.count, bool), geometric=geometric)[kept][:, kept]
     solve = factorised(stuck)
@@ -180,7 +180,7 @@ def _choices_with_released(search: _Search, released: np.ndarray) -> tuple[list,
     loose = np.flatnonzero(np.isin(matrix.free.body, released))
     rest = matrix._replace(springs=np.where(gone[:, None, None], 0.0, matrix.springs))
     try:
-        map_of = reduced(
+        map_of = reduce_to_contacts(
             rest, search.load, special, sign, geometric=search.geometric, without=loose, alone=search.alone
         )
     except LinAlgError:  # without these bodies nothing supports the others: they have to carry load

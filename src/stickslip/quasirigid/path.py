@@ -14,18 +14,18 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.contacts.forces import accept, forces
-from ..core.contacts.neighbors import updated
+from ..core.contacts.neighbors import with_neighbor_list
 from ..core.laws.builtin import KT, LINEAR, Law
 from ..core.measure import mean_normal_force, rattlers, touching
 from ..core.readable import readable
 from ..core.state import OPEN, SLIDE, STICK, Control, State
 from ..solve.freedom import freedom, residual_vector
 from .events import Event, Fork
-from .increment import CROWD, OUT_OF_BALANCE, Increment, PathState, external
+from .increment import CROWD, OUT_OF_BALANCE, Increment, PathState, external_force
 from .matrices import linear_system, stiffness_matrix
 from .rattling import gaps, move_aside, with_modes
 from .status import Verdict
-from .system import pins, unbalanced_axes
+from .system import pinned_coordinates, unbalanced_axes
 
 BALANCED = 1e-6  # largest unbalanced force at the start, in mean normal forces
 SMALLEST = 1e-8  # share of a leg to which increments are halved; wedged rattlers then overlap by round-off
@@ -35,7 +35,7 @@ PROGRESS = 1e-5  # share of a leg; the load stalls if it rises by less in CROWD 
 RETURNS = "is wedged and carries load again"
 
 
-class Point(NamedTuple):
+class PathPoint(NamedTuple):
     """Point of a load path at the end of an increment."""
 
     load: float  # in legs: 1.5 is the middle of the second one
@@ -49,7 +49,7 @@ class Point(NamedTuple):
 class LoadPath(NamedTuple):
     """Load path up to the end of its last leg or to the loss of stability."""
 
-    points: tuple[Point, ...]
+    points: tuple[PathPoint, ...]
     events: tuple[Event, ...]
     verdict: Verdict  # CONSISTENT if the full load was reached; otherwise the last event gives the load and reason
     alternatives: tuple[Fork, ...]  # loads at which other statuses were consistent, too
@@ -107,7 +107,7 @@ def load_path(
         if the packing is out of balance or unstable, the law is not linear, the load acts on a body that nothing
         supports, or the controls have different free components.
     """
-    here = _accept_forces(updated(state), law)
+    here = _accept_forces(with_neighbor_list(state), law)
     _check_start(here, law, legs, increment)
     nothing = np.zeros(len(here.contacts.mode), bool)
     place = PathState(here, rattlers(here, 2), nothing, nothing, True, -np.inf)
@@ -123,11 +123,11 @@ def load_path(
 class _PathRecord:
     """Record of a path: points, events and forks so far."""
 
-    def __init__(self, first: Point, law: Law):
+    def __init__(self, first: PathPoint, law: Law):
         self.points, self.events, self.forks, self.unchecked, self.law = [first], [], [], 0, law
         self.anchor, self.since = 0.0, 0
 
-    def add(self, piece: Increment, point: Point) -> None:
+    def add(self, piece: Increment, point: PathPoint) -> None:
         self.points.append(point)
         self.events += piece.events
         self.unchecked += piece.unchecked
@@ -255,7 +255,7 @@ def _check_start(state: State, law: Law, legs, increment: float) -> None:
             f"allowed; use `relax` or `equilibrate` first"
         )
     stuck = stiffness_matrix(matrix, np.zeros(matrix.count, bool))
-    kept = np.setdiff1d(np.arange(len(matrix.free)), pins(matrix))
+    kept = np.setdiff1d(np.arange(len(matrix.free)), pinned_coordinates(matrix))
     if len(kept) <= CHECKED_UP_TO:
         part = stuck[kept][:, kept].toarray()
         lowest = float(np.linalg.eigvalsh(0.5 * (part + part.T))[0])
@@ -268,11 +268,11 @@ def _check_start(state: State, law: Law, legs, increment: float) -> None:
     carried = np.isin(whole.component, matrix.free.component)
     for end in legs:
         at = state._replace(control=end)
-        if axes := unbalanced_axes(matrix, external(at, matrix.free)):
+        if axes := unbalanced_axes(matrix, external_force(at, matrix.free)):
             raise ValueError(
                 f"a leg has a net force along {axes} that nothing balances: give loads without net force along {axes}"
             )
-        pull = np.abs(external(state._replace(control=end), whole))
+        pull = np.abs(external_force(state._replace(control=end), whole))
         bad = np.flatnonzero((pull > 0) & ~carried)
         if len(bad):
             raise ValueError(
@@ -302,7 +302,7 @@ def _check_leg(begin: Control, end: Control) -> None:
         )
 
 
-def _path_point(place: PathState, law: Law, load: float) -> Point:
+def _path_point(place: PathState, law: Law, load: float) -> PathPoint:
     state = place.state
     loads, _ = forces(state, law)
     rows = touching(state)
@@ -310,10 +310,10 @@ def _path_point(place: PathState, law: Law, load: float) -> Point:
     mean = mean_normal_force(state, law)
     residual = float(np.abs(residual_vector(state, loads, free)).max(initial=0.0))
     sliding = int((state.contacts.mode[rows] == SLIDE).sum())
-    return Point(load, state, sliding, len(rows), residual / mean if mean else np.inf)
+    return PathPoint(load, state, sliding, len(rows), residual / mean if mean else np.inf)
 
 
-def _progress_message(point: Point) -> str:
+def _progress_message(point: PathPoint) -> str:
     return (
         f"load {point.load:.4f}, {point.sliding} of {point.contacts} contacts slide, unbalanced "
         f"{point.residual:.0e} of the mean force"

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from ..core.contacts.geometry import shifts
-from ..core.contacts.neighbors import updated
+from ..core.contacts.neighbors import with_neighbor_list
 from ..core.laws.builtin import MU, Law
 from ..core.measure import branch_vectors
 from ..core.state import OPEN, State
@@ -76,7 +76,9 @@ def move_aside(state: State, law: Law, loose: np.ndarray, before: State | None =
         else:
             position = state.grains.position.copy()
             position[loose, :2] += move.reshape(-1, 2)
-        state = release_rattlers(updated(state._replace(grains=state.grains._replace(position=position))), loose)
+        state = release_rattlers(
+            with_neighbor_list(state._replace(grains=state.grains._replace(position=position))), loose
+        )
     return state, rows[gap < 0]
 
 

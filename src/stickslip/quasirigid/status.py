@@ -35,7 +35,7 @@ from .lcp import (
     sign_slack,
 )
 from .matrices import LinearSystem, force_rates
-from .system import StatusSolver, pins, unbalanced_axes
+from .system import StatusSolver, pinned_coordinates, unbalanced_axes
 from .uniqueness import Uniqueness, certificate, is_regular, may_be_p, sign_of_minor
 
 ROUNDS = 60  # largest number of rounds that flip all inconsistent contacts, before pivoting begins
@@ -187,7 +187,7 @@ def _search_without_idle_motions(
 def _unbalanced_translation(matrix: LinearSystem, system: StatusSolver) -> UnresistedMotion:
     """Translation of the whole packing along which nothing balances the load."""
     move = np.zeros(len(system.load))
-    for pin in pins(matrix):
+    for pin in pinned_coordinates(matrix):
         along = matrix.free.axis == matrix.free.axis[pin]
         move[along] = system.load[along].sum()
     move /= np.linalg.norm(move)

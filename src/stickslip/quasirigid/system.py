@@ -34,7 +34,7 @@ class StatusSolver:
         if not np.isfinite(self.load).all():
             raise ValueError("a load that is not finite was given: every component must be a finite number")
         order = elimination_order(matrix.c, matrix.free.body)
-        self.kept = order[~np.isin(order, np.append(pins(matrix), np.asarray(held, np.int64)))]
+        self.kept = order[~np.isin(order, np.append(pinned_coordinates(matrix), np.asarray(held, np.int64)))]
         c = sparse.csr_array(matrix.c[self.kept])
         self.right = self.load[self.kept]
         turned = matrix.geometric[self.kept][:, self.kept] if geometric else matrix.geometric
@@ -135,7 +135,7 @@ class StatusSolver:
         return bool(np.abs(missed).max(initial=0.0) <= RESIDUAL * np.abs(self.right).max(initial=0.0))
 
 
-def pins(matrix: LinearSystem) -> np.ndarray:
+def pinned_coordinates(matrix: LinearSystem) -> np.ndarray:
     """Coordinates that may be fixed without affecting any contact: one for each free translation of the packing."""
     held = []
     for axis in range(2):
@@ -150,7 +150,7 @@ def pins(matrix: LinearSystem) -> np.ndarray:
 def unbalanced_axes(matrix: LinearSystem, load: np.ndarray) -> str:
     """Axes, "x", "y" or "xy", along which a load has a net force that nothing balances; empty if there are none."""
     out = ""
-    for pin in pins(matrix):
+    for pin in pinned_coordinates(matrix):
         along = load[matrix.free.axis == matrix.free.axis[pin]]
         if abs(along.sum()) > RESIDUAL * np.abs(load).sum():
             out += "xy"[matrix.free.axis[pin]]

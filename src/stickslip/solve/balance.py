@@ -94,7 +94,7 @@ def _ratio(part: float, whole: float) -> float:
     return part / whole if whole else np.inf
 
 
-def unjudged(residual: float, moves: float = 0.0) -> str:
+def no_equilibrium_message(residual: float, moves: float = 0.0) -> str:
     """Message given in place of a verdict if the state is not in equilibrium."""
     share = f"residual {_percent(residual)} of the mean contact force"
     words = share if np.isfinite(residual) else "no contact bears the forces that act"

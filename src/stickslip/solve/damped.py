@@ -11,7 +11,7 @@ from ..core.contacts.jacobian import contact_blocks
 from ..core.laws.builtin import Law
 from ..core.readable import readable
 from ..core.state import State
-from .balance import unjudged, with_modes_under
+from .balance import no_equilibrium_message, with_modes_under
 from .freedom import ZERO_BELOW, Freedom, assembled, dynamical_matrix
 from .stability import (
     MIXED,
@@ -88,7 +88,7 @@ class DampedStability(NamedTuple):
     def verdict(self) -> str:
         """Verdict in words, with dashpots included, or a statement that the state is not in equilibrium."""
         if not self.balanced:
-            return unjudged(self.residual, self.undamped.swing)
+            return no_equilibrium_message(self.residual, self.undamped.swing)
         return combine_motions(self.undamped.at_limit, self, self.if_stuck)
 
     @property

@@ -7,12 +7,12 @@ import numpy as np
 from scipy.linalg import LinAlgError, cholesky, eigvals
 
 from ..core.contacts.forces import accept, forces
-from ..core.contacts.neighbors import updated
+from ..core.contacts.neighbors import with_neighbor_list
 from ..core.laws.builtin import Law
 from ..core.measure import mean_normal_force
 from ..core.outcome import Outcome
 from ..core.state import State
-from .balance import BALANCED_BELOW, imbalance, unjudged
+from .balance import BALANCED_BELOW, imbalance, no_equilibrium_message
 from .freedom import dynamical_matrix, freedom
 from .linear import DENSE_BELOW, one_thread
 from .newton import Factorisation, newton
@@ -72,7 +72,7 @@ def equilibrate(
     if not outcome.ok or (check == "buckling" and keep.found_stable == keep.factorisations):
         return end, outcome
     if check != "nothing" and (rest := imbalance(end, law)) > BALANCED_BELOW:
-        return end, outcome._replace(warning=unjudged(rest))
+        return end, outcome._replace(warning=no_equilibrium_message(rest))
     words = _describe_instability(end, law, check)
     if words and len(contacts_at_limit(end, law)):
         words += ", if contacts at Coulomb's limit keep sliding"
@@ -85,7 +85,7 @@ def equilibrate(
 
 def _damped_dynamics(state: State, law: Law, tolerance: float, steps: int, first: Outcome):
     """Run damped dynamics from the start of the step, with Newton's method after each stage."""
-    here, spent, outcome = updated(state, law), 0, first
+    here, spent, outcome = with_neighbor_list(state, law), 0, first
     _, trial = forces(here, law)
     held = accept(here, trial)
     force = mean_normal_force(held, law) or residual(state, law)[0]

@@ -11,7 +11,7 @@ from scipy.linalg import LinAlgError, get_lapack_funcs
 from scipy.sparse.linalg import splu
 from threadpoolctl import ThreadpoolController
 
-from ..extras import MissingExtraError, broken, needed, present
+from ..extras import MissingExtraError, broken_extra, is_installed, require
 
 DENSE_BELOW = 700  # coordinates below which LAPACK is faster than a sparse factorisation
 Solve = Callable[[np.ndarray], np.ndarray]
@@ -34,7 +34,7 @@ def one_thread():
 def has_pardiso() -> bool:
     """Return True if the extra `fast` is installed and its library can be loaded; otherwise SuperLU is used."""
     try:
-        return present("pypardiso") and _pardiso_solver() is not None
+        return is_installed("pypardiso") and _pardiso_solver() is not None
     except MissingExtraError:
         return False
 
@@ -90,11 +90,11 @@ def _factorise_superlu(matrix, order: str, **sizes) -> Solve:
 
 def _pardiso_solver():
     """PARDISO solver for unsymmetric matrices."""
-    room = needed("pypardiso", "fast")
+    room = require("pypardiso", "fast")
     try:
         return room.PyPardisoSolver(mtype=11)
     except (ImportError, OSError) as problem:  # MKL is loaded here, not on import
-        raise broken("pypardiso", "fast", problem) from problem
+        raise broken_extra("pypardiso", "fast", problem) from problem
 
 
 def _factorise_pardiso(matrix) -> Solve:

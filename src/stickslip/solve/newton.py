@@ -9,11 +9,11 @@ from scipy.sparse.linalg import LinearOperator, gmres
 
 from ..core.contacts.forces import accept, forces
 from ..core.contacts.mechanics import FREE
-from ..core.contacts.neighbors import updated
+from ..core.contacts.neighbors import with_neighbor_list
 from ..core.laws.builtin import MU, Law
 from ..core.measure import branch_vectors
 from ..core.outcome import Outcome, Status
-from ..core.state import OPEN, State, at_rest
+from ..core.state import OPEN, State, reset_reached
 from .freedom import Freedom, displaced, freedom, jacobian, residual_vector
 from .linear import DENSE_BELOW, Solve, factorised
 
@@ -81,7 +81,7 @@ def newton(
     free, keep = freedom(state), keep or Factorisation()
     loose = _unloaded_grains(state)
     least = 2 if law.table[..., MU].any() else state.cell.dim + 1
-    here = _evaluate(updated(state, law), law, free)
+    here = _evaluate(with_neighbor_list(state, law), law, free)
     before = keep.factorisations
     for used in range(iterations + 1):
         if np.isfinite(here.worst) and here.worst > tolerance:
@@ -92,7 +92,7 @@ def newton(
             grains = here.state.grains
             rest = here.state._replace(grains=grains._replace(velocity=0 * grains.velocity, spin=0 * grains.spin))
             how = f"Newton's method, {used} steps, {keep.factorisations - before} factorisations"
-            return accept(rest, at_rest(here.trial)), Outcome(Status.CONVERGED, here.worst, used, how=how)
+            return accept(rest, reset_reached(here.trial)), Outcome(Status.CONVERGED, here.worst, used, how=how)
         if used == iterations:
             break
         try:
@@ -106,7 +106,7 @@ def newton(
 
 
 def _evaluate(state: State, law: Law, free: Freedom) -> _TrialPoint:
-    state = updated(state, law)
+    state = with_neighbor_list(state, law)
     loads, trial = forces(state, law)
     return _TrialPoint(state, trial, residual_vector(state, loads, free))
 

@@ -6,7 +6,7 @@ from ..core.contacts.forces import forces, unbalanced_forces
 from ..core.dynamics.run import run
 from ..core.laws.builtin import Law
 from ..core.outcome import Status
-from ..core.state import OPEN, State, at_rest
+from ..core.state import OPEN, State, reset_reached
 
 
 def residual(state: State, law: Law):
@@ -49,7 +49,7 @@ def relax(
         end = end._replace(
             grains=grains._replace(velocity=0 * grains.velocity, spin=0 * grains.spin),
             walls=walls._replace(velocity=0 * walls.velocity),
-            contacts=at_rest(end.contacts),
+            contacts=reset_reached(end.contacts),
             time=state.time,
         )
     elif not outcome.broken and not (end.contacts.mode[: end.contacts.count[0]] != OPEN).any():

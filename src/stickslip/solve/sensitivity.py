@@ -13,7 +13,7 @@ from ..core.laws.builtin import Law
 from ..core.measure import contact_forces, touching
 from ..core.readable import readable
 from ..core.state import OPEN, SLIDE, STICK, State
-from .balance import BALANCED_BELOW, imbalance, unjudged
+from .balance import BALANCED_BELOW, imbalance, no_equilibrium_message
 from .freedom import ZERO_BELOW, Freedom, backbone, cell_geometric_terms, dynamical_matrix, incidence
 from .linear import DENSE_BELOW, one_thread
 from .stability import PAIR_ABOVE, contacts_at_limit
@@ -133,7 +133,7 @@ def contact_sensitivity(
     if most is not None and most < 0:
         raise ValueError(f"most = {most} was given: it must be a number of changes, at least 0")
     if (residual := imbalance(state, law)) > BALANCED_BELOW:
-        raise ValueError(f"{unjudged(residual)}; equilibrate the packing first")
+        raise ValueError(f"{no_equilibrium_message(residual)}; equilibrate the packing first")
     with one_thread() if len(free) < DENSE_BELOW else nullcontext():
         modes = _compute_modes(state, law, free)
         growth, verdict = _assess(modes.values)

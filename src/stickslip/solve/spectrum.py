@@ -11,7 +11,7 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
 from ..core.contacts.jacobian import contact_blocks
 from ..core.laws.builtin import Law
-from ..core.readable import counted, readable
+from ..core.readable import pluralize, readable
 from ..core.state import State
 from .balance import BALANCED_BELOW, imbalance
 from .freedom import ZERO_BELOW, Freedom, assembled, dynamical_matrix, freedom, jacobian
@@ -211,6 +211,6 @@ def _summary(found: Spectrum) -> str:
     pairs, real = found.pairs, found.eigenvalues.real[found.eigenvalues.imag == 0]
     rate = f", the fastest grows at {found.growth_rate[pairs[0]]:.4g}" if len(pairs) else ""
     return (
-        f"{len(found.eigenvalues)} eigenvalues, {counted(len(pairs), 'complex pair')}{rate}, "
+        f"{len(found.eigenvalues)} eigenvalues, {pluralize(len(pairs), 'complex pair')}{rate}, "
         f"smallest real eigenvalue {real.min(initial=np.inf):.4g}, residual {found.residual:.1e}"
     )

@@ -11,7 +11,14 @@ from ..core.laws.builtin import SHARP, Law, rescales
 from ..core.measure import touching
 from ..core.readable import readable
 from ..core.state import SLIDE, STICK, State
-from .balance import BALANCED_BELOW, imbalance, likely_causes, motion_imbalance, unjudged, with_modes_under
+from .balance import (
+    BALANCED_BELOW,
+    imbalance,
+    likely_causes,
+    motion_imbalance,
+    no_equilibrium_message,
+    with_modes_under,
+)
 from .fastest import fastest_pair
 from .freedom import ZERO_BELOW, Freedom, backbone, dynamical_matrix, freedom, translations, unsupported_grains
 from .pairs import complex_pairs
@@ -79,7 +86,7 @@ class Stability(NamedTuple):
     def verdict(self) -> str:
         """Verdict in words: stable, oscillatory instability, buckling, floppy modes, or not in equilibrium."""
         if not self.balanced:
-            return unjudged(self.residual, self.swing)
+            return no_equilibrium_message(self.residual, self.swing)
         return combine_motions(self.at_limit, self, self.if_stuck)
 
     @property

@@ -9,7 +9,7 @@ from scipy.optimize import minimize_scalar
 from scipy.sparse.linalg import LinearOperator, svds
 
 from ..core.contacts.jacobian import contact_blocks
-from ..core.laws.builtin import Law, dashpots
+from ..core.laws.builtin import Law, damping_model
 from ..core.readable import readable
 from ..core.state import State
 from .freedom import ZERO_BELOW, Freedom, assembled, backbone, dynamical_matrix, translations
@@ -162,7 +162,7 @@ def _reduced_matrices(state: State, law: Law, free: Freedom):
     if rigid.shape[1]:
         basis = basis @ null_space(rigid[held].T)
     pull = basis.T @ (matrix @ basis)
-    if not dashpots(law):
+    if not damping_model(law):
         return basis, pull, None
     root = 1 / np.sqrt(free.mass)
     drag = root[:, None] * assembled(state, contact_blocks(state, law)[1], free).toarray() * root

@@ -17,7 +17,7 @@ from ..laws.builtin import (
     Law,
     cap,
     contact_damping,
-    dashpots,
+    damping_model,
     least_force,
     normal_force,
     reach,
@@ -50,7 +50,7 @@ from .mechanics import (
     with_dashpot,
     with_tangential_dashpot,
 )
-from .neighbors import body_positions, body_radii, join_bodies, updated
+from .neighbors import body_positions, body_radii, join_bodies, with_neighbor_list
 from .rolling import add_rolling, forget_rolling
 
 CLOSED, OPENED, REACHED_LIMIT = 0, 1, 2
@@ -327,7 +327,7 @@ def forces(state: State, law: Law, *, memory: int = FREE):
     doi:10.48550/arXiv.1908.11724, Eqs 1–5, supplement Eqs 5–7 and 25.
     """
     check_materials(state, law)
-    state = updated(state, law)
+    state = with_neighbor_list(state, law)
     contacts = state.contacts
     trial = contacts._replace(
         slip=contacts.slip.copy(),
@@ -339,7 +339,7 @@ def forces(state: State, law: Law, *, memory: int = FREE):
     )
     loads = ContactLoads(np.zeros((state.n_bodies, 3)), np.zeros((state.n_bodies, 3)), np.zeros((3, 3)))
     here, shift = bodies(state), shifts(trial, state.cell.vectors)
-    evaluation(law.kind, law.coulomb, state.cell.dim, dashpots(law))(
+    evaluation(law.kind, law.coulomb, state.cell.dim, damping_model(law))(
         here, trial, shift, law.table, memory, loads.force, loads.torque, NO_EVENTS, np.zeros(1, np.int64)
     )
     if state.control.cell_free.any():

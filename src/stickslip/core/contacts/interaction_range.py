@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..laws.builtin import Law
-from ..laws.dispatch import Kind, evaluate_role, known
+from ..laws.dispatch import Kind, evaluate_role, find_user_law
 from ..state import Contacts, State
 
 
@@ -14,7 +14,7 @@ def listed_gap(contacts: Contacts) -> float:
 
 def largest_gap(state: State, law: Law) -> float:
     """Largest gap across which a law acts between bodies of a state [length]."""
-    if not isinstance(law.kind, Kind) or "contact_range" not in known(law.kind).functions:
+    if not isinstance(law.kind, Kind) or "contact_range" not in find_user_law(law.kind).functions:
         return 0.0
     r_eff = float(state.grains.radius.max()) * (1.0 if len(state.walls.mass) else 0.5)
     rows = law.table.reshape(-1, law.table.shape[2])
@@ -32,7 +32,7 @@ def with_range(state: State, law: Law) -> Contacts:
 
 def with_rolling_memory(contacts: Contacts, law: Law) -> Contacts:
     """List with a row of rolling memory for each pair, if the law has such a memory."""
-    rolls = isinstance(law.kind, Kind) and "rolling_stiffness" in known(law.kind).functions
+    rolls = isinstance(law.kind, Kind) and "rolling_stiffness" in find_user_law(law.kind).functions
     if not rolls or len(contacts.rolling) == len(contacts.i):
         return contacts
     return contacts._replace(rolling=np.zeros((len(contacts.i), contacts.rolling.shape[1])))

@@ -22,7 +22,7 @@ from ..laws.builtin import (
     cap,
     cap_slopes,
     contact_damping,
-    dashpots,
+    damping_model,
     mobilisation,
     mobilisation_tangent,
     normal_force,
@@ -160,7 +160,7 @@ def linearise(state: State, law: Law, *, memory: int = HELD) -> Linearisation:
     _fill_linearisation(
         law.kind,
         law.coulomb,
-        dashpots(law),
+        damping_model(law),
         state.cell.dim,
         bodies(state),
         state.contacts,

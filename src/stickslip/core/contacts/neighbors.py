@@ -310,7 +310,7 @@ def _build_list(x, radius, wall_normal, grid, old):
 
 
 @njit(cache=True)
-def keys_of(contacts):
+def pack_keys(contacts):
     """Keys of a list without keys."""
     key = np.empty(len(contacts.i), np.int64)
     for c in range(len(key)):
@@ -340,7 +340,7 @@ def join_bodies(grains: np.ndarray, walls: np.ndarray) -> np.ndarray:
     return np.concatenate([grains, walls]) if len(walls) else grains
 
 
-def updated(state: State, law: Law | None = None) -> State:
+def with_neighbor_list(state: State, law: Law | None = None) -> State:
     """State with a list of contacts that is valid at its positions, and for a law. The memory is matched by key."""
     if law is not None:
         state = state._replace(contacts=with_rolling_memory(with_range(state, law), law))

@@ -7,9 +7,9 @@ from ..contacts.forces import Bodies, forces, moved_masses
 from ..contacts.geometry import shifts
 from ..contacts.interaction_range import listed_gap
 from ..contacts.mechanics import FROZEN, needs_radius
-from ..contacts.neighbors import TOO_FAR, grid_of, keys_of, rebuild_list, select_rows
+from ..contacts.neighbors import TOO_FAR, grid_of, pack_keys, rebuild_list, select_rows
 from ..flow import PULL, RATE, SINCE, VECTORS
-from ..laws.builtin import Law, dashpots
+from ..laws.builtin import Law, damping_model
 from ..simd.blocks import TILE_SIZE, MovingBodies, commit, empty_blocks, store_reference
 from ..simd.layout import displacement_limits, gather_bodies, limit_displacements, scatter_bodies, speeds
 from ..simd.partition import balance_threads, block_chooser, morton_keys, split_layers
@@ -135,7 +135,7 @@ class _BlockRun:
         self, state: State, law: Law, plan: Plan, steps: int, writing: RecordBuffers, books, instant, rate: int, threads
     ):
         self.state, self.law, self.plan, self.steps, self.writing = state, law, plan, steps, writing
-        self.viscous, self.imposed, self.deforming = dashpots(law), needs_frame(state), deforms(state)
+        self.viscous, self.imposed, self.deforming = damping_model(law), needs_frame(state), deforms(state)
         self.threads = _thread_count(len(state.grains.radius), threads, len(writing.events) > 0)
         self.loop = block_loop(law.kind, law.coulomb, state.cell.dim, self.viscous, rate, self.threads > 1)
         self.block_function = block_chooser(self.threads > 1)
@@ -263,7 +263,7 @@ class _BlockRun:
             self.contacts = _without_open_pairs(self.contacts)
             self.contacts = _rebuild_with_skin(skin, here.position, here, self.contacts, self.state.cell)
         contacts, before = self.contacts, self.state.contacts
-        key = before.key if contacts.i is before.i else keys_of(contacts)
+        key = before.key if contacts.i is before.i else pack_keys(contacts)
         contacts = contacts._replace(key=key, pair=np.zeros_like(contacts.slip), roll=np.zeros_like(contacts.slip))
         store_reference(contacts, here.position, here.angle, here.radius, vectors, contacts.pair, contacts.roll)
         return state_after(self.state, here, contacts, time)._replace(instant=instant)

@@ -10,7 +10,7 @@ import zlib
 import numpy as np
 
 from ..contacts.forces import Bodies, bodies
-from ..laws.builtin import Law, dashpots
+from ..laws.builtin import Law, damping_model
 from ..state import Instant, State
 from .coefficients import driven_bodies
 
@@ -35,7 +35,7 @@ def with_mark(state: State, law: Law, memory: str) -> State:
 
     Without dashpots, forces are reproduced, but the mean velocity of a rigid group is not.
     """
-    if not (dashpots(law) or (state.control.group >= 0).any()):
+    if not (damping_model(law) or (state.control.group >= 0).any()):
         return state._replace(instant=None)
     return state._replace(instant=state.instant._replace(mark=state_checksum(state, law, memory)))
 

@@ -42,7 +42,7 @@ from ..laws.builtin import (
     SMOOTH,
     cap,
     contact_damping,
-    dashpots,
+    damping_model,
     least_force,
     normal_energy,
     normal_force,
@@ -246,7 +246,7 @@ def open_books(samples: int, bodies: Bodies, state, rate: bool) -> Books:
 
 def post_step(books: Books, law, state, plan: Plan, here: Bodies, contacts, step: int, every: int) -> Books:
     """Post one step, from the state in the books to `here` and `contacts`, which are not modified."""
-    row, first, viscous, old, vectors = books.row, step == 0, dashpots(law), books.bodies, state.cell.vectors
+    row, first, viscous, old, vectors = books.row, step == 0, damping_model(law), books.bodies, state.cell.vectors
     strain = np.zeros((3, 3))
     if (vectors != books.vectors).any():  # dt L of the step that moved the cell
         strain = 2 * np.linalg.solve((vectors + books.vectors), vectors - books.vectors).T

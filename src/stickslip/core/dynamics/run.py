@@ -9,9 +9,9 @@ from ..contacts.forces import Bodies, check_materials, sweep_contacts
 from ..contacts.geometry import shifts
 from ..contacts.interaction_range import with_rolling_memory
 from ..contacts.mechanics import FREE, FROZEN
-from ..contacts.neighbors import TOO_FAR, grid_of, rebuild_list, updated
+from ..contacts.neighbors import TOO_FAR, grid_of, rebuild_list, with_neighbor_list
 from ..contacts.rolling import resists_rolling
-from ..laws.builtin import SMOOTH, Law, dashpots, rescaling_flag
+from ..laws.builtin import SMOOTH, Law, damping_model, rescaling_flag
 from ..laws.dispatch import Kind, as_numpy_integers
 from ..outcome import Outcome, Status
 from ..state import Instant, State
@@ -209,7 +209,7 @@ def run(
     check_materials(state, law)
     _check_arguments(law, steps, dt, every, ledger, slip_update, threads)
     instant = matching_instant(state, law, slip_update)
-    state = updated(state, law)
+    state = with_neighbor_list(state, law)
     check_time_step(state, law, driven_bodies(state), dt)
     grouped = bool(state.control.spring.any() or (state.control.group >= 0).any())
     only_many = slip_update == "rate" or needs_frame(state) or grouped  # not supported by the plain stepper
@@ -274,7 +274,7 @@ def _run_stepper(
         np.zeros((2, state.n_bodies, 3)) if instant is None else np.stack(np.split(instant.force, 2, axis=1))
     )
     grid = grid_of(state.cell)
-    advance = stepper(law.kind, law.coulomb, state.cell.dim, dashpots(law))
+    advance = stepper(law.kind, law.coulomb, state.cell.dim, damping_model(law))
     known = instant is not None
     done, drifted, ended, stop = 0, known, known, 0 if books else steps
     while True:

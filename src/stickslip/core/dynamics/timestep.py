@@ -6,7 +6,7 @@ from numba import njit
 from ..contacts.forces import Bodies, bodies, check_materials
 from ..contacts.geometry import normal_and_overlap, pair_vector, shifts
 from ..contacts.mechanics import effective_values, out_of_range
-from ..contacts.neighbors import updated
+from ..contacts.neighbors import with_neighbor_list
 from ..contacts.rolling import rolling_bound
 from ..laws.builtin import Law, row, tangential_stiffness, tangents
 from ..measure import volume
@@ -140,7 +140,7 @@ def stable_time_step(state: State, law: Law) -> float:
     1.414214
     """
     check_materials(state, law)
-    state = updated(state, law)
+    state = with_neighbor_list(state, law)
     here = bodies(state)
     normal, springs = _spring_network(state, law, here)
     largest = _largest_squared_frequency(

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from ..readable import readable
-from .dispatch import Kind, by_kind, known
+from .dispatch import Kind, by_kind, find_user_law
 
 HERTZ_MINDLIN, LINEAR, HERTZ_MINDLIN_REFF, HERTZ_MINDLIN_RESCALED, HERTZ_MINDLIN_REFF_RESCALED = range(5)
 KINDS = ("hertz_mindlin", "linear", "hertz_mindlin_reff", "hertz_mindlin_rescaled", "hertz_mindlin_reff_rescaled")
@@ -152,7 +152,7 @@ def _make_law(kind, coulomb, damping, tension, *values) -> Law:
     return Law(kind, COULOMB[coulomb], table, DAMPING[damping] + (0 if tension else NO_TENSION))
 
 
-def dashpots(law: Law) -> int:
+def damping_model(law: Law) -> int:
     """Damping model of the law, 0 if no pair of materials has dashpots. It is an integer that keys kernels."""
     return law.damping if law.table[..., [DAMPING_N, DAMPING_T]].any() else 0
 
@@ -184,7 +184,7 @@ def for_pair(law: Law, a: int, b: int, **parameters) -> Law:
     >>> [float(law.table[0, m, MU]) for m in (0, 1)]
     [0.5, 0.2]
     """
-    names = names_of(law)
+    names = parameter_names(law)
     size = max(len(law.table), a + 1, b + 1)
     table = np.empty((size, size, len(names)))
     table[:] = law.table[0, 0]
@@ -196,14 +196,14 @@ def for_pair(law: Law, a: int, b: int, **parameters) -> Law:
     return law._replace(table=table)
 
 
-def alike(a: Law, b: Law) -> bool:
+def laws_equal(a: Law, b: Law) -> bool:
     """Return True if two laws have the same kind and parameters."""
     return a[:2] == b[:2] and a.damping == b.damping and np.array_equal(a.table, b.table)
 
 
 def with_values(law: Law, **parameters) -> Law:
     """Law with other parameters between all materials."""
-    names, table = names_of(law), law.table.copy()
+    names, table = parameter_names(law), law.table.copy()
     for name, value in parameters.items():
         check_parameter(name, value, names)
         table[..., names.index(name)] = value
@@ -375,11 +375,11 @@ def energy_by_quadrature(force, reach):
     return energy
 
 
-def names_of(law: Law) -> tuple[str, ...]:
+def parameter_names(law: Law) -> tuple[str, ...]:
     """Names of a law's parameters, in the order of its table."""
     if not isinstance(law.kind, Kind):
         return PARAMETERS
-    return known(law.kind).names
+    return find_user_law(law.kind).names
 
 
 def _describe(law: Law) -> str:

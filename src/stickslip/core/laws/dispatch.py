@@ -122,19 +122,19 @@ def by_kind(function):
     return scalar
 
 
-def known(kind: int) -> UserLaw:
+def find_user_law(kind: int) -> UserLaw:
     """Description of a user-defined law. Raise ValueError with one sentence if it was not created in this process."""
     compiled_functions(kind)
     return USER_LAWS[kind]
 
 
-def described(law) -> dict:
+def describe_law(law) -> dict:
     """Record of a user-defined law apart from its numbers. It identifies the law and can be read, but is not run."""
-    own = known(law.kind)
+    own = find_user_law(law.kind)
     return {"name": own.name, "digest": f"{int(law.kind):x}", "source": own.source, "parameters": " ".join(own.names)}
 
 
-def recalled(kind: int, about: dict) -> Kind:
+def restore_kind(kind: int, about: dict) -> Kind:
     """Kind of a user-defined law from its record, if the law was created in this process. Its text is never run.
 
     Raises
@@ -157,6 +157,6 @@ def recalled(kind: int, about: dict) -> Kind:
 
 def evaluate_role(kind: Kind, role: str, values, **given):
     """Evaluate a function of a law in plain Python; `values` are its parameters in the order of the table."""
-    own = known(kind)
+    own = find_user_law(kind)
     values = dict(zip(own.names, values, strict=True)) | given
     return own.functions[role](*(values[name] for name in own.arguments[role]))

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 from numba import njit
 
-from ..text import text_of
+from ..text import read_text
 from .builtin import (
     COULOMB,
     DAMPING,
@@ -358,7 +358,7 @@ def from_file(path: str | Path, **parameters: float) -> Law:
     path = Path(path)
     if not path.is_file():
         raise ValueError(f"{path} is not a file: give a Python file with a function normal_force")
-    return _law_from_text(text_of(path, remedy="give a Python file"), path, parameters)
+    return _law_from_text(read_text(path, remedy="give a Python file"), path, parameters)
 
 
 def _law_from_text(text: str, path: Path, parameters: dict) -> Law:

@@ -13,7 +13,7 @@ from numba.core.types import complex128, float64
 
 from ... import kernel_cache
 from .builtin import KT, STEP, Law
-from .dispatch import COMPILED, HELP, ROLES, USER_LAWS, UserLaw, evaluate_role, known
+from .dispatch import COMPILED, HELP, ROLES, USER_LAWS, UserLaw, evaluate_role, find_user_law
 
 MAX_RANGE = 100.0  # of a law, in radii
 NOT_NEGATIVE = ("tangential_stiffness", "contact_range", "rolling_stiffness")
@@ -208,12 +208,12 @@ def _summarize_numba_error(message: str, own: UserLaw) -> str:
     return f"{shown}({said[:200]})"
 
 
-def stiffest(law: Law, values, r_eff: float, deepest: float) -> float:
+def largest_stiffness(law: Law, values, r_eff: float, deepest: float) -> float:
     """Largest stiffness of a user-defined law between the end of its range and an overlap [force/length].
 
     The rolling stiffness is converted as for spheres: k_r m/I.
     """
-    functions, most = known(law.kind).functions, 0.0
+    functions, most = find_user_law(law.kind).functions, 0.0
     end = evaluate_role(law.kind, "contact_range", values, r_eff=r_eff) if "contact_range" in functions else 0.0
     for x in np.append(np.linspace(-end, 0, 33)[1:-1] if end else [], np.geomspace(1e-6, 1, 33) * deepest):
         at = {"overlap": complex(x, STEP), "r_eff": r_eff}

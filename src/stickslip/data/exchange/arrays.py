@@ -9,7 +9,7 @@ from ...core.laws.builtin import DAMPING_N, DAMPING_T, KN, KT, MU, NO_TENSION, L
 from ...core.laws.dispatch import Kind
 from ...core.state import State
 from .. import archive
-from ..atomic import beside
+from ..atomic import replace_atomically
 from ..sample import PackingError, law_by_name
 from .frame import Frame, law_to_dict, list_losses, without_walls
 
@@ -47,7 +47,7 @@ def write_npz(path: str | Path, frame: Frame) -> list[str]:
         arrays |= {k: v for k, v in law_to_dict(law).items() if k in ("law", "coulomb", "damping")}
         numbers = {"kn": KN, "kt": KT, "mu": MU, "damping_n": DAMPING_N, "damping_t": DAMPING_T}
         arrays |= {name: values[column] for name, column in numbers.items()}
-    with beside(Path(path)) as part:
+    with replace_atomically(Path(path)) as part:
         np.savez(part, **arrays)
     return words + ([f".npz does not store {', '.join(lost)}"] if lost else [])
 

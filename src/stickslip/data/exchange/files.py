@@ -5,8 +5,8 @@ import warnings
 from pathlib import Path
 
 from ...core.contacts.mechanics import FROZEN
-from ...core.contacts.neighbors import updated
-from ...core.laws.builtin import SHARP, Law, alike
+from ...core.contacts.neighbors import with_neighbor_list
+from ...core.laws.builtin import SHARP, Law, laws_equal
 from ...core.state import State
 from ..atomic import check_free
 from ..law_file import split_law_options
@@ -149,8 +149,8 @@ def _with_options(
     law = own or (law_from_options(given) if given or its_law is None else its_law)
     if isinstance(found, dict):
         return name, _with_inertia(from_arrays(law=law, **found), i0), law, words
-    same = its_law is not None and not given and (own is None or alike(own, its_law))
-    state = updated(_with_inertia(found, i0))
+    same = its_law is not None and not given and (own is None or laws_equal(own, its_law))
+    state = with_neighbor_list(_with_inertia(found, i0))
     return name, accepted(state, law, **({"memory": FROZEN} if same else {})), law, words
 
 
@@ -253,7 +253,7 @@ def _unknown_suffix(path: Path, known: tuple[str, ...], done: str) -> str:
     return f"{path} ends with {path.suffix or 'nothing'!r}, which cannot be {done}: {hint}"
 
 
-def listened(call, *given, **options):
+def capture_warnings(call, *given, **options):
     """Call a function and return its result together with the messages of its PackingWarnings."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", PackingWarning)

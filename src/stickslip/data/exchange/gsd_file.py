@@ -14,8 +14,8 @@ import numpy as np
 from ...core import state as core
 from ...core.laws.builtin import Law
 from ...core.state import State, check
-from ...extras import needed
-from ..atomic import beside
+from ...extras import require
+from ..atomic import replace_atomically
 from ..sample import PackingError
 from ..sound import validate_state
 from .frame import Frame, bounding_box, law_from_dict, law_to_dict, without_walls, wrapped_into
@@ -34,9 +34,9 @@ NOUNS = {
 
 def write_gsd(path: str | Path, frames: list[Frame]) -> list[str]:
     """Write frames as a trajectory; return notes on what other programs do not see in it."""
-    hoomd = needed("gsd.hoomd", "exchange")
+    hoomd = require("gsd.hoomd", "exchange")
     words = []
-    with beside(Path(path)) as part, hoomd.open(str(part), "w") as file:
+    with replace_atomically(Path(path)) as part, hoomd.open(str(part), "w") as file:
         for step, frame in enumerate(frames):
             picture, lost = _to_hoomd(hoomd, frame, step)
             for name, chunk in _state_chunks(frame).items():
@@ -128,7 +128,7 @@ def read_gsd(path: str | Path, wanted: str | None = None) -> list[tuple[str, Sta
     PackingError
         if the file is truncated, of another version, or not a GSD file.
     """
-    hoomd = needed("gsd.hoomd", "exchange")
+    hoomd = require("gsd.hoomd", "exchange")
     try:
         with hoomd.open(str(path), "r") as file:
             numbers = _frame_numbers(path, len(file), wanted)

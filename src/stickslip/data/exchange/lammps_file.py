@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core.contacts.jacobian import linearise
-from ...core.laws.builtin import MU, SHARP, Law, dashpots
+from ...core.laws.builtin import MU, SHARP, Law, damping_model
 from ...core.measure import branch_vectors, touching
 from ...core.state import OPEN, SLIDE, STICK, State
 from ..sample import NO_CONTACTS, PackingError, PackingWarning, accepted, from_arrays
@@ -162,7 +162,7 @@ def reconstruct_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
     if law.coulomb != SHARP:
         raise PackingError("coulomb = smooth was given, but LAMMPS's friction is sharp: give --coulomb sharp")
     arrays, missing = packing.arrays, {"velocity", "spin"} - set(packing.arrays)
-    if dashpots(law) and missing:
+    if damping_model(law) and missing:
         raise PackingError(
             f"the slip of contacts with dashpots needs every grain's {' and '.join(sorted(missing))}: add vx vy vz "
             f"omegax omegay omegaz to the dump of grains, or Velocities to the data file"

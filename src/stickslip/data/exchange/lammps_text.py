@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.text import text_of, whole_number
+from ...core.text import parse_integer, read_text
 from ..sample import HUGE, PackingError
 
 HEADER = re.compile(r"(?m)^\s*([A-Z][A-Za-z /]*?)\s*(?:#\s*(\S+)\s*)?$")  # of a section in a data file
@@ -43,7 +43,7 @@ def read_dump(path: Path, wanted: str | None = None) -> tuple[list[Table], list[
     if not pieces:
         raise PackingError(f"{path} contains no ITEM: TIMESTEP: give a dump that LAMMPS wrote as text")
     try:
-        steps = [whole_number(piece.split("\n", 2)[1]) for piece in pieces]
+        steps = [parse_integer(piece.split("\n", 2)[1]) for piece in pieces]
         if wanted not in (None, "all") and wanted not in map(str, steps):
             some = ", ".join(map(str, steps[:6])) + (" …" if len(steps) > 6 else "")
             raise PackingError(f"{path} has no time step {wanted}: it has {some}")
@@ -57,7 +57,7 @@ def read_dump(path: Path, wanted: str | None = None) -> tuple[list[Table], list[
 
 def _read_text(path: Path) -> str:
     try:
-        text = text_of(path, remedy="give LAMMPS files as text, not binary or compressed")
+        text = read_text(path, remedy="give LAMMPS files as text, not binary or compressed")
     except ValueError as problem:
         raise PackingError(str(problem)) from None
     if text and not text.endswith("\n"):  # a truncated number is still a number
@@ -74,7 +74,7 @@ def _parse_step(step: int, piece: str) -> Table:
             head,
             body,
         )
-    rows = whole_number(items["NUMBER"][1].split()[0])
+    rows = parse_integer(items["NUMBER"][1].split()[0])
     vectors, corner, periodic = _parse_bounds(*items["BOX BOUNDS"])
     head, body = items["ATOMS"] if "ATOMS" in items else items["ENTRIES"]
     names, words = head.split()[1:], body.split()
@@ -157,7 +157,7 @@ def read_data(path: Path) -> tuple[np.ndarray, dict, Table, list[str]]:
         if "Atoms" not in sections:
             raise PackingError(f"{path} has no section Atoms: give a LAMMPS data file, or a dump")
         style, body = sections["Atoms"]
-        count = whole_number(re.search(r"(?m)^\s*(\d+)\s+atoms\b", head)[1])
+        count = parse_integer(re.search(r"(?m)^\s*(\d+)\s+atoms\b", head)[1])
         rows = _parse_rows(body, count, "Atoms")
         if style not in (None, "sphere") or rows.shape[1] not in (7, 10):
             raise PackingError(
@@ -166,7 +166,7 @@ def read_data(path: Path) -> tuple[np.ndarray, dict, Table, list[str]]:
             )
         vectors, corner = _parse_data_box(head)
         step = re.search(r"timestep = (\d+)", first)
-        box = Table(whole_number(step[1]) if step else -1, vectors, corner, None, {})
+        box = Table(parse_integer(step[1]) if step else -1, vectors, corner, None, {})
         rows = rows[np.argsort(rows[:, 0], kind="stable")]
         motion = _parse_rows(sections["Velocities"][1], count, "Velocities") if "Velocities" in sections else None
     except (ValueError, IndexError, TypeError) as problem:

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from ...core.contacts.jacobian import linearise
-from ...core.laws.builtin import SHARP, dashpots
+from ...core.laws.builtin import SHARP, damping_model
 from ...core.measure import touching
 from ...core.state import SLIDE
-from ..atomic import beside
+from ..atomic import replace_atomically
 from .frame import Frame, bounding_box, list_losses, without_walls, wrapped_into
 from .lammps_file import ORDER, relative_velocity
 from .lammps_text import VOLUME
@@ -40,7 +40,7 @@ def write_lammps(path: str | Path, frame: Frame) -> list[str]:
         )
     if state.grains.angle.any():
         words.append("LAMMPS data does not store angles")
-    with beside(path) as part:
+    with replace_atomically(path) as part:
         part.write_text(_format_data(frame, vectors, corner), encoding="utf-8")
         words += _write_contacts(contacts_path(path), frame, vectors, corner)
     return words
@@ -95,10 +95,10 @@ def _write_contacts(path: Path, frame: Frame, vectors, corner) -> list[str]:
     bounds = _format_rows(np.column_stack([low, high, (xy, xz, yz)]).tolist())
     head = ["ITEM: TIMESTEP", "0", "ITEM: NUMBER OF ENTRIES", str(len(rows))]
     head += [f"ITEM: BOX BOUNDS xy xz yz {' '.join(flags)}", *bounds, f"ITEM: ENTRIES {' '.join(ORDER)}"]
-    with beside(path) as part:
+    with replace_atomically(path) as part:
         part.write_text("\n".join([*head, *(f"{i} {j} {row}" for i, j, row in ends), ""]), encoding="utf-8")
     sliding = int(((pairs["mode"] == SLIDE) & (vt.any(axis=1) | (vn != 0))).sum())
-    if dashpots(law) and sliding:
+    if damping_model(law) and sliding:
         words.append(
             f"the slip of {sliding} sliding contact(s) in motion is stored only up to the force carried by dashpots"
         )

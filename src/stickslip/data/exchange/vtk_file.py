@@ -9,8 +9,8 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from ...extras import needed
-from ..atomic import named
+from ...extras import require
+from ..atomic import name_file_in_errors
 from ..sample import PackingError
 from .frame import Frame, list_losses, wrapped_into
 
@@ -25,11 +25,11 @@ def vtk_paths(path: Path, count: int) -> list[tuple[Path, Path]]:
 
 def write_vtk(path: str | Path, frames: list[Frame]) -> list[str]:
     """Write two .vtu files per frame, all or none; return notes on what they do not store."""
-    hl, path = needed("pyevtk.hl", "exchange"), Path(path)
+    hl, path = require("pyevtk.hl", "exchange"), Path(path)
     if not path.parent.is_dir():
         raise PackingError(f"the folder {path.parent} does not exist: create it first")
     pairs = vtk_paths(path, len(frames))
-    with named(path), TemporaryDirectory(prefix=f".{path.stem}.", dir=path.parent) as folder:
+    with name_file_in_errors(path), TemporaryDirectory(prefix=f".{path.stem}.", dir=path.parent) as folder:
         made = []
         for frame, targets in zip(frames, pairs, strict=True):
             for target, write in zip(targets, (_write_grains, _write_lines), strict=True):

@@ -6,13 +6,13 @@ They are written without a library, because ASE would write only eight decimals.
 import json
 from pathlib import Path
 
-from ..atomic import beside
+from ..atomic import replace_atomically
 from .frame import Frame, law_to_dict, list_losses
 
 
 def write_xyz(path: str | Path, frames: list[Frame]) -> list[str]:
     """Write frames one after the other, numbers to the last bit; return notes on what the format does not store."""
-    with beside(Path(path)) as part, part.open("w", encoding="utf-8") as file:
+    with replace_atomically(Path(path)) as part, part.open("w", encoding="utf-8") as file:
         for frame in frames:
             file.write(_format_frame(frame))
     lost = ["contacts and their memory", *list_losses(frames[0], law=False)]

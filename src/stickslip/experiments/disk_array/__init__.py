@@ -3,16 +3,16 @@
 from functools import partial
 
 from ...lazy import attach
-from ..experiment import Experiment, Paper, late
-from ..sources import of_law
+from ..experiment import Experiment, Paper, lazy_function
+from ..sources import law_references
 from .scenario import DiskArrayScenario
 
-_here = partial(late, __name__)
+_here = partial(lazy_function, __name__)
 
 
 def references(scenario: DiskArrayScenario) -> dict[str, tuple[str, ...]]:
     """Keys of references.bib, grouped by purpose."""
-    return {"the experiment (paper 000)": ("Charan2020",), "contact law": of_law(scenario.law)}
+    return {"the experiment (paper 000)": ("Charan2020",), "contact law": law_references(scenario.law)}
 
 
 EXPERIMENT = Experiment(

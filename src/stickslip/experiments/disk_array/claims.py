@@ -3,7 +3,7 @@
 import numpy as np
 
 from ...loading.protocols import stable_window
-from ..claims import Claim, claim, shown
+from ..claims import Claim, claim, format_value
 from .fronts import Front
 from .measures import (
     LATE,
@@ -213,7 +213,7 @@ def _speed_claims(name: str, suffix: str, source: str, paper: float, found: Fron
     if not found:
         note = "no front: too few realizations in which the event happens at every disk before the run ends"
         return [claim(f"{name}{end}{suffix}", source, paper, None, unit, tolerance, note) for end in ("", "-free")]
-    other = f"through the start {shown(found.speed)}, with a free intercept {shown(found.free_intercept)}"
+    other = f"through the start {format_value(found.speed)}, with a free intercept {format_value(found.free_intercept)}"
     return [
         claim(f"{name}{suffix}", source, paper, found.speed, unit, tolerance,
               f"fitted through the start of the front, as in Eq 9; {other}; {note}", error=found.speed_error),

@@ -11,9 +11,9 @@ I0 = 1. It is labelled as a hypothesis everywhere.
 from typing import NamedTuple
 
 from ...data.checkpoint import UNFINISHED
-from ...data.schema import validated
+from ...data.schema import validate_scenario
 from ...ensemble import Workers
-from ..claims import Claim, for_quick_run
+from ..claims import Claim, note_quick_run
 from .claims import FRONT_LOADS, STABLE_LOAD, evaluate_claims
 from .scenario import DiskArrayScenario
 from .simulate import DiskArrayResult, Report, silent, simulate_disk_array
@@ -29,7 +29,7 @@ class Reproduction(NamedTuple):
 
 def paper_scenario(*, quick: bool = False, seed: int = 0) -> DiskArrayScenario:
     """Return the scenario of the printed model: N = 10, μ = 10, k_t = 2/7 k_n, smooth Coulomb, F_y = 0.1."""
-    return validated(
+    return validate_scenario(
         DiskArrayScenario,
         seed=seed,
         load={"push": (0.0, 0.12), "step": 5e-4},
@@ -45,7 +45,7 @@ def paper_scenario(*, quick: bool = False, seed: int = 0) -> DiskArrayScenario:
 def quarter_scenario(*, quick: bool = False, seed: int = 0) -> DiskArrayScenario:
     """Return the hypothetical scenario: disk–disk normal stiffness divided by four, I0 = 1, the rest as printed."""
     main = paper_scenario(quick=quick, seed=seed)
-    return validated(
+    return validate_scenario(
         DiskArrayScenario,
         seed=seed,
         array={"i0": 1.0},
@@ -82,4 +82,4 @@ def reproduce(
     )
     report("claims", 0.0, "births by bisection, for four load steps")
     claims = evaluate_claims(main, quarter, lambda share, words: report("claims", share, words))
-    return Reproduction(main, quarter, for_quick_run(claims) if quick else claims)
+    return Reproduction(main, quarter, note_quick_run(claims) if quick else claims)

@@ -6,7 +6,7 @@ import numpy as np
 from rich.table import Table
 
 from ...figures import disk_array as figures_of
-from ..run_folder import MOVIE, plain
+from ..run_folder import MOVIE, archive_fields
 from ..terminal import STYLE, console
 from .claims import FRONT_LOADS, IM_LAMBDA, LINE_TOP, MODE_LOAD, V2_THRESHOLD
 from .measures import backward_front, forward_front, velocity_line, y_mode
@@ -117,9 +117,9 @@ def _numbers(result: DiskArrayResult) -> dict:
             for k, f in enumerate(result.families)
         },
         "frames": frames,
-        "free_runs": {f"{load:.6f}": plain(free) for load, free in result.free_runs.items()},
-        "trajectory": plain(result.trajectory) if result.trajectory else {},
-        "sliding": {f"{load:.6f}": plain(ensemble) for load, ensemble in result.sliding.items()},
+        "free_runs": {f"{load:.6f}": archive_fields(free) for load, free in result.free_runs.items()},
+        "trajectory": archive_fields(result.trajectory) if result.trajectory else {},
+        "sliding": {f"{load:.6f}": archive_fields(ensemble) for load, ensemble in result.sliding.items()},
         "units": "2R = m = k_n = 1; loads in the scenario's numbers",
     }
 

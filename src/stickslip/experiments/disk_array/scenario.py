@@ -6,10 +6,21 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator, model_validator
 
 from ...data.law_schema import LawChoice
-from ...data.schema import Duration, Finite, Listed, Loads, NotNegative, Part, Positive, Seed, Several, Whole
+from ...data.schema import (
+    Duration,
+    Finite,
+    Listed,
+    Loads,
+    NotNegative,
+    Positive,
+    ScenarioBase,
+    ScenarioTable,
+    Seed,
+    Several,
+)
 
 
-class Array(Part):
+class Array(ScenarioTable):
     """Disks in a row on a substrate, periodic along the row."""
 
     disks: Annotated[int, Field(ge=1, le=400)] = Field(10, description="number of disks")
@@ -36,7 +47,7 @@ class Array(Part):
         return self
 
 
-class Load(Part):
+class Load(ScenarioTable):
     """Forces: `press` on every disk towards the substrate, `push` along the row on one disk, in units of `unit`."""
 
     unit: Positive = Field(1 / 2000, description="unit of the forces in this table, in units of the scenario [force]")
@@ -71,7 +82,7 @@ class Load(Part):
         return self
 
 
-class Relaxation(Part):
+class Relaxation(ScenarioTable):
     """Search for equilibria by damped dynamics (drag on translations and rotations) or by Newton's method."""
 
     method: Literal["dynamics", "newton"] = Field(
@@ -84,7 +95,7 @@ class Relaxation(Part):
     steps: Annotated[int, Field(ge=1)] = Field(2_000_000, description="number of steps after which the search stops")
 
 
-class Dynamics(Part):
+class Dynamics(ScenarioTable):
     """Newtonian runs from the equilibria where the path first passes given loads, with a tiny random velocity."""
 
     loads: Loads = Field((0.03, 0.04, 0.062, 0.083, 0.087, 0.09), description="pushes where runs start [`load.unit`]")
@@ -100,7 +111,7 @@ class Dynamics(Part):
     spin_drag: NotNegative | None = Field(None, description="drag on rotations; default: same as `drag` [1/time]")
 
 
-class Sliding(Part):
+class Sliding(ScenarioTable):
     """Many realizations of the transition at loads where the array slides, for fronts and the sliding velocity."""
 
     loads: Loads = Field((), description="pushes; none by default, that is, no realizations [`load.unit`]")
@@ -113,7 +124,7 @@ class Sliding(Part):
     )
 
 
-class DiskArrayScenario(Whole):
+class DiskArrayScenario(ScenarioBase):
     """Everything that defines a run of an array of disks on a substrate."""
 
     experiment: Literal["disk-array"] = "disk-array"

@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.laws.builtin import Law, dashpots
+from ...core.laws.builtin import Law, damping_model
 from ...core.outcome import NotInEquilibriumError, Outcome, Status
 from ...core.readable import readable
 from ...core.state import State
-from ...data.checkpoint import Kept, hooks, kept_in, piece
-from ...data.law_schema import law_of
+from ...data.checkpoint import Checkpoint, checkpoint_in, load_or_compute, member_hooks
+from ...data.law_schema import make_law
 from ...ensemble import Workers, run_members
 from ...loading.packing import disk_array, with_push
 from ...loading.protocols import (
@@ -135,7 +135,7 @@ def press(scenario: DiskArrayScenario) -> tuple[State, Law]:
 
 
 def push_disk_array(
-    scenario: DiskArrayScenario, *, step: float | None = None, kept: Kept | None = None, report: Report = silent
+    scenario: DiskArrayScenario, *, step: float | None = None, kept: Checkpoint | None = None, report: Report = silent
 ):
     """Press the array and push it along its path; return State, Law and a list of Equilibrium.
 
@@ -186,7 +186,7 @@ def fastest_period(point: Equilibrium) -> float:
 
 def predicted_growth(point: Equilibrium, law: Law, how: Dynamics) -> tuple[float, float]:
     """Growth rate and frequency of the fastest-growing mode of a free run, with its drag and dashpots [1/time]."""
-    if how.drag or how.spin_drag or dashpots(law):
+    if how.drag or how.spin_drag or damping_model(law):
         fastest = damped_growth(point.state, law, drag=how.drag, spin_drag=how.spin_drag)[0]
         return max(0.0, float(fastest.real)), abs(float(fastest.imag))
     modes = point.spectrum
@@ -278,7 +278,7 @@ def run_sliding(
     workers: Workers,
     report: Report = silent,
     *,
-    kept: Kept | None = None,
+    kept: Checkpoint | None = None,
 ) -> dict[float, Ensemble]:
     """Run the realizations of sliding at every load in parallel; seeds are the scenario's seed + 1, 2, 3 …"""
     how, dynamics = scenario.sliding, scenario.dynamics
@@ -302,7 +302,7 @@ def run_sliding(
         report("realizations of sliding", done / total, f"{done} of {total}, {_describe_member(member)}")
 
     live = partial(report, "realizations of sliding")
-    members = run_members(_transition_task, tasks, workers=workers, report=tell, live=live, **hooks(kept, names))
+    members = run_members(_transition_task, tasks, workers=workers, report=tell, live=live, **member_hooks(kept, names))
     out = {}
     for k, point in enumerate(points):
         mine = members[k * len(seeds) : (k + 1) * len(seeds)]
@@ -366,25 +366,29 @@ def simulate_disk_array(
     >>> [len(point.spectrum.pairs) for point in simulate_disk_array(short).path]
     [0, 1, 1]
     """
-    kept = kept_in(folder, scenario, FreeRun, Growth, Trajectory, fronts.Transition, Family, Change, Outcome, Status)
+    kept = checkpoint_in(
+        folder, scenario, FreeRun, Growth, Trajectory, fronts.Transition, Family, Change, Outcome, Status
+    )
     pressed, law, path = push_disk_array(scenario, kept=kept and kept.of("ramp"), report=report)
     report(BIRTHS, 0.0, "bisection in the push")
     heard = lambda share, words: report(BIRTHS, 0.5 * share, words)  # noqa: E731
-    born = piece(kept, "families", lambda: track_pairs(path, make_protocol(scenario, law), heard))
+    born = load_or_compute(kept, "families", lambda: track_pairs(path, make_protocol(scenario, law), heard))
     coarse = []
     if sensitivity:
-        coarse = piece(kept, "coarse-families", lambda: _coarse_pairs(scenario, law, report))
+        coarse = load_or_compute(kept, "coarse-families", lambda: _coarse_pairs(scenario, law, report))
     free_runs, trajectory = {}, None
     for k, load in enumerate(scenario.dynamics.loads):
         point, count = point_at_load(path, load), len(scenario.dynamics.loads)
         rate = f"push {load:g}, growth rate {point.spectrum.growth_rate.max(initial=0.0):.2e}"
         report("free runs", k / count, rate)
-        free_runs[load] = piece(kept, f"free-run-{load!r}", lambda point=point: run_free(point, law, scenario))
+        free_runs[load] = load_or_compute(
+            kept, f"free-run-{load!r}", lambda point=point: run_free(point, law, scenario)
+        )
         report("free runs", (k + 1) / count, f"{rate}, M = {free_runs[load].msd[-1]:.1e}")
         wanted = free_runs[load].slid if scenario.dynamics.watch is None else load == scenario.dynamics.watch
         if wanted and trajectory is None:
             known = free_runs[load]
-            trajectory = piece(
+            trajectory = load_or_compute(
                 kept, "trajectory", lambda point=point, known=known: resample_transition(point, law, scenario, known)
             )
     sliding = {}
@@ -402,7 +406,7 @@ def build_array(scenario: DiskArrayScenario) -> tuple[State, Law]:
     state = disk_array(
         array.disks, array.radius, press=load.press * load.unit, mass=array.mass, i0=array.i0, gap=array.gap
     )
-    return state, law_of(scenario.law)
+    return state, make_law(scenario.law)
 
 
 def simulate_with_sensitivity(scenario: DiskArrayScenario, **options) -> DiskArrayResult:

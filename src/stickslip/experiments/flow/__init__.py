@@ -3,11 +3,11 @@
 from functools import partial
 
 from ...lazy import attach
-from ..experiment import Experiment, late
-from ..sources import of_law
+from ..experiment import Experiment, lazy_function
+from ..sources import law_references
 from .scenario import FlowScenario
 
-_here = partial(late, __name__)
+_here = partial(lazy_function, __name__)
 
 
 def references(scenario: FlowScenario) -> dict[str, tuple[str, ...]]:
@@ -16,7 +16,7 @@ def references(scenario: FlowScenario) -> dict[str, tuple[str, ...]]:
     dashpots = law.damping or ("viscoelastic" if law.kind.startswith("hertz_mindlin_reff") else "mass_velocity")
     damped = law.restitution is not None or law.damping_n or law.damping_t
     more = ("Silbert2001",) if damped and dashpots != "velocity" else ()
-    contact = of_law(law)
+    contact = law_references(law)
     return {
         "contact law": contact + tuple(key for key in more if key not in contact),
         "inertial number of plane shear": ("GDRMiDi2004",) if scenario.plates else (),

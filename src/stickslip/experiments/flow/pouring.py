@@ -16,10 +16,10 @@ from ...core.laws.builtin import (
     tangents,
 )
 from ...core.laws.dispatch import Kind
-from ...core.laws.validation import stiffest
+from ...core.laws.validation import largest_stiffness
 from ...core.readable import readable
 from ...core.state import State, assembly, box, disks, flat_walls, heights, loads, spheres
-from ...data.law_file import law_in
+from ...data.law_file import load_law
 from ...data.sample import LAWS
 from ...data.schema import ScenarioError
 from ...solve.collision import with_restitution
@@ -106,7 +106,7 @@ def flow_law(scenario: FlowScenario, radius, mass) -> Law:
     """Return the law of a scenario: grains are material 0, wall k is material k + 1 if it has its own friction."""
     chosen, r, m = scenario.law, float(np.mean(radius)), float(np.mean(mass))
     if chosen.file is not None:
-        return _with_walls(law_in(chosen), scenario)
+        return _with_walls(load_law(chosen), scenario)
     if chosen.young is not None:
         kn, kt = elastic_constants(chosen.young, chosen.poisson)
     else:
@@ -272,7 +272,7 @@ def _time_step(scenario: FlowScenario, law: Law, radius, mass) -> float:
     q, lightest, r_eff = tuple(law.table[0, 0].tolist()), float(mass.min()), float(radius.min()) / 2
     depth = _largest_overlap(scenario, law, q, r_eff, float(mass[: len(radius)].max()))
     if isinstance(law.kind, Kind):
-        stiffness = stiffest(law, q, r_eff, depth)
+        stiffness = largest_stiffness(law, q, r_eff, depth)
     else:
         normal, _ = tangents(law.kind, q, r_eff, depth)
         stiffness = max(float(normal), float(tangential_stiffness(law.kind, q, r_eff, depth)))

@@ -7,7 +7,7 @@ import numpy as np
 from rich.table import Table
 
 from ...figures import flow as figures_of
-from ..run_folder import SERIES, plain
+from ..run_folder import SERIES, archive_fields
 from ..terminal import STYLE, console
 from .measures import deposit, plane_shear, profile_deviation, velocity_profile
 from .simulate import FlowResult, Series
@@ -31,7 +31,7 @@ def numbers(result: FlowResult) -> dict:
     """Return the contents of the archive, besides scenario and version."""
     found, shear = {}, plane_shear(result)
     if shear:
-        found["plane_shear"] = plain(shear)
+        found["plane_shear"] = archive_fields(shear)
     return {
         "scenario": result.scenario.text,
         "law": result.law,
@@ -42,7 +42,7 @@ def numbers(result: FlowResult) -> dict:
             f"{k:02d}": {"name": s.name, "start": s.start, "end": s.end, "rested": str(s.rested)}
             for k, s in enumerate(result.stages)
         },
-        "series": plain(result.series),
+        "series": archive_fields(result.series),
         "profile": {"edges": result.edges, "velocity": velocity_profile(result)},
         "frame_walls": {f"{k:04d}": "\n".join(names) for k, names in enumerate(result.frame_walls)},
         "frames": {f"{k:04d}": state for k, state in enumerate(result.frames)},

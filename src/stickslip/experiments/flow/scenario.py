@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from ...data.law_file import LawFile
-from ...data.schema import Duration, Finite, Listed, NotNegative, Part, Positive, Seed, Several, Whole
+from ...data.schema import Duration, Finite, Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed, Several
 
 AXES = "xyz"
 MOST = 1_000_000  # grains that are poured or form a plate, and periods of shaking
@@ -19,7 +19,7 @@ Name = Annotated[str, Field(pattern=r"^[ .]*[\w+-][\w .+-]*$", max_length=40)]  
 Names = Annotated[tuple[str, ...], Listed]
 
 
-class Shaking(Part):
+class Shaking(ScenarioTable):
     """A velocity A sin(2π f t + φ), with t measured from the start of the stage."""
 
     amplitude: Finite = Field(description="velocity amplitude A; the displacement amplitude is A/(2π f) [length/time]")
@@ -42,7 +42,7 @@ def _check_course(value):
 Course = Annotated[Finite | tuple[Knot, ...] | Shaking, BeforeValidator(_check_course)]
 
 
-class Motion(Part):
+class Motion(ScenarioTable):
     """Prescribed velocity along some axes; the motion along the others does not change."""
 
     x: Course | None = Field(None, description="a number, [[time, velocity], …] or shaking [length/time]")
@@ -65,7 +65,7 @@ class Motion(Part):
         return {axis: getattr(self, axis) for axis in AXES if getattr(self, axis) is not None}
 
 
-class Pour(Part):
+class Pour(ScenarioTable):
     """Grains placed on a loose lattice in a region, without overlap, from the bottom up."""
 
     number: Annotated[int, Field(ge=1, le=MOST)] = Field(description="number of grains")
@@ -158,7 +158,7 @@ class FlowLaw(LawFile):
         return self
 
 
-class Box(Part):
+class Box(ScenarioTable):
     """The cell: its lengths from the origin, and its periodic axes."""
 
     size: Vector | None = Field(
@@ -167,7 +167,7 @@ class Box(Part):
     periodic: Annotated[tuple[Literal["x", "y", "z"], ...], Listed] = Field((), description="periodic axes")
 
 
-class FlatWall(Part):
+class FlatWall(ScenarioTable):
     """An infinite flat wall: fixed, driven at a velocity, or loaded by a force along its normal."""
 
     name: Name = Field(description="name in stages and files")
@@ -181,7 +181,7 @@ class FlatWall(Part):
     mu: NotNegative | None = Field(None, description="friction coefficient with grains; default: law.mu")
 
 
-class Plate(Part):
+class Plate(ScenarioTable):
     """A rigid rough plate of glued grains across the cell: one row, or in three dimensions a square lattice."""
 
     name: Name = Field(description="name in stages and files")
@@ -198,7 +198,7 @@ class Plate(Part):
     pressure: Finite | None = Field(None, description="pressure instead of a force [force/length^(dim−1)]")
 
 
-class Stage(Part):
+class Stage(ScenarioTable):
     """A part of the run, and the changes at its start; everything else stays as it was."""
 
     name: Name = Field(description="name in progress messages and files")
@@ -221,7 +221,7 @@ class Stage(Part):
     drag: NotNegative | None = Field(None, description="drag from this stage on; default: as before [1/time]")
 
 
-class FlowScenario(Whole):
+class FlowScenario(ScenarioBase):
     """Complete definition of a flow."""
 
     experiment: Literal["flow"] = "flow"

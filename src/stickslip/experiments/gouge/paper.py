@@ -9,9 +9,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from ...data.schema import validated
+from ...data.schema import validate_scenario
 from ...ensemble import Workers
-from ..claims import Claim, for_quick_run
+from ..claims import Claim, note_quick_run
 from .claims import evaluate_claims
 from .report import announce
 from .scenario import GougeScenario
@@ -86,7 +86,7 @@ def full_scenarios(seed: int = 0) -> dict[str, GougeScenario]:
 
 
 def _scenario(quick: bool, seed: int, runs: int, damping: str, protocol: list, **more) -> GougeScenario:
-    return validated(
+    return validate_scenario(
         GougeScenario, seed=seed, realizations=runs, dt=4e-7, sample_every=250,
         grains={"number": 300 if quick else 500}, cell={"length": 0.024 if quick else 0.03},
         law=DAMPINGS[damping] | {"size": 3e-3, "speed": 25.0}, preparation={"slip": 4.0 if quick else 8.0},
@@ -123,4 +123,4 @@ def reproduce(
     holds = {name: run(name, one) for name, one in chosen.items()}
     rest = {name: run(name, one) for name, one in more.items()}
     claims = evaluate_claims(holds, rest)
-    return Reproduction(holds, rest, for_quick_run(claims) if quick else claims)
+    return Reproduction(holds, rest, note_quick_run(claims) if quick else claims)

@@ -16,7 +16,7 @@ from ...core.dynamics.run import run
 from ...core.dynamics.timestep import stable_time_step
 from ...core.measure import branch_vectors, elastic_energy, touching
 from ...core.state import State
-from ...data.checkpoint import Kept, piece
+from ...data.checkpoint import Checkpoint, load_or_compute
 from ...friction.measure import steady_mean
 from .dimensionless import Range, make_range, stiffness
 from .sample import BOTTOM, TOP, Gouge, attach_spring, gouge_law, prepare_sample
@@ -117,7 +117,7 @@ class Engine(NamedTuple):
     nouns: tuple[type, ...]  # classes of the NamedTuples in a place
 
 
-def run_trunk(scenario: GougeScenario, seed: int, engine: Engine, tell: Tell, kept: Kept | None = None) -> Trunk:
+def run_trunk(scenario: GougeScenario, seed: int, engine: Engine, tell: Tell, kept: Checkpoint | None = None) -> Trunk:
     """Prepare one sample and take it through the slides of the protocol.
 
     Parameters
@@ -131,7 +131,7 @@ def run_trunk(scenario: GougeScenario, seed: int, engine: Engine, tell: Tell, ke
         If the sample does not settle, does not become steady, or becomes unstable.
     """
     kept = kept and kept._replace(nouns=(Gouge, Series, *engine.nouns))
-    gouge = piece(
+    gouge = load_or_compute(
         kept,
         "settled",
         lambda: prepare_sample(scenario, seed, report=lambda stage, _, words: tell(0.0, f"{stage}: {words}")),
@@ -157,7 +157,7 @@ def run_trunk(scenario: GougeScenario, seed: int, engine: Engine, tell: Tell, ke
 
 
 def run_branch(
-    scenario: GougeScenario, start: Branch, engine: Engine, tell: Tell, kept: Kept | None = None
+    scenario: GougeScenario, start: Branch, engine: Engine, tell: Tell, kept: Checkpoint | None = None
 ) -> tuple[Test, ...]:
     """Run the tests that start from one state of the trunk; arguments as in `run_trunk`.
 
@@ -266,7 +266,7 @@ def _log_binned(series: Series) -> Series:
 class _LegRunner:
     """Run the legs of a trunk or a branch in pieces that are saved, and report progress."""
 
-    def __init__(self, scenario: GougeScenario, engine: Engine, tell: Tell, kept: Kept | None, duration: float):
+    def __init__(self, scenario: GougeScenario, engine: Engine, tell: Tell, kept: Checkpoint | None, duration: float):
         self.scenario, self.engine, self.tell, self.kept = scenario, engine, tell, kept
         self.done, self.total, self.number = 0, duration / scenario.dt, 0
 
@@ -282,13 +282,13 @@ class _LegRunner:
             for first in range(0, samples, CHUNK):
                 steps = min(CHUNK, samples - first) * every
                 leg = partial(self.engine.leg, self.scenario, place, velocity, steps)
-                place, part = piece(pieces, f"{first:09d}", leg)
+                place, part = load_or_compute(pieces, f"{first:09d}", leg)
                 parts.append(part)
                 self._report_progress(steps, part, words)
             return place, _concatenate(parts)
 
         before = self.done
-        place, series = piece(self.kept, name, run_pieces)
+        place, series = load_or_compute(self.kept, name, run_pieces)
         if pieces:
             pieces.clear()
         if self.done == before:  # the whole leg was loaded

@@ -101,7 +101,7 @@ def _step_figures(result: GougeResult):
 def _rest_figure(runs: dict):
     ratios = [measured.energy_ratio(*run)._replace(label=label) for label, run in runs.items()]
     creep = [measured.creep_velocity(*run) for run in runs.values()]
-    return figures_of.rest(ratios, creep, measured.sliding_energy_ratio(*next(iter(runs.values()))).value)
+    return figures_of.energies_in_holds(ratios, creep, measured.sliding_energy_ratio(*next(iter(runs.values()))).value)
 
 
 def _reslide_figures(result: GougeResult, healing: GougeResult):

@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from ...data.schema import Listed, NotNegative, Part, Positive, Seed, Sized, Whole
+from ...data.schema import Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed, Sized
 
 Share = Annotated[float, Field(gt=0, lt=1)]
 Number = Annotated[int, Field(ge=1)]
@@ -20,7 +20,7 @@ LEAST = 8  # minimum number of samples of a leg, from which a mean with an error
 FASTEST = 1e7  # grain-steps per second and process, for the estimate before the start
 
 
-class GougeGrains(Part):
+class GougeGrains(ScenarioTable):
     """Spheres with diameters distributed uniformly between two sizes."""
 
     number: Annotated[int, Field(ge=20, le=MOST)] = Field(500, description="approximate number of mobile grains")
@@ -45,7 +45,7 @@ class GougeGrains(Part):
         return sum(self.diameter) / 2
 
 
-class GougeLaw(Part):
+class GougeLaw(ScenarioTable):
     """Hertz–Mindlin with √(δ R_eff) and sharp Coulomb friction, Eqs 1–2 of paper 003's supplement.
 
     The normal dashpot is given either by `gamma_n`, or by a `restitution` together with the `reading` that converts it
@@ -119,7 +119,7 @@ class GougeLaw(Part):
         return self
 
 
-class GougeCell(Part):
+class GougeCell(ScenarioTable):
     """Cell that is periodic along x and z, and as high as the grains require."""
 
     length: Positive = Field(0.03, description="length along x; paper 003: 20 D, reduced scale: 10 D [m]")
@@ -132,7 +132,7 @@ class GougeCell(Part):
     )
 
 
-class GougeLoad(Part):
+class GougeLoad(ScenarioTable):
     """Normal stress on the upper plate, and the spring that pulls it along x."""
 
     normal_stress: Positive = Field(5e6, description="normal stress σ; paper 003 [Pa]")
@@ -146,7 +146,7 @@ class GougeLoad(Part):
     )
 
 
-class RateState(Part):
+class RateState(ScenarioTable):
     """Rate-and-state parameters for normalising stiffness and hold times; defaults are those of paper 003."""
 
     a: Positive = Field(0.0247, description="direct effect")
@@ -154,7 +154,7 @@ class RateState(Part):
     dc: Positive = Field(5.3e-3, description="slip over which the state evolves [m]")
 
 
-class Preparation(Part):
+class Preparation(ScenarioTable):
     """Preparation of a steadily sliding sample; each stage ends when its criterion is met, or fails after `most`."""
 
     approach: Positive = Field(5.0, description="velocity of the upper wall until it bears the normal stress [m/s]")
@@ -179,7 +179,7 @@ class Preparation(Part):
     longest: Positive = Field(40.0, description="slip after which the preparation fails if sliding is not steady [D]")
 
 
-class Slide(Part):
+class Slide(ScenarioTable):
     """Slide of the load point at one velocity, 0 for a hold, until a slip or a time is reached or sliding is steady."""
 
     kind: Literal["slide"] = "slide"
@@ -217,7 +217,7 @@ class Slide(Part):
         return self
 
 
-class Branching(Part):
+class Branching(ScenarioTable):
     """Tests that start from copies of the states along one steady slide."""
 
     branches: Number = Field(1, description="number of states from which the test starts, each in its own process")
@@ -298,7 +298,7 @@ class SlideHoldSlide(Branching):
 Protocol = Annotated[Slide | VelocitySteps | SlideHoldSlide, Field(discriminator="kind")]
 
 
-class GougeScenario(Whole):
+class GougeScenario(ScenarioBase):
     """Everything that defines an experiment on fault gouge."""
 
     si: ClassVar[bool] = True

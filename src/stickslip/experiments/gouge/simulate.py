@@ -8,7 +8,7 @@ from typing import NamedTuple
 from ... import __version__
 from ...core.readable import readable
 from ...data import archive
-from ...data.checkpoint import Kept, kept_in
+from ...data.checkpoint import Checkpoint, checkpoint_in
 from ...ensemble import Workers, run_members
 from .dimensionless import Range
 from .protocol import (
@@ -86,7 +86,7 @@ class _Ensemble:
 
     def __init__(self, scenario: GougeScenario, alone: list, folder: Path | None, workers: Workers, report: Report):
         self.scenario, self.alone, self.folder, self.workers, self.report = scenario, alone, folder, workers, report
-        self.kept = kept_in(folder, scenario)
+        self.kept = checkpoint_in(folder, scenario)
         self.first = scenario.trunk_duration / scenario.duration  # share of the work done by the trunks
         if self.kept:
             for one in alone:
@@ -180,13 +180,13 @@ def find_engine(scenario: GougeScenario) -> Engine:
     return engine()
 
 
-def _trunk_task(text: str, kept: Kept | None, tell: Tell) -> Trunk:
+def _trunk_task(text: str, kept: Checkpoint | None, tell: Tell) -> Trunk:
     """Run one trunk, possibly in a worker process."""
     one = GougeScenario.model_validate_json(text)
     return run_trunk(one, one.seed, find_engine(one), tell, kept and kept.seen())
 
 
-def _branch_task(text: str, start: Branch, kept: Kept | None, tell: Tell) -> tuple[Test, ...]:
+def _branch_task(text: str, start: Branch, kept: Checkpoint | None, tell: Tell) -> tuple[Test, ...]:
     """Run one branch, possibly in a worker process."""
     one = GougeScenario.model_validate_json(text)
     return run_branch(one, start, find_engine(one), tell, kept and kept.seen())

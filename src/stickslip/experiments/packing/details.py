@@ -30,7 +30,7 @@ class Details(NamedTuple):
     contacts: ContactSensitivity | str
 
 
-def more_of(state: State, law: Law, found: Stability | DampedStability, *, report=None) -> Details:
+def compute_details(state: State, law: Law, found: Stability | DampedStability, *, report=None) -> Details:
     """Compute everything beyond the spectrum; progress is reported as report(stage, fraction done, text)."""
     participation = participation_ratio(found.modes, found.free)
     if not found.balanced:

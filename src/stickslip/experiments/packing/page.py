@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ... import __version__
-from ...core.contacts.neighbors import updated
+from ...core.contacts.neighbors import with_neighbor_list
 from ...data import archive
 from ...data.checkpoint import UNFINISHED
 from ...data.exchange.arrays import read_archive
-from ...data.exchange.files import listened, read_packing
+from ...data.exchange.files import capture_warnings, read_packing
 from ...data.exchange.frame import Frame, frame_of
 from ...data.exchange.motion import mode_frames, read_mode
 from ...data.sample import PackingError
@@ -23,14 +23,14 @@ from ...figures import view3d as scene
 from ...figures.grains import bare_frame, packing
 from ...figures.quantities import DISPLACEMENT
 from ...figures.style import png
-from ...solve.balance import BALANCED_BELOW, imbalance, unjudged
+from ...solve.balance import BALANCED_BELOW, imbalance, no_equilibrium_message
 from ...solve.damped import DampedStability
 from .. import claims as claims_table
 from ..registry import EXPERIMENTS
-from ..run_folder import CLAIMS, FILM, NUMBERS, files_of
+from ..run_folder import CLAIMS, FILM, NUMBERS, list_files
 from ..sweep.dataset import DATASET, is_sweep, open_sweep
 from .page_output import staged_file
-from .report import Settling, causes, describe_law, growing_modes, judged, settled, verdict
+from .report import Settling, analyse_stability, describe_law, growing_modes, likely_causes, settled, verdict
 
 SMALL = 500  # grains up to which the states of a run are searched for an unstable one
 DRAWN = 2000  # grains up to which a packing is also drawn as a figure
@@ -55,12 +55,12 @@ class PageContent(NamedTuple):
     unjudged: str = ""  # reason why no mode of the frame `at` is an instability: its forces do not balance
 
 
-def seen(
+def load_content(
     place: Path, *, modes: Path | None, options: dict, settle: bool = False, report=None, search: bool = True
 ) -> PageContent:  # fmt: skip
     """Load the content for a folder or packing file; `options` are those of `read_packing`, or `frame` for a folder."""
     if not place.is_dir() and (place.is_file() or place.suffix):
-        return packing_seen(place, modes=modes, options=options, settle=settle, report=report)
+        return packing_content(place, modes=modes, options=options, settle=settle, report=report)
     own = (*options.items(), ("modes", modes), ("settle", settle or None))
     given = [name for name, value in own if value is not None and name != "frame"]
     if given:
@@ -95,7 +95,7 @@ def folder_content(folder: Path, *, frame: str | None = None, search: bool = Tru
     experiment = _experiment_name(about["scenario"])
     states = _read_states(folder / NUMBERS, frame)
     labels = [_label(name, state) for name, state, *_ in states]
-    states = [(name, updated(state), law) for name, state, law, _ in states]
+    states = [(name, with_neighbor_list(state), law) for name, state, law, _ in states]
     frames = [frame_of(state, law) if law is not None else bare_frame(state) for _, state, law in states]
     at, modes, why = _find_unstable(states, frame, report) if search else (0, [], "")
     sections = []
@@ -107,7 +107,7 @@ def folder_content(folder: Path, *, frame: str | None = None, search: bool = Tru
             sections.append(("Time series", _limited_table(["measure", "final", "least", "greatest", "unit"], rows)))
         if rows := _list_measures(tree, units):
             sections.append(("Measures", _limited_table(["measure", "value", "unit"], rows)))
-    shown = [path for path in files_of(folder) if path.suffix in (".png", ".gif") and path.name != FILM]
+    shown = [path for path in list_files(folder) if path.suffix in (".png", ".gif") and path.name != FILM]
     if shown:
         sections.append(("Figures", page.pictures({_caption(path): path.read_bytes() for path in shown})))
     sections.append(("Scenario", page.listing(about["scenario"])))
@@ -168,9 +168,9 @@ def _find_unstable(states: list, frame: str | None, report) -> tuple[int, list, 
             report("unstable modes", k / len(states), name)
         try:
             if not (rest := imbalance(state, law)) <= BALANCED_BELOW:
-                why = f"{name}: {unjudged(rest)}" if asked else why
+                why = f"{name}: {no_equilibrium_message(rest)}" if asked else why
                 continue
-            mine = growing_modes(judged(state, law))
+            mine = growing_modes(analyse_stability(state, law))
         except (ValueError, ArithmeticError):  # only rattlers, or an eigenvalue problem without a solution
             continue
         if mine and max(s.real for *_, s in mine) > best:
@@ -183,7 +183,7 @@ def _claims_table(path: Path) -> str:
         found = [claims_table.Claim(**one) for one in json.loads(path.read_text(encoding="utf-8"))]
     except (ValueError, TypeError):
         raise ValueError(f"{path} is damaged: run again with --overwrite") from None
-    shown = claims_table.shown
+    shown = claims_table.format_value
     rows = [
         [c.id.replace("_", " "), c.source, shown(c.paper), shown(c.reference), claims_table.format_measured(c), c.unit,
          c.verdict, c.note]
@@ -244,7 +244,7 @@ def _sweep_content(folder: Path) -> PageContent:
     )
 
 
-def packing_seen(
+def packing_content(
     file: Path, *, modes: Path | None = None, method: str = "auto", options: dict, settle: bool = False, report=None
 ) -> PageContent:  # fmt: skip
     """Load a packing file with `read_packing`, and its verdict and modes.
@@ -255,7 +255,7 @@ def packing_seen(
     options : options of `read_packing`
     settle : if True, the packing is settled first
     """
-    (state, law, words), warnings = listened(read_packing, file, **options)
+    (state, law, words), warnings = capture_warnings(read_packing, file, **options)
     words, calm = [*words, *warnings], None
     if settle:
         state, calm = settled(state, law)
@@ -264,19 +264,19 @@ def packing_seen(
     why, warning = "", str(calm) if calm else ""
     if modes is None:
         try:
-            found = judged(state, law, method=method, report=report)
+            found = analyse_stability(state, law, method=method, report=report)
         except ArithmeticError as problem:
             raise RuntimeError(f"the spectrum could not be computed ({problem}): give --modes") from None
         # modes of a packing that is not in equilibrium are no instabilities, so none is shown
         mine, facts = growing_modes(found)[:MODES] if found.balanced else [], _verdict_rows(found, calm)
         if not found.balanced:
             why = found.verdict
-            warning = f"{why}. Likely causes: {'; '.join(causes(found, options, words))}. {REMEDY}."
+            warning = f"{why}. Likely causes: {'; '.join(likely_causes(found, options, words))}. {REMEDY}."
     else:
         mine = [read_mode(modes, 0, n)]
         mine += [read_mode(modes, k, n) for k in range(1, min(MODES, _count_modes(modes)))]
         if not (rest := imbalance(state, law)) <= BALANCED_BELOW:
-            why = warning = unjudged(rest)
+            why = warning = no_equilibrium_message(rest)
     frame = frame_of(state, law)
     facts = [["grains", str(n)], ["contacts", str(len(frame.contacts["i"]))], *facts, ["law", describe_law(law)]]
     facts += [["note", line] for line in words]
@@ -324,7 +324,7 @@ def write_page(shown: PageContent, path: Path, *, colour: str | None = None) -> 
             inside = scene.page_view(
                 shown.frames, shown.modes, at=shown.at, labels=shown.labels, si=shown.si, colour=colour
             )  # fmt: skip
-            view = page.inner(inside, "the packing in three dimensions") + page.paragraph(HELP, kind="soft")
+            view = page.embedded_document(inside, "the packing in three dimensions") + page.paragraph(HELP, kind="soft")
         except MissingExtraError as problem:
             words.append(f"the page has no view in three dimensions: {problem}")
             view = page.paragraph(f"The view in three dimensions is missing: {problem}.", kind="absent")

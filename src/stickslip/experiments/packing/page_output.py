@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ...data.atomic import beside, check_free
-from ...data.manifest import digest, note, note_too, proven, strange
+from ...data.atomic import check_free, replace_atomically
+from ...data.manifest import add_to_manifest, digest, find_foreign, read_manifest, write_manifest
 from ...figures.page import MARK
 from ..run_folder import FILM, PAGE
 
@@ -17,7 +17,7 @@ def default_path(place: Path, name: str) -> Path:
     return place / name if place.is_dir() else Path(f"{place.stem}-{name}")
 
 
-def ready(path: Path, endings: tuple[str, ...], *, overwrite: bool = False, made_from=()) -> None:
+def check_output(path: Path, endings: tuple[str, ...], *, overwrite: bool = False, made_from=()) -> None:
     """Raise ValueError before any computation if a path is unsuitable or would replace a foreign file.
 
     Parameters
@@ -30,7 +30,7 @@ def ready(path: Path, endings: tuple[str, ...], *, overwrite: bool = False, made
     if not path.parent.is_dir():
         raise ValueError(f"{path.parent} is not a folder: create it first, or give another --out")
     belongs = _belongs_to_run(path)
-    if belongs and not overwrite and strange(path.parent, lambda name: name == path.name):
+    if belongs and not overwrite and find_foreign(path.parent, lambda name: name == path.name):
         raise ValueError(
             f"{path} was not written by stickslip or has changed since: give another --out, or add --overwrite"
         )
@@ -43,13 +43,13 @@ def staged_file(path: Path) -> Iterator[Path]:
 
     A page or movie in the folder of a run is replaced or removed by the next run.
     """
-    with beside(path) as part:
+    with replace_atomically(path) as part:
         yield part
         if _belongs_to_run(path):  # recorded before it exists, so that a killed process leaves no unknown file
-            known = proven(path.parent)
-            note(path.parent, known | {path.name: [*known.get(path.name, []), digest(part)]})
+            known = read_manifest(path.parent)
+            write_manifest(path.parent, known | {path.name: [*known.get(path.name, []), digest(part)]})
     if _belongs_to_run(path):
-        note_too(path.parent, path.name)
+        add_to_manifest(path.parent, path.name)
 
 
 def _is_own_file(path: Path) -> bool:
@@ -63,4 +63,4 @@ def _is_own_file(path: Path) -> bool:
 
 
 def _belongs_to_run(path: Path) -> bool:
-    return path.name in (PAGE, FILM) and bool(proven(path.parent))
+    return path.name in (PAGE, FILM) and bool(read_manifest(path.parent))

@@ -9,11 +9,11 @@ from zipfile import BadZipFile
 import numpy as np
 from rich.table import Table
 
-from ...core.laws.builtin import COULOMB, DAMPING, KINDS, NO_TENSION, Law, dashpots, names_of
-from ...core.laws.dispatch import Kind, known
+from ...core.laws.builtin import COULOMB, DAMPING, KINDS, NO_TENSION, Law, damping_model, parameter_names
+from ...core.laws.dispatch import Kind, find_user_law
 from ...core.measure import mean_normal_force, touching
 from ...core.state import State
-from ...data.atomic import beside
+from ...data.atomic import replace_atomically
 from ...solve.balance import BALANCED_BELOW, imbalance
 from ...solve.damped import DampedStability, damped_stability
 from ...solve.equilibrate import equilibrate
@@ -47,9 +47,9 @@ class Settling(NamedTuple):
         )
 
 
-def judged(state: State, law: Law, *, method: str = "auto", report=None) -> Stability | DampedStability:
+def analyse_stability(state: State, law: Law, *, method: str = "auto", report=None) -> Stability | DampedStability:
     """Analyse stability by the spectrum that fits the law: the damped one if there are dashpots."""
-    return (damped_stability if dashpots(law) else stability)(state, law, method=method, report=report)
+    return (damped_stability if damping_model(law) else stability)(state, law, method=method, report=report)
 
 
 def settled(state: State, law: Law) -> tuple[State, Settling]:
@@ -77,7 +77,7 @@ def verdict(found: Stability | DampedStability, calm: Settling | None = None) ->
     return f"{found.verdict}; {calm}" if calm else found.verdict
 
 
-def causes(found: Stability | DampedStability, options: dict, words: list[str]) -> list[str]:
+def likely_causes(found: Stability | DampedStability, options: dict, words: list[str]) -> list[str]:
     """Return the likely causes of unbalanced forces, from the packing and the options given for its law."""
     known = [cause for cause in found.causes if not cause.startswith(UNKNOWN_LAW)]
     given = [f"--{name.replace('_', '-')}" for name in LAW_OPTIONS if options.get(name) is not None]
@@ -89,11 +89,11 @@ def causes(found: Stability | DampedStability, options: dict, words: list[str]) 
     return known or list(found.causes)
 
 
-def as_object(
+def to_dict(
     found: Stability | DampedStability, more: stability_more.Details | None = None, *,
     calm: Settling | None = None, why=(),
 ) -> dict:  # fmt: skip
-    """Return the JSON object with the documented keys; `why` are the likely causes, see `causes`."""
+    """Return the JSON object with the documented keys; `why` are the likely causes, see `likely_causes`."""
     static = found.undamped if isinstance(found, DampedStability) else found
     if isinstance(found, DampedStability):
         swings = found.exponents.imag > 0
@@ -183,11 +183,11 @@ def describe_law(law: Law) -> str:
     """Describe a law: kind, Coulomb limit, parameters, damping."""
     coulomb = next(name for name, number in COULOMB.items() if number == law.coulomb)
     values = ", ".join(
-        f"{name} = {value:.4g}" for name, value in zip(names_of(law), law.table[0, 0], strict=True) if value
+        f"{name} = {value:.4g}" for name, value in zip(parameter_names(law), law.table[0, 0], strict=True) if value
     )
     damping = next(name for name, number in DAMPING.items() if number == law.damping & ~NO_TENSION)
-    name = known(law.kind).name if isinstance(law.kind, Kind) else KINDS[law.kind]
-    return f"{name}, {coulomb} Coulomb, {values}" + (f" ({damping})" if dashpots(law) else "")
+    name = find_user_law(law.kind).name if isinstance(law.kind, Kind) else KINDS[law.kind]
+    return f"{name}, {coulomb} Coulomb, {values}" + (f" ({damping})" if damping_model(law) else "")
 
 
 def _make_table(name: str, count: int, columns: tuple[str, ...]) -> Table:
@@ -250,7 +250,7 @@ def write_modes(path: Path, found: Stability | DampedStability) -> Path:
     """
     static = found.undamped if isinstance(found, DampedStability) else found
     values, exponents, full = _expand_modes(found)
-    with beside(path) as part, part.open("wb") as file:
+    with replace_atomically(path) as part, part.open("wb") as file:
         np.savez(
             file, eigenvalue=values, exponent=exponents, translation=full[..., :3], rotation=full[..., 3:],
             rattlers=static.rattlers,

@@ -3,11 +3,11 @@
 from functools import partial
 
 from ...lazy import attach
-from ..experiment import Experiment, Paper, late
+from ..experiment import Experiment, Paper, lazy_function
 from ..sources import CONTACT
 from .scenario import QuasiScenario
 
-_here = partial(late, __name__)
+_here = partial(lazy_function, __name__)
 
 
 def references(scenario: QuasiScenario) -> dict[str, tuple[str, ...]]:

@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import LinAlgError
 
-from ...quasirigid.cone_apex import WORDS, Apex, consistent_statuses
+from ...quasirigid.cone_apex import STATUS_NAMES, Apex, consistent_statuses
 from ...quasirigid.enumeration import status_map
 from ...quasirigid.lcp import complementarity
 from ...quasirigid.matrices import LinearSystem, linear_system
-from ...quasirigid.opening import reduced
+from ...quasirigid.opening import reduce_to_contacts
 from ...quasirigid.uniqueness import certificate
 from .simulate import QuasiResult
 
@@ -74,7 +74,7 @@ def counterexample(directions: int = 720) -> tuple[str, ...]:
         apex = Apex(compliance, velocity[None], springs[None], np.array([1.8]), np.zeros(1), np.zeros(1, bool))
         found, _ = consistent_statuses(apex)
         most = found if len(found) > len(most) else most
-    return tuple(WORDS[status] for status in most[:, 0])
+    return tuple(STATUS_NAMES[status] for status in most[:, 0])
 
 
 def apex_cases(main: QuasiResult, cases: int) -> ApexCases:
@@ -89,7 +89,7 @@ def apex_cases(main: QuasiResult, cases: int) -> ApexCases:
         contacts = rng.choice(m.count, open_ones + critical, replace=False)
         sign = np.append(np.zeros(open_ones), rng.choice([-1.0, 1.0], critical))
         try:
-            apex = reduced(m, rng.normal(size=len(m.free)), contacts, sign).apex
+            apex = reduce_to_contacts(m, rng.normal(size=len(m.free)), contacts, sign).apex
         except LinAlgError:
             continue
         found, coherent = consistent_statuses(apex)

@@ -6,9 +6,9 @@ The paper contains proofs and prints no numbers. Its biaxial test is run here wi
 
 from typing import NamedTuple
 
-from ...data.schema import validated
+from ...data.schema import validate_scenario
 from ...ensemble import Workers
-from ..claims import Claim, for_quick_run
+from ..claims import Claim, note_quick_run
 from .claims import CASES, evaluate_claims
 from .scenario import QuasiScenario
 from .simulate import QuasiResult, Report, silent, simulate_quasi
@@ -27,11 +27,11 @@ def paper_scenario(*, quick: bool = False, seed: int = 0) -> QuasiScenario:
     """Return the biaxial test: the force on the lid grows to up to four times its value, until stability is lost."""
     loading = {"test": "biaxial", "factor": 4.0, "increment": 2e-3 if quick else 1e-3, "unload": True}
     if quick:
-        return validated(
+        return validate_scenario(
             QuasiScenario, seed=seed, samples=2, disks={"number": 60}, loading=loading,
             dynamics={"times": (1e4, 3e4, 1e5)},
         )  # fmt: skip
-    return validated(
+    return validate_scenario(
         QuasiScenario, seed=seed, samples=5, disks={"number": 100}, loading=loading,
         dynamics={"times": (3e4, 1e5, 3e5, 1e6)},
     )  # fmt: skip
@@ -42,4 +42,4 @@ def reproduce(*, quick: bool = False, seed: int = 0, folder=None, workers: Worke
     main = simulate_quasi(paper_scenario(quick=quick, seed=seed), folder=folder, workers=workers, report=report)
     report("constructed cases", 0.0, "statuses and the apex")
     claims = evaluate_claims(main, cases=QUICK_CASES if quick else CASES)
-    return Reproduction(main, for_quick_run(claims) if quick else claims)
+    return Reproduction(main, note_quick_run(claims) if quick else claims)

@@ -8,7 +8,7 @@ from rich.table import Table
 
 from ...figures import quasi_rigid as figures_of
 from ...figures.grains import packing
-from ..run_folder import SERIES, plain
+from ..run_folder import SERIES, archive_fields
 from ..terminal import STYLE, console
 from .simulate import Curve, QuasiResult, SampleResult
 
@@ -57,17 +57,17 @@ def _sample(one: SampleResult) -> dict:
             "kind": "\n".join(e.kind for e in events),
             "bodies": np.array([[e.i, e.j] for e in events]).reshape(-1, 2),
         },
-        "curve": plain(one.curve),
-        "looks": plain(one.looks),
+        "curve": archive_fields(one.curve),
+        "looks": archive_fields(one.looks),
         "slow": {
-            f"{run.time:g}": {"error": run.error, "kinetic_energy": run.kinetic_energy, **plain(run.curve)}
+            f"{run.time:g}": {"error": run.error, "kinetic_energy": run.kinetic_energy, **archive_fields(run.curve)}
             for run in one.slow
         },
         "contacts": {"bodies": one.pairs, "force": one.forces},
         "frames": {"start": path.states[0], "end": path.states[-1]},
     }
     if one.back is not None:
-        out["unloading"] = plain(one.back)
+        out["unloading"] = archive_fields(one.back)
     if one.collapse is not None:
         out["collapse"] = one.collapse
     return out

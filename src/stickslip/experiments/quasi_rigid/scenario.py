@@ -4,14 +4,14 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from ...data.schema import Listed, NotNegative, Part, Positive, Seed, Whole
+from ...data.schema import Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed
 
 Size = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
 Times = Annotated[tuple[Positive, ...], Listed]
 Radii = Annotated[tuple[Positive, ...], Listed, Field(min_length=1)]
 
 
-class Disks(Part):
+class Disks(ScenarioTable):
     """Disks with friction, brought to rest under a pressure."""
 
     number: Annotated[int, Field(ge=10, le=5000)] = Field(100, description="number of disks")
@@ -21,7 +21,7 @@ class Disks(Part):
     )
 
 
-class Springs(Part):
+class Springs(ScenarioTable):
     """Contact law `linear` with sharp friction."""
 
     kn: Positive = Field(1.0, description="K_n [force/length]")
@@ -29,7 +29,7 @@ class Springs(Part):
     mu: NotNegative = Field(0.5, description="friction coefficient between disks and with walls")
 
 
-class Loading(Part):
+class Loading(ScenarioTable):
     """Load that grows linearly: the force on one wall, or the shear stress of a periodic cell."""
 
     test: Literal["biaxial", "shear"] = Field(
@@ -54,7 +54,7 @@ class Loading(Part):
     geometric: bool = Field(True, description="whether to include the geometric stiffness")
 
 
-class Slow(Part):
+class Slow(ScenarioTable):
     """Dynamics of the same sample under the same load."""
 
     times: Times = Field(
@@ -68,7 +68,7 @@ class Slow(Part):
     )
 
 
-class QuasiScenario(Whole):
+class QuasiScenario(ScenarioBase):
     """Everything that defines a quasi-rigid loading and the slow dynamics compared with it."""
 
     experiment: Literal["quasi-rigid"] = "quasi-rigid"

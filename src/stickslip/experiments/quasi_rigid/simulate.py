@@ -15,18 +15,18 @@ from ...core.laws.builtin import KN, Law
 from ...core.measure import branch_vectors, contact_forces, touching
 from ...core.readable import readable
 from ...core.state import Control, State
-from ...data.checkpoint import Kept, hooks, kept_in, piece
+from ...data.checkpoint import Checkpoint, checkpoint_in, load_or_compute, member_hooks
 from ...ensemble import Workers, run_members
 from ...loading.biaxial import BOTTOM, LEFT, RIGHT, TOP, biaxial_box, sheared_box, with_load
 from ...loading.slow import SlowRun, slow_dynamics
 from ...quasirigid.enumeration import status_map
 from ...quasirigid.events import Event, Fork
-from ...quasirigid.increment import external
+from ...quasirigid.increment import external_force
 from ...quasirigid.lcp import complementarity
 from ...quasirigid.matrices import LinearSystem, linear_system, statuses, stiffness_matrix
-from ...quasirigid.path import LoadPath, Point, load_path
+from ...quasirigid.path import LoadPath, PathPoint, load_path
 from ...quasirigid.status import Verdict
-from ...quasirigid.system import pins
+from ...quasirigid.system import pinned_coordinates
 from ...quasirigid.uniqueness import certificate
 from ...solve.freedom import Freedom, displaced, residual_vector
 from .scenario import QuasiScenario
@@ -114,12 +114,12 @@ def simulate_quasi(
     workers : number of processes, one sample each, or the address of a Dask scheduler; the results do not depend on it
     report : called as report(stage, share done, words)
     """
-    kept = kept_in(
+    kept = checkpoint_in(
         folder,
         scenario,
         SampleResult,
         LoadPath,
-        Point,
+        PathPoint,
         Event,
         Fork,
         Verdict,
@@ -132,7 +132,7 @@ def simulate_quasi(
     names = [f"sample-{seed}" for seed in seeds]
     tasks = [(scenario, seed, kept and kept.of(name)) for seed, name in zip(seeds, names, strict=True)]
     live = partial(report, "path and slow dynamics")
-    members = run_members(simulate_sample, tasks, workers=workers, live=live, **hooks(kept, names))
+    members = run_members(simulate_sample, tasks, workers=workers, live=live, **member_hooks(kept, names))
     failures = tuple(f"sample {seed}: {m.failure}" for (_, seed, _), m in zip(tasks, members, strict=True) if m.failure)
     found = tuple(m.result for m in members if m.result is not None)
     if not found:
@@ -155,16 +155,16 @@ def prepare(scenario: QuasiScenario, seed: int) -> tuple[State, Law, Control]:
 
 
 def simulate_sample(
-    scenario: QuasiScenario, seed: int, kept: Kept | None = None, tell=lambda share, words: None
+    scenario: QuasiScenario, seed: int, kept: Checkpoint | None = None, tell=lambda share, words: None
 ) -> SampleResult:
     """Load one sample by path and by slow dynamics; each of these is saved as soon as it finishes."""
     load, slow = scenario.loading, scenario.dynamics
     kept = kept and kept.seen()
     tell(0.0, f"sample {seed}: equilibrating")
-    state, law, end = piece(kept, "prepared", lambda: prepare(scenario, seed))
+    state, law, end = load_or_compute(kept, "prepared", lambda: prepare(scenario, seed))
     options = {"increment": load.increment, "geometric": load.geometric}
     heard = lambda s, w: tell(0.3 * s, f"sample {seed}: {w}")  # noqa: E731
-    path = piece(kept, "path", lambda: load_path(state, law, end, report=heard, **options))
+    path = load_or_compute(kept, "path", lambda: load_path(state, law, end, report=heard, **options))
     curve, back = stress_strain_curve(path.states, path.load, scenario), None
     if load.unload:
         turn = load.turn * path.load[-1]
@@ -179,7 +179,7 @@ def simulate_sample(
     for k, time in enumerate(slow.times if until > 0 else ()):
         heard = lambda s, w, k=k: tell(0.3 + 0.6 * (k + s) / len(slow.times), f"sample {seed}: {w}")  # noqa: E731
         follow = partial(slow_dynamics, state, law, end, time=time, until=until, drag=slow.drag, report=heard)
-        run = piece(kept, f"slow-{k}", follow)
+        run = load_or_compute(kept, f"slow-{k}", follow)
         followed = stress_strain_curve([state, *run.states], np.append(0.0, run.load), scenario)
         runs.append(SlowDynamics(time, followed, run.kinetic_energy, strain_difference(curve, followed)))
     looks = path_stiffness(path, law, state, end)
@@ -242,7 +242,7 @@ def path_stiffness(path: LoadPath, law: Law, start: State, end: Control) -> Path
 def stiffness_at(state: State, law: Law, begin: Control, end: Control) -> tuple:
     """Return the fields of PathStiffness after `load` for one state."""
     m = linear_system(state, law)
-    kept = np.setdiff1d(np.arange(len(m.free)), pins(m))
+    kept = np.setdiff1d(np.arange(len(m.free)), pinned_coordinates(m))
     k, scale = stiffness_matrix(m)[kept][:, kept].toarray(), float(law.table[0, 0, KN])
     squares = eigvals(k / m.free.mass[kept][:, None])
     rates = np.sqrt(squares.astype(complex)).imag[squares.imag > PAIR * np.abs(squares).max()]
@@ -271,7 +271,7 @@ def _uniqueness(m: LinearSystem, load: np.ndarray) -> tuple[int, int, int]:
 
 def load_rate(state: State, begin: Control, end: Control, free: Freedom) -> np.ndarray:
     """Change of the external load on the free coordinates from one control to the other, shape (n,) [force]."""
-    return external(state._replace(control=end), free) - external(state._replace(control=begin), free)
+    return external_force(state._replace(control=end), free) - external_force(state._replace(control=begin), free)
 
 
 def force_tracks(path: LoadPath) -> tuple[np.ndarray, np.ndarray]:

@@ -3,11 +3,11 @@
 from functools import partial
 
 from ...lazy import attach
-from ..experiment import Experiment, late
+from ..experiment import Experiment, lazy_function
 from ..sources import STATE
 from .scenario import RateStateScenario
 
-_here = partial(late, __name__)
+_here = partial(lazy_function, __name__)
 
 
 def references(scenario: RateStateScenario) -> dict[str, tuple[str, ...]]:

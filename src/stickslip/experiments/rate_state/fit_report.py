@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from rich.table import Table
 
-from ...data.manifest import put, strange
+from ...data.manifest import find_foreign, write_file
 from ...figures import rate_state as figures
 from ...figures.style import png
 from ...friction.fitting import Fit, fit
@@ -30,7 +30,7 @@ class RecordFits(NamedTuple):
     comparison: LawComparison | None
 
 
-def fitted(
+def fit_record(
     file: Path, *, laws, stiffness: float | None, free_stiffness: bool, v0: float | None, before: float | None,
     detrend: bool, normal: bool, out: Path | None, overwrite: bool,
 ) -> RecordFits:  # fmt: skip
@@ -58,7 +58,7 @@ def _check_folder(out: Path, overwrite: bool) -> None:
         raise ValueError(f"{out} is a file, not a folder: choose another --out")
     if overwrite:
         return
-    if others := strange(out, lambda name: name in (NUMBERS, FIGURE)):
+    if others := find_foreign(out, lambda name: name in (NUMBERS, FIGURE)):
         raise ValueError(foreign_files_message(out, others))
     if (out / NUMBERS).exists():
         raise ValueError(f"{out} contains the results of a fit: choose another --out, or add --overwrite")
@@ -124,7 +124,7 @@ def show(found: RecordFits) -> None:
         console.print(found.comparison.sentence, style="bold")
 
 
-def sentences(found: RecordFits) -> list[str]:
+def conclusions(found: RecordFits) -> list[str]:
     """Return the conclusion: the law that the data prefer, or the sentence of a single fit."""
     return [found.comparison.sentence] if found.comparison is not None else [one.sentence for one in found.fits]
 
@@ -138,6 +138,6 @@ def _format_cells(value: float, low: float, high: float) -> tuple[str, str]:
 def write(out: Path, found: RecordFits) -> list[Path]:
     """Write JSON and figure, and return their paths."""
     out.mkdir(parents=True, exist_ok=True)
-    put(out, FIGURE, png(figures.fitted(found.data, found.fits)))
-    put(out, NUMBERS, f"{as_json(found)}\n".encode())  # last, since it marks the fit as complete
+    write_file(out, FIGURE, png(figures.fitted(found.data, found.fits)))
+    write_file(out, NUMBERS, f"{as_json(found)}\n".encode())  # last, since it marks the fit as complete
     return [out / NUMBERS, out / FIGURE]

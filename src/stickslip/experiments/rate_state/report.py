@@ -8,7 +8,7 @@ from rich.table import Table
 
 from ...figures import rate_state as figures_of
 from ...friction.laboratory import LabRecord, write_csv
-from ..run_folder import SERIES, plain
+from ..run_folder import SERIES, archive_fields
 from ..terminal import STYLE, console
 from .simulate import SliderResult
 
@@ -32,7 +32,7 @@ def _write_series(result: SliderResult, path: Path) -> None:
 
 def numbers(result: SliderResult) -> dict:
     """Return the contents of the archive, besides scenario and version."""
-    history = plain(result.history._replace(end=result.history.end.value))
+    history = archive_fields(result.history._replace(end=result.history.end.value))
     return {"history": history, "recorded": result.recorded, "units": "m, s"}
 
 

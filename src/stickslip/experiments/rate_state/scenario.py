@@ -4,10 +4,10 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from ...data.schema import Finite, Listed, NotNegative, Part, Positive, Seed, Whole
+from ...data.schema import Finite, Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed
 
 
-class Surface(Part):
+class Surface(ScenarioTable):
     """μ = μ0 + a ln(V/V0) + b ln(V0 θ/D_c)."""
 
     law: Literal["aging", "slip"] = Field("slip", description="evolution law of the state θ")
@@ -21,14 +21,14 @@ class Surface(Part):
     )
 
 
-class Drive(Part):
+class Drive(ScenarioTable):
     """The spring between load point and slider."""
 
     stiffness: Positive = Field(200.0, description="stiffness, friction per displacement [1/m]")
     damping: NotNegative = Field(0.0, description="radiation damping over normal stress; 0: quasi-static [s/m]")
 
 
-class Stretch(Part):
+class Stretch(ScenarioTable):
     """One leg of the load point: its velocity, and its duration or distance."""
 
     velocity: NotNegative = Field(description="velocity; 0 is a hold [m/s]")
@@ -50,7 +50,7 @@ class Stretch(Part):
         return self.duration if self.duration is not None else self.distance / self.velocity
 
 
-class Samples(Part):
+class Samples(ScenarioTable):
     """Recorded samples."""
 
     number: Annotated[int, Field(ge=10, le=100_000)] = Field(
@@ -62,7 +62,7 @@ class Samples(Part):
     )
 
 
-class RateStateScenario(Whole):
+class RateStateScenario(ScenarioBase):
     """Complete definition of the history of a slider with rate-and-state friction."""
 
     si: ClassVar[bool] = True

@@ -6,9 +6,9 @@ k_t = 2/7, μ = 10, smooth Coulomb. The paper does not state the packing fractio
 
 from typing import NamedTuple
 
-from ...data.schema import validated
+from ...data.schema import validate_scenario
 from ...ensemble import Workers
-from ..claims import Claim, for_quick_run
+from ..claims import Claim, note_quick_run
 from .claims import evaluate_claims
 from .scenario import ShearScenario
 from .simulate import Report, ShearResult, silent, simulate_shear
@@ -24,18 +24,18 @@ class Reproduction(NamedTuple):
 def paper_scenario(*, quick: bool = False, seed: int = 0) -> ShearScenario:
     """Return the scenario: N = 100 spheres, radii 0.5 and 0.7, strain steps of 2e-5, then of 1e-4 up to 0.02."""
     if quick:
-        return validated(
+        return validate_scenario(
             ShearScenario,
             seed=seed,
             packings=2,
             shear={"strain": (0.0, 1e-3, 0.02), "step": (2e-5, 5e-4)},
             release={"e_folds": 25.0, "least": 2e4, "duration": 3.5e5, "snapshots": 12},
         )
-    return validated(ShearScenario, seed=seed)
+    return validate_scenario(ShearScenario, seed=seed)
 
 
 def reproduce(*, quick: bool = False, seed: int = 0, folder=None, workers: Workers = None, report: Report = silent):
     """Run the paper's scenario and evaluate its claims; arguments as in `simulate_shear`. Returns a Reproduction."""
     main = simulate_shear(paper_scenario(quick=quick, seed=seed), folder=folder, workers=workers, report=report)
     claims = evaluate_claims(main)
-    return Reproduction(main, for_quick_run(claims) if quick else claims)
+    return Reproduction(main, note_quick_run(claims) if quick else claims)

@@ -4,7 +4,7 @@ import numpy as np
 from rich.table import Table
 
 from ...figures import sphere_shear as figures_of
-from ..run_folder import plain
+from ..run_folder import archive_fields
 from ..terminal import STYLE, console
 from .simulate import ShearResult
 
@@ -30,7 +30,9 @@ def numbers(result: ShearResult) -> dict:
     out = {"scenario": result.scenario.text, "law": result.law, "units": "2 sigma_1 = m = k_n = 1"}
     for name, items in (("paths", result.paths), ("single", result.single), ("later", result.later)):
         out[name] = {
-            f"{path.seed:03d}": plain(item) for path, item in zip(result.paths, items, strict=True) if item is not None
+            f"{path.seed:03d}": archive_fields(item)
+            for path, item in zip(result.paths, items, strict=True)
+            if item is not None
         }
     return out
 

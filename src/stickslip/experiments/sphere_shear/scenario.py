@@ -6,10 +6,10 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from ...data.law_schema import LawChoice
-from ...data.schema import Duration, Loads, Part, Positive, Seed, Several, Whole
+from ...data.schema import Duration, Loads, Positive, ScenarioBase, ScenarioTable, Seed, Several
 
 
-class Packing(Part):
+class Packing(ScenarioTable):
     """Frictionless jammed packing of disks (dim = 2) or spheres (dim = 3) in a periodic box."""
 
     grains: Annotated[int, Field(ge=10, le=1600)] = Field(100, description="number of grains")
@@ -39,7 +39,7 @@ class Packing(Part):
         return self
 
 
-class Shear(Part):
+class Shear(ScenarioTable):
     """Quasi-static simple shear along x with gradient y."""
 
     strain: Loads = Field((0.0, 2e-3, 0.02), description="turning points of the strain path")
@@ -65,7 +65,7 @@ class Shear(Part):
         return self.step if isinstance(self.step, tuple) else (self.step,) * (len(self.strain) - 1)
 
 
-class Release(Part):
+class Release(ScenarioTable):
     """Newtonian runs from unstable states: a state with a single complex pair, and the last state of the path."""
 
     e_folds: Positive = Field(45.0, description="duration of a run in units of 1/(growth rate)")
@@ -78,7 +78,7 @@ class Release(Part):
     snapshots: Annotated[int, Field(ge=0, le=1000)] = Field(40, description="number of spectra computed during a run")
 
 
-class ShearScenario(Whole):
+class ShearScenario(ScenarioBase):
     """Everything that defines the quasi-static shear of a packing and its failure."""
 
     experiment: Literal["sphere-shear"] = "sphere-shear"

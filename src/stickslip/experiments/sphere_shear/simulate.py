@@ -12,10 +12,10 @@ from ...core.measure import pressure, stress, touching
 from ...core.outcome import NotInEquilibriumError, Outcome, Status
 from ...core.readable import readable
 from ...core.state import State
-from ...data.checkpoint import Kept, hooks, kept_in, piece
-from ...data.law_schema import law_of
+from ...data.checkpoint import Checkpoint, checkpoint_in, load_or_compute, member_hooks
+from ...data.law_schema import make_law
 from ...ensemble import Member, Workers, run_members
-from ...loading.packing import Packed, jammed
+from ...loading.packing import PackingInfo, jammed
 from ...loading.protocols import Equilibrium, Growth, Protocol, bisect_change, load_path
 from ...loading.release import Released, release
 from ...loading.shear import aqs
@@ -47,7 +47,7 @@ class ShearPath(NamedTuple):
     """Quasi-static shear of one packing."""
 
     seed: int
-    packed: Packed
+    packed: PackingInfo
     # modes with |λ| below 1e-9 of the largest, at zero slip: 3 translations (2 in the plane) and 6 (3) per rattler
     zero_modes: int
     strain: np.ndarray  # (P,)
@@ -112,7 +112,7 @@ def make_packing(scenario: ShearScenario, seed: int):
         radius=chosen.radius,
         mass=chosen.mass,
         i0=chosen.i0,
-        law=law_of(scenario.law),
+        law=make_law(scenario.law),
         seed=seed,
         tolerance=scenario.shear.tolerance,
     )
@@ -131,7 +131,7 @@ class Step(NamedTuple):
 def shear_packing(
     scenario: ShearScenario,
     seed: int,
-    kept: Kept | None = None,
+    kept: Checkpoint | None = None,
     report: Callable[[float, str], None] = lambda share, words: None,
 ) -> ShearPath:
     """Pack one sample and shear it; the path ends early, with the reason, where no equilibrium is found.
@@ -141,14 +141,14 @@ def shear_packing(
     kept : storage for the packing and the points of the path
     report : called as report(share done, words)
     """
-    law, kept = law_of(scenario.law), kept and kept.seen()
+    law, kept = make_law(scenario.law), kept and kept.seen()
     report(0.0, f"packing {seed}: packing {scenario.packing.grains} grains")
-    state, packed = piece(kept, "packing", lambda: make_packing(scenario, seed))
+    state, packed = load_or_compute(kept, "packing", lambda: make_packing(scenario, seed))
     protocol = aqs(law, slip=scenario.shear.slip, tolerance=scenario.shear.tolerance)
     path, loads, stopped = [], strain_path(scenario), ""
     for k, strain in enumerate(loads):
         try:
-            step = piece(
+            step = load_or_compute(
                 kept, f"strain-{k:06d}", lambda state=state, strain=strain: _equilibrate(protocol, state, strain)
             )
         except NotInEquilibriumError as problem:
@@ -240,7 +240,7 @@ def simulate_shear(
     (3,)
     """
     seeds = [scenario.seed + k for k in range(scenario.packings)]
-    kept = kept_in(folder, scenario, ShearPath, Step, Packed, Onset, Released, Growth)
+    kept = checkpoint_in(folder, scenario, ShearPath, Step, PackingInfo, Onset, Released, Growth)
 
     def run(stage, function, tasks, names):
         return run_members(
@@ -249,7 +249,7 @@ def simulate_shear(
             workers=workers,
             report=lambda done, total, member: report(stage, done / total, _describe_member(member)),
             live=partial(report, stage),
-            **hooks(kept, names),
+            **member_hooks(kept, names),
         )
 
     names = [f"packing-{seed}" for seed in seeds]
@@ -271,7 +271,7 @@ def simulate_shear(
         if member.failure:
             failures.append(f"packing {tasks[k][1]} released at strain {tasks[k][3]:g}: {member.failure}")
     return ShearResult(
-        scenario, law_of(scenario.law), paths, released[: len(paths)], released[len(paths) :], tuple(failures)
+        scenario, make_law(scenario.law), paths, released[: len(paths)], released[len(paths) :], tuple(failures)
     )
 
 
@@ -294,7 +294,7 @@ def _release(scenario: ShearScenario, seed: int, state: State, strain: float, re
     how = scenario.release
     return release(
         state,
-        law_of(scenario.law),
+        make_law(scenario.law),
         strain=strain,
         seed=seed,
         e_folds=how.e_folds,

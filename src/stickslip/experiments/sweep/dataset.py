@@ -10,7 +10,7 @@ import xarray as xr
 
 from ... import __version__
 from ...data.dotted_keys import field_at
-from ...data.manifest import put
+from ...data.manifest import write_file
 from ..registry import scenario_class
 from .definition import Axis, Sweep
 
@@ -57,7 +57,7 @@ def write_sweep(folder: Path, chosen: Sweep, names: list[str], found: list[dict 
     found : output of each member, `measures` {name: [value, unit]} and `seconds`; None if it is not finished
     failures : error message of each member, or an empty string
     """
-    put(folder, DATASET, bytes(build_dataset(chosen, names, found, failures).to_netcdf(engine="scipy")))
+    write_file(folder, DATASET, bytes(build_dataset(chosen, names, found, failures).to_netcdf(engine="scipy")))
 
 
 def build_dataset(chosen: Sweep, names: list[str], found: list[dict | None], failures: list[str]) -> xr.Dataset:

@@ -17,10 +17,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...core.readable import readable
-from ...data.dotted_keys import field_at, put
-from ...data.law_file import sealed
-from ...data.schema import LARGEST, ScenarioError, Whole
-from ..registry import scenario, scenario_class, tables_of
+from ...data.dotted_keys import field_at, with_value
+from ...data.law_file import with_checksum
+from ...data.schema import LARGEST, ScenarioBase, ScenarioError
+from ..registry import read_tables, scenario, scenario_class
 
 MODES = ("grid", "zip", "sample")
 OPTIONS = ("mode", "number", "draw_seed")
@@ -80,12 +80,12 @@ class Member(NamedTuple):
 
     name: str  # of its folder: the swept values, and a digest of the whole scenario
     values: dict  # {key: value}
-    scenario: Whole
+    scenario: ScenarioBase
 
 
 def read_sweep(path: str | Path) -> Sweep:
     """Read a sweep from a TOML file with a table [sweep], or from the sweep.json of a run."""
-    return sweep(**tables_of(path))
+    return sweep(**read_tables(path))
 
 
 def sweep(**tables) -> Sweep:
@@ -102,7 +102,7 @@ def sweep(**tables) -> Sweep:
     >>> grid.count, [one.values for one in members(grid)][1]
     (6, {'surface.a': 0.01, 'seed': 1})
     """
-    tables = sealed(tables)
+    tables = with_checksum(tables)
     base, table = {k: v for k, v in tables.items() if k != "sweep"}, tables.get("sweep")
     if not isinstance(table, dict):
         raise ScenarioError("a sweep needs a table [sweep] of keys with lists of values or distributions")
@@ -142,7 +142,7 @@ def member(chosen: Sweep, k: int) -> Member:
     places = zip(np.unravel_index(k, chosen.shape), chosen.groups, strict=True)
     values = {axis.key: axis.values[place] for place, group in places for axis in group}
     try:
-        one = scenario(**reduce(lambda tables, item: put(tables, *item), values.items(), chosen.base))
+        one = scenario(**reduce(lambda tables, item: with_value(tables, *item), values.items(), chosen.base))
     except ScenarioError as problem:
         raise ScenarioError(f"member {', '.join(f'{k} = {v}' for k, v in values.items())}: {problem}") from None
     return Member(_member_name(values, one), values, one)
@@ -179,7 +179,7 @@ def _flatten(table: dict, above: str = "") -> dict:
     return out
 
 
-def _member_name(values: dict, one: Whole) -> str:
+def _member_name(values: dict, one: ScenarioBase) -> str:
     words = ",".join(f"{key}={f'{v:.6g}' if isinstance(v, float) else v}" for key, v in values.items())
     return f"{re.sub(r'[^A-Za-z0-9.=,+_-]+', '_', words)[:80]}-{one.digest[:10]}"
 

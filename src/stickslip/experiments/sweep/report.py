@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ...data.checkpoint import ANEW, MEMBERS, SCENARIO, SWEEP
-from ...data.manifest import note, proven, strange
+from ...data.manifest import find_foreign, read_manifest, write_manifest
 from ...ensemble import Workers, reach
 from ..resume import read_json
 from ..run_folder import OPTIONS, check_writable, foreign_files_message
@@ -24,7 +24,7 @@ LISTED = 10  # failures that are listed
 READY = "ready"  # file that marks a sweep that replaces another one as complete
 
 
-def simulate(
+def run_with_progress(
     chosen: Sweep, out: Path, *, workers: Workers, overwrite: bool, figures: bool, confirm: Callable[[], bool]
 ) -> SweepResult | None:
     """Print the number of members, ask for confirmation if they are many, validate all and run the unfinished ones.
@@ -94,7 +94,7 @@ def _check_folder(out: Path, overwrite: bool) -> bool:
     check_writable(out)
     if (out / SCENARIO).exists() and not (out / SWEEP).exists():
         raise ValueError(f"{out} contains the results of a run: choose another --out")
-    others = strange(out, lambda name: name in OURS)
+    others = find_foreign(out, lambda name: name in OURS)
     if others and not overwrite:
         raise ValueError(foreign_files_message(out, others))
     return bool(others)
@@ -130,14 +130,14 @@ def _install_results(out: Path) -> None:
     target = out / ANEW
     if not (target / READY).exists():
         return
-    old, new = proven(out), proven(target)
-    note(out, {name: old.get(name, []) + new.get(name, []) for name in old | new})
+    old, new = read_manifest(out), read_manifest(target)
+    write_manifest(out, {name: old.get(name, []) + new.get(name, []) for name in old | new})
     for name in OURS:
         if (target / name).exists():
             if (out / name).is_dir():
                 shutil.rmtree(out / name)
             (target / name).replace(out / name)
-    note(out, new)
+    write_manifest(out, new)
     shutil.rmtree(target)
 
 
@@ -175,7 +175,7 @@ def ranges(swept: SweepResult) -> dict[str, dict]:
     return out
 
 
-def verdict(swept: SweepResult) -> str | None:
+def failure_summary(swept: SweepResult) -> str | None:
     """Return one sentence if members failed, otherwise None."""
     failed = sum(map(bool, swept.failures))
     if not failed:

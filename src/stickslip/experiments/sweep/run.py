@@ -11,13 +11,13 @@ from typing import NamedTuple
 
 from ... import __version__
 from ...data.archive import ArchiveError
-from ...data.atomic import replace
+from ...data.atomic import write_atomically
 from ...data.checkpoint import MEMBERS, SWEEP
-from ...data.checkpoint import finished as drop_pieces
-from ...data.manifest import note_too, put
+from ...data.checkpoint import remove_checkpoint as drop_pieces
+from ...data.manifest import add_to_manifest, write_file
 from ...ensemble import Workers, reach, run_members, trial
 from ..registry import experiment_of
-from ..run_folder import NUMBERS, OPTIONS, files_of, staged_results
+from ..run_folder import NUMBERS, OPTIONS, list_files, staged_results
 from ..terminal import format_duration
 from ..writer import write_numbers, write_result
 from .dataset import write_sweep
@@ -135,9 +135,9 @@ def run_sweep(
     """
     folder, names = Path(folder).resolve(), names or validate_members(chosen)
     (folder / MEMBERS).mkdir(parents=True, exist_ok=True)
-    put(folder, OPTIONS, json.dumps({"figures": figures}).encode())
-    put(folder, SWEEP, chosen.text.encode())
-    note_too(folder, MEMBERS)
+    write_file(folder, OPTIONS, json.dumps({"figures": figures}).encode())
+    write_file(folder, SWEEP, chosen.text.encode())
+    add_to_manifest(folder, MEMBERS)
     found = [read_finished(folder / MEMBERS / name) for name in names]
     first = {name: k for k, name in reversed(list(enumerate(names)))}  # a sample may contain a scenario twice
     failures, missing = [""] * len(names), [k for k in first.values() if found[k] is None][::-1]
@@ -192,7 +192,7 @@ def _store_output(folder: Path, left: MemberOutput) -> dict:
             for name, data in left.files.items():
                 (staging / name).write_bytes(data)
     known = {"stickslip": __version__, "seconds": left.seconds, "measures": left.measures}
-    replace(folder / MEASURES, json.dumps(known, indent=1).encode())
+    write_atomically(folder / MEASURES, json.dumps(known, indent=1).encode())
     return known
 
 
@@ -212,7 +212,7 @@ def _run_member(text: str, k: int, folder: str, figures: bool, report) -> Member
         return MemberOutput(seconds, measures, {})
     with tempfile.TemporaryDirectory() as scratch:
         seconds, measures = _run_in_folder(one.scenario, Path(scratch) / place.name, figures, words, report)
-        files = files_of(Path(scratch) / place.name)
+        files = list_files(Path(scratch) / place.name)
         return MemberOutput(seconds, measures, {path.name: path.read_bytes() for path in files})
 
 
