@@ -23,11 +23,13 @@ import types
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numba
 from numba.core.caching import Cache, CacheImpl, IndexDataCacheFile, _CacheLocator
 
 _PACKAGE = Path(__file__).parent
+_CONFIG: Any = numba.config
 _TEMPORARY = "STICKSLIP_KERNELS"
 _PREFIX = "stickslip-kernels-"
 _SYNTAX = "syntax.json"  # digests of syntax trees by digests of files: parsing takes half a second
@@ -42,8 +44,8 @@ _LOOKED_UP = {"stickslip.core.laws.dispatch": ("stickslip.core.laws.user",)}
 @functools.cache
 def folder() -> Path:
     """Folder of all compiled kernels: NUMBA_CACHE_DIR, else the user's cache, else one for this process."""
-    if numba.config.CACHE_DIR:
-        return Path(numba.config.CACHE_DIR)
+    if _CONFIG.CACHE_DIR:
+        return Path(_CONFIG.CACHE_DIR)
     base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "stickslip"
     try:
         base.mkdir(parents=True, exist_ok=True)
@@ -100,10 +102,10 @@ def digest(module: str) -> str:
     while waiting:
         name = waiting.pop()
         path = _file(name)
-        if path and name not in found:
+        if path and name not in found and name != __name__:
             found[name], imports = _syntax(path.read_bytes())
             waiting += [*_names(imports, name, path.name == "__init__.py"), *_LOOKED_UP.get(name, ())]
-    settings = numba.__version__, numba.config.BOUNDSCHECK, int(numba.config.OPT), numba.config.SLP_VECTORIZE
+    settings = numba.__version__, _CONFIG.BOUNDSCHECK, int(_CONFIG.OPT)
     text = repr((settings, sorted(found.items())))
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -132,7 +134,7 @@ def _syntax(source: bytes) -> tuple[str, list]:
     known, key = _known(), hashlib.sha256(source).hexdigest()
     if key not in known:
         tree = _without_docstrings(ast.parse(source))
-        imports = []
+        imports: list[tuple[int, str, list[str]]] = []
         for node in ast.walk(tree):
             if isinstance(node, ast.Import):
                 imports += [(0, alias.name, []) for alias in node.names]
@@ -304,5 +306,8 @@ def install() -> None:
     """Let Numba find kernels of this package here, and repair damaged files, in this process."""
     if _Locator not in CacheImpl._locator_classes:
         CacheImpl._locator_classes.insert(0, _Locator)
-    Cache.save_overload, IndexDataCacheFile.save = _save_overload, _save
-    IndexDataCacheFile._load_index, IndexDataCacheFile._load_data = _load_index, _load_data
+    for kind, name, method in (
+        (Cache, "save_overload", _save_overload), (IndexDataCacheFile, "save", _save),
+        (IndexDataCacheFile, "_load_index", _load_index), (IndexDataCacheFile, "_load_data", _load_data),
+    ):  # fmt: skip
+        setattr(kind, name, method)

@@ -1,6 +1,51 @@
-"""Figures: functions take a result and return a matplotlib Figure (`view`: a widget, `movie`: a file).
+"""Figures: each function takes a result and returns a matplotlib Figure.
 
-Nothing is simulated here. Functions are loaded on first use, as in `ss.figures.packing(state, law)`.
+Any packing
+
+    packing                grains, contacts, walls, cell, and the orbits of a mode
+    view                   three-dimensional view for a notebook (a K3D plot)
+    movie                  animation of the frames of a run, written to a file
+
+Disk array (paper 000)
+
+    complex_pairs          Im λ of all complex pairs against the push
+    mean_square_displacement   M(t) at every load, with the predicted growth
+    trajectory             path of one disk by time
+    traveling_fronts       forward and backward fronts with their speeds
+    mode_shape             components of one mode
+    center_of_mass         centre of mass through the transition, and sliding velocity
+
+Spheres in shear (paper 001)
+
+    pairs_along_strain     complex pairs along the strain
+    spectrum_in_time       eigenvalues during a run, above M(t)
+    growth                 M(t) with the predicted growth and the fitted oscillation
+    trajectories           displacements during growth
+    stress_through_failure shear stress and contacts through failure
+
+Quasi-rigid loading (paper 002)
+
+    curves                 stress ratio and volumetric strain against strain
+    cone                   contact forces in the Coulomb cone
+    stiffness              sliding contacts, smallest eigenvalues and complex pairs along a path
+    errors                 difference between path and slow dynamics
+
+Fault gouge (paper 003), rate and state
+
+    steady_sliding         friction and thickness against slip
+    velocity_steps         change of friction after velocity steps
+    holds, reslides        friction in holds and in slides after them
+    healing                peak friction against hold time
+    sample                 the sample in steady sliding
+    slid                   spring-slider: friction, velocity and state
+    fitted                 a record with fits and their residuals
+
+Flows and claims
+
+    snapshots              poured grains coloured by speed
+    time_series            energies, contacts, extent of the flow
+    velocity_profile       mean velocity against height
+    claims_chart           measurements of a reproduction against the paper's values
 """
 
 from ..lazy import attach
