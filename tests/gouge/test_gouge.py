@@ -257,7 +257,7 @@ def test_a_branch_that_fails_is_told_with_its_sample(monkeypatch):
         raise RuntimeError("it blew up")
 
     monkeypatch.setattr("stickslip.experiments.gouge.simulate.run_branch", fails)
-    with pytest.raises(RuntimeError, match="no realization succeeded; realization 0 failed: it blew up"):
+    with pytest.raises(RuntimeError, match="every realization failed, the first with realization 0 failed: it blew up"):
         simulate_gouge(small(ledger_steps=0), workers=1)
 
 
@@ -317,7 +317,7 @@ def refuse(*_):
 
 def test_if_all_fail_the_first_reason_is_told(monkeypatch):
     monkeypatch.setattr("stickslip.experiments.gouge.simulate.run_trunk", refuse)
-    with pytest.raises(RuntimeError, match="no realization succeeded; realization 0 failed: not again"):
+    with pytest.raises(RuntimeError, match="every realization failed, the first with realization 0 failed: not again"):
         simulate_gouge(small(), workers=1)
 
 

@@ -152,18 +152,6 @@ def load_or_compute(kept: Checkpoint | None, name: str, make: Callable[[], Any])
     return kept.load(name)
 
 
-def member_hooks(kept: Checkpoint | None, names: list[str]) -> dict[str, Callable]:
-    """Arguments `load` and `save` of `run_members`, for members with these names."""
-    if kept is None:
-        return {}
-    kept.check()
-    kept.announce()
-    return {
-        "load": lambda k: kept.load(names[k]) if kept.has(names[k]) else None,
-        "save": lambda k, result: kept.save(names[k], result),
-    }
-
-
 def remove_checkpoint(folder: Path) -> None:
     """Remove the pieces of a run that has written its results."""
     gone = folder / GONE  # renamed first, so that a kill cannot leave only some of them

@@ -1,13 +1,13 @@
 """Many independent runs, in local processes or on a Dask cluster.
 
-    run_members      call a function for many tasks; one that fails is reported, the others continue
-    trial            one call in a process of its own, with a time limit
-    reach            check that runs can be distributed as requested
-    default_workers  number of cores that this process may use
+run_members      call a function for many tasks; one that fails is reported, the others continue
+trial            one call in a process of its own, with a time limit
+reach            check that runs can be distributed as requested
+default_workers  number of cores that this process may use
 
-    Member           result of one run, or the sentence that says why it failed
-    Spread           number of runs at a time, and where they run
-    Workers          type of `workers`: a number of processes, or the address of a Dask scheduler
+Member           result of one run, or the sentence that says why it failed
+Spread           number of runs at a time, and where they run
+Workers          type of `workers`: a number of processes, or the address of a Dask scheduler
 """
 
 from .pool import Member, Spread, Workers, default_workers, reach, run_members, trial

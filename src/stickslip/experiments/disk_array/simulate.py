@@ -1,7 +1,5 @@
 """Simulation of a disk array: press, push quasi-statically with spectra, run freely from chosen loads, and slide."""
 
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,9 +9,9 @@ from ...core.laws.builtin import Law, damping_model
 from ...core.outcome import NotInEquilibriumError, Outcome, Status
 from ...core.readable import readable
 from ...core.state import State
-from ...data.checkpoint import Checkpoint, checkpoint_in, load_or_compute, member_hooks
+from ...data.checkpoint import Checkpoint, checkpoint_in, load_or_compute
 from ...data.law_schema import make_law
-from ...ensemble import Workers, run_members
+from ...ensemble import Workers
 from ...loading.packing import disk_array, with_push
 from ...loading.protocols import (
     Change,
@@ -30,13 +28,12 @@ from ...loading.protocols import (
     track_pairs,
 )
 from ...solve.spectrum import Spectrum, damped_growth, spectrum
+from ..realizations import Report, Task, run_realizations, silent
 from . import fronts
 from .scenario import DiskArrayScenario, Dynamics
 
 BIRTHS = "births and deaths of pairs"  # name of a stage
 SLIDING_THRESHOLD = 0.1  # the array slides once every disk has moved by this many mean diameters
-
-Report = Callable[[str, float, str], None]
 
 
 class FreeRun(NamedTuple):
@@ -95,10 +92,6 @@ class DiskArrayResult(NamedTuple):
     free_runs: dict[float, FreeRun]
     trajectory: Trajectory | None
     sliding: dict[float, Ensemble]
-
-
-def silent(stage: str, share: float, words: str) -> None:
-    """Report nothing."""
 
 
 def make_protocol(scenario: DiskArrayScenario, law: Law) -> Protocol:
@@ -294,22 +287,22 @@ def run_sliding(
         check_time_step(point, dynamics.dt)
     seeds = [scenario.seed + 1 + k for k in range(how.realizations)]
     tasks = [
-        (p.state, law, p.load, seed, options | {"sample": fastest_period(p) / 10}) for p in points for seed in seeds
+        Task(
+            f"seed {seed}",
+            (p.state, law, p.load, seed, options | {"sample": fastest_period(p) / 10}),
+            f"{p.load!r}-{seed}",
+            kept,
+        )
+        for p in points
+        for seed in seeds
     ]
-    names = [f"{point.load!r}-{seed}" for point in points for seed in seeds]
-
-    def tell(done, total, member):
-        report("realizations of sliding", done / total, f"{done} of {total}, {_describe_member(member)}")
-
-    live = partial(report, "realizations of sliding")
-    members = run_members(_transition_task, tasks, workers=workers, report=tell, live=live, **member_hooks(kept, names))
+    found = run_realizations(
+        _transition_task, tasks, stage="realizations of sliding", workers=workers, report=report,
+        describe=_describe_member,
+    )  # fmt: skip
     out = {}
-    for k, point in enumerate(points):
-        mine = members[k * len(seeds) : (k + 1) * len(seeds)]
-        good = [m.result for m in mine if m.failure is None]
-        failures = tuple(f"seed {seed}: {m.failure}" for seed, m in zip(seeds, mine, strict=True) if m.failure)
-        if not good:
-            raise RuntimeError(f"every realization at push = {point.load:g} failed, the first with {failures[0]}")
+    for point, group in zip(points, found.groups(len(seeds)), strict=True):
+        good = group.successful(f"realization at push = {point.load:g}")
         out[point.load] = Ensemble(
             point.load,
             np.array([t.breach for t in good]),
@@ -317,7 +310,7 @@ def run_sliding(
             np.array([t.velocity for t in good]),
             good[0].time,
             good[0].center,
-            failures,
+            group.failures,
         )
     return out
 

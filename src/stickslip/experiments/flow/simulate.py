@@ -1,7 +1,6 @@
 """Simulation of a flow: grains are poured and its stages run in chunks between samples, with progress reports."""
 
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,11 +16,11 @@ from ...core.readable import readable
 from ...core.state import SLIDE, State
 from ...data.archive import ArchiveError
 from ...data.checkpoint import Checkpoint, checkpoint_in
+from ..realizations import Report, silent
 from .pouring import Poured, poured, sample_count
 from .scenario import FlowScenario, Stage
 from .stages import stage_conditions, with_controls
 
-Report = Callable[[str, float, str], None]
 BINS = 24  # of the profile along y
 SAVE_EVERY = 20.0  # time after which a piece is saved even if no frame is due [s]
 ENCLOSED = 0.99  # fraction of the grains below `high`, and above `low`
@@ -86,11 +85,7 @@ class Piece(NamedTuple):
 
 
 def simulate_flow(
-    scenario: FlowScenario,
-    *,
-    folder: Path | None = None,
-    threads: int | None = None,
-    report: Report = lambda stage, share, words: None,
+    scenario: FlowScenario, *, folder: Path | None = None, threads: int | None = None, report: Report = silent
 ) -> FlowResult:
     """Pour the grains of a scenario and run its stages.
 

@@ -9,7 +9,8 @@ from ... import __version__
 from ...core.readable import readable
 from ...data import archive
 from ...data.checkpoint import Checkpoint, checkpoint_in
-from ...ensemble import Workers, run_members
+from ...ensemble import Workers
+from ..realizations import Realizations, Report, Task, run_realizations, silent
 from .dimensionless import Range
 from .protocol import (
     STICKSLIP,
@@ -27,8 +28,7 @@ from .protocol import (
 from .scenario import GougeScenario
 
 MEMBERS = "realizations"  # folder next to the results
-TRUNK, LEGS = "trunk", "legs"  # names of pieces of an unfinished realization
-Report = Callable[[str, float, str], None]
+TRUNK = "trunk"  # names of pieces of an unfinished realization
 
 
 @readable
@@ -42,11 +42,7 @@ class GougeResult(NamedTuple):
 
 
 def simulate_gouge(
-    scenario: GougeScenario,
-    *,
-    folder: Path | None = None,
-    workers: Workers = None,
-    report: Report = lambda stage, share, words: None,
+    scenario: GougeScenario, *, folder: Path | None = None, workers: Workers = None, report: Report = silent
 ) -> GougeResult:
     """Run all realizations of a scenario.
 
@@ -77,7 +73,7 @@ def simulate_gouge(
     sentences = tuple(f"realization {seed} failed: {words}" for seed, words in failures.items() if words)
     done = tuple(one for one in found if one is not None)
     if not done:
-        raise RuntimeError(f"no realization succeeded; {sentences[0]}")
+        raise RuntimeError(f"every realization failed, the first with {sentences[0]}")
     return GougeResult(scenario, done, sentences, len(alone) - len(missing))
 
 
@@ -97,61 +93,50 @@ class _Ensemble:
         """Return each realization, or one sentence with the reason why it failed."""
         before = self.scenario.realizations - len(self.alone)
         more = f"; {before} were finished before" if before else ""
-        self._report_progress(0.0, f"each takes {self.scenario.expected_cost}{more}")
+        words = f"each takes {self.scenario.expected_cost}{more}"
+        self.report(f"realizations ({len(self.alone)} to run)", 0.0, words)
         trunks = self._run_trunks()
-        owners = [k for k, stem in enumerate(trunks) if stem.failure is None for _ in stem.result.branches]
-        starts = [start for stem in trunks if stem.failure is None for start in stem.result.branches]
-        members = self._run_branches(owners, starts)
+        owners = [k for k, trunk in enumerate(trunks.results) if trunk for _ in trunk.branches]
+        starts = [start for trunk in trunks.results if trunk for start in trunk.branches]
+        tests = self._run_branches(owners, starts)
         out = []
-        for k, (one, stem) in enumerate(zip(self.alone, trunks, strict=True)):
-            mine = [member for owner, member in zip(owners, members, strict=True) if owner == k]
-            wrong = next((member.failure for member in (stem, *mine) if member.failure), None)
-            if wrong:
-                out.append(re.sub(r"^[A-Z][A-Za-z]+: ", "", wrong))
+        for k, (one, trunk) in enumerate(zip(self.alone, trunks.results, strict=True)):
+            mine = [b for b, owner in enumerate(owners) if owner == k]
+            reasons = [trunks.sentences[k], *(tests.sentences[b] for b in mine)]
+            if wrong := next(filter(None, reasons), None):
+                out.append(re.sub(r"^[A-Z][A-Za-z]+: ", "", wrong.partition(": ")[2]))
                 continue
-            out.append(make_realization(one, one.seed, stem.result, [member.result for member in mine]))
+            out.append(make_realization(one, one.seed, trunk, [tests.results[b] for b in mine]))
             self._save(one, out[-1])
         return out
 
-    def _run_trunks(self):
+    def _run_trunks(self) -> Realizations:
         """Run the trunk of every realization."""
         nouns = (Trunk, Branch, Test, Series, *find_engine(self.scenario).nouns, *STICKSLIP.nouns)
         places = [self.kept and self.kept.of(one.digest, *nouns) for one in self.alone]
+        tasks = [
+            Task(f"trunk {one.seed}", (one.text, place and place.of(TRUNK)), TRUNK, place)
+            for one, place in zip(self.alone, places, strict=True)
+        ]
+        return self._run(_trunk_task, tasks, 0.0, self.first)
 
-        def save(k, result):
-            if places[k]:
-                places[k].save(TRUNK, result)
-                places[k].of(LEGS).clear()
-
-        return run_members(
-            _trunk_task,
-            [(one.text, place and place.of(LEGS)) for one, place in zip(self.alone, places, strict=True)],
-            workers=self.workers,
-            live=lambda share, words: self._report_progress(self.first * share, words),
-            load=lambda k: places[k].load(TRUNK) if places[k] and places[k].has(TRUNK) else None,
-            save=save,
-        )
-
-    def _run_branches(self, owners: list[int], starts: list[Branch]):
+    def _run_branches(self, owners: list[int], starts: list[Branch]) -> Realizations:
         """Run the tests of every branch of every trunk."""
         names = [f"branch-{start.part:02d}-{start.before:.6g}-{start.number:03d}" for start in starts]
         places = [self.kept and self.kept.of(self.alone[k].digest, Test, Series) for k in owners]
+        tasks = [
+            Task(name, (self.alone[k].text, start, place and place.of(name)), name, place)
+            for k, start, place, name in zip(owners, starts, places, names, strict=True)
+        ]
+        return self._run(_branch_task, tasks, self.first, 1.0)
 
-        def save(k, result):
-            if places[k]:
-                places[k].save(names[k], result)
-                places[k].of(names[k]).clear()
-
-        return run_members(
-            _branch_task,
-            [
-                (self.alone[k].text, start, place and place.of(name))
-                for k, start, place, name in zip(owners, starts, places, names, strict=True)
-            ],
+    def _run(self, function: Callable, tasks: list[Task], begin: float, end: float) -> Realizations:
+        return run_realizations(
+            function,
+            tasks,
+            stage=f"realizations ({len(self.alone)} to run)",
             workers=self.workers,
-            live=lambda share, words: self._report_progress(self.first + (1 - self.first) * share, words),
-            load=lambda k: places[k].load(names[k]) if places[k] and places[k].has(names[k]) else None,
-            save=save,
+            report=lambda stage, share, words: self.report(stage, begin + (end - begin) * share, words),
         )
 
     def _save(self, one: GougeScenario, result: Realization) -> None:
@@ -160,9 +145,6 @@ class _Ensemble:
             path.parent.mkdir(parents=True, exist_ok=True)
             archive.write(path, {"realization": result}, scenario=one.text, version=__version__)
             self.kept.of(one.digest).clear()
-
-    def _report_progress(self, share: float, words: str) -> None:
-        self.report(f"realizations ({len(self.alone)} to run)", share, words)
 
 
 def find_engine(scenario: GougeScenario) -> Engine:

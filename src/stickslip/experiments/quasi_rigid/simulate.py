@@ -1,6 +1,5 @@
 """Simulation of quasi-rigid loading: load paths, slow dynamics of the same samples, and the stiffness along paths."""
 
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path as Folder
 from typing import NamedTuple
@@ -15,8 +14,8 @@ from ...core.laws.builtin import KN, Law
 from ...core.measure import branch_vectors, contact_forces, touching
 from ...core.readable import readable
 from ...core.state import Control, State
-from ...data.checkpoint import Checkpoint, checkpoint_in, load_or_compute, member_hooks
-from ...ensemble import Workers, run_members
+from ...data.checkpoint import Checkpoint, checkpoint_in, load_or_compute
+from ...ensemble import Workers
 from ...loading.biaxial import BOTTOM, LEFT, RIGHT, TOP, biaxial_box, sheared_box, with_load
 from ...loading.slow import SlowRun, slow_dynamics
 from ...quasirigid.enumeration import status_map
@@ -29,9 +28,9 @@ from ...quasirigid.status import Verdict
 from ...quasirigid.system import pinned_coordinates
 from ...quasirigid.uniqueness import certificate
 from ...solve.freedom import Freedom, displaced, residual_vector
+from ..realizations import Report, Task, run_realizations, silent
 from .scenario import QuasiScenario
 
-Report = Callable[[str, float, str], None]
 MAX_POINTS = 60  # maximum number of points of a path whose eigenvalues are computed
 MAX_ENUMERATED = 10  # critical contacts up to which all statuses are enumerated
 PAIR = 1e-9  # imaginary part, relative to the largest eigenvalue, above which eigenvalues count as a complex pair
@@ -98,10 +97,6 @@ class QuasiResult(NamedTuple):
     failures: tuple[str, ...]
 
 
-def silent(stage: str, share: float, words: str) -> None:
-    """Report nothing."""
-
-
 def simulate_quasi(
     scenario: QuasiScenario, *, folder: Folder | None = None, workers: Workers = None, report: Report = silent
 ) -> QuasiResult:
@@ -129,15 +124,12 @@ def simulate_quasi(
         SlowRun,
     )
     seeds = [scenario.seed + k for k in range(scenario.samples)]
-    names = [f"sample-{seed}" for seed in seeds]
-    tasks = [(scenario, seed, kept and kept.of(name)) for seed, name in zip(seeds, names, strict=True)]
-    live = partial(report, "path and slow dynamics")
-    members = run_members(simulate_sample, tasks, workers=workers, live=live, **member_hooks(kept, names))
-    failures = tuple(f"sample {seed}: {m.failure}" for (_, seed, _), m in zip(tasks, members, strict=True) if m.failure)
-    found = tuple(m.result for m in members if m.result is not None)
-    if not found:
-        raise RuntimeError(f"every sample failed, the first with {failures[0]}")
-    return QuasiResult(scenario, found, failures)
+    tasks = [
+        Task(f"sample {seed}", (scenario, seed, kept and kept.of(f"sample-{seed}")), f"sample-{seed}", kept)
+        for seed in seeds
+    ]
+    samples = run_realizations(simulate_sample, tasks, stage="path and slow dynamics", workers=workers, report=report)
+    return QuasiResult(scenario, tuple(samples.successful("sample")), samples.failures)
 
 
 def prepare(scenario: QuasiScenario, seed: int) -> tuple[State, Law, Control]:

@@ -1,6 +1,5 @@
 """Simulation of a spring-slider."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,9 +9,9 @@ from ...core.readable import readable
 from ...friction.loads import LoadStep
 from ...friction.ratestate import RateState, SlipHistory, Spring, spring_slider
 from ...friction.stability import Sliding, steady_sliding
+from ..realizations import Report, silent
 from .scenario import RateStateScenario
 
-Report = Callable[[str, float, str], None]
 EARLIEST = 1e-4  # first sample of each leg that is spaced evenly in ln t, as a fraction of the leg
 
 
@@ -28,11 +27,7 @@ class SliderResult(NamedTuple):
 
 
 def simulate_slider(
-    scenario: RateStateScenario,
-    *,
-    folder: Path | None = None,
-    workers: int | None = None,
-    report: Report = lambda stage, share, words: None,
+    scenario: RateStateScenario, *, folder: Path | None = None, workers: int | None = None, report: Report = silent
 ) -> SliderResult:
     """Run a scenario in one process; nothing is saved during the run."""
     surface, spring = RateState(**scenario.surface.model_dump()), Spring(**scenario.spring.model_dump())

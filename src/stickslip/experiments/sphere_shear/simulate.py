@@ -1,7 +1,6 @@
 """Simulation of sheared packings: pack, shear quasi-statically with spectra, locate the onset, and release."""
 
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,17 +11,17 @@ from ...core.measure import pressure, stress, touching
 from ...core.outcome import NotInEquilibriumError, Outcome, Status
 from ...core.readable import readable
 from ...core.state import State
-from ...data.checkpoint import Checkpoint, checkpoint_in, load_or_compute, member_hooks
+from ...data.checkpoint import Checkpoint, checkpoint_in, load_or_compute
 from ...data.law_schema import make_law
-from ...ensemble import Member, Workers, run_members
+from ...ensemble import Member, Workers
 from ...loading.packing import PackingInfo, jammed
 from ...loading.protocols import Equilibrium, Growth, Protocol, bisect_change, load_path
 from ...loading.release import Released, release
 from ...loading.shear import aqs
 from ...solve.spectrum import spectrum
+from ..realizations import Realizations, Report, Task, run_realizations, silent
 from .scenario import ShearScenario
 
-Report = Callable[[str, float, str], None]
 DEFAULT_FRACTION = {2: 0.86, 3: 0.68}
 HALVINGS = 7  # number of halved distances above the birth of the first pair at which Im λ is measured
 
@@ -84,10 +83,6 @@ class ShearResult(NamedTuple):
     single: list[Released | None]  # runs from one-pair states
     later: list[Released | None]  # runs from the last state of each path
     failures: tuple[str, ...]
-
-
-def silent(stage: str, share: float, words: str) -> None:
-    """Report nothing."""
 
 
 def strain_path(scenario: ShearScenario) -> np.ndarray:
@@ -242,36 +237,28 @@ def simulate_shear(
     seeds = [scenario.seed + k for k in range(scenario.packings)]
     kept = checkpoint_in(folder, scenario, ShearPath, Step, PackingInfo, Onset, Released, Growth)
 
-    def run(stage, function, tasks, names):
-        return run_members(
-            function,
-            tasks,
-            workers=workers,
-            report=lambda done, total, member: report(stage, done / total, _describe_member(member)),
-            live=partial(report, stage),
-            **member_hooks(kept, names),
-        )
+    def run(stage: str, function: Callable, tasks: list[Task]) -> Realizations:
+        return run_realizations(function, tasks, stage=stage, workers=workers, report=report, describe=_describe_member)
 
-    names = [f"packing-{seed}" for seed in seeds]
-    tasks = [(scenario, seed, kept and kept.of(name)) for seed, name in zip(seeds, names, strict=True)]
-    found = run("quasi-static shear", shear_packing, tasks, names)
-    paths = [m.result for m in found if m.failure is None]
-    if not paths:
-        raise RuntimeError(f"every packing failed, the first with {found[0].failure}")
-    failures = [f"packing {s}: {m.failure}" for s, m in zip(seeds, found, strict=True) if m.failure]
-    tasks = [(scenario, p.seed, p.single, p.single_strain) for p in paths]
-    tasks += [(scenario, p.seed, p.last, float(p.strain[-1])) for p in paths]
-    wanted = [k for k, (*_, state, _) in enumerate(tasks) if state is not None]
+    found = run("quasi-static shear", shear_packing, [
+        Task(f"packing {seed}", (scenario, seed, kept and kept.of(f"packing-{seed}")), f"packing-{seed}", kept)
+        for seed in seeds
+    ])  # fmt: skip
+    paths = found.successful("packing")
+    starts = [(scenario, p.seed, p.single, p.single_strain) for p in paths]
+    starts += [(scenario, p.seed, p.last, float(p.strain[-1])) for p in paths]
+    wanted = [k for k, (*_, state, _) in enumerate(starts) if state is not None]
     wanted = [k for k in wanted if k < len(paths) or paths[k - len(paths)].pairs[-1]]
-    names = [f"released-{k:04d}" for k in wanted]
-    runs = run("Newtonian runs", _release, [tasks[k] for k in wanted], names)
-    released: list[Released | None] = [None] * len(tasks)
-    for k, member in zip(wanted, runs, strict=True):
-        released[k] = member.result
-        if member.failure:
-            failures.append(f"packing {tasks[k][1]} released at strain {tasks[k][3]:g}: {member.failure}")
+    runs = run("Newtonian runs", _release, [
+        Task(f"packing {starts[k][1]} released at strain {starts[k][3]:g}", starts[k], f"released-{k:04d}", kept)
+        for k in wanted
+    ])  # fmt: skip
+    released: list[Released | None] = [None] * len(starts)
+    for k, one in zip(wanted, runs.results, strict=True):
+        released[k] = one
+    failures = found.failures + runs.failures
     return ShearResult(
-        scenario, make_law(scenario.law), paths, released[: len(paths)], released[len(paths) :], tuple(failures)
+        scenario, make_law(scenario.law), paths, released[: len(paths)], released[len(paths) :], failures
     )
 
 

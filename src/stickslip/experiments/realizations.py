@@ -1,0 +1,108 @@
+"""The loop over realizations of every experiment: run them in parallel, save each, skip saved ones, report failures."""
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+from ..data.checkpoint import Checkpoint
+from ..ensemble import Member, Workers, run_members
+
+Report = Callable[[str, float, str], None]
+
+
+def silent(stage: str, share: float, words: str) -> None:
+    """Report nothing."""
+
+
+class Task(NamedTuple):
+    """One realization, or one independent part of it."""
+
+    label: str  # in messages, such as "sample 3"
+    arguments: tuple
+    name: str  # of its saved result
+    checkpoint: Checkpoint | None  # where the result is saved
+
+
+class Realizations(NamedTuple):
+    """Results in the order of the tasks."""
+
+    results: list[Any]  # None where a realization failed
+    sentences: list[str | None]  # label and reason of each failure, None elsewhere
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """One sentence for each realization that failed."""
+        return tuple(one for one in self.sentences if one)
+
+    def groups(self, size: int) -> "list[Realizations]":
+        """Split into groups of consecutive tasks."""
+        starts = range(0, len(self.results), size)
+        return [Realizations(self.results[k : k + size], self.sentences[k : k + size]) for k in starts]
+
+    def successful(self, what: str) -> list[Any]:
+        """Return the results of those that did not fail.
+
+        Raises
+        ------
+        RuntimeError
+            If there are none.
+        """
+        found = [one for one in self.results if one is not None]
+        if not found and self.failures:
+            raise RuntimeError(f"every {what} failed, the first with {self.failures[0]}")
+        return found
+
+
+def _describe(member: Member) -> str:
+    return member.failure or "done"
+
+
+def run_realizations(
+    function: Callable,
+    tasks: Sequence[Task],
+    *,
+    stage: str,
+    workers: Workers = None,
+    report: Report = silent,
+    describe: Callable[[Member], str] = _describe,
+) -> Realizations:
+    """Run a function for every task that has no saved result, and save each result as soon as it is there.
+
+    Parameters
+    ----------
+    function : called as function(*arguments, tell), with tell(share of this task done, words); importable by name
+    stage : name of the work, for `report`
+    workers : number of processes, or the address of a Dask scheduler; the results do not depend on it
+    report : called as report(stage, share done, words)
+    describe : outcome of a finished task in a few words
+
+    Raises
+    ------
+    ArchiveError
+        If a saved result is damaged, or belongs to another scenario or version.
+    """
+    places = {task.checkpoint.folder: task.checkpoint for task in tasks if task.checkpoint}
+    for place in places.values():
+        place.check()
+        place.announce()
+
+    def load(k: int) -> Any:
+        _, _, name, place = tasks[k]
+        return place.load(name) if place and place.has(name) else None
+
+    def save(k: int, result: Any) -> None:
+        _, _, name, place = tasks[k]
+        if place:
+            place.save(name, result)
+            place.of(name).clear()  # pieces of the unfinished task
+
+    members = run_members(
+        function,
+        [task.arguments for task in tasks],
+        workers=workers,
+        live=lambda share, words: report(stage, share, words),
+        report=lambda done, total, member: report(stage, done / total, f"{done} of {total}, {describe(member)}"),
+        load=load,
+        save=save,
+    )
+    sentences = [m.failure and f"{task.label}: {m.failure}" for task, m in zip(tasks, members, strict=True)]
+    return Realizations([member.result for member in members], sentences)
