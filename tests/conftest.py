@@ -26,8 +26,29 @@ settings.register_profile("ci", deadline=None, max_examples=40, derandomize=True
 settings.load_profile("ci")
 
 
-def pytest_collection_modifyitems(items):
-    """Slow tests have an hour."""
+# folders of `make quick`, without files that start other processes or prepare samples for long
+QUICK = ("unit", "derivatives", "laws", "friction", "exchange")
+
+
+def pytest_addoption(parser):
+    parser.addoption(
+        "--quick", action="store_true", help="tests for the edit-test loop: no other processes, no long runs"
+    )
+
+
+def _is_quick(path) -> bool:
+    if path.parent.name not in QUICK:
+        return False
+    text = path.read_text(encoding="utf-8")
+    return not any(word in text for word in ("subprocess", "stickslip_here", "tests.published", 'scope="module"'))
+
+
+def pytest_collection_modifyitems(config, items):
+    """Slow tests have an hour; with --quick only quick files are run."""
+    if config.getoption("--quick"):
+        quick = {path: _is_quick(path) for path in {item.path for item in items}}
+        config.hook.pytest_deselected(items=[item for item in items if not quick[item.path]])
+        items[:] = [item for item in items if quick[item.path]]
     for item in items:
         if item.get_closest_marker("slow") and not item.get_closest_marker("timeout"):
             item.add_marker(pytest.mark.timeout(3600))
