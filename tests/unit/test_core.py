@@ -246,3 +246,13 @@ def test_what_a_kernel_calls_is_compiled_once_for_all_laws(prepared, times):
 
     assert [kernel(number)() for number in range(3)] == [1, 2, 3]
     assert len(called.signatures) == times
+
+
+@pytest.mark.parametrize("kind", [-1, 5, 99])
+def test_an_unknown_kind_of_law_is_refused(kind):
+    state, law = make_packing(2), make_law("hertz_mindlin", "sharp")._replace(kind=kind)
+    for call in (lambda: ss.forces(state, law), lambda: ss.run(state, law, 1, 1e-3)):
+        with pytest.raises(ValueError, match=f"a law of kind {kind} was given: built-in laws have the kinds 0 to 4"):
+            call()
+    with pytest.raises(ValueError, match="built-in laws have the kinds 0 to 4"):
+        ss.laws.collision(law._replace(table=law.table[:1, :1]), radius=1.0, mass=1.0, speed=1e-3)

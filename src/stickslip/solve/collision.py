@@ -10,10 +10,10 @@ from ..core.contacts.mechanics import with_dashpot
 from ..core.laws.builtin import (
     DAMPING_N,
     DAMPING_T,
-    LINEAR,
     Law,
     damping_factor,
     elastic_constants,
+    force_exponent,
     hertz_mindlin_reff,
     normal_force,
     parameters,
@@ -66,7 +66,7 @@ def collision(law: Law, *, radius: float, mass: float, speed: float, pair: tuple
 
     # scale by the elastic collision, so that the equation is well conditioned in any units
     unit = normal_force(law.kind, q, r_eff, 1.0)
-    power = 1.0 if law.kind == LINEAR else 1.5
+    power = force_exponent(law.kind)
     depth = ((power + 1) / 2 * m_eff * speed**2 / unit) ** (1 / (power + 1))
     span = depth / speed
 

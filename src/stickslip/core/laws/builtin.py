@@ -12,10 +12,11 @@ import numpy as np
 from numba import njit
 
 from ..readable import readable
-from .dispatch import Kind, by_kind, find_user_law
+from .dispatch import BUILTIN_KINDS, Kind, by_kind, check_kind, find_user_law
 
-HERTZ_MINDLIN, LINEAR, HERTZ_MINDLIN_REFF, HERTZ_MINDLIN_RESCALED, HERTZ_MINDLIN_REFF_RESCALED = range(5)
+HERTZ_MINDLIN, LINEAR, HERTZ_MINDLIN_REFF, HERTZ_MINDLIN_RESCALED, HERTZ_MINDLIN_REFF_RESCALED = range(BUILTIN_KINDS)
 KINDS = ("hertz_mindlin", "linear", "hertz_mindlin_reff", "hertz_mindlin_rescaled", "hertz_mindlin_reff_rescaled")
+EXPONENTS = (1.5, 1.0, 1.5, 1.5, 1.5)  # of the overlap in the elastic normal force, by kind
 SHARP, SMOOTH = 0, 1
 COULOMB = {"sharp": SHARP, "smooth": SMOOTH}
 VELOCITY, MASS, VISCOELASTIC = 1, 2, 3
@@ -232,6 +233,18 @@ def uses_radius(kind):
 def rescales(kind):
     """Return True if a decreasing overlap shortens the slip: see `hertz_mindlin`."""
     return kind in (HERTZ_MINDLIN_RESCALED, HERTZ_MINDLIN_REFF_RESCALED)
+
+
+def force_exponent(kind: int) -> float:
+    """Exponent of the overlap in the elastic normal force of a built-in law.
+
+    Raises
+    ------
+    ValueError
+        if there is no law of this kind.
+    """
+    check_kind(kind)
+    return EXPONENTS[kind]
 
 
 def rescaling_flag(kind: int) -> bool | None:

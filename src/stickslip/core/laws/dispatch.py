@@ -45,6 +45,8 @@ class UserLaw(NamedTuple):
 
 USER_LAWS: dict[int, UserLaw] = {}  # by kind: laws defined in this process
 
+BUILTIN_KINDS = 5  # number of built-in laws, whose kinds are counted from 0
+
 
 class Kind(int):
     """Kind of a user-defined law."""
@@ -76,13 +78,28 @@ def _(context, _, __, ___):
     return context.get_dummy_value()
 
 
+def check_kind(kind: int) -> None:
+    """Raise ValueError if a number is neither that of a built-in law nor the kind of a user-defined one."""
+    if not isinstance(kind, Kind) and not 0 <= kind < BUILTIN_KINDS:
+        raise ValueError(
+            f"a law of kind {kind} was given: built-in laws have the kinds 0 to {BUILTIN_KINDS - 1}; create a law with "
+            f"a function of stickslip.laws"
+        )
+
+
 def as_numpy_integers(kind: int, *numbers: int) -> tuple:
     """Convert a law's kind and other numbers to NumPy integers, for use in the closure of a kernel.
 
     Functions that take a literal are compiled for that value alone, starting in Python. This is mostly wasted, because
     constants of both sorts are folded once callees have become part of the kernel. The dimension and the model of
     damping stay literals where vectors are made from loops, or where rounding would change.
+
+    Raises
+    ------
+    ValueError
+        if there is no law of this kind.
     """
+    check_kind(kind)
     return (kind if isinstance(kind, Kind) else np.int64(kind), *map(np.int64, numbers))
 
 

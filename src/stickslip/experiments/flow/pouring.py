@@ -6,10 +6,10 @@ import numpy as np
 
 from ...core.control import rigid
 from ...core.laws.builtin import (
-    LINEAR,
     Law,
     elastic_constants,
     for_pair,
+    force_exponent,
     normal_energy,
     normal_force,
     tangential_stiffness,
@@ -311,7 +311,7 @@ def _largest_overlap(scenario: FlowScenario, law: Law, q, r_eff: float, heaviest
         if isinstance(law.kind, Kind):
             stored = float(normal_energy(law.kind, q, r_eff, middle))
         else:
-            stored = force * middle / (2.0 if law.kind == LINEAR else 2.5)
+            stored = force * middle / (force_exponent(law.kind) + 1)
         low, high = (middle, high) if stored < energy or force < static else (low, middle)
     return max(high, 1e-12 * r_eff)
 
