@@ -123,7 +123,7 @@ def test_what_appears_while_a_run_goes_on_is_not_replaced(call, tmp_path, monkey
     monkeypatch.setattr(slider, "simulate_slider", slowly)
     done = call("run", "0.toml", "--out", "out")
     assert done.code == 1
-    assert "what another program wrote there meanwhile (series.csv): move it away" in done.err
+    assert "files that another program wrote during the run (series.csv): move them away" in done.err
     assert (tmp_path / "out" / "series.csv").read_text() == "mine"
     assert not (tmp_path / "out" / "results.h5").exists()
 
@@ -163,7 +163,7 @@ def test_who_is_killed_while_results_are_moved_in_is_followed_by_the_next_call(c
             raise KeyboardInterrupt
 
     with monkeypatch.context() as now:
-        now.setattr(report, "settle", killed)
+        now.setattr(report, "install_results", killed)
         assert call("run", "1.toml", "--out", "out", "--overwrite").code == 130
     assert report.install_results is settle
     assert call("resume", "out").code == 0
@@ -222,7 +222,7 @@ def test_a_sweep_stands_until_the_one_that_overwrites_it_has_ended(call, tmp_pat
         return SweepResult(chosen, ["a", "b"], [None, None], ["no", "no"], 0)
 
     place, stop = {
-        "members": ("run_sweep", stopped), "settling": ("note", stopped), "failing": ("run_sweep", failed)
+        "members": ("run_sweep", stopped), "settling": ("write_manifest", stopped), "failing": ("run_sweep", failed)
     }[when]  # fmt: skip
     with monkeypatch.context() as now:
         now.setattr(sweep_report, place, stop)
@@ -264,7 +264,7 @@ def test_names_with_brackets_are_shown_as_they_are(call, tmp_path):
     assert "o[red]/results.h5" in done.out
     (tmp_path / "p[bold]").mkdir()
     (tmp_path / "p[bold]" / "claims.json").write_text("mine")
-    assert "p[bold] holds" in call("run", "0.toml", "--out", "p[bold]").err
+    assert "p[bold] contains" in call("run", "0.toml", "--out", "p[bold]").err
     assert "claims.json in p[bold] will be" in call("run", "0.toml", "--out", "p[bold]", "--overwrite").out
 
 
@@ -282,7 +282,7 @@ def test_a_folder_by_the_name_of_a_result_is_told_before_anything_is_computed(ca
     (tmp_path / "out" / "series.csv" / "mine").write_text("mine")
     done = call("run", "0.toml", "--out", "out", "--overwrite")
     assert done.code == 2
-    assert "series.csv is a folder where a run writes a file: move it away" in done.err
+    assert "series.csv is a folder, but runs write a file of this name: move it away" in done.err
     assert list(contents(tmp_path / "out")) == ["series.csv/mine"]
 
 

@@ -66,8 +66,8 @@ def test_a_law_file_without_checksum_in_somebodys_folder_is_not_run(tmp_path, mo
 @pytest.mark.parametrize(
     ("name", "text", "words"),
     [
-        ("a.json", "[1, 2]", "holds list, not an object"),
-        ("a.json", "3", "holds int, not an object"),
+        ("a.json", "[1, 2]", "contains an array, not an object"),
+        ("a.json", "3", "contains a number, not an object"),
         ("a.json", "[" * 5000 + "]" * 5000, "nested too deeply"),
         ("a.toml", "x = " + "[" * 5000 + "]" * 5000, "nested too deeply"),
         ("a.toml", "x = " + "[" * 500 + "]" * 500, ""),

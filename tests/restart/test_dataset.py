@@ -57,7 +57,7 @@ def test_the_table_of_a_frame_holds_its_contacts(tmp_path):
             np.testing.assert_array_equal(table[["force_x", "force_y", "force_z"]], force)
             assert set(table["mode"]) <= {"stick", "slide"}
     for wrong in ("middle", 2, -3):
-        with pytest.raises(ValueError, match="the dataset has first, last"):
+        with pytest.raises(ValueError, match="use first, last"):
             ss.io.contact_table(data, wrong)
 
 

@@ -92,7 +92,7 @@ def test_json_is_one_object_and_a_wrong_number_ends_with_1(tmp_path):
 def test_missing_and_broken_parts_say_what_installs_them(monkeypatch):
     monkeypatch.setattr(extras, "is_installed", lambda library: library not in ("gsd", "furo"))
     monkeypatch.setattr(machine, "factorised", lambda matrix, method: 1 / 0)
-    monkeypatch.setattr(machine, "cannot_load", lambda: "libmpi.so.12: cannot open shared object file")
+    monkeypatch.setattr(machine, "load_error", lambda: "libmpi.so.12: cannot open shared object file")
     monkeypatch.setattr(machine, "which", lambda name: None)
     parts = {part.name: part for part in machine.parts()}
     assert parts["exchange"].remedy == '`pip install "stickslip[exchange]"`'

@@ -16,6 +16,7 @@ _ALL = (disk_array, sphere_shear, quasi_rigid, flow, gouge, rate_state)
 EXPERIMENTS: dict[str, Experiment] = {package.EXPERIMENT.name: package.EXPERIMENT for package in _ALL}
 LARGEST_INTEGER = 2**63 - 1
 INTEGER_RANGE = "integers are limited to 64 bits, use a smaller one or write it as a float such as 1e30"
+_JSON_TYPES = {list: "an array", str: "a string", bool: "a boolean", type(None): "null"}
 
 
 def papers() -> dict[str, Experiment]:
@@ -113,7 +114,7 @@ def read_tables(path: str | Path) -> dict:
     tables = _parse(text, path)
     if not isinstance(tables, dict):
         raise ScenarioError(
-            f"the scenario {path} contains a {type(tables).__name__}, not an object: give the scenario.json of a run"
+            f"the scenario {path} contains {_JSON_TYPES.get(type(tables), 'a number')}, not an object: give the scenario.json of a run"
         )
     _check_whole_numbers(tables, path)
     if path.suffix == ".json":
