@@ -113,9 +113,8 @@ def read_tables(path: str | Path) -> dict:
         raise ScenarioError(str(problem)) from None
     tables = _parse(text, path)
     if not isinstance(tables, dict):
-        raise ScenarioError(
-            f"the scenario {path} contains {_JSON_TYPES.get(type(tables), 'a number')}, not an object: give the scenario.json of a run"
-        )
+        found = _JSON_TYPES.get(type(tables), "a number")
+        raise ScenarioError(f"the scenario {path} contains {found}, not an object: give the scenario.json of a run")
     _check_whole_numbers(tables, path)
     if path.suffix == ".json":
         require_checksum(tables, path)
