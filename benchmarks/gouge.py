@@ -9,6 +9,7 @@ import os
 import pickle
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -85,9 +86,35 @@ def measure(side: str, path: Path, steps: int, skin: float = 0.0) -> float:
     return float(run.stdout.split()[-1])
 
 
+def run_seconds(workers: int) -> float:
+    """Seconds for four realizations with two branches each, from settling to the last hold."""
+    import stickslip as ss
+
+    whole = ss.scenario(
+        experiment="gouge", realizations=4, grains={"number": 150}, law={"gamma_n": 1e4}, preparation={"slip": 1.0},
+        protocol=[
+            {"kind": "slide-hold-slide", "before": (VELOCITY,), "holds": (0.02,), "approach": 1.0, "branches": 2}
+        ],
+    )  # fmt: skip
+    start = time.perf_counter()
+    assert not ss.simulate(whole, workers=workers).failures
+    return time.perf_counter() - start
+
+
+def scaling() -> dict:
+    """Speed of two processes relative to one, for realizations and branches; 2 is ideal."""
+    run_seconds(2)  # compiles
+    one, two = zip(*((run_seconds(1), run_seconds(2)) for _ in range(2)), strict=True)
+    name = "gouge, 4 realizations with 2 branches each, runs/s"
+    return {
+        "case": name, "n": 150, "threads": 2, "ours": 1 / min(two), "unit": "1/s", "peer": 1 / min(one),
+        "peer_name": "one process", "ratio": min(one) / min(two),
+    }  # fmt: skip
+
+
 def rows() -> list[dict]:
-    """One row per cell."""
-    out = []
+    """One row per cell, and one for the scaling over processes."""
+    out = [scaling()]
     for name, copies in CELLS.items():
         path, n = scene(copies)
         steps = max(2000, 12_000_000 // n)

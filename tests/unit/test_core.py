@@ -7,9 +7,11 @@ import pytest
 from numba import njit
 
 import stickslip as ss
+from stickslip.builtin_laws import BUILTIN_LAWS, NAMES
 from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.laws import builtin as laws
 from stickslip.core.laws import dispatch as kinds
+from stickslip.data.sample import LAWS
 from tests.conftest import make_law, make_packing, stirred
 
 
@@ -40,14 +42,18 @@ def test_pushed_disk_that_cannot_turn_slips_by_force_over_stiffness_then_slides(
     assert beyond.grains.velocity[0, 0] == pytest.approx((0.0041 - 0.004) / 0.5, rel=1e-3)  # terminal: force over drag
 
 
-@pytest.mark.parametrize(
-    ("kind", "power"), [(laws.HERTZ_MINDLIN, 1.5), (laws.LINEAR, 1.0), (laws.HERTZ_MINDLIN_REFF, 1.5)]
-)
-def test_tangents_by_complex_step_equal_closed_forms(kind, power):
-    r_eff = 0.25
-    root = np.sqrt(r_eff) if kind == laws.HERTZ_MINDLIN_REFF else 1.0
+@pytest.mark.parametrize("kind", range(len(BUILTIN_LAWS)), ids=NAMES)
+def test_scalars_of_every_built_in_law_are_those_of_its_entry(kind):
+    r_eff, power = 0.25, BUILTIN_LAWS[kind].exponent
+    root = np.sqrt(r_eff) if BUILTIN_LAWS[kind].uses_radius else 1.0
     row = laws.parameters(np.array([[[2.0, 0.6, 0.5, 0, 0]]]), 0, 0)
+    assert LAWS[NAMES[kind]](2.0, 0.6).kind == kind
+    assert laws.uses_radius(kind) == BUILTIN_LAWS[kind].uses_radius
+    assert laws.rescales(kind) == BUILTIN_LAWS[kind].rescales
     for overlap in (1e-8, 1e-3, 0.2):
+        assert laws.normal_force(kind, row, r_eff, overlap) == pytest.approx(root * 2.0 * overlap**power, rel=1e-15)
+        energy = root * 2.0 * overlap ** (power + 1) / (power + 1)
+        assert laws.normal_energy(kind, row, r_eff, overlap) == pytest.approx(energy, rel=1e-15)
         slope_n, slope_t = laws.tangents(kind, row, r_eff, overlap)
         assert slope_n == pytest.approx(root * 2.0 * power * overlap ** (power - 1), rel=1e-15)
         assert slope_t == pytest.approx(root * 0.6 * (power - 1) * overlap ** (power - 2), rel=1e-15, abs=1e-300)

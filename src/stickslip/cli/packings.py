@@ -8,15 +8,10 @@ from typing import Annotated
 
 import typer
 
+from ..builtin_laws import BUILTIN_LAWS
 from .app import AsJson, OverwriteFile, Quiet, app, complete_from, examples, finish
 
-LAWS = {
-    "hertz_mindlin": "k δ^(3/2), as in papers 000 and 001",
-    "linear": "k δ, as in paper 002",
-    "hertz_mindlin_reff": "k √R δ^(3/2), as in LAMMPS",
-    "hertz_mindlin_rescaled": "k δ^(3/2), slips shorten as overlaps fall",
-    "hertz_mindlin_reff_rescaled": "as LAMMPS mindlin_rescale",
-}
+LAWS = {law.name: law.words for law in BUILTIN_LAWS}
 COULOMB = {"smooth": "friction approaches its limit", "sharp": "friction is truncated at its limit"}
 DAMPING = {"velocity": "by velocity", "mass_velocity": "by mass and velocity", "viscoelastic": "also by overlap"}
 METHODS = {

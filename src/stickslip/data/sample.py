@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 
+from ..builtin_laws import BUILTIN_LAWS, BY_NAME
 from ..core.contacts.forces import accept, forces
 from ..core.contacts.mechanics import FREE, HELD
 from ..core.contacts.neighbors import grid_of, pack_key, with_neighbor_list
@@ -16,12 +17,10 @@ from ..core.state import OPEN, SLIDE, STICK, State, assembly, box, disks, loads,
 AT_LIMIT = 1e-3  # relative distance to Coulomb's limit within which a slip with few digits counts as sliding
 HUGE = 1e30  # larger numbers make products overflow
 NO_CONTACTS = "no contacts were given: they were found from positions, without memory (zero slip)"
+_PLAIN = {function.__name__: function for function in (hertz_mindlin, linear, hertz_mindlin_reff)}
 LAWS = {
-    "hertz_mindlin": hertz_mindlin,
-    "linear": linear,
-    "hertz_mindlin_reff": hertz_mindlin_reff,
-    "hertz_mindlin_rescaled": partial(hertz_mindlin, rescaled=True),
-    "hertz_mindlin_reff_rescaled": partial(hertz_mindlin_reff, rescaled=True),
+    law.name: partial(_PLAIN[law.name.removesuffix("_rescaled")], rescaled=True) if law.rescales else _PLAIN[law.name]
+    for law in BUILTIN_LAWS
 }
 
 
@@ -132,7 +131,7 @@ def law_by_name(
             raise PackingError(f"{name} {value!r} is not known: use {' or '.join(known)}")
     if (young is None) != (poisson is None):
         raise PackingError("only one of young and poisson was given: give both, or kn and kt")
-    if young is not None and (not law.startswith("hertz_mindlin_reff") or kn is not None or kt is not None):
+    if young is not None and (not BY_NAME[law].uses_radius or kn is not None or kt is not None):
         raise PackingError("young and poisson replace kn and kt of hertz_mindlin_reff: give them only with that law")
     model = {} if damping is None else {"damping": damping}
     try:

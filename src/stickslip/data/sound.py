@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from ..builtin_laws import NAMES
 from ..core.contacts.neighbors import pack_keys
-from ..core.laws.builtin import COULOMB, DAMPING, KINDS, NO_TENSION, Law, parameter_names
+from ..core.laws.builtin import COULOMB, DAMPING, NO_TENSION, Law, parameter_names
 from ..core.laws.dispatch import Kind
 from ..core.state import OPEN, SLIDE, STICK, Cell, Contacts, Control, Grains, Instant, State, Walls
 
@@ -86,7 +87,7 @@ def validate_law(law: Law) -> Law:
         with one sentence that names the invalid entry.
     """
     dampings = [model + more for model in DAMPING.values() for more in (0, NO_TENSION)]
-    entries = {"kind": range(len(KINDS)), "coulomb": COULOMB.values(), "damping": dampings}
+    entries = {"kind": range(len(NAMES)), "coulomb": COULOMB.values(), "damping": dampings}
     for name, known in entries.items():
         value = getattr(law, name)
         if not (isinstance(value, int | np.integer) and value in known) and not isinstance(value, Kind):

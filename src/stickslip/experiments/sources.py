@@ -1,11 +1,8 @@
 """Keys of references.bib for contact laws and rate-and-state friction laws."""
 
-CONTACT = {
-    "hertz_mindlin": ("Hertz1882", "Mindlin1949", "Cundall1979"),
-    "hertz_mindlin_reff": ("Hertz1882", "Mindlin1953", "Silbert2001"),
-    "linear": ("Cundall1979",),
-}
-CONTACT |= {f"{name}_rescaled": (*CONTACT[name], "LAMMPS") for name in ("hertz_mindlin", "hertz_mindlin_reff")}
+from ..builtin_laws import BUILTIN_LAWS
+
+CONTACT = {law.name: law.sources for law in BUILTIN_LAWS}
 STATE = {"aging": ("Dieterich1979", "Ruina1983"), "slip": ("Ruina1983",)}
 
 

@@ -1,24 +1,192 @@
 """Records of a run: samples at intervals, and events of contacts."""
 
+import math
+from collections.abc import Callable
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from ..contacts.forces import EVENT_COLUMNS, OPENED, elastic_pair
+from ..contacts.forces import EVENT_COLUMNS, OPENED, Bodies, elastic_pair
 from ..contacts.geometry import normal_and_overlap, pair_vector
 from ..control import spring_forces
 from ..laws.builtin import MU
 from ..readable import readable
-from ..state import OPEN, SLIDE, State, groups
+from ..state import OPEN, SLIDE, Contacts, State, groups
 from .ledger import Books, Ledger, make_ledger
 
-SERIES = (
-    "time", "msd", "kinetic_energy", "center_x", "center_y", "center_z", "touching", "sliding",
-    *(f"{name}_{a}{b}" for name in ("virial", "fabric", "kinetic") for a in "xyz" for b in "xyz"),
-    "rattlers", "held_contacts", "contacts", *(f"cell_{a}{b}" for a in "xyz" for b in "xyz"),
-)  # fmt: skip
-_VIRIAL, _FABRIC, _KINETIC, _RATTLERS, _HELD, _CONTACTS, _CELL = 8, 17, 26, 35, 36, 37, 38
+
+class Sample(NamedTuple):
+    """What observables are computed from."""
+
+    kind: int
+    coulomb: int
+    dim: int
+    table: np.ndarray  # parameters of the law
+    bodies: Bodies
+    contacts: Contacts
+    shift: np.ndarray
+    mass: np.ndarray  # (N,)
+    inertia: np.ndarray  # (N,)
+    reference: np.ndarray  # (N, 3)
+    vectors: np.ndarray  # (3, 3)
+    time: float
+
+
+GROUPS = "position", "velocity", "force", "pull"  # sampled for each rigid group: see `write_groups`
+OBSERVABLES: dict[str, tuple[Callable, tuple[int, ...]]] = {}  # by field of `Record`: compiled function, shape
+
+
+def observable(*shape: int):
+    """Decorate f(sample, out), which adds a value of this shape to zeros in `out`, and is named as its field."""
+
+    def register(function):
+        OBSERVABLES[function.__name__.strip("_")] = njit(cache=True)(function), shape
+        return function
+
+    return register
+
+
+@observable()
+def _time(s, out):
+    out[0] = s.time
+
+
+@observable()
+def _msd(s, out):
+    for a in range(len(s.mass)):
+        for m in range(3):
+            out[0] += (s.bodies.position[a, m] - s.reference[a, m]) ** 2
+
+
+@observable()
+def _kinetic_energy(s, out):
+    v, spin = s.bodies.velocity, s.bodies.spin
+    for a in range(len(s.mass)):
+        for m in range(3):
+            out[0] += 0.5 * s.mass[a] * v[a, m] ** 2 + 0.5 * s.inertia[a] * spin[a, m] ** 2
+
+
+@observable(3)
+def _center(s, out):
+    n = len(s.mass)
+    for a in range(n):
+        for m in range(3):
+            out[m] += s.bodies.position[a, m] / n
+
+
+@observable()
+def _touching(s, out):
+    for c in range(s.contacts.count[0]):
+        out[0] += s.contacts.mode[c] != OPEN
+
+
+@observable()
+def _sliding(s, out):
+    for c in range(s.contacts.count[0]):
+        out[0] += s.contacts.mode[c] == SLIDE
+
+
+@observable(3, 3)
+def _virial(s, out):
+    for c in range(s.contacts.count[0]):
+        if s.contacts.mode[c] != OPEN and s.contacts.j[c] < len(s.mass):
+            r, f = elastic_pair(s.kind, s.coulomb, s.dim, s.table, s.bodies, s.contacts, s.shift, c)
+            for m in range(3):
+                for q in range(3):
+                    out[3 * m + q] += f[m] * r[q]
+
+
+@observable(3, 3)
+def _fabric(s, out):
+    bodies, n, closed = s.bodies, len(s.mass), 0
+    for c in range(s.contacts.count[0]):
+        if s.contacts.mode[c] == OPEN:
+            continue
+        closed += 1
+        i, j = s.contacts.i[c], s.contacts.j[c]
+        x0, x1, x2 = pair_vector(s.dim, bodies.position, s.shift, c, i, j)
+        n0, n1, n2, _, _ = normal_and_overlap(i, j, j >= n, j - n, bodies.radius, bodies.normal, x0, x1, x2)
+        normal = (n0, n1, n2)
+        for m in range(3):
+            for q in range(3):
+                out[3 * m + q] += normal[m] * normal[q]
+    for m in range(9):
+        out[m] /= max(closed, 1.0)
+
+
+@observable(3, 3)
+def _momentum_flux(s, out):
+    v = s.bodies.velocity
+    for a in range(len(s.mass)):
+        for m in range(3):
+            for q in range(3):
+                out[3 * m + q] += s.mass[a] * v[a, m] * v[a, q]
+
+
+@observable()
+def _coordination(s, out):
+    n = len(s.mass)
+    for c in range(s.contacts.count[0]):
+        if s.contacts.mode[c] != OPEN:
+            out[0] += 2.0 if s.contacts.j[c] < n else 1.0
+    out[0] /= n
+
+
+@observable()
+def _held_coordination(s, out):
+    rattlers, held = _count_rattlers(s)
+    out[0] = held / max(len(s.mass) - rattlers, 1)
+
+
+@observable()
+def _rattlers(s, out):
+    out[0] = _count_rattlers(s)[0]
+
+
+@njit(cache=True)
+def _count_rattlers(s):
+    """Number of rattlers, and of contacts of the other grains; see `measure.rattlers`."""
+    n, bodies = len(s.mass), len(s.bodies.radius)
+    least = 2 if _has_friction(s.table) else s.dim + 1
+    loose, number = np.zeros(bodies, np.bool_), np.zeros(bodies, np.int64)
+    while True:
+        for a in range(bodies):
+            number[a] = 0
+        for c in range(s.contacts.count[0]):
+            i, j = s.contacts.i[c], s.contacts.j[c]
+            if s.contacts.mode[c] != OPEN and not loose[i] and not loose[j]:
+                number[i] += 1
+                number[j] += 1
+        peeled = False
+        for a in range(n):
+            if number[a] < least and not loose[a]:
+                loose[a] = peeled = True
+        if not peeled:
+            break
+    rattlers = held = 0
+    for a in range(n):
+        rattlers += loose[a]
+        held += number[a]
+    return rattlers, held
+
+
+@njit(cache=True)
+def _has_friction(p):
+    """Return True if some pair of materials has friction."""
+    for a in range(len(p)):
+        for b in range(len(p)):
+            if p[a, b, MU] > 0.0:
+                return True
+    return False
+
+
+@observable(3, 3)
+def _cell(s, out):
+    for m in range(3):
+        for q in range(3):
+            out[3 * m + q] = s.vectors[m, q]
 
 
 @readable
@@ -59,91 +227,50 @@ class RecordBuffers(NamedTuple):
     every: int
     reference: np.ndarray  # (N, 3)
     probes: np.ndarray  # (P,)
-    series: np.ndarray  # (T, len(SERIES))
+    series: np.ndarray  # (T, columns of all observables)
     groups: np.ndarray  # (T, G, 4, 3) of rigid groups: position, velocity, force of contacts, force of springs
     tracks: np.ndarray  # (T, P, 6)
     events: np.ndarray  # (E, len(EVENT_COLUMNS))
     event_count: np.ndarray  # (1,)
 
 
-@njit(cache=True)
-def _count_rattlers(contacts, n, bodies, least):
-    """Number of rattlers, and of contacts of the other grains; see `measure.rattlers`."""
-    loose, number = np.zeros(bodies, np.bool_), np.zeros(bodies, np.int64)
-    while True:
-        for a in range(bodies):
-            number[a] = 0
-        for c in range(contacts.count[0]):
-            i, j = contacts.i[c], contacts.j[c]
-            if contacts.mode[c] != OPEN and not loose[i] and not loose[j]:
-                number[i] += 1
-                number[j] += 1
-        peeled = False
-        for a in range(n):
-            if number[a] < least and not loose[a]:
-                loose[a] = peeled = True
-        if not peeled:
-            break
-    rattlers = held = 0
-    for a in range(n):
-        rattlers += loose[a]
-        held += number[a]
-    return rattlers, held
+_ENDS = np.cumsum([math.prod(shape) for _, shape in OBSERVABLES.values()]).tolist()
+_COLUMNS = [slice(start, end) for start, end in pairwise([0, *_ENDS])]
 
 
-@njit(cache=True)
-def _has_friction(p):
-    """Return True if some pair of materials has friction."""
-    for a in range(len(p)):
-        for b in range(len(p)):
-            if p[a, b, MU] > 0.0:
-                return True
-    return False
+def _after(others, function, start: int, end: int):
+    """Compiled function that writes several observables into a row, then one more into its columns."""
+
+    @njit
+    def write(sample, row):
+        others(sample, row)
+        function(sample, row[start:end])
+
+    return write
+
+
+@njit
+def _write_observables(sample, row):
+    for m in range(len(row)):  # a loop instead of a whole array compiles faster, see `neighbors._build_list`
+        row[m] = 0.0
+
+
+for (_function, _), _columns in zip(OBSERVABLES.values(), _COLUMNS, strict=True):
+    _write_observables = _after(_write_observables, _function, _columns.start, _columns.stop)
 
 
 @njit(cache=True)
 def write_sample(kind, coulomb, dim, p, k, bodies, contacts, shift, plan, writing, vectors, time):
-    """Write row k of the series and of the tracks."""
-    x, angle, v, spin = bodies.position, bodies.angle, bodies.velocity, bodies.spin
-    row, track, n = writing.series[k], writing.tracks[k], len(plan.mass)
-    for m in range(len(row)):  # loops instead of whole arrays compile faster, see `neighbors._build_list`
-        row[m] = 0.0
-    row[0] = time
-    for a in range(n):
-        for m in range(3):
-            row[1] += (x[a, m] - writing.reference[a, m]) ** 2
-            row[2] += 0.5 * plan.mass[a] * v[a, m] ** 2 + 0.5 * plan.inertia[a] * spin[a, m] ** 2
-            row[3 + m] += x[a, m] / n
-            for q in range(3):
-                row[_KINETIC + 3 * m + q] += plan.mass[a] * v[a, m] * v[a, q]
-    for c in range(contacts.count[0]):
-        row[6] += contacts.mode[c] != OPEN
-        row[7] += contacts.mode[c] == SLIDE
-        if contacts.mode[c] == OPEN:
-            continue
-        i, j = contacts.i[c], contacts.j[c]
-        row[_CONTACTS] += 2.0 if j < n else 1.0
-        x0, x1, x2 = pair_vector(dim, x, shift, c, i, j)
-        n0, n1, n2, _, _ = normal_and_overlap(i, j, j >= n, j - n, bodies.radius, bodies.normal, x0, x1, x2)
-        normal = (n0, n1, n2)
-        for m in range(3):
-            for q in range(3):
-                row[_FABRIC + 3 * m + q] += normal[m] * normal[q]
-        if j < n:
-            r, f = elastic_pair(kind, coulomb, dim, p, bodies, contacts, shift, c)
-            for m in range(3):
-                for q in range(3):
-                    row[_VIRIAL + 3 * m + q] += f[m] * r[q]
-    for m in range(9):
-        row[_FABRIC + m] /= max(row[6], 1.0)
-    row[_RATTLERS], row[_HELD] = _count_rattlers(contacts, n, len(bodies.radius), 2 if _has_friction(p) else dim + 1)
-    for m in range(3):
-        for q in range(3):
-            row[_CELL + 3 * m + q] = vectors[m, q]
+    """Write row k of the observables and of the tracks."""
+    sample = Sample(
+        kind, coulomb, dim, p, bodies, contacts, shift, plan.mass, plan.inertia, writing.reference, vectors, time
+    )
+    _write_observables(sample, writing.series[k])
+    track = writing.tracks[k]
     for a in range(len(writing.probes)):
         for m in range(3):
-            track[a, m] = x[writing.probes[a], m]
-            track[a, 3 + m] = angle[writing.probes[a], m]
+            track[a, m] = bodies.position[writing.probes[a], m]
+            track[a, 3 + m] = bodies.angle[writing.probes[a], m]
 
 
 def write_groups(row: np.ndarray, state: State, external, bodies, force, time: float) -> None:
@@ -169,7 +296,7 @@ def allocate_buffers(state: State, steps: int, every: int, probes, events: bool,
         raise ValueError(f"a reference of shape {reference.shape} was given: it must be {(n, 3)}")
     room = max(1024, 8 * len(state.contacts.i)) if events else 0
     return RecordBuffers(
-        every, reference, probes, np.zeros((samples, len(SERIES))),
+        every, reference, probes, np.zeros((samples, _ENDS[-1])),
         np.zeros((samples, state.control.group.max(initial=-1) + 1, 4, 3)), np.zeros((samples, len(probes), 6)),
         np.zeros((room, len(EVENT_COLUMNS))), np.zeros(1, np.int64),
     )  # fmt: skip
@@ -197,28 +324,17 @@ _EVENT_NAMES = np.array(["closed", "opened", "limit"])
 def make_record(writing: RecordBuffers, done: int, books: Books | None) -> Record:
     """Make the record of a run of `done` steps."""
     kept = done // writing.every + 1 if writing.every else 0
-    n = len(writing.reference)
     series, tracks, rows = writing.series[:kept], writing.tracks[:kept], writing.events[: writing.event_count[0]]
     events = np.zeros(len(rows), _EVENT_TYPE)
     events["kind"] = _EVENT_NAMES[rows[:, 0].astype(int)]
     events["time"], events["i"], events["j"] = rows[:, 1], rows[:, 2], rows[:, 3]
     events["image"], events["position"] = rows[:, 4:7], rows[:, 7:10]
-    column = {name: series[:, k] for k, name in enumerate(SERIES)}
+    columns = zip(OBSERVABLES.items(), _COLUMNS, strict=True)
     return Record(
-        column["time"],
-        column["msd"],
-        column["kinetic_energy"],
-        series[:, 3:6],
-        column["touching"],
-        column["sliding"],
-        *(series[:, at : at + 9].reshape(-1, 3, 3) for at in (_VIRIAL, _FABRIC, _KINETIC)),
-        column["contacts"] / n,
-        column["held_contacts"] / np.maximum(n - column["rattlers"], 1),
-        column["rattlers"],
-        series[:, _CELL : _CELL + 9].reshape(-1, 3, 3),
-        *(writing.groups[:kept, :, k] for k in range(4)),
-        tracks[..., :3],
-        tracks[..., 3:],
-        events,
-        make_ledger(books, kept) if books else None,
+        **{name: series[:, mine].reshape(-1, *shape) for (name, (_, shape)), mine in columns},
+        **{f"group_{name}": writing.groups[:kept, :, k] for k, name in enumerate(GROUPS)},
+        position=tracks[..., :3],
+        angle=tracks[..., 3:],
+        events=events,
+        ledger=make_ledger(books, kept) if books else None,
     )

@@ -11,12 +11,15 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from ...builtin_laws import BUILTIN_LAWS, NAMES
 from ..readable import readable
-from .dispatch import BUILTIN_KINDS, Kind, by_kind, check_kind, find_user_law
+from .dispatch import Kind, by_kind, check_kind, find_user_law
 
-HERTZ_MINDLIN, LINEAR, HERTZ_MINDLIN_REFF, HERTZ_MINDLIN_RESCALED, HERTZ_MINDLIN_REFF_RESCALED = range(BUILTIN_KINDS)
-KINDS = ("hertz_mindlin", "linear", "hertz_mindlin_reff", "hertz_mindlin_rescaled", "hertz_mindlin_reff_rescaled")
-EXPONENTS = (1.5, 1.0, 1.5, 1.5, 1.5)  # of the overlap in the elastic normal force, by kind
+HERTZ_MINDLIN, LINEAR, HERTZ_MINDLIN_REFF, HERTZ_MINDLIN_RESCALED, HERTZ_MINDLIN_REFF_RESCALED = range(
+    len(BUILTIN_LAWS)
+)
+USING_RADIUS = tuple(kind for kind, law in enumerate(BUILTIN_LAWS) if law.uses_radius)
+RESCALED = tuple(kind for kind, law in enumerate(BUILTIN_LAWS) if law.rescales)
 SHARP, SMOOTH = 0, 1
 COULOMB = {"sharp": SHARP, "smooth": SMOOTH}
 VELOCITY, MASS, VISCOELASTIC = 1, 2, 3
@@ -226,13 +229,13 @@ def row(kind, p, a, b):
 @by_kind
 def uses_radius(kind):
     """Return True if the law's functions use R_eff."""
-    return kind in (HERTZ_MINDLIN_REFF, HERTZ_MINDLIN_REFF_RESCALED)
+    return kind in USING_RADIUS
 
 
 @by_kind
 def rescales(kind):
     """Return True if a decreasing overlap shortens the slip: see `hertz_mindlin`."""
-    return kind in (HERTZ_MINDLIN_RESCALED, HERTZ_MINDLIN_REFF_RESCALED)
+    return kind in RESCALED
 
 
 def force_exponent(kind: int) -> float:
@@ -244,7 +247,7 @@ def force_exponent(kind: int) -> float:
         if there is no law of this kind.
     """
     check_kind(kind)
-    return EXPONENTS[kind]
+    return BUILTIN_LAWS[kind].exponent
 
 
 def rescaling_flag(kind: int) -> bool | None:
@@ -396,7 +399,7 @@ def parameter_names(law: Law) -> tuple[str, ...]:
 
 
 def _describe(law: Law) -> str:
-    kind = KINDS[law.kind] if 0 <= law.kind < len(KINDS) else "user-defined law"
+    kind = NAMES[law.kind] if 0 <= law.kind < len(NAMES) else "user-defined law"
     materials = f"{len(law.table)} materials" if len(law.table) > 1 else "1 material"
     first = law.table[0, 0]
     numbers = f", kn = {first[KN]:.6g}, kt = {first[KT]:.6g}, mu = {first[MU]:.6g}" if len(law.table) == 1 else ""

@@ -18,6 +18,8 @@ from numba.core.errors import TypingError
 from numba.core.imputils import lower_constant
 from numba.extending import NativeValue, models, overload, register_model, typeof_impl, unbox
 
+from ...builtin_laws import BUILTIN_LAWS
+
 HELP = "see docs/contact_laws.md"
 ROLES = {  # arguments that a function of each name may take, in addition to parameters of the law
     "normal_force": ("overlap", "r_eff"),
@@ -44,8 +46,6 @@ class UserLaw(NamedTuple):
 
 
 USER_LAWS: dict[int, UserLaw] = {}  # by kind: laws defined in this process
-
-BUILTIN_KINDS = 5  # number of built-in laws, whose kinds are counted from 0
 
 
 class Kind(int):
@@ -80,10 +80,10 @@ def _(context, _, __, ___):
 
 def check_kind(kind: int) -> None:
     """Raise ValueError if a number is neither that of a built-in law nor the kind of a user-defined one."""
-    if not isinstance(kind, Kind) and not 0 <= kind < BUILTIN_KINDS:
+    if not isinstance(kind, Kind) and not 0 <= kind < len(BUILTIN_LAWS):
         raise ValueError(
-            f"a law of kind {kind} was given: built-in laws have the kinds 0 to {BUILTIN_KINDS - 1}; create a law with "
-            f"a function of stickslip.laws"
+            f"a law of kind {kind} was given: built-in laws have the kinds 0 to {len(BUILTIN_LAWS) - 1}; create a law "
+            f"with a function of stickslip.laws"
         )
 
 

@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...builtin_laws import NAMES
 from ...core.contacts.forces import forces
-from ...core.laws.builtin import COULOMB, DAMPING, KINDS, NO_TENSION, Law
+from ...core.laws.builtin import COULOMB, DAMPING, NO_TENSION, Law
 from ...core.laws.dispatch import Kind, describe_law, restore_kind
 from ...core.measure import branch_vectors, contact_forces, contact_numbers, touching
 from ...core.state import State
@@ -64,7 +65,7 @@ def law_to_dict(law: Law) -> dict:
     """Convert a law to names and numbers, which JSON stores to the last bit."""
     own = {"own": describe_law(law)} if isinstance(law.kind, Kind) else {}
     return own | {
-        "law": f"own {int(law.kind):x}" if own else KINDS[law.kind],
+        "law": f"own {int(law.kind):x}" if own else NAMES[law.kind],
         "coulomb": next(name for name, number in COULOMB.items() if number == law.coulomb),
         "damping": next(name for name, number in DAMPING.items() if number == law.damping & ~NO_TENSION),
         "tension": not law.damping & NO_TENSION,
@@ -78,7 +79,7 @@ def law_from_dict(words: dict) -> Law:
     if table.ndim != 3 or table.shape[0] != table.shape[1] or table.shape[2] < 5 or not np.isfinite(table).all():
         raise ValueError(f"a law's table of shape {table.shape}")
     damping = DAMPING[words["damping"]] + (0 if words["tension"] else NO_TENSION)
-    kind = restore_kind(int(words["own"]["digest"], 16), words["own"]) if "own" in words else KINDS.index(words["law"])
+    kind = restore_kind(int(words["own"]["digest"], 16), words["own"]) if "own" in words else NAMES.index(words["law"])
     return Law(kind, COULOMB[words["coulomb"]], table, damping)
 
 

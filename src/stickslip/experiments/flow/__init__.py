@@ -2,6 +2,7 @@
 
 from functools import partial
 
+from ...builtin_laws import BY_NAME
 from ...lazy import attach
 from ..experiment import Experiment, lazy_function
 from ..sources import law_references
@@ -13,7 +14,7 @@ _here = partial(lazy_function, __name__)
 def references(scenario: FlowScenario) -> dict[str, tuple[str, ...]]:
     """Return keys of references.bib, grouped by purpose."""
     law = scenario.law
-    dashpots = law.damping or ("viscoelastic" if law.kind.startswith("hertz_mindlin_reff") else "mass_velocity")
+    dashpots = law.damping or BY_NAME[law.kind].damping
     damped = law.restitution is not None or law.damping_n or law.damping_t
     more = ("Silbert2001",) if damped and dashpots != "velocity" else ()
     contact = law_references(law)

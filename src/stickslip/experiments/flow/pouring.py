@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...builtin_laws import BY_NAME
 from ...core.control import rigid
 from ...core.laws.builtin import (
     Law,
@@ -111,7 +112,7 @@ def flow_law(scenario: FlowScenario, radius, mass) -> Law:
         kn, kt = elastic_constants(chosen.young, chosen.poisson)
     else:
         kn, kt = chosen.kn, 2 / 7 * chosen.kn if chosen.kt is None else chosen.kt
-    damping = chosen.damping or ("viscoelastic" if chosen.kind.startswith("hertz_mindlin_reff") else "mass_velocity")
+    damping = chosen.damping or BY_NAME[chosen.kind].damping
     law = LAWS[chosen.kind](
         kn, kt, chosen.mu, coulomb=chosen.coulomb, damping=damping, damping_n=chosen.damping_n or 0.0,
         damping_t=chosen.damping_t or 0.0, tension=chosen.tension,

@@ -4,10 +4,11 @@ For plates and pouring, y points upwards; gravity is an arbitrary vector. Units 
 """
 
 from itertools import pairwise
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from ...builtin_laws import BY_NAME, NAMES
 from ...data.law_file import LawFile
 from ...data.schema import Duration, Finite, Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed, Several
 
@@ -17,6 +18,10 @@ Vector = Annotated[tuple[Finite, ...], Listed, Field(min_length=2, max_length=3)
 Knot = Annotated[tuple[Finite, Finite], Listed]
 Name = Annotated[str, Field(pattern=r"^[ .]*[\w+-][\w .+-]*$", max_length=40)]  # for tables, files and messages
 Names = Annotated[tuple[str, ...], Listed]
+if TYPE_CHECKING:
+    LawName = str
+else:
+    LawName = Literal[NAMES]
 
 
 class Shaking(ScenarioTable):
@@ -102,9 +107,7 @@ class Pour(ScenarioTable):
 class FlowLaw(LawFile):
     """Contact law: stiffness from k_n and k_t or elastic constants, damping from coefficients or a restitution."""
 
-    kind: Literal[
-        "hertz_mindlin", "hertz_mindlin_reff", "linear", "hertz_mindlin_rescaled", "hertz_mindlin_reff_rescaled"
-    ] = Field(
+    kind: LawName = Field(
         "linear",
         description="F_n = k_n δ^(3/2), k_n √R_eff δ^(3/2), or k_n δ; rescaled: slip shrinks as overlap decreases",
     )  # fmt: skip
@@ -142,7 +145,7 @@ class FlowLaw(LawFile):
             )
         if len(elastic) == 1:
             raise ValueError(f"law.{elastic[0]} was given alone: give young and poisson")
-        if elastic and not self.kind.startswith("hertz_mindlin_reff"):
+        if elastic and not BY_NAME[self.kind].uses_radius:
             raise ValueError(f'law.young was given with law.kind = {self.kind!r}: use kind = "hertz_mindlin_reff"')
         if not elastic and self.kn is None:
             raise ValueError("law.kn is missing: give it, or young and poisson")

@@ -9,7 +9,8 @@ from zipfile import BadZipFile
 import numpy as np
 from rich.table import Table
 
-from ...core.laws.builtin import COULOMB, DAMPING, KINDS, NO_TENSION, Law, damping_model, parameter_names
+from ...builtin_laws import NAMES
+from ...core.laws.builtin import COULOMB, DAMPING, NO_TENSION, Law, damping_model, parameter_names
 from ...core.laws.dispatch import Kind, find_user_law
 from ...core.measure import mean_normal_force, touching
 from ...core.state import State
@@ -186,7 +187,7 @@ def describe_law(law: Law) -> str:
         f"{name} = {value:.4g}" for name, value in zip(parameter_names(law), law.table[0, 0], strict=True) if value
     )
     damping = next(name for name, number in DAMPING.items() if number == law.damping & ~NO_TENSION)
-    name = find_user_law(law.kind).name if isinstance(law.kind, Kind) else KINDS[law.kind]
+    name = find_user_law(law.kind).name if isinstance(law.kind, Kind) else NAMES[law.kind]
     return f"{name}, {coulomb} Coulomb, {values}" + (f" ({damping})" if damping_model(law) else "")
 
 

@@ -1,0 +1,40 @@
+"""Table of built-in contact laws, in the order of their kinds; everything that lists or describes them reads it.
+
+A new law is one entry here, its scalar functions and its constructor in `core/laws/builtin.py`, and tests.
+"""
+
+from typing import NamedTuple
+
+
+class BuiltinLaw(NamedTuple):
+    """Properties of a built-in contact law."""
+
+    name: str
+    words: str  # for the command line
+    exponent: float  # of the overlap in the elastic normal force
+    sources: tuple[str, ...]  # keys of references.bib
+    uses_radius: bool = False  # stiffnesses contain √R_eff, so that k_n and k_t follow from elastic constants
+    rescales: bool = False  # slip shrinks as the overlap decreases
+
+    @property
+    def damping(self) -> str:
+        """Default damping model of scenarios."""
+        return "viscoelastic" if self.uses_radius else "mass_velocity"
+
+
+_HERTZ = "Hertz1882", "Mindlin1949", "Cundall1979"
+_ELASTIC = "Hertz1882", "Mindlin1953", "Silbert2001"
+BUILTIN_LAWS = (
+    BuiltinLaw("hertz_mindlin", "k δ^(3/2), as in papers 000 and 001", 1.5, _HERTZ),
+    BuiltinLaw("linear", "k δ, as in paper 002", 1.0, ("Cundall1979",)),
+    BuiltinLaw("hertz_mindlin_reff", "k √R δ^(3/2), as in LAMMPS", 1.5, _ELASTIC, uses_radius=True),
+    BuiltinLaw(
+        "hertz_mindlin_rescaled", "k δ^(3/2), slips shorten as overlaps fall", 1.5, (*_HERTZ, "LAMMPS"), rescales=True
+    ),
+    BuiltinLaw(
+        "hertz_mindlin_reff_rescaled", "as LAMMPS mindlin_rescale", 1.5, (*_ELASTIC, "LAMMPS"), uses_radius=True,
+        rescales=True,
+    ),
+)  # fmt: skip
+BY_NAME = {law.name: law for law in BUILTIN_LAWS}
+NAMES = tuple(BY_NAME)
