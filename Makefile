@@ -9,7 +9,7 @@ demo: $(STAMP)  ## install, run a quick version of paper 000, print how much is 
 	$(BIN)/stickslip reproduce disk-array --quick --overwrite --out results/disk-array-quick
 
 test: $(STAMP)  ## run the tests, under ten minutes on two cores
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --cov --cov-report= --cov-fail-under=80
 
 quick: $(STAMP)  ## run a fast subset of the tests during development: no slow fixtures, no other processes
 	$(BIN)/python -m pytest -n 2 --dist loadfile --quick

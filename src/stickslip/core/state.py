@@ -7,7 +7,6 @@ Two dimensions are three dimensions restricted to a plane: every vector has thre
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from .readable import pluralize, readable
 
@@ -220,8 +219,7 @@ def box(size=(1.0, 1.0, 1.0), periodic=(False, False, False), dim=3) -> Cell:
     return Cell(np.ascontiguousarray(vectors), np.array(periodic, bool), int(dim), np.zeros((3, 3)))
 
 
-@njit(cache=True)
-def empty_contacts(n_bodies, capacity, skin, bare=False, keyed=True):
+def empty_contacts(n_bodies: int, capacity: int, skin: float, bare=False, keyed=True) -> Contacts:
     """Empty list with room for `capacity` pairs, which the first evaluation of forces fills.
 
     `bare` omits `pair` and `roll`, which a run of many grains writes only at the end. `keyed=False` omits `key`.
@@ -238,7 +236,7 @@ def empty_contacts(n_bodies, capacity, skin, bare=False, keyed=True):
         np.zeros((anchors, 3)),
         np.zeros(c, np.bool_),
         np.full((n_bodies, 3), np.inf),
-        np.full(1, skin),
+        np.array([float(skin)]),
         np.zeros(1, np.int64),
         np.zeros((0, 7)),
     )

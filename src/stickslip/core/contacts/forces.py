@@ -4,7 +4,6 @@
 `sweep_contacts` works in place on the list it receives: a copy here, the stepper's own list in `run`.
 """
 
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +24,7 @@ from ..laws.builtin import (
     row,
     tangential_stiffness,
 )
-from ..laws.dispatch import as_numpy_integers
+from ..laws.dispatch import check_kind
 from ..readable import readable
 from ..state import OPEN, SLIDE, State, groups
 from .geometry import (
@@ -280,23 +279,16 @@ def _add_virial(kind, coulomb, dim, p, bodies, contacts, shift, out):
                     out[a, b] += f[a] * r[b]
 
 
-@cache
-def evaluation(kind: int, coulomb: int, dim: int, viscous: int):
-    """Compiled evaluation of all contacts for one law and dimension, with or without dashpots.
-
-    Numba's disk cache works for closures over integers, and the compiler removes the branches that they decide.
-    """
-    rescaled, (kind, coulomb) = rescaling_flag(kind), as_numpy_integers(kind, coulomb)
-
-    @njit(cache=True, fastmath=True, error_model="numpy")
-    def evaluate(bodies, contacts, shift, p, memory, force, torque, events, event_count):
-        still = (bodies.velocity, bodies.spin, 0.0)
-        sweep_contacts(
-            kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, still, force, torque, 0.0, events,
-            event_count, rescaled,
-        )  # fmt: skip
-
-    return evaluate
+@njit(cache=True, fastmath=True, error_model="numpy")
+def evaluate(
+    kind, coulomb, dim, viscous, bodies, contacts, shift, p, memory, force, torque, events, event_count, rescaled
+):  # fmt: skip
+    """Evaluate all contacts at rest. A single kernel serves all built-in laws, unlike those of the time loop."""
+    still = (bodies.velocity, bodies.spin, 0.0)
+    sweep_contacts(
+        kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, still, force, torque, 0.0, events, event_count,
+        rescaled,
+    )  # fmt: skip
 
 
 NO_EVENTS = np.zeros((0, len(EVENT_COLUMNS)))
@@ -339,9 +331,11 @@ def forces(state: State, law: Law, *, memory: int = FREE):
     )
     loads = ContactLoads(np.zeros((state.n_bodies, 3)), np.zeros((state.n_bodies, 3)), np.zeros((3, 3)))
     here, shift = bodies(state), shifts(trial, state.cell.vectors)
-    evaluation(law.kind, law.coulomb, state.cell.dim, damping_model(law))(
-        here, trial, shift, law.table, memory, loads.force, loads.torque, NO_EVENTS, np.zeros(1, np.int64)
-    )
+    check_kind(law.kind)
+    evaluate(
+        law.kind, law.coulomb, state.cell.dim, damping_model(law), here, trial, shift, law.table, memory, loads.force,
+        loads.torque, NO_EVENTS, np.zeros(1, np.int64), rescaling_flag(law.kind),
+    )  # fmt: skip
     if state.control.cell_free.any():
         _add_virial(law.kind, law.coulomb, state.cell.dim, law.table, here, trial, shift, loads.virial)
     return loads, trial

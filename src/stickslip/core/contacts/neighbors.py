@@ -66,75 +66,79 @@ class Bins(NamedTuple):
 _BINS_PER_REACH = 3  # along columns
 
 
-@njit(cache=True)
-def _lay_out_bins(low, high, n, grid, reach):
-    """Number of bins along each axis, bins to search on either side, and the bins reached by steps beyond them."""
-    number, around = np.ones(3, np.int64), np.zeros(3, np.int64)
-    most, span = np.int64(np.ceil((4.0 * n) ** (1 / 3))) + 1, (high - low) * grid.height
+def _lay_out_bins(span, n, periodic, reach):
+    """Number of bins along each axis, bins to search on either side, strides, and the bins reached by steps beyond."""
+    number, most = np.ones(3, np.int64), int(np.ceil((4.0 * n) ** (1 / 3))) + 1
     for k in range(3):
-        number[k] = np.int64(min(max(span[k] / reach * (_BINS_PER_REACH if k == 1 else 1), 1.0), 1e6))
-    while number[0] * number[1] * number[2] > 8 * n + most:
+        number[k] = min(max(span[k] / reach * (_BINS_PER_REACH if k == 1 else 1), 1.0), 1e6)
+    while number.prod() > 8 * n + most:
         number[np.argmax(number)] = (number.max() + 1) // 2
-    for k in range(3):
-        if span[k] > 0.0 and (grid.periodic[k] or number[k] > 1):
-            around[k] = np.int64(np.ceil(reach * number[k] / span[k]))
+    wide = (span > 0.0) & (periodic | (number > 1))
+    around = np.where(wide, np.ceil(reach * number / np.where(wide, span, 1.0)), 0.0).astype(np.int64)
     stride = np.array([number[1], 1, number[0] * number[1]])
     turn = np.full((3, (number + 2 * around).max()), -1)
     over = np.zeros_like(turn)
     for k in range(3):
-        for u in range(-around[k], number[k] + around[k]):
-            q = u // number[k]
-            if q == 0 or grid.periodic[k]:
-                turn[k, u + around[k]], over[k, u + around[k]] = (u - q * number[k]) * stride[k], q
+        step = np.arange(-around[k], number[k] + around[k])
+        boxes = step // number[k]
+        inside = (boxes == 0) | periodic[k]
+        turn[k, : len(step)] = np.where(inside, (step - boxes * number[k]) * stride[k], -1)
+        over[k, : len(step)] = np.where(inside, boxes, 0)
     return number, around, stride, turn, over
 
 
-@njit(cache=True, fastmath=False)
-def _sort_into_bins(x, n, radius, grid, reach):
-    """Sort all grains into bins in fractional coordinates."""
-    fraction, boxes, low, high = np.empty((n, 3)), np.zeros((n, 3), np.int32), np.full(3, np.inf), np.full(3, -np.inf)
-    for a in range(n):
+@njit(cache=True, fastmath=False, _nrt=False)
+def _wrap_positions(x, grid, fraction, box, low, high):
+    """Fractional coordinates of grains in box 0, the boxes in which they lie, and the range of the coordinates."""
+    for a in range(len(box)):
         for k in range(3):
             f = x[a, 0] * grid.inverse[0, k] + x[a, 1] * grid.inverse[1, k] + x[a, 2] * grid.inverse[2, k]
             if not abs(f) < 1e9:  # NaN touches nothing, whatever its bin
                 f = 0.0
             if grid.periodic[k]:
                 whole = np.floor(f)
-                boxes[a, k] = np.int32(whole)
+                box[a, k] = np.int32(whole)
                 f -= whole
             fraction[a, k] = f
             low[k], high[k] = min(low[k], f), max(high[k], f)
-    for k in range(3):
-        if grid.periodic[k]:
-            low[k], high[k] = 0.0, 1.0
-    number, around, stride, turn, over = _lay_out_bins(low, high, n, grid, reach)
-    scale = np.zeros(3)
-    for k in range(3):
-        if number[k] > 1:
-            scale[k] = number[k] / (high[k] - low[k])
-    bins = number[0] * number[1] * number[2]
-    place, start = np.empty(n, np.int32), np.zeros(bins + 2, np.int32)
-    for a in range(n):
+
+
+@njit(cache=True, fastmath=False, _nrt=False)
+def _fill_bins(x, radius, vectors, fraction, boxes, low, scale, stride, bins, place):
+    """Sort grains into bins; the start of each bin is counted two entries ahead and moves back as it is filled."""
+    number, start = bins.number, bins.start
+    for a in range(len(place)):
         at = np.int64(0)
         for k in range(3):
             at += min(max(np.int64((fraction[a, k] - low[k]) * scale[k]), 0), number[k] - 1) * stride[k]
         place[a] = at
         start[at + 2] += 1
-    for b in range(bins):
+    for b in range(len(start) - 2):
         start[b + 2] += start[b + 1]
-    member, wrapped, box = np.empty(n, np.int32), np.empty((n, 4)), np.empty((n, 3), np.int32)
-    for a in range(n):
+    for a in range(len(place)):
         e = start[place[a] + 1]
         start[place[a] + 1] = e + 1
-        member[e], wrapped[e, 3] = a, radius[a]
+        bins.member[e], bins.wrapped[e, 3] = a, radius[a]
         for m in range(3):
-            box[e, m], wrapped[e, m] = boxes[a, m], x[a, m]
+            bins.box[e, m], bins.wrapped[e, m] = boxes[a, m], x[a, m]
             for k in range(3):
-                wrapped[e, m] -= boxes[a, k] * grid.vectors[k, m]
-    return Bins(number, around, turn, over, start, member, wrapped, box)
+                bins.wrapped[e, m] -= boxes[a, k] * vectors[k, m]
 
 
-@njit(cache=True)
+def _sort_into_bins(x, n, radius, grid, reach) -> Bins:
+    """Sort all grains into bins in fractional coordinates."""
+    fraction, boxes, low, high = np.empty((n, 3)), np.zeros((n, 3), np.int32), np.full(3, np.inf), np.full(3, -np.inf)
+    _wrap_positions(x, grid, fraction, boxes, low, high)
+    low, high = np.where(grid.periodic, 0.0, low), np.where(grid.periodic, 1.0, high)
+    number, around, stride, turn, over = _lay_out_bins((high - low) * grid.height, n, grid.periodic, reach)
+    scale = np.where(number > 1, number / np.where(high > low, high - low, 1.0), 0.0)
+    start = np.zeros(number.prod() + 2, np.int32)
+    bins = Bins(number, around, turn, over, start, np.empty(n, np.int32), np.empty((n, 4)), np.empty((n, 3), np.int32))
+    _fill_bins(x, radius, grid.vectors, fraction, boxes, low, scale, stride, bins, np.empty(n, np.int32))
+    return bins
+
+
+@njit(cache=True, _nrt=False)
 def _columns_around(column, bins, vectors, base, boxes, push):
     """Find the first bins of the columns around a column, the boxes crossed, and the shifts of positions."""
     number, around, turn, over, known = bins.number, bins.around, bins.turn, bins.over, 0
@@ -149,10 +153,10 @@ def _columns_around(column, bins, vectors, base, boxes, push):
     return known
 
 
-@njit(cache=True)
-def _windows(high, around, turn, over):
+@njit(cache=True, _nrt=False)
+def _fill_windows(high, around, turn, over, bound, window):
     """Ranges of bins to search around each bin of a column: bounds in the list of first bin, end and boxes crossed."""
-    bound, window, known = np.zeros(high + 1, np.int64), np.empty((high * (2 * around + 1), 3), np.int64), 0
+    known = 0
     for w in range(high):
         for v in range(w, w + 2 * around + 1):
             if turn[v] >= 0:
@@ -162,10 +166,9 @@ def _windows(high, around, turn, over):
                     window[known, 0], window[known, 1], window[known, 2] = turn[v], turn[v] + 1, over[v]
                     known += 1
         bound[w + 1] = known
-    return bound, window
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def _sort(key, first, last):
     """Sort a short range by insertion."""
     for c in range(first + 1, last):
@@ -176,18 +179,41 @@ def _sort(key, first, last):
         key[d] = k
 
 
-@njit(cache=True)
-def _find_pairs(from_column, to_column, bins, x, radius, wall_normal, vectors, skin, key, at, end, first, many):
-    """Write the keys of all pairs of the grains in a range of columns to `key[at:]`, sorted for each grain.
+class Search(NamedTuple):
+    """Arrays for a search: allocated outside of kernels, which then compile faster."""
 
-    Returns the end of the keys, −1 if it would exceed `end`, or −2 if a pair is more boxes apart than a key can hold.
+    bound: np.ndarray  # (bins of a column + 1,)
+    window: np.ndarray  # (W, 3) see `_fill_windows`
+    base: np.ndarray  # (D,) first bin of each of D columns around one
+    boxes: np.ndarray  # (D, 2) boxes crossed along the first and third axis
+    push: np.ndarray  # (D, 3) shift of positions
+    hit: np.ndarray  # (H,) pairs of one grain
+
+
+def _start_search(bins: Bins, hits: int) -> Search:
+    high, columns = bins.number[1], np.prod(2 * bins.around[[0, 2]] + 1)
+    bound, window = np.zeros(high + 1, np.int64), np.empty((high * (2 * bins.around[1] + 1), 3), np.int64)
+    _fill_windows(high, bins.around[1], bins.turn[1], bins.over[1], bound, window)
+    return Search(
+        bound, window, np.empty(columns, np.int64), np.empty((columns, 2), np.int64), np.empty((columns, 3)),
+        np.empty(hits, np.int64),
+    )  # fmt: skip
+
+
+_FULL, _TOO_FAR, _MANY = -1, -2, -3
+
+
+@njit(cache=True, _nrt=False)
+def _find_pairs(bins, search, x, radius, wall_normal, vectors, skin, key, first, many):
+    """Write the keys of all pairs to `key`, sorted for each grain.
+
+    Returns the end of the keys; or _FULL if `key` is too short, _MANY if `search.hit` is, or _TOO_FAR if a pair is more
+    boxes apart than a key can hold.
     """
     n, start, member, wrapped, box = len(radius) - len(wall_normal), bins.start, bins.member, bins.wrapped, bins.box
-    high, ways = bins.number[1], (2 * bins.around[0] + 1) * (2 * bins.around[2] + 1)
-    bound, window = _windows(high, bins.around[1], bins.turn[1], bins.over[1])
-    base, boxes, push = np.empty(ways, np.int64), np.empty((ways, 2), np.int64), np.empty((ways, 3))
-    hit, wrong = np.empty(64, np.int64), np.int64(ways >> 16 << _IMAGE_BITS)
-    for column in range(from_column, to_column):
+    bound, window, base, boxes, push, hit = search
+    high, at, wrong = bins.number[1], np.int64(0), np.int64(len(base) >> 16 << _IMAGE_BITS)
+    for column in range(bins.number[0] * bins.number[2]):
         known = _columns_around(column, bins, vectors, base, boxes, push)
         for w in range(high):
             for e in range(start[column * high + w], start[column * high + w + 1]):
@@ -197,7 +223,7 @@ def _find_pairs(from_column, to_column, bins, x, radius, wall_normal, vectors, s
                     for r in range(known):
                         from_entry, to_entry = start[base[r] + window[p, 0]], start[base[r] + window[p, 1]]
                         if hits + to_entry - from_entry > len(hit):
-                            hit = np.append(hit, np.empty(len(hit) + to_entry - from_entry, np.int64))
+                            return _MANY
                         sx = wrapped[e, 0] - push[r, 0] - turns * vectors[1, 0]
                         sy = wrapped[e, 1] - push[r, 1] - turns * vectors[1, 1]
                         sz = wrapped[e, 2] - push[r, 2] - turns * vectors[1, 2]
@@ -208,8 +234,8 @@ def _find_pairs(from_column, to_column, bins, x, radius, wall_normal, vectors, s
                             # all are written and few are counted, which is cheaper than an unpredictable branch
                             hit[np.uint64(hits)] = code | np.int64(f)
                             hits += dx * dx + dy * dy + dz * dz < reach * reach
-                if at + hits + len(wall_normal) > end:
-                    return -1
+                if at + hits + len(wall_normal) > len(key):
+                    return _FULL
                 first[a], own = at, pack_key(a, a, 0, 0, 0)
                 for h in range(hits):
                     f, r = hit[h] & 0xFFFFFFFF, (hit[h] >> 32) & 0xFFFF
@@ -227,13 +253,13 @@ def _find_pairs(from_column, to_column, bins, x, radius, wall_normal, vectors, s
                         key[at] = pack_key(a, b, 0, 0, 0)
                         at += 1
                 many[a] = at - first[a]
-    return at if wrong >> _IMAGE_BITS == 0 else -2
+    return at if wrong >> _IMAGE_BITS == 0 else _TOO_FAR
 
 
-@njit(cache=True)
-def _fill_list(key, first, many, new):
-    """Fill a list from the keys of each grain, and return the first row of each grain."""
-    c, low, rows, keyed = 0, (1 << _IMAGE_BITS) - 1, np.empty(len(many) + 1, np.int64), len(new.key) > 0
+@njit(cache=True, _nrt=False)
+def _fill_list(key, first, many, new, rows):
+    """Fill a list from the keys of each grain, and `rows` with the first row of each grain."""
+    c, low, keyed = 0, (1 << _IMAGE_BITS) - 1, len(new.key) > 0
     for a in range(len(many)):
         rows[a] = c
         for at in range(first[a], first[a] + many[a]):
@@ -246,7 +272,6 @@ def _fill_list(key, first, many, new):
             new.image[c, 2] = (k & low) - _IMAGE_OFFSET
             c += 1
     rows[len(many)] = c
-    return rows
 
 
 @njit(cache=True, _nrt=False)
@@ -285,31 +310,6 @@ def moved_too_far(x, contacts) -> bool:
 
 
 @njit(cache=True)
-def _build_list(x, radius, wall_normal, grid, old):
-    """Build a list at positions x with the memory of the old one and the same optional arrays; count −1 on failure."""
-    n, skin = len(radius) - len(wall_normal), old.skin[0]
-    if len(old.skin) > 1:
-        skin += old.skin[1]
-    bins = _sort_into_bins(x, n, radius, grid, 2 * radius[:n].max() + skin)
-    columns, room = bins.number[0] * bins.number[2], 2 * max(old.count[0], 8 * len(x))
-    first, many = np.empty(n, np.int64), np.empty(n, np.int32)
-    while True:
-        key = np.empty(room, np.int64)
-        end = _find_pairs(0, columns, bins, x, radius, wall_normal, grid.vectors, skin, key, 0, room, first, many)
-        if end != -1:
-            break
-        room *= 2
-    new = empty_contacts(len(x), max(end, 0), skin, len(old.pair) < len(old.i), len(old.key) == len(old.i))
-    new.count[0] = max(end, -1)
-    for a in range(len(x)):  # assigning whole arrays takes seconds to compile, because of their error message
-        for m in range(3):
-            new.origin[a, m] = x[a, m]
-    if end > 0:
-        copy_memory(old, new, _fill_list(key, first, many, new))
-    return new
-
-
-@njit(cache=True)
 def pack_keys(contacts):
     """Keys of a list without keys."""
     key = np.empty(len(contacts.i), np.int64)
@@ -320,9 +320,27 @@ def pack_keys(contacts):
 
 
 def rebuild_list(x, radius, wall_normal, grid, old: Contacts) -> Contacts:
-    """Build a list of contacts at positions x with the memory of the old one; count −1 on failure."""
-    new = _build_list(x, radius, wall_normal, grid, old)
-    return copy_rolling_memory(old, new._replace(skin=old.skin.copy()))
+    """Build a list at positions x with the memory of the old one and the same optional arrays; count −1 on failure."""
+    n, skin = len(radius) - len(wall_normal), float(old.skin.sum())
+    bins = _sort_into_bins(x, n, radius, grid, 2 * radius[:n].max() + skin)
+    first, many = np.empty(n, np.int64), np.empty(n, np.int32)
+    search, room = _start_search(bins, 1024), 2 * max(int(old.count[0]), 8 * len(x))
+    while True:
+        key = np.empty(room, np.int64)
+        end = _find_pairs(bins, search, x, radius, wall_normal, grid.vectors, skin, key, first, many)
+        if end == _MANY:
+            search = search._replace(hit=np.empty(2 * len(search.hit), np.int64))
+        elif end == _FULL:
+            room *= 2
+        else:
+            break
+    new = empty_contacts(len(x), max(end, 0), 0.0, len(old.pair) < len(old.i), len(old.key) == len(old.i))
+    new = new._replace(origin=x.copy(), skin=old.skin.copy(), count=np.array([max(end, -1)]))
+    if end > 0:
+        rows = np.empty(n + 1, np.int64)
+        _fill_list(key, first, many, new, rows)
+        copy_memory(old, new, rows)
+    return copy_rolling_memory(old, new)
 
 
 def body_positions(state: State) -> np.ndarray:

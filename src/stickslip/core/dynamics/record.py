@@ -251,7 +251,7 @@ def _after(others, function, start: int, end: int):
 
 @njit
 def _write_observables(sample, row):
-    for m in range(len(row)):  # a loop instead of a whole array compiles faster, see `neighbors._build_list`
+    for m in range(len(row)):  # a loop instead of a whole array compiles faster: it has no error message
         row[m] = 0.0
 
 
