@@ -16,11 +16,6 @@ NAMESPACES = (
     "experiments", "experiments.disk_array", "experiments.sphere_shear", "experiments.quasi_rigid", "experiments.gouge",
     "experiments.flow", "experiments.rate_state", "io", "figures", "results", "ensemble",
 )  # fmt: skip
-CONSTANTS = {
-    "OPEN": "core.state", "STICK": "core.state", "SLIDE": "core.state", "FREE": "core.contacts.mechanics",
-    "HELD": "core.contacts.mechanics", "FROZEN": "core.contacts.mechanics", "BALANCED_BELOW": "solve.balance",
-    "EXPERIMENTS": "experiments.registry",
-}  # fmt: skip
 
 
 def full(namespace: str) -> str:
@@ -74,7 +69,7 @@ def entry(namespace: str, name: str) -> str:
     if callable(thing):
         return f".. autofunction:: {where}\n"
     value = "" if isinstance(thing, dict) else f"   :value: {thing!r}\n"
-    return f".. py:data:: {where}\n{value}\n   {marked(above(name))}\n"
+    return f".. py:data:: {where}\n{value}\n   {marked(above(namespace, name))}\n"
 
 
 def is_enum(thing) -> bool:
@@ -82,11 +77,24 @@ def is_enum(thing) -> bool:
     return inspect.isclass(thing) and issubclass(thing, Enum)
 
 
-def above(name: str) -> str:
-    """Return the comment above or after a constant."""
-    source = inspect.getsource(import_module(f"stickslip.{CONSTANTS[name]}"))
-    found = re.search(rf"((?:^#.*\n)*)^[A-Z, ]*\b{name}\b.* = [^#\n]*(#.*)?$", source, flags=re.M)
+def above(namespace: str, name: str) -> str:
+    """Return the comment above or after a constant, where it is defined."""
+    source = inspect.getsource(_source_module(full(namespace), name))
+    found = re.search(rf"((?:^#.*\n)*)^[A-Z_, ]*\b{name}\b.* = [^#\n]*(#.*)?$", source, flags=re.M)
     return " ".join(line.strip("# ") for line in (found[1] + (found[2] or "")).splitlines()) if found else ""
+
+
+def _source_module(place: str, name: str):
+    """Module that defines a name, found by following imports and stubs."""
+    module = import_module(place)
+    path = Path(module.__file__)
+    stub = path.with_suffix(".pyi")
+    for node in ast.parse((stub if stub.exists() else path).read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.ImportFrom) and name in [alias.asname or alias.name for alias in node.names]:
+            package = place.split(".") if path.stem == "__init__" else place.split(".")[:-1]
+            above = package[: len(package) - node.level + 1]
+            return _source_module(".".join([*above, *filter(None, [node.module])]), name)
+    return module
 
 
 def fields(thing) -> list[str]:

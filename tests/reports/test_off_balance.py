@@ -33,6 +33,16 @@ def words_of(text: str) -> str:
     return " ".join(text.split())
 
 
+def test_a_report_starts_with_the_verdict(tmp_path):
+    done = run("report", EXAMPLE, "--out", tmp_path / "r.html")
+    verdict = "oscillatory instability: 1 complex pair(s), the fastest with period 23.49 and e-folding time 4446"
+    assert words_of(done.stdout).startswith(verdict), done.stderr
+    text = (tmp_path / "r.html").read_text(encoding="utf-8")
+    assert text.index(f"O{verdict[1:]}.</p>") < text.index("<iframe")
+    found = json.loads(run("report", EXAMPLE, "--out", tmp_path / "s.html", "--json").stdout)
+    assert found["verdict"] == verdict
+
+
 def test_slips_left_out_end_with_a_code_of_their_own(without, tmp_path):
     done = run("stability", without(*MEMORY), cwd=tmp_path)
     words = words_of(done.stdout)

@@ -14,7 +14,7 @@ CHECKED = (*SCALAR, "unit/test_core.py", "unit/test_dynamics.py", "unit/test_rec
 
 
 def passes(files, tmp_path, **settings: str) -> None:
-    words = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--timeout", "900"]
+    words = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "--timeout", "900"]
     words += [str(ROOT / "tests" / file) for file in files]
     env = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)} | settings
     done = subprocess.run(words, cwd=ROOT, env=env, capture_output=True, text=True)

@@ -52,11 +52,13 @@ def report(
     words += [found.warning] if found.warning else []
 
     def show() -> None:
+        if found.verdict:
+            terminal.console.print(found.verdict)
         for line in words:
             terminal.console.print(line, style="yellow")
 
     finish(
-        lambda: json_output.common_fields("report", files=[path]) | {"notes": words}, [path], show, quiet=quiet,
+        lambda: json_output.common_fields("report", files=[path]) | {"verdict": found.verdict or None, "notes": words}, [path], show, quiet=quiet,
         as_json=as_json,
     )  # fmt: skip
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from .readable import pluralize, readable
 
-OPEN, STICK, SLIDE = 0, 1, 2
+OPEN, STICK, SLIDE = 0, 1, 2  # mode of a contact
 MAX_IN_CUBE = 100  # centres in a cube with edges of the smallest radius; it holds one if grains do not overlap
 COURSE_DTYPE = np.int16  # of column numbers; small, because there are nine per body
 

@@ -42,7 +42,7 @@ def with_value(tables: dict, key: str, value) -> dict:
 
     Examples
     --------
-    >>> put({"law": {"mu": 0.3, "kn": 1.0}}, "law.mu", 0.5)
+    >>> with_value({"law": {"mu": 0.3, "kn": 1.0}}, "law.mu", 0.5)
     {'law': {'mu': 0.5, 'kn': 1.0}}
     """
     return _with_value(tables, key.split("."), value, key)

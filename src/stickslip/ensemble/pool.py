@@ -127,7 +127,7 @@ def run_members(
 
 
 def trial(function: Callable, task: tuple, seconds: float) -> Member | None:
-    """Call function(*task) in a local process with a time limit [s]; None if it was exceeded."""
+    """Call a function with the arguments `task` in a local process with a time limit [s]; None if it was exceeded."""
     found = local.trial(pickle.dumps((function, task), protocol=5), seconds)
     members = []
     if found is not None:

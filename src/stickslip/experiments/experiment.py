@@ -40,7 +40,7 @@ class Experiment(NamedTuple):
 
     scenario: type[ScenarioBase]
     words: str  # one line for help and completion
-    simulate: Callable  # (scenario, *, folder, workers, report) -> result, with the scenario in `result.scenario`
+    simulate: Callable  # (scenario, folder=, workers=, report=) -> result, with the scenario in `result.scenario`
     numbers: Callable  # result -> contents of the archive
     measures: Callable  # result -> {name: (value, unit)}, the numbers of a sweep
     show: Callable  # result -> None; prints a summary

@@ -50,7 +50,7 @@ def listing(text: str) -> str:
 
 
 def paragraph(text: str, *, kind: str = "") -> str:
-    """Paragraph of plain text; `kind` is soft, warning, or absent (for something that is missing)."""
+    """Paragraph of plain text; `kind` is soft, verdict, warning, or absent (for something that is missing)."""
     return f'<p class="{escape(kind)}">{escape(text)}</p>'
 
 

@@ -53,6 +53,7 @@ class PageContent(NamedTuple):
     without: str = ""  # reason why there is no view in three dimensions
     warning: str = ""  # prominent warning: there is no equilibrium, or the packing was settled
     unjudged: str = ""  # reason why no mode of the frame `at` is an instability: its forces do not balance
+    verdict: str = ""  # sentence on the stability of a packing, if it was computed and can be judged
 
 
 def load_content(
@@ -261,7 +262,7 @@ def packing_content(
         state, calm = settled(state, law)
         words.append(f"settled: {calm.how}")
     n, facts = len(state.grains.radius), []
-    why, warning = "", str(calm) if calm else ""
+    why, warning, sentence = "", str(calm) if calm else "", ""
     if modes is None:
         try:
             found = analyse_stability(state, law, method=method, report=report)
@@ -269,7 +270,9 @@ def packing_content(
             raise RuntimeError(f"the spectrum could not be computed ({problem}): give --modes") from None
         # modes of a packing that is not in equilibrium are no instabilities, so none is shown
         mine, facts = growing_modes(found)[:MODES] if found.balanced else [], _verdict_rows(found, calm)
-        if not found.balanced:
+        if found.balanced:
+            sentence = verdict(found, calm)
+        else:
             why = found.verdict
             warning = f"{why}. Likely causes: {'; '.join(likely_causes(found, options, words))}. {REMEDY}."
     else:
@@ -287,7 +290,7 @@ def packing_content(
         drawn, caption = packing(state, law, mode=mine[0] if mine else None), "contacts"
         sections.append(("Figure", page.pictures({caption + (", and the fastest mode" if mine else ""): png(drawn)})))
     about = f"stickslip {__version__}, {archive.versions()}"
-    return PageContent(file.name, about, [frame], [""], 0, mine, sections, warning=warning, unjudged=why)
+    return PageContent(file.name, about, [frame], [""], 0, mine, sections, warning=warning, unjudged=why, verdict=sentence)
 
 
 def _count_modes(path: Path) -> int:
@@ -330,6 +333,8 @@ def write_page(shown: PageContent, path: Path, *, colour: str | None = None) -> 
             view = page.paragraph(f"The view in three dimensions is missing: {problem}.", kind="absent")
     warning = shown.warning[:1].upper() + shown.warning[1:]
     view = (page.paragraph(warning, kind="warning") if warning else "") + view
+    if shown.verdict:
+        view = page.paragraph(shown.verdict[:1].upper() + shown.verdict[1:] + ".", kind="verdict") + view
     first = [] if not shown.frames and not shown.without else [("View", view)]
     text = page.page(shown.title, shown.about, [*first, *shown.sections])
     with staged_file(path) as part:
@@ -341,6 +346,12 @@ HELP = (
     "Drag to rotate, scroll or pinch to zoom, drag with the right button to pan. Contacts across periodic boundaries "
     "lead out of the cell to the image of their second grain. Rotations are not drawn."
 )
+
+
+def _describe_growth(s: complex) -> str:
+    """Describe the growth rate and the period of a motion exp(s t)."""
+    growth = f"grows by e in {1 / s.real:.4g}" if s.real > 0 else f"growth rate {s.real:.3g}"
+    return f"period {2 * np.pi / abs(s.imag):.4g}, {growth}" if s.imag else growth
 
 
 def write_movie(
@@ -372,7 +383,7 @@ def write_movie(
         chosen = shown.modes[mode]
         frames = mode_frames(shown.frames[shown.at], *chosen, count=count, amplitude=amplitude)
         note = "; NOT IN EQUILIBRIUM" if shown.unjudged else "; settled packing" if shown.warning else ""
-        labels = [f"mode {mode}, s = {chosen[2]:.3g}{note}"] * len(frames)
+        labels = [f"mode {mode}, enlarged: {_describe_growth(chosen[2])}{note}"] * len(frames)
     colour = colour or ("speed" if mode is None else DISPLACEMENT)
     with staged_file(path) as part:
         film.movie(frames, part, labels=labels, mode=chosen, colour=colour, fps=fps, si=shown.si, report=report)
