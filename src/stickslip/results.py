@@ -15,8 +15,7 @@ from .core.dynamics.ledger import Ledger
 from .experiments.disk_array.simulate import DiskArrayResult
 from .experiments.flow.measures import Deposit, PlaneShear
 from .experiments.flow.pouring import Poured
-from .experiments.flow.simulate import FlowResult
-from .experiments.flow.simulate import Series as FlowSeries
+from .experiments.flow.simulate import FlowResult, FlowSeries
 from .experiments.gouge.simulate import GougeResult
 from .experiments.quasi_rigid.simulate import QuasiResult
 from .experiments.rate_state.simulate import SliderResult

@@ -57,10 +57,10 @@ def report(
         for line in words:
             terminal.console.print(line, style="yellow")
 
-    finish(
-        lambda: json_output.common_fields("report", files=[path]) | {"verdict": found.verdict or None, "notes": words}, [path], show, quiet=quiet,
-        as_json=as_json,
-    )  # fmt: skip
+    def as_object() -> dict:
+        return json_output.common_fields("report", files=[path]) | {"verdict": found.verdict or None, "notes": words}
+
+    finish(as_object, [path], show, quiet=quiet, as_json=as_json)
 
 
 @app.command(epilog=MOVIE, short_help="Write a movie of a run or a mode, GIF or MP4.")

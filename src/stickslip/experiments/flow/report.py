@@ -10,7 +10,7 @@ from ...figures import flow as figures_of
 from ..run_folder import SERIES, archive_fields
 from ..terminal import STYLE, console
 from .measures import deposit, plane_shear, profile_deviation, velocity_profile
-from .simulate import FlowResult, Series
+from .simulate import FlowResult, FlowSeries
 
 
 def figures(result: FlowResult):
@@ -55,7 +55,7 @@ def _write_series(result: FlowResult, path: Path) -> None:
     """Write one row per sample, with a header; vectors have columns _x, _y, _z, walls and plates have their names."""
     series, columns = result.series, {}
     bodies = {"wall": result.poured.walls, "plate": tuple(result.poured.plates)}
-    for name in Series._fields:
+    for name in FlowSeries._fields:
         values, kind = getattr(series, name), name.split("_")[0]
         if kind in bodies:
             for k, body in enumerate(bodies[kind]):

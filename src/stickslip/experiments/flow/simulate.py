@@ -27,7 +27,7 @@ ENCLOSED = 0.99  # fraction of the grains below `high`, and above `low`
 
 
 @readable
-class Series(NamedTuple):
+class FlowSeries(NamedTuple):
     """Time series with T rows: of the poured grains, W walls and P plates, in the order of the scenario."""
 
     time: np.ndarray  # (T,) [time]
@@ -66,7 +66,7 @@ class FlowResult(NamedTuple):
     law: Law
     poured: Poured
     stages: tuple[StageEnd, ...]
-    series: Series
+    series: FlowSeries
     edges: np.ndarray  # (BINS + 1,) heights of the bin edges of the profile [length]
     frames: tuple[State, ...]  # at the start, at the ends of stages, and in between
     frame_walls: tuple[tuple[str, ...], ...]  # names of the walls that each frame still has
@@ -78,7 +78,7 @@ class Piece(NamedTuple):
     stage: int
     begin: float  # of the stage [time]
     samples: int  # finished samples of the stage
-    rows: dict[str, np.ndarray]  # columns of `Series`
+    rows: dict[str, np.ndarray]  # columns of `FlowSeries`
     state: State
     frame: bool  # whether the state is a frame of the result
     end: StageEnd | None  # of the stage, if it is finished
@@ -114,7 +114,7 @@ def simulate_flow(
     for number in range(len(scenario.stages)):
         if not any(piece.end for piece in pieces if piece.stage == number):
             _run_stage(scenario, start, number, pieces, keep, threads, report)
-    series = Series(*(np.concatenate([piece.rows[name] for piece in pieces]) for name in Series._fields))
+    series = FlowSeries(*(np.concatenate([piece.rows[name] for piece in pieces]) for name in FlowSeries._fields))
     shown = [piece for piece in pieces if piece.frame]
     walls = [stage_conditions(scenario, [0.0] * (piece.stage + 1)).walls for piece in shown]
     return FlowResult(
@@ -146,7 +146,7 @@ def _run_stage(scenario: FlowScenario, start: Poured, number: int, pieces: list[
         frame = over or (total + k + 1 - done) % every == 0
         if frame or time.monotonic() - saved > SAVE_EVERY:
             end = StageEnd(stage.name, begin, state.time, rests if stage.until else None) if over else None
-            columns = {name: np.array([row[name] for row in rows]) for name in Series._fields}
+            columns = {name: np.array([row[name] for row in rows]) for name in FlowSeries._fields}
             keep(Piece(number, begin, k + 1, columns, state, frame, end))
             rows, saved = [], time.monotonic()
         report(stage.name, (k + 1) / count, f"{words}, {sum(piece.frame for piece in pieces)} frames saved")

@@ -290,7 +290,9 @@ def packing_content(
         drawn, caption = packing(state, law, mode=mine[0] if mine else None), "contacts"
         sections.append(("Figure", page.pictures({caption + (", and the fastest mode" if mine else ""): png(drawn)})))
     about = f"stickslip {__version__}, {archive.versions()}"
-    return PageContent(file.name, about, [frame], [""], 0, mine, sections, warning=warning, unjudged=why, verdict=sentence)
+    return PageContent(
+        file.name, about, [frame], [""], 0, mine, sections, warning=warning, unjudged=why, verdict=sentence
+    )
 
 
 def _count_modes(path: Path) -> int:
