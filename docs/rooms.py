@@ -5,6 +5,7 @@ leads from a room to one that it imports. Imports that follow from others (A nee
 are the modules of the last row, which any room may import.
 """
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -20,7 +21,7 @@ def layers() -> list[list[str]]:
     """Rooms by layer, from the top, as the import contract has them."""
     contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
     rows = next(c["layers"] for c in contracts if c["type"] == "layers")
-    return [row.replace(" ", "").split("|") for row in rows]
+    return [re.split("[|:]", row.replace(" ", "")) for row in rows]
 
 
 def imports(rows: list[list[str]]) -> set[tuple[str, str]]:

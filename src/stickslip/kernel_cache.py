@@ -26,7 +26,10 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from numba.core import event
 from numba.core.caching import Cache, CacheImpl, IndexDataCacheFile, _CacheLocator
+
+from . import compilation
 
 _PACKAGE = Path(__file__).parent
 _CONFIG: Any = numba.config
@@ -302,10 +305,30 @@ def _save_overload(self, sig, data, save=Cache.save_overload):
         save(self, sig, data)
 
 
+class _CompileListener(event.Listener):
+    """Announces the compilation of a kernel of this package; functions that it calls are compiled within it."""
+
+    depth, ours = 0, False
+
+    def on_start(self, event) -> None:
+        self.depth += 1
+        function = event.data["dispatcher"].py_func
+        if self.depth == 1 and function.__module__.startswith("stickslip."):
+            self.ours = True
+            compilation.start(f"{function.__module__.removeprefix('stickslip.')}.{function.__name__}")
+
+    def on_end(self, event) -> None:
+        self.depth -= 1
+        if self.depth == 0 and self.ours:
+            self.ours = False
+            compilation.end()
+
+
 def install() -> None:
-    """Let Numba find kernels of this package here, and repair damaged files, in this process."""
+    """Let Numba find kernels of this package here, announce those that it compiles, and repair damaged files."""
     if _Locator not in CacheImpl._locator_classes:
         CacheImpl._locator_classes.insert(0, _Locator)
+        event.register("numba:compile", _CompileListener())
     for kind, name, method in (
         (Cache, "save_overload", _save_overload), (IndexDataCacheFile, "save", _save),
         (IndexDataCacheFile, "_load_index", _load_index), (IndexDataCacheFile, "_load_data", _load_data),

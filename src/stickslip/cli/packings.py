@@ -117,10 +117,9 @@ def stability(
     if modes or not as_json:
         stability_report.check_modes(shapes, file, asked=modes is not None)
     with terminal.console_output(quiet=quiet, as_json=as_json):
-        (state, its_law, words), said = capture_warnings(read_packing, file, **options)
-        words = [*words, *said]
         with terminal.progress(transient=True) as tell:
-            calm = None
+            (state, its_law, words), said = capture_warnings(read_packing, file, **options)
+            words, calm = [*words, *said], None
             if settle:
                 state, calm = stability_report.settled(state, its_law)
                 words.append(f"settled: {calm.how}")

@@ -19,6 +19,7 @@ import traceback
 from contextlib import suppress
 
 from .. import __version__
+from ..compilation import WORDS, announced_to
 
 DONE, FAILED, SAID = 0, 1, 2
 ONE_CORE = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
@@ -180,19 +181,24 @@ def _listen(stream, asked) -> None:
 def _run_task(packed: bytes, more: tuple) -> tuple:
     try:
         function, task = pickle.loads(packed)
-        return DONE, pickle.dumps(function(*task, *more), protocol=5)
+        with announced_to(lambda kernel: [tell(None, WORDS) for tell in more if kernel]):
+            return DONE, pickle.dumps(function(*task, *more), protocol=5)
     except Exception as problem:
         return FAILED, describe_error(problem)
 
 
 def _make_reporter(out, pause: float):
-    """Return tell(share, words), which sends the first message, and later ones only after a pause."""
-    last = -math.inf
+    """Return tell(share, words), which sends the first message, and later ones only after a pause.
 
-    def tell(share: float, words: str) -> None:
-        nonlocal last
+    With None the share is the one reported before.
+    """
+    last, known = -math.inf, 0.0
+
+    def tell(share: float | None, words: str) -> None:
+        nonlocal last, known
+        known = known if share is None else float(share)
         if time.monotonic() - last >= pause:
             last = time.monotonic()
-            _send(out, pickle.dumps((SAID, float(share), str(words))))
+            _send(out, pickle.dumps((SAID, known, str(words))))
 
     return tell

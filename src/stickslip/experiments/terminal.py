@@ -10,6 +10,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Column
 from rich.text import Text
 
+from .. import compilation
+
 console = Console(soft_wrap=False, markup=False, highlight=False)  # paths and names are printed verbatim
 
 WIDE = 110  # columns from which on a stage and its text share a line
@@ -78,7 +80,7 @@ def progress(*, transient: bool = False):
         def update(stage: str, share: float, words: str, left: float | None = None) -> None:
             if stage not in stages:
                 for task in stages.values():
-                    bar.update(task, completed=1.0, left="")
+                    bar.update(task, total=1.0, completed=1.0, left="")
                 stages[stage] = bar.add_task(stage, total=1.0, words=words, left="")
             task, spent = stages[stage], bar.tasks[stages[stage]].elapsed or 0.0
             if left is None and 0 < share < 1 and spent > 2:
@@ -87,9 +89,20 @@ def progress(*, transient: bool = False):
             if plain_line:
                 plain_line(stage, share, words, left)
 
-        yield update
+        def compiling(kernel: str | None) -> None:
+            if compilation.WORDS not in stages:
+                stages[compilation.WORDS] = bar.add_task(compilation.WORDS, total=None, words="", left="")
+            task = stages[compilation.WORDS]
+            if kernel and bar.tasks[task].finished:
+                bar.reset(task, total=None)
+            bar.update(task, words=kernel or "")
+            if plain_line and kernel:
+                plain_line(compilation.WORDS, 0.0, kernel, None)
+
+        with compilation.announced_to(compiling):
+            yield update
         for task in stages.values():
-            bar.update(task, completed=1.0, left="")
+            bar.update(task, total=1.0, completed=1.0, left="")
 
 
 def _plain_progress(transient: bool):

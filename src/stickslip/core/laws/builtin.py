@@ -255,7 +255,7 @@ def rescaling_flag(kind: int) -> bool | None:
 
     Kernels of all other laws are therefore identical, bit for bit, to kernels without support for rescaling.
     """
-    return True if rescales(kind) else None
+    return True if kind in RESCALED and not isinstance(kind, Kind) else None  # in Python: nothing is compiled
 
 
 @by_kind

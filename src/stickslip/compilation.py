@@ -1,0 +1,38 @@
+"""Announcement of kernels while they are compiled, to the logger `stickslip` and to displays of progress."""
+
+import logging
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+WORDS = "compiling kernels, once per installation"
+
+_LOG = logging.getLogger("stickslip")
+_LOG.addHandler(logging.NullHandler())
+_listeners: list[Callable[[str | None], None]] = []
+_compiled: list[str] = []  # by this process
+
+
+@contextmanager
+def announced_to(listener: Callable[[str | None], None]) -> Iterator[None]:
+    """Call listener(name of a kernel) when its compilation starts, and listener(None) when it ends."""
+    _listeners.append(listener)
+    try:
+        yield
+    finally:
+        _listeners.remove(listener)
+
+
+def start(name: str) -> None:
+    """Announce that a kernel is being compiled."""
+    if not _compiled:
+        _LOG.info("%s: each kind of computation takes some seconds the first time", WORDS)
+    _LOG.debug("compiling %s", name)
+    _compiled.append(name)
+    for listener in _listeners:
+        listener(name)
+
+
+def end() -> None:
+    """Announce that a kernel has been compiled."""
+    for listener in _listeners:
+        listener(None)
