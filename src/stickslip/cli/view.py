@@ -33,7 +33,7 @@ def report(
     ] = None,
     modes: Modes = None,
     settle: Settle = False,
-    colour: Annotated[str | None, typer.Option("--colour", help="Quantity that colours the grains at first.")] = None,
+    colour: Annotated[str | None, typer.Option("--colour", help="Quantity that initially colours the grains.")] = None,
     overwrite: OverwriteFile = False,
     quiet: Quiet = False,
     as_json: AsJson = False,

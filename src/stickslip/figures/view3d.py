@@ -155,7 +155,7 @@ def _mode_data(mode: Mode, frame: Frame) -> dict:
 
 
 def _choose_quantity(data: dict, colour: str | None) -> int:
-    """Index of the quantity that colours the grains at first."""
+    """Index of the quantity that initially colours the grains."""
     names = [a["name"] for a in data["quantities"]]
     if colour is not None and colour not in names:
         raise ValueError(f"colour {colour!r} was requested: these grains have {', '.join(names)}")

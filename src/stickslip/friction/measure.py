@@ -94,7 +94,7 @@ def healing(hold, excess) -> Healing:
     if hold.shape != excess.shape or hold.ndim != 1 or len(np.unique(hold)) < 3:
         raise ValueError(f"{len(np.unique(hold))} different holds were given: a fit with an interval needs three")
     if not (np.isfinite(excess).all() and (hold > 0).all() and np.isfinite(hold).all()):
-        raise ValueError("holds must be positive and finite, and peaks must be finite: leave others out")
+        raise ValueError("holds must be positive and finite, and peaks must be finite: leave out all others")
     x = np.log(hold) - np.log(hold).mean()
     slope = float(x @ excess / (x @ x))
     rest = excess - excess.mean() - slope * x

@@ -224,7 +224,7 @@ def _contacts_of_bodies(matrix: LinearSystem) -> np.ndarray:
 
 
 def _dragged_bodies(search: _Search, velocity: np.ndarray, loose: np.ndarray, gone: np.ndarray) -> np.ndarray:
-    """(B,) mask of released bodies with contacts that close although the bodies follow their neighbours."""
+    """(B,) mask of released bodies that have closing contacts, even though they follow their neighbours."""
     matrix, ours = search.matrix, search.ours
     if not len(loose):
         return np.zeros(len(ours), bool)

@@ -118,7 +118,7 @@ class _PairRows:
         return _transpose(self.builder, *(self.builder.fsub(*row) for row in rows))
 
     def rotations(self, levers, rows):
-        """Planes of R_i ω_i + R_j ω_j."""
+        """Planes of the vectors R_i ω_i + R_j ω_j, one for each component."""
         return _transpose(
             self.builder, *(_sum_rotations(self.builder, *both) for both in zip(levers, rows, strict=True))
         )

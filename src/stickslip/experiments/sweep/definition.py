@@ -193,7 +193,7 @@ def _read_options(table: dict) -> tuple[str, int | None, int]:
     if mode == "sample" and number is None:
         raise ScenarioError('sweep.mode = "sample" needs the number of points: give sweep.number')
     if mode == "grid" and number is not None:
-        raise ScenarioError("sweep.number is only for zip and sample: in a grid, give each distribution its number")
+        raise ScenarioError("sweep.number is only for zip and sample: in a grid, give each distribution its own number")
     return mode, number, _check_integer("sweep.draw_seed", seed, 0)
 
 
