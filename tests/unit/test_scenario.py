@@ -107,3 +107,8 @@ def test_archive_that_fails_leaves_the_old_file(tmp_path):
     path.write_text("not HDF5")
     with pytest.raises(ValueError, match="not an archive"):
         archive.read(path)
+
+
+def test_a_misspelt_table_is_named_before_what_is_missing():
+    with pytest.raises(ScenarioError, match=r"a scenario has no key 'grain': did you mean 'grains'\?"):
+        scenario(experiment="gouge", grain={"number": 10})

@@ -66,8 +66,9 @@ class ScenarioBase(ScenarioTable):
 
 
 def error_message(problem: ValidationError, kind: type[BaseModel]) -> str:
-    """Message about the first error: the key, the value that was given, and what is allowed."""
-    first = problem.errors()[0]
+    """Message about an unknown key, else about the first error: the value that was given, and what is allowed."""
+    errors = problem.errors()
+    first = next((one for one in errors if one["type"] == "extra_forbidden"), errors[0])
     if first["type"] == "extra_forbidden":
         return unknown_key(first["loc"], kind)
     keys, _, entry = _locate(first["loc"], kind)
