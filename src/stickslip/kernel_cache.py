@@ -313,9 +313,10 @@ class _CompileListener(event.Listener):
     def on_start(self, event) -> None:
         self.depth += 1
         function = event.data["dispatcher"].py_func
-        if self.depth == 1 and function.__module__.startswith("stickslip."):
+        module = function.__module__ or ""  # a function from a string has none
+        if self.depth == 1 and module.startswith("stickslip."):
             self.ours = True
-            compilation.start(f"{function.__module__.removeprefix('stickslip.')}.{function.__name__}")
+            compilation.start(f"{module.removeprefix('stickslip.')}.{function.__name__}")
 
     def on_end(self, event) -> None:
         self.depth -= 1

@@ -31,6 +31,33 @@ def test_units_separators_and_comments(tmp_path):
     assert np.allclose(read_csv(tabs).load_point, 1e-5 * np.arange(12))
 
 
+def test_decimal_commas_parentheses_and_files_of_windows(tmp_path):
+    rows = [f"{k},5;{k / 10};-0,{k:02}e1" for k in range(12)]
+    path = written(tmp_path / "a.csv", "time (s); load_point (µm); friction", rows, encoding="cp1252")
+    found = read_csv(path)
+    assert np.allclose(found.time, np.arange(12) + 0.5)
+    assert np.allclose(found.load_point, 1e-7 * np.arange(12))
+    assert np.allclose(found.friction, -0.1 * np.arange(12))
+    with pytest.raises(ValueError, match="not a number"):
+        read_csv(written(tmp_path / "b.csv", HEAD.replace(",", ";"), ["1.234,5;1;1", *["1;2;3"] * 11]))
+
+
+def test_rows_with_empty_cells_are_left_out_and_told(tmp_path):
+    path = written(tmp_path / "a.csv", HEAD + ", note", [f"{row}, " for row in [*ROWS, "12, , 0.6", "13, 130, "]])
+    with pytest.warns(UserWarning, match="2 of 14 rows have an empty cell and are left out, the first is line 14"):
+        found = read_csv(path)
+    assert len(found.time) == 12
+
+
+def test_files_without_headers_need_the_numbers_of_columns(tmp_path):
+    path = written(tmp_path / "a.csv", ROWS[0], ROWS[1:])
+    found = read_csv(path, columns={"time": 0, "load_point [um]": 1, "friction": 2})
+    assert np.allclose(found.load_point, 1e-5 * np.arange(12))
+    assert np.allclose(read_csv(path, columns={"time": 0, "load_point": 1, "mu": 2}).load_point, 10.0 * np.arange(12))
+    with pytest.raises(ValueError, match="column 3 was given for 'mu': the file has columns 0 to 2"):
+        read_csv(path, columns={"time": 0, "load_point": 1, "mu": 3})
+
+
 def test_what_is_written_is_read_and_fitted(tmp_path):
     legs = velocity_steps([1e-6, 1e-5, 1e-6], distance=2e-4)
     rs, times = RateState(0.010, 0.006, 1e-5, 0.6, 1e-6), np.unique(np.r_[np.linspace(0, 420, 2001), 200.0, 220.0])

@@ -4,6 +4,9 @@ import logging
 import subprocess
 import sys
 
+import pytest
+from numba import njit
+
 from stickslip import compilation
 from stickslip.experiments import terminal
 
@@ -49,3 +52,10 @@ def test_progress_shows_the_kernel_that_is_compiled(capsys, monkeypatch, caplog)
     assert len(caplog.records) == 1
     compilation.start("core.c")  # nobody listens any more
     compilation.end()
+
+
+def test_functions_of_no_module_are_no_kernels_of_ours():
+    space = {"__name__": None}
+    exec("def f(x):\n    return x + 1", space)
+    with compilation.announced_to(lambda kernel: pytest.fail(str(kernel))):
+        assert njit(space["f"])(1) == 2

@@ -37,6 +37,9 @@ def fit(
     ] = None,
     detrend: Annotated[bool, typer.Option("--detrend", help="Also fit a trend, linear in displacement.")] = False,
     normal: Annotated[bool, typer.Option("--normal", help="Include measured changes of normal stress.")] = False,
+    columns: Annotated[
+        str | None, typer.Option("--columns", help="Columns of a file without headers, as in 'time=0,friction=3'.")
+    ] = None,
     out: Out = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier fit in the folder.")] = False,
     quiet: Quiet = False,
@@ -50,6 +53,7 @@ def fit(
     found = fit_report.fit_record(
         file, laws=("aging", "slip") if law == "both" else (law,), stiffness=stiffness, free_stiffness=free_stiffness,
         v0=v0, before=before, detrend=detrend, normal=normal, out=out, overwrite=overwrite,
+        columns=columns,
     )  # fmt: skip
     paths = fit_report.write(out, found) if out else []
     if as_json:

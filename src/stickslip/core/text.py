@@ -8,12 +8,13 @@ _SAMPLE_BYTES = 64  # bytes examined to detect text with two bytes per letter
 _MAX_DIGITS = 40  # of a whole number in a file; valid ones have at most twenty
 
 
-def read_text(path: str | Path, *, remedy: str) -> str:
+def read_text(path: str | Path, *, remedy: str, fallback: str | None = None) -> str:
     r"""Read a text file, with line endings converted to \n.
 
     Parameters
     ----------
     remedy : what to do if the file is not text, for the error message
+    fallback : encoding of files that are not UTF-8, such as "cp1252"; by default they are refused
 
     Raises
     ------
@@ -30,6 +31,8 @@ def read_text(path: str | Path, *, remedy: str) -> str:
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
+        if fallback:
+            return content.decode(fallback, errors="replace").replace("\r\n", "\n").replace("\r", "\n")
         raise ValueError(f"{path} is not a text file in UTF-8: {remedy}") from None
     return text.replace("\r\n", "\n").replace("\r", "\n")
 

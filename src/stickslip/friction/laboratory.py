@@ -1,6 +1,8 @@
 """Laboratory records as CSV files with units in their headers, converted to metres and seconds on reading."""
 
 import csv
+import re
+import warnings
 from pathlib import Path
 from typing import NamedTuple
 
@@ -27,6 +29,7 @@ COLUMNS = {
     "theta": (TIME, ("theta", "state")),
 }
 LEAST = 10  # rows
+_DECIMAL_COMMA = re.compile(r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$")
 
 
 @readable
@@ -42,13 +45,19 @@ class LabRecord(NamedTuple):
     theta: np.ndarray | None = None
 
 
-def read_csv(path: str | Path) -> LabRecord:
+def read_csv(path: str | Path, *, columns: dict[str, int] | None = None) -> LabRecord:
     """Read a record from a CSV file.
 
-    The file has one row of headers such as `time [s], load_point [um], friction [-]`, followed by numbers. Required
-    columns are time; friction, or shear_stress and normal_stress; load_point, or velocity (of slip). Optional columns
-    are slip and theta; others are ignored. Separators are commas, semicolons or tabs. Lines that start with # are
-    comments.
+    The file has one row of headers such as `time [s], load_point [um], friction [-]`, followed by numbers; units may
+    also be in parentheses. Required columns are time; friction, or shear_stress and normal_stress; load_point, or
+    velocity (of slip). Optional columns are slip and theta; others are ignored. Separators are commas, semicolons or
+    tabs; with the last two, numbers may have decimal commas. Lines that start with # are comments. Files that are not
+    UTF-8 are read as Windows-1252. Rows with an empty cell in a column that is used are left out, with a warning.
+
+    Parameters
+    ----------
+    columns : for a file without headers: number of each column, counted from 0, by its header, as in
+        {"time": 0, "load_point [um]": 1, "friction": 3}; without a unit it is in metres, seconds or pascals
 
     Raises
     ------
@@ -56,9 +65,18 @@ def read_csv(path: str | Path) -> LabRecord:
         with one sentence that names the wrong column, unit or line, and what is allowed.
     """
     path = Path(path)
-    header, rows = _read_table(path)
-    found = _match_columns(path, header)
+    header, rows = _read_table(path, columns)
+    found = _match_columns(path, header, si=columns is not None)
     _check_columns(path, found)
+    full = [row for row in rows if all(row[1][k] for k, _ in found.values())]
+    if len(full) < len(rows):
+        first = next(number for number, fields in rows if not all(fields[k] for k, _ in found.values()))
+        warnings.warn(
+            f"{path}: {len(rows) - len(full)} of {len(rows)} rows have an empty cell and are left out, the first is "
+            f"line {first}",
+            stacklevel=2,
+        )
+    rows = full
     if len(rows) < LEAST:
         raise ValueError(f"{path} has {len(rows)} rows of numbers: give at least {LEAST}")
     values = {name: np.array([_parse_number(path, row, k, name) for row in rows]) for name, (k, _) in found.items()}
@@ -118,15 +136,15 @@ def record_data(record: LabRecord, *, before: float | None = None, normal: bool 
     return Data(time, record.friction, legs, before=before)
 
 
-def _read_table(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
+def _read_table(path: Path, columns: dict[str, int] | None) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """Read the fields of the header, and the line number and fields of each row."""
-    text = read_text(path, remedy="give a CSV file")
+    text = read_text(path, remedy="give a CSV file", fallback="cp1252")
     lines = [(k, line) for k, line in enumerate(text.splitlines(), start=1) if line.strip() and line.lstrip()[0] != "#"]
     if not lines:
         raise ValueError(
             f"{path} contains no data: give a header such as 'time [s], load_point [um], friction [-]' and rows"
         )
-    mark = max(",;\t", key=lines[0][1].count)
+    mark = next((mark for mark in ";\t" if mark in lines[0][1]), ",")  # commas may be decimal ones
     rows = csv.reader((line for _, line in lines), delimiter=mark, skipinitialspace=True)
     try:
         split = [[field.strip() for field in row] for row in rows]
@@ -140,22 +158,34 @@ def _read_table(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
             raise ValueError(
                 f"{path}, line {number}, has {len(row)} fields but the header has {width}: correct the line"
             )
-    return split[0], [(number, row) for (number, _), row in zip(lines[1:], split[1:], strict=True)]
+    if mark != ",":
+        split = [[_DECIMAL_COMMA.sub(r"\1.\2", field) for field in row] for row in split]
+    rows = [(number, row) for (number, _), row in zip(lines, split, strict=True)]
+    if columns is None:
+        return split[0], rows[1:]
+    header = [""] * width
+    for name, k in columns.items():
+        if not 0 <= k < width:
+            raise ValueError(f"{path}: column {k} was given for {name!r}: the file has columns 0 to {width - 1}")
+        header[k] = name
+    return header, rows
 
 
-def _match_columns(path: Path, header: list[str]) -> dict[str, tuple[int, float]]:
+def _match_columns(path: Path, header: list[str], *, si: bool) -> dict[str, tuple[int, float]]:
     """Positions of known columns, and their factors to metres, seconds and pascals."""
     found = {}
     for k, field in enumerate(header):
-        word, _, rest = field.partition("[")
-        word, unit = word.strip().lower().replace(" ", "_").replace("-", "_"), rest.rstrip("] ").strip()
+        word, _, rest = field.replace("(", "[").partition("[")
+        word, unit = word.strip().lower().replace(" ", "_").replace("-", "_"), rest.rstrip("]) ").strip()
         name = next((name for name, (_, aliases) in COLUMNS.items() if word in aliases), None)
         if name is None:
             continue
         if name in found:
             raise ValueError(f"{path} has two columns for {name}: keep one")
         units = COLUMNS[name][0]
-        if not rest and units is not NUMBER:
+        if not rest and si:
+            unit = next(iter(units)) if units is not STRESS else "Pa"
+        elif not rest and units is not NUMBER:
             raise ValueError(f"{path}: column {word!r} has no unit: write it as '{word} [{next(iter(units))}]'")
         known = unit.lower() if units is STRESS else unit.replace(" ", "")
         if known not in units:

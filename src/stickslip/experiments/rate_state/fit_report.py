@@ -32,14 +32,14 @@ class RecordFits(NamedTuple):
 
 def fit_record(
     file: Path, *, laws, stiffness: float | None, free_stiffness: bool, v0: float | None, before: float | None,
-    detrend: bool, normal: bool, out: Path | None, overwrite: bool,
+    detrend: bool, normal: bool, out: Path | None, overwrite: bool, columns: str | None = None,
 ) -> RecordFits:  # fmt: skip
     """Read a record and fit each law to it; the output folder is checked first."""
     if out is not None:
         _check_folder(out, overwrite)
     if stiffness is not None and free_stiffness:
         raise ValueError("--stiffness and --free-stiffness were both given: choose one")
-    record = record_data(read_csv(file), before=before, normal=normal)
+    record = record_data(read_csv(file, columns=_parse_columns(columns)), before=before, normal=normal)
     sprung = len(record.legs) > 0
     if sprung and stiffness is None and not free_stiffness:
         raise ValueError("the stiffness of the apparatus is unknown: give --stiffness K [1/m], or --free-stiffness")
@@ -51,6 +51,16 @@ def fit_record(
     fixed = {name: value for name, value in given.items() if value is not None}
     fits = tuple(fit(record, law=law, fixed=fixed, free=free) for law in laws)
     return RecordFits(file, record, fits, compare_laws(*fits) if len(fits) == 2 else None)
+
+
+def _parse_columns(text: str | None) -> dict[str, int] | None:
+    """Parse the numbers of columns, such as "time=0,friction=3"."""
+    if text is None:
+        return None
+    pairs = [item.rpartition("=") for item in text.split(",")]
+    if not all(name.strip() and number.strip().isdecimal() for name, _, number in pairs):
+        raise ValueError(f"--columns {text!r} was given: use NAME=NUMBER, counted from 0, as in 'time=0,friction=3'")
+    return {name.strip(): int(number) for name, _, number in pairs}
 
 
 def _check_folder(out: Path, overwrite: bool) -> None:
