@@ -7,6 +7,7 @@ from stickslip.friction.fitting import fit
 from stickslip.friction.laboratory import LabRecord, read_csv, record_data, write_csv
 from stickslip.friction.loads import velocity_steps
 from stickslip.friction.ratestate import RateState, Spring, spring_slider
+from tests.conftest import stickslip_here
 
 HEAD = "time [s], load_point [um], friction [-]"
 ROWS = [f"{k}, {10 * k}, 0.6{k % 10}" for k in range(12)]
@@ -119,3 +120,14 @@ def test_binary_files_and_rest_at_the_start(tmp_path):
         record_data(resting)
     with pytest.raises(ValueError, match="no normal_stress"):
         record_data(resting, normal=True)
+
+
+def test_the_command_line_reads_files_without_headers(tmp_path):
+    rows = [f"{k},5;{10 * k};0,6{k % 10}" for k in range(40)]
+    written(tmp_path / "a.csv", rows[0], [*rows[1:], "41;;0,6"])
+    words = ("fit", "a.csv", "--stiffness", "1000", "--law", "slip", "-q")
+    done = stickslip_here(*words, "--columns", "time=0,load_point [um]=1,friction=2", cwd=tmp_path)
+    assert done.returncode == 0
+    assert done.stderr == ("stickslip: a.csv: 1 of 41 rows have an empty cell and are left out, the first is line 41\n")
+    done = stickslip_here(*words, "--columns", "time", cwd=tmp_path)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1) and "NAME=NUMBER" in done.stderr

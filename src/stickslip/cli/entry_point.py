@@ -6,6 +6,7 @@ import json
 import os
 import sys
 import unicodedata
+import warnings
 from contextlib import contextmanager
 
 from ..extras import MissingExtraError
@@ -41,6 +42,11 @@ def convert_errors():
         raise RuntimeError(f"the run failed ({type(problem).__name__}: {problem})") from problem
 
 
+def _show_warning(message, *where, **more) -> None:
+    """Show a warning as other messages are shown, without the line of code that issued it."""
+    print(f"stickslip: {message}", file=sys.stderr)
+
+
 def main() -> None:
     """Run the command line; exit code 2 for bad input and 1 for a failed run, each with one sentence."""
     codecs.register_error("spelled", _transliterate)
@@ -48,6 +54,7 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="spelled")
+    warnings.showwarning = _show_warning
     try:
         code = app(prog_name="stickslip", standalone_mode=False)
         sys.stdout.flush()
