@@ -3,12 +3,15 @@ BIN := .venv/bin
 STAMP := .venv/.installed
 DOCS := .venv/.docs-installed
 
-.PHONY: demo test quick slow lint bench docs lock clean
+.PHONY: demo test coverage quick slow lint bench docs lock clean
 
 demo: $(STAMP)  ## install, run a quick version of paper 000, print how much is reproduced and the paths of the figures
 	$(BIN)/stickslip reproduce disk-array --quick --overwrite --out results/disk-array-quick
 
 test: $(STAMP)  ## run the tests, under ten minutes on two cores
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+
+coverage: $(STAMP)  ## run the tests and print the share of Python lines that they execute; fails below a floor
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --cov --cov-report= --cov-fail-under=80
 
 quick: $(STAMP)  ## run a fast subset of the tests during development: no slow fixtures, no other processes
