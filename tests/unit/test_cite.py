@@ -58,7 +58,8 @@ def test_all_references_have_what_bibtex_needs():
         assert re.fullmatch(r"10\.\d{4,5}/\S+", fields.get("doi", "10.1000/none")), key
         for name in fields["author"].split(" and "):
             assert name == "others" or re.fullmatch(r"\{.+\}|(\{?[^,{}]+\}?|[^,]+), .+", name), (key, name)
-    paths = (ROOT / "src/stickslip/experiments").rglob("*.py")
+    source = ROOT / "src/stickslip"
+    paths = [source / "builtin_laws.py", *(source / "experiments").rglob("*.py")]
     used = {word for path in paths for word in re.findall(r'"([A-Za-z0-9]+)"', path.read_text())}
     assert entries.keys() <= used, "a reference that nothing cites"
 
