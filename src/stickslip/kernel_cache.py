@@ -106,13 +106,14 @@ def digest(module: str) -> str:
         name = waiting.pop()
         path = _file(name)
         if path and name not in found and name != __name__:
-            found[name], imports = _syntax(path.read_bytes())
+            found[name], imports = _syntax(path)
             waiting += [*_names(imports, name, path.name == "__init__.py"), *_LOOKED_UP.get(name, ())]
     settings = numba.__version__, _CONFIG.BOUNDSCHECK, int(_CONFIG.OPT)
     text = repr((settings, sorted(found.items())))
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
+@functools.cache
 def _file(module: str) -> Path | None:
     """Source file of a module of this package."""
     package, *parts = module.split(".")
@@ -132,8 +133,10 @@ def _names(imports: list, module: str, is_package: bool) -> Iterator[str]:
         yield from (f"{base}.{name}" for name in names)
 
 
-def _syntax(source: bytes) -> tuple[str, list]:
-    """Digest of a source's syntax tree, and its import statements as (level, module, names)."""
+@functools.cache
+def _syntax(path: Path) -> tuple[str, list]:
+    """Digest of the syntax tree of a source file, and its import statements as (level, module, names)."""
+    source = path.read_bytes()
     known, key = _known(), hashlib.sha256(source).hexdigest()
     if key not in known:
         tree = _without_docstrings(ast.parse(source))

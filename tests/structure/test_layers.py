@@ -29,9 +29,19 @@ def test_no_import_cycles_between_modules():
                 assert back is None, f"import cycle: {back}"
 
 
-def test_import_stays_light():
-    heavy = ("matplotlib", "h5py", "dask", "scipy", "numba")
-    code = f"import sys, stickslip; print([m for m in {heavy!r} if m in sys.modules])"
+@pytest.mark.parametrize(
+    "code, heavy",
+    [
+        ("import stickslip", ("matplotlib", "h5py", "dask", "scipy", "numba")),
+        ("from stickslip.cli import app", ("matplotlib", "h5py", "scipy", "numba", "numpy")),
+        # what `stickslip stability` imports
+        ("import stickslip.experiments.packing.report, stickslip.data.exchange.files, stickslip.experiments.terminal",
+         ("matplotlib", "xarray", "pandas", "scipy.stats", "scipy.optimize", "scipy.spatial")),
+    ],
+    ids=["package", "help", "stability"],
+)  # fmt: skip
+def test_import_stays_light(code, heavy):
+    code = f"import sys; {code}; print([m for m in {heavy!r} if m in sys.modules])"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert out.strip() == "[]"
 

@@ -33,9 +33,14 @@ First steps, in a clone of the repository:
 All commands: stickslip --help. One command, with examples: stickslip run --help."""
 
 
-def complete_from(names: dict[str, str]):
-    """Shell completion from names and their descriptions."""
-    return lambda incomplete: [pair for pair in names.items() if pair[0].startswith(incomplete)]
+def complete_from(names: dict[str, str] | Callable[[], dict[str, str]]):
+    """Shell completion from names and their descriptions, or from a function that returns them."""
+
+    def complete(incomplete: str) -> list[tuple[str, str]]:
+        found = names() if callable(names) else names
+        return [pair for pair in found.items() if pair[0].startswith(incomplete)]
+
+    return complete
 
 
 Out = Annotated[Path | None, typer.Option("--out", help="Folder for results; created if it does not exist.")]
@@ -73,13 +78,15 @@ def finish(
     answer: Callable[[], dict], paths: list[Path], show: Callable[[], None], *, quiet: bool, as_json: bool
 ) -> None:
     """Print the result of a command that writes files: a JSON object, only paths, or a summary and paths."""
-    from ..experiments import json_output, terminal
-
     if as_json:
+        from ..experiments import json_output
+
         print(json_output.to_json(answer()))
     elif quiet:
         print("\n".join(map(str, paths)))
     else:
+        from ..experiments import terminal
+
         show()
         terminal.show_paths(paths)
 

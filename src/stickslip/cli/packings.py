@@ -109,9 +109,8 @@ def stability(
     unstable, 1 it could not be computed or settled, 2 wrong input, 3 no verdict: not in equilibrium, or undecided.
     """
     from ..data.exchange.files import capture_warnings, read_packing
-    from ..experiments import json_output, terminal
+    from ..experiments import terminal
     from ..experiments.packing import report as stability_report
-    from ..experiments.packing.details import compute_details
 
     shapes = modes or Path(f"{file.stem}-modes.npz")
     if modes or not as_json:
@@ -124,11 +123,17 @@ def stability(
                 state, calm = stability_report.settled(state, its_law)
                 words.append(f"settled: {calm.how}")
             found = stability_report.analyse_stability(state, its_law, method=method, report=tell)
-            more = compute_details(state, its_law, found, report=tell) if beyond else None
+            more = None
+            if beyond:
+                from ..experiments.packing.details import compute_details
+
+                more = compute_details(state, its_law, found, report=tell)
         why, paths = [] if found.balanced else stability_report.likely_causes(found, options, words), []
         if modes or (not as_json and found.balanced and found.modes.shape[1]):
             paths = [stability_report.write_modes(shapes, found)]
     if as_json:
+        from ..experiments import json_output
+
         for line in words:
             print(f"stickslip: {line}", file=sys.stderr)
         verdict = stability_report.verdict(found, calm)
@@ -161,7 +166,7 @@ def convert(
 ) -> None:
     """Write a packing for OVITO, ParaView, ASE or LAMMPS; with --modes, the animation of a mode."""
     from ..data.exchange.files import capture_warnings, convert
-    from ..experiments import json_output, terminal
+    from ..experiments import terminal
 
     (paths, words), said = capture_warnings(
         convert, file, to, modes=modes, mode=mode, count=frames, amplitude=amplitude, grow=grow, overwrite=overwrite,
@@ -173,5 +178,9 @@ def convert(
         for line in words:
             terminal.console.print(line, style="yellow")
 
-    answer = lambda: json_output.common_fields("convert", files=paths) | {"notes": words}  # noqa: E731
+    def answer() -> dict:
+        from ..experiments import json_output
+
+        return json_output.common_fields("convert", files=paths) | {"notes": words}
+
     finish(answer, paths, show, quiet=quiet, as_json=as_json)

@@ -6,7 +6,6 @@ from typing import Annotated
 
 import typer
 
-from ..experiments.registry import EXPERIMENTS, experiment_of, papers
 from .app import (
     ENGINES,
     AsJson,
@@ -40,13 +39,19 @@ RESUME = examples(
 )
 
 
+def _papers() -> dict[str, str]:
+    from ..experiments.registry import papers
+
+    return {name: one.words for name, one in papers().items()}
+
+
 @app.command(epilog=REPRODUCE, short_help="Run a paper's experiment and evaluate its claims.")
 def reproduce(
     experiment: Annotated[
         str,
         typer.Argument(
             help="Name of the paper: disk-array, sphere-shear, quasi-rigid or gouge.",
-            autocompletion=complete_from({name: one.words for name, one in papers().items()}),
+            autocompletion=complete_from(_papers),
         ),
     ],
     quick: Annotated[
@@ -64,7 +69,7 @@ def reproduce(
     as_json: AsJson = False,
 ) -> None:
     """Run a paper's experiment end to end: figures, raw numbers, a verdict on every claim (claims.md, claims.png)."""
-    check_choice("experiment", experiment, papers())
+    check_choice("experiment", experiment, _papers())
     if full and (quick or experiment != "gouge"):
         raise ValueError(
             "--full was given with --quick: give one of them" if quick else f"{experiment} has no --full: leave it out"
@@ -72,6 +77,7 @@ def reproduce(
     spread = _choose_workers(workers, scheduler)
     from ..data.lock import lock_folder
     from ..experiments import run_folder, terminal
+    from ..experiments.registry import EXPERIMENTS
     from ..experiments.resume import mark_reproduction
 
     chosen = EXPERIMENTS[experiment].paper.scenario(quick=quick, seed=seed)
@@ -88,6 +94,7 @@ def _reproduce_in(command: str, folder: Path, spread, how: dict, *, experiment: 
     """Run or continue a paper's experiment in a folder."""
     from ..experiments import json_output, terminal
     from ..experiments.claims_report import show_claims
+    from ..experiments.registry import EXPERIMENTS
     from ..experiments.writer import write_reproduction
 
     chosen = EXPERIMENTS[experiment]
@@ -142,6 +149,7 @@ def run(
 def _run_in(command: str, chosen, folder: Path, spread, how: dict) -> None:
     """Run or continue a scenario in a folder."""
     from ..experiments import json_output, terminal
+    from ..experiments.registry import experiment_of
     from ..experiments.writer import write_result
 
     experiment = experiment_of(chosen)
@@ -241,14 +249,15 @@ def _sweep_tables(tables: dict, engine: str | None) -> dict:
 
 def _choose_workers(workers: int | None, scheduler: str | None, chosen=None) -> int | str | None:
     """Check the options for parallel runs and return the number of workers or the scheduler's address."""
-    if scheduler and chosen and not experiment_of(chosen).parallel:
-        raise ValueError(f"--scheduler was given, but experiment = {chosen.experiment!r} is one run: leave it out")
     if scheduler is None:
         return workers
+    from ..ensemble import reach
+    from ..experiments.registry import experiment_of
+
+    if chosen and not experiment_of(chosen).parallel:
+        raise ValueError(f"--scheduler was given, but experiment = {chosen.experiment!r} is one run: leave it out")
     if workers is not None:
         raise ValueError("--workers and --scheduler were both given: a cluster has its own workers, give only one")
-    from ..ensemble import reach
-
     reach(scheduler)
     return scheduler
 

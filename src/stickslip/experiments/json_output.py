@@ -4,6 +4,7 @@ import json
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,8 +12,9 @@ from .. import __version__
 from ..data.checkpoint import MEMBERS, UNFINISHED
 from .registry import experiment_of
 from .run_folder import list_files
-from .sweep.dataset import DATASET
-from .sweep.run import SweepResult
+
+if TYPE_CHECKING:  # these need xarray, SciPy's statistics and Matplotlib
+    from .sweep.run import SweepResult
 
 LIBRARIES = ("numpy", "scipy", "numba", "h5py")
 
@@ -64,8 +66,10 @@ def describe_finished_run(command: str, folder: Path, scenario) -> dict:
     return common_fields(command, files=list_files(folder), folder=folder) | {"scenario": _scenario_entry(scenario)}
 
 
-def describe_sweep(command: str, folder: Path, swept: SweepResult, ranges: dict) -> dict:
+def describe_sweep(command: str, folder: Path, swept: "SweepResult", ranges: dict) -> dict:
     """Describe a sweep: numbers of members, ranges of their measures, and failures with their messages."""
+    from .sweep.dataset import DATASET
+
     failures = {name: words for name, words in zip(swept.names, swept.failures, strict=True) if words}
     total = len(swept.names)
     members = {"total": total, "finished": total - sum(map(bool, swept.failures)), "reused": swept.reused}

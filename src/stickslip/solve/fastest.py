@@ -9,10 +9,10 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # scipy.ndimage is imported on first use: that takes a tenth of a second
 from numba import njit
 from scipy import sparse
 from scipy.linalg import LinAlgError
-from scipy.ndimage import maximum_filter1d
 from scipy.sparse.linalg import LinearOperator, eigs, eigsh
 
 from ..core.laws.builtin import Law
@@ -226,7 +226,7 @@ class _ProbeRun:
         ratio = now / np.maximum(first, 1e-12 * first.max())
         noise = 1.5 * np.median(np.abs(ratio - np.median(ratio)))  # real modes beat within the sketch
         one = ABREAST * len(self.q) * (self.span / 4) ** 2  # power of one mode of unit amplitude under Hann's taper
-        top = (excess == maximum_filter1d(excess, 5)) & (excess > 2 * one) & (excess > 5 * noise * first)
+        top = (excess == scipy.ndimage.maximum_filter1d(excess, 5)) & (excess > 2 * one) & (excess > 5 * noise * first)
         index = np.flatnonzero(top)
         gamma = np.log(excess[index] / one) / (2 * self.span * (len(self.spectra) - 0.5))
         theta = 2 * np.pi / self.span * (index + self._offset(excess, index))

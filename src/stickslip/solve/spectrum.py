@@ -4,9 +4,9 @@ from contextlib import nullcontext
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # scipy.optimize is imported on first use: that takes a tenth of a second
 from scipy import sparse
 from scipy.linalg import eig, eigvals
-from scipy.optimize import linear_sum_assignment
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
 from ..core.contacts.jacobian import contact_blocks
@@ -199,7 +199,7 @@ def match_pairs(spectra, *, at_least: float = 0.5) -> list[dict[int, int]]:
                     for f in living
                 ]
             )
-            for row, col in zip(*linear_sum_assignment(-score), strict=True):
+            for row, col in zip(*scipy.optimize.linear_sum_assignment(-score), strict=True):
                 if score[row, col] >= at_least:
                     living[row][k] = int(pairs[col])
                     taken.add(int(pairs[col]))

@@ -4,8 +4,8 @@ from contextlib import nullcontext
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # scipy.optimize is imported on first use
 from scipy.linalg import LinAlgError, cholesky, eig, eigh, null_space, solve_triangular
-from scipy.optimize import minimize_scalar
 from scipy.sparse.linalg import LinearOperator, svds
 
 from ..core.contacts.jacobian import contact_blocks
@@ -295,7 +295,7 @@ def _search_times(motion: _ModalMotion, pairs, duration: float | None, samples: 
             values = np.array([amplitude(t) for t in near])
             times, found, t = np.append(times, near), np.append(found, values), near[np.argmax(values)]
         step = 2 * reach / (FINE - 1)
-        top = minimize_scalar(
+        top = scipy.optimize.minimize_scalar(
             lambda t: -amplitude(t), bounds=(max(t - step, 0.0), min(t + step, duration)), method="bounded",
             options={"xatol": 1e-4 * step},
         )  # fmt: skip

@@ -121,7 +121,7 @@ def compiled_functions(kind: int) -> dict:
 
 def by_kind(function):
     """Decorate a scalar function of a law: `function` for built-in kinds, `COMPILED[kind][name]` for a user's law."""
-    name, compiled = function.__name__, njit(**FAST)(function)
+    name, compiled = function.__name__, njit(cache=True, **FAST)(function)
 
     @wraps(function)
     def scalar(kind, *rest):
