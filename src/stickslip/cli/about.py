@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from .app import AsJson, app, examples
+from .app import AsJson, Quiet, app, check_choice, complete_from, examples
 
 CITE = examples(
     ("cite examples/gouge.toml", "for a scenario; > paper.bib saves them"),
@@ -15,6 +15,11 @@ CITE = examples(
 DOCTOR = examples(
     ("doctor", "a minute the first time, while kernels are compiled; seconds later"),
     ("doctor --json", "for a bug report, or to test an installation"),
+)
+WARM = examples(
+    ("warm", "what the first steps need: stability analyses and the disk array"),
+    ("warm gouge flow", "what these experiments need"),
+    ("warm --all", "everything, for an installation that many will use"),
 )
 
 
@@ -53,3 +58,60 @@ def doctor(
     elif quiet:
         print(text)
     raise typer.Exit(0 if ok else 1)
+
+
+def _kinds() -> dict[str, str]:
+    from ..doctor.warm import STABILITY, kinds
+    from ..experiments.registry import EXPERIMENTS
+
+    return {name: "any packing" if name == STABILITY else EXPERIMENTS[name].words for name in kinds()}
+
+
+@app.command(epilog=WARM, short_help="Compile kernels now rather than at their first use.")
+def warm(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(
+            help="stability, or experiments such as gouge; default: stability and disk-array.",
+            autocompletion=complete_from(_kinds),
+            show_default=False,
+        ),
+    ] = None,
+    everything: Annotated[bool, typer.Option("--all", help="Compile everything.")] = False,
+    workers: Annotated[
+        int | None, typer.Option("--workers", min=1, metavar="N", help="Processes; default: all.")
+    ] = None,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> None:
+    """Compile kernels now rather than at their first use, in several processes.
+
+    Kernels are saved in the cache that `stickslip doctor` shows. Those that exist already are not compiled again.
+    """
+    if names and everything:
+        raise ValueError("--all was given with names: give one of them")
+    from ..doctor import warm as job
+    from ..doctor.machine import caches
+    from ..experiments import terminal
+
+    known = job.kinds()
+    for name in names or ():
+        check_choice("name", name, known)
+    chosen = tuple(dict.fromkeys(known if everything else names or job.FIRST))
+    before = caches()
+    if not before["kept"]:
+        raise ValueError("no folder for compiled kernels is writable, so that they would not last: set NUMBA_CACHE_DIR")
+    with terminal.console_output(quiet=quiet, as_json=as_json), terminal.progress(transient=True) as tell:
+        failures = job.compile_kernels(chosen, workers=workers, report=tell)
+    if failures:
+        raise RuntimeError("; ".join(failures))
+    after = caches()
+    new = after["files"] - before["files"]
+    if as_json:
+        from ..experiments import json_output
+
+        print(
+            json_output.to_json(json_output.common_fields("warm") | {"names": chosen, "before": before, "after": after})
+        )
+    else:
+        print(f"compiled for {', '.join(chosen)}: {new} new files in {after['folder']}")

@@ -50,6 +50,7 @@ class Experiment(NamedTuple):
     announce: Callable = _empty  # scenario -> None; prints the cost of a long run before it starts
     references: Callable = lambda scenario: {}  # scenario -> {purpose: keys of references.bib}
     paper: Paper | None = None
+    smallest: tuple[dict, ...] = ()  # tables of runs that take seconds and use the usual kernels, for `stickslip warm`
     parallel: bool = True  # whether realizations can be distributed over the workers of a cluster
 
     @property

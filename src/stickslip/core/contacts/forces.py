@@ -25,6 +25,7 @@ from ..laws.builtin import (
     tangential_stiffness,
 )
 from ..laws.dispatch import check_kind
+from ..options import INNER
 from ..readable import readable
 from ..state import OPEN, SLIDE, State, groups
 from .geometry import (
@@ -122,14 +123,14 @@ def relative_velocity(dim, velocity, spin, radius, rate, i, j, rx, ry, rz, nx, n
     return vn, vx - vn * nx, vy - vn * ny, vz - vn * nz
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy", **INNER)
 def is_unmoved(dim, pair, roll, c, rx, ry, rz, ax, ay, az):
     """Return True if pair vector and rolled angle are those at which the contact's memory was committed."""
     plane = rx == pair[c, 0] and ry == pair[c, 1] and az == roll[c, 2]
     return plane and (dim == 2 or (rz == pair[c, 2] and ax == roll[c, 0] and ay == roll[c, 1]))
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy", **INNER)
 def record_event(events, event_count, kind, time, i, j, image, c, place, at):
     """Append one row of EVENT_COLUMNS. Rows beyond the capacity are counted but not stored."""
     k = event_count[0]
@@ -142,7 +143,7 @@ def record_event(events, event_count, kind, time, i, j, image, c, place, at):
         events[k, 7 + m] = place[at, m]
 
 
-@njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
+@njit(cache=True, fastmath=True, error_model="numpy", forceinline=True, **INNER)
 def sweep_contacts(
     kind, coulomb, dim, bodies, contacts, shift, p, viscous, memory, step, force, torque, time, events, event_count,
     rescaled,
@@ -252,7 +253,7 @@ def sweep_contacts(
             torque[j, 1] += radius[j] * qy
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy", **INNER)
 def elastic_pair(kind, coulomb, dim, p, bodies, contacts, shift, c):
     """Pair vector and elastic force on i, for a touching pair of grains whose memory is committed."""
     i, j = contacts.i[c], contacts.j[c]

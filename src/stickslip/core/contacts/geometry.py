@@ -6,6 +6,8 @@ Functions take and return scalars. In two dimensions the z components are litera
 import numpy as np
 from numba import njit
 
+from ..options import INNER
+
 
 @njit(cache=True)
 def shifts(contacts, cell):
@@ -37,7 +39,7 @@ def normal_and_overlap(i, j, is_wall, wall, radius, wall_normal, rx, ry, rz):
     return nx, ny, nz, radius[i] - (rx * nx + ry * ny + rz * nz), 0.0
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy", **INNER)
 def surface_rotation(dim, angle, radius, i, j):
     """Rolled length R_i angle_i + R_j angle_j [length]; the radius of a wall is zero."""
     z = radius[i] * angle[i, 2] + radius[j] * angle[j, 2]
@@ -46,7 +48,7 @@ def surface_rotation(dim, angle, radius, i, j):
     return radius[i] * angle[i, 0] + radius[j] * angle[j, 0], radius[i] * angle[i, 1] + radius[j] * angle[j, 1], z
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy", **INNER)
 def at_contact(nx, ny, nz, dx, dy, dz, ax, ay, az):
     """Displacement of the surface of i relative to that of j, dr + n × d(roll). The same holds for velocities.
 
@@ -55,7 +57,7 @@ def at_contact(nx, ny, nz, dx, dy, dz, ax, ay, az):
     return dx + ny * az - nz * ay, dy + nz * ax - nx * az, dz + nx * ay - ny * ax
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy", **INNER)
 def mid_normal(nx, ny, nz, inverse, dx, dy, dz):
     """Normal halfway through a displacement dr that ends at n, scaled so that n·m = 1: m = n − P dr/(2|r|).
 
@@ -77,14 +79,14 @@ def onto_plane(nx, ny, nz, mx, my, mz, wx, wy, wz):
     return wx - along * mx, wy - along * my, wz - along * mz
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy", **INNER)
 def slip_increment(nx, ny, nz, mx, my, mz, dx, dy, dz, ax, ay, az):
     """Slip increment of a displacement dr and a rotation d(roll), in the plane of contact at the end."""
     wx, wy, wz = at_contact(mx, my, mz, dx, dy, dz, ax, ay, az)
     return onto_plane(nx, ny, nz, mx, my, mz, wx, wy, wz)
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy", **INNER)
 def overlap_increment(nx, ny, nz, inverse, dx, dy, dz):
     """Overlap increment of a displacement dr that ends at n: |r − dr| − |r|, exactly zero without dr.
 
@@ -94,7 +96,7 @@ def overlap_increment(nx, ny, nz, inverse, dx, dy, dz):
     return twice / (1.0 + np.sqrt(max(1.0 + inverse * twice, 0.0)))
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy", **INNER)
 def touching_fraction(nx, ny, nz, inverse, depth, dx, dy, dz):
     """Fraction of a step during which a closing contact has touched, as a numerator and a denominator.
 

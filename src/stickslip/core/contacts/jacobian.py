@@ -31,6 +31,7 @@ from ..laws.builtin import (
     tangential_stiffness,
     tangents,
 )
+from ..options import INNER
 from ..state import OPEN, SLIDE, State
 from .forces import bodies, check_materials
 from .geometry import mid_normal, normal_and_overlap, onto_plane, pair_vector, shifts, slip_increment, surface_rotation
@@ -70,7 +71,7 @@ class Linearisation(NamedTuple):
     fading: np.ndarray  # (C,) derivative of that factor with respect to the overlap
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", **INNER)
 def _friction_tangent(coulomb, stiffness, slope_k, limit, mu, by_overlap, slope_n, stretch, slides):
     """Coefficients φ/|u|, ∂φ/∂|u|, ∂φ/∂δ and ∂φ/∂F_n of the tangential force φ = k_t |u| (mobilisation) ≤ `limit`.
 

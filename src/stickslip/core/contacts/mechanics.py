@@ -18,6 +18,7 @@ from ..laws.builtin import (
     row,
     uses_radius,
 )
+from ..options import INNER
 from ..state import SLIDE, STICK
 from .geometry import overlap_increment
 
@@ -33,26 +34,26 @@ def needs_radius(kind, viscous):
     return uses_radius(kind) or viscous & 3 == VISCOELASTIC
 
 
-@njit(cache=True)
+@njit(cache=True, **INNER)
 def needs_mass(viscous):
     """Return True if the law uses m_eff."""
     return viscous & 3 in (MASS, VISCOELASTIC)
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy", **INNER)
 def effective_radius(radius, i, j, is_wall):
     """Effective radius R_eff of a pair."""
     return radius[i] if is_wall else radius[i] * radius[j] / (radius[i] + radius[j])
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy", **INNER)
 def effective_mass(inverse_mass, i, j):
     """Effective mass m_eff of a pair; bodies that do not move are infinitely heavy."""
     inverse = inverse_mass[i] + inverse_mass[j]
     return 1.0 / inverse if inverse > 0.0 else 0.0
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy", **INNER)
 def effective_values(kind, viscous, radius, inverse_mass, i, j, is_wall):
     """R_eff and m_eff of a pair, 1 where the law does not use them."""
     r_eff = m_eff = 1.0
@@ -63,7 +64,7 @@ def effective_values(kind, viscous, radius, inverse_mass, i, j, is_wall):
     return r_eff, m_eff
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy", **INNER)
 def out_of_range(kind, p, material, radius, inverse_mass, i, j, is_wall, overlap):
     """Return True if a pair is out of the range of the law."""
     if not acts_across_gaps(kind):
@@ -81,7 +82,7 @@ def with_dashpot(viscous, elastic, damping, vn, least=0.0):
     return fn
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy", **INNER)
 def contact_radius_ratio(overlap, gained):
     """Ratio of contact radii √(δ/δ_old) where the overlap has decreased, else 1."""
     falls = gained < 0.0 and overlap > 0.0
@@ -89,14 +90,14 @@ def contact_radius_ratio(overlap, gained):
     return root if falls else 1.0
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy", **INNER)
 def rescale_slip(overlap, nx, ny, nz, inverse, dx, dy, dz, sx, sy, sz):
     """Factor f on the slip s of laws that rescale, after a displacement dr of the pair that ends at n, and f s."""
     fade = contact_radius_ratio(overlap, overlap_increment(nx, ny, nz, inverse, dx, dy, dz))
     return fade, fade * sx, fade * sy, fade * sz
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy", **INNER)
 def scale_to_length(ax, ay, az, bx, by, bz):
     """Vector a scaled to the length of b, as LAMMPS `granular` rotates its memory."""
     square = ax * ax + ay * ay + az * az
@@ -104,7 +105,7 @@ def scale_to_length(ax, ay, az, bx, by, bz):
     return factor * ax, factor * ay, factor * az
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy", **INNER)
 def turning_weight(stiffness, limit, ax, ay, az, dx, dy, dz, fade=None):
     """Factor κ on the increment d such that a + κ d has the direction to which the slip `a` of a sliding contact turns.
 
@@ -153,7 +154,7 @@ def return_mapping(dim, stiffness, limit, ax, ay, az, dx, dy, dz, part, whole, m
     return factor * bx, factor * by, factor * bz, SLIDE if slides else STICK
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy", **INNER)
 def tangential_force(coulomb, stiffness, limit, sx, sy, sz):
     """Tangential force −k_t (mobilisation) s on i due to the slip."""
     factor = -stiffness
@@ -165,7 +166,7 @@ def tangential_force(coulomb, stiffness, limit, sx, sy, sz):
     return factor * sx, factor * sy, factor * sz
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy", **INNER)
 def with_tangential_dashpot(tx, ty, tz, damping, limit, vx, vy, vz):
     """Tangential force with its dashpot, truncated at Coulomb's limit."""
     tx, ty, tz = tx - damping * vx, ty - damping * vy, tz - damping * vz

@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 
 from ..laws.builtin import Law
+from ..options import INNER
 from ..state import OPEN, Cell, Contacts, State, empty_contacts
 from .interaction_range import copy_rolling_memory, with_range, with_rolling_memory
 
@@ -138,7 +139,7 @@ def _sort_into_bins(x, n, radius, grid, reach) -> Bins:
     return bins
 
 
-@njit(cache=True, _nrt=False)
+@njit(cache=True, _nrt=False, **INNER)
 def _columns_around(column, bins, vectors, base, boxes, push):
     """Find the first bins of the columns around a column, the boxes crossed, and the shifts of positions."""
     number, around, turn, over, known = bins.number, bins.around, bins.turn, bins.over, 0
@@ -168,7 +169,7 @@ def _fill_windows(high, around, turn, over, bound, window):
         bound[w + 1] = known
 
 
-@njit(cache=True, _nrt=False)
+@njit(cache=True, _nrt=False, **INNER)
 def _sort(key, first, last):
     """Sort a short range by insertion."""
     for c in range(first + 1, last):

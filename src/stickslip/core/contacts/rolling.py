@@ -23,6 +23,7 @@ from numba.extending import overload
 
 from ..laws.builtin import STEP, Law, by_kind, normal_force, row
 from ..laws.dispatch import COMPILED, FAST, Kind, KindType
+from ..options import INNER
 from ..state import OPEN, SLIDE, STICK
 from .geometry import mid_normal, normal_and_overlap, onto_plane, pair_vector, shifts
 from .mechanics import effective_values, out_of_range, return_mapping, turning_weight
@@ -151,7 +152,7 @@ def add_rolling_energy(
                 books[external_at] -= 0.5 * sign * moment * (new.angle[a, k] - old.angle[a, k])
 
 
-@njit(cache=True, **FAST)
+@njit(cache=True, **FAST, **INNER)
 def _evaluate_pair(kind, dim, p, bodies, shift, c, i, j):
     """Normal, 1/|r|, overlap, parameters and R_eff of a pair, and True if it is out of range."""
     n_grains = len(bodies.radius) - len(bodies.normal)

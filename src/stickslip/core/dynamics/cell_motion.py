@@ -18,6 +18,7 @@ from numba import njit
 from ..contacts.interaction_range import listed_gap
 from ..control import factors_at
 from ..flow import INVERSE_HALF, PULL, RATE, RATE_AHEAD, SINCE, STRETCH, TURN, VECTORS, Flow
+from ..options import INNER
 from ..simd.transpose import VELOCITY
 from ..state import State, as_numbers, deforms
 
@@ -120,7 +121,7 @@ def make_frame(state: State, order: np.ndarray) -> tuple[Frame, Flow]:
     return frame, flow
 
 
-@njit(cache=True, fastmath=False, error_model="numpy")
+@njit(cache=True, fastmath=False, error_model="numpy", **INNER)
 def course_at(knots, course, c, time):
     """Last knot before a time, −1 if there is none, and the value of a course at that time."""
     last = len(knots) - 1
@@ -133,7 +134,7 @@ def course_at(knots, course, c, time):
     return k, course[k, c] + part * (course[k + 1, c] - course[k, c])
 
 
-@njit(cache=True, fastmath=False, error_model="numpy")
+@njit(cache=True, fastmath=False, error_model="numpy", **INNER)
 def _course_and_integral(frame, c, time):
     """Value of a course at a time, and its integral from the first knot."""
     knots, course = frame.knots, frame.course
@@ -160,7 +161,7 @@ def _invert(m, out):
             out[k, a] /= determinant
 
 
-@njit(cache=True, fastmath=False, error_model="numpy")
+@njit(cache=True, fastmath=False, error_model="numpy", **INNER)
 def _multiply(a, b, out):
     """Multiply two 3 × 3 matrices into `out`, always in the same order of operations."""
     for i in range(3):
@@ -168,7 +169,7 @@ def _multiply(a, b, out):
             out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
 
 
-@njit(cache=True, fastmath=False, error_model="numpy")
+@njit(cache=True, fastmath=False, error_model="numpy", **INNER)
 def _one_plus(factor, m, out):
     """Write 1 + factor m to `out`."""
     for a in range(3):
@@ -224,7 +225,7 @@ def begin_cell_step(frame, flow, pace):
     return (0.5 * left) ** 2 if left > 0.0 else -1.0
 
 
-@njit(cache=True, fastmath=False, error_model="numpy")
+@njit(cache=True, fastmath=False, error_model="numpy", **INNER)
 def end_cell_step(dim, frame, flow, pace, moving, fresh):
     """End a step: sum the stress in the order of the grains' numbers, and accelerate the cell."""
     total = np.zeros((3, 3))

@@ -8,6 +8,7 @@ from numba import njit
 from ..contacts.forces import Bodies, bodies, moved_masses
 from ..contacts.neighbors import join_bodies
 from ..control import factors_at
+from ..options import INNER
 from ..state import Control, State, groups
 
 CHECK_EVERY = 200  # steps between checks for NaN and, with a tolerance, for rest
@@ -28,7 +29,7 @@ def find_members(control: Control, place: np.ndarray | None = None) -> GroupMemb
     return GroupMembers(member if place is None else place[member], np.cumsum([0, *map(len, found)]))
 
 
-@njit(cache=True, fastmath=False)
+@njit(cache=True, fastmath=False, **INNER)
 def sum_over_groups(member, start, force):
     """Replace the force on each member of a group by the sum over its members, in the order of their numbers."""
     for g in range(len(start) - 1):

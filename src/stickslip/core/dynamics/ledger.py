@@ -51,6 +51,7 @@ from ..laws.builtin import (
     row,
     tangential_stiffness,
 )
+from ..options import INNER
 from ..readable import readable
 from ..state import OPEN
 from .coefficients import Plan
@@ -81,7 +82,7 @@ class Ledger(NamedTuple):
         return total - total[0]
 
 
-@njit(cache=True, fastmath=False, error_model="numpy")
+@njit(cache=True, fastmath=False, error_model="numpy", **INNER)
 def _evaluate_contact(kind, coulomb, dim, viscous, rate, p, b, i, j, shift, c, slip, known):
     """Evaluate a contact at one end of a step.
 
@@ -126,7 +127,7 @@ def _evaluate_contact(kind, coulomb, dim, viscous, rate, p, b, i, j, shift, c, s
     return overlap + edge, (nx, ny, nz, inverse), stored, energy, spends, spring, power, force, turn
 
 
-@njit(cache=True)
+@njit(cache=True, **INNER)
 def _length(s):
     return np.sqrt(s[0] * s[0] + s[1] * s[1] + s[2] * s[2])
 

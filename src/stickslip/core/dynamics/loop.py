@@ -17,6 +17,7 @@ from ..contacts.forces import CLOSED, OPENED, REACHED_LIMIT, record_event
 from ..flow import STRETCH, TURN
 from ..laws.builtin import rescaling_flag
 from ..laws.dispatch import as_numpy_integers
+from ..options import INNER
 from ..simd.blocks import KERNEL_OPTIONS, STUCK_AGAIN, evaluate_blocks
 from ..simd.cycle_counter import ticks
 from ..simd.reduce import IS_FIRST, IS_I, ROW, WIDTH, sum_rows
@@ -66,7 +67,7 @@ class Springs(NamedTuple):
     clock: np.ndarray  # (1,) time, accumulated step by step
 
 
-@njit(fastmath=False, error_model="numpy")
+@njit(fastmath=False, error_model="numpy", **INNER)
 def _add_springs(pull, first, body, force):
     """Add the forces of springs to those on the bodies of the last tile."""
     for s in range(len(pull.stiffness)):
@@ -78,7 +79,7 @@ def _add_springs(pull, first, body, force):
                 force[first + s, k] += pull.stiffness[s, k] * (pull.anchor[s, k] + ahead - body[first + s, k])
 
 
-@njit(fastmath=False, **KERNEL_OPTIONS)
+@njit(fastmath=False, **KERNEL_OPTIONS, **INNER)
 def _kick(keep, slow, kick, half, go_on, v, f):
     """Velocity of a free component after the end of a step (`half`) and half a kick of the next one (`go_on`)."""
     if half:
@@ -88,7 +89,7 @@ def _kick(keep, slow, kick, half, go_on, v, f):
     return v
 
 
-@njit(fastmath=False, **KERNEL_OPTIONS)
+@njit(fastmath=False, **KERNEL_OPTIONS, **INNER)
 def _transform(m, x, y, z):
     """Multiply a 3 × 3 matrix by a vector."""
     return (
@@ -98,20 +99,20 @@ def _transform(m, x, y, z):
     )
 
 
-@njit(fastmath=False, **KERNEL_OPTIONS)
+@njit(fastmath=False, **KERNEL_OPTIONS, **INNER)
 def _turn_velocity(flow, free, g, vx, vy, vz):
     """Velocity relative to the flow after half a step of the term −L v; components that are not free are unchanged."""
     x, y, z = _transform(flow.matrix[TURN], vx, vy, vz)
     return x if free[g, 0] else vx, y if free[g, 1] else vy, z if free[g, 2] else vz
 
 
-@njit(fastmath=False, **KERNEL_OPTIONS)
+@njit(fastmath=False, **KERNEL_OPTIONS, **INNER)
 def _free_or_imposed(flow, when, free, g, k, value):
     """Rate of a component: its own if free, else the imposed one, averaged over the step (0) or at its end (1)."""
     return value if free[g, k] else flow.rate[g, k] * flow.factor[when, flow.follows[g, k]]
 
 
-@njit(fastmath=False, **KERNEL_OPTIONS)
+@njit(fastmath=False, **KERNEL_OPTIONS, **INNER)
 def _drift(flow, dt, x, y, z, vx, vy, vz):
     """Position of a body at the end of the step."""
     if flow is None:
@@ -121,7 +122,7 @@ def _drift(flow, dt, x, y, z, vx, vy, vz):
     return x + half * vx, y + half * vy, z + half * vz
 
 
-@njit(fastmath=False, **KERNEL_OPTIONS)
+@njit(fastmath=False, **KERNEL_OPTIONS, **INNER)
 def _move_body(dim, predict, moving, pace, flow, g, half, go_on, fx, fy, fz, tx, ty, tz):
     """End a step by half a kick with implicit drag, and begin the next by half a kick with explicit drag and the drift.
 
@@ -197,7 +198,7 @@ def _move_body(dim, predict, moving, pace, flow, g, half, go_on, fx, fy, fz, tx,
     return square if square < _NOT_FINITE_SQUARE else _NOT_FINITE_SQUARE
 
 
-@njit(fastmath=False, **KERNEL_OPTIONS)
+@njit(fastmath=False, **KERNEL_OPTIONS, **INNER)
 def _sum_virial(virial, blocks, first, last):
     """Sum f ⊗ r over the contacts in which a body is i, for a range of bodies."""
     g, load, pair = np.uint64(first) - np.uint64(1), blocks.load, blocks.pair
@@ -214,7 +215,7 @@ def _sum_virial(virial, blocks, first, last):
                     virial[g, 3 * k + m] += load[at, k] * pair[at, m]
 
 
-@njit(fastmath=False, **KERNEL_OPTIONS)
+@njit(fastmath=False, **KERNEL_OPTIONS, **INNER)
 def _sum_loads(flow, moving, blocks, first, last, total):
     """Sum external loads and those of all contacts, in the order of their partners, for at most CHUNK bodies."""
     far = np.int64(len(moving.tile) > 2)  # with one tile, all data are near
@@ -228,7 +229,7 @@ def _sum_loads(flow, moving, blocks, first, last, total):
             total[t, 3 + k] = moving.torque[own, k] + radius * total[t, 3 + k]
 
 
-@njit(fastmath=False, **KERNEL_OPTIONS)
+@njit(fastmath=False, **KERNEL_OPTIONS, **INNER)
 def _store_forces(force, total, first, last):
     """Store the forces on a range of bodies."""
     for at in range(first, last):
@@ -237,7 +238,7 @@ def _store_forces(force, total, first, last):
         force[g, 3], force[g, 4], force[g, 5] = total[t, 3], total[t, 4], total[t, 5]
 
 
-@njit(fastmath=False, **KERNEL_OPTIONS)
+@njit(fastmath=False, **KERNEL_OPTIONS, **INNER)
 def _end_step(dim, predict, first, last, moving, blocks, pace, flow, fresh, go_on, total):
     """End the step of a tile's grains and begin the next one, or store the forces."""
     far = 0.0
@@ -253,7 +254,7 @@ def _end_step(dim, predict, first, last, moving, blocks, pace, flow, fresh, go_o
     return far
 
 
-@njit(fastmath=False, **KERNEL_OPTIONS)
+@njit(fastmath=False, **KERNEL_OPTIONS, **INNER)
 def _end_last_tile(dim, predict, moving, blocks, pace, flow, pull, fresh, go_on, total):
     """End the step of the last tile: walls, bodies on springs, and rigid groups, whose members get the total force."""
     first, last, force = moving.tile[-1], len(moving.body), moving.force
@@ -272,7 +273,7 @@ def _end_last_tile(dim, predict, moving, blocks, pace, flow, pull, fresh, go_on,
     return far
 
 
-@njit(fastmath=False, **KERNEL_OPTIONS)
+@njit(fastmath=False, **KERNEL_OPTIONS, **INNER)
 def _begin_step(dim, predict, first, last, moving, pace, flow):
     """Begin the step of a tile's grains with the stored forces."""
     far, force = 0.0, moving.force
@@ -283,7 +284,7 @@ def _begin_step(dim, predict, first, last, moving, pace, flow):
     return far
 
 
-@njit(cache=True)
+@njit(cache=True, **INNER)
 def _record_events(blocks, before, contacts, moving, time, events, event_count):
     """Record contacts that closed, opened or first reached Coulomb's limit according to their modes."""
     for s in range(len(before)):
@@ -298,7 +299,7 @@ def _record_events(blocks, before, contacts, moving, time, events, event_count):
             record_event(events, event_count, REACHED_LIMIT, time, i, j, contacts.image, c, moving.body, g)
 
 
-@njit(**KERNEL_OPTIONS)
+@njit(**KERNEL_OPTIONS, **INNER)
 def _add_ticks(spent, k, since):
     """Add the ticks since a given time to those of a thread."""
     spent[k, 0] += ticks() - since

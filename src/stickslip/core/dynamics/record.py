@@ -12,6 +12,7 @@ from ..contacts.forces import EVENT_COLUMNS, OPENED, Bodies, elastic_pair
 from ..contacts.geometry import normal_and_overlap, pair_vector
 from ..control import spring_forces
 from ..laws.builtin import MU
+from ..options import INNER
 from ..readable import readable
 from ..state import OPEN, SLIDE, Contacts, State, groups
 from .ledger import Books, Ledger, make_ledger
@@ -42,7 +43,7 @@ def observable(*shape: int):
     """Decorate f(sample, out), which adds a value of this shape to zeros in `out`, and is named as its field."""
 
     def register(function):
-        OBSERVABLES[function.__name__.strip("_")] = njit(cache=True)(function), shape
+        OBSERVABLES[function.__name__.strip("_")] = njit(**INNER)(function), shape
         return function
 
     return register
@@ -145,7 +146,7 @@ def _rattlers(s, out):
     out[0] = _count_rattlers(s)[0]
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _count_rattlers(s):
     """Number of rattlers, and of contacts of the other grains; see `measure.rattlers`."""
     n, bodies = len(s.mass), len(s.bodies.radius)
@@ -172,7 +173,7 @@ def _count_rattlers(s):
     return rattlers, held
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _has_friction(p):
     """Return True if some pair of materials has friction."""
     for a in range(len(p)):
@@ -238,25 +239,18 @@ _ENDS = np.cumsum([math.prod(shape) for _, shape in OBSERVABLES.values()]).tolis
 _COLUMNS = [slice(start, end) for start, end in pairwise([0, *_ENDS])]
 
 
-def _after(others, function, start: int, end: int):
-    """Compiled function that writes several observables into a row, then one more into its columns."""
+def _all_observables():
+    """Compiled f(sample, row), which writes every observable into its columns of a row of zeros.
 
-    @njit
-    def write(sample, row):
-        others(sample, row)
-        function(sample, row[start:end])
-
-    return write
-
-
-@njit
-def _write_observables(sample, row):
-    for m in range(len(row)):  # a loop instead of a whole array compiles faster: it has no error message
-        row[m] = 0.0
+    The calls are written out, because functions with different code cannot be kept in an array or called in a loop.
+    """
+    calls = [f"    {name}(sample, row[{c.start}:{c.stop}])" for name, c in zip(OBSERVABLES, _COLUMNS, strict=True)]
+    scope: dict = {name: function for name, (function, _) in OBSERVABLES.items()}
+    exec("\n".join(["def write(sample, row):", *calls]), scope)
+    return njit(**INNER)(scope["write"])
 
 
-for (_function, _), _columns in zip(OBSERVABLES.values(), _COLUMNS, strict=True):
-    _write_observables = _after(_write_observables, _function, _columns.start, _columns.stop)
+_write_observables = _all_observables()
 
 
 @njit(cache=True)
@@ -265,7 +259,10 @@ def write_sample(kind, coulomb, dim, p, k, bodies, contacts, shift, plan, writin
     sample = Sample(
         kind, coulomb, dim, p, bodies, contacts, shift, plan.mass, plan.inertia, writing.reference, vectors, time
     )
-    _write_observables(sample, writing.series[k])
+    row = writing.series[k]
+    for m in range(len(row)):  # a loop instead of a whole array compiles faster: it has no error message
+        row[m] = 0.0
+    _write_observables(sample, row)
     track = writing.tracks[k]
     for a in range(len(writing.probes)):
         for m in range(3):

@@ -13,6 +13,7 @@ from ..contacts.neighbors import TOO_FAR, grid_of, rebuild_list, with_neighbor_l
 from ..contacts.rolling import resists_rolling
 from ..laws.builtin import SMOOTH, Law, damping_model, rescaling_flag
 from ..laws.dispatch import Kind, as_numpy_integers
+from ..options import INNER
 from ..outcome import Outcome, Status
 from ..state import Instant, State
 from .cell_motion import needs_frame
@@ -40,7 +41,7 @@ from .record import RecordBuffers, allocate_buffers, make_record, with_lost_cont
 from .timestep import check_time_step, stable_time_step
 
 
-@njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
+@njit(cache=True, fastmath=True, error_model="numpy", forceinline=True, **INNER)
 def kick_and_drift(x, v, force, kick, keep, dt):
     """Half a kick with explicit drag, then the drift, on flat arrays so that the loop is vectorised."""
     for q in range(len(x)):
@@ -48,14 +49,14 @@ def kick_and_drift(x, v, force, kick, keep, dt):
         x[q] += dt * v[q]
 
 
-@njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
+@njit(cache=True, fastmath=True, error_model="numpy", forceinline=True, **INNER)
 def second_kick(v, force, kick, slow):
     """Second half of the kick, with implicit drag."""
     for q in range(len(v)):
         v[q] = (v[q] + kick[q] * force[q]) * slow[q]
 
 
-@njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
+@njit(cache=True, fastmath=True, error_model="numpy", forceinline=True, **INNER)
 def any_moved(x, origin, limit):
     """Return True if a coordinate is further than `limit` from its origin, or undecided due to NaN in fast math."""
     far = 0.0

@@ -10,12 +10,13 @@ from ..contacts.neighbors import with_neighbor_list
 from ..contacts.rolling import rolling_bound
 from ..laws.builtin import Law, row, tangential_stiffness, tangents
 from ..measure import volume
+from ..options import INNER
 from ..state import State, groups
 from .cell_motion import cell_mass
 from .coefficients import inverse_inertia_of
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(cache=True, error_model="numpy", _nrt=False, **INNER)
 def _contact_spring(kind, dim, bodies, contacts, shift, p, c):
     """Normal, stiffnesses k_n, k_t and branch length of a contact; the last three are zero if it does not touch."""
     _, _, _, _, radius, material, inverse_mass, wall_normal, _ = bodies

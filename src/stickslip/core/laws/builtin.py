@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 
 from ...builtin_laws import BUILTIN_LAWS, NAMES
+from ..options import INNER
 from ..readable import readable
 from .dispatch import Kind, by_kind, check_kind, find_user_law
 
@@ -321,7 +322,7 @@ def masked(kind, touches, value):
     return value
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy", **INNER)
 def contact_damping(kind, viscous, r_eff, m_eff, overlap):
     """Factor on the damping coefficients, zero where grains do not touch."""
     if acts_across_gaps(kind) and overlap <= 0.0:

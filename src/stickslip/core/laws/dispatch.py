@@ -19,6 +19,7 @@ from numba.core.imputils import lower_constant
 from numba.extending import NativeValue, models, overload, register_model, typeof_impl, unbox
 
 from ...builtin_laws import BUILTIN_LAWS
+from ..options import INNER
 
 HELP = "see docs/contact_laws.md"
 ROLES = {  # arguments that a function of each name may take, in addition to parameters of the law
@@ -127,7 +128,7 @@ def by_kind(function):
     def scalar(kind, *rest):
         return compiled_functions(kind)[name](kind, *rest) if isinstance(kind, Kind) else compiled(kind, *rest)
 
-    @overload(scalar, jit_options=FAST, strict=False)
+    @overload(scalar, jit_options=FAST | INNER, strict=False)
     def _(kind, *rest):
         if not isinstance(kind, KindType):
             return function

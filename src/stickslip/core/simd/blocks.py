@@ -44,6 +44,7 @@ from ..laws.builtin import (
     row,
     tangential_stiffness,
 )
+from ..options import INNER
 from ..state import OPEN, SLIDE, STICK
 from .reduce import WIDTH
 from .transpose import (
@@ -163,7 +164,7 @@ def store_reference(contacts, position, angle, radius, vectors, pair_out, roll_o
     return rested
 
 
-@njit(**KERNEL_OPTIONS)
+@njit(**KERNEL_OPTIONS, **INNER)
 def _prefetch_pairs(blocks, body, b):
     """Prefetch both bodies of each pair of a block, two cache lines per body."""
     for s in range(LANES * b, LANES * (b + 1)):
@@ -172,14 +173,14 @@ def _prefetch_pairs(blocks, body, b):
             prefetch_for_read(body, g * BODY + 8)
 
 
-@njit(**KERNEL_OPTIONS)
+@njit(**KERNEL_OPTIONS, **INNER)
 def _prefetch_bodies(body, first, last):
     """Prefetch a range of bodies that will be moved."""
     for at in range(first * BODY, last * BODY, 8):
         prefetch_for_write(body, at)
 
 
-@njit(fastmath=True, **KERNEL_OPTIONS)
+@njit(fastmath=True, **KERNEL_OPTIONS, **INNER)
 def _gather_pair_vectors(dim, flow, blocks, body, b, scratch):
     """Gather pair vectors and sums of radii of block b, plane by plane."""
     gather_positions(np.int64(dim), np.int64(b * LANES), blocks.i, blocks.j, body, scratch)
@@ -202,7 +203,7 @@ def _gather_pair_vectors(dim, flow, blocks, body, b, scratch):
                 scratch[PAIR + 128 + l] += p * h[0, 2] + q * h[1, 2] + r * h[2, 2]
 
 
-@njit(fastmath=True, **KERNEL_OPTIONS)
+@njit(fastmath=True, **KERNEL_OPTIONS, **INNER)
 def _add_flow(dim, predict, flow, scratch):
     """Add the contribution L r of a deforming cell to relative velocities.
 
@@ -223,7 +224,7 @@ def _add_flow(dim, predict, flow, scratch):
                 scratch[MOTION_AHEAD + k * LANES + l] += ahead[k, 0] * x + ahead[k, 1] * y + ahead[k, 2] * z
 
 
-@njit(fastmath=True, **KERNEL_OPTIONS)
+@njit(fastmath=True, **KERNEL_OPTIONS, **INNER)
 def _evaluate_block(kind, coulomb, dim, viscous, rate, rescaled, wall, q, blocks, b, dt, hold, scratch):
     """Evaluate forces and memory of one block. Lanes that do not touch get zeros. With `hold`, the memory is kept."""
     use_widest_vectors()
@@ -349,7 +350,7 @@ def _idle(kind, dim, viscous, wall, q, blocks, b, scratch):
     return least > 0.0 and held == 0
 
 
-@njit(fastmath=True, **KERNEL_OPTIONS)
+@njit(fastmath=True, **KERNEL_OPTIONS, **INNER)
 def evaluate_blocks(
     kind, coulomb, dim, viscous, rate, rescaled, first, last, crossing, begin, end, blocks, body, ahead, p, dt, hold,
     flow, scratch,

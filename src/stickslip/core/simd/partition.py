@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit, prange
 
 from ..contacts.mechanics import effective_mass, effective_radius, needs_mass
+from ..options import INNER
 from ..state import OPEN, SLIDE, STICK
 from .blocks import LOOSE, STUCK_AGAIN, Blocks, commit
 from .reduce import IS_FIRST, IS_I, PREFETCH_DISTANCE, ROW, WIDTH
@@ -61,13 +62,13 @@ def morton_keys(x, size):
     return key
 
 
-@njit(cache=True)
+@njit(cache=True, **INNER)
 def _grow(old, need):
     """Return the old array if it is long enough, else a new one. New memory costs more than writing to it."""
     return old if len(old) >= need else np.empty(need + need // 8, old.dtype)
 
 
-@njit(cache=True)
+@njit(cache=True, **INNER)
 def _first_rows(contacts, bodies):
     """First row of each body, (B + 1,), in the list, which is sorted by the first body of each pair."""
     first = np.zeros(bodies + 1, np.int32)
@@ -78,7 +79,7 @@ def _first_rows(contacts, bodies):
     return first
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True, **INNER)
 def _distance_class(mode, left, most):
     """Class of a pair: 0 if it touches, else increasing with distance; `left` is the remaining part of `most`."""
     if mode != OPEN:
@@ -87,7 +88,7 @@ def _distance_class(mode, left, most):
     return _CLASSES - 1 - np.int64(min((_CLASSES - 1) * max(left, 0.0) / most, _CLASSES - 2.0))
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(cache=True, error_model="numpy", _nrt=False, **INNER)
 def _pick_pairs(
     begin, end, contacts, moving, first, internal, tile_of, worker, normal, vectors, room, gap, materials, material,
     picked, start, held,
@@ -138,7 +139,7 @@ def _pick_pairs(
     return number
 
 
-@njit(cache=True)
+@njit(cache=True, **INNER)
 def _assign_load_rows(place, bound, top, share, tile_of, i, j, row):
     """Assign the first row of loads to every block. Returns the number of rows.
 
@@ -178,7 +179,7 @@ def _assign_load_rows(place, bound, top, share, tile_of, i, j, row):
     return rows
 
 
-@njit(cache=True, _nrt=False)
+@njit(cache=True, _nrt=False, **INNER)
 def _pad_blocks(from_slot, to_slot, bodies, i, j, row, wall, at, size, mass, slip, mode):
     """Fill unused lanes of a block with a pair of a body with itself, which its vector keeps apart."""
     b = from_slot // LANES
@@ -196,7 +197,7 @@ def _pad_blocks(from_slot, to_slot, bodies, i, j, row, wall, at, size, mass, sli
             mass[s] = 1.0
 
 
-@njit(cache=True, _nrt=False)
+@njit(cache=True, _nrt=False, **INNER)
 def _place_vectors(at):
     """Replace marks of blocks by the start of their vectors, and return the end of the last one."""
     end = 0
@@ -207,7 +208,7 @@ def _place_vectors(at):
     return end
 
 
-@njit(cache=True, _nrt=False)
+@njit(cache=True, _nrt=False, **INNER)
 def _write_vectors(contacts, row, wall, at, normal, across, bodies, far, vector):
     """Write the vectors of all blocks that have them; `far` prevents a body from touching itself."""
     n, image = bodies - len(normal), contacts.image
@@ -228,7 +229,7 @@ def _write_vectors(contacts, row, wall, at, normal, across, bodies, far, vector)
                 vector[at[b] + m * LANES + l] = value
 
 
-@njit(cache=True, _nrt=False)
+@njit(cache=True, _nrt=False, **INNER)
 def _write_summation_order(contacts, slot, place, internal, start, code, nothing):
     """Convert counts in `start` to the loads that each body sums, in the order of partners.
 
@@ -254,7 +255,7 @@ def _write_summation_order(contacts, slot, place, internal, start, code, nothing
         code[start[a]] += IS_FIRST
 
 
-@njit(cache=True, _nrt=False)
+@njit(cache=True, _nrt=False, **INNER)
 def _rank(picked, p, tile_of, crossing):
     """Rank of a pair by its last tile, if it is between tiles of a thread, then by its class."""
     g, h = np.uint64(picked[p, _I]), np.uint64(picked[p, _J])
@@ -262,7 +263,7 @@ def _rank(picked, p, tile_of, crossing):
     return np.uint64(_CLASSES * last + picked[p, _CLASS])
 
 
-@njit(cache=True)
+@njit(cache=True, **INNER)
 def _sort_picked(picked, tile_of, tiles, crossing):
     """Sort pairs between tiles of a thread by their last tile, after all others, and pairs of a tile by their class.
 
@@ -280,7 +281,7 @@ def _sort_picked(picked, tile_of, tiles, crossing):
     return turn
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(cache=True, error_model="numpy", _nrt=False, **INNER)
 def _fill_blocks(picked, turn, filled, contacts, order, materials, material, radius, inverse_mass, parts, slot):
     """Write the picked pairs to the lanes of their buckets' blocks, and mark blocks that need vectors."""
     i, j, row, size, mass, slip, mode, pair, wall, at = parts
@@ -306,7 +307,7 @@ def _fill_blocks(picked, turn, filled, contacts, order, materials, material, rad
             at[b] = 0
 
 
-@njit(cache=True)
+@njit(cache=True, **INNER)
 def _prepare(contacts, moving, workers, materials):
     """Prepare places, tiles and threads of bodies, and a separate range of rows for the pairs picked by each thread."""
     order, tile, share, bodies = moving.order, moving.tile, moving.share, len(moving.order)
@@ -329,7 +330,7 @@ def _prepare(contacts, moving, workers, materials):
     return internal, tile_of, worker, own, first, begin, picked, start, held
 
 
-@njit(cache=True)
+@njit(cache=True, **INNER)
 def _lay_out(old, contacts, moving, start, held, materials, by_size, viscous):
     """Allocate all blocks, in the memory of `old` if it is large enough, and find the slots of each thread and bucket.
 
@@ -356,7 +357,7 @@ def _lay_out(old, contacts, moving, start, held, materials, by_size, viscous):
     return first, bound, filled, place, slot, (i, j, row, size, mass, slip, mode, pair, wall, at)
 
 
-@njit(cache=True)
+@njit(cache=True, **INNER)
 def _assemble_blocks(
     old, contacts, moving, normal, across, room, gap, first, bound, filled, place, slot, parts, internal, tile_of, start
 ):  # fmt: skip

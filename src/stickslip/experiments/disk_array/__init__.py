@@ -15,6 +15,13 @@ def references(scenario: DiskArrayScenario) -> dict[str, tuple[str, ...]]:
     return {"the experiment (paper 000)": ("Charan2020",), "contact law": law_references(scenario.law)}
 
 
+SMALLEST = {
+    "array": {"disks": 3},
+    "load": {"push": [0.0, 0.02], "step": 5e-3},
+    "dynamics": {"loads": [0.02], "duration": 600.0},
+    "sliding": {"loads": [0.02], "realizations": 2, "duration": 600.0},
+}
+
 EXPERIMENT = Experiment(
     scenario=DiskArrayScenario,
     words="paper 000: ten disks pushed along a substrate",
@@ -26,6 +33,7 @@ EXPERIMENT = Experiment(
     references=references,
     files=_here("report.files"),
     failures=_here("report.failures"),
+    smallest=(SMALLEST,),
     paper=Paper(
         title="Paper 000: an array of frictional disks",
         cuts=(

@@ -24,6 +24,28 @@ def references(scenario: FlowScenario) -> dict[str, tuple[str, ...]]:
     }
 
 
+_GRAINS = {"number": 40, "mass": 1.0, "polydispersity": 0.1}
+_LAW = {"kn": 1e4, "mu": 0.5, "restitution": 0.3}
+_SHORT = {"samples": 20, "frames": 4}
+SETTLING = _SHORT | {
+    "grains": _GRAINS | {"low": [0.0, 0.0], "high": [6.0, 16.0]},
+    "gravity": [0.0, -1.0],
+    "law": _LAW,
+    "walls": [
+        {"name": "floor", "point": [0.0, 0.0], "normal": [0.0, 1.0]},
+        {"name": "left", "point": [0.0, 0.0], "normal": [1.0, 0.0], "mu": 0.0},
+        {"name": "gate", "point": [6.0, 0.0], "normal": [-1.0, 0.0], "mu": 0.0},
+    ],
+    "stages": [{"name": "settle", "duration": 4.0}],
+}
+SHEARED = _SHORT | {
+    "grains": _GRAINS | {"low": [0.0, 1.0], "high": [8.0, 11.0]},
+    "cell": {"size": [8.0, 12.0], "periodic": ["x"]},
+    "law": _LAW,
+    "plates": [{"name": "bottom", "height": 0.0}, {"name": "top", "height": 12.0, "pressure": 2.0, "mass": 8.0}],
+    "stages": [{"name": "shear", "duration": 4.0, "velocity": {"top": {"x": 1.0}}}],
+}
+
 EXPERIMENT = Experiment(
     scenario=FlowScenario,
     words="granular flows: pouring, walls, plates and gates, in stages",
@@ -34,6 +56,7 @@ EXPERIMENT = Experiment(
     figures=_here("report.figures"),
     references=references,
     files=_here("report.files"),
+    smallest=(SETTLING, SHEARED),
     parallel=False,
 )
 

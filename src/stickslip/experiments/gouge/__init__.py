@@ -19,6 +19,23 @@ def references(scenario: GougeScenario) -> dict[str, tuple[str, ...]]:
     }
 
 
+SMALLEST = {
+    "realizations": 1,
+    "grains": {"number": 70},
+    "cell": {"length": 0.016, "width": 0.016},
+    "law": {"gamma_n": 1e4},
+    "dt": 2e-7,
+    "sample_every": 100,
+    "ledger_steps": 0,
+    "preparation": {"slip": 0.4, "window": 0.2, "change": 1.0, "approach": 10.0, "unbalanced": 0.03},
+    "protocol": [
+        {
+            "kind": "slide-hold-slide", "before": [0.3], "holds": [2e-4, 1e-4], "after": [0.3], "approach": 0.1,
+            "slip": 0.1, "twin": 0.0,
+        }
+    ],
+}  # fmt: skip
+
 EXPERIMENT = Experiment(
     scenario=GougeScenario,
     words="paper 003: fault gouge",
@@ -30,6 +47,7 @@ EXPERIMENT = Experiment(
     references=references,
     files=_here("report.files"),
     announce=_here("report.announce"),
+    smallest=(SMALLEST,),
     paper=Paper(
         title="Paper 003: fault gouge at a reduced scale",
         cuts=(

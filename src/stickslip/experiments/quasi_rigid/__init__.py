@@ -15,6 +15,13 @@ def references(scenario: QuasiScenario) -> dict[str, tuple[str, ...]]:
     return {"the experiment and its method (paper 002)": ("McNamara2006",), "contact law": CONTACT["linear"]}
 
 
+SMALLEST = {
+    "samples": 1,
+    "disks": {"number": 40},
+    "loading": {"test": "shear", "ratio": 0.02, "increment": 0.25},
+    "dynamics": {"times": []},
+}
+
 EXPERIMENT = Experiment(
     scenario=QuasiScenario,
     words="paper 002: disks under biaxial load",
@@ -25,6 +32,7 @@ EXPERIMENT = Experiment(
     figures=_here("report.figures"),
     references=references,
     files=_here("report.files"),
+    smallest=(SMALLEST,),
     paper=Paper(
         title="Paper 002: quasi-rigidity",
         cuts=(

@@ -27,6 +27,7 @@ EXPERIMENT = Experiment(
     figures=_here("report.figures"),
     references=references,
     files=_here("report.files"),
+    smallest=({},),
     parallel=False,
 )
 

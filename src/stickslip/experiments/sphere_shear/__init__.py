@@ -15,6 +15,13 @@ def references(scenario: ShearScenario) -> dict[str, tuple[str, ...]]:
     return {"the experiment (paper 001)": ("Bonfanti2020",), "contact law": law_references(scenario.law)}
 
 
+SMALLEST = {
+    "packings": 1,
+    "packing": {"grains": 30},
+    "shear": {"strain": [0.0, 1e-4], "step": 5e-5},
+    "release": {"duration": 100.0},
+}
+
 EXPERIMENT = Experiment(
     scenario=ShearScenario,
     words="paper 001: sheared packings of spheres",
@@ -24,6 +31,7 @@ EXPERIMENT = Experiment(
     show=_here("report.show"),
     figures=_here("report.figures"),
     references=references,
+    smallest=(SMALLEST,),
     paper=Paper(
         title="Paper 001: sheared packings of spheres",
         cuts=(
