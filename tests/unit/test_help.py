@@ -12,10 +12,10 @@ from tests.conftest import stickslip_here
 
 ROOT = Path(__file__).parents[2]
 # in this order, so that files are there
-COMMANDS = ("doctor", "cite", "run", "resume", "fit", "stability", "convert", "report", "movie", "reproduce")
+COMMANDS = ("doctor", "warm", "cite", "run", "resume", "fit", "stability", "convert", "report", "movie", "reproduce")
 DEAR = (
     "reproduce", "disk_array.toml", "rate_state_sweep.toml --out", "results/sweep", "doctor", "--coulomb sharp",
-    "--more", "report examples", "movie", "column",
+    "--more", "report examples", "movie", "column", "warm",
 )  # fmt: skip
 
 

@@ -110,8 +110,7 @@ def warm(
     if as_json:
         from ..experiments import json_output
 
-        print(
-            json_output.to_json(json_output.common_fields("warm") | {"names": chosen, "before": before, "after": after})
-        )
+        about = {"names": chosen, "kernels": after["folder"], "new_files": new}
+        print(json_output.to_json(json_output.common_fields("warm") | about))
     else:
         print(f"compiled for {', '.join(chosen)}: {new} new files in {after['folder']}")

@@ -97,7 +97,7 @@ def _describe_caches(caches: dict) -> dict[str, str]:
         writable = "for this process only, because no other folder is writable: set NUMBA_CACHE_DIR"
     words = {"folder": _abbreviate_home(caches["folder"]), "state": f"{writable}; chosen by {caches['chosen_by']}"}
     words["content"] = f"{caches['files']} files, {size:.1f} MiB" + (
-        "" if caches["files"] else "; filled by first runs"
+        "" if caches["files"] else "; filled by first runs, or now by stickslip warm"
     )
     if caches["of_other_versions"]:
         words["other versions"] = f"{caches['of_other_versions']} folders in it, safe to delete"

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable
 
-from ..compilation import announced_to
 from ..core.laws.builtin import hertz_mindlin
 from ..ensemble import run_members
 from ..experiments.registry import EXPERIMENTS, scenario, simulate
@@ -30,10 +29,7 @@ def compile_kernels(names: Iterable[str], *, workers: int | None = None, report:
     report : called as report(stage, fraction done, kernel that is being compiled)
     """
     tasks = [(name, k) for name in names for k in range(_count(name))]
-    found = run_members(
-        _run, tasks, workers=workers,
-        live=lambda share, words: report("compiling", share, words),
-    )  # fmt: skip
+    found = run_members(_run, tasks, workers=workers, live=lambda share, words: report("kernels", share, words))
     return [f"{name}: {one.failure}" for (name, _), one in zip(tasks, found, strict=True) if one.failure]
 
 
@@ -43,11 +39,11 @@ def _count(name: str) -> int:
 
 def _run(name: str, k: int, tell: Callable) -> None:
     """Run something small that needs the kernels."""
-    with announced_to(lambda kernel: tell(None, f"{name}: {kernel}") if kernel else None):
-        if name == STABILITY:
-            dim = 2 + k
-            law = hertz_mindlin(mu=0.5)
-            state, _ = jammed(20, packing_fraction=_FRACTION[dim], dim=dim, seed=1)
-            stability(equilibrate(state, law)[0], law)
-        else:
-            simulate(scenario(experiment=name, **EXPERIMENTS[name].smallest[k]), workers=1)
+    tell(0.0, name)
+    if name == STABILITY:
+        dim = 2 + k
+        law = hertz_mindlin(mu=0.5)
+        state, _ = jammed(20, packing_fraction=_FRACTION[dim], dim=dim, seed=1)
+        stability(equilibrate(state, law)[0], law)
+    else:
+        simulate(scenario(experiment=name, **EXPERIMENTS[name].smallest[k]), workers=1)

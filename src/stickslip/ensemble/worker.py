@@ -19,7 +19,7 @@ import traceback
 from contextlib import suppress
 
 from .. import __version__
-from ..compilation import WORDS, announced_to
+from ..compilation import announced_to
 
 DONE, FAILED, SAID = 0, 1, 2
 ONE_CORE = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
@@ -181,7 +181,7 @@ def _listen(stream, asked) -> None:
 def _run_task(packed: bytes, more: tuple) -> tuple:
     try:
         function, task = pickle.loads(packed)
-        with announced_to(lambda kernel: [tell(None, WORDS) for tell in more if kernel]):
+        with announced_to(lambda kernel: [tell(None, f"compiling {kernel}") for tell in more if kernel]):
             return DONE, pickle.dumps(function(*task, *more), protocol=5)
     except Exception as problem:
         return FAILED, describe_error(problem)
