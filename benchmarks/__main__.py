@@ -19,7 +19,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from . import contact_status, engine, gouge, rate_state, spheres
+from . import cold_start, contact_status, engine, gouge, rate_state, spheres
 
 HERE = Path(__file__).parent
 ROUNDS, STEPS = 5, 400_000
@@ -113,7 +113,9 @@ def show(rows: list[dict]) -> None:
         case = row["case"] if row["unit"] in ("", "grain-steps/s") else f"{row['case']} [dim]({row['unit']})[/]"
         peer = ("–", "") if row["peer"] is None else (f"{row['peer']:.4g}", row["peer_name"])
         ratio = "–" if row["ratio"] is None else f"{row['ratio']:.2f}"
-        table.add_row(case, f"{row['n']:,}", str(row["threads"]), f"{row['ours']:.4g}", *peer, ratio)
+        table.add_row(
+            case, f"{row['n']:,}" if row["n"] else "", str(row["threads"]), f"{row['ours']:.4g}", *peer, ratio
+        )
     console.print(table)
 
 
@@ -141,11 +143,12 @@ def versions() -> dict:
 def main() -> None:
     """Run all benchmarks. `--quick` omits the long ones, `--large` adds quasi-static runs of thousands of grains.
 
-    `--engine`, `--spheres`, `--status`, `--gouge` and `--friction` select time steps of many grains, quasi-static
-    sphere packings, contact status, time steps of fault gouge, or the spring-slider with rate-and-state friction.
+    `--engine`, `--spheres`, `--status`, `--gouge`, `--friction` and `--start` select time steps of many grains,
+    quasi-static sphere packings, contact status, time steps of fault gouge, the spring-slider with rate-and-state
+    friction, or the time to the first result with and without compiled kernels.
     """
     rows, quick = [], "--quick" in sys.argv
-    chosen = {"--engine", "--spheres", "--status", "--gouge", "--friction"} & set(sys.argv)
+    chosen = {"--engine", "--spheres", "--status", "--gouge", "--friction", "--start"} & set(sys.argv)
     if not chosen or "--engine" in chosen:
         rows += engine.rows(full=not quick)
     if not chosen:
@@ -159,6 +162,8 @@ def main() -> None:
         rows += gouge.rows()
     if not chosen or "--friction" in chosen:
         rows += rate_state.rows()
+    if not chosen or "--start" in chosen:
+        rows += cold_start.rows()
     show(rows)
     path, today = Path("bench.json"), datetime.now(UTC).date().isoformat()
     measured, rows = {_row_key(row) for row in rows}, [row | {"date": today} for row in rows]

@@ -1,0 +1,69 @@
+"""Seconds to the first result with an empty kernel cache and with a full one.
+
+A run has its first result when it first reports a physical quantity. Every case starts with a cache of its own.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+HERE = Path(__file__).parent
+ROOT = HERE.parent
+PACKING = str(ROOT / "examples" / "sheared_spheres.npz")
+FLOORS = {"column_collapse": 25, "gouge": 30, "biaxial": 30}  # [s] with an empty cache, of the runs in `examples`
+EXAMPLES = "disk_array", "sphere_shear", "biaxial", "column_collapse", "plane_shear", "gouge", "rate_state"
+
+
+def readme_snippet() -> str:
+    """Return the first Python snippet of the README."""
+    return (ROOT / "README.md").read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
+
+
+def first_result(example: str) -> None:
+    """Run an example until it reports a physical quantity, and end the process."""
+    from stickslip.experiments.registry import read_scenario, simulate
+
+    def report(stage: str, share: float, words: str, left: float | None = None) -> None:
+        if words:
+            os._exit(0)
+
+    simulate(read_scenario(ROOT / "examples" / f"{example}.toml"), report=report)
+
+
+def _time(words: list[str], cache: str) -> float:
+    with tempfile.TemporaryDirectory() as folder:  # for what the command writes
+        env = os.environ | {"XDG_CACHE_HOME": cache, "NUMBA_CACHE_DIR": "", "PYTHONPATH": str(ROOT)}
+        start = time.perf_counter()
+        run = subprocess.run([sys.executable, *words], cwd=folder, env=env, capture_output=True, text=True)
+        took = time.perf_counter() - start
+    if run.returncode:
+        raise RuntimeError(f"{' '.join(words)}: {run.stderr.strip()[-300:]}")
+    return took
+
+
+def rows() -> list[dict]:
+    """Measure every case once with an empty cache, and three times with the cache that this filled."""
+    cases = {
+        "stickslip --help": (["-m", "stickslip", "--help"], None),
+        "stability of 50 spheres": (["-m", "stickslip", "stability", PACKING], 10),
+        "snippet of the README": (["-c", readme_snippet()], 10),
+        "report of 50 spheres": (["-m", "stickslip", "report", PACKING], None),
+        "doctor": (["-m", "stickslip", "doctor"], None),
+    }
+    for name in EXAMPLES:
+        code = f"from benchmarks.cold_start import first_result; first_result({name!r})"
+        cases[f"run {name}.toml"] = ["-c", code], FLOORS.get(name)
+    found = []
+    for case, (words, floor) in cases.items():
+        with tempfile.TemporaryDirectory() as cache:
+            cold, warm = _time(words, cache), min(_time(words, cache) for _ in range(3))
+        for state, value, budget in (("empty", cold, floor), ("full", warm, None)):
+            ratio = value / budget if budget else None
+            found.append(
+                {"case": f"{case}, {state} kernel cache", "n": 0, "threads": os.cpu_count(), "ours": value,
+                 "peer": budget, "peer_name": "budget", "ratio": ratio, "unit": "s"}
+            )  # fmt: skip
+    return found
