@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 
 from stickslip.data import archive
+from stickslip.data.checkpoint import checkpoint_in
+from stickslip.experiments.registry import EXPERIMENTS
+from tests.conftest import stickslip_here
 from tests.published.test_disk_array import stickslip
 
 SHORT = """
@@ -154,10 +157,27 @@ def test_control_c_ends_with_a_sentence_and_130(tmp_path):
     run.send_signal(signal.SIGINT)
     _, said = run.communicate(timeout=60)
     assert run.returncode == 130
-    assert "stopped by the user" in said
-    assert "continue from the saved state" in said
+    assert "stickslip: stopped by the user" in said
     assert "Traceback" not in said
     assert not (tmp_path / "out" / "results.h5").exists()
+
+
+@pytest.mark.parametrize("saved", [True, False], ids=["saved", "nothing saved"])
+def test_after_control_c_the_message_names_the_folder_if_something_was_saved(saved, tmp_path, monkeypatch):
+    def stopped(scenario, *, folder, **more):
+        if saved:
+            checkpoint_in(folder, scenario).save("piece", {"value": 1.0})
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(EXPERIMENTS, "rate-state", EXPERIMENTS["rate-state"]._replace(simulate=stopped))
+    (tmp_path / "s.toml").write_text('experiment = "rate-state"')
+    run = stickslip_here("run", "s.toml", "--out", "out", cwd=tmp_path)
+    ending = "continue with stickslip resume out" if saved else "run the command again"
+    assert run.returncode == 130
+    assert run.stderr.startswith("stickslip: stopped by the user") and run.stderr.endswith(f"{ending}\n")
+    monkeypatch.undo()
+    again = ("resume", "out") if saved else ("run", "s.toml", "--out", "out")
+    assert stickslip_here(*again, cwd=tmp_path).returncode == 0
 
 
 @pytest.mark.slow

@@ -28,6 +28,10 @@ class FailedError(RuntimeError):
         self.answer = answer
 
 
+class StoppedError(Exception):
+    """Raised for a run that was stopped by ctrl-C; the message says how to continue."""
+
+
 @contextmanager
 def convert_errors():
     """Turn errors raised after the input was accepted into a failed run (exit code 1)."""
@@ -63,6 +67,8 @@ def main() -> None:
         sys.exit(1)
     except (ValueError, OSError) as problem:
         _fail(_error_message(problem), 2)
+    except StoppedError as problem:
+        _fail(str(problem), STOPPED)
     except RuntimeError as problem:
         _fail(str(problem), 1, getattr(problem, "answer", None))
     except KeyboardInterrupt:
@@ -72,7 +78,7 @@ def main() -> None:
             raise
         _fail(problem.format_message().rstrip(".") or "no command was given: stickslip --help lists them", 2)
     if code == STOPPED:
-        _fail("stopped by the user: continue from the saved state with stickslip resume FOLDER", STOPPED)
+        _fail("stopped by the user", STOPPED)
     sys.exit(code or 0)
 
 

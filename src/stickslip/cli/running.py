@@ -1,6 +1,7 @@
 """Commands that run experiments: reproduce a paper, run a scenario or a sweep, resume a run that was stopped."""
 
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -20,7 +21,7 @@ from .app import (
     examples,
     finish,
 )
-from .entry_point import FailedError, convert_errors
+from .entry_point import FailedError, StoppedError, convert_errors
 
 REPRODUCE = examples(
     ("reproduce disk-array --quick", "a minute; results/disk-array-quick, with figures and claims"),
@@ -75,19 +76,34 @@ def reproduce(
             "--full was given with --quick: give one of them" if quick else f"{experiment} has no --full: leave it out"
         )
     spread = _choose_workers(workers, scheduler)
-    from ..data.lock import lock_folder
-    from ..experiments import run_folder, terminal
+    from ..experiments import run_folder
     from ..experiments.registry import EXPERIMENTS
     from ..experiments.resume import mark_reproduction
 
     chosen = EXPERIMENTS[experiment].paper.scenario(quick=quick, seed=seed)
     folder = out or Path("results") / (experiment + ("-quick" if quick else ""))
     how = {"quiet": quiet, "as_json": as_json}
-    with terminal.console_output(**how), lock_folder(folder):
+    with _working_in(folder, how):
         run_folder.prepare_folder(folder, chosen, overwrite=overwrite)
         asked = {"experiment": experiment, "quick": quick, "seed": seed} | ({"full": True} if full else {})
         mark_reproduction(folder, chosen, **asked)
         _reproduce_in("reproduce", folder, spread, how, **asked)
+
+
+@contextmanager
+def _working_in(folder: Path, how: dict):
+    """Lock the folder of a run and direct its output; after ctrl-C, say how to continue."""
+    from ..data.checkpoint import is_worth_resuming
+    from ..data.lock import lock_folder
+    from ..experiments import terminal
+
+    with terminal.console_output(**how), lock_folder(folder):
+        try:
+            yield
+        except KeyboardInterrupt:
+            if is_worth_resuming(folder):
+                raise StoppedError(f"stopped by the user: continue with stickslip resume {folder}") from None
+            raise StoppedError("stopped by the user before anything was saved: run the command again") from None
 
 
 def _reproduce_in(command: str, folder: Path, spread, how: dict, *, experiment: str, quick: bool, **asked) -> None:
@@ -127,21 +143,20 @@ def run(
     as_json: AsJson = False,
 ) -> None:
     """Run a scenario, or many with a table [sweep]: arrays, packings, tests, flows, gouge, sliders."""
-    from ..data.lock import lock_folder
-    from ..experiments import run_folder, terminal
+    from ..experiments import run_folder
     from ..experiments.registry import read_tables
     from ..experiments.registry import scenario as make_scenario
 
     tables, how = read_tables(scenario), {"quiet": quiet, "as_json": as_json}
     if "sweep" in tables:
         tables, spread = _sweep_tables(tables, engine), _choose_workers(workers, scheduler)
-        with terminal.console_output(**how), lock_folder(out):
+        with _working_in(out, how):
             return _run_sweep_in("run", tables, out, spread, how, overwrite=overwrite, yes=yes, figures=figures)
     chosen = make_scenario(**tables)
     if engine is not None:
         chosen = _with_engine(chosen, engine)
     spread = _choose_workers(workers, scheduler, chosen)
-    with terminal.console_output(**how), lock_folder(out):
+    with _working_in(out, how):
         run_folder.prepare_folder(out, chosen, overwrite=overwrite)
         return _run_in("run", chosen, out, spread, how)
 
@@ -172,7 +187,6 @@ def resume(
     as_json: AsJson = False,
 ) -> None:
     """Continue a run that was killed: dynamics bit for bit, quasi-static steps to their solver's tolerance."""
-    from ..data.lock import lock_folder
     from ..experiments import terminal
     from ..experiments.resume import find_unfinished
 
@@ -180,7 +194,7 @@ def resume(
     with terminal.console_output(**how):
         if find_unfinished(folder) is None:
             return _report_finished(folder, how)
-        with lock_folder(folder):
+        with _working_in(folder, how):
             found = find_unfinished(folder)  # again, because another process may have finished in between
             if found is None:
                 return _report_finished(folder, how)

@@ -138,6 +138,12 @@ def unfinished_scenario(folder: Path) -> Path | None:
     return notes[0] if notes else None
 
 
+def is_worth_resuming(folder: Path) -> bool:
+    """Return True if something of an unfinished run or sweep has been saved in its folder."""
+    saved = (path for place in (UNFINISHED, MEMBERS) for path in (folder / place).rglob("*.h5"))
+    return any(not path.name.startswith(".") for path in saved)
+
+
 def checkpoint_in(folder: Path | None, scenario, *nouns: type) -> Checkpoint | None:
     """Location of the pieces of a scenario that runs in a folder; None without a folder."""
     return Checkpoint(folder, scenario.text, nouns, si=scenario.si) if folder else None
