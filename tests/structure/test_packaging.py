@@ -2,15 +2,19 @@
 
 import glob
 import os
+import re
+import runpy
 import subprocess
 import sys
 import tarfile
 import tomllib
 import zipfile
+from importlib.metadata import version
 from pathlib import Path
 from shutil import which
 
 import pytest
+import yaml
 
 from stickslip import extras
 
@@ -152,3 +156,24 @@ def test_every_missing_extra_is_one_sentence_with_its_command(installed, tmp_pat
 def built_version():
     words = (ROOT / "src/stickslip/__init__.py").read_text()
     return words.partition('__version__ = "')[2].partition('"')[0]
+
+
+def test_a_release_names_one_version_everywhere():
+    release = runpy.run_path(str(ROOT / "release" / "release.py"))
+    assert release["package_version"]() == version("stickslip")
+    assert release["inconsistent_versions"]() == []
+
+
+def test_the_conda_recipe_has_the_dependencies_of_the_package():
+    recipe = yaml.safe_load((ROOT / "release" / "conda" / "recipe.yaml").read_text())
+    listed = {
+        words.replace(" ", "").replace("matplotlib-base", "matplotlib") for words in recipe["requirements"]["run"]
+    }
+    assert listed == {f"python{PROJECT['requires-python']}", *PROJECT["dependencies"]}
+
+
+def test_the_paper_cites_what_its_bibliography_has():
+    text, bib = ((ROOT / "paper" / f"paper.{kind}").read_text() for kind in ("md", "bib"))
+    cited = set(re.findall(r"@(\w+)", text.partition("# Summary")[2]))
+    assert cited == set(re.findall(r"^@\w+\{(\w+),$", bib, flags=re.M))
+    assert 250 < len(text.split()) < 1750  # what the Journal of Open Source Software asks for

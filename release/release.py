@@ -1,0 +1,94 @@
+"""`make release`: build the wheel and the sdist into dist/, and check them; nothing is uploaded.
+
+The version must be the same in the package, CITATION.cff, .zenodo.json, the conda recipe and the changelog. The wheel is
+built from the unpacked sdist, `twine check --strict` reads both, and `stickslip doctor` runs in a new environment with
+nothing but the wheel and its dependencies.
+"""
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+DIST = ROOT / "dist"
+
+
+def package_version() -> str:
+    """Version in the sources of the package."""
+    return _find(r'^__version__ = "(.+)"$', ROOT / "src" / "stickslip" / "__init__.py")
+
+
+def inconsistent_versions() -> list[str]:
+    """One sentence for each file whose version is not that of the package."""
+    wanted = package_version()
+    found = {
+        "CITATION.cff": _find(r"^version: (.+)$", ROOT / "CITATION.cff"),
+        ".zenodo.json": json.loads((ROOT / ".zenodo.json").read_text(encoding="utf-8"))["version"],
+        "release/conda/recipe.yaml": _find(r'^  version: "(.+)"$', ROOT / "release" / "conda" / "recipe.yaml"),
+    }
+    return [f"{name} has version {one}, the package has {wanted}" for name, one in found.items() if one != wanted]
+
+
+def unreleased_changes() -> str | None:
+    """Return a sentence if the changelog has no section for this version, else None."""
+    wanted, text = package_version(), (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    return None if f"\n## {wanted}" in text else f"CHANGELOG.md has no section '## {wanted}': rename 'Unreleased'"
+
+
+def _find(pattern: str, path: Path) -> str:
+    found = re.search(pattern, path.read_text(encoding="utf-8"), flags=re.M)
+    if not found:
+        raise SystemExit(f"{path} has no version")
+    return found[1]
+
+
+def _run(*words, cwd=ROOT) -> None:
+    print("$", *words, flush=True)
+    if code := subprocess.run([*map(str, words)], cwd=cwd).returncode:
+        raise SystemExit(code)
+
+
+def build() -> list[Path]:
+    """Build the sdist, and the wheel from the unpacked sdist alone."""
+    shutil.rmtree(DIST, ignore_errors=True)
+    _run(sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", DIST)
+    (sdist,) = DIST.glob("*.tar.gz")
+    with tempfile.TemporaryDirectory() as folder, tarfile.open(sdist) as archive:
+        archive.extractall(folder, filter="data")
+        (source,) = Path(folder).iterdir()
+        _run(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", DIST, cwd=source)
+    (wheel,) = DIST.glob("*.whl")
+    return [sdist, wheel]
+
+
+def check(sdist: Path, wheel: Path) -> None:
+    """Check descriptions and metadata, install the wheel in a new environment, and run its self-check."""
+    with tempfile.TemporaryDirectory() as folder:
+        tools, clean = Path(folder) / "tools", Path(folder) / "clean"
+        for place, what in ((tools, ["--require-hashes", "-r", ROOT / "requirements-release.lock"]), (clean, [wheel])):
+            _run(sys.executable, "-m", "venv", place)
+            _run(place / "bin" / "python", "-m", "pip", "install", "-q", "--disable-pip-version-check", *what)
+        _run(tools / "bin" / "python", "-m", "twine", "check", "--strict", sdist, wheel)
+        _run(clean / "bin" / "stickslip", "doctor", "--quiet", cwd=folder)
+
+
+def main() -> None:
+    """Build and check a release."""
+    problems = [*inconsistent_versions(), *filter(None, [unreleased_changes()])]
+    if problems and "--rehearse" not in sys.argv:
+        raise SystemExit("\n".join(problems))
+    for sentence in problems:
+        print(f"not ready: {sentence}")
+    paths = build()
+    check(*paths)
+    print("Checked:", *(f"\n  {path.relative_to(ROOT)}" for path in paths))
+    print(f"To publish: git tag v{package_version()}, push the tag, then twine upload dist/*")
+
+
+if __name__ == "__main__":
+    main()
