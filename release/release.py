@@ -1,8 +1,8 @@
 """`make release`: build the wheel and the sdist into dist/, and check them; nothing is uploaded.
 
-The version must be the same in the package, CITATION.cff, .zenodo.json, the conda recipe and the changelog. The wheel is
-built from the unpacked sdist, `twine check --strict` reads both, and `stickslip doctor` runs in a new environment with
-nothing but the wheel and its dependencies.
+The version must be the same in the package, CITATION.cff, .zenodo.json, the conda recipe and the changelog. The wheel
+is built from the unpacked sdist, `twine check --strict` reads both, and `stickslip doctor` runs in a new environment
+with nothing but the wheel and its dependencies.
 """
 
 import json
