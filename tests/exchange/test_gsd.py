@@ -127,7 +127,7 @@ def test_frames_are_chosen(tmp_path):
     assert_same(states[2], ss.io.read_packing(tmp_path / "p.gsd")[0])
     for state, (_, back, _, _) in zip(states, ss.io.read_packings(tmp_path / "p.gsd"), strict=True):
         assert_same(state, back)
-    with pytest.raises(ss.packings.PackingError, match=r"no frame '7': it has 0 to 2"):
+    with pytest.raises(ss.packings.PackingError, match=r"no frame '7': its frames are 0 to 2"):
         ss.io.read_packing(tmp_path / "p.gsd", frame="7")
 
 

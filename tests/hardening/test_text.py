@@ -129,9 +129,9 @@ def test_whole_numbers_of_thousands_of_digits_in_tables(tmp_path):
     refused("load_point has the unit '7777", "fit", "a.csv", cwd=tmp_path)
     for old in ("TIMESTEP\n0", "ATOMS\n2"):
         (tmp_path / "a.dump").write_text(DUMP.replace(old, f"{old[:-1]}{DIGITS}"))
-        refused("has 5000 digits, at most 40 are allowed", "stability", "a.dump", "--json", cwd=tmp_path)
+        refused("has 5000 digits: at most 40 are allowed", "stability", "a.dump", "--json", cwd=tmp_path)
     text = data_file(tmp_path)
     (tmp_path / "p.data").write_text(text.replace("2 atoms", f"{DIGITS} atoms"))
-    refused("has 5000 digits, at most 40 are allowed", "stability", "p.data", "--json", cwd=tmp_path)
+    refused("has 5000 digits: at most 40 are allowed", "stability", "p.data", "--json", cwd=tmp_path)
     (tmp_path / "p.data").write_text(text.replace("timestep = 0", f"timestep = {DIGITS}"))
-    refused("has 5000 digits, at most 40 are allowed", "stability", "p.data", "--json", cwd=tmp_path)
+    refused("has 5000 digits: at most 40 are allowed", "stability", "p.data", "--json", cwd=tmp_path)

@@ -116,5 +116,5 @@ def test_pieces_that_changed_names_are_refused(tmp_path):
     assert kept.load("a") == {"x": "a"}
     for old, new in (("a", "c"), ("b", "a"), ("c", "b")):
         (kept.folder / f"{old}.h5").rename(kept.folder / f"{new}.h5")
-    with pytest.raises(archive.ArchiveError, match=r"contains the piece \./b: restore the names of the files"):
+    with pytest.raises(archive.ArchiveError, match=r"contains piece \./b: restore the original file names"):
         kept.load("a")

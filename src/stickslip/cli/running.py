@@ -254,7 +254,7 @@ def _run_sweep_in(
 
 
 def _sweep_tables(tables: dict, engine: str | None) -> dict:
-    """Tables of a sweep, with another engine if one is given."""
+    """Tables of a sweep, with `engine` instead of their own if it is given."""
     if engine is None:
         return tables
     check_choice("engine", engine, ENGINES)

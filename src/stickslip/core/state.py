@@ -82,9 +82,9 @@ class Control(NamedTuple):
     """Imposed loads and motions. A component that is not free moves at its `rate`: frozen if zero, else driven.
 
     Bodies of a group move as one and do not rotate; their forces and masses add up. A free component of the cell's
-    velocity gradient obeys M ℓ² L̇ = V (σ − `stress`), ℓ = V^(1/dim). A rate may follow a course: it is then multiplied
-    by a function of time, linear between `knots` and constant beyond them. A spring pulls a body towards its load
-    point, which is at `anchor` plus the course that it follows.
+    velocity gradient obeys M ℓ² L̇ = V (σ − `stress`), ℓ = V^(1/dim). A rate may have a time profile, its `course`: it
+    is then multiplied by a function of time that is linear between `knots` and constant beyond them. A spring pulls a
+    body towards its load point, which is at `anchor` plus the course that it follows.
     """
 
     force: np.ndarray  # (N + W, 3) [force]
@@ -424,7 +424,7 @@ def _check_control(state: State) -> None:
             "a deforming cell was given with walls or rigid groups, which cannot deform with it: omit one of them"
         )
     if not control.cell_mass >= 0:
-        raise ValueError(f"a cell's mass of {control.cell_mass:g} was given: it must be positive, or 0 for the default")
+        raise ValueError(f"a cell mass of {control.cell_mass:g} was given: it must be positive, or 0 for the default")
 
 
 def _check_springs(control: Control) -> None:

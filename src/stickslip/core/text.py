@@ -46,7 +46,7 @@ def _has_wide_letters(content: bytes) -> bool:
 def parse_integer(word: str) -> int:
     """Convert a word in a file to an integer. The ValueError on failure can be part of a sentence."""
     if len(word.strip()) > _MAX_DIGITS:
-        raise ValueError(f"{word.strip()[:20]!r} … has {len(word.strip())} digits, at most {_MAX_DIGITS} are allowed")
+        raise ValueError(f"{word.strip()[:20]!r} … has {len(word.strip())} digits: at most {_MAX_DIGITS} are allowed")
     return int(word)
 
 

@@ -105,7 +105,7 @@ class Checkpoint(NamedTuple):
         self._check(path)
         found = archive.read(path, nouns=self.nouns)
         if found.get("name") != f"{self.part}/{name}":
-            raise archive.ArchiveError(f"{path} contains the piece {found.get('name')}: restore the names of the files")
+            raise archive.ArchiveError(f"{path} contains piece {found.get('name')}: restore the original file names")
         return found["piece"]
 
     def _check(self, path: Path) -> None:

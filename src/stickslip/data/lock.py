@@ -107,7 +107,7 @@ def _find_foreign_file(place: Path) -> str | None:
 
 
 def _remove_empty(folders: list[Path]) -> None:
-    """Remove those of the created folders that are empty."""
+    """Remove any created folders that are empty."""
     for path in folders:
         with suppress(OSError):
             path.rmdir()

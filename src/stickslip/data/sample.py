@@ -29,7 +29,7 @@ class PackingError(ValueError):
 
 
 class PackingWarning(UserWarning):
-    """Issued if something in a packing was changed or is missing, but the packing can be used."""
+    """Issued if part of a packing was changed or is missing but the packing is still usable."""
 
 
 def from_arrays(

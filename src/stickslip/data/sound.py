@@ -131,4 +131,4 @@ def _check_indices(state: State) -> None:
     if len(contacts.skin) not in (1, 2):
         raise ValueError(f"contacts.skin has {len(contacts.skin)} entries")
     if not np.array_equal(pack_keys(contacts), contacts.key) or (np.diff(contacts.key) <= 0).any():
-        raise ValueError("contacts are not sorted, or their keys do not belong to them")
+        raise ValueError("contacts are not sorted, or their keys do not match them")

@@ -122,7 +122,7 @@ def run_members(
         try:
             _run_tasks(function, {k: tasks[k] for k in missing}, workers, keep, heard if live else None)
         except SchedulerGoneError as problem:
-            raise RuntimeError(f"{problem}; {members.count(None)} of {len(tasks)} members were not finished") from None
+            raise RuntimeError(f"{problem}; {members.count(None)} of {len(tasks)} members did not finish") from None
     return members
 
 

@@ -196,7 +196,8 @@ def _collect(tree, above: str, law, states: dict, tables: dict, laws: dict) -> N
 
 
 def _is_table(tree) -> bool:
-    """Return True for rows of a table: two or more groups with the same scalars and strings, such as stages."""
+    """Return True if the groups form the rows of a table: two or more with the same scalar and string fields, such as
+    stages."""
     rows = list(tree.values()) if isinstance(tree, dict) else []
     return (
         len(rows) > 1

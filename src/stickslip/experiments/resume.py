@@ -23,7 +23,7 @@ class UnfinishedRun(NamedTuple):
 
 
 def mark_reproduction(folder: Path, scenario, **arguments) -> None:
-    """Record the arguments of a paper's run that starts in a folder, for `find_unfinished`."""
+    """Save the arguments with which a reproduction starts in a folder, for `find_unfinished`."""
     checkpoint_in(folder, scenario).announce()
     write_atomically(folder / UNFINISHED / REPRODUCTION, json.dumps(arguments).encode())
 

@@ -42,7 +42,7 @@ def packing(
     state: State, law: Law | None = None, *, mode: Mode | None = None, colour: str | None = None, title: str = "",
     width: float = WIDTH, si: bool = False,
 ):  # fmt: skip
-    """Draw grains, contacts with width by normal force and colour by status, walls, cell, and the orbits of a mode.
+    """Draw grains, contacts (width by normal force, colour by status), walls, cell, and the orbits of a mode.
 
     A mode moves grain i along Re(u_i exp(−iωt)), an ellipse. It is drawn at each grain, with an arrow at t = 0. All
     ellipses are enlarged by the same factor, the largest to the mean radius. Balls in space are drawn at 0.6 of their

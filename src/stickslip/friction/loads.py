@@ -129,7 +129,7 @@ def check_times(time) -> None:
     if len(wrong):
         k = wrong[0]
         raise ValueError(
-            f"time must increase, but sample {k + 2} ({time[k + 1]:g}) does not follow sample {k + 1} ({time[k]:g}): "
+            f"time must increase, but sample {k + 2} ({time[k + 1]:g}) is not later than sample {k + 1} ({time[k]:g}): "
             "sort the samples and remove duplicates"
         )
 

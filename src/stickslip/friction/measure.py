@@ -138,5 +138,5 @@ def _check_series(values, least: int) -> np.ndarray:
     if x.ndim != 1 or len(x) < least:
         raise ValueError(f"values have shape {x.shape}: give a one-dimensional array of at least {least}")
     if not np.isfinite(x).all():
-        raise ValueError("the series contains values that are not finite: leave them out")
+        raise ValueError("the series contains non-finite values: remove them")
     return x

@@ -61,7 +61,9 @@ def prepare(data: Data, windows=None) -> Prepared:
     time, friction = np.asarray(data.time, float), np.asarray(data.friction, float)
     check_times(time)
     if friction.shape != time.shape or not np.isfinite(friction).all():
-        raise ValueError(f"friction must be {len(time)} finite numbers, one for each time: leave out what is missing")
+        raise ValueError(
+            f"friction must be {len(time)} finite numbers, one for each time: remove samples with missing values"
+        )
     sigma = np.ones(len(time)) if data.sigma is None else np.asarray(data.sigma, float)
     if sigma.shape != time.shape or not ((sigma > 0) & np.isfinite(sigma)).all():
         raise ValueError(f"sigma must be {len(time)} positive numbers, one for each time, or None")

@@ -73,7 +73,7 @@ def sheared_box(
     n: int = 100, *, pressure: float = 1e-4, kn: float = 1.0, kt: float = 0.5, mu: float = 0.5, radius=(0.4, 0.6),
     seed: int = 0, tolerance: float = 1e-9,
 ) -> tuple[State, Law]:  # fmt: skip
-    """Frictional disks at rest under a pressure in a periodic cell with free strains xx, yy and xy.
+    """Frictional disks at rest under a prescribed pressure in a periodic cell with free strains xx, yy and xy.
 
     Arguments, law and errors are those of `biaxial_box`.
     """

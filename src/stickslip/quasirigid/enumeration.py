@@ -270,7 +270,7 @@ def status_map(problem: Complementarity) -> StatusMap:
     size = len(problem.vector)
     if size > MAPPED:
         raise ValueError(
-            f"{size} critical contacts were given: their {2.0**size:.3g} statuses cannot be enumerated, at most "
+            f"{size} critical contacts were given: their {2.0**size:.3g} status combinations cannot be enumerated: at most "
             f"{MAPPED} contacts are allowed; `contact_status` finds a consistent status, `certificate` tests uniqueness"
         )
     through = enumerate_rates(scale_problem(problem))

@@ -236,7 +236,7 @@ class _ProbeRun:
 
     @staticmethod
     def _offset(excess: np.ndarray, index: np.ndarray) -> np.ndarray:
-        """Offset of each peak from its bin, by a parabola through the logarithms; 0 at the ends."""
+        """Offset of each peak from its bin centre, by parabolic interpolation of the logarithms; 0 at the ends."""
         inside = np.clip(index, 1, len(excess) - 2)
         left, mid, right = (np.log(np.maximum(excess[inside + k], 1e-3 * excess[index])) for k in (-1, 0, 1))
         curve = np.minimum(left + right - 2 * mid, -1e-3)

@@ -73,7 +73,8 @@ class Spectrum(NamedTuple):
 def spectrum(state: State, law: Law, *, modes: bool = True) -> Spectrum:
     """Compute all eigenvalues and modes of −M⁻¹J at an accepted state, with each contact held in its mode.
 
-    The solution is dense. Velocity-dependent parts of the law and drag are not included; see `damped_growth`.
+    The eigenvalue problem is solved with dense matrices. Velocity-dependent parts of the law and drag are not included;
+    see `damped_growth`.
 
     Parameters
     ----------

@@ -382,7 +382,7 @@ def select_rows(contacts: Contacts, rows) -> Contacts:
 
 
 def without_walls(state: State, walls) -> State:
-    """State without some walls, numbers 0 … W−1. All other contacts keep their memory, and later walls move up.
+    """State without some walls, numbers 0 … W−1. All other contacts keep their memory, and later walls are renumbered.
 
     Examples
     --------

@@ -57,7 +57,7 @@ def resists_rolling(kind: int) -> bool:
 
 
 def _if_rolling(function):
-    """Decorate a part of a kernel that is compiled for laws with rolling resistance, and empty for all others."""
+    """Decorate a part of a kernel that is compiled for laws with rolling resistance and does nothing for all others."""
 
     def step(kind, *rest):
         return function(kind, *rest) if resists_rolling(kind) else None

@@ -216,7 +216,7 @@ class _BlockRun:
         return DONE, found
 
     def gather(self) -> Bodies:
-        """Copy all bodies to fresh arrays in the state's order, and the memory of contacts to the list.
+        """Copy all bodies to new arrays in the state's order, and the contact memory to the contact list.
 
         To save memory, the arrays should be kept only while they are used.
         """

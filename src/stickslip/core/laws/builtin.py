@@ -1,8 +1,8 @@
 """Contact laws, each written once as scalar functions; kernels do the vector algebra.
 
 A law consists of an integer `kind`, an integer `coulomb` and a table of parameters for each pair of materials. The
-scalar functions take real or complex arguments and branch on the real part. Their tangents come from the same source
-by a complex step, f'(x) = Im f(x + ih)/h, which is exact to round-off because nothing is subtracted.
+scalar functions take real or complex arguments and branch on the real part. Their tangents come from the same source by
+complex-step differentiation, f'(x) = Im f(x + ih)/h, which is exact to round-off because nothing is subtracted.
 """
 
 from numbers import Real
@@ -351,19 +351,20 @@ def mobilisation(coulomb, x):
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def tangents(kind, q, r_eff, overlap):
-    """Derivatives d(normal force)/d(overlap) and d(tangential stiffness)/d(overlap), by a complex step."""
+    """Derivatives d(normal force)/d(overlap) and d(tangential stiffness)/d(overlap), by complex-step
+    differentiation."""
     z = complex(overlap, STEP)
     return normal_force(kind, q, r_eff, z).imag / STEP, tangential_stiffness(kind, q, r_eff, z).imag / STEP
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def mobilisation_tangent(coulomb, x):
-    """Derivative d(mobilisation)/dx, by a complex step."""
+    """Derivative d(mobilisation)/dx, by complex-step differentiation."""
     return mobilisation(coulomb, complex(x, STEP)).imag / STEP
 
 
 def complex_step_slopes(function):
-    """Derivatives of f(kind, q, r_eff, overlap, fn) with respect to fn and overlap, by a complex step."""
+    """Derivatives of f(kind, q, r_eff, overlap, fn) with respect to fn and overlap, by complex-step differentiation."""
 
     @njit(fastmath=True, error_model="numpy")
     def slopes(kind, q, r_eff, overlap, fn):

@@ -236,8 +236,8 @@ def custom(
 
     Each function is a plain Python function of scalars and takes, by name, `overlap` δ, `r_eff` and any parameters of
     the law; caps may also take `normal_force`. Functions are compiled into the kernels. Their derivatives are taken by
-    a complex step, so that they must branch on the real part: `if overlap.real < 0.0`. A law is validated when it is
-    created.
+    complex-step differentiation, so that they must branch on the real part: `if overlap.real < 0.0`. A law is validated
+    when it is created.
 
     Parameters
     ----------

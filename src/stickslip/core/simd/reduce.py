@@ -1,4 +1,4 @@
-"""Sums of the loads of contacts on each body, in vectors of eight numbers, which compilers do not generate."""
+"""Sum the contact loads on each body with eight-wide vector operations, which compilers do not generate here."""
 
 from llvmlite import ir
 from numba import types

@@ -149,7 +149,7 @@ def _frame_numbers(path, count: int, wanted: str | None) -> range:
     if wanted in (None, "all"):
         return range(count) if wanted else range(count - 1, count)
     if not wanted.isdecimal() or int(wanted) >= count:
-        raise PackingError(f"{path} has no frame {wanted!r}: it has 0 to {count - 1}")
+        raise PackingError(f"{path} has no frame {wanted!r}: its frames are 0 to {count - 1}")
     return range(int(wanted), int(wanted) + 1)
 
 

@@ -92,7 +92,7 @@ def _missing_claim(id: str, source: str, paper, unit: str, tolerance: float, not
 
 
 def _relaxation(main: GougeResult) -> list[Claim]:
-    """Claims on friction in the longest hold: its slope against the logarithm of time, and its change at the end."""
+    """Claims about friction in the longest hold: its slope against the logarithm of time, and its change at the end."""
     before = measures.holds(main)[-1]
     curve = measures.hold_curve(main, before)
     last = float(curve.x[-1])

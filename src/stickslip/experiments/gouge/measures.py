@@ -260,7 +260,7 @@ def per_efold(curve: Curve, earliest: float = EARLIEST) -> Number:
 
 
 def reslides(result: GougeResult) -> list[tuple[float, float, float]]:
-    """(velocity before, hold, velocity after) of all slides after holds, each once."""
+    """Distinct (velocity before, hold, velocity after) of all slides that follow a hold."""
     return sorted({(t.before, t.hold, t.velocity) for t in result.realizations[0].of("reslide")})
 
 

@@ -197,7 +197,7 @@ def stress_strain_curve(states: list[State], load, scenario: QuasiScenario) -> C
 
 
 def strain_difference(path: Curve, dynamics: Curve) -> float:
-    """Largest difference of strain up to 95 % of the path's load, relative to the path's last strain."""
+    """Largest difference in strain up to 95 % of the path's load, relative to the path's final strain."""
     near = dynamics.load <= COMPARED * path.load[-1]
     apart = dynamics.strain[near] - np.interp(dynamics.load[near], path.load, path.strain)
     return float(np.abs(apart).max(initial=0.0) / max(abs(path.strain[-1]), 1e-300))

@@ -82,5 +82,5 @@ class RateStateScenario(ScenarioBase):
         if self.legs[0].velocity == 0:
             raise ValueError("the first leg is a hold: start with a leg of positive velocity, with steady sliding")
         if self.surface.alpha > 0 and self.surface.b == 0:
-            raise ValueError("surface.alpha acts through the state: give surface.b > 0, or leave alpha out")
+            raise ValueError("surface.alpha acts through the state variable: set surface.b > 0, or omit alpha")
         return self

@@ -42,8 +42,8 @@ class Axis(NamedTuple):
 class Sweep(NamedTuple):
     """Many scenarios: `base`, with the values of `axes` substituted.
 
-    In a grid, every axis is a dimension. Otherwise all axes except a counted seed vary together along one dimension,
-    and every point is repeated for all seeds.
+    In a grid, every axis is a dimension. Otherwise all axes, except a seed given as a count, vary together along one
+    dimension, and every point is repeated for all seeds.
     """
 
     base: dict

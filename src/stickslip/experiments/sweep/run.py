@@ -1,4 +1,4 @@
-"""Running of all members of a sweep: each writes the folder of an ordinary run, and together they give one dataset."""
+"""Run all members of a sweep: each writes the folder of an ordinary run, and together they form one dataset."""
 
 import json
 import statistics
