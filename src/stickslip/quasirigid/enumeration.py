@@ -270,8 +270,8 @@ def status_map(problem: Complementarity) -> StatusMap:
     size = len(problem.vector)
     if size > MAPPED:
         raise ValueError(
-            f"{size} critical contacts were given: their {2.0**size:.3g} status combinations cannot be enumerated: at most "
-            f"{MAPPED} contacts are allowed; `contact_status` finds a consistent status, `certificate` tests uniqueness"
+            f"{size} critical contacts were given, too many to enumerate {2.0**size:.3g} combinations: at most {MAPPED} "
+            f"are allowed; `contact_status` finds a consistent status, `certificate` tests uniqueness"
         )
     through = enumerate_rates(scale_problem(problem))
     fits = np.where(through.slides, through.rate > 0, through.rate < 0)
