@@ -270,7 +270,7 @@ def status_map(problem: Complementarity) -> StatusMap:
     size = len(problem.vector)
     if size > MAPPED:
         raise ValueError(
-            f"{size} critical contacts were given, too many to enumerate {2.0**size:.3g} combinations: at most {MAPPED} "
+            f"{size} critical contacts were given, {2.0**size:.3g} combinations of statuses: at most {MAPPED} "
             f"are allowed; `contact_status` finds a consistent status, `certificate` tests uniqueness"
         )
     through = enumerate_rates(scale_problem(problem))
