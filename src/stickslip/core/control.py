@@ -162,7 +162,7 @@ def spring_loaded(
 ) -> Control:
     """Control in which a spring pulls the given bodies along an axis: F = k (x₀ + d(t) − x), x₀ + d the load point.
 
-    The bodies are free along that axis, and move as one if they are a rigid group. A second call replaces the course of
+    The bodies are free along that axis, and move as one if they are a rigid group. A second call replaces the motion of
     the load point.
 
     Parameters
@@ -213,7 +213,7 @@ def _add_column(course):
 
 
 def _merge_course(control: Control, times, values, column: int) -> tuple[np.ndarray, np.ndarray]:
-    """Knots and courses with one column replaced by the given times and values."""
+    """Knots and time profiles with one column replaced by the given times and values."""
     times, values = np.asarray(times, float), np.asarray(values, float)
     if times.ndim != 1 or times.shape != values.shape or not len(times) or (np.diff(times) <= 0).any():
         raise ValueError(
@@ -227,7 +227,7 @@ def _merge_course(control: Control, times, values, column: int) -> tuple[np.ndar
 
 
 def factors_at(control: Control, time: float) -> np.ndarray:
-    """Factor of each course at a time, (C + 1,). The last is 1, for rates without a course."""
+    """Factor of each time profile at a time, (C + 1,). The last is 1, for rates without one."""
     return np.array([*(np.interp(time, control.knots, column) for column in control.course.T), 1.0])
 
 

@@ -84,7 +84,7 @@ class Control(NamedTuple):
     Bodies of a group move as one and do not rotate; their forces and masses add up. A free component of the cell's
     velocity gradient obeys M ℓ² L̇ = V (σ − `stress`), ℓ = V^(1/dim). A rate may have a time profile, its `course`: it
     is then multiplied by a function of time that is linear between `knots` and constant beyond them. A spring pulls a
-    body towards its load point, which is at `anchor` plus the course that it follows.
+    body towards its load point, which is at `anchor` plus the value of its time profile.
     """
 
     force: np.ndarray  # (N + W, 3) [force]

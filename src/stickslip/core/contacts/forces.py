@@ -89,7 +89,7 @@ def moved_masses(state: State) -> np.ndarray:
 
 
 def bodies(state: State) -> Bodies:
-    """Fresh arrays of all bodies, grains followed by walls. Radii and materials must not be written to."""
+    """New arrays of all bodies, grains followed by walls. Radii and materials must not be written to."""
     grains, walls = state.grains, state.walls
     still = np.zeros((len(walls.mass), 3))
     return Bodies(

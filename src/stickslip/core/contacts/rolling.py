@@ -230,7 +230,7 @@ def _fill_moments(kind, dim, bodies, contacts, shift, p, memory, out):
 
 
 def with_moments(state, law: Law, here, line, turn: Turn, memory: int, stiff: np.ndarray, damp: np.ndarray):
-    """Derivatives (C, 9, 9) of (F, T/R, M) by (r, ρ, θ) from those of (F, T/R) by (r, ρ), at rest; see `jacobian`.
+    """Derivatives (C, 9, 9) of (F, T/R, M) with respect to (r, ρ, θ) from those of (F, T/R), at rest; see `jacobian`.
 
     dM = −[φ/|ψ| (I − ψ̂ψ̂ᵀ) + ∂φ/∂|ψ| ψ̂ψ̂ᵀ] dψ + ∂φ/∂δ ψ̂ (n·dr), with dψ as in `tangent`.
     """

@@ -1,4 +1,4 @@
-"""Motion of the deforming cell, and rates that follow a course.
+"""Motion of the deforming cell, and rates with a time profile.
 
 The cell deforms at a velocity gradient L and carries the grains along, ẋ = v + L x, v̇ = F/m − L v. For simple shear
 this is Newton's law with Lees–Edwards boundary conditions, written for velocities relative to the flow. Over a step,
@@ -26,7 +26,8 @@ MIN_VOLUME_RATIO = 1e-6  # smallest volume of a cell after one strain, over its 
 
 
 class Frame(NamedTuple):
-    """Frame of reference that moves with the cell, and the courses, during a run. Arrays are written in place."""
+    """Frame of reference that moves with the cell, and the time profiles of rates, during a run. Arrays are written in
+    place."""
 
     free: np.ndarray  # (3, 3) bool
     given: np.ndarray  # (3, 3) rates of components that are not free
@@ -123,7 +124,7 @@ def make_frame(state: State, order: np.ndarray) -> tuple[Frame, Flow]:
 
 @njit(cache=True, fastmath=False, error_model="numpy", **INNER)
 def course_at(knots, course, c, time):
-    """Last knot before a time, −1 if there is none, and the value of a course at that time."""
+    """Last knot before a time, −1 if there is none, and the value of a time profile at that time."""
     last = len(knots) - 1
     if time <= knots[0]:
         return -1, course[0, c]
@@ -136,7 +137,7 @@ def course_at(knots, course, c, time):
 
 @njit(cache=True, fastmath=False, error_model="numpy", **INNER)
 def _course_and_integral(frame, c, time):
-    """Value of a course at a time, and its integral from the first knot."""
+    """Value of a time profile at a time, and its integral from the first knot."""
     knots, course = frame.knots, frame.course
     k, value = course_at(knots, course, c, time)
     if k < 0:

@@ -91,7 +91,7 @@ def largest_unbalanced(v, spin, force, torque, plan):
 
 
 def driven_bodies(state: State) -> Bodies:
-    """Fresh arrays of all bodies, with the velocities prescribed by `Control`."""
+    """New arrays of all bodies, with the velocities prescribed by `Control`."""
     work, control = bodies(state), state.control
     factor = factors_at(control, state.time)
     if not control.free.all():

@@ -47,7 +47,7 @@ def matching_instant(state: State, law: Law, memory: str) -> Instant | None:
 
 
 def bodies_at_start(state: State, instant: Instant | None) -> Bodies:
-    """Fresh arrays of all bodies, with the velocities of the previous step, or those prescribed by `Control`."""
+    """New arrays of all bodies, with the velocities of the previous step, or those prescribed by `Control`."""
     return driven_bodies(state) if instant is None else bodies(state)
 
 
