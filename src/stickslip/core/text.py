@@ -11,10 +11,8 @@ _MAX_DIGITS = 40  # of a whole number in a file; valid ones have at most twenty
 def read_text(path: str | Path, *, remedy: str, fallback: str | None = None) -> str:
     r"""Read a text file, with line endings converted to \n.
 
-    Parameters
-    ----------
-    remedy : what to do if the file is not text, for the error message
-    fallback : encoding of files that are not UTF-8, such as "cp1252"; by default they are refused
+    Parameters ---------- remedy : what to do if the file is not text, for the error message fallback : encoding of
+    files that are not UTF-8, such as "cp1252"; by default they are rejected
 
     Raises
     ------

@@ -193,7 +193,8 @@ def note_quick_run(claims: list[Claim]) -> list[Claim]:
 
 
 def standard_error(values) -> float | None:
-    """Standard error of a mean, widened by Student's t for few values (half of a 95 % interval's half width).
+    """Standard error of a mean, widened by Student's t for few values: half of the half width of a 95 % confidence
+    interval.
 
     None with fewer than two values, since a single realization has no known error.
     """
@@ -209,7 +210,7 @@ def median_error(values) -> float | None:
 
 
 def to_builtin(value) -> Value:
-    """Convert NumPy types to built-in types, and numbers that are not finite to None."""
+    """Convert NumPy types to built-in types, and non-finite numbers to None."""
     if value is None or isinstance(value, bool | np.bool_):
         return value if value is None else bool(value)
     if isinstance(value, list | tuple | np.ndarray):

@@ -20,12 +20,12 @@ LIBRARIES = ("numpy", "scipy", "numba", "h5py")
 
 
 def to_json(answer: dict) -> str:
-    """Return an object as ASCII JSON; numbers that are not finite are null."""
+    """Return an object as ASCII JSON; non-finite numbers are null."""
     return json.dumps(to_jsonable(answer), allow_nan=False)
 
 
 def to_jsonable(thing):
-    """Replace numbers that are not finite with None, and NumPy types with built-in types."""
+    """Replace non-finite numbers with None, and NumPy types with built-in types."""
     if isinstance(thing, dict):
         return {str(k): to_jsonable(v) for k, v in thing.items()}
     if isinstance(thing, list | tuple):

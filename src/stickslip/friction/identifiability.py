@@ -47,12 +47,8 @@ def estimate(inner, blind, x, names, logs, reach: float, open_sides: dict) -> Es
     A parameter is not determined if it is involved in a direction that does not change the model, if the 95 % interval
     of its logarithm is wider than a factor of 10 either way, or if values far beyond that interval fit equally well.
 
-    Parameters
-    ----------
-    inner, blind : from `covariance`
-    x : (m,) logarithms where `logs`, else values
-    reach : Student's quantile
-    open_sides : name → (limit, "above" or "below") of parameters that fit equally well without bound
+    Parameters ---------- inner, blind : from `covariance` x : (m,) logarithms where `logs`, else values reach : Student
+    t quantile open_sides : name → (limit, "above" or "below") of parameters that fit equally well without bound
     """
     half = reach * np.sqrt(np.diag(inner))
     unknown = blind | (logs & (half > WIDEST)) | np.array([name in open_sides for name in names])

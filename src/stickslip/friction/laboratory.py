@@ -52,7 +52,7 @@ def read_csv(path: str | Path, *, columns: dict[str, int] | None = None) -> LabR
     also be in parentheses. Required columns are time; friction, or shear_stress and normal_stress; load_point, or
     velocity (of slip). Optional columns are slip and theta; others are ignored. Separators are commas, semicolons or
     tabs; with the last two, numbers may have decimal commas. Lines that start with # are comments. Files that are not
-    UTF-8 are read as Windows-1252. Rows with an empty cell in a column that is used are left out, with a warning.
+    UTF-8 are read as Windows-1252. Rows with an empty cell in a column that is used are skipped, with a warning.
 
     Parameters
     ----------

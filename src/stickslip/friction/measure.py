@@ -83,7 +83,8 @@ def steady_start(values, *, batch: int = 5) -> int:
 
 
 def healing(hold, excess) -> Healing:
-    """Least-squares fit of peak excess against ln(hold time), with Student's 95 % interval.
+    """Least-squares fit of peak excess against ln(hold time), with a 95 % confidence interval from Student's t
+    distribution.
 
     Parameters
     ----------

@@ -143,7 +143,7 @@ def decide_statuses(
 
 
 def _try_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
-    """Combinations with some of the lone bodies released, and whether these are all."""
+    """Combinations with some of the lone bodies released, and whether the list is complete."""
     if len(lone) <= COMBINED:
         return _try_all_groups(search, lone)
     return _release_as_many_as_possible(search, lone), False
@@ -200,7 +200,7 @@ def _choices_with_released(search: _Search, released: np.ndarray) -> tuple[list,
 
 
 def _stable_statuses(apex: Apex) -> tuple[list[tuple[StatusSolution, bool]], bool]:
-    """Consistent statuses, each with its stability, and whether these are all."""
+    """Consistent statuses, each with its stability, and whether the list is complete."""
     if count_choices(apex) <= ENUMERATED:
         every = enumerate_statuses(apex)
         found = [StatusSolution(s, v, "one by one") for s, v in zip(every.status, every.velocity, strict=True)]

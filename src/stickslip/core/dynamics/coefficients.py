@@ -60,7 +60,7 @@ class Plan(NamedTuple):
 
 @njit(cache=True, fastmath=False)  # explicit, or a function inherits fastmath from its first caller
 def find_not_finite(x, angle):
-    """Find the first body with a coordinate that is not finite, or −1."""
+    """Find the first body with a non-finite coordinate, or return −1."""
     for a in range(len(x)):
         for k in range(3):
             if not (np.isfinite(x[a, k]) and np.isfinite(angle[a, k])):

@@ -159,7 +159,7 @@ def _growth(main: DiskArrayResult, load: float) -> Claim:
 
 
 def _stability(result: DiskArrayResult, suffix: str) -> Claim:
-    """Claim on M(t) at the push where the paper's array is stable: no growth and no pair."""
+    """Claim about M(t) at the push where the paper's array is stable: no growth and no pair."""
     free = result.free_runs.get(STABLE_LOAD)
     measured, note = None, "no run at this push"
     if free is not None:
@@ -208,7 +208,7 @@ def _count_realizations(found: Front, result: DiskArrayResult, loads) -> str:
 
 
 def _speed_claims(name: str, suffix: str, source: str, paper: float, found: Front | None, note: str) -> list[Claim]:
-    """Claims on a front speed by both estimators: through the start of the front (Eq 9), and with a free intercept."""
+    """Claims about a front speed by both estimators: through the start of the front (Eq 9), and with a free intercept."""
     unit, tolerance = "length/time", TOLERANCE["front"]
     if not found:
         note = "no front: too few realizations in which the event happens at every disk before the run ends"
@@ -234,7 +234,7 @@ def _front_claims(main: DiskArrayResult) -> list[Claim]:
 
 
 def _ratio_claims(main: DiskArrayResult) -> list[Claim]:
-    """Claims on V_1/Im λ at the paper's loads and on p in V_1 ∝ (Im λ)^p over all sliding loads, by both estimators."""
+    """Claims about V_1/Im λ at the paper's loads and on p in V_1 ∝ (Im λ)^p over all sliding loads, by both estimators."""
     printed = float(np.polyfit(np.log(list(IM_LAMBDA.values())), np.log(list(V1.values())), 1)[0])
     strongest = {load: float(point_at_load(main.path, load).spectrum.im_lambda.max()) for load in main.sliding}
     said = '"an approximate constant value 4.3 ± 1.5" of velocities over Im λ'

@@ -169,7 +169,7 @@ def _reslide_peaks(result: GougeResult | None) -> Claim:
 
 
 def _rate_state_fit(result: GougeResult | None) -> list[Claim]:
-    """Claims on a, b and D_c from a slip-law fit to velocity steps averaged over branches, with radiation damping."""
+    """Claims about a, b and D_c from a slip-law fit to velocity steps averaged over branches, with radiation damping."""
     printed = {"a": A, "b": B, "a-minus-b": A - B, "dc": DC}
     units, tolerance = {"dc": "m"}, TOLERANCE["rate and state"]
 
@@ -230,7 +230,7 @@ def _compare_dampings(one: GougeResult, other: GougeResult) -> dict[str, tuple[N
 
 
 def _restitution(holds: dict[str, GougeResult]) -> Claim:
-    """Claim on holds with restitution 0.98 and 0.3, both by Eq 8 as printed."""
+    """Claim about holds with restitution 0.98 and 0.3, both by Eq 8 as printed."""
     id, source = "restitution-insensitivity", 'Text: "restitution coefficient exerted no significant influence"'
     by_eq8 = [r for r in holds.values() if r.scenario.law.reading == "eq8"]
     if len(by_eq8) < 2:
@@ -249,7 +249,7 @@ def _restitution(holds: dict[str, GougeResult]) -> Claim:
 
 
 def _calibrated_damping(holds: dict[str, GougeResult]) -> Claim:
-    """Claim on the relaxation with a damping for which collisions really have the restitution."""
+    """Claim about the relaxation with a damping for which collisions really have the restitution."""
     source = "Text: not in the paper, the other reading of its restitution"
     other = next((r for r in holds.values() if r.scenario.law.reading == "collision"), None)
     if other is None:
@@ -283,7 +283,7 @@ def _steady_friction(main: GougeResult, more: dict[str, GougeResult]) -> Claim:
 
 
 def _temperature(main: GougeResult, steps: GougeResult | None) -> Claim:
-    """Claim on the granular temperature over the normal stress, with the direct effect in the note."""
+    """Claim about the granular temperature over the normal stress, with the direct effect in the note."""
     result = steps or main
     chosen, before = result.scenario, measures.velocities(main)[0]
     found = measures.mean_of(result, before, "temperature")
@@ -321,7 +321,7 @@ def _quasi_static(main: GougeResult) -> Claim:
 
 
 def _energies(main: GougeResult) -> Claim:
-    """Claim on the energy ledger of a stretch of sliding, which shows how the work of the spring is spent."""
+    """Claim about the energy ledger of a stretch of sliding, which shows how the work of the spring is spent."""
     books = [one.ledger for one in main.realizations if one.ledger]
     source, study = "Text: not in the paper, a check of this package", "conservation of energy"
     if not books:

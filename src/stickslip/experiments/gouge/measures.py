@@ -90,7 +90,7 @@ def _steady_levels(result: GougeResult, velocity: float) -> list[Mean]:
 
 
 def steps(result: GougeResult) -> list[tuple[float, float]]:
-    """Velocity steps (before, after) in the protocol, each once."""
+    """Distinct velocity steps (before, after) of the protocol."""
     return list(dict.fromkeys((t.before, t.velocity) for t in result.realizations[0].of("step")))
 
 

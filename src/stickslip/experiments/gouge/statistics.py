@@ -34,7 +34,7 @@ class Number(NamedTuple):
 
     @property
     def half(self) -> float:
-        """Half width of the 95 % interval by Student's t."""
+        """Half width of the 95 % confidence interval from Student's t distribution."""
         units = self.samples if self.samples >= LEAST else self.branches
         return self.error * float(student.ppf(0.975, units - 1)) if units > 1 else np.nan
 

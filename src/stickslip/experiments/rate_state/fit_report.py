@@ -101,7 +101,7 @@ def _fit_dict(one: Fit) -> dict:
 
 
 def _replace_nonfinite(thing):
-    """Replace numbers that are not finite with None."""
+    """Replace non-finite numbers with None."""
     if isinstance(thing, dict):
         return {k: _replace_nonfinite(v) for k, v in thing.items()}
     if isinstance(thing, list | tuple):

@@ -166,7 +166,7 @@ def _growth_claims(main: ShearResult) -> list[Claim]:
 
 
 def _decade_claims(main: ShearResult) -> list[Claim]:
-    """Claims on the number of decades over which M follows the prediction."""
+    """Claims about the number of decades over which M follows the prediction."""
     stretches = [exponential_stretch(r) if r else None for r in main.single]
     known = [s for s in stretches if s]
     decades, growing = [s and s.decades for s in stretches], sum(not s.ended for s in known)
@@ -214,7 +214,7 @@ def _failure_claims(main: ShearResult) -> list[Claim]:
 def _stress_drop(
     id: str, source_runs: list[Released | None], source: str, paper: float | None, reference: dict
 ) -> Claim:
-    """Claim on the loss of shear stress relative to its initial value; the note gives it relative to the pressure."""
+    """Claim about the loss of shear stress relative to its initial value; the note gives it relative to the pressure."""
     there = _ended_runs(source_runs)
     relative = [r.drop / abs(r.shear_stress[0]) for r in there]
     to_pressure = [r.drop / r.pressure[0] for r in there]
