@@ -208,7 +208,7 @@ def _count_realizations(found: Front, result: DiskArrayResult, loads) -> str:
 
 
 def _speed_claims(name: str, suffix: str, source: str, paper: float, found: Front | None, note: str) -> list[Claim]:
-    """Claims about a front speed by both estimators: through the start of the front (Eq 9), and with a free intercept."""
+    """Claims about a front speed by both estimators: through the front's start (Eq 9), and with a free intercept."""
     unit, tolerance = "length/time", TOLERANCE["front"]
     if not found:
         note = "no front: too few realizations in which the event happens at every disk before the run ends"
@@ -234,7 +234,7 @@ def _front_claims(main: DiskArrayResult) -> list[Claim]:
 
 
 def _ratio_claims(main: DiskArrayResult) -> list[Claim]:
-    """Claims about V_1/Im λ at the paper's loads and on p in V_1 ∝ (Im λ)^p over all sliding loads, by both estimators."""
+    """Claims about V_1/Im λ at the paper's loads, and about p in V_1 ∝ (Im λ)^p over all sliding loads."""
     printed = float(np.polyfit(np.log(list(IM_LAMBDA.values())), np.log(list(V1.values())), 1)[0])
     strongest = {load: float(point_at_load(main.path, load).spectrum.im_lambda.max()) for load in main.sliding}
     said = '"an approximate constant value 4.3 ± 1.5" of velocities over Im λ'

@@ -169,7 +169,7 @@ def _reslide_peaks(result: GougeResult | None) -> Claim:
 
 
 def _rate_state_fit(result: GougeResult | None) -> list[Claim]:
-    """Claims about a, b and D_c from a slip-law fit to velocity steps averaged over branches, with radiation damping."""
+    """Claims about a, b and D_c, from a slip-law fit to mean velocity steps with radiation damping."""
     printed = {"a": A, "b": B, "a-minus-b": A - B, "dc": DC}
     units, tolerance = {"dc": "m"}, TOLERANCE["rate and state"]
 

@@ -149,7 +149,7 @@ def censored_median(bounds: list[tuple[float, float]]) -> float | None:
 
 
 def _collapse(main: QuasiResult) -> Claim:
-    """Claim about the collapse load over all samples, including those in which the path or the dynamics does not end."""
+    """Claim about the collapse load of all samples, including those whose path or dynamics does not end."""
     beyond = main.scenario.dynamics.beyond
     bounds = [collapse_ratio(one, beyond) for one in main.tested]
     exact = [low for low, high in bounds if low == high]
@@ -173,7 +173,8 @@ def _first_failure(load: np.ndarray, fails: np.ndarray) -> float:
 
 
 def _premise(main: QuasiResult) -> Claim:
-    """Claim about the premise Q > 0; a state without it is a counterexample if loading continues with a unique status."""
+    """Claim about the premise Q > 0; a state without it is a counterexample if its status is unique and loading
+    continues."""
     premise = [_first_failure(one.looks.load, one.looks.symmetric < 0) for one in main.tested]
     unique = [_first_failure(one.looks.load, one.looks.unique == 0) for one in main.tested]
     unknown = sum(int((one.looks.unique < 0).sum()) for one in main.tested)

@@ -214,7 +214,7 @@ def _failure_claims(main: ShearResult) -> list[Claim]:
 def _stress_drop(
     id: str, source_runs: list[Released | None], source: str, paper: float | None, reference: dict
 ) -> Claim:
-    """Claim about the loss of shear stress relative to its initial value; the note gives it relative to the pressure."""
+    """Claim about the loss of shear stress over its initial value; the note gives it over the pressure."""
     there = _ended_runs(source_runs)
     relative = [r.drop / abs(r.shear_stress[0]) for r in there]
     to_pressure = [r.drop / r.pressure[0] for r in there]
