@@ -18,6 +18,8 @@ from PIL import Image
 import stickslip as ss
 from stickslip.core.state import SLIDE
 from stickslip.data import archive
+from stickslip.experiments.registry import EXPERIMENTS
+from stickslip.experiments.writer import write_numbers
 from stickslip.figures.grains import BALL
 from stickslip.figures.quantities import quantities
 from stickslip.figures.style import BLUE, RED
@@ -117,10 +119,38 @@ def test_without_claims_a_report_shows_measures_with_units(folder):
     assert "plane › height" in words
 
 
+def test_a_flow_report_starts_with_its_first_frame_and_lists_its_physics(tmp_path):
+    experiment = EXPERIMENTS["flow"]
+    found = ss.simulate(ss.scenario(experiment="flow", **experiment.smallest[0]))
+    write_numbers(tmp_path, experiment, found)
+    assert run("report", tmp_path).returncode == 0
+    shown = page(tmp_path / "report.html")
+    data = view_of(shown)
+    assert data["start"] == 0
+    assert data["frames"][0]["label"] == "settle, time 0, frame 0000"
+    (top, unit) = experiment.measures(found)["deposit_top"]
+    words = [word for word in shown.words if word.strip()]
+    at = words.index("deposit top")
+    assert words[at : at + 3] == ["deposit top", f"{top:.5g}", unit]
+    assert "grains.number" in words and words[words.index("grains.number") + 1] == "40"  # the folded scenario
+    assert any(word.startswith("The view shows the run from its beginning") for word in words)
+
+
+def test_the_movie_of_a_run_lasts_about_eight_seconds(folder):
+    assert run("movie", folder).returncode == 0
+    with Image.open(folder / "movie.gif") as movie:
+        durations = []
+        for k in range(movie.n_frames):
+            movie.seek(k)
+            durations.append(movie.info["duration"])
+    assert durations == [330] * 3  # three frames are shown at the lowest rate, in hundredths of a second
+
+
 def test_the_view_holds_grains_contacts_and_frames(folder):
     assert run("report", folder, "--colour", "pressure").returncode == 0
     data, state = view_of(page(folder / "report.html")), disks()
-    assert [frame["label"] for frame in data["frames"]] == ["0000, time 0", "0001, time 1", "0002, time 2"]
+    assert [frame["label"] for frame in data["frames"]] == [f"time {k}, frame 000{k}" for k in range(3)]
+    assert data["start"] == 0
     frame, rows = data["frames"][1], ss.measure.touching(state)
     place = ss.measure.wrapped(state)
     np.testing.assert_allclose(array(frame["position"]).reshape(-1, 3), place, atol=1e-6)  # float32

@@ -86,7 +86,10 @@ def movie(
         str | None,
         typer.Option("--colour", help="Quantity that colours the grains; default: speed, or mode displacement."),
     ] = None,
-    fps: Annotated[int, typer.Option("--fps", metavar="N", help="Frames per second.")] = 15,
+    fps: Annotated[
+        int | None,
+        typer.Option("--fps", metavar="N", help="Frames per second; default: a run lasts 8 s, a mode has 15."),
+    ] = None,
     frames: Annotated[int, typer.Option("--frames", min=2, metavar="N", help="Frames per period of a mode.")] = 48,
     amplitude: Annotated[float, typer.Option("--amplitude", help="Largest displacement over the radius.")] = 0.3,
     overwrite: OverwriteFile = False,
@@ -100,7 +103,7 @@ def movie(
 
     path = out or look_out.default_path(place, run_folder.FILM)
     look_out.check_output(path, look.film.ENDINGS, overwrite=overwrite, made_from=_input_files(place, modes, options))
-    look.film.check_movie(path, fps)
+    look.film.check_movie(path, 15 if fps is None else fps)
     with terminal.console_output(quiet=quiet, as_json=as_json), terminal.progress(transient=True) as tell:
         found = look.load_content(
             place, modes=modes, options=options, settle=settle, report=tell, search=mode is not None

@@ -11,7 +11,7 @@ from .run_folder import list_files, save, staged_results
 def write_result(folder: Path, experiment: Experiment, result) -> list[Path]:
     """Write all files of a run as a unit and return the paths."""
     with staged_results(folder, failures=experiment.failures(result)) as staging:
-        save(staging, result.scenario, experiment.numbers(result))
+        save(staging, result.scenario, _contents(experiment, result, experiment.numbers(result)))
         _write_files(staging, experiment.files(result), experiment.figures(result))
     return list_files(folder)
 
@@ -19,7 +19,15 @@ def write_result(folder: Path, experiment: Experiment, result) -> list[Path]:
 def write_numbers(folder: Path, experiment: Experiment, result) -> None:
     """Write only the scenario and raw numbers, as for members of a sweep."""
     with staged_results(folder) as staging:
-        save(staging, result.scenario, experiment.numbers(result))
+        save(staging, result.scenario, _contents(experiment, result, experiment.numbers(result)))
+
+
+def _contents(experiment: Experiment, result, numbers: dict) -> dict:
+    """Contents of the archive: the numbers of a result, and its measures with their units."""
+    measures = {
+        name: {"value": float(value), "unit": unit} for name, (value, unit) in experiment.measures(result).items()
+    }
+    return numbers | ({"measures": measures} if measures else {})
 
 
 def write_reproduction(folder: Path, experiment: Experiment, found) -> list[Path]:
@@ -34,7 +42,7 @@ def write_reproduction(folder: Path, experiment: Experiment, found) -> list[Path
 
     failures = of("failures")
     with staged_results(folder, failures=failures) as staging:
-        save(staging, found.main.scenario, of("numbers"))
+        save(staging, found.main.scenario, _contents(experiment, found.main, of("numbers")))
         _write_files(staging, of("files"), of("figures"))
         write_claims(staging, found.claims, paper.shows(), paper.title, failures)
     return list_files(folder)

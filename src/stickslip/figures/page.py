@@ -49,6 +49,11 @@ def listing(text: str) -> str:
     return f"<pre>{escape(text)}</pre>"
 
 
+def folded(summary: str, content: str) -> str:
+    """HTML that is hidden until it is unfolded."""
+    return f"<details><summary>{escape(summary)}</summary>\n{content}\n</details>"
+
+
 def paragraph(text: str, *, kind: str = "") -> str:
     """Paragraph of plain text; `kind` is soft, verdict, warning, or absent (for something that is missing)."""
     return f'<p class="{escape(kind)}">{escape(text)}</p>'

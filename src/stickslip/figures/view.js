@@ -11,7 +11,7 @@ const radius = floats(data.radius), top = 1.05 * radius.reduce((a, b) => Math.ma
 const modes = data.modes.map((m) => ({ words: m.words, re: floats(m.re), im: floats(m.im) }));
 const frames = data.frames.map((f) => ({ label: f.label, packed: f }));
 const now = {
-  frame: modes.length ? data.mode_frame : frames.length - 1, shown: data.shown, mode: modes.length ? 0 : -1, moving: false, playing: false, phase: 0,
+  frame: modes.length ? data.mode_frame : data.start, shown: data.shown, mode: modes.length ? 0 : -1, moving: false, playing: false, phase: 0,
   amplitude: 0.3, size: data.dim === 2 ? 1 : 0.6, contacts: true, box: true,
 };
 
@@ -118,7 +118,7 @@ async function frame(k) {
   put("walls", "vertices", f.walls.length ? f.walls : new Float32Array(6));
   await place(shifts());
   await paint();
-  if (slider) slider.value = k;
+  if (slider) { slider.value = k; slider.tell(); }
   document.getElementById("when").textContent = f.label;
 }
 
@@ -152,12 +152,16 @@ function run(what, on) {
 // ---- controls: plain elements below the picture
 const style = document.createElement("style");
 style.textContent = `
-  html, body { height: 100%; margin: 0; overflow: hidden; background: #fff; color: #222;
+  :root { color-scheme: light dark; --ink: #222; --paper: #fff; --shade: #fafafa; --rule: #ddd; }
+  @media (prefers-color-scheme: dark) { :root { --ink: #e4e7ea; --paper: #14171a; --shade: #1d2226; --rule: #363d44; } }
+  html, body { height: 100%; margin: 0; overflow: hidden; background: var(--paper); color: var(--ink);
     font: 14px/1.4 system-ui, sans-serif; }
   body { display: flex; flex-direction: column; }
   #canvasTarget { position: relative !important; flex: 1 1 0; min-height: 0; height: auto !important; }
   #controls { display: flex; flex-wrap: wrap; gap: .35rem .9rem; align-items: center; padding: .45rem .7rem;
-    border-top: 1px solid #ddd; background: #fafafa; }
+    border-top: 1px solid var(--rule); background: var(--shade); }
+  #when { font-variant-numeric: tabular-nums; font-weight: 600; }
+  #controls output { min-width: 4.2em; font-variant-numeric: tabular-nums; }
   #controls label { display: inline-flex; gap: .35rem; align-items: center; white-space: nowrap; }
   #controls input[type=range] { width: 7rem; }
   #controls button, #controls select { font: inherit; padding: .15rem .5rem; max-width: 16rem; }
@@ -187,10 +191,14 @@ function button(id, words, act) {
   e.addEventListener("click", act);
   return e;
 }
-function range(id, words, value, most, step, act) {
+function range(id, words, value, most, step, act, said) { // `said` turns the value into text beside the slider
   const e = element("input", { id, type: "range", min: 0, max: most, step, value }, words);
   e.value = value;
-  e.addEventListener("input", () => act(Number(e.value)));
+  const text = Object.assign(document.createElement("output"), { id: `${id}-value` });
+  e.after(text);
+  e.tell = () => { text.textContent = said(Number(e.value)); };
+  e.tell();
+  e.addEventListener("input", () => { act(Number(e.value)); e.tell(); });
   return e;
 }
 function choice(id, words, names, value, act) {
@@ -207,7 +215,8 @@ function tick_box(id, words, on, act) {
 }
 
 choice("colour", "colour by", data.quantities.map((q) => q.name), now.shown, (k) => { now.shown = k; paint(); });
-range("size", "grain size", now.size, 1, 0.05, (v) => { now.size = Math.max(v, 0.02); resize(); });
+range("size", "grain size", now.size, 1, 0.05, (v) => { now.size = Math.max(v, 0.02); resize(); },
+  (v) => `${Math.round(100 * v)} %`);
 tick_box("contacts", "contacts", true, async (on) => {
   now.contacts = on;
   for (const line of unpacked(now.frame).lines) await show(line.name, on);
@@ -224,11 +233,13 @@ if (modes.length) {
     choice("mode", "mode", modes.map((m, k) => `${k}: ${m.words}`), 0, (k) => { now.mode = k; frame(data.mode_frame); });
   }
   swing = button("swing", ["move the mode", "stop the mode"], () => run("moving", !now.moving));
-  range("amplitude", "amplitude", now.amplitude, 1, 0.02, (v) => { now.amplitude = v; if (!now.moving) place(shifts()); });
+  range("amplitude", "amplitude", now.amplitude, 1, 0.02, (v) => { now.amplitude = v; if (!now.moving) place(shifts()); },
+    (v) => `${v.toFixed(2)} radii`);
 }
 if (frames.length > 1) {
   play = button("play", ["play", "pause"], () => run("playing", !now.playing));
-  slider = range("frame", "frame", now.frame, frames.length - 1, 1, (k) => { run("playing", false); run("moving", false); frame(k); });
+  slider = range("frame", "frame", now.frame, frames.length - 1, 1, (k) => { run("playing", false); run("moving", false); frame(k); },
+    (k) => `${k + 1} of ${frames.length}`);
 }
 button("reset", ["reset the view"], fit);
 element("span", { id: "when" });
@@ -256,8 +267,17 @@ function swatch(name, background) {
   return e;
 }
 
+const dark = window.matchMedia("(prefers-color-scheme: dark)");
+function shade() { // the picture itself, lines of the cell and of walls
+  view.setClearColor(dark.matches ? 0x14171a : 0xffffff);
+  byName.edges.color = dark.matches ? 0x9aa4ae : 0x555555;
+  byName.walls.color = dark.matches ? 0xc9a66b : 0x8a6d3b;
+  return Promise.all(["edges", "walls"].map((name) => view.reload(byName[name], null, true))).then(() => view.render());
+}
+dark.addEventListener("change", shade);
+
 window.stickslip = { data, now, view, pictures: 0, place: () => place(shifts()) };
-resize().then(() => frame(now.frame)).then(() => { fit(); window.stickslip.ready = true; if (modes.length) run("moving", true); });
+resize().then(() => frame(now.frame)).then(shade).then(() => { fit(); window.stickslip.ready = true; if (modes.length) run("moving", true); });
 new ResizeObserver(() => { // K3D resizes with a delay
   window.dispatchEvent(new Event("resize"));
   setTimeout(fit, 100);

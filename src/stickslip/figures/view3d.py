@@ -108,12 +108,18 @@ def view_data(
     radius, dim = first.state.grains.radius, first.state.cell.dim
     return {
         "dim": dim, "n": len(radius), "radius": _encode(radius), "frames": out, "left_out": len(frames) - len(chosen),
-        "quantities": about, "mode_frame": chosen.index(at), "modes": [_mode_data(m, frames[at]) for m in modes],
+        "quantities": about, "mode_frame": chosen.index(at), "start": _first_shown(frames, len(chosen)),
+        "modes": [_mode_data(m, frames[at]) for m in modes],
         "eye": view_basis(first).tolist(), "box": _bounding_box([frames[k] for k in chosen]), "fov": FOV[dim],
         "map": _viridis().tolist(),
         "colours": {"stick": _to_int(BLUE), "slide": _to_int(RED), "kinds": [_to_int(c) for c in COLORS]},
         "widths": [float(LINE[dim] * w * radius.mean()) for w in WIDTHS],
     }  # fmt: skip
+
+
+def _first_shown(frames: list[Frame], count: int) -> int:
+    """Frame shown at first: the beginning of a motion, else the last one, as at the end of a load path."""
+    return 0 if frames[0].state.time < frames[-1].state.time else count - 1
 
 
 def _select_frames(frames: list[Frame]) -> list[int]:

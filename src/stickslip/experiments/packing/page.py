@@ -27,7 +27,7 @@ from ...solve.balance import BALANCED_BELOW, imbalance, no_equilibrium_message
 from ...solve.damped import DampedStability
 from .. import claims as claims_table
 from ..registry import EXPERIMENTS
-from ..run_folder import CLAIMS, FILM, NUMBERS, list_files
+from ..run_folder import CHART, CLAIMS, FILM, NUMBERS, list_files
 from ..sweep.dataset import DATASET, is_sweep, open_sweep
 from .page_output import staged_file
 from .report import Settling, analyse_stability, describe_law, growing_modes, likely_causes, settled, verdict
@@ -36,6 +36,14 @@ SMALL = 500  # grains up to which the states of a run are searched for an unstab
 DRAWN = 2000  # grains up to which a packing is also drawn as a figure
 MODES = 6  # modes that a page animates
 REMEDY = "Give the missing data, or settle the packing with --settle"
+READABLE = {  # names of quantities that are not understood by themselves
+    "unbalanced": "mean unbalanced force over mean contact force",
+    "coordination": "contacts per grain, without rattlers",
+    "kinetic_ratio": "kinetic over elastic energy",
+    "msd": "mean-square displacement",
+}
+SECONDS = 8  # of the movie of a run
+SLOWEST, FASTEST = 3, 30  # frames per second of such a movie
 ROWS = 60  # of a table of measures or members; the number of omitted rows is shown
 
 
@@ -95,27 +103,31 @@ def folder_content(folder: Path, *, frame: str | None = None, search: bool = Tru
     about = archive.attributes(folder / NUMBERS)
     experiment = _experiment_name(about["scenario"])
     states = _read_states(folder / NUMBERS, frame)
-    labels = [_label(name, state) for name, state, *_ in states]
+    tree, units = archive.read(folder / NUMBERS), archive.units(folder / NUMBERS)
+    labels = _labels(states, tree, si=_uses_si(experiment))
     states = [(name, with_neighbor_list(state), law) for name, state, law, _ in states]
     frames = [frame_of(state, law) if law is not None else bare_frame(state) for _, state, law in states]
     at, modes, why = _find_unstable(states, frame, report) if search else (0, [], "")
     sections = []
     if (folder / CLAIMS).is_file():
-        sections.append(("Claims of the paper", _claims_table(folder / CLAIMS)))
-    else:
-        tree, units = archive.read(folder / NUMBERS), archive.units(folder / NUMBERS)
-        if rows := _summarize_series(tree.get("series"), units):
-            sections.append(("Time series", _limited_table(["measure", "final", "least", "greatest", "unit"], rows)))
-        if rows := _list_measures(tree, units):
-            sections.append(("Measures", _limited_table(["measure", "value", "unit"], rows)))
-    shown = [path for path in list_files(folder) if path.suffix in (".png", ".gif") and path.name != FILM]
+        chart = folder / CHART
+        picture = page.pictures({"deviations from the paper": chart.read_bytes()}) if chart.is_file() else ""
+        sections.append(("Claims of the paper", picture + _claims_table(folder / CLAIMS)))
+    if rows := _list_measures(tree, units):
+        sections.append(("Measures", _limited_table(["measure", "value", "unit"], rows)))
+    if rows := _summarize_series(tree.get("series"), units):
+        sections.append(("Time series", _limited_table(["quantity", "final", "least", "greatest", "unit"], rows)))
+    shown = [path for path in list_files(folder) if path.suffix in (".png", ".gif") and path.name not in (FILM, CHART)]
     if shown:
         sections.append(("Figures", page.pictures({_caption(path): path.read_bytes() for path in shown})))
-    sections.append(("Scenario", page.listing(about["scenario"])))
+    sections.append(("Scenario", _scenario_table(about["scenario"])))
     versions = f"stickslip {about['stickslip']}, {about['versions']}"
     without = "" if frames else "This run saved no states of grains, so there is no packing to show."
     title = f"{experiment}: {folder.resolve().name}"
-    return PageContent(title, versions, frames, labels, at, modes, sections, _uses_si(experiment), without, why, why)
+    sentence = f"unstable ({labels[at]}): {_describe_growth(modes[0][2])}" if modes else ""
+    return PageContent(
+        title, versions, frames, labels, at, modes, sections, _uses_si(experiment), without, why, why, sentence
+    )  # fmt: skip
 
 
 def _caption(path: Path) -> str:
@@ -150,8 +162,20 @@ def _read_states(path: Path, frame: str | None) -> list:
     return mine if np.ptp([item[1].time for item in mine]) == 0 else sorted(mine, key=lambda item: item[1].time)
 
 
-def _label(name: str, state) -> str:
-    return f"{name.rpartition('/')[2]}, time {state.time:.5g}"
+def _labels(states: list, tree: dict, *, si: bool) -> list[str]:
+    """Label each state by its stage and time, or by its load if time does not advance."""
+    stages = [one for one in tree.get("stages", {}).values() if isinstance(one, dict) and "start" in one]
+    advances = len({state.time for _, state, *_ in states}) > 1
+    return [
+        _label(name.rpartition("/")[2], state.time, stages, advances, " s" if si else "") for name, state, *_ in states
+    ]
+
+
+def _label(name: str, time: float, stages: list[dict], advances: bool, unit: str) -> str:
+    if not advances:
+        return name
+    stage = next((one["name"] for one in stages if one["start"] <= time <= one["end"]), "")
+    return (f"{stage}, " if stage else "") + f"time {time:.4g}{unit}, frame {name}"
 
 
 def _find_unstable(states: list, frame: str | None, report) -> tuple[int, list, str]:
@@ -194,13 +218,48 @@ def _claims_table(path: Path) -> str:
     return page.table(["claim", "source", *list(kinds)[:3], "unit", "verdict", "note"], rows, classes=kinds)
 
 
-def _list_measures(tree: dict, units: dict[str, str], above: str = "") -> list[list[str]]:
+def _list_measures(tree: dict, units: dict[str, str]) -> list[list[str]]:
+    """List the measures of a run with their units; for archives of earlier versions, all scalars outside of states."""
+    if not isinstance(saved := tree.get("measures"), dict):
+        return _list_scalars(tree, units)
+    return [
+        [_readable(name), f"{one['value']:.5g}", one["unit"]]
+        for name, one in saved.items()
+        if np.isfinite(one["value"])
+    ]
+
+
+def _readable(name: str) -> str:
+    return READABLE.get(name, name.replace("_", " ").replace("@", " at "))
+
+
+def _scenario_table(text: str) -> str:
+    """Folded table of a scenario with dotted keys; keys without a value are omitted."""
+    try:
+        tables = json.loads(text)
+    except ValueError:
+        return page.folded("as text", page.listing(text))
+    rows = [[key, value] for key, value in _flat(tables) if value not in ("null", "[]", "{}")]
+    return page.folded(f"{len(rows)} keys", page.table(["key", "value"], rows))
+
+
+def _flat(tree, above: str = ""):
+    """Yield dotted keys and values as JSON; lists of tables are numbered from 1."""
+    tables = isinstance(tree, dict) or (isinstance(tree, list) and any(isinstance(one, dict) for one in tree))
+    if not tables or not tree:
+        yield above, json.dumps(tree, ensure_ascii=False)
+        return
+    for key, value in tree.items() if isinstance(tree, dict) else enumerate(tree, start=1):
+        yield from _flat(value, f"{above}.{key}" if above else str(key))
+
+
+def _list_scalars(tree: dict, units: dict[str, str], above: str = "") -> list[list[str]]:
     """List the scalars of an archive outside of its states, with their paths and units."""
     rows = []
     for name, value in tree.items():
         path = f"{above}{name}"
         if isinstance(value, dict):
-            rows += _list_measures(value, units, f"{path}/")
+            rows += _list_scalars(value, units, f"{path}/")
         elif isinstance(value, int | float) and not isinstance(value, bool) and np.isfinite(value):
             rows.append([path.replace("_", " ").replace("/", " › "), f"{value:.5g}", units.get(path, "")])
     return rows
@@ -218,7 +277,7 @@ def _summarize_series(series, units: dict[str, str]) -> list[list[str]]:
         known = values[np.isfinite(values)] if getattr(values, "ndim", 0) == 1 and values.dtype.kind == "f" else ()
         if len(known) and name != "time":
             numbers = [f"{v:.5g}" for v in (known[-1], known.min(), known.max())]
-            rows.append([name.replace("_", " "), *numbers, units.get(f"series/{name}", "")])
+            rows.append([_readable(name), *numbers, units.get(f"series/{name}", "")])
     return rows
 
 
@@ -238,7 +297,7 @@ def _sweep_content(folder: Path) -> PageContent:
     if len(rows) > ROWS:
         text += page.paragraph(f"and {len(rows) - ROWS} more in {DATASET}", kind="soft")
     without = f"A sweep has no packing: show that of a member with stickslip report {folder}/members/NAME."
-    sections = [("Members", text), ("Scenario", page.listing(data.attrs["sweep"]))]
+    sections = [("Members", text), ("Scenario", _scenario_table(data.attrs["sweep"]))]
     about = str(data.attrs.get("source", ""))
     return PageContent(
         f"{data.attrs['title']}: {folder.resolve().name}", about, [], [], 0, [], sections, without=without
@@ -329,7 +388,9 @@ def write_page(shown: PageContent, path: Path, *, colour: str | None = None) -> 
             inside = scene.page_view(
                 shown.frames, shown.modes, at=shown.at, labels=shown.labels, si=shown.si, colour=colour
             )  # fmt: skip
-            view = page.embedded_document(inside, "the packing in three dimensions") + page.paragraph(HELP, kind="soft")
+            view = page.paragraph(_what_one_sees(shown))
+            view += page.embedded_document(inside, "the packing in three dimensions")
+            view += page.paragraph(HELP, kind="soft")
         except MissingExtraError as problem:
             words.append(f"the page has no view in three dimensions: {problem}")
             view = page.paragraph(f"The view in three dimensions is missing: {problem}.", kind="absent")
@@ -342,6 +403,21 @@ def write_page(shown: PageContent, path: Path, *, colour: str | None = None) -> 
     with staged_file(path) as part:
         part.write_bytes(text.encode())
     return path, words
+
+
+def _what_one_sees(shown: PageContent) -> str:
+    """Sentences that describe the view."""
+    several = len(shown.frames) > 1
+    words = []
+    if shown.modes:
+        which = f" of the state at {shown.labels[shown.at]}" if several else ""
+        words.append(f"The view shows the fastest-growing mode{which}, enlarged so that it can be seen.")
+    elif several:
+        words.append("The view shows the run from its beginning: press play, or move the slider.")
+    else:
+        words.append("The view shows the packing.")
+    words.append("Lines are contacts, wider for larger forces; blue ones stick, vermilion ones slide.")
+    return " ".join(words)
 
 
 HELP = (
@@ -357,7 +433,7 @@ def _describe_growth(s: complex) -> str:
 
 
 def write_movie(
-    shown: PageContent, path: Path, *, colour: str | None = None, fps: int = 15, count: int = 48,
+    shown: PageContent, path: Path, *, colour: str | None = None, fps: int | None = None, count: int = 48,
     amplitude: float = 0.3, mode: int | None = None, report=None,
 ) -> Path:  # fmt: skip
     """Write the frames of a run, or one period of a mode, as GIF or MP4.
@@ -366,6 +442,7 @@ def write_movie(
     ----------
     colour : one of `quantities`; by default the speed for a run and the displacement for a mode
     mode : number of a mode; None shows the frames of a run, or the first mode if there is only one frame
+    fps : frames per second; by default the movie of a run lasts about eight seconds, and a mode has 15
     count, amplitude : frames and amplitude of a mode's period, see `mode_frames`
     """
     if not shown.frames:
@@ -374,6 +451,7 @@ def write_movie(
         mode = 0
     if mode is None:
         frames, labels, chosen = shown.frames, shown.labels, None
+        fps = fps or min(max(round(len(frames) / SECONDS), SLOWEST), FASTEST)
     else:
         if not 0 <= mode < len(shown.modes):
             has = f"has 0 to {len(shown.modes) - 1}" if shown.modes else "is stable or has no growing mode"
@@ -388,5 +466,5 @@ def write_movie(
         labels = [f"mode {mode}, enlarged: {_describe_growth(chosen[2])}{note}"] * len(frames)
     colour = colour or ("speed" if mode is None else DISPLACEMENT)
     with staged_file(path) as part:
-        film.movie(frames, part, labels=labels, mode=chosen, colour=colour, fps=fps, si=shown.si, report=report)
+        film.movie(frames, part, labels=labels, mode=chosen, colour=colour, fps=fps or 15, si=shown.si, report=report)
     return path
