@@ -35,7 +35,7 @@ def words_of(text: str) -> str:
 
 def test_a_report_starts_with_the_verdict(tmp_path):
     done = run("report", EXAMPLE, "--out", tmp_path / "r.html")
-    verdict = "oscillatory instability: 1 complex pair(s), the fastest with period 23.49 and e-folding time 4446"
+    verdict = "oscillatory instability: 1 complex pair with period 23.49 and e-folding time 4446"
     assert words_of(done.stdout).startswith(verdict), done.stderr
     text = (tmp_path / "r.html").read_text(encoding="utf-8")
     assert text.index(f"O{verdict[1:]}.</p>") < text.index("<iframe")
@@ -75,7 +75,7 @@ def test_the_answer_after_settling_is_about_the_settled_packing(without, tmp_pat
     words = words_of(done.stdout)
     assert done.returncode == 0 and "not in equilibrium" not in words
     assert "the verdict is for the SETTLED packing, not for the one in the file" in words
-    assert "grains moved by up to 0.0018 of their radius (rms 0.00068), 0 contact(s) lost and 0 gained" in words
+    assert "grains moved by up to 0.0018 of their radius (rms 0.00068), 0 contacts lost and 0 gained" in words
     assert "SETTLED" in run("stability", file, "--settle", "-q", cwd=tmp_path).stdout
     found = json.loads(run("stability", file, "--settle", "--json", cwd=tmp_path).stdout)
     assert found["balanced"] is True and "SETTLED" in found["verdict"]

@@ -177,7 +177,7 @@ def test_all_eigenvalues_in_time_above_the_motion(constant):
     assert holds(bottom, when, moved, marker=".", label="spectrum taken")
     assert holds(bottom, [0, 1], [constant] * 2, label="spectrum constant below") == np.isfinite(constant)
     assert (top.get_yscale(), bottom.get_yscale()) == ("symlog", "log")
-    assert top.get_title() == r"$\gamma$ = 0.012, 2 pair(s) at the start" and top.get_ylabel() == IM
+    assert top.get_title() == r"$\gamma$ = 0.012, 2 pairs at the start" and top.get_ylabel() == IM
     assert labels(bottom) == (TIME, r"$M$ [$(2\sigma_1)^2$]")
 
 

@@ -12,6 +12,7 @@ from ..core.contacts.neighbors import grid_of, pack_key, with_neighbor_list
 from ..core.laws.builtin import COULOMB, DAMPING, Law, elastic_constants, hertz_mindlin, hertz_mindlin_reff, linear
 from ..core.laws.dispatch import Kind
 from ..core.measure import branch_vectors
+from ..core.readable import pluralize
 from ..core.state import OPEN, SLIDE, STICK, State, assembly, box, disks, loads, spheres
 
 AT_LIMIT = 1e-3  # relative distance to Coulomb's limit within which a slip with few digits counts as sliding
@@ -266,7 +267,7 @@ def _with_contacts(state: State, law: Law, pair_i, pair_j, image, slip, mode) ->
     new.roll[row[there]] = turned[i[there]] + turned[j[there]]
     missing = int((touches & (new.mode[:count] == OPEN)).sum())
     if missing:
-        words = f"{missing} touching pair(s) are not in the list: taken with zero slip"
+        words = f"{pluralize(missing, 'touching pair')} not in the list: taken with zero slip"
         warnings.warn(words, PackingWarning, stacklevel=3)
     return state._replace(contacts=new)
 
@@ -306,7 +307,7 @@ def accepted(state: State, law: Law, *, memory: int = FREE, modes: bool = False,
         cut &= state.contacts.mode[:count] != SLIDE
         _apply_modes(state, law, trial, cut, within)
     if cut.any():
-        words = f"{int(cut.sum())} slip(s) exceeded Coulomb's limit and were truncated at it"
+        words = f"slip beyond Coulomb's limit at {pluralize(int(cut.sum()), 'contact')}: truncated at the limit"
         warnings.warn(words, PackingWarning, stacklevel=3)
     return accept(state, trial)
 

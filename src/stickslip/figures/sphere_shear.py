@@ -3,6 +3,7 @@
 import numpy as np
 from matplotlib import pyplot as plt
 
+from ..core.readable import pluralize
 from .style import BLUE, COLORS, GREEN, ORANGE, RED, TIME, WIDTH, column_axes, styled
 
 IM = r"$\mathrm{Im}\,\lambda$ [$k_n\sqrt{2\sigma_1}/m$]"
@@ -44,7 +45,7 @@ def spectrum_in_time(run):
     top.plot(time, im, ".", ms=1.2, color=BLUE, rasterized=True)
     top.set_yscale("symlog", linthresh=10 ** np.floor(np.log10(0.3 * abs(run.eigenvalue.imag))), linscale=0.6)
     top.set(ylabel=IM)
-    top.set_title(rf"$\gamma$ = {run.strain:.2g}, {run.pairs} pair(s) at the start", fontsize=7.5)
+    top.set_title(rf"$\gamma$ = {run.strain:.2g}, {pluralize(run.pairs, 'pair')} at the start", fontsize=7.5)
     bottom.semilogy(run.time[1:], run.msd[1:], color=BLUE, lw=0.6)
     bottom.semilogy(run.snapshot_time, run.snapshot_msd, ".", color=ORANGE, ms=2.5, label="spectrum taken")
     if np.isfinite(run.constant[0]):

@@ -9,7 +9,7 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs, splu
 
 from ..core.contacts.jacobian import contact_blocks
 from ..core.laws.builtin import Law
-from ..core.readable import readable
+from ..core.readable import pluralize, readable
 from ..core.state import State
 from .balance import no_equilibrium_message, with_modes_under
 from .freedom import ZERO_BELOW, Freedom, assembled, dynamical_matrix
@@ -96,14 +96,17 @@ class DampedStability(NamedTuple):
         """Spectrum in words: the verdict at an equilibrium, and the initial motion elsewhere."""
         found, swings = [], self.exponents.imag > 0
         if swings.any():
-            s = self.exponents[swings][0]
+            s, count = self.exponents[swings][0], int(swings.sum())
+            several = ", the fastest" if count > 1 else ""
             found.append(
-                f"oscillatory instability: {int(swings.sum())} growing pair(s) of exponents, the fastest with period "
+                f"oscillatory instability: {pluralize(count, 'growing pair')} of exponents{several} with period "
                 f"{2 * np.pi / s.imag:.4g} and e-folding time {1 / s.real:.4g}"
             )
         if not swings.all():
             e_folding = 1 / self.exponents[~swings].real.max()
-            found.append(f"buckling: {int((~swings).sum())} growing exponent(s), e-folding time {e_folding:.4g}")
+            found.append(
+                f"buckling: {pluralize(int((~swings).sum()), 'growing exponent')}, e-folding time {e_folding:.4g}"
+            )
         if self.undamped.zero_modes > self.undamped.rigid:
             floppy = self.undamped.zero_modes - self.undamped.rigid
             found.append(f"floppy modes: {floppy} in addition to {self.undamped.rigid} translations")

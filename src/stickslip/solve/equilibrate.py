@@ -11,6 +11,7 @@ from ..core.contacts.neighbors import with_neighbor_list
 from ..core.laws.builtin import Law
 from ..core.measure import mean_normal_force
 from ..core.outcome import Outcome
+from ..core.readable import pluralize
 from ..core.state import State
 from .balance import BALANCED_BELOW, imbalance, no_equilibrium_message
 from .freedom import dynamical_matrix, freedom
@@ -133,6 +134,6 @@ def _check_dense(full: np.ndarray, check: str) -> str:
 
 
 def _instability_message(buckling: int, pairs: int, rate: float) -> str:
-    found = [f"{buckling} direction(s) of negative stiffness"] if buckling else []
-    found += [f"{pairs} complex pair(s), growing as exp({rate:.2e} t)"] if pairs else []
+    found = [f"{pluralize(buckling, 'direction')} of negative stiffness"] if buckling else []
+    found += [f"{pluralize(pairs, 'complex pair')}, growing as exp({rate:.2e} t)"] if pairs else []
     return f"the equilibrium is unstable: {' and '.join(found)}" if found else ""

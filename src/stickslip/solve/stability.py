@@ -9,7 +9,7 @@ from scipy.linalg import eig
 from ..core.contacts.jacobian import linearise
 from ..core.laws.builtin import SHARP, Law, rescales
 from ..core.measure import touching
-from ..core.readable import readable
+from ..core.readable import pluralize, readable
 from ..core.state import SLIDE, STICK, State
 from .balance import (
     BALANCED_BELOW,
@@ -96,9 +96,10 @@ class Stability(NamedTuple):
         if len(self.pairs):
             rate, frequency = self.growth_rate[0], self.frequency[0]
             period = f"period {2 * np.pi / frequency:.4g}" if frequency > 0 else "no period"
+            several = ", the fastest" if len(self.pairs) > 1 else ""
             found.append(
-                f"oscillatory instability: {len(self.pairs)} complex pair(s), the fastest with {period} and e-folding "
-                f"time {1 / rate:.4g}"
+                f"oscillatory instability: {pluralize(len(self.pairs), 'complex pair')}{several} with {period} and "
+                f"e-folding time {1 / rate:.4g}"
             )
         if len(self.negative):
             e_folding = 1 / np.sqrt(-self.negative.min())
@@ -125,9 +126,10 @@ def combine_motions(count: int, found, stuck) -> str:
     """Verdict in words, from both spectra if there are two."""
     if stuck is None or not (found.grows or stuck.grows):
         return found.motion
+    undecided, verb = "" if stuck.grows else "not decided: ", "sticks" if count == 1 else "stick"
     return (
-        f"{'' if stuck.grows else 'not decided: '}if the {count} contact(s) at Coulomb's limit stick, as after small "
-        f"disturbances: {stuck.motion}; if all of them keep sliding: {found.motion}"
+        f"{undecided}if the {pluralize(count, 'contact')} at Coulomb's limit {verb}, as after small disturbances: "
+        f"{stuck.motion}; if all of them keep sliding: {found.motion}"
     )
 
 

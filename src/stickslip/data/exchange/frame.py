@@ -12,6 +12,7 @@ from ...core.contacts.forces import forces
 from ...core.laws.builtin import COULOMB, DAMPING, NO_TENSION, Law
 from ...core.laws.dispatch import Kind, describe_law, restore_kind
 from ...core.measure import branch_vectors, contact_forces, contact_numbers, touching
+from ...core.readable import pluralize
 from ...core.state import State
 from ..sample import PackingError
 
@@ -57,7 +58,7 @@ def without_walls(frame: Frame) -> tuple[dict[str, np.ndarray], list[str]]:
     """Columns of the contacts between grains, and a note on contacts with walls."""
     between = frame.contacts["j"] < len(frame.state.grains.radius)
     walls = int((~between).sum())
-    words = [f"{walls} contact(s) with walls are not written, because they have no second grain"] if walls else []
+    words = [f"{pluralize(walls, 'contact')} with walls not written, for lack of a second grain"] if walls else []
     return {name: column[between] for name, column in frame.contacts.items()}, words
 
 

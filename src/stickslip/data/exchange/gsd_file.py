@@ -13,6 +13,7 @@ import numpy as np
 
 from ...core import state as core
 from ...core.laws.builtin import Law
+from ...core.readable import pluralize
 from ...core.state import State, check
 from ...extras import require
 from ..atomic import replace_atomically
@@ -79,7 +80,7 @@ def _to_hoomd(hoomd, frame: Frame, step: int):
     if not cell.periodic[: cell.dim].all():
         words.append("GSD has no open boxes: other programs see a periodic box around the grains")
     if len(state.walls.mass):
-        words.append(f"{len(state.walls.mass)} wall(s) are stored for stickslip, other programs do not see them")
+        words.append(f"{pluralize(len(state.walls.mass), 'wall')} stored for stickslip; other programs do not see them")
     return out, words
 
 

@@ -22,6 +22,7 @@ import numpy as np
 from ...core.contacts.jacobian import linearise
 from ...core.laws.builtin import MU, SHARP, Law, damping_model
 from ...core.measure import branch_vectors, touching
+from ...core.readable import pluralize
 from ...core.state import OPEN, SLIDE, STICK, State
 from ..sample import NO_CONTACTS, PackingError, PackingWarning, accepted, from_arrays
 from .lammps_text import Table, grains_from_dump, read_data, read_dump
@@ -223,8 +224,8 @@ def _match_pairs(state: State, pairs: Pairs) -> tuple[np.ndarray, np.ndarray, np
     if len(lost):
         a, b = pairs.i[lost[0]], pairs.j[lost[0]]
         raise PackingError(
-            f"{len(lost)} pair(s), such as grains {a} and {b} (counted from 0), carry force but do not touch: contacts "
-            f"and grains are from different time steps or runs, or the box differs"
+            f"{pluralize(len(lost), 'pair')}, such as grains {a} and {b} (counted from 0), carry force but do not "
+            f"touch: contacts and grains are from different time steps or runs, or the box differs"
         )
     entries = np.flatnonzero(~open_pair)
     chosen = first[entries].copy()
@@ -234,7 +235,7 @@ def _match_pairs(state: State, pairs: Pairs) -> tuple[np.ndarray, np.ndarray, np
     if len(np.unique(matched)) < len(matched):
         raise PackingError("a contact is listed twice: give the contacts of one time step, once, with dx dy dz")
     if len(matched) < len(rows):
-        words = f"{len(rows) - len(matched)} touching pair(s) are not in the dump: their slip is set to zero"
+        words = f"{pluralize(len(rows) - len(matched), 'touching pair')} not in the dump: slip set to zero"
         warnings.warn(words, PackingWarning, stacklevel=3)
     return matched, entries, sign[entries]
 

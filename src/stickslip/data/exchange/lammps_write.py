@@ -10,6 +10,7 @@ import numpy as np
 from ...core.contacts.jacobian import linearise
 from ...core.laws.builtin import SHARP, damping_model
 from ...core.measure import touching
+from ...core.readable import pluralize
 from ...core.state import SLIDE
 from ..atomic import replace_atomically
 from .frame import Frame, bounding_box, list_losses, without_walls, wrapped_into
@@ -100,6 +101,7 @@ def _write_contacts(path: Path, frame: Frame, vectors, corner) -> list[str]:
     sliding = int(((pairs["mode"] == SLIDE) & (vt.any(axis=1) | (vn != 0))).sum())
     if damping_model(law) and sliding:
         words.append(
-            f"the slip of {sliding} sliding contact(s) in motion is stored only up to the force carried by dashpots"
+            f"the slip of {pluralize(sliding, 'sliding contact')} in motion is stored only up to the force carried by "
+            f"dashpots"
         )
     return [*words, f"LAMMPS cannot import the memory of contacts: it is in {path.name}, for --contacts"]

@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from ...core.readable import pluralize
 from ...extras import require
 from ..atomic import name_file_in_errors
 from ..sample import PackingError
@@ -40,7 +41,7 @@ def write_vtk(path: str | Path, frames: list[Frame]) -> list[str]:
             part.replace(target)
     lost = ["the cell", "the images of contacts", *list_losses(frames[0])]
     bare = sum(not len(frame.contacts["i"]) for frame in frames)
-    words = [f"{bare} frame(s) have no contacts: no file of lines was written for them"] if bare else []
+    words = [f"{pluralize(bare, 'frame')} without contacts: no file of lines was written"] if bare else []
     return [*words, f"VTK does not store {', '.join(lost)}; stickslip writes it but does not read it"]
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ...core.readable import pluralize
 from ...loading.protocols import stable_window
 from ..claims import Claim, claim, format_value
 from .fronts import Front
@@ -129,7 +130,7 @@ def _pair_count(result: DiskArrayResult, load: float, suffix: str) -> Claim:
 
 def _im_lambda(load: float, result: DiskArrayResult, coarse, born: float | None, suffix: str) -> Claim:
     modes, other = point_at_load(result.path, load).spectrum, point_at_load(coarse, load).spectrum
-    note = f"{len(modes.pairs)} pair(s)"
+    note = pluralize(len(modes.pairs), "pair")
     if born:
         note += f"; {load - born:.5f} above the birth, from which Im lambda rises as a square root"
     return claim(

@@ -18,7 +18,7 @@ from ...core.laws.builtin import (
 )
 from ...core.laws.dispatch import Kind
 from ...core.laws.validation import largest_stiffness
-from ...core.readable import readable
+from ...core.readable import pluralize, readable
 from ...core.state import State, assembly, box, disks, flat_walls, heights, loads, spheres
 from ...data.law_file import load_law
 from ...data.sample import LAWS
@@ -98,8 +98,8 @@ def _check_sampling(scenario: FlowScenario, dt: float) -> None:
         count, steps = sample_count(stage, scenario), stage.duration / dt
         if steps < 0.5 * count:
             raise ScenarioError(
-                f"stage {stage.name!r} has {count} sample(s) in {steps:.3g} time steps of {dt:.3g}: use fewer samples, "
-                f"a longer stage or a smaller dt"
+                f"stage {stage.name!r} has {pluralize(count, 'sample')} in {steps:.3g} time steps of {dt:.3g}: "
+                f"use fewer samples, a longer stage or a smaller dt"
             )
 
 

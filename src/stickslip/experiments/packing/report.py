@@ -13,6 +13,7 @@ from ...builtin_laws import NAMES
 from ...core.laws.builtin import COULOMB, DAMPING, NO_TENSION, Law, damping_model, parameter_names
 from ...core.laws.dispatch import Kind, find_user_law
 from ...core.measure import mean_normal_force, touching
+from ...core.readable import pluralize
 from ...core.state import State
 from ...data.atomic import replace_atomically
 from ...solve.balance import BALANCED_BELOW, imbalance
@@ -43,7 +44,7 @@ class Settling(NamedTuple):
     def __str__(self) -> str:
         return (
             f"the verdict is for the SETTLED packing, not for the one in the file: grains moved by up to "
-            f"{self.moved:.2g} of their radius (rms {self.moved_rms:.2g}), {self.lost} contact(s) lost and "
+            f"{self.moved:.2g} of their radius (rms {self.moved_rms:.2g}), {pluralize(self.lost, 'contact')} lost and "
             f"{self.gained} gained"
         )
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...core.readable import pluralize
 from ...loading.release import Released
 from ..claims import CAN, Claim, claim, median_error
 from .simulate import ShearResult
@@ -219,7 +220,8 @@ def _stress_drop(
     relative = [r.drop / abs(r.shear_stress[0]) for r in there]
     to_pressure = [r.drop / r.pressure[0] for r in there]
     words = ", ".join(
-        f"{r.pairs} pair(s) at {r.strain:.2g}: {a:.3g} ({b:.3g} of p), M {r.msd[-1]:.0e}, {r.contacts_lost} lost"
+        f"{pluralize(r.pairs, 'pair')} at {r.strain:.2g}: {a:.3g} ({b:.3g} of p), M {r.msd[-1]:.0e}, "
+        f"{r.contacts_lost} lost"
         for r, a, b in zip(there, relative, to_pressure, strict=True)
     )
     note = (
