@@ -48,6 +48,17 @@ def test_the_series_fitted_again_gives_the_parameters(folder, tmp_path):
     assert "contains the results of a fit" in again.stderr
 
 
+def test_a_wrong_unit_of_length_is_suspected(folder, tmp_path, capsys):
+    lines = (folder / "series.csv").read_text().splitlines()
+    head = next(k for k, line in enumerate(lines) if line.startswith("time"))
+    lines[head] = lines[head].replace("load_point [m]", "load_point [um]")
+    (tmp_path / "um.csv").write_text("\n".join(lines))
+    app(["fit", str(tmp_path / "um.csv"), "--stiffness", "2e8", "--law", "slip"], standalone_mode=False)
+    said = " ".join(capsys.readouterr().out.split())
+    assert "slip law: D_c = 5.29e-09 m is outside of 1e-08 to 0.1 m, where experiments lie" in said
+    assert "is the unit of the displacement right? In a unit 1000 times larger, D_c would be 5.29e-06 m" in said
+
+
 def test_tables_for_people(folder, capsys):
     app(["fit", str(folder / "series.csv"), "--free-stiffness", "--law", "slip", "--detrend"], standalone_mode=False)
     said = capsys.readouterr().out

@@ -42,6 +42,8 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
         ({"relaxation": {"spin_drag": 0.0}}, "relaxation.spin_drag = 0.0"),
         ({"seed": True}, "seed = True was given"),
         ({"experiment": "disks"}, "experiment = 'disks' was given"),
+        ({"experiment": "flows"}, "did you mean 'flow'?"),
+        ({"experiment": "Sphere_Shear"}, "did you mean 'sphere-shear'?"),
     ],
 )
 def test_a_bad_scenario_is_one_sentence(tables, words):

@@ -3,6 +3,7 @@
 import json
 import re
 import tomllib
+from difflib import get_close_matches
 from pathlib import Path
 
 from ..core.text import read_text, shortened
@@ -66,7 +67,11 @@ def scenario_class(tables: dict) -> type[ScenarioBase]:
     """Return the scenario class named by `experiment`, by default that of the disk array."""
     name = tables.get("experiment", "disk-array")
     if not isinstance(name, str) or name not in EXPERIMENTS:
-        raise ScenarioError(f"experiment = {str(name)[:100]!r} was given: use {', '.join(map(repr, EXPERIMENTS))}")
+        near = get_close_matches(str(name).lower().replace("_", "-"), EXPERIMENTS, 1)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        raise ScenarioError(
+            f"experiment = {str(name)[:100]!r} was given: use {', '.join(map(repr, EXPERIMENTS))}{hint}"
+        )
     return EXPERIMENTS[name].scenario
 
 

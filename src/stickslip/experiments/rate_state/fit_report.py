@@ -18,6 +18,7 @@ from ..run_folder import foreign_files_message
 from ..terminal import STYLE, console
 
 NUMBERS, FIGURE = "fit.json", "fit.png"
+CREDIBLE = 1e-8, 0.1  # D_c [m] of rocks and gouge in experiments, with a margin of a factor of ten
 UNITS = {"dc": "m", "stiffness": "1/m", "trend": "1/m", "v0": "m/s", "damping": "s/m"}
 
 
@@ -79,6 +80,7 @@ def as_json(found: RecordFits) -> str:
     out = {"file": found.file.name, "units": "m, s", "fits": {one.law: _fit_dict(one) for one in found.fits}}
     if found.comparison is not None:
         out["comparison"] = found.comparison._asdict()
+    out["doubts"] = doubts(found)
     return json.dumps(_replace_nonfinite(out), indent=1, allow_nan=False)
 
 
@@ -130,8 +132,29 @@ def show(found: RecordFits) -> None:
         if not (one.identifiable and one.adequate):
             console.print(f"  {one.sentence}", style="yellow")
         console.print()
+    for sentence in doubts(found):
+        console.print(sentence, style="yellow")
     if found.comparison is not None:
         console.print(found.comparison.sentence, style="bold")
+
+
+def doubts(found: RecordFits) -> list[str]:
+    """Return one sentence for each fit with a D_c that suggests a wrong unit of length."""
+    low, high = CREDIBLE
+    return [
+        f"{one.law} law: D_c = {dc:.3g} m is outside of {low:g} to {high:g} m, where experiments lie: is the unit of "
+        f"the displacement right? In {unit}, D_c would be {dc * factor:.3g} m"
+        for one in found.fits
+        if np.isfinite(dc := one.values.get("dc", np.nan)) and not low <= dc <= high
+        for unit, factor in [_likelier_unit(dc)]
+    ]
+
+
+def _likelier_unit(dc: float) -> tuple[str, float]:
+    """Unit in which the displacements may be, and the factor from the unit that the file gives."""
+    factors = [10.0**k for k in (-9, -6, -3, 3, 6, 9)]
+    factor = min(factors, key=lambda one: abs(np.log(dc * one / 1e-5)))  # nearest to ten micrometres
+    return f"a unit {1 / factor:g} times smaller" if factor < 1 else f"a unit {factor:g} times larger", factor
 
 
 def conclusions(found: RecordFits) -> list[str]:
