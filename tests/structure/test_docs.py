@@ -6,14 +6,17 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from shutil import which
 
 import pytest
+from selenium import webdriver
 
 from stickslip.data.schema import tables_in
 from stickslip.experiments.registry import EXPERIMENTS
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGES = sorted(path for path in DOCS.rglob("*.md") if "_build" not in path.parts)
+TUTORIALS = sorted((DOCS / "tutorials").glob("*.md"))
 
 
 def generator():
@@ -71,23 +74,72 @@ def test_links_among_pages_lead_somewhere(page):
         assert not anchor or anchor in anchors(there), target
 
 
-@pytest.mark.slow
-def test_the_pages_build_without_a_warning_and_need_no_network(tmp_path):
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    """The folder of the built pages; a warning fails."""
     for library in ("sphinx", "myst_nb", "furo", "sphinx_copybutton"):
         pytest.importorskip(library, reason="`make docs` installs what builds the documentation")
-    words = ("-m", "sphinx", "-q", "-W", "--keep-going", "-D", f"nb_execution_cache_path={tmp_path / 'cache'}")
+    folder = tmp_path_factory.mktemp("docs")
+    words = ("-m", "sphinx", "-q", "-W", "--keep-going", "-D", f"nb_execution_cache_path={folder / 'cache'}")
     mine = Path(sys.executable).parent  # as where the environment is not activated
     path = os.pathsep.join(part for part in os.environ["PATH"].split(os.pathsep) if Path(part) != mine)
     run = subprocess.run(
-        [sys.executable, *words, DOCS, tmp_path / "html"],
+        [sys.executable, *words, DOCS, folder / "html"],
         capture_output=True, text=True, env=os.environ | {"PYTHONPATH": str(DOCS.parent / "src"), "PATH": path},
     )  # fmt: skip
     assert run.returncode == 0, run.stderr[-4000:]
-    first = (tmp_path / "html/index.html").read_text(encoding="utf-8")
-    for page in (tmp_path / "html").rglob("*.html"):
+    return folder / "html"
+
+
+@pytest.mark.slow
+def test_the_pages_build_without_a_warning_and_need_no_network(built):
+    first = (built / "index.html").read_text(encoding="utf-8")
+    for page in built.rglob("*.html"):
         loaded = re.findall(
             r'<(?:script|link|img)[^>]*(?:src|href)="(https?://[^"]+)"', page.read_text(encoding="utf-8")
         )
         assert not loaded, (page.name, loaded)
     assert "tutorials/pushed_disks.html" in first
-    assert (tmp_path / "html/_static/mathjax/tex-chtml.js").exists()
+    assert (built / "_static/mathjax/tex-chtml.js").exists()
+
+
+@pytest.mark.slow
+def test_tutorials_are_offered_as_notebooks(built):
+    offered = {path.name for path in (built / "_downloads").rglob("*.ipynb")}
+    assert offered == {f"{page.stem}.ipynb" for page in TUTORIALS}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [360, 1024, 1920])
+def test_no_page_scrolls_sideways(built, width):
+    if not (which("chromium") and which("chromedriver")):
+        pytest.skip("there is no Chromium: apt-get install chromium chromium-driver (Debian)")
+    options = webdriver.ChromeOptions()
+    for word in ("headless=new", "no-sandbox", "disable-dev-shm-usage", "host-resolver-rules=MAP * ~NOTFOUND"):
+        options.add_argument(f"--{word}")
+    options.binary_location = which("chromium")
+    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(which("chromedriver")))
+    sizes = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 600}
+    try:
+        driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", sizes)
+        wide = {}
+        for page in sorted(built.rglob("*.html")):
+            if "_static" not in page.parts:
+                driver.get(page.as_uri())
+                found = driver.execute_script("return document.documentElement.scrollWidth")
+                if found > width:
+                    wide[str(page.relative_to(built))] = found
+        assert not wide
+    finally:
+        driver.quit()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", TUTORIALS, ids=lambda page: page.stem)
+def test_the_cells_of_a_tutorial_run_in_an_empty_folder(page, tmp_path):
+    cells = re.findall(r"^```\{code-cell\}[^\n]*\n((?:^:.*\n)*)(.*?)^```", page.read_text(), flags=re.M | re.S)
+    script = "\n".join(code for _, code in cells)
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    away = os.environ | {"MPLBACKEND": "Agg", "PATH": path}
+    run = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, env=away, capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr[-2000:]
