@@ -4,12 +4,25 @@ import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-WORDS = "compiling kernels, once per installation"
+ONCE = "compiling kernels, once per installation"
+ALWAYS = "compiling kernels, again in every process, as no folder for them is writable: set NUMBA_CACHE_DIR"
 
 _LOG = logging.getLogger("stickslip")
 _LOG.addHandler(logging.NullHandler())
 _listeners: list[Callable[[str | None], None]] = []
 _compiled: list[str] = []  # by this process
+_kept = True
+
+
+def headline() -> str:
+    """Sentence that announces compilation and says how often it happens."""
+    return ONCE if _kept else ALWAYS
+
+
+def forget_afterwards() -> None:
+    """Declare that compiled kernels will not last beyond this process."""
+    global _kept
+    _kept = False
 
 
 @contextmanager
@@ -25,7 +38,7 @@ def announced_to(listener: Callable[[str | None], None]) -> Iterator[None]:
 def start(name: str) -> None:
     """Announce that a kernel is being compiled."""
     if not _compiled:
-        _LOG.info("%s: each kind of computation takes some seconds the first time", WORDS)
+        _LOG.info("%s: each kind of computation takes some seconds the first time", headline())
     _LOG.debug("compiling %s", name)
     _compiled.append(name)
     for listener in _listeners:

@@ -66,6 +66,7 @@ def is_temporary() -> bool:
 
 def _temporary() -> Path:
     """Create a folder that is removed when this process ends; its worker processes use it, too."""
+    compilation.forget_afterwards()
     path = os.environ.get(_TEMPORARY)
     if not (path and os.access(path, os.W_OK)):
         path = os.environ[_TEMPORARY] = tempfile.mkdtemp(prefix=_PREFIX)

@@ -1,6 +1,7 @@
 """Compilation is announced: to the logger, and to displays of progress, once per kernel."""
 
 import logging
+import os
 import subprocess
 import sys
 
@@ -33,8 +34,8 @@ def test_kernels_are_announced_while_they_are_compiled_and_not_when_they_are_loa
     cold, warm = heard_by_a_process(tmp_path), heard_by_a_process(tmp_path)
     heard = eval(cold.stdout)
     assert "core.contacts.forces.evaluate" in heard[::2] and set(heard[1::2]) == {None}
-    assert cold.stderr.count(f"stickslip {compilation.WORDS}") == 1
-    assert eval(warm.stdout) == [] and compilation.WORDS not in warm.stderr
+    assert cold.stderr.count(f"stickslip {compilation.ONCE}") == 1
+    assert eval(warm.stdout) == [] and compilation.ONCE not in warm.stderr
 
 
 def test_progress_shows_the_kernel_that_is_compiled(capsys, monkeypatch, caplog):
@@ -47,7 +48,7 @@ def test_progress_shows_the_kernel_that_is_compiled(capsys, monkeypatch, caplog)
         compilation.start("core.b")
         compilation.end()
     assert [line for line in capsys.readouterr().out.splitlines() if line] == [
-        "first …", f"{compilation.WORDS} …", "second …",
+        "first …", f"{compilation.ONCE} …", "second …",
     ]  # fmt: skip
     assert len(caplog.records) == 1
     compilation.start("core.c")  # nobody listens any more
@@ -59,3 +60,16 @@ def test_functions_of_no_module_are_no_kernels_of_ours():
     exec("def f(x):\n    return x + 1", space)
     with compilation.announced_to(lambda kernel: pytest.fail(str(kernel))):
         assert njit(space["f"])(1) == 2
+
+
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="nothing is unwritable for this user")
+def test_without_a_folder_for_kernels_the_announcement_says_what_it_costs(tmp_path):
+    (tmp_path / "shut").mkdir(mode=0o500)
+    assert compilation.ALWAYS in heard_by_a_process(tmp_path / "shut").stderr
+
+
+def test_the_headline_says_how_often_kernels_are_compiled(monkeypatch):
+    monkeypatch.setattr(compilation, "_kept", True)
+    assert compilation.headline() == compilation.ONCE
+    compilation.forget_afterwards()
+    assert compilation.headline() == compilation.ALWAYS

@@ -10,6 +10,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from rich.table import Table
+from rich.text import Text
 
 from stickslip.data.checkpoint import UNFINISHED
 from stickslip.experiments import json_output as answers
@@ -248,3 +250,14 @@ def test_other_shells_are_answered(shell, line, word):
     code = "from stickslip.cli import main; main()"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=os.environ | env)
     assert word in run.stdout, run.stderr
+
+
+def test_a_table_without_room_becomes_lines(capsys, monkeypatch):
+    table = Table("length of a column", "another long heading", title="A title")
+    table.add_row("0.071557", Text("4446", "red"))
+    monkeypatch.setattr(terminal.console, "width", 30)
+    terminal.show_table(table)
+    assert capsys.readouterr().out == "A title\n  length of a column: 0.071557\n  another long heading: 4446\n\n"
+    monkeypatch.setattr(terminal.console, "width", 80)
+    terminal.show_table(table)
+    assert "length of a column" in capsys.readouterr().out.splitlines()[2]

@@ -7,7 +7,7 @@ from pathlib import Path
 from rich.table import Table
 from rich.text import Text
 
-from ..experiments.terminal import STYLE, console, progress
+from ..experiments.terminal import STYLE, console, progress, show_table
 from . import machine
 from .machine import OptionalPart
 from .selfcheck import Selfcheck, selfcheck
@@ -38,7 +38,7 @@ def show_machine(versions: dict, threads: dict, caches: dict, parts: list[Option
         color = "green" if part.ok else "yellow"
         found = part.found + (f"\n{part.remedy}" if part.remedy else "")
         table.add_row(part.name, part.purpose, Text(found, color))
-    console.print(table)
+    show_table(table)
 
 
 def show_checks(found: Selfcheck) -> None:
@@ -51,7 +51,7 @@ def show_checks(found: Selfcheck) -> None:
         else:
             numbers = f"{check.measured:.9g}", f"{check.deviation:.1e}", f"{check.tolerance:.0e}"
             table.add_row(check.name, *numbers, Text(word, color))
-    console.print(table)
+    show_table(table)
     wrong = [check for check in found.checks if not check.ok]
     for check in wrong:
         words = f"{check.name}: stored {check.stored}, measured {check.measured}; tolerance for {check.note}"
@@ -87,7 +87,7 @@ def _print_pairs(title: str, rows: dict) -> None:
     table = Table(title=title, show_header=False, **STYLE)
     for name, value in rows.items():
         table.add_row(name, str(value))
-    console.print(table)
+    show_table(table)
 
 
 def _describe_caches(caches: dict) -> dict[str, str]:

@@ -6,14 +6,16 @@ from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
+from rich.measure import Measurement
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Column
+from rich.table import Column, Table
 from rich.text import Text
 
 from .. import compilation
 
 console = Console(soft_wrap=False, markup=False, highlight=False)  # paths and names are printed verbatim
 
+NARROW = 60  # columns below which the cells of tables would be broken
 WIDE = 110  # columns from which on a stage and its text share a line
 LINES = 30.0  # time between lines without a terminal [s]
 STYLE = {"title_justify": "left", "header_style": "bold", "box": SIMPLE_HEAD, "pad_edge": False}
@@ -90,14 +92,15 @@ def progress(*, transient: bool = False):
                 plain_line(stage, share, words, left)
 
         def compiling(kernel: str | None) -> None:
-            if compilation.WORDS not in stages:
-                stages[compilation.WORDS] = bar.add_task(compilation.WORDS, total=None, words="", left="")
-            task = stages[compilation.WORDS]
+            said = compilation.headline()
+            if said not in stages:
+                stages[said] = bar.add_task(said, total=None, words="", left="")
+            task = stages[said]
             if kernel and bar.tasks[task].finished:
                 bar.reset(task, total=None)
             bar.update(task, words=kernel or "")
             if plain_line and kernel:
-                plain_line(compilation.WORDS, 0.0, kernel, None)
+                plain_line(said, 0.0, kernel, None)
 
         with compilation.announced_to(compiling):
             yield update
@@ -130,6 +133,21 @@ def format_duration(seconds: float) -> str:
         if seconds >= 2 * size:
             return f"{seconds / size:.3g} {name}"
     return f"{seconds:.0f} s"
+
+
+def show_table(table: Table) -> None:
+    """Print a table; on a narrow terminal without room for it, print each row as lines of a heading and a value."""
+    room = console.width
+    if room >= NARROW or Measurement.get(console, console.options.update(max_width=1000), table).maximum <= room:
+        return console.print(table)
+    if table.title:
+        console.print(table.title, style="italic")
+    names = [str(column.header) for column in table.columns]
+    for row in zip(*(column.cells for column in table.columns), strict=True):
+        for name, cell in zip(names, row, strict=True):
+            console.print(Text.assemble(f"  {name}: " if name else "  ", cell))
+        console.print()
+    return None
 
 
 def show_paths(paths: list[Path]) -> None:

@@ -8,7 +8,7 @@ from rich.table import Table
 
 from ...figures import flow as figures_of
 from ..run_folder import SERIES, archive_fields
-from ..terminal import STYLE, console
+from ..terminal import STYLE, console, show_table
 from .measures import deposit, plane_shear, profile_deviation, velocity_profile
 from .simulate import FlowResult, FlowSeries
 
@@ -82,7 +82,7 @@ def show(result: FlowResult) -> None:
             f"{series.unbalanced[k]:.1e}", f"{series.coordination[k]:.3g}",
             "periodic" if around else f"{left.low[0]:.3g} … {left.high[0]:.3g}", f"{left.high[1]:.3g}",
         )  # fmt: skip
-    console.print(table)
+    show_table(table)
     for stage in result.stages:
         if stage.rested is False:
             words = f"stage {stage.name!r} reached its duration before rest: use a longer duration or more drag"

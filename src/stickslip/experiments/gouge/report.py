@@ -10,7 +10,7 @@ from rich.table import Table
 from ...figures import gouge as figures_of
 from ...friction.laboratory import LabRecord, write_csv
 from ..run_folder import CURVES, SERIES
-from ..terminal import STYLE, console
+from ..terminal import STYLE, console, show_table
 from . import measures as measured
 from .curves import healing_peaks, holds_with_common_velocity, predict_hold, reslides_after_longest
 from .dimensionless import inertial_numbers, normalised_hold, normalised_stiffness, stiffness
@@ -229,7 +229,7 @@ def show(result: GougeResult) -> None:
     for velocity in measured.velocities(result):
         found = measured.mean_friction(result, velocity)
         table.add_row(f"{velocity:g}", f"{found.value:.4f}", f"{found.half:.4f}")
-    console.print(table)
+    show_table(table)
     if measured.reslides(result):
         _show_holds(result)
     k = normalised_stiffness(scenario)
@@ -258,7 +258,7 @@ def _show_holds(result: GougeResult) -> None:
             f"{before:g}", f"{hold:g}", f"{scaled['load_point']:.3g}", f"{scaled['frozen']:.3g}", f"{after:g}",
             f"{found.value:+.4f}", f"{found.half:.4f}",
         )  # fmt: skip
-    console.print(table)
+    show_table(table)
 
 
 def measures(result: GougeResult) -> dict[str, tuple[float, str]]:

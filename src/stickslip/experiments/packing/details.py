@@ -13,7 +13,7 @@ from ...solve.moduli import ElasticModuli, elastic_moduli, voigt
 from ...solve.sensitivity import ContactSensitivity, contact_sensitivity
 from ...solve.stability import Stability
 from ...solve.transient import TransientGrowth, transient_growth
-from ..terminal import STYLE, console
+from ..terminal import STYLE, console, show_table
 
 CONTACTS = 5  # rows of the table of contacts
 SHOWN = 12  # participation ratios that are printed
@@ -124,7 +124,7 @@ def _show_moduli(m: ElasticModuli) -> None:
         table.add_column(column, justify="right")
     for name, total, affine in (("bulk K", m.bulk, m.bulk_affine), ("shear G", m.shear, m.shear_affine)):
         table.add_row(name, f"{total:.5g}", f"{affine:.5g}", f"{total - affine:.5g}")
-    console.print(table)
+    show_table(table)
     console.print(
         f"Young's modulus {m.young:.5g}, Poisson's ratio {m.poisson:.4g}; {100 * m.anisotropy:.2g} % of C is "
         f"anisotropic, {100 * m.asymmetry:.2g} % antisymmetric"
@@ -156,4 +156,4 @@ def _show_contacts(s: ContactSensitivity, n: int, damped: bool) -> None:
         other = f"{s.j[k]}" if s.j[k] < n else f"wall {s.j[k] - n}"
         row = [f"{s.i[k]}–{other}", f"{s.mobilised[k]:.3g}", s.what[k], f"{s.growth_rate:.4g}", after, words]
         table.add_row(*row, *([f"{slope[s.contact[k]]:.3g}"] if slope else []))
-    console.print(table)
+    show_table(table)

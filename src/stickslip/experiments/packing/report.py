@@ -21,7 +21,7 @@ from ...solve.damped import DampedStability, damped_stability
 from ...solve.equilibrate import equilibrate
 from ...solve.freedom import backbone
 from ...solve.stability import Stability, stability
-from ..terminal import STYLE, console
+from ..terminal import STYLE, console, show_table
 from . import details as stability_more
 
 SHOWN = 12  # pairs listed in the table
@@ -206,7 +206,7 @@ def _show_exponents(found: DampedStability) -> None:
         for s in found.exponents[:SHOWN]:
             period = f"{2 * np.pi / s.imag:.4g}" if s.imag > 0 else "–"
             table.add_row(f"{s.real:.5g}", f"{s.imag:.5g}", period, f"{1 / s.real:.4g}")
-        console.print(table)
+        show_table(table)
     elif found.slowest is not None:
         s = found.slowest
         console.print(f"slowest decay: s = {s.real:.4g} ± {abs(s.imag):.4g}i")
@@ -220,7 +220,7 @@ def _show_pairs(found: Stability) -> None:
         for pair, w, g in rows:
             period = f"{2 * np.pi / w:.4g}" if w > 0 else "–"
             table.add_row(f"{pair.real:.5g}", f"{pair.imag:.4g}", f"{w:.5g}", f"{g:.4g}", period, f"{1 / g:.4g}")
-        console.print(table)
+        show_table(table)
     if len(found.negative):
         console.print("negative λ: " + ", ".join(f"{v:.4g}" for v in found.negative[:SHOWN]))
 

@@ -9,7 +9,7 @@ from rich.table import Table
 from ...figures import quasi_rigid as figures_of
 from ...figures.grains import packing
 from ..run_folder import SERIES, archive_fields
-from ..terminal import STYLE, console
+from ..terminal import STYLE, console, show_table
 from .simulate import Curve, QuasiResult, SampleResult
 
 
@@ -105,7 +105,7 @@ def show(result: QuasiResult) -> None:
             f"{last.sliding}/{last.contacts}", str(len(one.path.events)), "–" if off is None else f"{off:.1e}",
             "–" if one.collapse is None else f"{one.collapse:.4g}",
         )  # fmt: skip
-    console.print(table)
+    show_table(table)
     for one in result.tested:
         end = one.path.summary
         console.print(f"  sample {one.seed}: {end}")

@@ -15,7 +15,7 @@ from ...friction.laboratory import read_csv, record_data
 from ...friction.model import Data
 from ...friction.model_comparison import LawComparison, compare_laws
 from ..run_folder import foreign_files_message
-from ..terminal import STYLE, console
+from ..terminal import STYLE, console, show_table
 
 NUMBERS, FIGURE = "fit.json", "fit.png"
 CREDIBLE = 1e-8, 0.1  # D_c [m] of rocks and gouge in experiments, with a margin of a factor of ten
@@ -126,7 +126,7 @@ def show(found: RecordFits) -> None:
         for name in ("stiffness", "v0"):
             if name in one.fixed:
                 table.add_row(name, f"{one.fixed[name]:.5g}", "fixed", UNITS[name])
-        console.print(table)
+        show_table(table)
         count = f"equivalent to {one.effective:.0f} independent ones" if len(one.noise) else "independent of each other"
         console.print(f"  noise {one.sigma:.2e}; {one.samples} samples, {count}")
         if not (one.identifiable and one.adequate):

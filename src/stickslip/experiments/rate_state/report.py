@@ -9,7 +9,7 @@ from rich.table import Table
 from ...figures import rate_state as figures_of
 from ...friction.laboratory import LabRecord, write_csv
 from ..run_folder import SERIES, archive_fields
-from ..terminal import STYLE, console
+from ..terminal import STYLE, console, show_table
 from .simulate import SliderResult
 
 
@@ -48,7 +48,7 @@ def show(result: SliderResult) -> None:
             part = h.friction[within]
             cells = (f"{leg.velocity:.4g}", f"{end:.6g}", f"{part[-1]:.5f}", f"{part.min():.5f}", f"{part.max():.5f}")
             table.add_row(*cells)
-    console.print(table)
+    show_table(table)
     for sentence in dict.fromkeys(one.sentence for one in result.sliding):
         console.print(f"  {sentence}")
     if not h.ok:

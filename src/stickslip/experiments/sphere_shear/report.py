@@ -5,7 +5,7 @@ from rich.table import Table
 
 from ...figures import sphere_shear as figures_of
 from ..run_folder import archive_fields
-from ..terminal import STYLE, console
+from ..terminal import STYLE, console, show_table
 from .simulate import ShearResult
 
 
@@ -48,7 +48,7 @@ def show(result: ShearResult) -> None:
             str(p.seed), f"{p.packed.packing_fraction:.4g}", f"{p.packed.pressure:.3g}",
             f"{p.packed.coordination:.3g}", str(p.packed.rattlers), born, f"{p.pairs[-1]:.0f} at {p.strain[-1]:.4g}",
         )  # fmt: skip
-    console.print(table)
+    show_table(table)
     for p in result.paths:
         if p.stopped:
             console.print(f"packing {p.seed} stopped early: {p.stopped}", style="yellow")
@@ -63,7 +63,7 @@ def show(result: ShearResult) -> None:
                 f"{r.strain:.4g}", str(r.pairs), f"{r.growth_rate:.4e}", fitted, f"{r.msd[-1]:.1e}",
                 f"{r.drop / r.pressure[0]:.3g}", str(r.contacts_lost),
             )  # fmt: skip
-        console.print(table)
+        show_table(table)
     for failure in result.failures:
         console.print(failure, style="yellow")
 

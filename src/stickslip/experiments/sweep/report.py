@@ -14,7 +14,7 @@ from ...data.manifest import find_foreign, read_manifest, write_manifest
 from ...ensemble import Workers, reach
 from ..resume import read_json
 from ..run_folder import OPTIONS, check_writable, foreign_files_message
-from ..terminal import STYLE, console, progress
+from ..terminal import STYLE, console, progress, show_table
 from .dataset import DATASET
 from .definition import Sweep, describe_differences, member
 from .run import MANY, SweepResult, estimate, read_finished, run_sweep, validate_members
@@ -151,7 +151,7 @@ def show(swept: SweepResult) -> None:
         cells = [known[which] for which in ("least", "median", "greatest")] if known["members"] else []
         table.add_row(name, known["unit"], str(known["members"]), *(f"{v:.5g}" for v in cells))
     if rows:
-        console.print(table)
+        show_table(table)
     failed = [(name, words) for name, words in zip(swept.names, swept.failures, strict=True) if words]
     for name, words in failed[:LISTED]:
         console.print(Text.assemble((name, "yellow"), f": {words}"), soft_wrap=True)
