@@ -1,11 +1,14 @@
 """Draw every figure from the examples and write docs/gallery.md: `python docs/gallery.py` from the repository's root.
 
 Simulation results are saved in results/gallery, so that the figures can be redrawn in a minute; the first run takes
-some ten minutes on two cores. `python docs/gallery.py flow gouge` draws only these and keeps the other pictures.
+some ten minutes on two cores. `python docs/gallery.py flow gouge` draws only these and keeps the other pictures;
+`python docs/gallery.py --page` writes only the page, with the pictures that it has.
 """
 
+import inspect
 import io
 import pickle
+import re
 import shutil
 import sys
 import tempfile
@@ -138,17 +141,46 @@ def write_page(sections: dict[str, list[tuple[str, str]]]) -> None:
         "# Gallery", "",
         "Every figure function takes a result, or measures of it, and returns a matplotlib Figure:",
         "`ss.figures.NAME(…)`. Colours are those of Okabe and Ito, and viridis; a column is 86 mm wide.",
-        "`python docs/gallery.py` draws all figures of this page from `examples/`.", "",
+        "`python docs/gallery.py` draws all figures of this page from `examples/`;",
+        "`stickslip run EXAMPLE --out FOLDER` writes those of one example.", "",
     ]  # fmt: skip
+    examples = {heading: example for heading, example, _ in SHOWN.values()}
     for heading, pictures in sections.items():
         text += [f"## {heading}", ""]
+        if heading in examples:
+            text += ["```python", f'result = ss.simulate(ss.read_scenario("examples/{examples[heading]}"))', "```", ""]
         for function, file in pictures:
-            text += [f"`ss.figures.{function}`", "", f"![{function}](figures/gallery/{file})", ""]
+            drawn = getattr(ss.figures, function)
+            caption = inspect.getdoc(drawn).splitlines()[0]
+            text += [f"![{caption}](figures/gallery/{file})", "", f"*{caption}*", "", f"`{_call(function, drawn)}`", ""]
     PAGE.write_text("\n".join(text).rstrip() + "\n", encoding="utf-8")
+
+
+def _call(name: str, function) -> str:
+    """Return a call of a figure function with its required arguments."""
+    needed = [one.name for one in inspect.signature(function).parameters.values() if one.default is one.empty]
+    return f"ss.figures.{name}({', '.join(needed)})"
+
+
+def known_sections() -> dict[str, list[tuple[str, str]]]:
+    """Return headings of the present page with functions and files of its pictures."""
+    found: dict[str, list[tuple[str, str]]] = {}
+    heading, files = "", []
+    for line in PAGE.read_text(encoding="utf-8").splitlines():
+        if line.startswith("## "):
+            heading = line[3:]
+            found[heading] = []
+        files += re.findall(r"figures/gallery/([\w.-]+\.png)", line)
+        names = re.findall(r"`ss\.figures\.(\w+)", line) if heading else []
+        found.get(heading, []).extend((name, "") for name in names)
+    flat = iter(files)
+    return {heading: [(name, next(flat)) for name, _ in rows] for heading, rows in found.items()}
 
 
 def main(wanted: list[str]) -> None:
     """Draw the given examples, or all."""
+    if wanted == ["--page"]:
+        return write_page(known_sections())
     if not wanted and PICTURES.is_dir():
         shutil.rmtree(PICTURES)
     PICTURES.mkdir(parents=True, exist_ok=True)
@@ -159,9 +191,9 @@ def main(wanted: list[str]) -> None:
         print(f"{heading} …", flush=True)
         sections[heading] = draw_example(name)
     if wanted:
-        return
+        return None
     sections["Fits"] = draw_fit()
-    write_page({"Packings": draw_packings()} | sections)
+    return write_page({"Packings": draw_packings()} | sections)
 
 
 if __name__ == "__main__":
