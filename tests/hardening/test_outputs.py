@@ -141,6 +141,7 @@ def test_in_the_folder_of_a_run_its_own_page_is_replaced_and_no_other(here):
     assert "exists: give another name" in stickslip_here("report", "out", cwd=here).stderr
 
 
+@pytest.mark.timeout(180)  # two encoded movies on a busy machine
 def test_a_movie_in_mp4_is_known_as_one(here):
     pytest.importorskip("imageio_ffmpeg")
     modes_of(here)
