@@ -97,10 +97,10 @@ SHAKEN = {"name": "low", "height": 0.0, "velocity": {"x": {"amplitude": 1.0, "fr
             {"stages": [{"name": "a", "duration": 1.0, "velocity": {"low": SHAKEN["velocity"]}}]},
             "low shakes 1e+09 times",
         ),
-        ({"samples": 100_000}, "stage 'a' has 50000 sample(s) in 1e+03 time steps of 0.001"),
+        ({"samples": 100_000}, "stage 'a' has 50000 samples in 1e+03 time steps of 0.001"),
         (
             {"stages": [{"name": "a", "duration": 1.0}, {"name": "b", "duration": 1e-100}]},
-            "stage 'b' has 1 sample(s) in",
+            "stage 'b' has 1 sample in",
         ),
     ],
 )
