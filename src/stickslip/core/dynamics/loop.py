@@ -277,10 +277,11 @@ def _end_last_tile(dim, predict, moving, blocks, pace, flow, pull, fresh, go_on,
 def _begin_step(dim, predict, first, last, moving, pace, flow):
     """Begin the step of a tile's grains with the stored forces."""
     far, force = 0.0, moving.force
+    no, yes = np.bool_(False), np.bool_(True)  # as literals they would compile `_move_body` once more
     for at in range(first, last):
         g = np.uint64(at)
         fx, fy, fz, tx, ty, tz = force[g, 0], force[g, 1], force[g, 2], force[g, 3], force[g, 4], force[g, 5]
-        far = max(far, _move_body(dim, predict, moving, pace, flow, g, False, True, fx, fy, fz, tx, ty, tz))
+        far = max(far, _move_body(dim, predict, moving, pace, flow, g, no, yes, fx, fy, fz, tx, ty, tz))
     return far
 
 
@@ -329,6 +330,7 @@ def block_loop(kind: int, coulomb: int, dim: int, viscous: int, rate: int, paral
         tiles, dt, watch, limit = len(tile) - 1, pace.dt, len(events) > 0, 1.0
         far, before = np.zeros(tiles + 1), np.zeros(inner[tiles] * LANES if watch else 0, np.int64)
         sums, scratches = empty_aligned((workers + 1) * CHUNK, WIDTH), empty_aligned(workers, SCRATCH)
+        yes, none = np.bool_(True), np.int64(0)  # as literals they would compile `evaluate_blocks` once more
         between = cross[tiles + 1] - cross[tiles]  # blocks between threads, and within the last tile
         while True:
             if not ended:
@@ -342,8 +344,8 @@ def block_loop(kind: int, coulomb: int, dim: int, viscous: int, rate: int, paral
                     for k in prange(workers):
                         first, last = cross[tiles] + between * k // workers, cross[tiles] + between * (k + 1) // workers
                         evaluate_blocks(
-                            kind, coulomb, dim, viscous, rate, rescaled, first, last, True, 0, 0, blocks, body, ahead,
-                            p, dt, fresh, flow, scratches[k],
+                            kind, coulomb, dim, viscous, rate, rescaled, first, last, yes, none, none, blocks, body,
+                            ahead, p, dt, fresh, flow, scratches[k],
                         )  # fmt: skip
                 for k in prange(workers):
                     scratch, total, since = scratches[k], sums[k * CHUNK : (k + 1) * CHUNK], ticks()

@@ -405,7 +405,7 @@ def block_chooser(parallel: bool):
         # the body must depend on `parallel`, because the cache of compiled code is keyed by it alone
         workers, crossing = len(moving.share) - 1 if parallel else 1, len(moving.tile) - 1
         for k in prange(workers):
-            commit(old, contacts, k, workers)
+            commit(old, contacts, k, np.int64(workers))
         internal, tile_of, worker, own, first, begin, picked, start, held = _prepare(
             contacts, moving, workers, materials
         )
