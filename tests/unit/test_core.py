@@ -116,6 +116,14 @@ def test_two_disks_touch_through_two_images():
     assert np.abs(loads.force[:2, 0]).max() < 1e-17  # pressed from both sides alike
 
 
+@pytest.mark.parametrize("height", [1e-300, 2.2e-309, 5e-324])
+def test_grains_in_a_row_may_differ_by_the_smallest_numbers(height):
+    with np.errstate(over="raise", divide="raise", invalid="raise"):
+        state = ss.assembly(ss.spheres([[0, 0, 0], [0.98, height, 0]], 0.5), skin=0.5)
+        loads, _ = ss.forces(state, ss.laws.linear(1.0, 0.8, 0.5))
+    assert loads.force[1, 0] == pytest.approx(0.02)
+
+
 def test_one_disk_that_touches_its_own_image_is_pressed_but_not_moved():
     state = ss.packings.disk_array(1, press=5e-5, gap=-0.01)
     loads, trial = ss.forces(state, ss.laws.for_pair(ss.laws.hertz_mindlin(), 0, 1))

@@ -132,7 +132,7 @@ def _sort_into_bins(x, n, radius, grid, reach) -> Bins:
     _wrap_positions(x, grid, fraction, boxes, low, high)
     low, high = np.where(grid.periodic, 0.0, low), np.where(grid.periodic, 1.0, high)
     number, around, stride, turn, over = _lay_out_bins((high - low) * grid.height, n, grid.periodic, reach)
-    scale = np.where(number > 1, number / np.where(high > low, high - low, 1.0), 0.0)
+    scale = np.divide(number, high - low, out=np.zeros(3), where=number > 1)  # else the extent may be 0 or tiny
     start = np.zeros(number.prod() + 2, np.int32)
     bins = Bins(number, around, turn, over, start, np.empty(n, np.int32), np.empty((n, 4)), np.empty((n, 3), np.int32))
     _fill_bins(x, radius, grid.vectors, fraction, boxes, low, scale, stride, bins, np.empty(n, np.int32))
